@@ -1,0 +1,1 @@
+"""The bench: servo law, CANopen master, experiments, analysis and report."""

@@ -1,0 +1,1 @@
+"""Frames in, frames out: one record, one channel protocol, several buses."""

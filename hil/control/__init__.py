@@ -1,0 +1,1 @@
+"""The servo law: trajectories, P-PI cascade and variable notch. Pure and compiled."""

@@ -1,0 +1,1 @@
+"""Frequency-domain design and identification. Pure numerics."""

@@ -1,0 +1,1 @@
+"""The CANopen master: bench file, network, axes, cyclic plan, guard and session."""

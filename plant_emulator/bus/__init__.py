@@ -1,0 +1,1 @@
+"""The virtual wire: a socket server and a python-can interface."""

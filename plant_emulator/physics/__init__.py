@@ -1,0 +1,1 @@
+"""The compiled plant: axes with angular transmission errors, and the tip they move."""

@@ -1,0 +1,1 @@
+"""A CANopen slave engine without sockets, threads or clocks."""
