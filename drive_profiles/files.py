@@ -1,0 +1,433 @@
+"""TOML files in, frozen models out; or every error, each with its line, its key and what was expected there.
+
+The unit of a number is in the name of its key (``torque_limit_nm``), so a wrong unit is a wrong key, and is said to be.
+"""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+import json
+import re
+import reprlib
+import tomllib
+import types
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+
+import pydantic
+
+from drive_profiles.errors import FileError, Problem
+
+__all__ = ["MAX_BYTES", "UNIT_NAMES", "FileError", "Problem", "Table", "key_lines", "load", "loads", "split_unit"]
+
+MAX_BYTES = 1 << 20
+
+UNIT_NAMES: dict[str, str] = {
+    "_nm": "N·m",
+    "_mnm": "mN·m",
+    "_ncm": "N·cm",
+    "_nm_rad": "N·m/rad",
+    "_nm_s_rad": "N·m·s/rad",
+    "_kg": "kg",
+    "_g": "g",
+    "_kg_m2": "kg·m²",
+    "_kg_cm2": "kg·cm²",
+    "_g_cm2": "g·cm²",
+    "_rad": "rad",
+    "_deg": "°",
+    "_arcsec": "arcsec",
+    "_arcmin": "arcmin",
+    "_rad_s": "rad/s",
+    "_deg_s": "°/s",
+    "_rps": "rev/s",
+    "_rpm": "rev/min",
+    "_rad_s2": "rad/s²",
+    "_deg_s2": "°/s²",
+    "_rps_s": "rev/s²",
+    "_hz": "Hz",
+    "_khz": "kHz",
+    "_s": "s",
+    "_ms": "ms",
+    "_us": "us",
+    "_ns": "ns",
+    "_per_s": "1/s",
+    "_m": "m",
+    "_mm": "mm",
+    "_um": "um",
+    "_m_s": "m/s",
+    "_mm_s": "mm/s",
+    "_m_s2": "m/s²",
+    "_mm_s2": "mm/s²",
+    "_per_mille": "per mille",
+    "_percent": "%",
+    "_counts": "counts",
+    "_counts_s": "counts/s",
+    "_counts_s2": "counts/s²",
+    "_counts_per_rev": "counts/rev",
+    "_bit_s": "bit/s",
+    "_kbit_s": "kbit/s",
+    "_a": "A",
+    "_ma": "mA",
+    "_v": "V",
+    "_db": "dB",
+}
+_SUFFIXES = sorted(UNIT_NAMES, key=len, reverse=True)
+
+Path_ = tuple[str | int, ...]
+M = TypeVar("M", bound=pydantic.BaseModel)
+
+
+class Table(pydantic.BaseModel):
+    """Base of every table of a file: unknown keys refused, frozen, strings never taken for numbers, no NaN."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def split_unit(key: str) -> tuple[str, str]:
+    """The stem of a key and its unit suffix, which is empty where it has none: ``start_rps`` is (``start``, ``_rps``)."""
+    for suffix in _SUFFIXES:
+        if key.endswith(suffix) and len(key) > len(suffix):
+            return key[: -len(suffix)], suffix
+    return key, ""
+
+
+def load(path: str | Path, model: type[M]) -> M:
+    """Read a TOML file (UTF-8, at most 1 MiB) and validate it.
+
+    Args:
+        path: The file.
+        model: What it has to be, best derived from `Table`. Tables keyed by number are ``dict[int, …]``.
+
+    Raises:
+        FileError: With every problem found, by line.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        problem = Problem(0, "", f"cannot be read ({error.strerror})", "a TOML file")
+        raise FileError(path, (problem,)) from error
+    if len(data) > MAX_BYTES:
+        raise FileError(path, (Problem(0, "", "is larger than 1 MiB", "a TOML file of at most 1 MiB"),))
+    try:
+        text = data.decode("utf-8-sig")  # editors on Windows still write the mark
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise FileError(path, (Problem(line, "", f"byte 0x{data[error.start]:02x}", "UTF-8 text"),)) from error
+    return loads(text, model, path)
+
+
+def loads(text: str, model: type[M], path: str | Path = "<text>") -> M:
+    """Validate the text of a TOML file; `load` without the reading.
+
+    Raises:
+        FileError: With every problem found, by line.
+    """
+    path = Path(path)
+    text = text.replace("\r\n", "\n")
+    try:
+        document = tomllib.loads(text)
+        lines = key_lines(text)
+        # By way of JSON: there, strict pydantic still takes "2" for the integer key of a table, and a list for a tuple.
+        encoded = json.dumps(document, default=_isoformat)
+    except (ValueError, RecursionError) as error:
+        raise FileError(path, (_syntax_problem(text, error),)) from error
+    try:
+        return model.model_validate_json(encoded, strict=True)
+    except pydantic.ValidationError as error:
+        raise FileError(path, _problems(error, model, lines)) from None
+
+
+def _isoformat(value: object) -> str:
+    if isinstance(value, datetime.date | datetime.time):
+        return value.isoformat()
+    raise TypeError(f"TOML has no {type(value).__name__}")
+
+
+def _syntax_problem(text: str, error: Exception) -> Problem:
+    if isinstance(error, RecursionError):
+        return Problem(0, "", "is nested too deeply", "a handful of levels")
+    message = str(error)
+    place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", message)
+    if place is None:
+        return Problem(0, "", message, "valid TOML")
+    line = int(place[1]) if place[1] else text.rstrip("\n").count("\n") + 1
+    column = f" (column {place[2]})" if place[2] else " (end of file)"
+    return Problem(line, "", message[: place.start()] + column, "valid TOML")
+
+
+def _problems(
+    error: pydantic.ValidationError, model: type[pydantic.BaseModel], lines: dict[Path_, int]
+) -> tuple[Problem, ...]:
+    found: list[Problem] = []
+    renamed: set[Path_] = set()
+    missing: list[tuple[Path_, Problem]] = []
+    for detail in error.errors(include_url=False):
+        location = detail["loc"]
+        path, line = _place(location, lines)
+        match detail["type"]:
+            case "extra_forbidden":
+                message, expected, meant = _unknown_key(str(location[-1]), _known_keys(model, location[:-1]))
+                if meant:
+                    renamed.add((*location[:-1], meant))
+                found.append(Problem(line, _dotted(path), message, expected))
+            case "missing":
+                problem = Problem(line, _dotted((*path, location[-1])), "is missing", _kind(model, location))
+                missing.append((location, problem))
+            case _:
+                found.append(Problem(line, _dotted(path), *_wrong_value(detail, model)))
+    # A key under a wrong name is one mistake, so its right name is not reported as missing beside it.
+    found.extend(problem for location, problem in missing if location not in renamed)
+    return tuple(sorted(dict.fromkeys(found)))
+
+
+def _place(location: Path_, lines: dict[Path_, int]) -> tuple[Path_, int]:
+    """The longest path of the file that the location names, and its line; pydantic mixes in names of union members."""
+    path: Path_ = ()
+    for part in location:
+        for candidate in ((*path, part), (*path, str(part))):
+            if candidate in lines:
+                path = candidate
+                break
+    return path, lines.get(path, 1)
+
+
+def _dotted(path: Path_) -> str:
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            name = part if re.fullmatch(r"[\w-]+", part) else json.dumps(part)
+            text += f".{name}" if text else name
+    return text
+
+
+def _unknown_key(key: str, known: Mapping[str, object]) -> tuple[str, str, str]:
+    stem, suffix = split_unit(key)
+    for name in known:
+        known_stem, known_suffix = split_unit(name)
+        if known_suffix and known_stem in {stem, key}:
+            what = "wrong unit" if suffix and known_stem == stem else "no unit"
+            return f"{what}: {key!r}", f"{name} ({UNIT_NAMES[known_suffix]})", name
+    close = difflib.get_close_matches(key, known, n=1)
+    hint = f", did you mean {close[0]}?" if close else ""
+    listed = ", ".join(sorted(known)) or "no keys here"
+    return f"unknown key {reprlib.repr(key)}{hint}", f"one of {listed}" if known else listed, close[0] if close else ""
+
+
+def _wrong_value(detail: Mapping[str, Any], model: type[pydantic.BaseModel]) -> tuple[str, str]:
+    found, context = f"found {_shown(detail['input'])}", detail.get("ctx", {})
+    location: Path_ = detail["loc"]
+    unit = _unit_of(location)
+    in_unit = f" in {unit}" if unit else ""
+    match detail["type"]:
+        case "value_error" | "assertion_error":
+            return str(context.get("error", detail["msg"])), ""
+        case "float_type" | "int_type" | "float_parsing" | "int_parsing" if location[-1] != "[key]":
+            kind = "a whole number" if detail["type"].startswith("int") else "a number"
+            note = ", the unit is in the key's name" if unit and isinstance(detail["input"], str) else ""
+            return found, f"{kind}{in_unit}{note}"
+        case "int_parsing" | "int_type":
+            return f"found {_shown(detail['input'])}", "a whole number as the table's name"
+        case "finite_number":
+            return found, f"a finite number{in_unit}"
+        case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal" as bound:
+            words = {"greater_than": "more than", "greater_than_equal": "at least", "less_than": "less than"}
+            limit = next(iter(context.values()))
+            return found, f"{words.get(bound, 'at most')} {limit}{' ' + unit if unit else ''}"
+        case "literal_error" | "enum":
+            return found, f"one of {context['expected']}"
+        case "model_type" | "dict_type" | "model_attributes_type":
+            return found, "a table"
+        case _:
+            message = detail["msg"].removeprefix("Input should be ").removeprefix("Value should be ")
+            return found, message[:1].lower() + message[1:]
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "a table" if isinstance(value, dict) else reprlib.repr(value)
+
+
+def _unit_of(location: Path_) -> str:
+    """The unit that the innermost key with one names: in ``forearm_m[1]`` and ``start_m.x`` it is the outer key's."""
+    for part in reversed(location):
+        if isinstance(part, str) and (suffix := split_unit(part)[1]):
+            return UNIT_NAMES[suffix]
+    return ""
+
+
+def _kind(model: type[pydantic.BaseModel], location: Path_) -> str:
+    """What belongs at a missing key."""
+    unit = _unit_of(location[-1:])
+    if unit:
+        return f"a value in {unit}"
+    for annotation in _annotations(model, location):
+        for kind, words in ((bool, "true or false"), (int, "a whole number"), (float, "a number"), (str, "a string")):
+            if annotation is kind:
+                return words
+        if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
+            return f"a table with {', '.join(_fields(annotation))}"
+    return "this key"
+
+
+def _known_keys(model: type[pydantic.BaseModel], location: Path_) -> dict[str, object]:
+    known: dict[str, object] = {}
+    for annotation in _annotations(model, location):
+        if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
+            known.update(_fields(annotation))
+    return known
+
+
+def _annotations(model: object, location: Path_) -> list[Any]:
+    """The types that the model allows at this place."""
+    here = list(_flat(model))
+    for part in location:
+        deeper = [leaf for annotation in here for step in _step(annotation, part) for leaf in _flat(step)]
+        here = deeper or here  # names of union members are no step into the file
+    return here
+
+
+def _step(annotation: Any, part: str | int) -> Iterator[Any]:
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
+        if part in (fields := _fields(annotation)):
+            yield fields[str(part)]
+    elif isinstance(origin, type) and issubclass(origin, Mapping):
+        yield arguments[1]
+    elif origin is not None and isinstance(part, int):
+        yield from (argument for argument in arguments if argument is not Ellipsis)
+
+
+def _flat(annotation: Any) -> Iterator[Any]:
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        yield from _flat(get_args(annotation)[0])
+    elif origin in {Union, types.UnionType}:
+        for member in get_args(annotation):
+            yield from _flat(member)
+    else:
+        yield annotation
+
+
+def _fields(model: type[pydantic.BaseModel]) -> dict[str, Any]:
+    return {field.alias or name: field.annotation for name, field in model.model_fields.items()}
+
+
+def key_lines(text: str) -> dict[Path_, int]:
+    """Line of every key, table and array element of a valid TOML text; the first, where a table is opened again.
+
+    Args:
+        text: What `tomllib` has accepted, with line feeds as line ends.
+
+    Returns:
+        Paths such as ``("axis", "2", "ate", "a2_arcsec")`` or ``("forearm_m", 1)`` to line numbers from 1.
+    """
+    return _Scanner(text).scan()
+
+
+_SPACE = re.compile(r"[ \t]*")
+_BLANK = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
+_KEY_PART = re.compile(r"""[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*'""")
+_STRING = re.compile(
+    r'''"""(?:\\.|[^\\])*?"""(?:"{0,2})|\'\'\'.*?\'\'\'(?:'{0,2})|"(?:\\.|[^"\\\n])*"|'[^'\n]*\'''', re.DOTALL
+)
+_SCALAR = re.compile(r"[^,\]}#\n]+")
+
+
+class _Scanner:
+    """Walks a valid TOML text and notes where things begin; it reads no values."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.position = 0
+        self.lines: dict[Path_, int] = {}
+        self.elements: dict[Path_, int] = {}  # array of tables → index of the last
+        self._line, self._counted = 1, 0
+
+    def scan(self) -> dict[Path_, int]:
+        table: Path_ = ()
+        while self._skip(_BLANK) < len(self.text):
+            if self.text.startswith("[[", self.position):
+                table = self._header(2)
+                self.elements[table] = self.elements.get(table, -1) + 1
+                table = (*table, self.elements[table])
+                self._note(table)
+            elif self.text[self.position] == "[":
+                table = self._header(1)
+            else:
+                self._pair(table)
+        return self.lines
+
+    def _header(self, brackets: int) -> Path_:
+        self.position += brackets
+        path = self._key((), into_elements=True)
+        self.position += brackets
+        return path
+
+    def _pair(self, table: Path_) -> None:
+        path = self._key(table)
+        self.position += 1  # the equals sign
+        self._value(path)
+
+    def _key(self, path: Path_, *, into_elements: bool = False) -> Path_:
+        while True:
+            if into_elements and path in self.elements:
+                path = (*path, self.elements[path])
+            self._skip(_SPACE)
+            part = self._take(_KEY_PART)
+            name = tomllib.loads(f"k={part}")["k"] if part[0] in "\"'" else part
+            path = (*path, name)
+            self._note(path)
+            self._skip(_SPACE)
+            if self.text[self.position] != ".":
+                return path
+            self.position += 1
+
+    def _value(self, path: Path_) -> None:
+        self._skip(_SPACE)
+        match self.text[self.position]:
+            case "[":
+                self._items(path, "]")
+            case "{":
+                self._items(path, "}")
+            case '"' | "'":
+                self._take(_STRING)
+            case _:
+                self._take(_SCALAR)
+
+    def _items(self, path: Path_, end: str) -> None:
+        self.position += 1
+        index = 0
+        while self.text[self._skip(_BLANK)] != end:
+            if end == "}":
+                self._pair(path)
+            else:
+                self._note((*path, index))
+                self._value((*path, index))
+            index += 1
+            if self.text[self._skip(_BLANK)] == ",":
+                self.position += 1
+        self.position += 1
+
+    def _note(self, path: Path_) -> None:
+        # Positions only grow, so lines are counted once over the whole text.
+        self._line += self.text.count("\n", self._counted, self.position)
+        self._counted = self.position
+        self.lines.setdefault(path, self._line)
+
+    def _skip(self, pattern: re.Pattern[str]) -> int:
+        self._take(pattern)
+        return self.position
+
+    def _take(self, pattern: re.Pattern[str]) -> str:
+        found = pattern.match(self.text, self.position)
+        if found is None:
+            raise ValueError(f"the scanner and tomllib disagree (at offset {self.position})")
+        self.position = found.end()
+        return found[0]

@@ -1,0 +1,317 @@
+"""SI units of the model, and the integers that CiA 402 puts on the wire, as inverse pairs.
+
+Angles, speeds and torques are on the motor side; `Scaling.shaft_rad` and `Scaling.motor_rad` cross the gear. These
+conversions take a number or a numpy array and give the same back. What the object cannot hold is refused with the
+values, never clamped or wrapped.
+
+Source: CiA 402-2, 608Fh, 6076h, 6091h and 60C2h.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drive_profiles.errors import OutOfRangeError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+TWO_PI = 2.0 * math.pi
+INTEGER16 = (-(2**15), 2**15 - 1)
+INTEGER32 = (-(2**31), 2**31 - 1)
+UNSIGNED16 = (0, 2**16 - 1)
+UNSIGNED32 = (0, 2**32 - 1)
+_UNSIGNED8_MAX = 2**8 - 1
+_PERIOD_INDEX = (-128, 63)  # 60C2h sub 2, CiA 402
+
+
+@overload
+def to_integer(value: float, limits: tuple[int, int], what: str, unit: str, factor: float = 1.0) -> int: ...
+@overload
+def to_integer(value: FloatArray, limits: tuple[int, int], what: str, unit: str, factor: float = 1.0) -> IntArray: ...
+def to_integer(value: Any, limits: tuple[int, int], what: str, unit: str, factor: float = 1.0) -> Any:
+    """``value · factor`` as the nearest integer, halves to even.
+
+    Args:
+        value: Number or array, in ``unit``.
+        limits: Smallest and largest integer that the object holds.
+        what: Quantity, for the message.
+        unit: Printable unit of ``value``, for the message.
+        factor: Integers per unit.
+
+    Raises:
+        OutOfRangeError: Outside the limits, or not finite; of an array, the worst element is named.
+    """
+    low, high = limits
+    if isinstance(value, np.ndarray):
+        scaled = np.rint(np.asarray(value, dtype=np.float64) * factor)
+        outside = ~((scaled >= low) & (scaled <= high))  # true for NaN as well
+        if outside.any():
+            raise _outside(what, value[outside].flat[0], unit, scaled[outside].flat[0], limits)
+        return scaled.astype(np.int64)
+    product = float(value) * factor
+    if not math.isfinite(product) or not low <= round(product) <= high:
+        raise _outside(what, value, unit, product, limits)
+    return round(product)
+
+
+def _outside(what: str, value: object, unit: str, integer: float, limits: tuple[int, int]) -> OutOfRangeError:
+    return OutOfRangeError(what, value, unit, f"{integer:.10g} on the wire is outside {limits[0]} to {limits[1]}")
+
+
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """How one drive counts.
+
+    Args:
+        encoder_counts_per_rev: 608Fh, increments per motor revolution.
+        rated_torque_nm: 6076h in N·m, motor side; torques on the wire are per mille of it.
+        gear_motor_revs: 6091h sub 1.
+        gear_shaft_revs: 6091h sub 2.
+
+    Raises:
+        OutOfRangeError: One of them is not positive, or not finite.
+    """
+
+    encoder_counts_per_rev: int
+    rated_torque_nm: float
+    gear_motor_revs: int = 1
+    gear_shaft_revs: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse a scale that has no inverse."""
+        for name, unit in (
+            ("encoder_counts_per_rev", "counts"),
+            ("rated_torque_nm", "N·m"),
+            ("gear_motor_revs", "rev"),
+            ("gear_shaft_revs", "rev"),
+        ):
+            value = getattr(self, name)
+            if not (value > 0 and math.isfinite(value)):
+                raise OutOfRangeError(name, value, unit, "must be positive and finite")
+
+    @classmethod
+    def from_objects(
+        cls,
+        encoder_increments: int,
+        encoder_revs: int,
+        rated_torque_mnm: int,
+        gear_motor_revs: int = 1,
+        gear_shaft_revs: int = 1,
+    ) -> Scaling:
+        """The scaling that a drive's own objects state: 608Fh sub 1 and 2, 6076h (mN·m), 6091h sub 1 and 2.
+
+        Raises:
+            OutOfRangeError: An object is zero, or the increments are no whole number per revolution.
+        """
+        if encoder_revs <= 0 or encoder_increments % encoder_revs:
+            raise OutOfRangeError(
+                "608Fh", f"{encoder_increments}/{encoder_revs}", "counts/rev", "must be a whole number per revolution"
+            )
+        return cls(
+            encoder_increments // encoder_revs, rated_torque_nm(rated_torque_mnm), gear_motor_revs, gear_shaft_revs
+        )
+
+    @property
+    def counts_per_rad(self) -> float:
+        """Increments per radian of the motor."""
+        return self.encoder_counts_per_rev / TWO_PI
+
+    @property
+    def torque_quantum_nm(self) -> float:
+        """The smallest step of a torque on the wire, N·m."""
+        return self.rated_torque_nm / 1000.0
+
+    @overload
+    def position_counts(self, position_rad: float) -> int: ...
+    @overload
+    def position_counts(self, position_rad: FloatArray) -> IntArray: ...
+    def position_counts(self, position_rad: Any) -> Any:
+        """Counts of a motor angle in rad, INTEGER32 (6064h, 607Ah).
+
+        Raises:
+            OutOfRangeError: Outside INTEGER32.
+        """
+        return to_integer(position_rad, INTEGER32, "position", "rad", self.counts_per_rad)
+
+    @overload
+    def position_rad(self, counts: int) -> float: ...
+    @overload
+    def position_rad(self, counts: IntArray) -> FloatArray: ...
+    def position_rad(self, counts: Any) -> Any:
+        """Motor angle in rad of counts."""
+        return counts * (TWO_PI / self.encoder_counts_per_rev)
+
+    @overload
+    def speed_counts_s(self, speed_rad_s: float) -> int: ...
+    @overload
+    def speed_counts_s(self, speed_rad_s: FloatArray) -> IntArray: ...
+    def speed_counts_s(self, speed_rad_s: Any) -> Any:
+        """Counts per second of a motor speed in rad/s, INTEGER32 (606Ch, 60FFh).
+
+        Raises:
+            OutOfRangeError: Outside INTEGER32.
+        """
+        return to_integer(speed_rad_s, INTEGER32, "speed", "rad/s", self.counts_per_rad)
+
+    @overload
+    def speed_rad_s(self, counts_s: int) -> float: ...
+    @overload
+    def speed_rad_s(self, counts_s: IntArray) -> FloatArray: ...
+    def speed_rad_s(self, counts_s: Any) -> Any:
+        """Motor speed in rad/s of counts per second."""
+        return counts_s * (TWO_PI / self.encoder_counts_per_rev)
+
+    @overload
+    def acceleration_counts_s2(self, acceleration_rad_s2: float) -> int: ...
+    @overload
+    def acceleration_counts_s2(self, acceleration_rad_s2: FloatArray) -> IntArray: ...
+    def acceleration_counts_s2(self, acceleration_rad_s2: Any) -> Any:
+        """Counts per second² of a motor acceleration in rad/s², UNSIGNED32 (6083h, 6085h, 60C5h: magnitudes).
+
+        Raises:
+            OutOfRangeError: Negative, or outside UNSIGNED32.
+        """
+        return to_integer(acceleration_rad_s2, UNSIGNED32, "acceleration", "rad/s²", self.counts_per_rad)
+
+    @overload
+    def acceleration_rad_s2(self, counts_s2: int) -> float: ...
+    @overload
+    def acceleration_rad_s2(self, counts_s2: IntArray) -> FloatArray: ...
+    def acceleration_rad_s2(self, counts_s2: Any) -> Any:
+        """Motor acceleration in rad/s² of counts per second²."""
+        return counts_s2 * (TWO_PI / self.encoder_counts_per_rev)
+
+    @overload
+    def torque_per_mille(self, torque_nm: float) -> int: ...
+    @overload
+    def torque_per_mille(self, torque_nm: FloatArray) -> IntArray: ...
+    def torque_per_mille(self, torque_nm: Any) -> Any:
+        """Per mille of the rated torque of a motor torque in N·m, INTEGER16 (6071h, 6077h, 60B2h).
+
+        Raises:
+            OutOfRangeError: Outside INTEGER16.
+        """
+        return to_integer(torque_nm, INTEGER16, "torque", "N·m", 1000.0 / self.rated_torque_nm)
+
+    @overload
+    def torque_nm(self, per_mille: int) -> float: ...
+    @overload
+    def torque_nm(self, per_mille: IntArray) -> FloatArray: ...
+    def torque_nm(self, per_mille: Any) -> Any:
+        """Motor torque in N·m of per mille of the rated torque."""
+        return per_mille * (self.rated_torque_nm / 1000.0)
+
+    @overload
+    def shaft_rad(self, motor_rad: float) -> float: ...
+    @overload
+    def shaft_rad(self, motor_rad: FloatArray) -> FloatArray: ...
+    def shaft_rad(self, motor_rad: Any) -> Any:
+        """Angle (or speed) behind the gear of one in front of it."""
+        return motor_rad * (self.gear_shaft_revs / self.gear_motor_revs)
+
+    @overload
+    def motor_rad(self, shaft_rad: float) -> float: ...
+    @overload
+    def motor_rad(self, shaft_rad: FloatArray) -> FloatArray: ...
+    def motor_rad(self, shaft_rad: Any) -> Any:
+        """Angle (or speed) in front of the gear of one behind it."""
+        return shaft_rad * (self.gear_motor_revs / self.gear_shaft_revs)
+
+
+def rated_torque_mnm(torque_nm: float) -> int:
+    """6076h in mN·m of a rated torque in N·m, to the nearest; the drive's scale is then what 6076h says.
+
+    Raises:
+        OutOfRangeError: Rounds to nothing, or outside UNSIGNED32.
+    """
+    return to_integer(torque_nm, (1, UNSIGNED32[1]), "rated torque", "N·m", 1000.0)
+
+
+def rated_torque_nm(torque_mnm: int) -> float:
+    """Rated torque in N·m of 6076h in mN·m."""
+    return torque_mnm / 1000.0
+
+
+def rad_s_from_rps(speed_rps: float) -> float:
+    """Speed in rad/s of revolutions per second."""
+    return speed_rps * TWO_PI
+
+
+def rps_from_rad_s(speed_rad_s: float) -> float:
+    """Speed in revolutions per second of rad/s."""
+    return speed_rad_s / TWO_PI
+
+
+def rad_s_from_rpm(speed_rpm: float) -> float:
+    """Speed in rad/s of revolutions per minute (6080h)."""
+    return speed_rpm * (TWO_PI / 60.0)
+
+
+def rpm_from_rad_s(speed_rad_s: float) -> float:
+    """Speed in revolutions per minute of rad/s."""
+    return speed_rad_s * (60.0 / TWO_PI)
+
+
+def interpolation_period(period_s: float, index: int | None = None) -> tuple[int, int]:
+    """60C2h as (value, index), period = value · 10^index s: 250 us is (25, -5).
+
+    Args:
+        period_s: Interpolation period.
+        index: Fixes the exponent, for drives that know one only; otherwise the largest that is exact.
+
+    Raises:
+        OutOfRangeError: No value from 1 to 255 gives this period exactly.
+    """
+    nanoseconds = round(period_s * 1e9) if math.isfinite(period_s) else 0
+    # A period written as a decimal is within an ulp of a whole number of nanoseconds; 1/3000 s is not.
+    if nanoseconds <= 0 or not math.isclose(period_s * 1e9, nanoseconds, rel_tol=1e-12):
+        raise OutOfRangeError("interpolation period", period_s, "s", "is no positive whole number of nanoseconds")
+    value, exponent = nanoseconds, -9
+    while value % 10 == 0:
+        value, exponent = value // 10, exponent + 1
+    if index is not None:
+        if index > exponent:
+            raise OutOfRangeError("interpolation period", period_s, "s", f"is no whole number of 10^{index} s")
+        value, exponent = value * 10 ** (exponent - index), index
+    if value > _UNSIGNED8_MAX or exponent < _PERIOD_INDEX[0]:
+        raise OutOfRangeError(
+            "interpolation period",
+            period_s,
+            "s",
+            f"is {value} × 10^{exponent} s: 60C2h sub 1 holds 1 to {_UNSIGNED8_MAX}",
+        )
+    return value, exponent
+
+
+def interpolation_period_s(value: int, index: int) -> float:
+    """Period in s of 60C2h sub 1 and 2.
+
+    Raises:
+        OutOfRangeError: A value outside 1 to 255, or an index outside -128 to 63.
+    """
+    if not 1 <= value <= _UNSIGNED8_MAX or not _PERIOD_INDEX[0] <= index <= _PERIOD_INDEX[1]:
+        raise OutOfRangeError(
+            "interpolation period", f"{value} × 10^{index}", "s", "60C2h holds 1 to 255 and -128 to 63"
+        )
+    return float(f"{value}e{index}")  # the decimal literal rounds once, value · 10**index would twice
+
+
+def real32(value: float) -> float:
+    """What a REAL32 object holds of this value: rounded to IEEE 754 single precision.
+
+    Raises:
+        OutOfRangeError: Not finite, or beyond the largest single.
+    """
+    if not math.isfinite(value):
+        raise OutOfRangeError("REAL32", value, "", "must be finite")
+    try:
+        return float(struct.unpack("<f", struct.pack("<f", value))[0])
+    except OverflowError as error:
+        raise OutOfRangeError("REAL32", value, "", "is beyond the largest single") from error

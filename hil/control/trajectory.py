@@ -1,0 +1,177 @@
+"""Trajectories: constant acceleration of one motor, a straight line of the tip, a smooth move from here to there."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class UnreachableError(ValueError):
+    """A point that the planar chain cannot reach."""
+
+    def __init__(self, x_m: float, z_m: float, reach_m: float) -> None:
+        """Keep the point and the reach."""
+        self.x_m, self.z_m, self.reach_m = x_m, z_m, reach_m
+        super().__init__(f"the tip cannot reach x = {x_m:.3f} m, z = {z_m:.3f} m: the arm reaches {reach_m:.3f} m")
+
+
+def sample_times(duration_s: float, period_s: float) -> Array:
+    """0, T, 2T … up to the first instant at or after the duration; shape (n,)."""
+    return np.arange(math.ceil(round(duration_s / period_s, 9)) + 1) * period_s
+
+
+@dataclass(frozen=True)
+class ConstantAcceleration:
+    """Rest, speed up at a constant rate, slow down at a (faster) constant rate, rest.
+
+    Attributes:
+        acceleration_rps_s: Motor revolutions per second, per second.
+        end_rps: The speed reached.
+        deceleration_rps_s: How fast it is brought to rest again; outside the windows that are judged.
+        dwell_s: Rest before.
+        tail_s: Rest after.
+        direction: +1 or −1.
+    """
+
+    acceleration_rps_s: float
+    end_rps: float
+    deceleration_rps_s: float
+    dwell_s: float
+    tail_s: float
+    direction: int = 1
+
+    @property
+    def ramp_s(self) -> float:
+        """How long the speed rises."""
+        return self.end_rps / self.acceleration_rps_s
+
+    @property
+    def duration_s(self) -> float:
+        """From the first rest to the end of the last."""
+        return self.dwell_s + self.ramp_s + self.end_rps / self.deceleration_rps_s + self.tail_s
+
+    def motor_angle(self, time_s: Array) -> Array:
+        """θ_ref in rad over the time; shape of `time_s`."""
+        up, down = self.ramp_s, self.end_rps / self.deceleration_rps_s
+        t = np.asarray(time_s) - self.dwell_s
+        rising = np.clip(t, 0.0, up)
+        falling = np.clip(t - up, 0.0, down)
+        revolutions = (
+            0.5 * self.acceleration_rps_s * rising**2
+            + self.end_rps * falling
+            - 0.5 * self.deceleration_rps_s * falling**2
+        )
+        return np.asarray(self.direction * 2.0 * math.pi * revolutions)
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A move over a distance 1 in a time T with a raised-cosine acceleration over T_r at either end.
+
+    ṡ = V (t/T_r − sin(2π t/T_r)/(2π)) while it rises, then V = 1/(T − T_r), then the mirror image.
+    """
+
+    duration_s: float
+    ramp_s: float
+
+    def __post_init__(self) -> None:
+        """Refuse ramps that do not fit."""
+        if not 0.0 < 2.0 * self.ramp_s <= self.duration_s:
+            raise ValueError(f"two ramps of {self.ramp_s} s do not fit into {self.duration_s} s")
+
+    @property
+    def peak_speed(self) -> float:
+        """The largest ṡ, in 1/s."""
+        return 1.0 / (self.duration_s - self.ramp_s)
+
+    def position(self, time_s: Array) -> Array:
+        """S of the time, 0 before the start and 1 after the end; shape of `time_s`."""
+        t = np.clip(np.asarray(time_s), 0.0, self.duration_s)
+        mirrored = t > 0.5 * self.duration_s
+        t = np.where(mirrored, self.duration_s - t, t)
+        r, v = self.ramp_s, self.peak_speed
+        rising = np.minimum(t, r)
+        s = v * (rising**2 / (2.0 * r) + r / (4.0 * math.pi**2) * (np.cos(2.0 * math.pi * rising / r) - 1.0))
+        s = s + v * np.maximum(0.0, t - r)
+        return np.asarray(np.where(mirrored, 1.0 - s, s))
+
+
+@dataclass(frozen=True)
+class PlanarChain:
+    """The arm in its vertical plane: axes 2, 3 and 5 with the tool pointing down; lengths in m.
+
+    Joint angles q₂, q₃, q₅ in rad, positive upwards from horizontal; q₃ and q₅ are relative to the link before them.
+
+        x = d + L cos q₂ + a cos(q₂+q₃) − b sin(q₂+q₃) + t cos(q₂+q₃+q₅)
+        z = h + L sin q₂ + a sin(q₂+q₃) + b cos(q₂+q₃) + t sin(q₂+q₃+q₅)
+    """
+
+    shoulder_offset_m: float
+    shoulder_height_m: float
+    upper_arm_m: float
+    forearm_m: tuple[float, float]
+    tool_m: float
+
+    def tip(self, joints: Array) -> Array:
+        """Tip position (x, z) in m; joints of shape (..., 3) give shape (..., 2)."""
+        q = np.cumsum(np.asarray(joints), axis=-1)
+        along, across = self.forearm_m
+        cos, sin = np.cos(q), np.sin(q)
+        x = self.shoulder_offset_m + self.upper_arm_m * cos[..., 0] + along * cos[..., 1] - across * sin[..., 1]
+        z = self.shoulder_height_m + self.upper_arm_m * sin[..., 0] + along * sin[..., 1] + across * cos[..., 1]
+        return np.stack([x + self.tool_m * cos[..., 2], z + self.tool_m * sin[..., 2]], axis=-1)
+
+    def joints(self, tip: Array) -> Array:
+        """Joint angles, elbow up and tool pointing down, for tip positions (x, z); shape (..., 2) gives (..., 3).
+
+        Raises:
+            UnreachableError: A point outside the reach.
+        """
+        tip = np.asarray(tip, dtype=np.float64)
+        x = tip[..., 0] - self.shoulder_offset_m
+        z = tip[..., 1] + self.tool_m - self.shoulder_height_m
+        along, across = self.forearm_m
+        upper, fore, bend = self.upper_arm_m, math.hypot(along, across), math.atan2(across, along)
+        distance = np.hypot(x, z)
+        outside = (distance > upper + fore) | (distance < abs(upper - fore))
+        if np.any(outside):
+            x_bad, z_bad = tip.reshape(-1, 2)[int(np.argmax(outside.reshape(-1)))]
+            raise UnreachableError(float(x_bad), float(z_bad), upper + fore)
+        q2 = np.arctan2(z, x) + np.arccos((upper**2 + distance**2 - fore**2) / (2.0 * upper * distance))
+        forearm = np.arctan2(z - upper * np.sin(q2), x - upper * np.cos(q2)) - bend
+        return np.stack([q2, forearm - q2, -0.5 * math.pi - forearm], axis=-1)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line of the tip with smooth speed; rest before and after.
+
+    Attributes:
+        chain: The arm.
+        start_m: Tip position (x, z) at the start.
+        end_m: Tip position (x, z) at the end.
+        move: The speed along the line.
+        dwell_s: Rest before.
+        tail_s: Rest after.
+    """
+
+    chain: PlanarChain
+    start_m: tuple[float, float]
+    end_m: tuple[float, float]
+    move: Smooth
+    dwell_s: float
+    tail_s: float
+
+    @property
+    def duration_s(self) -> float:
+        """From the first rest to the end of the last."""
+        return self.dwell_s + self.move.duration_s + self.tail_s
+
+    def joints(self, time_s: Array) -> Array:
+        """Joint angles over the time; shape (n,) gives (n, 3)."""
+        s = self.move.position(np.asarray(time_s) - self.dwell_s)[..., np.newaxis]
+        start, end = np.asarray(self.start_m), np.asarray(self.end_m)
+        return self.chain.joints(start + s * (end - start))

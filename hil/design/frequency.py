@@ -1,0 +1,270 @@
+"""The axis and its loop in the frequency domain: plant, G_al, open loop, margins and closed-loop poles."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, optimize
+
+from hil.control.cascade import Cascade
+from hil.control.notch import NOTCH_OFF, Notch, notch_coefficients, notch_weight
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+ARCSEC = math.pi / 180.0 / 3600.0
+
+
+@dataclass(frozen=True)
+class TwoInertia:
+    """The linear plant of one axis, as the paper's Fig. 3; gear and arm on the arm side, motor on the motor side.
+
+    Attributes:
+        reduction_ratio: N.
+        motor_inertia_kg_m2: J_m.
+        motor_damping_nm_s_rad: D_m.
+        arm_inertia_kg_m2: J_l.
+        arm_damping_nm_s_rad: D_l.
+        gear_stiffness_nm_rad: K_g.
+        gear_damping_nm_s_rad: D_g.
+    """
+
+    reduction_ratio: float
+    motor_inertia_kg_m2: float
+    motor_damping_nm_s_rad: float
+    arm_inertia_kg_m2: float
+    arm_damping_nm_s_rad: float
+    gear_stiffness_nm_rad: float
+    gear_damping_nm_s_rad: float
+
+    def terms(self, s: Complex) -> tuple[Complex, Complex, Complex]:
+        """A = J_m s² + D_m s, B = J_l s² + D_l s and c = D_g s + K_g."""
+        motor = self.motor_inertia_kg_m2 * s**2 + self.motor_damping_nm_s_rad * s
+        arm = self.arm_inertia_kg_m2 * s**2 + self.arm_damping_nm_s_rad * s
+        return motor, arm, self.gear_damping_nm_s_rad * s + self.gear_stiffness_nm_rad
+
+    def motor_angle_per_torque(self, frequency_hz: Real) -> Complex:
+        """P(jω) = θ_m/τ = (B + c) / (A (B + c) + B c/N²), in rad/(N·m); shape of `frequency_hz`."""
+        a, b, c = self.terms(2j * math.pi * np.asarray(frequency_hz))
+        return np.asarray((b + c) / (a * (b + c) + b * c / self.reduction_ratio**2))
+
+    @property
+    def antiresonance_hz(self) -> float:
+        """f_a = √(K_g/J_l)/2π: the arm on the gear with the motor held."""
+        return math.sqrt(self.gear_stiffness_nm_rad / self.arm_inertia_kg_m2) / (2.0 * math.pi)
+
+    @property
+    def resonance_hz(self) -> float:
+        """f_r = f_a √(1 + J_l/(N² J_m)): motor against arm."""
+        return self.antiresonance_hz * math.sqrt(
+            1.0 + self.arm_inertia_kg_m2 / (self.reduction_ratio**2 * self.motor_inertia_kg_m2)
+        )
+
+    def state_space(self) -> tuple[Real, Real]:
+        """A (4 × 4) and B (4,) of ẋ = A x + B τ with x = (θ_m, θ̇_m, N θ_l, N θ̇_l): the arm as the motor sees it."""
+        n2 = self.reduction_ratio**2
+        k, d = self.gear_stiffness_nm_rad / n2, self.gear_damping_nm_s_rad / n2
+        jm, jl = self.motor_inertia_kg_m2, self.arm_inertia_kg_m2 / n2
+        a = np.array(
+            [
+                [0.0, 1.0, 0.0, 0.0],
+                [-k / jm, -(d + self.motor_damping_nm_s_rad) / jm, k / jm, d / jm],
+                [0.0, 0.0, 0.0, 1.0],
+                [k / jl, d / jl, -k / jl, -(d + self.arm_damping_nm_s_rad / n2) / jl],
+            ]
+        )
+        return a, np.array([0.0, 1.0 / jm, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The discrete P-PI with its notches around a plant.
+
+    Attributes:
+        plant: The axis.
+        cascade: The gains.
+        notches: The variable filters; which of them act depends on the speed.
+        period_s: Sampling time of the loop.
+        delay_samples: Whole samples between measurement and torque: 0 inside a drive, 1 over a bus.
+    """
+
+    plant: TwoInertia
+    cascade: Cascade
+    notches: tuple[Notch, ...] = ()
+    period_s: float = 250e-6
+    delay_samples: int = 0
+
+    def filters(self, speed_rps: float) -> list[tuple[float, float, float, float, float]]:
+        """Coefficients (b₀, b₁, b₂, a₁, a₂) of the notches that act at a constant motor speed."""
+        acting = []
+        for notch in self.notches:
+            if notch.mode == NOTCH_OFF or not notch.start_rps <= speed_rps <= notch.end_rps:
+                continue
+            weight = notch_weight(notch.mode, speed_rps, notch.start_rps, notch.end_rps, notch.ramp_rps)
+            zero_hz = notch.order * speed_rps
+            zeta_rd = notch.zeta_rn + weight * (notch.zeta_rdth - notch.zeta_rn)
+            pole_hz = zero_hz + weight * notch.offset_hz
+            acting.append(notch_coefficients(zero_hz, pole_hz, notch.zeta_rn, zeta_rd, self.period_s))
+        return acting
+
+    def notch_response(self, frequency_hz: Real, speed_rps: float) -> Complex:
+        """F_n(e^{jωT}) at a constant motor speed; shape of `frequency_hz`."""
+        z = np.exp(-2j * math.pi * np.asarray(frequency_hz) * self.period_s)
+        response = np.ones_like(z)
+        for b0, b1, b2, a1, a2 in self.filters(speed_rps):
+            response = response * (b0 + b1 * z + b2 * z**2) / (1.0 + a1 * z + a2 * z**2)
+        return response
+
+    def controller(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
+        """C(jω) = −τ/θ_m as the plant feels it: the bilinear law, its hold (1 − e^{−jωT})/(jωT) and its delay."""
+        frequency = np.asarray(frequency_hz, dtype=np.float64)
+        jw = 2j * math.pi * frequency
+        delay = np.exp(-jw * self.period_s)
+        s = 2.0 / self.period_s * (1.0 - delay) / (1.0 + delay)
+        corner = 2.0 * math.pi * self.cascade.lowpass_hz
+        pi = self.cascade.velocity_gain_nm_s_rad + self.cascade.velocity_integral_gain_nm_rad / s
+        law = pi * (self.cascade.position_gain_per_s + corner * s / (s + corner))
+        hold = (1.0 - delay) / (jw * self.period_s)
+        return np.asarray(law * self.notch_response(frequency, speed_rps) * hold * delay**self.delay_samples)
+
+    def open_loop(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
+        """L(jω) = P C; shape of `frequency_hz`."""
+        return self.plant.motor_angle_per_torque(frequency_hz) * self.controller(frequency_hz, speed_rps)
+
+    def arm_per_transmission_error(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
+        """X(jω) = θ_l/θ_sync = c M/(M (B + c) + B c) with M = N² (A + C); shape of `frequency_hz`."""
+        a, b, c = self.plant.terms(2j * math.pi * np.asarray(frequency_hz, dtype=np.float64))
+        m = self.plant.reduction_ratio**2 * (a + self.controller(frequency_hz, speed_rps))
+        return np.asarray(c * m / (m * (b + c) + b * c))
+
+    def acceleration_per_transmission_error(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
+        """G_al(jω) = (jω)² X(jω), eq. (4), in 1/s²; shape of `frequency_hz`."""
+        s2 = (2j * math.pi * np.asarray(frequency_hz, dtype=np.float64)) ** 2
+        return np.asarray(s2 * self.arm_per_transmission_error(frequency_hz, speed_rps))
+
+    def peak_hz(self, low_hz: float = 4.0, high_hz: float = 30.0) -> float:
+        """f_al: where |G_al| without notch peaks."""
+        grid = np.linspace(low_hz, high_hz, 2601)
+        bare = Loop(self.plant, self.cascade, (), self.period_s, self.delay_samples)
+        gain = np.abs(bare.acceleration_per_transmission_error(grid))
+        # the inertia line rises with ω², so only an inner maximum is a resonance
+        inner = np.flatnonzero((gain[1:-1] > gain[:-2]) & (gain[1:-1] >= gain[2:])) + 1
+        top = grid[inner[np.argmax(gain[inner])]] if inner.size else grid[np.argmax(gain)]
+        found = optimize.minimize_scalar(
+            lambda f: -float(np.abs(bare.acceleration_per_transmission_error(np.array([f])))[0]),
+            bounds=(top - 0.02, top + 0.02),
+            method="bounded",
+            options={"xatol": 1e-6},
+        )
+        return float(found.x)
+
+    def closed_loop_poles(self, speed_rps: float = 0.0) -> Complex:
+        """Poles in z of the loop with the filters frozen at a motor speed; stable where all lie inside the unit circle.
+
+        The plant is discretised exactly (zero-order hold); the law's blocks are kept apart as state-space blocks, since the
+        expanded polynomial has a dozen roots near z = 1 and loses its digits there.
+        """
+        a, b = self.plant.state_space()
+        augmented = np.zeros((5, 5))
+        augmented[:4, :4], augmented[:4, 4] = a, b
+        expanded = linalg.expm(augmented * self.period_s)
+        plant = (expanded[:4, :4], expanded[:4, 4:], np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 1)))
+        blocks = [plant, self._feedback_block(), self._integral_block()]
+        blocks += [_biquad(filter_) for filter_ in self.filters(speed_rps)]
+        blocks += [(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))] * self.delay_samples
+        a_series, b_series, c_series, d_series = blocks[0]
+        for block in blocks[1:]:
+            a_series, b_series, c_series, d_series = _series((a_series, b_series, c_series, d_series), block)
+        closed = a_series - b_series @ c_series / (1.0 + float(d_series[0, 0]))
+        return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
+
+    def _feedback_block(self) -> "Block":
+        """K_pp + F_lp s, bilinear: y = ((c − w) y₁ + w c (x − x₁))/(c + w), as one state."""
+        c, w = 2.0 / self.period_s, 2.0 * math.pi * self.cascade.lowpass_hz
+        pole, gain = (c - w) / (c + w), w * c / (c + w)
+        return (
+            np.array([[pole]]),
+            np.ones((1, 1)),
+            np.array([[gain * (pole - 1.0)]]),
+            np.array([[gain + self.cascade.position_gain_per_s]]),
+        )
+
+    def _integral_block(self) -> "Block":
+        """K_vp + K_vi/s, bilinear."""
+        ki = self.cascade.velocity_integral_gain_nm_rad * self.period_s
+        direct = self.cascade.velocity_gain_nm_s_rad + 0.5 * ki
+        return np.ones((1, 1)), np.ones((1, 1)), np.array([[ki]]), np.array([[direct]])
+
+
+Block = tuple[Real, Real, Real, Real]
+
+
+def _biquad(coefficients: tuple[float, float, float, float, float]) -> Block:
+    """A second-order filter as controllable canonical form."""
+    b0, b1, b2, a1, a2 = coefficients
+    return (
+        np.array([[-a1, -a2], [1.0, 0.0]]),
+        np.array([[1.0], [0.0]]),
+        np.array([[b1 - a1 * b0, b2 - a2 * b0]]),
+        np.array([[b0]]),
+    )
+
+
+def _series(first: Block, second: Block) -> Block:
+    """The second block behind the first."""
+    (a1, b1, c1, d1), (a2, b2, c2, d2) = first, second
+    a = np.block([[a1, np.zeros((a1.shape[0], a2.shape[0]))], [b2 @ c1, a2]])
+    return a, np.vstack([b1, b2 @ d1]), np.hstack([d2 @ c1, c2]), d2 @ d1
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far a loop is from the edge.
+
+    Attributes:
+        sensitivity_peak: M_s = max |1/(1 + L)|.
+        gain_margin_db: Smallest distance of |L| from 0 dB where the phase crosses −180°, above it; inf where it never does.
+        phase_margin_deg: Smallest phase above −180° where |L| crosses 1.
+        stable: All closed-loop poles inside the unit circle.
+        pole_radius: The largest |z|.
+    """
+
+    sensitivity_peak: float
+    gain_margin_db: float
+    phase_margin_deg: float
+    stable: bool
+    pole_radius: float
+
+
+def margins(loop: Loop, speed_rps: float = 0.0, points: int = 4000) -> Margins:
+    """Margins of the loop with its filters frozen at a motor speed, at the loop's own sampling time and delay."""
+    grid = np.geomspace(0.5, 0.49 / loop.period_s, points)
+    extra = [np.linspace(0.9 * n.order * speed_rps, 1.15 * n.order * speed_rps, 801) for n in loop.notches if speed_rps > 0]
+    frequency = np.unique(np.concatenate([grid, *extra]))
+    response = loop.open_loop(frequency, speed_rps)
+    gain, phase = np.abs(response), np.unwrap(np.angle(response))
+    crossing = np.flatnonzero((gain[:-1] - 1.0) * (gain[1:] - 1.0) <= 0.0)
+    phase_margin = math.inf
+    for i in crossing:
+        wrapped = (math.degrees(phase[i]) + 180.0 + 180.0) % 360.0 - 180.0
+        phase_margin = min(phase_margin, abs(wrapped))
+    # a crossing of the negative real axis: the imaginary part changes sign while the real part is negative
+    imaginary, real = response.imag, response.real
+    negative = np.flatnonzero((imaginary[:-1] * imaginary[1:] < 0.0) & (real[:-1] < 0.0))
+    gain_margin = min((abs(20.0 * math.log10(gain[i])) for i in negative), default=math.inf)
+    radius = float(np.abs(loop.closed_loop_poles(speed_rps)).max())
+    return Margins(float(np.max(1.0 / np.abs(1.0 + response))), gain_margin, phase_margin, radius < 1.0, radius)
+
+
+def acceleration_bound(frequency_hz: Real, amplitude_rad: float, lever_m: float, tip_limit_m: float) -> Real:
+    """|G_al| that constraint (5) allows on the line: A_acc ω²/(L A_n), in 1/s²; shape of `frequency_hz`.
+
+    Args:
+        frequency_hz: ω/2π = k f_m.
+        amplitude_rad: A_n of the transmission error.
+        lever_m: Tip lever L, which turns the paper's millimetres at the tip into an angle at the arm.
+        tip_limit_m: A_acc.
+    """
+    omega = 2.0 * math.pi * np.asarray(frequency_hz, dtype=np.float64)
+    return np.asarray(tip_limit_m * omega**2 / (lever_m * amplitude_rad))

@@ -1,0 +1,69 @@
+"""What the accelerometer at the tip feels: the planar chain of axes 2, 3 and 5, or the lever of a single axis."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.control.trajectory import PlanarChain
+
+Vector = NDArray[np.float64]
+
+
+def lever_acceleration(lever_m: float, arm_speed: float, arm_acceleration: float) -> tuple[float, float, float]:
+    """Radial, sideways and tangential acceleration in m/s² at a lever: (−L θ̇², 0, L θ̈)."""
+    return -lever_m * arm_speed * arm_speed, 0.0, lever_m * arm_acceleration
+
+
+def chain_acceleration(
+    chain: PlanarChain, angles: Vector, speeds: Vector, accelerations: Vector
+) -> tuple[float, float, float]:
+    """Acceleration (X, Y, Z) of the tip in m/s², gravity left out; Y is 0 in a planar chain.
+
+    With the absolute link angles α_i = Σ_{j≤i} q_j and each link's vector r_i: a = Σ (α̈_i ẑ×r_i − α̇_i² r_i).
+
+    Args:
+        chain: The arm.
+        angles: Joint angles q₂, q₃, q₅ in rad, arm side; shape (3,).
+        speeds: Their speeds in rad/s; shape (3,).
+        accelerations: Their accelerations in rad/s²; shape (3,).
+    """
+    along, across = chain.forearm_m
+    links = ((chain.upper_arm_m, 0.0), (along, across), (chain.tool_m, 0.0))
+    x = z = alpha = rate = change = 0.0
+    for (length, width), q, w, a in zip(links, angles, speeds, accelerations, strict=True):
+        alpha, rate, change = alpha + q, rate + w, change + a
+        cos, sin = math.cos(alpha), math.sin(alpha)
+        link_x, link_z = length * cos - width * sin, length * sin + width * cos
+        x += -change * link_z - rate * rate * link_x
+        z += change * link_x - rate * rate * link_z
+    return x, 0.0, z
+
+
+@dataclass
+class Sensor:
+    """Noise and resolution of the accelerometer; seeded, one draw of three values per sample.
+
+    Attributes:
+        noise_m_s2: Standard deviation of the white noise of each sample.
+        resolution_m_s2: Step of the output; 0 for none.
+        range_m_s2: Where it saturates.
+        generator: The noise's source.
+    """
+
+    noise_m_s2: float
+    resolution_m_s2: float
+    range_m_s2: float
+    generator: np.random.Generator
+
+    def sample(self, acceleration: tuple[float, float, float]) -> tuple[float, float, float]:
+        """What the sensor puts out for a true acceleration, m/s²."""
+        noise = self.generator.standard_normal(3)
+        values = []
+        for true, draw in zip(acceleration, noise, strict=True):
+            value = true + self.noise_m_s2 * float(draw)
+            if self.resolution_m_s2 > 0.0:
+                value = self.resolution_m_s2 * math.floor(value / self.resolution_m_s2 + 0.5)
+            values.append(min(self.range_m_s2, max(-self.range_m_s2, value)))
+        return values[0], values[1], values[2]

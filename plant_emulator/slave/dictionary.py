@@ -1,0 +1,333 @@
+"""The object dictionary of a node: one store that SDO, PDO and the owner of the node share."""
+
+import math
+import struct
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from enum import Enum, IntEnum
+from typing import Any
+
+from drive_profiles.cia301 import MAX_NODE_ID, PACKERS, DataType, SdoAbortCode, Value, decode, encode
+
+ReadHook = Callable[[], Value]
+WriteHook = Callable[[Any], SdoAbortCode | None]
+
+
+class SdoAbort(Exception):  # noqa: N818 - the standard's word: an abort, of which not each is an error
+    """An access was refused for a reason that the other side of the bus shall hear; never leaves the slave package."""
+
+    def __init__(self, code: SdoAbortCode) -> None:
+        """Keep the code; the message is the standard's."""
+        self.code = code
+        super().__init__(f"{code:08X}h {code.text}")
+
+
+class Access(Enum):
+    """Access attribute of an entry, as an EDS writes it (CiA 306-1, 4.5.3)."""
+
+    RO = "ro"
+    WO = "wo"
+    RW = "rw"
+    CONST = "const"
+    RWW = "rww"
+    """Read and write; where mappable, in an RPDO only."""
+    RWR = "rwr"
+    """Read and write; where mappable, in a TPDO only."""
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether an SDO may read the entry."""
+        return self is not Access.WO
+
+    @property
+    def is_writable(self) -> bool:
+        """Whether an SDO may write the entry."""
+        return self not in {Access.RO, Access.CONST}
+
+
+class ObjectType(IntEnum):
+    """Object codes (CiA 301, 7.4.3)."""
+
+    VAR = 7
+    ARRAY = 8
+    RECORD = 9
+
+
+class ResetKind(Enum):
+    """How much an NMT reset puts back to its default (CiA 301, 7.3.2.2.1)."""
+
+    COMMUNICATION = "communication"
+    """Objects 1000h to 1FFFh."""
+    NODE = "node"
+    """All objects."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One value of the dictionary, as its type, access, default and limits describe it.
+
+    Attributes:
+        index: 0001h to FFFFh.
+        subindex: 0 for a variable.
+        name: As the EDS shows it.
+        data_type: Decides the length on the bus.
+        access: What an SDO may do.
+        default: Value after a reset.
+        low: Lowest value that may be written, or None.
+        high: Highest value that may be written, or None.
+        mappable: Whether a PDO may carry the entry; in which direction follows from `access`.
+        record_name: Name of the array or record that the entry belongs to.
+        object_type: ARRAY or RECORD; left out, an object with sub-indices is a RECORD.
+        node_relative: The default is `default` plus the node-ID (``$NODEID+`` in an EDS).
+
+    Raises:
+        ValueError: The description contradicts itself.
+    """
+
+    index: int
+    subindex: int
+    name: str
+    data_type: DataType
+    access: Access
+    default: Value
+    low: float | None = None
+    high: float | None = None
+    mappable: bool = False
+    record_name: str | None = None
+    object_type: ObjectType | None = None
+    node_relative: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse a description that contradicts itself."""
+        for problem in self._problems():
+            raise ValueError(f"entry {self.index:04X}h:{self.subindex:02X}h {self.name!r}: {problem}")
+
+    def _problems(self) -> Iterator[str]:
+        if not (1 <= self.index <= 0xFFFF and 0 <= self.subindex <= 0xFE):
+            yield "index or sub-index out of range"
+        for name in (self.name, self.record_name):
+            # What an EDS, an INI file, can carry as a name.
+            if name is not None and (not name.isprintable() or name != name.strip() or not name or ";" in name):
+                yield f"{name!r} cannot stand as a name in an EDS"
+        if self.mappable and self.data_type.size is None:
+            yield f"{self.data_type.name} has no fixed length and cannot be mapped"
+        limits = [limit for limit in (self.low, self.high) if limit is not None]
+        if limits and not (self.data_type.is_integer or self.data_type.is_real):
+            yield f"{self.data_type.name} has no limits"
+            return
+        if self.low is not None and self.high is not None and self.low > self.high:
+            yield f"low limit {self.low} above high limit {self.high}"
+        if self.node_relative and not self.data_type.is_integer:
+            yield "only a whole number can have the node-ID added"
+            return
+        for value in (self.default_for(0), self.default_for(MAX_NODE_ID), *limits):
+            try:
+                encode(self.data_type, value)
+            except ValueError as error:
+                yield str(error)
+                return
+        code = self.refusal(self.default_for(1))
+        if code is not None:
+            yield f"default {self.default!r}: {code.text}"
+
+    def default_for(self, node_id: int) -> Value:
+        """Give the default in the node of this number."""
+        if self.node_relative and isinstance(self.default, int):
+            return self.default + node_id
+        return self.default
+
+    def refusal(self, value: Any) -> SdoAbortCode | None:
+        """Tell why a value of the right type may not be written, or None where it may."""
+        if self.data_type.is_real and not math.isfinite(value):
+            return SdoAbortCode.INVALID_VALUE
+        if self.high is not None and value > self.high:
+            return SdoAbortCode.VALUE_TOO_HIGH
+        if self.low is not None and value < self.low:
+            return SdoAbortCode.VALUE_TOO_LOW
+        return None
+
+    @property
+    def is_rpdo_mappable(self) -> bool:
+        """Whether a PDO that the node receives may carry the entry."""
+        return self.mappable and self.access in {Access.WO, Access.RW, Access.RWW}
+
+    @property
+    def is_tpdo_mappable(self) -> bool:
+        """Whether a PDO that the node sends may carry the entry."""
+        return self.mappable and self.access in {Access.RO, Access.CONST, Access.RW, Access.RWR}
+
+
+class Cell:
+    """The place of one entry: what PDOs and the owner hold on to, so that a cycle costs no look-up.
+
+    Attributes:
+        entry: What it describes.
+        value: What it holds; the owner may set it directly, unchecked. With a read hook it is not asked.
+        read_hook: Gives the live value.
+        write_hook: Checks and applies a value from the bus before it is stored.
+    """
+
+    __slots__ = ("_guarded", "_packer", "entry", "read_hook", "value", "write_hook")
+
+    def __init__(self, entry: Entry) -> None:
+        """Make the place, holding the default."""
+        self.entry = entry
+        self.value: Value = entry.default
+        self.read_hook: ReadHook | None = None
+        self.write_hook: WriteHook | None = None
+        self._packer: struct.Struct | None = PACKERS.get(entry.data_type)
+        self._guarded = entry.data_type.is_real or entry.low is not None or entry.high is not None
+
+    def current(self) -> Value:
+        """Give the value of this instant."""
+        return self.value if self.read_hook is None else self.read_hook()
+
+    def encoded(self) -> bytes:
+        """Give the value of this instant as bytes."""
+        return encode(self.entry.data_type, self.current())
+
+    def length_refusal(self, length: int) -> SdoAbortCode | None:
+        """Tell why so many bytes may not be written, or None where they may."""
+        if self._packer is None or length == self._packer.size:
+            return None
+        return SdoAbortCode.TOO_LONG if length > self._packer.size else SdoAbortCode.TOO_SHORT
+
+    def assign(self, value: Value) -> SdoAbortCode | None:
+        """Write a value from the bus, of the right type; tell why not, with nothing changed, or None where it was written."""
+        if self._guarded:
+            code = self.entry.refusal(value)
+            if code is not None:
+                return code
+        if self.write_hook is not None:
+            code = self.write_hook(value)
+            if code is not None:
+                return code
+        self.value = value
+        return None
+
+
+class Dictionary:
+    """All entries of a node.
+
+    Sub-index 0 of an array or record, the highest sub-index, is provided where the entries do not bring their own.
+
+    Args:
+        entries: In any order.
+        node_id: Added to the defaults that depend on it; the `Slave` sets it.
+
+    Raises:
+        ValueError: Two entries have one place.
+    """
+
+    def __init__(self, entries: Iterable[Entry], node_id: int = 0) -> None:
+        """Take the entries and hold their defaults."""
+        self.node_id = node_id
+        self._cells: dict[tuple[int, int], Cell] = {}
+        self._highest: dict[int, int] = {}
+        for entry in sorted(entries, key=lambda entry: (entry.index, entry.subindex)):
+            place = entry.index, entry.subindex
+            if place in self._cells:
+                raise ValueError(f"entry {entry.index:04X}h:{entry.subindex:02X}h is given twice")
+            self._cells[place] = Cell(entry)
+            self._highest[entry.index] = entry.subindex
+        for index, highest in self._highest.items():
+            if highest > 0 and (index, 0) not in self._cells:
+                self._cells[index, 0] = Cell(self._count_entry(index, highest))
+        self._cells = dict(sorted(self._cells.items()))
+        self.reset(ResetKind.NODE)
+
+    def _count_entry(self, index: int, highest: int) -> Entry:
+        sibling = self._cells[index, highest].entry
+        return replace(
+            sibling, subindex=0, name="Highest sub-index supported", data_type=DataType.UNSIGNED8, access=Access.RO,
+            default=highest, low=None, high=None, mappable=False, node_relative=False,
+        )  # fmt: skip
+
+    def __contains__(self, place: tuple[int, int]) -> bool:
+        """Tell whether there is an entry at (index, sub-index)."""
+        return place in self._cells
+
+    def __iter__(self) -> Iterator[Entry]:
+        """Give the entries in the order of their places, sub-indices 0 included."""
+        return (cell.entry for cell in self._cells.values())
+
+    def __len__(self) -> int:
+        """Count the entries."""
+        return len(self._cells)
+
+    def cell(self, index: int, subindex: int = 0) -> Cell:
+        """Give the place of an entry, for its owner.
+
+        Raises:
+            KeyError: There is no such entry.
+        """
+        try:
+            return self._cells[index, subindex]
+        except KeyError:
+            raise KeyError(f"no entry {index:04X}h:{subindex:02X}h") from None
+
+    def get(self, index: int, subindex: int = 0) -> Value:
+        """Give the value of this instant, whatever the access; KeyError where there is no such entry."""
+        return self.cell(index, subindex).current()
+
+    def set(self, index: int, subindex: int, value: Value) -> None:
+        """Set a value as the owner, whatever the access and without the write hook.
+
+        Raises:
+            KeyError: There is no such entry.
+            ValueError: The value is not of the entry's type, or outside its limits.
+        """
+        cell = self.cell(index, subindex)
+        encode(cell.entry.data_type, value)
+        code = cell.entry.refusal(value)
+        if code is not None:
+            raise ValueError(f"{index:04X}h:{subindex:02X}h = {value!r}: {code.text}")
+        cell.value = value
+
+    def on_read(self, index: int, subindex: int, hook: ReadHook) -> None:
+        """Let the value be asked from the owner at every read and every sampling of a PDO."""
+        self.cell(index, subindex).read_hook = hook
+
+    def on_write(self, index: int, subindex: int, hook: WriteHook) -> None:
+        """Let the owner check and apply what the bus writes; a code that it returns refuses the write, and nothing changes."""
+        self.cell(index, subindex).write_hook = hook
+
+    def reset(self, kind: ResetKind) -> None:
+        """Put the defaults back, without asking the write hooks."""
+        for (index, _), cell in self._cells.items():
+            if kind is ResetKind.NODE or 0x1000 <= index <= 0x1FFF:
+                cell.value = cell.entry.default_for(self.node_id)
+
+    def find(self, index: int, subindex: int) -> Cell:
+        """Give the place that an SDO names.
+
+        Raises:
+            SdoAbort: There is no such object, or no such sub-index in it.
+        """
+        cell = self._cells.get((index, subindex))
+        if cell is None:
+            raise SdoAbort(SdoAbortCode.NO_SUBINDEX if index in self._highest else SdoAbortCode.NO_OBJECT)
+        return cell
+
+    def find_writable(self, index: int, subindex: int) -> Cell:
+        """Give the place that an SDO is about to write; `SdoAbort` where it must not."""
+        cell = self.find(index, subindex)
+        if not cell.entry.access.is_writable:
+            raise SdoAbort(SdoAbortCode.READ_ONLY)
+        return cell
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """Give the bytes that an SDO upload carries; `SdoAbort` where the entry is absent or write only."""
+        cell = self.find(index, subindex)
+        if not cell.entry.access.is_readable:
+            raise SdoAbort(SdoAbortCode.WRITE_ONLY)
+        return cell.encoded()
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Write the bytes of an SDO download; `SdoAbort`, with nothing changed, where length, limits or owner refuse."""
+        cell = self.find_writable(index, subindex)
+        code = cell.length_refusal(len(data))
+        if code is None:
+            code = cell.assign(decode(cell.entry.data_type, data))
+        if code is not None:
+            raise SdoAbort(code)
