@@ -51,7 +51,7 @@ def is_restricted(can_id: int) -> bool:
     return any(low <= can_id <= high for low, high in _RESTRICTED)
 
 
-class CobIdBit(IntFlag):
+class CobIdBit(IntEnum):
     """Bits above the identifier in the COB-ID objects (CiA 301, 7.5.2.5, 7.5.2.17, 7.5.2.35 and 7.5.2.37)."""
 
     INVALID = 1 << 31
@@ -75,7 +75,7 @@ class NmtCommand(IntEnum):
 
 
 class NmtState(IntEnum):
-    """States of a node; the value is the one its heartbeat carries, and 0 makes the boot-up message (CiA 301, 7.2.8.3.2)."""
+    """States of a node, with the value that its heartbeat carries; 0 is the boot-up message (CiA 301, 7.2.8.3.2)."""
 
     INITIALISING = 0x00
     STOPPED = 0x04
@@ -143,7 +143,8 @@ PACKERS = {data_type: struct.Struct("<" + character) for data_type, character in
 def encode(data_type: DataType, value: Value) -> bytes:
     """Give the bytes of a value as they cross the bus (CiA 301, 7.1.4: little-endian).
 
-    A VISIBLE_STRING is written in ISO 8859-1, of which the standard's ISO 646 is a part, so that `decode` is its inverse.
+    A VISIBLE_STRING is written in ISO 8859-1, of which the standard's ISO 646 is a part: `decode` is the inverse of it
+    for whatever bytes a device sends.
 
     Raises:
         ValueError: The value is not of this type, or beyond its range.
@@ -216,7 +217,10 @@ class SdoAbortCode(IntEnum):
     GENERAL = 0x0800_0000, "General error"
     NOT_STORED = 0x0800_0020, "Data cannot be transferred or stored to the application"
     LOCAL_CONTROL = 0x0800_0021, "Data cannot be transferred or stored to the application because of local control"
-    DEVICE_STATE = 0x0800_0022, "Data cannot be transferred or stored to the application because of the present device state"
+    DEVICE_STATE = (
+        0x0800_0022,
+        "Data cannot be transferred or stored to the application because of the present device state",
+    )
     NO_DICTIONARY = 0x0800_0023, "Object dictionary dynamic generation fails or no object dictionary is present"
     NO_DATA = 0x0800_0024, "No data available"
 
@@ -224,7 +228,7 @@ class SdoAbortCode(IntEnum):
 def abort_text(code: int) -> str:
     """Give the words of an abort code, also of one that the standard does not know."""
     try:
-        return SdoAbortCode(code).text
+        return SdoAbortCode(code).text  # type: ignore[call-arg]  # looks a member up; mypy sees __new__ of the members
     except ValueError:
         return f"Unknown abort code {code:08X}h"
 

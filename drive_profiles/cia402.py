@@ -310,7 +310,7 @@ def state_after(state: State, event: Event, quick_stop_option: int = QuickStopOp
 def control_word_towards(state: State) -> int | None:
     """What the master sends next on the way to OPERATION_ENABLED, or None where it has to wait or to decide.
 
-    None in NOT_READY_TO_SWITCH_ON and FAULT_REACTION_ACTIVE (the drive moves by itself), in FAULT (a reset is an explicit
+    None in NOT_READY_TO_SWITCH_ON and FAULT_REACTION_ACTIVE (the drive moves by itself), in FAULT (a reset is a
     decision) and in QUICK_STOP_ACTIVE (transition 16 would run on, disable voltage would end the braking).
     """
     command = _TOWARDS.get(state)

@@ -25,7 +25,7 @@ class OutOfRangeError(DriveProfileError, ValueError):
         self.value = value
         self.unit = unit
         self.reason = reason
-        super().__init__(f"{what} {value} {unit}: {reason}".replace("  ", " "))
+        super().__init__(f"{what} {value}{f' {unit}' if unit else ''}: {reason}")
 
 
 class Problem(NamedTuple):
@@ -70,6 +70,26 @@ class ProfileNotFoundError(DriveProfileError):
         self.name = name
         self.available = available
         super().__init__(f"no drive profile {name!r}; available: {', '.join(available) or 'none'}")
+
+
+class UnknownParameterError(DriveProfileError, KeyError):
+    """A profile has no parameter of that name.
+
+    Args:
+        profile: The profile's name.
+        name: What was asked for.
+        close: What it may have meant, best first.
+    """
+
+    def __init__(self, profile: str, name: str, close: tuple[str, ...]) -> None:
+        self.profile = profile
+        self.name = name
+        self.close = close
+        super().__init__(profile, name, close)
+
+    def __str__(self) -> str:
+        hint = f", did you mean {' or '.join(self.close)}?" if self.close else ""
+        return f"profile {self.profile} has no parameter {self.name!r}{hint}"
 
 
 def _line(path: Path, problem: Problem) -> str:

@@ -14,7 +14,7 @@ import tomllib
 import types
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import pydantic
 
@@ -86,7 +86,7 @@ class Table(pydantic.BaseModel):
 
 
 def split_unit(key: str) -> tuple[str, str]:
-    """The stem of a key and its unit suffix, which is empty where it has none: ``start_rps`` is (``start``, ``_rps``)."""
+    """The stem of a key and its unit suffix, empty where it has none: ``start_rps`` is (``start``, ``_rps``)."""
     for suffix in _SUFFIXES:
         if key.endswith(suffix) and len(key) > len(suffix):
             return key[: -len(suffix)], suffix
@@ -135,10 +135,25 @@ def loads(text: str, model: type[M], path: str | Path = "<text>") -> M:
         encoded = json.dumps(document, default=_isoformat)
     except (ValueError, RecursionError) as error:
         raise FileError(path, (_syntax_problem(text, error),)) from error
+    twice = tuple(sorted(_numbered_twice(lines)))
     try:
-        return model.model_validate_json(encoded, strict=True)
+        result = model.model_validate_json(encoded, strict=True)
     except pydantic.ValidationError as error:
-        raise FileError(path, _problems(error, model, lines)) from None
+        raise FileError(path, tuple(sorted((*twice, *_problems(error, model, lines))))) from None
+    if twice:
+        raise FileError(path, twice)
+    return result
+
+
+def _numbered_twice(lines: Mapping[Path_, int]) -> Iterator[Problem]:
+    """Tables such as ``axis.2`` beside ``axis.02``: two keys to TOML, but one number, of which the last would win."""
+    seen: dict[Path_, Path_] = {}
+    for path in lines:
+        name = path[-1]
+        if isinstance(name, str) and re.fullmatch(r"[+-]?[0-9]{1,18}", name):
+            first = seen.setdefault((*path[:-1], int(name)), path)
+            if first != path:
+                yield Problem(lines[path], _dotted(path), f"the same number as line {lines[first]}", "each number once")
 
 
 def _isoformat(value: object) -> str:
@@ -273,6 +288,12 @@ def _kind(model: type[pydantic.BaseModel], location: Path_) -> str:
                 return words
         if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
             return f"a table with {', '.join(_fields(annotation))}"
+        if get_origin(annotation) is Literal:
+            return f"one of {', '.join(map(repr, get_args(annotation)))}"
+        if get_origin(annotation) is dict:
+            return "a table"
+        if get_origin(annotation) in {list, tuple}:
+            return "a list"
     return "this key"
 
 

@@ -269,10 +269,10 @@ def interpolation_period(period_s: float, index: int | None = None) -> tuple[int
     Raises:
         OutOfRangeError: No value from 1 to 255 gives this period exactly.
     """
-    nanoseconds = round(period_s * 1e9) if math.isfinite(period_s) else 0
+    nanoseconds = round(period_s * 1e9) if math.isfinite(period_s * 1e9) else 0
     # A period written as a decimal is within an ulp of a whole number of nanoseconds; 1/3000 s is not.
     if nanoseconds <= 0 or not math.isclose(period_s * 1e9, nanoseconds, rel_tol=1e-12):
-        raise OutOfRangeError("interpolation period", period_s, "s", "is no positive whole number of nanoseconds")
+        raise OutOfRangeError("interpolation period", period_s, "s", "must be a positive whole number of nanoseconds")
     value, exponent = nanoseconds, -9
     while value % 10 == 0:
         value, exponent = value // 10, exponent + 1

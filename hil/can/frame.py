@@ -1,6 +1,7 @@
 """One CAN frame, and the 16-byte record in which it crosses a socket.
 
-The record is Linux's ``struct can_frame``: the same bytes on AF_CAN and on the local bus, so one raw channel serves both.
+The record is Linux's ``struct can_frame``: the same bytes on AF_CAN and on the local bus, so one raw channel serves
+both.
 """
 
 import struct
@@ -26,7 +27,7 @@ class Frame(NamedTuple):
     Nothing is checked here, since this is built for every frame of every cycle; `pack` checks before a frame leaves.
 
     Attributes:
-        can_id: Identifier, with the flags ``CAN_EFF_FLAG``, ``CAN_RTR_FLAG`` and ``CAN_ERR_FLAG`` as SocketCAN sets them.
+        can_id: Identifier, with ``CAN_EFF_FLAG``, ``CAN_RTR_FLAG`` and ``CAN_ERR_FLAG`` as SocketCAN sets them.
         data: 0 to 8 bytes. Those of a remote request only tell its length.
     """
 

@@ -103,10 +103,12 @@ class Smooth:
 class PlanarChain:
     """The arm in its vertical plane: axes 2, 3 and 5 with the tool pointing down; lengths in m.
 
-    Joint angles q₂, q₃, q₅ in rad, positive upwards from horizontal; q₃ and q₅ are relative to the link before them.
+    Joint angles in rad, counted as industrial arms do: q₂ leans the upper arm forwards from the vertical, q₃ and q₅ lift
+    forearm and tool against the link before them. With the links' angles above the horizontal
 
-        x = d + L cos q₂ + a cos(q₂+q₃) − b sin(q₂+q₃) + t cos(q₂+q₃+q₅)
-        z = h + L sin q₂ + a sin(q₂+q₃) + b cos(q₂+q₃) + t sin(q₂+q₃+q₅)
+        α₂ = π/2 − q₂,  α₃ = α₂ + q₃,  α₅ = α₃ + q₅
+        x = d + L cos α₂ + a cos α₃ − b sin α₃ + t cos α₅
+        z = h + L sin α₂ + a sin α₃ + b cos α₃ + t sin α₅
     """
 
     shoulder_offset_m: float
@@ -115,9 +117,15 @@ class PlanarChain:
     forearm_m: tuple[float, float]
     tool_m: float
 
+    @staticmethod
+    def link_angles(joints: Array) -> Array:
+        """α₂, α₃, α₅ of joint angles; shape (..., 3). The map is affine, so it serves speeds too, less its constant."""
+        q = np.asarray(joints, dtype=np.float64)
+        return np.cumsum(np.stack([0.5 * math.pi - q[..., 0], q[..., 1], q[..., 2]], axis=-1), axis=-1)
+
     def tip(self, joints: Array) -> Array:
         """Tip position (x, z) in m; joints of shape (..., 3) give shape (..., 2)."""
-        q = np.cumsum(np.asarray(joints), axis=-1)
+        q = self.link_angles(joints)
         along, across = self.forearm_m
         cos, sin = np.cos(q), np.sin(q)
         x = self.shoulder_offset_m + self.upper_arm_m * cos[..., 0] + along * cos[..., 1] - across * sin[..., 1]
@@ -140,9 +148,9 @@ class PlanarChain:
         if np.any(outside):
             x_bad, z_bad = tip.reshape(-1, 2)[int(np.argmax(outside.reshape(-1)))]
             raise UnreachableError(float(x_bad), float(z_bad), upper + fore)
-        q2 = np.arctan2(z, x) + np.arccos((upper**2 + distance**2 - fore**2) / (2.0 * upper * distance))
-        forearm = np.arctan2(z - upper * np.sin(q2), x - upper * np.cos(q2)) - bend
-        return np.stack([q2, forearm - q2, -0.5 * math.pi - forearm], axis=-1)
+        first = np.arctan2(z, x) + np.arccos((upper**2 + distance**2 - fore**2) / (2.0 * upper * distance))
+        forearm = np.arctan2(z - upper * np.sin(first), x - upper * np.cos(first)) - bend
+        return np.stack([0.5 * math.pi - first, forearm - first, -0.5 * math.pi - forearm], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ def chain_acceleration(
 ) -> tuple[float, float, float]:
     """Acceleration (X, Y, Z) of the tip in m/s², gravity left out; Y is 0 in a planar chain.
 
-    With the absolute link angles α_i = Σ_{j≤i} q_j and each link's vector r_i: a = Σ (α̈_i ẑ×r_i − α̇_i² r_i).
+    With the links' angles α_i above the horizontal and their vectors r_i: a = Σ (α̈_i ŷ×r_i − α̇_i² r_i).
 
     Args:
         chain: The arm.
@@ -31,9 +31,10 @@ def chain_acceleration(
     """
     along, across = chain.forearm_m
     links = ((chain.upper_arm_m, 0.0), (along, across), (chain.tool_m, 0.0))
-    x = z = alpha = rate = change = 0.0
-    for (length, width), q, w, a in zip(links, angles, speeds, accelerations, strict=True):
-        alpha, rate, change = alpha + q, rate + w, change + a
+    x = z = rate = change = 0.0
+    alpha = 0.5 * math.pi
+    for (length, width), sign, q, w, a in zip(links, (-1.0, 1.0, 1.0), angles, speeds, accelerations, strict=True):
+        alpha, rate, change = alpha + sign * q, rate + sign * w, change + sign * a
         cos, sin = math.cos(alpha), math.sin(alpha)
         link_x, link_z = length * cos - width * sin, length * sin + width * cos
         x += -change * link_z - rate * rate * link_x

@@ -17,7 +17,6 @@ class SdoAbort(Exception):  # noqa: N818 - the standard's word: an abort, of whi
     """An access was refused for a reason that the other side of the bus shall hear; never leaves the slave package."""
 
     def __init__(self, code: SdoAbortCode) -> None:
-        """Keep the code; the message is the standard's."""
         self.code = code
         super().__init__(f"{code:08X}h {code.text}")
 
@@ -98,9 +97,22 @@ class Entry:
     node_relative: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a description that contradicts itself."""
+        """Refuse a description that contradicts itself, and round real numbers to what their type holds."""
         for problem in self._problems():
-            raise ValueError(f"entry {self.index:04X}h:{self.subindex:02X}h {self.name!r}: {problem}")
+            raise ValueError(f"{self}: {problem}")
+        if self.data_type.is_real:
+            # Else 0.1 written to a REAL32 would be above a limit of 0.1.
+            for name in ("default", "low", "high"):
+                value = getattr(self, name)
+                if value is not None:
+                    object.__setattr__(self, name, decode(self.data_type, encode(self.data_type, value)))
+        code = self.refusal(self.default_for(1))
+        if code is not None:
+            raise ValueError(f"{self}: default {self.default!r}: {code.text}")
+
+    def __str__(self) -> str:
+        """Name the entry for a message."""
+        return f"{self.index:04X}h:{self.subindex:02X}h {self.name!r}"
 
     def _problems(self) -> Iterator[str]:
         if not (1 <= self.index <= 0xFFFF and 0 <= self.subindex <= 0xFE):
@@ -126,9 +138,6 @@ class Entry:
             except ValueError as error:
                 yield str(error)
                 return
-        code = self.refusal(self.default_for(1))
-        if code is not None:
-            yield f"default {self.default!r}: {code.text}"
 
     def default_for(self, node_id: int) -> Value:
         """Give the default in the node of this number."""
@@ -170,7 +179,6 @@ class Cell:
     __slots__ = ("_guarded", "_packer", "entry", "read_hook", "value", "write_hook")
 
     def __init__(self, entry: Entry) -> None:
-        """Make the place, holding the default."""
         self.entry = entry
         self.value: Value = entry.default
         self.read_hook: ReadHook | None = None
@@ -193,7 +201,7 @@ class Cell:
         return SdoAbortCode.TOO_LONG if length > self._packer.size else SdoAbortCode.TOO_SHORT
 
     def assign(self, value: Value) -> SdoAbortCode | None:
-        """Write a value from the bus, of the right type; tell why not, with nothing changed, or None where it was written."""
+        """Write a value of the right type from the bus; tell why it was refused, with nothing changed, or None."""
         if self._guarded:
             code = self.entry.refusal(value)
             if code is not None:
@@ -220,14 +228,13 @@ class Dictionary:
     """
 
     def __init__(self, entries: Iterable[Entry], node_id: int = 0) -> None:
-        """Take the entries and hold their defaults."""
         self.node_id = node_id
         self._cells: dict[tuple[int, int], Cell] = {}
         self._highest: dict[int, int] = {}
         for entry in sorted(entries, key=lambda entry: (entry.index, entry.subindex)):
             place = entry.index, entry.subindex
             if place in self._cells:
-                raise ValueError(f"entry {entry.index:04X}h:{entry.subindex:02X}h is given twice")
+                raise ValueError(f"{entry}: an entry at this place is given twice")
             self._cells[place] = Cell(entry)
             self._highest[entry.index] = entry.subindex
         for index, highest in self._highest.items():
@@ -270,6 +277,18 @@ class Dictionary:
         """Give the value of this instant, whatever the access; KeyError where there is no such entry."""
         return self.cell(index, subindex).current()
 
+    def get_int(self, index: int, subindex: int = 0) -> int:
+        """Give the value of an entry that holds a whole number.
+
+        Raises:
+            KeyError: There is no such entry.
+            TypeError: The entry holds something else.
+        """
+        value = self.get(index, subindex)
+        if not isinstance(value, int):
+            raise TypeError(f"{index:04X}h:{subindex:02X}h holds {value!r}, not a whole number")
+        return value
+
     def set(self, index: int, subindex: int, value: Value) -> None:
         """Set a value as the owner, whatever the access and without the write hook.
 
@@ -278,10 +297,10 @@ class Dictionary:
             ValueError: The value is not of the entry's type, or outside its limits.
         """
         cell = self.cell(index, subindex)
-        encode(cell.entry.data_type, value)
+        value = decode(cell.entry.data_type, encode(cell.entry.data_type, value))
         code = cell.entry.refusal(value)
         if code is not None:
-            raise ValueError(f"{index:04X}h:{subindex:02X}h = {value!r}: {code.text}")
+            raise ValueError(f"{cell.entry} = {value!r}: {code.text}")
         cell.value = value
 
     def on_read(self, index: int, subindex: int, hook: ReadHook) -> None:
@@ -289,7 +308,7 @@ class Dictionary:
         self.cell(index, subindex).read_hook = hook
 
     def on_write(self, index: int, subindex: int, hook: WriteHook) -> None:
-        """Let the owner check and apply what the bus writes; a code that it returns refuses the write, and nothing changes."""
+        """Let the owner check and apply what the bus writes; a code that it returns refuses it, and nothing changes."""
         self.cell(index, subindex).write_hook = hook
 
     def reset(self, kind: ResetKind) -> None:
@@ -324,7 +343,7 @@ class Dictionary:
         return cell.encoded()
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Write the bytes of an SDO download; `SdoAbort`, with nothing changed, where length, limits or owner refuse."""
+        """Write the bytes of an SDO download; `SdoAbort`, and nothing changed, where length, limits or owner refuse."""
         cell = self.find_writable(index, subindex)
         code = cell.length_refusal(len(data))
         if code is None:

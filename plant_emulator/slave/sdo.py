@@ -3,7 +3,6 @@
 import struct
 from collections.abc import Callable
 from enum import Enum, IntEnum
-from typing import ClassVar
 
 from drive_profiles.cia301 import FunctionCode, SdoAbortCode
 from hil.can.frame import Frame
@@ -40,8 +39,8 @@ class State(Enum):
 class SdoServer:
     """Answers one client: frames in, frames out.
 
-    A frame that is not 8 bytes long is not an SDO and is ignored (CiA 301, 7.2.4.3); an abort of the client ends the transfer in
-    silence; every other request gets one answer.
+    A frame that is not 8 bytes long is not an SDO and is ignored (CiA 301, 7.2.4.3); an abort of the client ends the
+    transfer in silence; every other request gets one answer.
 
     Args:
         dictionary: What is read and written.
@@ -53,7 +52,6 @@ class SdoServer:
     def __init__(
         self, dictionary: Dictionary, node_id: int, *, max_bytes: int = 1024, timeout_ns: int = 5_000_000_000
     ) -> None:
-        """Start idle."""
         self._dictionary = dictionary
         self._response_id = FunctionCode.SDO_RESPONSE + node_id
         self._max_bytes = max_bytes
@@ -78,7 +76,7 @@ class SdoServer:
         if command is Command.ABORT:
             self.reset()
             return []
-        handler = self._TABLE.get((self.state, command))
+        handler = _TABLE.get((self.state, command))
         try:
             if handler is None:
                 self._address_unknown(command, data)
@@ -102,7 +100,11 @@ class SdoServer:
 
     def _address_unknown(self, command: Command, data: bytes) -> None:
         # A block request that starts a transfer (its sub-command is 0) names its object; let the abort name it too.
-        if self.state is State.IDLE and command in {Command.BLOCK_UPLOAD, Command.BLOCK_DOWNLOAD} and not data[0] & 0x03:
+        if (
+            self.state is State.IDLE
+            and command in {Command.BLOCK_UPLOAD, Command.BLOCK_DOWNLOAD}
+            and not data[0] & 0x03
+        ):
             _, self._index, self._subindex = _HEADER.unpack_from(data)
 
     def _begin(self, data: bytes) -> int:
@@ -147,11 +149,12 @@ class SdoServer:
                 raise SdoAbort(SdoAbortCode.TOO_SHORT)
             self._dictionary.write(self._index, self._subindex, bytes(self._received))
             self.reset()
-        self._toggle ^= 1
+        else:
+            self._toggle ^= 1
         return answer
 
     def _initiate_upload(self, data: bytes) -> bytes:
-        # CiA 301, 7.2.4.3.6: answered expedited up to four bytes, else with the size; an empty value has no expedited form.
+        # CiA 301, 7.2.4.3.6: expedited up to four bytes, else with the size; an empty value has no expedited form.
         self._begin(data)
         value = self._dictionary.read(self._index, self._subindex)
         if 0 < len(value) <= _EXPEDITED_DATA:
@@ -177,10 +180,11 @@ class SdoServer:
         if first >> 4 & 0x01 != self._toggle:
             raise SdoAbort(SdoAbortCode.TOGGLE_BIT)
 
-    _TABLE: ClassVar[dict[tuple[State, Command], Callable[["SdoServer", bytes], bytes]]] = {
-        **{(state, Command.INITIATE_DOWNLOAD): _initiate_download for state in State},
-        **{(state, Command.INITIATE_UPLOAD): _initiate_upload for state in State},
-        (State.DOWNLOADING, Command.DOWNLOAD_SEGMENT): _download_segment,
-        (State.UPLOADING, Command.UPLOAD_SEGMENT): _upload_segment,
-    }
-    """What each state does with each command; what is not here is answered with 0504 0001h."""
+
+_TABLE: dict[tuple[State, Command], Callable[[SdoServer, bytes], bytes]] = {
+    **{(state, Command.INITIATE_DOWNLOAD): SdoServer._initiate_download for state in State},
+    **{(state, Command.INITIATE_UPLOAD): SdoServer._initiate_upload for state in State},
+    (State.DOWNLOADING, Command.DOWNLOAD_SEGMENT): SdoServer._download_segment,
+    (State.UPLOADING, Command.UPLOAD_SEGMENT): SdoServer._upload_segment,
+}
+"""What each state does with each command; what is not here is answered with 0504 0001h."""

@@ -1,0 +1,5 @@
+"""`python -m plant_emulator`."""
+
+from plant_emulator.cli import main
+
+main()

@@ -1,0 +1,136 @@
+"""All axes of a robot as arrays: what the compiled period works on, and what the tip feels."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.control.cascade import CASCADE_CONFIG, CASCADE_STATE
+from hil.control.notch import NO_NOTCH, NOTCH_CONFIG, NOTCH_STATE, NOTCHES
+from plant_emulator.motion import BRAKED, MOTION, SET_POINT_RANGE, SET_POINT_STEP, advance, measured_counts
+from plant_emulator.physics.axis import PLANT, PLANT_STATE, settle
+from plant_emulator.physics.tip import chain_acceleration, lever_acceleration
+from plant_emulator.robot import CHAIN_AXES, Robot
+
+NEVER = 1 << 60
+
+
+class Axes:
+    """The mechanics of a robot and the process data of its drives; row i is the i-th axis of the file, in rising order.
+
+    Attributes:
+        numbers: Axis number of each row.
+        plant: `PLANT` array, shape (n_axes,).
+        plant_state: `PLANT_STATE` array, shape (n_axes,).
+        motion: `MOTION` array, shape (n_axes,).
+        cascade_config: `CASCADE_CONFIG` array, shape (n_axes,).
+        cascade_state: `CASCADE_STATE` array, shape (n_axes,).
+        notch_config: `NOTCH_CONFIG` array, shape (n_axes, NOTCHES).
+        notch_state: `NOTCH_STATE` array, shape (n_axes, NOTCHES).
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        """Lay out the arrays; all brakes are closed, and the arms hang at rest at home."""
+        self.robot = robot
+        self.numbers = tuple(sorted(robot.axis))
+        count = len(self.numbers)
+        self.plant = np.zeros(count, PLANT)
+        self.plant_state = np.zeros(count, PLANT_STATE)
+        self.motion = np.zeros(count, MOTION)
+        self.cascade_config = np.zeros(count, CASCADE_CONFIG)
+        self.cascade_state = np.zeros(count, CASCADE_STATE)
+        self.notch_config = np.zeros((count, NOTCHES), NOTCH_CONFIG)
+        self.notch_state = np.zeros((count, NOTCHES), NOTCH_STATE)
+        for row, number in enumerate(self.numbers):
+            axis = robot.axis[number]
+            axis.write(self.plant[row], robot.home_angle(number))
+            settle(self.plant, self.plant_state, row)
+            motion = self.motion[row]
+            motion["mode"] = BRAKED
+            motion["counts_per_rad"] = axis.encoder_counts_per_rev / (2.0 * math.pi)
+            motion["ticks_per_set_point"] = 1
+            motion["torque_limit_nm"] = axis.torque_limit_nm
+            motion["low_counts"], motion["high_counts"] = -math.inf, math.inf
+            motion["max_speed_rad_s"], motion["following_window_rad"] = math.inf, math.inf
+            motion["following_ticks"] = NEVER
+            if axis.control is not None:
+                axis.control.cascade().write(self.cascade_config[row])
+            for column in range(NOTCHES):
+                NO_NOTCH.write(self.notch_config[row, column])
+        self._chain = robot.geometry.chain() if robot.geometry is not None else None
+        self._home = robot.home_joints()
+        self._levers = np.array([robot.axis[number].tip_lever_m for number in self.numbers])
+
+    def row(self, number: int) -> int:
+        """Row of an axis."""
+        return self.numbers.index(number)
+
+    def advance(self, ticks: int) -> None:
+        """Advance everything by some control periods."""
+        advance(
+            ticks,
+            self.robot.control_period_s,
+            self.robot.plant_substeps,
+            self.plant,
+            self.plant_state,
+            self.motion,
+            self.cascade_config,
+            self.cascade_state,
+            self.notch_config,
+            self.notch_state,
+        )
+
+    def counts(self, row: int) -> int:
+        """What the encoder of an axis shows now."""
+        return int(measured_counts(self.plant_state[row]["motor_angle"], self.motion[row]["counts_per_rad"]))
+
+    def energise(self, row: int, mode: int, ticks_per_set_point: int = 1) -> int:
+        """Open the brake of an axis in a mode of `plant_emulator.motion`; the set-point is where the motor stands, in counts."""
+        motion, counts = self.motion[row], self.counts(row)
+        motion["previous_counts"] = motion["target_counts"] = counts
+        motion["tick"] = 0
+        motion["ticks_per_set_point"] = ticks_per_set_point
+        motion["reference_rad"], motion["reference_speed_rad_s"] = counts / motion["counts_per_rad"], 0.0
+        motion["following_count"] = motion["trip"] = motion["stopped"] = 0
+        motion["mode"] = mode
+        return counts
+
+    def set_point(self, row: int, target_counts: int) -> None:
+        """Give an axis in cyclic position mode its next set-point; it goes there from where it is, in one interpolation period.
+
+        One outside the position limits, or faster than the motor may turn, trips the axis and is not followed.
+        """
+        motion = self.motion[row]
+        span = int(motion["ticks_per_set_point"])
+        share = min(1.0, int(motion["tick"]) / span)
+        start = float(motion["previous_counts"])
+        start += (float(motion["target_counts"]) - start) * share
+        target = float(target_counts)
+        reach = float(motion["max_speed_rad_s"]) * float(motion["counts_per_rad"]) * span * self.robot.control_period_s
+        if not motion["low_counts"] <= target <= motion["high_counts"]:
+            motion["trip"] = int(motion["trip"]) | SET_POINT_RANGE
+            target = start
+        elif abs(target - start) > reach + 1.0:
+            motion["trip"] = int(motion["trip"]) | SET_POINT_STEP
+            target = start
+        motion["previous_counts"], motion["target_counts"], motion["tick"] = start, target, 0
+
+    def tip_acceleration(self) -> tuple[float, float, float]:
+        """True acceleration (X, Y, Z) of the tip in m/s², gravity left out.
+
+        While a single brake is open the sensor sits on that axis' lever, as in the single-axis experiments: Z is L θ̈_l, X points
+        inwards. Otherwise the planar chain of axes 2, 3 and 5 moves it; a robot without a geometry adds the levers up.
+        """
+        open_rows = np.flatnonzero(self.motion["mode"] != BRAKED)
+        state = self.plant_state
+        if len(open_rows) == 1:
+            row = int(open_rows[0])
+            return lever_acceleration(
+                float(self._levers[row]), float(state["arm_speed"][row]), float(state["arm_acceleration"][row])
+            )
+        if self._chain is None or self._home is None:
+            x = -float(self._levers @ state["arm_speed"] ** 2)
+            return x, 0.0, float(self._levers @ state["arm_acceleration"])
+        rows = [self.row(number) for number in CHAIN_AXES]
+        angles: NDArray[np.float64] = self._home + state["arm_angle"][rows]
+        return chain_acceleration(self._chain, angles, state["arm_speed"][rows], state["arm_acceleration"][rows])

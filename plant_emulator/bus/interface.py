@@ -1,0 +1,91 @@
+"""The local bus for python-can: `interface="hil_local"`, so that every python-can tool can join it."""
+
+import select
+import time
+from typing import Any
+
+import can
+
+from hil.can.address import LOCAL, Address
+from hil.can.channel import BusUnavailableError
+from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, RECORD, Frame, pack, unpack
+from hil.can.raw import connect_local
+
+
+class LocalBus(can.BusABC):
+    """A python-can bus on the emulator's socket.
+
+    Args:
+        channel: Path of the socket.
+        can_filters: As python-can takes them; applied in Python.
+        **kwargs: What python-can passes to every bus.
+
+    Raises:
+        can.CanInitializationError: Nobody serves there.
+    """
+
+    def __init__(self, channel: str, can_filters: can.typechecking.CanFilters | None = None, **kwargs: Any) -> None:
+        """Join the bus."""
+        try:
+            self._socket = connect_local(Address(LOCAL, str(channel)))
+        except BusUnavailableError as error:
+            raise can.CanInitializationError(str(error)) from error
+        self._socket.setblocking(False)
+        self._buffer = b""
+        self.channel = channel
+        self.channel_info = f"local bus {channel}"
+        self._can_protocol = can.CanProtocol.CAN_20
+        super().__init__(channel=channel, can_filters=can_filters, **kwargs)
+
+    def fileno(self) -> int:
+        """For `can.Notifier` with an event loop."""
+        return self._socket.fileno()
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Put a message on the bus; waits up to the time-out for room."""
+        can_id = msg.arbitration_id
+        can_id |= CAN_EFF_FLAG if msg.is_extended_id else 0
+        can_id |= CAN_RTR_FLAG if msg.is_remote_frame else 0
+        can_id |= CAN_ERR_FLAG if msg.is_error_frame else 0
+        try:
+            record = pack(Frame(can_id, bytes(msg.data)))
+            if not select.select([], [self._socket], [], 0.0 if timeout is None else timeout)[1]:
+                raise can.CanOperationError("the local bus takes no more frames")
+            self._socket.send(record)
+        except (OSError, ValueError) as error:
+            raise can.CanOperationError(f"cannot send on the local bus: {error}") from error
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        """The next message of the socket; filters are python-can's."""
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while len(self._buffer) < RECORD.size:
+            left = None if deadline is None else max(0.0, deadline - time.monotonic())
+            try:
+                if not select.select([self._socket], [], [], left)[0]:
+                    return None, False
+                data = self._socket.recv(RECORD.size - len(self._buffer))
+            except (OSError, ValueError) as error:
+                raise can.CanOperationError(f"the local bus failed: {error}") from error
+            if not data:
+                raise can.CanOperationError("the local bus has closed")
+            self._buffer += data
+        frame = unpack(self._buffer)
+        self._buffer = b""
+        if frame is None:
+            return None, False
+        message = can.Message(
+            timestamp=time.time(),
+            arbitration_id=frame.can_id & CAN_EFF_MASK,
+            is_extended_id=bool(frame.can_id & CAN_EFF_FLAG),
+            is_remote_frame=bool(frame.can_id & CAN_RTR_FLAG),
+            is_error_frame=bool(frame.can_id & CAN_ERR_FLAG),
+            data=frame.data,
+            dlc=len(frame.data),
+            channel=self.channel,
+        )
+        return message, False
+
+    def shutdown(self) -> None:
+        """Leave the bus."""
+        super().shutdown()
+        self._socket.close()

@@ -1,0 +1,259 @@
+"""The local bus: a Unix socket that several clients join, and the world behind it with its two clocks."""
+
+import contextlib
+import os
+import selectors
+import socket
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+from drive_profiles.cia301 import FunctionCode
+from hil.can.frame import RECORD, Frame, pack, unpack
+from plant_emulator.world import World
+
+SPIN_S = 300e-6
+"""How long the server polls after the last frame of a lock-step client before it sleeps; see `hil.can.raw.SPIN_S`."""
+
+FREE_POLL_S = 0.001
+MAX_CLIENTS = 32
+STREAM_BACKLOG_BYTES = 1 << 20
+
+
+class AddressInUseError(Exception):
+    """Another server answers at this path."""
+
+    def __init__(self, path: str) -> None:
+        """Keep the path."""
+        self.path = path
+        super().__init__(f"another server answers at {path}")
+
+
+class Client:
+    """One participant of the bus. What it does not read in time is dropped and counted, never waited for."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        """Take over a connected socket."""
+        sock.setblocking(False)
+        self.socket = sock
+        self.dropped = 0
+        self._is_stream = sock.type == socket.SOCK_STREAM
+        self._received, self._backlog = b"", b""
+
+    def send(self, record: bytes) -> None:
+        """Deliver a record, or drop it where the client's queue is full."""
+        try:
+            if self._is_stream:
+                self._send_stream(record)
+            else:
+                self.socket.send(record)
+        except BlockingIOError:
+            self.dropped += 1
+        except OSError:
+            pass  # it has gone; the next read says so
+
+    def _send_stream(self, record: bytes) -> None:
+        """A stream must not lose half a record: what does not fit waits, up to a bound."""
+        if len(self._backlog) >= STREAM_BACKLOG_BYTES:
+            self.dropped += 1
+            return
+        self._backlog += record
+        with contextlib.suppress(BlockingIOError):
+            while self._backlog:
+                self._backlog = self._backlog[self.socket.send(self._backlog) :]
+
+    def receive(self) -> list[Frame] | None:
+        """The frames that wait, [] where there is none, None where the client has gone. Records that are no frame are dropped."""
+        try:
+            data = self.socket.recv(65536 if self._is_stream else 64)
+        except BlockingIOError:
+            return []
+        except OSError:
+            return None
+        if not data:
+            return None
+        if not self._is_stream:
+            frame = unpack(data)
+            return [] if frame is None else [frame]
+        self._received += data
+        whole = len(self._received) - len(self._received) % RECORD.size
+        records, self._received = self._received[:whole], self._received[whole:]
+        frames = (unpack(records[i : i + RECORD.size]) for i in range(0, whole, RECORD.size))
+        return [frame for frame in frames if frame is not None]
+
+
+class Server:
+    """Serves a world at a path.
+
+    The client whose SYNC was the last holds the clock: as long as it is connected the world moves by SYNC alone. Otherwise the
+    world follows the monotonic clock.
+    """
+
+    def __init__(self, world: World, path: str, *, stream: bool = False) -> None:
+        """Bind the path and start the nodes.
+
+        Args:
+            world: What is behind the bus.
+            path: Of the socket; a stale one is removed.
+            stream: Use a stream socket although the system has seqpacket ones.
+
+        Raises:
+            AddressInUseError: Another server answers there.
+            OSError: The path cannot be bound.
+        """
+        self.world = world
+        self.path = path
+        self._listener = _listen(path, stream=stream)
+        self._listener.setblocking(False)
+        self._inode = Path(path).stat().st_ino
+        self._clients: dict[int, Client] = {}
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        self._clock: Client | None = None
+        self._epoch_ns = time.monotonic_ns() - world.now
+        self._stop = False
+        world.power_on()
+
+    def watch(self, descriptor: int) -> None:
+        """Stop when this descriptor is closed at its other end: the server then lives as long as the one who started it."""
+        self._selector.register(descriptor, selectors.EVENT_READ)
+
+    def stop(self) -> None:
+        """End `run` soon; may be called from a signal handler."""
+        self._stop = True
+
+    def run(self) -> None:
+        """Serve until `stop`."""
+        try:
+            while not self._stop:
+                self._serve(self._wait())
+                if self._clock is None:
+                    self._broadcast(self.world.free_step(time.monotonic_ns() - self._epoch_ns), None)
+        finally:
+            self.close()
+
+    def _wait(self) -> list[int]:
+        """Descriptors that can be read: polled for a moment in lock-step, slept for otherwise."""
+        if self._clock is None:
+            return [key.fd for key, _ in self._selector.select(FREE_POLL_S)]
+        spun_until = time.monotonic() + SPIN_S
+        while True:
+            ready = self._selector.select(0)
+            if ready:
+                return [key.fd for key, _ in ready]
+            if time.monotonic() >= spun_until:
+                return [key.fd for key, _ in self._selector.select(0.5)]
+
+    def _serve(self, descriptors: Iterable[int]) -> None:
+        for descriptor in descriptors:
+            if descriptor == self._listener.fileno():
+                self._accept()
+            elif descriptor in self._clients:
+                self._read(descriptor)
+            elif not os.read(descriptor, 4096):
+                self._stop = True
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):
+            sock, _ = self._listener.accept()
+            if len(self._clients) >= MAX_CLIENTS:
+                sock.close()
+                return
+            self._clients[sock.fileno()] = Client(sock)
+            self._selector.register(sock, selectors.EVENT_READ)
+
+    def _read(self, descriptor: int) -> None:
+        client = self._clients[descriptor]
+        while True:
+            frames = client.receive()
+            if frames is None:
+                self._drop(descriptor)
+                return
+            if not frames:
+                return
+            for frame in frames:
+                self._on_frame(frame, client)
+            if client is not self._clock:
+                return  # one at a time, so that a babbling client does not keep the others out
+
+    def _on_frame(self, frame: Frame, sender: Client) -> None:
+        self._broadcast((frame,), sender)
+        is_sync = frame.can_id == FunctionCode.SYNC
+        if is_sync and self._clock is not sender:
+            if self._clock is None:
+                self._broadcast(self.world.begin_lock_step(), None)
+            self._clock = sender
+        # the answers leave before the world moves on, so that the master computes while the emulator does
+        self._broadcast(self.world.receive(frame), None)
+        if is_sync:
+            self._broadcast(self.world.settle(), None)
+
+    def _broadcast(self, frames: Iterable[Frame], sender: Client | None) -> None:
+        for frame in frames:
+            record = pack(frame)
+            for client in self._clients.values():
+                if client is not sender:
+                    client.send(record)
+
+    def _drop(self, descriptor: int) -> None:
+        client = self._clients.pop(descriptor)
+        self._selector.unregister(client.socket)
+        client.socket.close()
+        if client is self._clock:
+            self._clock = None
+            self._epoch_ns = time.monotonic_ns() - self.world.now
+
+    def close(self) -> None:
+        """Leave: close all sockets and remove the path, if it is still ours."""
+        for descriptor in list(self._clients):
+            self._drop(descriptor)
+        self._selector.close()
+        self._listener.close()
+        with contextlib.suppress(OSError):
+            if Path(self.path).stat().st_ino == self._inode:
+                Path(self.path).unlink()
+
+
+def _listen(path: str, *, stream: bool) -> socket.socket:
+    """A listening socket at the path; one that nobody answers at is a leftover and is replaced."""
+    kinds = [socket.SOCK_STREAM]
+    if not stream and hasattr(socket, "SOCK_SEQPACKET"):
+        kinds.insert(0, socket.SOCK_SEQPACKET)
+    if Path(path).is_socket():
+        if _answers(path):
+            raise AddressInUseError(path)
+        Path(path).unlink()
+    failure: OSError | None = None
+    for kind in kinds:
+        try:
+            sock = socket.socket(socket.AF_UNIX, kind)
+        except OSError as error:
+            failure = error
+            continue
+        try:
+            with _private():
+                sock.bind(path)
+            sock.listen(MAX_CLIENTS)
+        except OSError:
+            sock.close()
+            raise
+        return sock
+    raise failure if failure is not None else OSError("no Unix sockets")
+
+
+def _answers(path: str) -> bool:
+    for kind in (getattr(socket, "SOCK_SEQPACKET", socket.SOCK_STREAM), socket.SOCK_STREAM):
+        with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, kind) as probe:
+            probe.connect(path)
+            return True
+    return False
+
+
+@contextlib.contextmanager
+def _private() -> Iterable[None]:  # type: ignore[misc]
+    """Only the user who serves may join."""
+    before = os.umask(0o177)
+    try:
+        yield
+    finally:
+        os.umask(before)

@@ -1,0 +1,236 @@
+"""The robot file: what the emulated robot is. Units are in the names of the keys; SI inside."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from drive_profiles.files import Table, load
+from hil.control.cascade import Cascade
+from hil.control.notch import NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
+from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, Smooth
+from plant_emulator.physics.axis import PLANT
+
+ARCSEC = math.pi / 180.0 / 3600.0
+CHAIN_AXES = (2, 3, 5)
+"""The axes that move the arm in its vertical plane."""
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+
+
+class TransmissionError(Table):
+    """Amplitudes and phases of θ_sync, eq. (2); the first order is an addition that real gearings show."""
+
+    a1_arcsec: NotNegative = 0.0
+    phi1_deg: float = 0.0
+    a2_arcsec: NotNegative
+    phi2_deg: float
+    a4_arcsec: NotNegative = 0.0
+    phi4_deg: float = 0.0
+
+
+class Control(Table):
+    """Gains that the drive holds when it leaves the factory."""
+
+    position_gain_per_s: NotNegative
+    velocity_gain_nm_s_rad: NotNegative
+    velocity_integral_gain_nm_rad: NotNegative
+    lowpass_hz: Positive = 300.0
+
+    def cascade(self) -> Cascade:
+        """The gains as the law takes them."""
+        return Cascade(**self.model_dump())
+
+
+class NotchTable(Table):
+    """A variable notch that `simulate` uses; a drive leaves the factory with its filters off."""
+
+    shape: Literal["switched", "trapezoid"] = "switched"
+    order: Annotated[int, Field(ge=1, le=8)] = 2
+    start_rps: Positive
+    end_rps: Positive
+    offset_hz: NotNegative
+    zeta_rn: Positive
+    zeta_rdth: Positive
+
+    def notch(self) -> Notch:
+        """The filter as the law takes it."""
+        values = self.model_dump(exclude={"shape"})
+        return Notch(mode=NOTCH_SWITCHED if self.shape == "switched" else NOTCH_TRAPEZOID, **values)
+
+
+class Axis(Table):
+    """One axis: motor, gearing, arm, encoder; the keys of the reference robot, and options that are off unless given."""
+
+    node_id: Annotated[int, Field(ge=1, le=127)] | None = None
+    reduction_ratio: Positive
+    motor_inertia_kg_m2: Positive
+    motor_damping_nm_s_rad: NotNegative
+    arm_inertia_kg_m2: Positive
+    arm_damping_nm_s_rad: NotNegative
+    gear_stiffness_nm_rad: Positive
+    gear_damping_nm_s_rad: NotNegative
+    coulomb_friction_nm: NotNegative = 0.0
+    static_friction_nm: NotNegative = 0.0
+    stribeck_velocity_rad_s: Positive = 1.0
+    gravity_moment_nm: float = 0.0
+    home_deg: float | None = None
+    torque_limit_nm: Positive
+    rated_torque_nm: Positive | None = None
+    encoder_counts_per_rev: Annotated[int, Field(ge=4, le=2**24)]
+    tip_lever_m: Positive
+    ate: TransmissionError
+    control: Control | None = None
+    notch: NotchTable | None = None
+    gear_reaction: bool = False
+    wind_up_softness: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    wind_up_torsion_arcsec: Positive = 60.0
+    hysteresis_torque_nm: NotNegative = 0.0
+    hysteresis_torsion_arcsec: Positive = 20.0
+    current_time_constant_s: NotNegative = 0.0
+
+    @property
+    def rated_torque(self) -> float:
+        """Rated motor torque in N·m; a third of the peak torque unless the file says otherwise, in whole mN·m."""
+        wanted = self.torque_limit_nm / 3.0 if self.rated_torque_nm is None else self.rated_torque_nm
+        return max(1, round(1000.0 * wanted)) / 1000.0
+
+    def write(self, row: NDArray[Any], home_rad: float) -> None:
+        """Put the axis into one record of a `PLANT` array."""
+        direct = {name for name in PLANT.names or () if name in type(self).model_fields}
+        for name in direct:
+            row[name] = getattr(self, name)
+        row["home_angle_rad"] = home_rad
+        for order in (1, 2, 4):
+            row[f"a{order}_rad"] = getattr(self.ate, f"a{order}_arcsec") * ARCSEC
+            row[f"phi{order}_rad"] = math.radians(getattr(self.ate, f"phi{order}_deg"))
+        row["wind_up_torsion_rad"] = self.wind_up_torsion_arcsec * ARCSEC
+        row["hysteresis_torsion_rad"] = self.hysteresis_torsion_arcsec * ARCSEC
+
+
+class Geometry(Table):
+    """The planar chain of axes 2, 3 and 5."""
+
+    shoulder_offset_m: float
+    shoulder_height_m: float
+    upper_arm_m: Positive
+    forearm_m: tuple[Positive, float]
+    tool_m: Positive
+
+    def chain(self) -> PlanarChain:
+        """The arm as trajectories and tip take it."""
+        return PlanarChain(**self.model_dump())
+
+
+class Point(Table):
+    """A tip position in the vertical plane, in m."""
+
+    x: float
+    z: float
+
+
+class LineMotion(Table):
+    """The line motion; its start is the robot's home, where all motor angles are zero."""
+
+    start_m: Point
+    end_m: Point
+    duration_s: Positive
+    ramp_s: Positive = 0.3
+    dwell_s: NotNegative = 0.2
+    tail_s: NotNegative = 0.6
+
+    def line(self, chain: PlanarChain) -> Line:
+        """The trajectory of the joints."""
+        start, end = (self.start_m.x, self.start_m.z), (self.end_m.x, self.end_m.z)
+        return Line(chain, start, end, Smooth(self.duration_s, self.ramp_s), self.dwell_s, self.tail_s)
+
+
+class ConstantAccelerationMotion(Table):
+    """The single-axis motion through the resonant speeds."""
+
+    acceleration_rps_s: Positive
+    end_rps: Positive
+    deceleration_rps_s: Positive = 20.0
+    dwell_s: NotNegative = 0.2
+    tail_s: NotNegative = 0.5
+
+    def trajectory(self) -> ConstantAcceleration:
+        """The trajectory of the motor."""
+        return ConstantAcceleration(**self.model_dump())
+
+
+class Accelerometer(Table):
+    """The sensor at the tip and its place on the bus."""
+
+    node_id: Annotated[int, Field(ge=1, le=127)] = 16
+    noise_m_s2: NotNegative = 0.02
+    resolution_m_s2: NotNegative = 0.00981
+    range_m_s2: Annotated[float, Field(gt=0.0, le=32.0)] = 19.62
+
+
+class Robot(Table):
+    """A robot: axes by number, geometry, accelerometer, and the seed of everything random."""
+
+    name: str = "robot"
+    seed: Annotated[int, Field(ge=0)] = 1
+    control_period_s: Positive = 250e-6
+    plant_substeps: Annotated[int, Field(ge=1, le=64)] = 4
+    sync_period_s: Positive = 0.002
+    axis: Annotated[dict[Annotated[int, Field(ge=1, le=6)], Axis], Field(min_length=1)]
+    accelerometer: Accelerometer = Accelerometer()
+    geometry: Geometry | None = None
+    line_motion: LineMotion | None = None
+    constant_acceleration: ConstantAccelerationMotion | None = None
+
+    @model_validator(mode="after")
+    def _nodes_differ(self) -> "Robot":
+        nodes = [*self.node_ids.values(), self.accelerometer.node_id]
+        twice = {node for node in nodes if nodes.count(node) > 1}
+        if twice:
+            raise ValueError(f"node id {min(twice)} is given to two nodes of the bus")
+        if self.geometry is not None and not set(CHAIN_AXES) <= set(self.axis):
+            raise ValueError(f"a geometry needs axes {', '.join(map(str, CHAIN_AXES))}")
+        return self
+
+    @property
+    def node_ids(self) -> dict[int, int]:
+        """Node id of each axis: the axis' number unless the file says otherwise."""
+        return {number: axis.node_id or number for number, axis in self.axis.items()}
+
+    def home_joints(self) -> NDArray[np.float64] | None:
+        """q₂, q₃, q₅ in rad where all motor angles are zero: the start of the line motion; None without a geometry."""
+        if self.geometry is None or self.line_motion is None:
+            return None
+        start = self.line_motion.start_m
+        return self.geometry.chain().joints(np.array([start.x, start.z]))
+
+    def home_angle(self, number: int) -> float:
+        """q₀ of one axis in rad, so that gravity's moment is m g l cos(θ_l + q₀).
+
+        Axes 3 and 5 lift their links: q₀ is the link's angle above the horizontal at home. Axis 2 leans its link forwards from
+        the vertical, and its weight pulls it on: q₀ is the lean at home plus 90°.
+        """
+        axis = self.axis[number]
+        if axis.home_deg is not None:
+            return math.radians(axis.home_deg)
+        joints = self.home_joints()
+        if joints is None or number not in CHAIN_AXES:
+            return 0.0
+        place = CHAIN_AXES.index(number)
+        return float(joints[0] + 0.5 * math.pi) if place == 0 else float(PlanarChain.link_angles(joints)[place])
+
+
+REFERENCE = Path(__file__).parent / "robots" / "reference.toml"
+
+
+def load_robot(path: str | Path) -> Robot:
+    """The robot of a file, or of the name `reference`.
+
+    Raises:
+        FileError: With every problem, by line.
+    """
+    return load(REFERENCE if str(path) == "reference" else Path(path), Robot)

@@ -1,0 +1,149 @@
+"""The entries 1000h to 1FFFh that every emulated node has, with the identifiers of the predefined connection set."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from drive_profiles.cia301 import RPDO_BASES, TPDO_BASES, CobIdBit, DataType, FunctionCode
+from plant_emulator.slave import emergency, nmt
+from plant_emulator.slave.dictionary import Access, Entry, ObjectType
+from plant_emulator.slave.pdo_setup import (
+    MAX_MAPPED,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    Mapped,
+)
+
+SYNC_COB_ID = 0x1005
+ERROR_BEHAVIOUR = 0x1029
+HISTORY_LENGTH = 8
+WATCHED_NODES = 4
+
+U8, U16, U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
+
+
+def communication_entries(
+    *,
+    device_type: int,
+    name: str,
+    hardware_version: str = "1.0",
+    software_version: str = "1.0",
+    vendor_id: int = 0,
+    product_code: int = 0,
+    revision: int = 0,
+    serial_number: int = 0,
+    heartbeat_ms: int = 0,
+    error_behaviour: int = 0,
+) -> list[Entry]:
+    """Give the objects of a node's communication, without its PDOs.
+
+    Args:
+        device_type: 1000h.
+        name: 1008h.
+        hardware_version: 1009h.
+        software_version: 100Ah.
+        vendor_id: 1018h:01h, with product code, revision and serial number after it.
+        product_code: 1018h:02h.
+        revision: 1018h:03h.
+        serial_number: 1018h:04h.
+        heartbeat_ms: Default of 1017h; 0 sends none.
+        error_behaviour: Default of 1029h:01h, what a lost heartbeat does: 0 pre-operational, 1 nothing, 2 stopped.
+    """
+    ro, rw, const, text = Access.RO, Access.RW, Access.CONST, DataType.VISIBLE_STRING
+    sync = int(FunctionCode.SYNC)
+    emcy = int(FunctionCode.EMERGENCY)
+    return [
+        Entry(0x1000, 0, "Device type", U32, ro, device_type),
+        Entry(emergency.ERROR_REGISTER, 0, "Error register", U8, ro, 0, mappable=True),
+        *_history(),
+        Entry(SYNC_COB_ID, 0, "COB-ID SYNC", U32, rw, sync),
+        Entry(0x1008, 0, "Manufacturer device name", text, const, name),
+        Entry(0x1009, 0, "Manufacturer hardware version", text, const, hardware_version),
+        Entry(0x100A, 0, "Manufacturer software version", text, const, software_version),
+        Entry(emergency.COB_ID, 0, "COB-ID EMCY", U32, rw, emcy, node_relative=True),
+        *_array(nmt.CONSUMER_TIME, "Consumer heartbeat time", rw, WATCHED_NODES),
+        Entry(nmt.PRODUCER_TIME, 0, "Producer heartbeat time", U16, rw, heartbeat_ms),
+        *_identity(vendor_id, product_code, revision, serial_number),
+        Entry(
+            ERROR_BEHAVIOUR, 1, "Communication error", U8, rw, error_behaviour, 0, 2,
+            record_name="Error behaviour", object_type=ObjectType.ARRAY,
+        ),
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class PdoDefault:
+    """What a PDO is before anyone configures it.
+
+    Attributes:
+        mapped: The objects that it carries: index, sub-index, length in bits.
+        transmission_type: 255 is event-driven, 1 each SYNC.
+        inhibit_time: Of a TPDO, in multiples of 100 µs.
+        event_timer_ms: Of a TPDO.
+        is_valid: Whether it exists; left out, PDO 1 and 2 do.
+    """
+
+    mapped: tuple[tuple[int, int, int], ...] = ()
+    transmission_type: int = 255
+    inhibit_time: int = 0
+    event_timer_ms: int = 0
+    is_valid: bool | None = None
+
+
+def pdo_entries(rpdos: Sequence[PdoDefault] = (), tpdos: Sequence[PdoDefault] = ()) -> list[Entry]:
+    """Give the communication and mapping records of four RPDOs and four TPDOs; those not described are empty.
+
+    Raises:
+        ValueError: More than four of a kind.
+    """
+    if max(len(rpdos), len(tpdos)) > len(RPDO_BASES):
+        raise ValueError(f"{len(rpdos)} RPDOs and {len(tpdos)} TPDOs, at most {len(RPDO_BASES)} each")
+    entries: list[Entry] = []
+    for number, (rpdo_base, tpdo_base) in enumerate(zip(RPDO_BASES, TPDO_BASES, strict=True)):
+        rpdo = rpdos[number] if number < len(rpdos) else PdoDefault()
+        tpdo = tpdos[number] if number < len(tpdos) else PdoDefault()
+        entries += _communication(RPDO_COMMUNICATION + number, "RPDO communication parameter", rpdo, rpdo_base)
+        entries += _mapping(RPDO_MAPPING + number, "RPDO mapping parameter", rpdo)
+        entries += _communication(TPDO_COMMUNICATION + number, "TPDO communication parameter", tpdo, tpdo_base)
+        entries += _transmission_times(TPDO_COMMUNICATION + number, "TPDO communication parameter", tpdo)
+        entries += _mapping(TPDO_MAPPING + number, "TPDO mapping parameter", tpdo)
+    return entries
+
+
+def _communication(index: int, name: str, pdo: PdoDefault, base: FunctionCode) -> Iterator[Entry]:
+    is_default_valid = base in RPDO_BASES[:2] + TPDO_BASES[:2]
+    is_valid = is_default_valid if pdo.is_valid is None else pdo.is_valid
+    cob_id = int(base) if is_valid else base | int(CobIdBit.INVALID)
+    yield Entry(index, 1, "COB-ID used by PDO", U32, Access.RW, cob_id, record_name=name, node_relative=True)
+    yield Entry(index, 2, "Transmission type", U8, Access.RW, pdo.transmission_type, record_name=name)
+
+
+def _transmission_times(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
+    yield Entry(index, 3, "Inhibit time", U16, Access.RW, pdo.inhibit_time, record_name=name)
+    yield Entry(index, 5, "Event timer", U16, Access.RW, pdo.event_timer_ms, record_name=name)
+
+
+def _mapping(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
+    yield Entry(index, 0, "Number of mapped objects", U8, Access.RW, len(pdo.mapped), record_name=name)
+    values = [Mapped(*place).value for place in pdo.mapped] + [0] * (MAX_MAPPED - len(pdo.mapped))
+    for position, value in enumerate(values, 1):
+        yield Entry(index, position, f"Mapped object {position}", U32, Access.RW, value, record_name=name)
+
+
+def _history() -> Iterator[Entry]:
+    name = "Pre-defined error field"
+    array = ObjectType.ARRAY
+    yield Entry(emergency.HISTORY, 0, "Number of errors", U8, Access.RW, 0, record_name=name, object_type=array)
+    yield from _array(emergency.HISTORY, name, Access.RO, HISTORY_LENGTH)
+
+
+def _array(index: int, name: str, access: Access, length: int) -> Iterator[Entry]:
+    for i in range(1, length + 1):
+        yield Entry(index, i, f"{name} {i}", U32, access, 0, record_name=name, object_type=ObjectType.ARRAY)
+
+
+def _identity(*values: int) -> Iterator[Entry]:
+    names = ("Vendor-ID", "Product code", "Revision number", "Serial number")
+    for subindex, (name, value) in enumerate(zip(names, values, strict=True), 1):
+        yield Entry(0x1018, subindex, name, U32, Access.RO, value, record_name="Identity object")
