@@ -343,7 +343,7 @@ class Drive:
     def _may_enable(self) -> bool:
         """Whether the power stage may open the brake: NMT operational, a mode, gains, and a whole interpolation period."""
         mode = self._value(Object.MODES_OF_OPERATION)
-        if self.slave.state is not NmtState.OPERATIONAL or mode not in objects.MODES:
+        if self.slave.nmt_state is not NmtState.OPERATIONAL or mode not in objects.MODES:
             return False
         ticks = self._interpolation_ticks()
         if mode == Mode.CSP and (ticks < 1.0 - 1e-9 or abs(ticks - round(ticks)) > 1e-6):

@@ -9,7 +9,7 @@ from plant_emulator.slave.objects import PdoDefault, communication_entries, pdo_
 
 VENDOR_ID = 0x48494C01
 PRODUCT_CODE = 0x00000402
-REVISION = 0x00010000
+REVISION = 0x00000001
 DEVICE_TYPE = 0x00020192
 """1000h: profile 402, servo drive."""
 

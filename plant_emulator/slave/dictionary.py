@@ -98,7 +98,8 @@ class Entry:
 
     def __post_init__(self) -> None:
         """Refuse a description that contradicts itself, and round real numbers to what their type holds."""
-        for problem in self._problems():
+        problem = self._problem()
+        if problem is not None:
             raise ValueError(f"{self}: {problem}")
         if self.data_type.is_real:
             # Else 0.1 written to a REAL32 would be above a limit of 0.1.
@@ -114,30 +115,28 @@ class Entry:
         """Name the entry for a message."""
         return f"{self.index:04X}h:{self.subindex:02X}h {self.name!r}"
 
-    def _problems(self) -> Iterator[str]:
+    def _problem(self) -> str | None:
         if not (1 <= self.index <= 0xFFFF and 0 <= self.subindex <= 0xFE):
-            yield "index or sub-index out of range"
+            return "index or sub-index out of range"
         for name in (self.name, self.record_name):
             # What an EDS, an INI file, can carry as a name.
             if name is not None and (not name.isprintable() or name != name.strip() or not name or ";" in name):
-                yield f"{name!r} cannot stand as a name in an EDS"
+                return f"{name!r} cannot stand as a name in an EDS"
         if self.mappable and self.data_type.size is None:
-            yield f"{self.data_type.name} has no fixed length and cannot be mapped"
+            return f"{self.data_type.name} has no fixed length and cannot be mapped"
         limits = [limit for limit in (self.low, self.high) if limit is not None]
         if limits and not (self.data_type.is_integer or self.data_type.is_real):
-            yield f"{self.data_type.name} has no limits"
-            return
+            return f"{self.data_type.name} has no limits"
         if self.low is not None and self.high is not None and self.low > self.high:
-            yield f"low limit {self.low} above high limit {self.high}"
+            return f"low limit {self.low} above high limit {self.high}"
         if self.node_relative and not self.data_type.is_integer:
-            yield "only a whole number can have the node-ID added"
-            return
-        for value in (self.default_for(0), self.default_for(MAX_NODE_ID), *limits):
-            try:
+            return "only a whole number can have the node-ID added"
+        try:
+            for value in (self.default_for(0), self.default_for(MAX_NODE_ID), *limits):
                 encode(self.data_type, value)
-            except ValueError as error:
-                yield str(error)
-                return
+        except ValueError as error:
+            return str(error)
+        return None
 
     def default_for(self, node_id: int) -> Value:
         """Give the default in the node of this number."""

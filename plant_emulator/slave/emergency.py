@@ -114,8 +114,9 @@ class EmergencyProducer:
         # CiA 301, 7.5.2.17: bits 0 to 29 do not change while the object exists. Only 11-bit identifiers are known here.
         old = self._dictionary.get_int(COB_ID)
         can_id = new & ~CobIdBit.INVALID
-        if can_id > CAN_SFF_MASK or is_restricted(can_id):
+        is_valid = not new & CobIdBit.INVALID
+        if can_id > CAN_SFF_MASK or (is_valid and is_restricted(can_id)):
             return SdoAbortCode.INVALID_VALUE
-        if not (old | new) & CobIdBit.INVALID and old != new:
+        if is_valid and not old & CobIdBit.INVALID and old != new:
             return SdoAbortCode.INVALID_VALUE
         return None

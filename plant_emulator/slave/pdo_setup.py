@@ -42,6 +42,11 @@ class Mapped:
         """The mapping parameter."""
         return self.index << 16 | self.subindex << 8 | self.bits
 
+    @property
+    def is_dummy(self) -> bool:
+        """Whether a data type stands in the place of an object."""
+        return self.subindex == 0 and self.index in _DUMMIES
+
 
 class PdoSetup:
     """Holds what the dictionary says about one PDO, compiled for the cycle.
@@ -183,31 +188,23 @@ class PdoSetup:
 
     def _refusal(self, mapped: Mapped) -> SdoAbortCode | None:
         """Tell why an object cannot be mapped, or None where it can."""
-        if mapped.bits % 8 or not mapped.bits:
-            # Whole bytes only; but an object that does not exist is told first.
-            return SdoAbortCode.NOT_MAPPABLE if self._exists(mapped) else SdoAbortCode.NO_OBJECT
-        if self._is_dummy(mapped):
+        is_whole = mapped.bits > 0 and mapped.bits % 8 == 0
+        if mapped.is_dummy:
+            if self._is_transmit or not is_whole:
+                return SdoAbortCode.NOT_MAPPABLE
             return None if _DUMMIES[DataType(mapped.index)] == mapped.bits else SdoAbortCode.LENGTH_MISMATCH
-        if not self._exists(mapped):
+        if (mapped.index, mapped.subindex) not in self._dictionary:
             return SdoAbortCode.NO_OBJECT
         entry = self._dictionary.cell(mapped.index, mapped.subindex).entry
-        if not (entry.is_tpdo_mappable if self._is_transmit else entry.is_rpdo_mappable):
+        if not is_whole or not (entry.is_tpdo_mappable if self._is_transmit else entry.is_rpdo_mappable):
             return SdoAbortCode.NOT_MAPPABLE
         return None if entry.data_type.size == mapped.bits // 8 else SdoAbortCode.LENGTH_MISMATCH
-
-    def _exists(self, mapped: Mapped) -> bool:
-        return (mapped.index, mapped.subindex) in self._dictionary or (
-            mapped.subindex == 0 and mapped.index in _DUMMIES
-        )
-
-    def _is_dummy(self, mapped: Mapped) -> bool:
-        return not self._is_transmit and mapped.subindex == 0 and mapped.index in _DUMMIES
 
     def _compile(self, mapped: list[Mapped]) -> None:
         layout = "<"
         cells = []
         for place in mapped:
-            if self._is_dummy(place):
+            if place.is_dummy:
                 layout += f"{place.bits // 8}x"
             else:
                 cell = self._dictionary.cell(place.index, place.subindex)

@@ -1,0 +1,133 @@
+"""The metrics: what is read off a recording, and what each number means exactly."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from hil.recording import Recording
+
+Real = NDArray[np.float64]
+
+TIP_BAND_HZ = (6.0, 25.0)
+"""Band of the tip vibration: the resonance near 12 Hz with its skirts, without the motion itself."""
+
+SPEED_LOWPASS_HZ = 20.0
+"""Corner of the low-pass, forward and backward, that makes a speed from the sampled motor angle."""
+
+WINDOWS_RPS = {2: (4.5, 7.5), 4: (2.2, 3.6)}
+"""Motor speeds in which a constant-acceleration run is judged, by the order k whose line crosses the resonance there."""
+
+LINE_WINDOW_S = (0.5, 2.0)
+"""Times after the start of the line motion in which its tip displacement is judged."""
+
+PEAK_BAND_HZ = (8.0, 16.0)
+LINE_BAND_HZ = (0.0, 50.0)
+
+
+def motor_speed_rps(recording: Recording, axis: int) -> Real:
+    """f_m in rev/s from the recorded motor angle, low-passed without phase; shape (n,)."""
+    period = recording.period_s
+    speed = np.gradient(recording.axis(axis, "position_rad"), period) / (2.0 * math.pi)
+    corner = min(SPEED_LOWPASS_HZ, 0.2 / period)
+    return np.asarray(signal.sosfiltfilt(signal.butter(2, corner, fs=1.0 / period, output="sos"), speed))
+
+
+def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, f_al_hz: float) -> Real:
+    """The paper's equivalent displacement of the tip, in mm.
+
+    The vertical acceleration, band-passed from 6 to 25 Hz (2nd-order Butterworth, forward and backward), over (2π f_al)².
+
+    Args:
+        acceleration_m_s2: Vertical tip acceleration; shape (n,).
+        period_s: Its sampling period.
+        f_al_hz: Peak frequency of |G_al|.
+    """
+    band = signal.butter(2, TIP_BAND_HZ, "bandpass", fs=1.0 / period_s, output="sos")
+    return np.asarray(1e3 * signal.sosfiltfilt(band, acceleration_m_s2) / (2.0 * math.pi * f_al_hz) ** 2)
+
+
+def speed_window(recording: Recording, axis: int, order: int) -> NDArray[np.bool_]:
+    """Rows of a constant-acceleration run in which f_m rises through the order's window; shape (n,)."""
+    low, high = WINDOWS_RPS[order]
+    speed = np.abs(motor_speed_rps(recording, axis))
+    rising = np.arange(len(speed)) < int(np.argmax(speed))
+    return np.asarray((speed >= low) & (speed <= high) & rising)
+
+
+def amplitude_spectrum(values: Real, period_s: float, window: str) -> tuple[Real, Real]:
+    """Frequencies in Hz and amplitudes, one-sided, scaled so that a sine of amplitude 1 shows 1; `hann` or `boxcar`."""
+    weights = signal.get_window(window, len(values))
+    amplitude = 2.0 * np.abs(np.fft.rfft(values * weights)) / float(np.sum(weights))
+    amplitude[0] *= 0.5
+    return np.fft.rfftfreq(len(values), period_s), amplitude
+
+
+def area(frequency_hz: Real, amplitude: Real, band_hz: tuple[float, float]) -> float:
+    """Trapezoid area of a spectrum over a band, in amplitude times Hz."""
+    inside = (frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1])
+    return float(np.trapezoid(amplitude[inside], frequency_hz[inside]))
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """What a run is judged by.
+
+    Attributes:
+        tip_peak_mm: Largest |tip displacement| in the window.
+        tip_rms_mm: Its root mean square there.
+        spectrum_peak_m_s2: Largest amplitude of the Hann spectrum from 8 to 16 Hz in the window.
+        spectrum_peak_hz: Where that is.
+        spectrum_area: Trapezoid area of the amplitude spectrum in m/s²·Hz: the Hann spectrum of the window from 6 to 25 Hz
+            (single axis), or the rectangular spectrum of the whole motion from 0 to 50 Hz (line motion).
+    """
+
+    tip_peak_mm: float
+    tip_rms_mm: float
+    spectrum_peak_m_s2: float
+    spectrum_peak_hz: float
+    spectrum_area: float
+
+
+def constant_acceleration_metrics(recording: Recording, axis: int, order: int, f_al_hz: float) -> Metrics:
+    """Metrics of a constant-acceleration run in the window of one order.
+
+    Raises:
+        ValueError: The run does not pass through the window.
+    """
+    inside = speed_window(recording, axis, order)
+    if np.count_nonzero(inside) < 16:
+        low, high = WINDOWS_RPS[order]
+        raise ValueError(f"the run has {np.count_nonzero(inside)} samples between {low} and {high} rps; at least 16 are needed")
+    acceleration, period = recording.columns["tip_z_m_s2"], recording.period_s
+    displacement = tip_displacement_mm(acceleration, period, f_al_hz)[inside]
+    frequency, amplitude = amplitude_spectrum(acceleration[inside], period, "hann")
+    peak, peak_hz = _peak(frequency, amplitude)
+    return Metrics(_largest(displacement), _rms(displacement), peak, peak_hz, area(frequency, amplitude, TIP_BAND_HZ))
+
+
+def line_motion_metrics(recording: Recording, start_s: float, duration_s: float, f_al_hz: float) -> Metrics:
+    """Metrics of a line motion that starts at `start_s` of the recording and lasts `duration_s`."""
+    acceleration, period, time = recording.columns["tip_z_m_s2"], recording.period_s, recording.time_s
+    begin, end = start_s + LINE_WINDOW_S[0], start_s + LINE_WINDOW_S[1]
+    displacement = tip_displacement_mm(acceleration, period, f_al_hz)[(time >= begin) & (time <= end)]
+    motion = acceleration[(time >= start_s) & (time <= start_s + duration_s)]
+    frequency, amplitude = amplitude_spectrum(motion, period, "boxcar")
+    peak, peak_hz = _peak(frequency, amplitude)
+    return Metrics(_largest(displacement), _rms(displacement), peak, peak_hz, area(frequency, amplitude, LINE_BAND_HZ))
+
+
+def _peak(frequency: Real, amplitude: Real) -> tuple[float, float]:
+    inside = np.flatnonzero((frequency >= PEAK_BAND_HZ[0]) & (frequency <= PEAK_BAND_HZ[1]))
+    top = inside[int(np.argmax(amplitude[inside]))]
+    return float(amplitude[top]), float(frequency[top])
+
+
+def _largest(values: Real) -> float:
+    return float(np.max(np.abs(values)))
+
+
+def _rms(values: Real) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,189 @@
+"""A CiA 402 drive as the master sees it: who it is, how it counts, and what has been changed in it."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from drive_profiles.cia301 import DataType
+from drive_profiles.cia402 import Mode, Object, State, state_of
+from drive_profiles.errors import DriveProfileError
+from drive_profiles.profile import Parameter, Profile
+from drive_profiles.units import Scaling, interpolation_period
+from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
+from hil.errors import AlreadyMovingError, NodeError, NotPossibleError, WrongIdentityError
+from hil.master.bench import Axis as AxisTable
+from hil.master.network import Network
+
+U8, U16, U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
+I8, I32 = DataType.INTEGER8, DataType.INTEGER32
+
+STANDSTILL_RPS = 0.05
+"""Below this speed an axis counts as standing."""
+
+_RESTING = {State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.FAULT}
+
+
+@dataclass
+class Snapshot:
+    """What objects held before the bench changed them, so that they can be put back."""
+
+    network: Network
+    node: int
+    _before: dict[tuple[int, int], bytes] = field(default_factory=dict)
+
+    def write(self, index: int, subindex: int, kind: DataType, value: Any, name: str = "") -> None:
+        """Write an object and read it back, keeping what it held the first time."""
+        if (index, subindex) not in self._before:
+            self._before[index, subindex] = self.network.read_raw(self.node, index, subindex, name)
+        self.network.write(self.node, index, subindex, kind, value, name)
+
+    def restore(self) -> None:
+        """Put everything back, the last change first; a PDO's COB-ID is made invalid before its mapping is touched."""
+        while self._before:
+            (index, subindex), data = self._before.popitem()
+            self.network.write_raw(self.node, index, subindex, data)
+
+
+def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> None:
+    """Ask a node who it is.
+
+    Raises:
+        NoAnswerError: It is silent.
+        WrongIdentityError: It is not what the profile (and the bench file's serial number) says.
+    """
+    expected = [
+        ("device type (1000h)", 0x1000, 0, profile.device_type),
+        ("vendor id (1018h:01h)", 0x1018, 1, profile.identity.vendor_id),
+        ("product code (1018h:02h)", 0x1018, 2, profile.identity.product_code),
+    ]
+    if serial_number is not None:
+        expected.append(("serial number (1018h:04h)", 0x1018, 4, serial_number))
+    for what, index, subindex, value in expected:
+        found = network.read(node, index, subindex, U32, what)
+        if found != value:
+            raise WrongIdentityError(node, what, value, found)
+
+
+class DriveAxis:
+    """One axis: the bench file's table, the profile of its drive, and the node behind it.
+
+    Attributes:
+        number: Axis number.
+        table: What the bench file says of it.
+        profile: The drive family.
+        scaling: How the drive counts, from its own objects.
+        snapshot: What has been changed.
+    """
+
+    def __init__(self, network: Network, number: int, table: AxisTable) -> None:
+        """Load the profile; nothing is sent."""
+        self.network = network
+        self.number = number
+        self.table = table
+        self.node = table.node_id
+        self.profile = Profile.load(table.profile)
+        if self.profile.kind != "drive":
+            raise NotPossibleError(f"axis {number}: profile {table.profile} is no drive")
+        self.snapshot = Snapshot(network, self.node)
+        self.scaling = Scaling(1, 1.0)
+
+    def identify(self) -> None:
+        """Check who it is, that it stands still and is not enabled, and how it counts.
+
+        Raises:
+            NodeError: One of these is not so; nothing has been written.
+        """
+        check_identity(self.network, self.node, self.profile, self.table.serial_number)
+        read, node = self.network.read, self.node
+        state = state_of(read(node, Object.STATUS_WORD, 0, U16, "status word"))
+        if state not in _RESTING:
+            shown = "an unknown state" if state is None else f"state {state.value!r}"
+            raise AlreadyMovingError(node, f"axis {self.number} is already in {shown}", "disable it first")
+        increments, revs = (read(node, Object.ENCODER_RESOLUTION, sub, U32) for sub in (1, 2))
+        gear_motor, gear_shaft = (read(node, Object.GEAR_RATIO, sub, U32) for sub in (1, 2))
+        rated_mnm = read(node, Object.MOTOR_RATED_TORQUE, 0, U32)
+        try:
+            self.scaling = Scaling.from_objects(increments, revs, rated_mnm, gear_motor, gear_shaft)
+        except DriveProfileError as error:
+            raise NodeError(node, f"its units make no sense: {error}") from error
+        speed = self.scaling.speed_rad_s(read(node, Object.VELOCITY_ACTUAL, 0, I32, "velocity actual value"))
+        if abs(speed) > 2.0 * math.pi * STANDSTILL_RPS:
+            raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rps", "stop it first")
+        if state is State.FAULT:
+            code = read(node, Object.ERROR_CODE, 0, U16, "error code")
+            raise NodeError(node, f"axis {self.number} is in fault, error code {code:04X}h", "reset it with --reset-faults")
+
+    def position_rad(self) -> float:
+        """The motor angle now, by SDO."""
+        return self.scaling.position_rad(self.network.read(self.node, Object.POSITION_ACTUAL, 0, I32))
+
+    # -- parameters ----------------------------------------------------------------------------------------------------
+
+    def write_parameter(self, name: str, value: float) -> None:
+        """Write a parameter of the profile in its unit, and read it back.
+
+        Raises:
+            DriveProfileError: The profile does not have it, or the object cannot hold the value.
+        """
+        parameter: Parameter = self.profile.parameter(name)
+        raw = parameter.raw(value, self.scaling)
+        self.snapshot.write(parameter.index, parameter.subindex, DataType[parameter.data_type], raw, name)
+
+    def control_period_s(self) -> float:
+        """The drive's own control period, as it states it."""
+        parameter = self.profile.parameters.get("control_period_s")
+        if parameter is None:
+            return float(self.profile.control_period_s or 0.0)
+        raw = self.network.read(self.node, parameter.index, parameter.subindex, DataType[parameter.data_type])
+        return parameter.value(raw, self.scaling)
+
+    def write_limits(self) -> None:
+        """Let the drive enforce what the bench file allows."""
+        limits, turn = self.table.limits, 2.0 * math.pi
+        self.write_parameter("torque_limit_nm", limits.torque_nm)
+        self.write_parameter("speed_limit_rad_s", limits.speed_rps * turn)
+        self.write_parameter("position_limit_min_rad", limits.position_min_rev * turn)
+        self.write_parameter("position_limit_max_rad", limits.position_max_rev * turn)
+        self.write_parameter("following_error_window_rad", limits.following_error_rev * turn)
+        self.write_parameter("following_error_timeout_s", limits.following_error_timeout_s)
+        self.write_parameter("quick_stop_deceleration_rad_s2", limits.quick_stop_rps_s * turn)
+
+    def write_gains(self) -> None:
+        """Upload the P-PI gains."""
+        for name, value in self.table.control.model_dump().items():
+            self.write_parameter(name, value)
+
+    def write_notches(self, notches: tuple[Notch, ...]) -> None:
+        """Upload the filters; those that are not given are switched off. A filter is off while its parameters change."""
+        for column in range(NOTCHES):
+            name = f"notch_{column + 1}"
+            if f"{name}.mode" not in self.profile.parameters:
+                if column < len(notches):
+                    raise NotPossibleError(f"axis {self.number}: drive family {self.profile.name} has no {name}")
+                continue
+            self.write_parameter(f"{name}.mode", NOTCH_OFF)
+            if column < len(notches):
+                values = vars(notches[column])
+                for field_name in (key for key in values if key != "mode"):
+                    self.write_parameter(f"{name}.{field_name}", values[field_name])
+                self.write_parameter(f"{name}.mode", values["mode"])
+
+    # -- cyclic operation ----------------------------------------------------------------------------------------------
+
+    def write_mode(self, mode: Mode, sync_period_s: float) -> None:
+        """Set mode of operation, interpolation period and communication cycle period."""
+        if mode not in self.profile.supported_modes:
+            raise NotPossibleError(f"axis {self.number}: drive family {self.profile.name} has no mode {mode.name}")
+        value, index = interpolation_period(sync_period_s)
+        self.snapshot.write(Object.MODES_OF_OPERATION, 0, I8, int(mode), "modes of operation")
+        self.snapshot.write(Object.INTERPOLATION_PERIOD, 1, U8, value, "interpolation time period value")
+        self.snapshot.write(Object.INTERPOLATION_PERIOD, 2, I8, index, "interpolation time index")
+        self.snapshot.write(0x1006, 0, U32, round(1e6 * sync_period_s), "communication cycle period")
+
+    def write_supervision(self, master: int, heartbeat_s: float) -> None:
+        """Let the drive watch the master's heartbeat (three times its period) and stop by itself, and send its own."""
+        consumer = master << 16 | round(3e3 * heartbeat_s)
+        self.snapshot.write(Object.ABORT_CONNECTION_OPTION, 0, DataType.INTEGER16, 3, "abort connection option code")
+        self.snapshot.write(Object.QUICK_STOP_OPTION, 0, DataType.INTEGER16, 2, "quick stop option code")
+        self.snapshot.write(0x1016, 1, U32, consumer, "consumer heartbeat time")
+        self.snapshot.write(0x1017, 0, U16, round(1e3 * heartbeat_s), "producer heartbeat time")

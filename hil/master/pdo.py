@@ -1,0 +1,106 @@
+"""Configuration of a node's PDOs over SDO, by the order that CiA 301 prescribes, and back to what it was."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from drive_profiles.cia301 import CobIdBit, DataType
+from hil.errors import SdoAbortedError
+from hil.master.network import Network
+
+U8, U32 = DataType.UNSIGNED8, DataType.UNSIGNED32
+SYNCHRONOUS = 1
+"""Transmission type: with every SYNC."""
+
+
+class MappedObject(NamedTuple):
+    """One object of a PDO."""
+
+    index: int
+    subindex: int
+    kind: DataType
+
+    @property
+    def value(self) -> int:
+        """The mapping parameter."""
+        return self.index << 16 | self.subindex << 8 | 8 * int(self.kind.size or 0)
+
+
+@dataclass(frozen=True)
+class PdoConfiguration:
+    """What a PDO's two records hold.
+
+    Attributes:
+        communication: Index of the communication record; the mapping record is 200h above it.
+        cob_id: Sub-index 1, with its flags.
+        transmission_type: Sub-index 2.
+        mapped: Mapping parameters.
+    """
+
+    communication: int
+    cob_id: int
+    transmission_type: int
+    mapped: tuple[int, ...]
+
+    def apply(self, network: Network, node: int) -> None:
+        """Write it: invalid, count 0, entries, count, type, valid (CiA 301, 7.5.2.36 and 7.5.2.38)."""
+        mapping = self.communication + 0x200
+        write = network.write
+        write(node, self.communication, 1, U32, self.cob_id | CobIdBit.INVALID, "COB-ID of a PDO")
+        write(node, mapping, 0, U8, 0, "number of mapped objects")
+        for subindex, value in enumerate(self.mapped, start=1):
+            write(node, mapping, subindex, U32, value, "mapped object")
+        write(node, mapping, 0, U8, len(self.mapped), "number of mapped objects")
+        write(node, self.communication, 2, U8, self.transmission_type, "transmission type")
+        if not self.cob_id & CobIdBit.INVALID:
+            write(node, self.communication, 1, U32, self.cob_id, "COB-ID of a PDO")
+
+
+def read_pdo(network: Network, node: int, communication: int) -> PdoConfiguration:
+    """What a PDO is set to."""
+    mapping = communication + 0x200
+    cob_id = network.read(node, communication, 1, U32, "COB-ID of a PDO")
+    kind = network.read(node, communication, 2, U8, "transmission type")
+    count = network.read(node, mapping, 0, U8, "number of mapped objects")
+    mapped = tuple(network.read(node, mapping, sub, U32, "mapped object") for sub in range(1, min(count, 8) + 1))
+    return PdoConfiguration(communication, cob_id, kind, mapped)
+
+
+class PdoSet:
+    """The PDOs that a run has changed in one node."""
+
+    def __init__(self, network: Network, node: int) -> None:
+        """Nothing is changed yet."""
+        self.network, self.node = network, node
+        self._before: list[PdoConfiguration] = []
+
+    def _take(self, communication: int) -> None:
+        self._before.append(read_pdo(self.network, self.node, communication))
+
+    def rpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
+        """Let RPDO `number` (from 1) carry these, in force with SYNC; its identifier."""
+        return self._set(0x1400 + number - 1, 0x100 + 0x100 * number + self.node, objects)
+
+    def tpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
+        """Let TPDO `number` (from 1) carry these with every SYNC; its identifier."""
+        return self._set(0x1800 + number - 1, 0x080 + 0x100 * number + self.node, objects)
+
+    def _set(self, communication: int, can_id: int, objects: tuple[MappedObject, ...]) -> int:
+        self._take(communication)
+        values = tuple(entry.value for entry in objects)
+        PdoConfiguration(communication, can_id, SYNCHRONOUS, values).apply(self.network, self.node)
+        return can_id
+
+    def silence(self, communication: int) -> None:
+        """Take a PDO off the bus if the node has it."""
+        try:
+            before = read_pdo(self.network, self.node, communication)
+        except SdoAbortedError:
+            return
+        if not before.cob_id & CobIdBit.INVALID:
+            self._before.append(before)
+            self.network.write(self.node, communication, 1, U32, before.cob_id | CobIdBit.INVALID, "COB-ID of a PDO")
+
+    def restore(self) -> None:
+        """Put back what was there."""
+        while self._before:
+            self._before.pop().apply(self.network, self.node)

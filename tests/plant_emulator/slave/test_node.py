@@ -1,0 +1,159 @@
+"""The node as a whole: its contract with the caller, and any bytes whatever."""
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from drive_profiles.cia301 import NmtState
+from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
+from plant_emulator.slave.dictionary import Dictionary
+from plant_emulator.slave.node import Slave
+from plant_emulator.slave.objects import PdoDefault, communication_entries
+from plant_emulator.slave.sdo import State
+
+MS = 1_000_000
+PDOS = {
+    "rpdos": [PdoDefault(((0x6040, 0, 16), (0x607A, 0, 32)), 1), PdoDefault(((0x2000, 0, 16), (0x2003, 1, 32)))],
+    "tpdos": [PdoDefault(((0x6041, 0, 16), (0x6064, 0, 32)), 1), PdoDefault(((0x6077, 0, 16),), 255, 10, 5)],
+}
+IDS = [0x000, 0x080, 0x205, 0x305, 0x605, 0x701, 0x702, 0x085, 0x185, 0x585, 0x705, 0x7FF]
+PLACES = [
+    0x1000,
+    0x1003,
+    0x1005,
+    0x1008,
+    0x1014,
+    0x1016,
+    0x1017,
+    0x1400,
+    0x1600,
+    0x1800,
+    0x1A00,
+    0x2000,
+    0x2001,
+    0x2004,
+]
+
+nmt_frames = st.builds(
+    lambda c, n: Frame(0, bytes((c, n))), st.sampled_from([1, 2, 128, 129, 130, 7]), st.sampled_from([0, 5, 6])
+)
+sdo_frames = st.builds(
+    lambda first, index, sub, rest: Frame(0x605, bytes((first, index & 0xFF, index >> 8, sub)) + rest),
+    st.integers(0, 255),
+    st.sampled_from(PLACES),
+    st.integers(0, 9),
+    st.binary(min_size=4, max_size=4),
+)
+any_frames = st.builds(Frame, st.sampled_from(IDS) | st.integers(0, 0xFFFFFFFF), st.binary(max_size=8))
+steps = st.lists(
+    st.tuples(nmt_frames | sdo_frames | any_frames, st.integers(0, 20 * MS) | st.just(6000 * MS)), max_size=60
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(steps)
+@example([(Frame(0x605, b"\x20\x04\x20\x00\x00\x00\x00\x00"), 0)] + [(Frame(0x605, bytes(8)), 0)] * 3)
+def test_any_frames_at_any_times_make_no_exception_and_each_sdo_request_gets_its_one_answer(make_bench, steps):
+    bench = make_bench(**PDOS)
+    for frame, pause in steps:
+        bench.now += pause
+        for sent in bench.slave.advance(bench.now):
+            assert len(sent.data) <= 8
+        hears_sdo = bench.slave.nmt_state in {NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL}
+        answers = [f for f in bench.slave.receive(frame, bench.now) if f.can_id == 0x585]
+        is_request = frame.can_id == 0x605 and len(frame.data) == 8 and frame.data[0] >> 5 != 4
+        assert len(answers) == (hears_sdo and is_request)
+        assert all(len(answer.data) == 8 for answer in answers)
+        server = bench.slave._sdo
+        assert len(server._received) <= 1024
+        assert (server.due is None) == (server.state is State.IDLE)
+        due = bench.slave.due
+        assert due is None or due > bench.now
+        assert bench.slave.take_frames() == []
+
+
+@settings(max_examples=50, deadline=None)
+@given(steps)
+def test_equal_inputs_give_equal_outputs(make_bench, steps):
+    def run():
+        bench = make_bench(**PDOS)
+        sent = []
+        for frame, pause in steps:
+            bench.now += pause
+            sent += bench.slave.receive(frame, bench.now)
+        return sent
+
+    assert run() == run()
+
+
+@pytest.mark.parametrize("flag", [CAN_EFF_FLAG, CAN_RTR_FLAG, CAN_ERR_FLAG])
+@pytest.mark.parametrize("can_id", [0x000, 0x080, 0x185, 0x605, 0x705])
+def test_extended_remote_and_error_frames_are_ignored(running, flag, can_id):
+    data = b"\x81\x00" if can_id == 0 else bytes(8)
+    assert running.send(can_id | flag, data) == []
+    assert running.slave.nmt_state is NmtState.OPERATIONAL
+
+
+def test_frames_of_other_nodes_are_ignored(running):
+    for can_id in (0x606, 0x586, 0x206, 0x186, 0x706, 0x086, 0x100):
+        assert running.send(can_id, bytes(8)) == []
+
+
+def test_time_that_goes_back_is_the_callers_mistake(bench):
+    bench.slave.advance(10)
+    for call in (
+        lambda: bench.slave.advance(9),
+        lambda: bench.slave.receive(Frame(0x80, b""), 9),
+        lambda: bench.slave.power_on(9),
+    ):
+        with pytest.raises(ValueError, match="time went back"):
+            call()
+    assert bench.slave.advance(10) == []
+
+
+@pytest.mark.parametrize("node_id", [0, 128, -1])
+def test_a_node_id_out_of_range_is_refused(make_entries, node_id):
+    with pytest.raises(ValueError, match="1 to 127"):
+        Slave(node_id, Dictionary(make_entries()))
+
+
+def test_a_dictionary_without_the_communication_entries_is_refused():
+    entries = communication_entries(device_type=0, name="x")
+    with pytest.raises(KeyError, match="1014h"):
+        Slave(1, Dictionary([entry for entry in entries if entry.index != 0x1014]))
+
+
+def test_a_node_without_pdos_is_a_node(make_bench):
+    bench = make_bench(entries=communication_entries(device_type=0x194, name="Sensor"))
+    assert bench.start() == []
+    assert bench.sync() == []
+    assert bench.read(0x1000) == b"\x94\x01\x00\x00"
+    assert bench.read(0x1008) == b"Sensor"
+
+
+@pytest.mark.parametrize("node_id", [1, 5, 127])
+def test_the_identifiers_follow_the_node_id(make_bench, synchronous, node_id):
+    bench = make_bench(node_id=node_id, **synchronous)
+    assert bench.boot == [(0x700 + node_id, b"\x00")]
+    bench.nmt(1, node_id)
+    assert [frame.can_id for frame in bench.sync()] == [0x180 + node_id]
+    bench.slave.raise_emergency("x", 0x1000)
+    assert [frame.can_id for frame in bench.slave.take_frames()] == [0x080 + node_id]
+
+
+def test_a_new_power_on_begins_anew(running):
+    running.write_value(0x2000, 0, 77)
+    running.slave.raise_emergency("x", 0x1000)
+    running.now = 10 * MS
+    assert running.slave.power_on(running.now) == [(0x705, b"\x00")]
+    assert running.slave.nmt_state is NmtState.PRE_OPERATIONAL
+    assert running.dictionary.get(0x2000) == 10
+    assert running.slave.emergency_causes == ()
+
+
+def test_the_bounds_of_the_sdo_server_are_the_owners(make_bench):
+    bench = make_bench(slave={"sdo_max_bytes": 10, "sdo_timeout_ns": 7 * MS})
+    assert bench.write(0x2004, 0, bytes(10)) is None
+    assert bench.write(0x2004, 0, bytes(11)).name == "OUT_OF_MEMORY"
+    bench.request(0x40, 0x08, 0x10, 0)
+    assert [(time, frame.data[:1]) for time, frame in bench.wait(10)] == [(7 * MS, b"\x80")]
