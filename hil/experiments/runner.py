@@ -1,0 +1,131 @@
+"""Runs experiments on a bench and keeps what they give: recordings, the bus log, `result.json` and the report."""
+
+import datetime
+import json
+import os
+import platform
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from hil.can.address import parse_address
+from hil.can.channel import Channel, open_channel
+from hil.errors import SafetyStopError
+from hil.experiments.plan import Experiment, claims, comparisons, entries
+from hil.master.bench import Bench
+from hil.master.session import Session
+from hil.recording import BusLog
+
+SCHEMA = 1
+
+
+class Outcome:
+    """What a bench session gave.
+
+    Attributes:
+        result: What `result.json` holds.
+        stopped: The stop that ended it early, or None.
+        failed_claims: Claims that do not hold.
+    """
+
+    def __init__(self, result: dict[str, Any], stopped: SafetyStopError | None) -> None:
+        """Keep both."""
+        self.result, self.stopped = result, stopped
+        self.failed_claims = [claim for claim in result["paper"] if not claim["holds"]]
+
+
+def run_experiments(
+    bench: Bench,
+    experiments: list[Experiment],
+    out: Path,
+    *,
+    reset_faults: bool = False,
+    announce: Callable[[Experiment], None] = lambda experiment: None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Outcome:
+    """Run experiments one after the other on one bus.
+
+    `out/runs/*.csv`, `out/bus.log` and `out/result.json` are written whatever happens once the nodes have been found: a run
+    that is stopped keeps what it recorded, and ends the session.
+
+    Args:
+        bench: The bench file.
+        experiments: In their order.
+        out: Directory for what is kept; made if it is not there.
+        reset_faults: Reset drives that are in fault before anything else.
+        announce: Called before each run.
+        progress: Called with the share of the present run.
+
+    Raises:
+        HilError: Nodes, limits or set-up do not allow a run; all that was changed has been put back.
+        ChannelError: The bus is not there, or was lost before anything was enabled.
+    """
+    motions = [(experiment, experiment.motion(bench)) for experiment in experiments]
+    address = parse_address(bench.bus.address)
+    channel = open_channel(address)
+    runs: list[dict[str, Any]] = []
+    stopped: SafetyStopError | None = None
+    started = datetime.datetime.now(datetime.UTC)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        log = BusLog(out / "bus.log", _log_channel(channel))
+        with Session(bench, channel, log, progress) as session:
+            session.bring_up(reset_faults=reset_faults)
+            for experiment, motion in motions:
+                announce(experiment)
+                session.check_interrupt()
+                result = session.run(motion, experiment.compensation, experiment.loop)
+                path = out / "runs" / experiment.file_name
+                result.recording.save(path)
+                runs += entries(bench, experiment, result, path.relative_to(out).as_posix())
+                if result.stopped is not None:
+                    stopped = result.stopped
+                    break
+    except SafetyStopError as stop:
+        stopped = stop
+    finally:
+        channel.close()
+    compared = comparisons(runs)
+    result = {
+        "schema": SCHEMA,
+        "bench": _bench(bench, started, lock_step=channel.is_lock_step),
+        "runs": runs,
+        "comparisons": compared,
+        "paper": claims(bench, runs, compared) if stopped is None else [],
+    }
+    if stopped is not None:
+        result["stopped"] = str(stopped)
+    write_json(out / "result.json", result)
+    return Outcome(result, stopped)
+
+
+def _log_channel(channel: Channel) -> str:
+    return channel.address.channel if channel.address.interface == "socketcan" else channel.address.interface
+
+
+def _bench(bench: Bench, started: datetime.datetime, *, lock_step: bool) -> dict[str, Any]:
+    versions = {"python": platform.python_version()}
+    for package in ("hil-bench", "python-can", "canopen", "numpy", "scipy", "numba"):
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return {
+        "name": bench.name,
+        "bus": bench.bus.address,
+        "clock": "lock-step" if lock_step else "wall",
+        "started_utc": started.isoformat(timespec="seconds"),
+        "versions": versions,
+        "file": bench.model_dump(mode="json"),
+    }
+
+
+def write_json(path: Path, value: dict[str, Any]) -> None:
+    """Write a JSON file whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_text(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(temporary, path)
+
+
