@@ -18,7 +18,7 @@ SPEED_LOWPASS_HZ = 20.0
 """Corner of the low-pass, forward and backward, that makes a speed from the sampled motor angle."""
 
 WINDOWS_RPS = {2: (4.5, 7.5), 4: (2.2, 3.6)}
-"""Motor speeds in which a constant-acceleration run is judged, by the order k whose line crosses the resonance there."""
+"""Motor speeds in which a constant-acceleration run is judged, by the order k that crosses the resonance there."""
 
 LINE_WINDOW_S = (0.5, 2.0)
 """Times after the start of the line motion in which its tip displacement is judged."""
@@ -38,7 +38,8 @@ def motor_speed_rps(recording: Recording, axis: int) -> Real:
 def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, f_al_hz: float) -> Real:
     """The paper's equivalent displacement of the tip, in mm.
 
-    The vertical acceleration, band-passed from 6 to 25 Hz (2nd-order Butterworth, forward and backward), over (2π f_al)².
+    The vertical acceleration, band-passed from 6 to 25 Hz (2nd-order Butterworth, forward and backward),
+    over (2π f_al)².
 
     Args:
         acceleration_m_s2: Vertical tip acceleration; shape (n,).
@@ -60,9 +61,11 @@ def speed_window(recording: Recording, axis: int, order: int) -> NDArray[np.bool
 def amplitude_spectrum(values: Real, period_s: float, window: str) -> tuple[Real, Real]:
     """Frequencies in Hz and amplitudes, one-sided, scaled so that a sine of amplitude 1 shows 1; `hann` or `boxcar`."""
     weights = signal.get_window(window, len(values))
-    amplitude = 2.0 * np.abs(np.fft.rfft(values * weights)) / float(np.sum(weights))
+    amplitude = np.asarray(2.0 * np.abs(np.fft.rfft(values * weights)) / float(np.sum(weights)), dtype=np.float64)
     amplitude[0] *= 0.5
-    return np.fft.rfftfreq(len(values), period_s), amplitude
+    if len(values) % 2 == 0:
+        amplitude[-1] *= 0.5  # Nyquist's line, like the mean, has no mirror image
+    return np.asarray(np.fft.rfftfreq(len(values), period_s), dtype=np.float64), amplitude
 
 
 def area(frequency_hz: Real, amplitude: Real, band_hz: tuple[float, float]) -> float:
@@ -80,8 +83,8 @@ class Metrics:
         tip_rms_mm: Its root mean square there.
         spectrum_peak_m_s2: Largest amplitude of the Hann spectrum from 8 to 16 Hz in the window.
         spectrum_peak_hz: Where that is.
-        spectrum_area: Trapezoid area of the amplitude spectrum in m/s²·Hz: the Hann spectrum of the window from 6 to 25 Hz
-            (single axis), or the rectangular spectrum of the whole motion from 0 to 50 Hz (line motion).
+        spectrum_area: Trapezoid area of the amplitude spectrum in m/s²·Hz: the Hann spectrum of the window from 6 to
+            25 Hz (single axis), or the rectangular spectrum of the whole motion from 0 to 50 Hz (line motion).
     """
 
     tip_peak_mm: float
@@ -98,9 +101,10 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, f
         ValueError: The run does not pass through the window.
     """
     inside = speed_window(recording, axis, order)
-    if np.count_nonzero(inside) < 16:
+    samples = np.count_nonzero(inside)
+    if samples < 16:
         low, high = WINDOWS_RPS[order]
-        raise ValueError(f"the run has {np.count_nonzero(inside)} samples between {low} and {high} rps; at least 16 are needed")
+        raise ValueError(f"the run has {samples} samples between {low} and {high} rps; at least 16 are needed")
     acceleration, period = recording.columns["tip_z_m_s2"], recording.period_s
     displacement = tip_displacement_mm(acceleration, period, f_al_hz)[inside]
     frequency, amplitude = amplitude_spectrum(acceleration[inside], period, "hann")

@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -29,7 +29,7 @@ def _fail(message: str, code: int) -> typer.Exit:
 @app.command()
 def serve(
     robot: RobotOption = "reference",
-    bus: Annotated[str, typer.Option("--bus", help="Where to serve: local:PATH of a Unix socket.")] = "local:/tmp/robot.sock",  # noqa: S108
+    bus: Annotated[str, typer.Option("--bus", help="Where to serve: local:PATH of a Unix socket.")] = "local:/tmp/robot.sock",
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all noise instead of the file's.")] = None,
     stream: Annotated[bool, typer.Option("--stream", help="Use a stream socket although the system has seqpacket.")] = False,
     until_stdin_closes: Annotated[
@@ -109,7 +109,8 @@ def simulate(
         raise _fail(f"{robot}: axis.{error.args[0]}: no control table; a simulation needs the gains", EXIT_FILE) from None
     except ValueError as error:
         raise _fail(str(error), EXIT_USAGE) from None
-    names, columns = ["time_s"], [result.time_s]
+    names: list[str] = ["time_s"]
+    columns: list[Any] = [result.time_s]
     for column, number in enumerate(result.axes):
         for name, values in (
             ("reference_counts", result.reference_counts),

@@ -64,7 +64,7 @@ class NotchTable(Table):
 
 
 class Axis(Table):
-    """One axis: motor, gearing, arm, encoder; the keys of the reference robot, and options that are off unless given."""
+    """One axis: motor, gearing, arm, encoder; the reference robot's keys, and options that are off unless given."""
 
     node_id: Annotated[int, Field(ge=1, le=127)] | None = None
     reduction_ratio: Positive
@@ -211,8 +211,8 @@ class Robot(Table):
     def home_angle(self, number: int) -> float:
         """q₀ of one axis in rad, so that gravity's moment is m g l cos(θ_l + q₀).
 
-        Axes 3 and 5 lift their links: q₀ is the link's angle above the horizontal at home. Axis 2 leans its link forwards from
-        the vertical, and its weight pulls it on: q₀ is the lean at home plus 90°.
+        Axes 3 and 5 lift their links: q₀ is the link's angle above the horizontal at home. Axis 2 leans its link
+        forwards from the vertical, and its weight pulls it on: q₀ is the lean at home plus 90°.
         """
         axis = self.axis[number]
         if axis.home_deg is not None:

@@ -1,7 +1,9 @@
-"""The experiments without CAN: the same axes, law and set-points in one process, as a reference for what went over the bus."""
+"""The experiments without CAN: the same axes, law and set-points in one process, to hold a run over the bus against."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +43,7 @@ class Simulation:
 
 
 def references(robot: Robot, axis: int | None, sync_period_s: float) -> tuple[tuple[int, ...], Real, Real]:
-    """Axes, times and motor angles (n, axes) of the constant-acceleration motion of one axis, or of the line motion (None).
+    """Axes, times and motor angles (n, axes) of the constant-acceleration motion of one axis, or of the line (None).
 
     Raises:
         ValueError: The robot file lacks the motion, or the axis.
@@ -65,8 +67,8 @@ def simulate(
     robot: Robot,
     axis: int | None,
     *,
-    controls: dict[int, Control],
-    notches: dict[int, tuple[NotchTable, ...]],
+    controls: Mapping[int, Control],
+    notches: Mapping[int, tuple[NotchTable, ...]],
     sync_period_s: float = 0.002,
     settle_s: float = 0.5,
 ) -> Simulation:
@@ -106,7 +108,8 @@ def simulate(
             axes.set_point(row, 0)
         axes.advance(ticks)
     count = len(times)
-    position, arm, torque, tip = np.zeros_like(targets), np.zeros(angles.shape), np.zeros(angles.shape), np.zeros((count, 3))
+    position, tip = np.zeros_like(targets), np.zeros((count, 3))
+    arm, torque = np.zeros(angles.shape), np.zeros(angles.shape)
     for i in range(count):
         tip[i] = axes.tip_acceleration()
         for column, row in enumerate(rows):
@@ -120,7 +123,5 @@ def simulate(
 
 def _as_uploaded(notch: Notch) -> Notch:
     """The filter that a drive holds after the parameters have crossed the bus as REAL32."""
-    values = {
-        name: real32(value) if isinstance(value, float) else value for name, value in vars(notch).items()
-    }
-    return Notch(**values)
+    singles: dict[str, Any] = {name: real32(value) for name, value in vars(notch).items() if isinstance(value, float)}
+    return replace(notch, **singles)

@@ -17,6 +17,8 @@ Waking a sleeping process costs tens of microseconds, more than all the packing 
 sooner than that.
 """
 
+# <linux/can/raw.h>; the socket module does not give the error filter everywhere
+_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER = 101, 2
 _ERROR_CLASSES = 0x1FFF_FFFF
 _SENSIBLE_SEND_S = 1.0
 
@@ -56,7 +58,7 @@ def _bind_can(address: Address) -> socket.socket:
     except OSError as error:
         raise BusUnavailableError(address, f"no SocketCAN in this kernel ({error.strerror})") from error
     try:
-        sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_ERR_FILTER, _ERROR_CLASSES)
+        sock.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ERROR_CLASSES)
         sock.bind((address.channel,))
     except OSError as error:
         sock.close()

@@ -38,14 +38,14 @@ NOTCH_STATE = np.dtype([
     ("frequency_hz", np.float64),
     ("zeta_rd", np.float64),
 ])  # fmt: skip
-"""What persists: the two delays (transposed direct form II), the low-passed speed f_m and torque, what the filter does."""
+"""What persists: two delays (transposed direct form II), the low-passed speed f_m and torque, what the filter does."""
 
 START_LOWPASS_HZ = 20.0
 """Corner of the low-pass that gives the torque on which a filter starts.
 
-A coarse encoder makes the torque command noisy. Started on one noisy sample the filter takes that sample's error for a step:
-0.013 mm at the tip with 13 bits and no transmission error at all, 0.003 mm from the low-passed torque (corners from 10 to
-50 Hz do equally well; below 5 Hz the lag of the mean shows, 0.005 mm and more).
+A coarse encoder makes the torque command noisy. Started on one noisy sample the filter takes that sample's error for a
+step: 0.013 mm at the tip with 13 bits and no transmission error at all, 0.003 mm from the low-passed torque (corners
+from 10 to 50 Hz do equally well; below 5 Hz the lag of the mean shows, 0.005 mm and more).
 """
 
 
@@ -94,6 +94,9 @@ class Notch:
         for name in ("offset_hz", "hysteresis_rps"):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"notch {name} = {getattr(self, name)} must not be below 0")
+        # at f_m = 0 the filter's gain (ω_rd/ω_rn)² has no bound: it must be out before the motor stands
+        if not self.hysteresis_rps < self.start_rps:
+            raise ValueError(f"notch hysteresis_rps = {self.hysteresis_rps} must be below start_rps = {self.start_rps}")
 
     def write(self, row: NDArray[Any]) -> None:
         """Put the parameters into one record of a `NOTCH_CONFIG` array."""
@@ -140,12 +143,12 @@ def notch_coefficients(
 
 @compiled
 def notch_weight(mode: int, speed_rps: float, start_rps: float, end_rps: float, ramp_rps: float) -> float:
-    """How far the filter is on at a speed, 0 … 1: 1 where it switches, the trapezoid's height where it rises and falls."""
+    """How far the filter is on at a speed: 1 where it switches, the trapezoid's height, 0 … 1, where it has slopes."""
     if mode != NOTCH_TRAPEZOID:
         return 1.0
     rise = (speed_rps - start_rps) / ramp_rps
     fall = (end_rps - speed_rps) / ramp_rps
-    return max(0.0, min(1.0, min(rise, fall)))
+    return max(0.0, min(1.0, rise, fall))
 
 
 @compiled
@@ -159,12 +162,13 @@ def lowpass_blend(corner_hz: float, period_s: float) -> float:
 def notch_step(config: Any, state: Any, row: int, column: int, period_s: float, speed_rad_s: float, u: float) -> float:
     """One sample of the filter: follow the speed, switch with hysteresis, filter the torque command.
 
-    f_m = |θ̇_m| / 2π behind a first-order low-pass; ω_rn = 2π k f_m; ω_rd = ω_rn + w ω_d and ζ_rd = ζ_rn + w (ζ_rdth − ζ_rn)
-    with the weight w of `notch_weight` (at w = 0 poles and zeros are equal: no filter, hence no step at the trapezoid's feet).
+    f_m = |θ̇_m| / 2π behind a first-order low-pass; ω_rn = 2π k f_m; ω_rd = ω_rn + w ω_d and
+    ζ_rd = ζ_rn + w (ζ_rdth − ζ_rn) with the weight w of `notch_weight` (at w = 0 poles and zeros are equal: no filter,
+    hence no step at the trapezoid's feet).
 
-    The filter runs in transposed direct form II and starts DC-consistent, s₂ = (b₂ − a₂) ū, s₁ = (b₁ − a₁) ū + s₂: as if the
-    low-passed torque ū had stood there for ever. Its high-frequency gain is (ω_rd/ω_rn)² > 1, so any other start would kick
-    the arm.
+    The filter runs in transposed direct form II and starts DC-consistent, s₂ = (b₂ − a₂) ū, s₁ = (b₁ − a₁) ū + s₂: as
+    if the low-passed torque ū had stood there for ever. Its high-frequency gain is (ω_rd/ω_rn)² > 1, so any other start
+    would kick the arm.
 
     Args:
         config: `NOTCH_CONFIG` array, shape (n_axes, NOTCHES).
@@ -199,4 +203,4 @@ def notch_step(config: Any, state: Any, row: int, column: int, period_s: float, 
     y = b0 * u + s.s1
     s.s1 = b1 * u - a1 * y + s.s2
     s.s2 = b2 * u - a2 * y
-    return y
+    return float(y)

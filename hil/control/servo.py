@@ -1,5 +1,6 @@
-"""The servo law, whole: P-PI, the notches on the torque command, torque limit and anti-windup. Host and drive run this."""
+"""The servo law, whole: P-PI, notches on the torque command, torque limit and anti-windup. Host and drive run this."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,8 +35,8 @@ def servo_step(
 ) -> float:
     """One sample of the law of one axis: τ = F_n(s) u + τ_offset, limited to ±τ_max.
 
-    F_n stands on the torque command, behind the PI: that is where it opens the loop at the anti-resonance and lets the motor
-    give way to the transmission error. No allocation; all state is in the arrays.
+    F_n stands on the torque command, behind the PI: that is where it opens the loop at the anti-resonance and lets the
+    motor give way to the transmission error. No allocation; all state is in the arrays.
 
     Args:
         cascade_config: `CASCADE_CONFIG` array, shape (n_axes,).
@@ -106,6 +107,9 @@ class Servo:
         """Take over at this angle and speed while this torque acts, without a bump."""
         cascade_start(self._cascade_state, 0, motor_angle, speed_rad_s, torque_nm)
         self.notch_state[:] = 0
+        # a filter that acts at this speed starts at once, on this torque
+        self.notch_state["speed_rps"] = abs(speed_rad_s) / (2.0 * math.pi)
+        self.notch_state["mean_nm"] = torque_nm
 
     def step(
         self, position: float, motor_angle: float, velocity_offset: float = 0.0, torque_offset: float = 0.0

@@ -20,7 +20,7 @@ class UnreachableError(ValueError):
 
 def sample_times(duration_s: float, period_s: float) -> Array:
     """0, T, 2T … up to the first instant at or after the duration; shape (n,)."""
-    return np.arange(math.ceil(round(duration_s / period_s, 9)) + 1) * period_s
+    return np.arange(math.ceil(round(duration_s / period_s, 9)) + 1, dtype=np.float64) * period_s
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ class Smooth:
 class PlanarChain:
     """The arm in its vertical plane: axes 2, 3 and 5 with the tool pointing down; lengths in m.
 
-    Joint angles in rad, counted as industrial arms do: q₂ leans the upper arm forwards from the vertical, q₃ and q₅ lift
-    forearm and tool against the link before them. With the links' angles above the horizontal
+    Joint angles in rad, counted as industrial arms do: q₂ leans the upper arm forwards from the vertical, q₃ and q₅
+    lift forearm and tool against the link before them. With the links' angles above the horizontal
 
         α₂ = π/2 − q₂,  α₃ = α₂ + q₃,  α₅ = α₃ + q₅
         x = d + L cos α₂ + a cos α₃ − b sin α₃ + t cos α₅
@@ -144,11 +144,12 @@ class PlanarChain:
         along, across = self.forearm_m
         upper, fore, bend = self.upper_arm_m, math.hypot(along, across), math.atan2(across, along)
         distance = np.hypot(x, z)
-        outside = (distance > upper + fore) | (distance < abs(upper - fore))
-        if np.any(outside):
-            x_bad, z_bad = tip.reshape(-1, 2)[int(np.argmax(outside.reshape(-1)))]
+        inside = (distance <= upper + fore) & (distance >= abs(upper - fore)) & (distance > 0.0)
+        if not np.all(inside):  # NaN is not inside either
+            x_bad, z_bad = tip.reshape(-1, 2)[int(np.argmin(inside.reshape(-1)))]
             raise UnreachableError(float(x_bad), float(z_bad), upper + fore)
-        first = np.arctan2(z, x) + np.arccos((upper**2 + distance**2 - fore**2) / (2.0 * upper * distance))
+        cosine = (upper**2 + distance**2 - fore**2) / (2.0 * upper * distance)
+        first = np.arctan2(z, x) + np.arccos(np.clip(cosine, -1.0, 1.0))  # at full stretch rounding leads beyond 1
         forearm = np.arctan2(z - upper * np.sin(first), x - upper * np.cos(first)) - bend
         return np.stack([0.5 * math.pi - first, forearm - first, -0.5 * math.pi - forearm], axis=-1)
 

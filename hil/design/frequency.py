@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from hil.control.notch import NOTCH_OFF, Notch, notch_coefficients, notch_weight
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+AnyComplex = NDArray[np.complexfloating[Any, Any]]
 
 ARCSEC = math.pi / 180.0 / 3600.0
 
@@ -38,7 +40,7 @@ class TwoInertia:
     gear_stiffness_nm_rad: float
     gear_damping_nm_s_rad: float
 
-    def terms(self, s: Complex) -> tuple[Complex, Complex, Complex]:
+    def terms(self, s: AnyComplex) -> tuple[AnyComplex, AnyComplex, AnyComplex]:
         """A = J_m s² + D_m s, B = J_l s² + D_l s and c = D_g s + K_g."""
         motor = self.motor_inertia_kg_m2 * s**2 + self.motor_damping_nm_s_rad * s
         arm = self.arm_inertia_kg_m2 * s**2 + self.arm_damping_nm_s_rad * s
@@ -114,7 +116,7 @@ class Loop:
         response = np.ones_like(z)
         for b0, b1, b2, a1, a2 in self.filters(speed_rps):
             response = response * (b0 + b1 * z + b2 * z**2) / (1.0 + a1 * z + a2 * z**2)
-        return response
+        return np.asarray(response)
 
     def controller(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
         """C(jω) = −τ/θ_m as the plant feels it: the bilinear law, its hold (1 − e^{−jωT})/(jωT) and its delay."""
@@ -162,8 +164,8 @@ class Loop:
     def closed_loop_poles(self, speed_rps: float = 0.0) -> Complex:
         """Poles in z of the loop with the filters frozen at a motor speed; stable where all lie inside the unit circle.
 
-        The plant is discretised exactly (zero-order hold); the law's blocks are kept apart as state-space blocks, since the
-        expanded polynomial has a dozen roots near z = 1 and loses its digits there.
+        The plant is discretised exactly (zero-order hold); the law's blocks are kept apart as state-space blocks, since
+        the expanded polynomial has a dozen roots near z = 1 and loses its digits there.
         """
         a, b = self.plant.state_space()
         augmented = np.zeros((5, 5))
@@ -224,8 +226,9 @@ class Margins:
 
     Attributes:
         sensitivity_peak: M_s = max |1/(1 + L)|.
-        gain_margin_db: Smallest distance of |L| from 0 dB where the phase crosses −180°, above it; inf where it never does.
-        phase_margin_deg: Smallest phase above −180° where |L| crosses 1.
+        gain_margin_db: Smallest distance of |L| from 0 dB, up or down, where the phase crosses −180°; inf where it
+            never does.
+        phase_margin_deg: Smallest distance of the phase from −180°, either way, where |L| crosses 1.
         stable: All closed-loop poles inside the unit circle.
         pole_radius: The largest |z|.
     """
@@ -240,7 +243,8 @@ class Margins:
 def margins(loop: Loop, speed_rps: float = 0.0, points: int = 4000) -> Margins:
     """Margins of the loop with its filters frozen at a motor speed, at the loop's own sampling time and delay."""
     grid = np.geomspace(0.5, 0.49 / loop.period_s, points)
-    extra = [np.linspace(0.9 * n.order * speed_rps, 1.15 * n.order * speed_rps, 801) for n in loop.notches if speed_rps > 0]
+    lines = [notch.order * speed_rps for notch in loop.notches if speed_rps > 0.0]
+    extra = [np.linspace(0.9 * line, 1.15 * line, 801) for line in lines]
     frequency = np.unique(np.concatenate([grid, *extra]))
     response = loop.open_loop(frequency, speed_rps)
     gain, phase = np.abs(response), np.unwrap(np.angle(response))

@@ -1,4 +1,4 @@
-"""What is run, and what comes of it: experiments, their metrics, comparisons and the paper's claims, as `result.json` holds them."""
+"""What is run and what comes of it: experiments, metrics, comparisons and the paper's claims, as `result.json` holds them."""
 
 import math
 from dataclasses import dataclass
@@ -122,15 +122,17 @@ def comparisons(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
         if run["compensation"] != "none" or run["order"] == 4 or run["tip_peak_mm"] is None:
             continue
         key = {name: run[name] for name in ("experiment", "axis", "loop", "order")}
-        for other in runs:
-            if other["compensation"] == "notch" and other["tip_peak_mm"] is not None and key.items() <= other.items():
-                found.append({
-                    "experiment": run["experiment"],
-                    "axis": run["axis"],
-                    "loop": run["loop"],
-                    "tip_peak_reduction_pct": _reduction(run, other, "tip_peak_mm"),
-                    "spectrum_area_reduction_pct": _reduction(run, other, "spectrum_area"),
-                })  # fmt: skip
+        found += [
+            {
+                "experiment": run["experiment"],
+                "axis": run["axis"],
+                "loop": run["loop"],
+                "tip_peak_reduction_pct": _reduction(run, other, "tip_peak_mm"),
+                "spectrum_area_reduction_pct": _reduction(run, other, "spectrum_area"),
+            }
+            for other in runs
+            if other["compensation"] == "notch" and other["tip_peak_mm"] is not None and key.items() <= other.items()
+        ]
     return found
 
 
@@ -160,9 +162,9 @@ def _design_claims(bench: Bench) -> list[dict[str, Any]]:
     """Section 3.1, Table 1, section 4.2: computed from the bench file's model, as the paper computed them."""
     found = []
     for axis, (f_al, f_m2, f_m4) in TABLE_1.items():
-        loop = bench.axis[axis].loop(250e-6) if axis in bench.axis else None
-        table = bench.axis[axis] if axis in bench.axis else None
-        if loop is None or table is None or table.model is None:
+        table = bench.axis.get(axis)
+        loop = None if table is None else table.loop(250e-6)
+        if loop is None or table is None:
             continue
         plant, peak = loop.plant, loop.peak_hz()
         anti, resonance = plant.antiresonance_hz, plant.resonance_hz

@@ -87,7 +87,7 @@ def run_experiments(
     finally:
         channel.close()
     compared = comparisons(runs)
-    result = {
+    kept: dict[str, Any] = {
         "schema": SCHEMA,
         "bench": _bench(bench, started, lock_step=channel.is_lock_step),
         "runs": runs,
@@ -95,9 +95,9 @@ def run_experiments(
         "paper": claims(bench, runs, compared) if stopped is None else [],
     }
     if stopped is not None:
-        result["stopped"] = str(stopped)
-    write_json(out / "result.json", result)
-    return Outcome(result, stopped)
+        kept["stopped"] = str(stopped)
+    write_json(out / "result.json", kept)
+    return Outcome(kept, stopped)
 
 
 def _log_channel(channel: Channel) -> str:

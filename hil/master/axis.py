@@ -130,12 +130,13 @@ class DriveAxis:
         self.snapshot.write(parameter.index, parameter.subindex, DataType[parameter.data_type], raw, name)
 
     def control_period_s(self) -> float:
-        """The drive's own control period, as it states it."""
+        """The drive's own control period, as it states it; the profile's word where it has no object for it."""
         parameter = self.profile.parameters.get("control_period_s")
         if parameter is None:
-            return float(self.profile.control_period_s or 0.0)
-        raw = self.network.read(self.node, parameter.index, parameter.subindex, DataType[parameter.data_type])
-        return parameter.value(raw, self.scaling)
+            return self.profile.control_period_s or 0.0
+        kind = DataType[parameter.data_type]
+        raw: int = self.network.read(self.node, parameter.index, parameter.subindex, kind, "control period")
+        return float(parameter.value(raw, self.scaling))
 
     def write_limits(self) -> None:
         """Let the drive enforce what the bench file allows."""

@@ -126,8 +126,8 @@ class CyclicPlan:
         for slot in self.slots:
             pdos = PdoSet(self.network, slot.axis.node)
             self._sets.append(pdos)
-            slot._command_id = pdos.rpdo(1, command)  # noqa: SLF001 - the plan fills its slots
-            slot._packer = _POSITION_COMMAND if is_position else _TORQUE_COMMAND  # noqa: SLF001
+            slot._command_id = pdos.rpdo(1, command)
+            slot._packer = _POSITION_COMMAND if is_position else _TORQUE_COMMAND
             slot.feedback_id = pdos.tpdo(1, feedback)
             expected.add(slot.feedback_id)
             self._by_id[slot.feedback_id] = slot
@@ -166,7 +166,7 @@ class CyclicPlan:
             scales.add(10.0 ** -self.network.read(node, DIGITS_OBJECT, sub, U8, "decimal digits"))
         if len(scales) != 1:
             raise NodeError(node, f"its channels count differently: {sorted(scales)} m/s² per step")
-        return scales.pop()
+        return float(scales.pop())
 
     def restore(self) -> None:
         """Give the nodes their PDOs back."""

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import canopen
-from canopen.sdo import SdoAbortedError as CanopenAbort
-from canopen.sdo import SdoClient, SdoCommunicationError
+from canopen.sdo.client import SdoClient
+from canopen.sdo.exceptions import SdoAbortedError as CanopenAbort
+from canopen.sdo.exceptions import SdoCommunicationError
 
 from drive_profiles.cia301 import DataType, FunctionCode, NmtCommand, decode, encode
 from hil.can.channel import Channel
@@ -41,17 +42,17 @@ class Emergency:
         return f"node {self.node} reports emergency {self.code:04X}h (error register {self.register:02X}h)"
 
 
-class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
+class _PumpedSdoClient(SdoClient):
     """canopen's SDO client, fed by the caller's own thread: while it waits for an answer, it reads the channel."""
 
     def __init__(self, network: "Network", node: int) -> None:
-        super().__init__(FunctionCode.SDO_REQUEST + node, FunctionCode.SDO_RESPONSE + node, canopen.ObjectDictionary())
+        super().__init__(FunctionCode.SDO_REQUEST + node, FunctionCode.SDO_RESPONSE + node, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         self.network = network.canopen
         self._pump = network.pump_until
         self._timeout_s = network.timeout_s
         self._answers: deque[bytes] = deque(maxlen=MAX_EVENTS)
 
-    def on_response(self, can_id: int, data: bytes, timestamp: float) -> None:
+    def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Keep an answer of the right length; others are no SDO."""
         if len(data) == 8:
             self._answers.append(bytes(data))
@@ -59,11 +60,11 @@ class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
     def request_response(self, sdo_request: bytes) -> bytes:
         """Send a request once and wait for its answer. What is left from before belongs to nobody."""
         self._answers.clear()
-        self.send_request(sdo_request)
+        self.send_request(sdo_request)  # type: ignore[no-untyped-call]
         try:
             return self.read_response()
         except SdoCommunicationError:
-            self.abort(0x0504_0000)
+            self.abort(0x0504_0000)  # type: ignore[no-untyped-call]
             raise
 
     def read_response(self) -> bytes:
@@ -188,7 +189,7 @@ class Network:
             NoAnswerError: It is silent.
         """
         try:
-            with self._client(node).open(index, subindex, buffering=0) as stream:
+            with self._client(node).open(index, subindex, buffering=0) as stream:  # type: ignore[no-untyped-call]
                 return bytes(stream.read())
         except CanopenAbort as error:
             raise SdoAbortedError(node, index, subindex, error.code, name) from error

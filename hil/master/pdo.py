@@ -1,7 +1,7 @@
 """Configuration of a node's PDOs over SDO, by the order that CiA 301 prescribes, and back to what it was."""
 
+import contextlib
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from drive_profiles.cia301 import CobIdBit, DataType
 from hil.errors import SdoAbortedError
@@ -10,9 +10,11 @@ from hil.master.network import Network
 U8, U32 = DataType.UNSIGNED8, DataType.UNSIGNED32
 SYNCHRONOUS = 1
 """Transmission type: with every SYNC."""
+MAX_MAPPED = 8
 
 
-class MappedObject(NamedTuple):
+@dataclass(frozen=True)
+class MappedObject:
     """One object of a PDO."""
 
     index: int
@@ -33,13 +35,15 @@ class PdoConfiguration:
         communication: Index of the communication record; the mapping record is 200h above it.
         cob_id: Sub-index 1, with its flags.
         transmission_type: Sub-index 2.
-        mapped: Mapping parameters.
+        mapped: Mapping parameters that count.
+        idle: Mapping parameters behind those, which a node may hold but does not use.
     """
 
     communication: int
     cob_id: int
     transmission_type: int
     mapped: tuple[int, ...]
+    idle: tuple[int, ...] = ()
 
     def apply(self, network: Network, node: int) -> None:
         """Write it: invalid, count 0, entries, count, type, valid (CiA 301, 7.5.2.36 and 7.5.2.38)."""
@@ -49,6 +53,9 @@ class PdoConfiguration:
         write(node, mapping, 0, U8, 0, "number of mapped objects")
         for subindex, value in enumerate(self.mapped, start=1):
             write(node, mapping, subindex, U32, value, "mapped object")
+        for subindex, value in enumerate(self.idle, start=len(self.mapped) + 1):
+            with contextlib.suppress(SdoAbortedError):  # a node need not take what it does not use
+                write(node, mapping, subindex, U32, value, "mapped object")
         write(node, mapping, 0, U8, len(self.mapped), "number of mapped objects")
         write(node, self.communication, 2, U8, self.transmission_type, "transmission type")
         if not self.cob_id & CobIdBit.INVALID:
@@ -61,8 +68,11 @@ def read_pdo(network: Network, node: int, communication: int) -> PdoConfiguratio
     cob_id = network.read(node, communication, 1, U32, "COB-ID of a PDO")
     kind = network.read(node, communication, 2, U8, "transmission type")
     count = network.read(node, mapping, 0, U8, "number of mapped objects")
-    mapped = tuple(network.read(node, mapping, sub, U32, "mapped object") for sub in range(1, min(count, 8) + 1))
-    return PdoConfiguration(communication, cob_id, kind, mapped)
+    values = []
+    with contextlib.suppress(SdoAbortedError):  # beyond the count a node may have nothing to show
+        for sub in range(1, MAX_MAPPED + 1):
+            values.append(network.read(node, mapping, sub, U32, "mapped object"))  # noqa: PERF401 - kept up to an abort
+    return PdoConfiguration(communication, cob_id, kind, tuple(values[:count]), tuple(values[count:]))
 
 
 class PdoSet:

@@ -20,6 +20,8 @@ from hil.can.channel import Channel, ChannelError
 from hil.can.frame import Frame
 from hil.control.servo import Servo, ServoConfig
 from hil.control.trajectory import Smooth, sample_times
+from hil.design.frequency import Loop as LoopModel
+from hil.design.frequency import margins
 from hil.errors import HilError, InterruptedRunError, NotPossibleError, SafetyStopError, UnsafeRequestError
 from hil.master.axis import DriveAxis, check_identity
 from hil.master.bench import Bench
@@ -33,6 +35,8 @@ Loop = Literal["drive", "host"]
 Compensation = Literal["none", "notch"]
 
 ENABLE_TIMEOUT_S = 2.0
+MAX_SENSITIVITY = 4.0
+"""M_s up to which a host-closed loop is run: a quarter of the way from the edge is left."""
 STOP_TIMEOUT_S = 2.0
 APPROACH_RAMP_S = 0.5
 SHUTDOWN, QUICK_STOP, DISABLE_VOLTAGE, FAULT_RESET = 0x0006, 0x0002, 0x0000, 0x0080
@@ -187,12 +191,14 @@ class Session:
         starts = [0.0 if motion.starts_at_home else axis.position_rad() for axis in axes]
         self._check_motion(motion, axes, starts)
         run = _Run(self, motion, axes, plan, servos, period, starts)
+        control = period
         try:
+            if loop == "drive":
+                control = axes[0].control_period_s()
             self._set_up(axes, plan, compensation, loop, mode, period)
             stopped = run.perform()
         finally:
             self._tear_down(axes, plan)
-        control = period if loop == "host" else axes[0].profile.control_period_s or period
         return RunResult(
             run.recording(), run.rows, run.missed, time.monotonic() - began, float(motion.time_s[-1]), control, stopped
         )
@@ -210,19 +216,23 @@ class Session:
             notches = tuple(notch.notch() for notch in table.notch) if compensation == "notch" else ()
             model = table.loop(period, 1, with_notch=compensation == "notch")
             if model is not None:
-                speeds = [0.0, *(0.5 * (n.start_rps + n.end_rps) for n in notches)]
-                radius = max(float(np.abs(model.closed_loop_poles(speed)).max()) for speed in speeds)
-                if radius >= 1.0:
-                    raise UnsafeRequestError(
-                        f"axis {axis.number} closed over the bus at {1e3 * period:g} ms: its largest pole",
-                        radius,
-                        1.0,
-                        "",
-                        "shorten bus.host_sync_period_s, lower the gains, or close the loop in the drive (--loop drive)",
-                    )
+                self._check_host_loop(axis, model, [0.0, *(0.5 * (n.start_rps + n.end_rps) for n in notches)])
             config = ServoConfig(table.control.cascade(), table.limits.torque_nm, notches)
             servos.append(Servo(config, period))
         return servos
+
+    @staticmethod
+    def _check_host_loop(axis: DriveAxis, model: LoopModel, speeds_rps: list[float]) -> None:
+        """Refuse a loop that the model shows unstable, or at the edge of it."""
+        where = f"axis {axis.number} closed over the bus at {1e3 * model.period_s:g} ms"
+        remedy = "shorten bus.host_sync_period_s, lower the gains, or close the loop in the drive (--loop drive)"
+        for speed in speeds_rps:
+            found = margins(model, speed)
+            if not found.stable:
+                raise UnsafeRequestError(f"{where} is unstable: its largest pole", found.pole_radius, 1.0, "", remedy)
+            if found.sensitivity_peak > MAX_SENSITIVITY:
+                peak = found.sensitivity_peak
+                raise UnsafeRequestError(f"{where} is at the edge of stability: M_s", peak, MAX_SENSITIVITY, "", remedy)
 
     def _check_motion(self, motion: Motion, axes: list[DriveAxis], starts: list[float]) -> None:
         """The whole motion against the limits, before anything is enabled."""

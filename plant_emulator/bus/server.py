@@ -5,7 +5,7 @@ import os
 import selectors
 import socket
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from drive_profiles.cia301 import FunctionCode
@@ -250,7 +250,7 @@ def _answers(path: str) -> bool:
 
 
 @contextlib.contextmanager
-def _private() -> Iterable[None]:  # type: ignore[misc]
+def _private() -> Iterator[None]:
     """Only the user who serves may join."""
     before = os.umask(0o177)
     try:

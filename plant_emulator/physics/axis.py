@@ -39,7 +39,7 @@ PLANT_STATE = np.dtype([
     ("torque_nm", np.float64),
     ("arm_acceleration", np.float64),
 ])  # fmt: skip
-"""Where an axis is: angles in rad, speeds in rad/s, the Dahl torque on the gear, the motor's torque; and θ̈_l for the tip."""
+"""Where an axis is: angles in rad, speeds in rad/s, Dahl torque on the gear, the motor's torque; θ̈_l for the tip."""
 
 _FRICTION_WIDTH_RAD_S = 0.05
 """The speed over which the regularised friction turns round."""
@@ -93,10 +93,7 @@ def derivatives(
     if p.hysteresis_torque_nm > 0.0:
         sign = 1.0 if torsion_rate > 0.0 else -1.0
         z_rate = (
-            p.hysteresis_torque_nm
-            / p.hysteresis_torsion_rad
-            * torsion_rate
-            * (1.0 - sign * z / p.hysteresis_torque_nm)
+            p.hysteresis_torque_nm / p.hysteresis_torsion_rad * torsion_rate * (1.0 - sign * z / p.hysteresis_torque_nm)
         )
     if braked:
         return 0.0, acceleration_l, z_rate, 0.0
@@ -140,9 +137,7 @@ def plant_step(plant: Any, state: Any, row: int, command: float, braked: bool, p
             p, command, braked, th + half * wm2, wm3, tl + half * wl2, wl3, z + half * c2, tau + half * d2
         )
         wm4, wl4 = wm + h * a3, wl + h * b3
-        a4, b4, c4, d4 = derivatives(
-            p, command, braked, th + h * wm3, wm4, tl + h * wl3, wl4, z + h * c3, tau + h * d3
-        )
+        a4, b4, c4, d4 = derivatives(p, command, braked, th + h * wm3, wm4, tl + h * wl3, wl4, z + h * c3, tau + h * d3)
         th += sixth * (wm + 2.0 * (wm2 + wm3) + wm4)
         tl += sixth * (wl + 2.0 * (wl2 + wl3) + wl4)
         wm += sixth * (a1 + 2.0 * (a2 + a3) + a4)

@@ -1,0 +1,289 @@
+"""hil: run the paper's experiments on an emulated robot or a real one, and report on them."""
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
+    from hil.experiments.plan import Experiment
+    from hil.experiments.runner import Outcome
+    from hil.master.bench import Bench
+
+EXIT_INTERNAL, EXIT_USAGE, EXIT_FILE, EXIT_BUS = 1, 2, 3, 4
+EXIT_SAFETY_STOP, EXIT_CLAIM_FAILED, EXIT_INTERRUPTED = 8, 9, 130
+
+EXIT_STATUS = (
+    "Exit status: 0 done; 2 usage; 3 bad file or a request beyond its limits; 4 no bus; 5 no answer, wrong device, or already "
+    "moving; 6 SDO abort; 8 safety stop; 9 a claim does not hold; 130 interrupted, after a safe stop."
+)
+
+app = typer.Typer(
+    name="hil",
+    help="Hardware-in-the-loop bench for robots with harmonic drives.",
+    epilog=EXIT_STATUS,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+class ExperimentName(StrEnum):
+    """What can be run."""
+
+    CONSTANT_ACCELERATION = "constant-acceleration"
+    LINE_MOTION = "line-motion"
+
+
+class CompensationName(StrEnum):
+    """What acts against the transmission error."""
+
+    NONE = "none"
+    NOTCH = "notch"
+
+
+class LoopName(StrEnum):
+    """Where the loop is closed."""
+
+    DRIVE = "drive"
+    HOST = "host"
+
+
+OutOption = Annotated[Path, typer.Option("--out", help="Directory for recordings, result.json and report.html.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print result.json on standard output, all else on standard error.")]
+
+
+def _say(message: str) -> None:
+    typer.echo(message, err=True)
+
+
+def exit_code_of(error: Exception) -> int:
+    """The exit status that an error has; `EXIT_INTERNAL` for one that nobody expected."""
+    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415
+    from hil.can.address import AddressError  # noqa: PLC0415
+    from hil.can.channel import BusLostError, ChannelError  # noqa: PLC0415
+    from hil.control.trajectory import UnreachableError  # noqa: PLC0415
+    from hil.errors import HilError  # noqa: PLC0415
+
+    if isinstance(error, HilError):
+        return error.exit_code
+    if isinstance(error, DriveProfileError | UnreachableError):
+        return EXIT_FILE
+    if isinstance(error, AddressError):
+        return EXIT_USAGE
+    if isinstance(error, BusLostError):
+        return EXIT_SAFETY_STOP
+    return EXIT_BUS if isinstance(error, ChannelError) else EXIT_INTERNAL
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Turn errors into a message and an exit status; one that nobody expected keeps its traceback."""
+    try:
+        yield
+    except typer.Exit:
+        raise
+    except KeyboardInterrupt:
+        _say("interrupted before anything moved")
+        raise typer.Exit(EXIT_INTERRUPTED) from None
+    except Exception as error:
+        code = exit_code_of(error)
+        if code == EXIT_INTERNAL:
+            raise
+        _say(str(error))
+        raise typer.Exit(code) from None
+
+
+class _Progress:
+    """A bar on a terminal, a line per run elsewhere; on standard error, so that standard output stays for results."""
+
+    def __init__(self, total: int) -> None:
+        from rich.console import Console  # noqa: PLC0415
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+
+        self._console = Console(stderr=True)
+        self._bar = Progress(
+            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(),
+            console=self._console, disable=not self._console.is_terminal,
+        )  # fmt: skip
+        self._task: Any = None
+        self._total, self._count = total, 0
+
+    def __enter__(self) -> "_Progress":
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def announce(self, experiment: "Experiment") -> None:
+        self._count += 1
+        label = f"[{self._count}/{self._total}] {experiment.title}"
+        if self._console.is_terminal:
+            self._task = self._bar.add_task(label.replace("[", r"\["), total=1.0)
+        else:
+            _say(label)
+
+    def share(self, value: float) -> None:
+        if self._task is not None:
+            self._bar.update(self._task, completed=value)
+
+
+def _run_and_report(
+    bench: "Bench", experiments: list["Experiment"], out: Path, *, reset_faults: bool, as_json: bool
+) -> None:
+    """Run, write the report, say what came of it, and leave with the right status."""
+    from hil.experiments.runner import run_experiments  # noqa: PLC0415
+
+    with _Progress(len(experiments)) as progress:
+        outcome = run_experiments(
+            bench, experiments, out, reset_faults=reset_faults, announce=progress.announce, progress=progress.share
+        )
+    _say("writing the report")
+    from hil.report.page import write_report  # noqa: PLC0415
+
+    report = write_report(out)
+    if as_json:
+        typer.echo(json.dumps(outcome.result, ensure_ascii=False))
+    else:
+        _summary(outcome, typer.echo)
+    _say(f"report: {report}")
+    if outcome.stopped is not None:
+        _say(str(outcome.stopped))
+        raise typer.Exit(outcome.stopped.exit_code)
+    if outcome.failed_claims:
+        raise typer.Exit(EXIT_CLAIM_FAILED)
+
+
+def _summary(outcome: "Outcome", say: Callable[[str], None]) -> None:
+    """The runs and the verdict, as text."""
+    limit = outcome.result["bench"]["file"]["specification"]["tip_mm"]
+    say(f"{'experiment':<24}{'axis':<6}{'loop':<7}{'filter':<8}{'order':<7}{'tip peak mm':<13}within ±{limit:g} mm")
+    for run in outcome.result["runs"]:
+        axis = "2,3,5" if run["axis"] is None else str(run["axis"])
+        peak = "stopped" if run["tip_peak_mm"] is None else f"{run['tip_peak_mm']:.4f}"
+        order = "-" if run["order"] is None else str(run["order"])
+        verdict = "yes" if run["within_spec"] else "no"
+        say(f"{run['experiment']:<24}{axis:<6}{run['loop']:<7}{run['compensation']:<8}{order:<7}{peak:<13}{verdict}")
+    for pair in outcome.result["comparisons"]:
+        axis = "axes 2, 3, 5" if pair["axis"] is None else f"axis {pair['axis']}"
+        peak, area = pair["tip_peak_reduction_pct"], pair["spectrum_area_reduction_pct"]
+        say(f"{pair['experiment']}, {axis}, {pair['loop']}-closed: tip peak −{peak:.1f} %, spectrum area −{area:.1f} %")
+    if outcome.result["paper"]:
+        held = sum(claim["holds"] for claim in outcome.result["paper"])
+        say(f"{held} of {len(outcome.result['paper'])} claims of the paper hold")
+    for claim in outcome.failed_claims:
+        say(f"does not hold: {claim['claim']} ({claim['source']}): {claim['bench']} {claim['unit']}, paper {claim['paper']}")
+
+
+@app.command(epilog=EXIT_STATUS)
+def demo(
+    out: OutOption = Path("demo"),
+    as_json: JsonOption = False,
+    robot: Annotated[str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.")] = "reference",
+) -> None:
+    """Start an emulated robot, run the paper's experiments over CAN, and write the report.
+
+    Example: hil demo --out demo
+    """
+    with _told():
+        from hil.emulator import EmulatedRobot  # noqa: PLC0415
+
+        with EmulatedRobot(robot) as emulator:  # it compiles or loads its plant while we load our own means
+            from hil.experiments.plan import demo_experiments  # noqa: PLC0415
+            from hil.master.bench import load_bench  # noqa: PLC0415
+
+            bench = load_bench("reference")
+            bus = bench.bus.model_copy(update={"address": str(emulator.address)})
+            bench = bench.model_copy(update={"bus": bus})
+            _run_and_report(bench, demo_experiments(bench), out, reset_faults=False, as_json=as_json)
+
+
+@app.command(epilog=EXIT_STATUS)
+def run(
+    experiment: Annotated[ExperimentName, typer.Argument(help="What is asked of the robot.")],
+    bench_file: Annotated[str, typer.Option("--bench", help="Bench file (TOML), or `reference`.")],
+    axis: Annotated[int | None, typer.Option("--axis", help="Axis of a constant-acceleration run.")] = None,
+    compensation: Annotated[CompensationName, typer.Option(help="What acts against it.")] = CompensationName.NONE,
+    loop: Annotated[LoopName, typer.Option(help="Where the loop is closed.")] = LoopName.DRIVE,
+    bus: Annotated[str | None, typer.Option("--bus", help="Bus address instead of the bench file's.")] = None,
+    out: OutOption = Path("bench-out"),
+    as_json: JsonOption = False,
+    reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Move a real robot without asking.")] = False,
+) -> None:
+    """Run one experiment on the robot of a bench file.
+
+    Example: hil run constant-acceleration --axis 2 --compensation notch --bench bench.toml
+    """
+    with _told():
+        from hil.can.address import LOCAL, parse_address  # noqa: PLC0415
+        from hil.experiments.plan import Experiment  # noqa: PLC0415
+        from hil.master.bench import load_bench  # noqa: PLC0415
+
+        is_line = experiment is ExperimentName.LINE_MOTION
+        if is_line != (axis is None):
+            _say("a line-motion takes no --axis" if is_line else "a constant-acceleration run needs --axis")
+            raise typer.Exit(EXIT_USAGE)
+        bench = load_bench(bench_file)
+        if bus is not None:
+            parse_address(bus)
+            bench = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": bus})})
+        plan = Experiment(experiment.value, axis, compensation.value, loop.value)
+        if parse_address(bench.bus.address).interface != LOCAL and not yes:
+            _confirm(bench, plan)
+        _run_and_report(bench, [plan], out, reset_faults=reset_faults, as_json=as_json)
+
+
+def _confirm(bench: "Bench", experiment: "Experiment") -> None:
+    """A robot that is not emulated moves only when someone says so."""
+    motion = experiment.motion(bench)
+    _say(f"This moves {experiment.title} on {bench.bus.address}:")
+    for column, number in enumerate(motion.axes):
+        limits, angle = bench.axis[number].limits, motion.motor_angle_rad[:, column] / 6.283185307179586
+        _say(
+            f"  axis {number}: {angle.min():+.2f} … {angle.max():+.2f} motor revolutions, at most {limits.speed_rps:g} rps and "
+            f"{limits.torque_nm:g} N·m; positions {limits.position_min_rev:g} … {limits.position_max_rev:g} rev"
+        )
+    if not sys.stdin.isatty():
+        _say("nobody can be asked here; --yes moves it without asking")
+        raise typer.Exit(EXIT_USAGE)
+    if not typer.confirm("Is everyone clear of the robot, and its emergency stop in reach?", err=True):
+        raise typer.Exit(EXIT_USAGE)
+
+
+@app.command(epilog=EXIT_STATUS)
+def report(
+    directory: Annotated[Path, typer.Argument(help="Directory of a demo or a run.", exists=True, file_okay=False)],
+) -> None:
+    """Write report.html of a directory anew, from its result.json and recordings."""
+    with _told():
+        if not (directory / "result.json").is_file():
+            _say(f"{directory} has no result.json; it is not the directory of a demo or a run")
+            raise typer.Exit(EXIT_FILE)
+        from hil.report.page import write_report  # noqa: PLC0415
+
+        try:
+            path = write_report(directory)
+        except (ValueError, KeyError, OSError) as error:
+            _say(f"{directory}: {error}")
+            raise typer.Exit(EXIT_FILE) from None
+        typer.echo(str(path))
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    try:
+        app()
+    except BrokenPipeError:
+        os._exit(141)  # the reader of the output has gone; there is nothing to tell it
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""The emulated robot as a process, for `hil demo`: started, waited for, and ended with us. Nothing of it is imported."""
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from hil.can.address import LOCAL, Address
+from hil.can.channel import BusUnavailableError
+
+START_TIMEOUT_S = 120.0
+"""The first start compiles the plant; later ones take under two seconds."""
+
+
+class EmulatedRobot:
+    """`plant-emulator serve` on a socket in a directory of its own.
+
+    The emulator lives as long as our end of its standard input, so that it does not outlive us, however we end.
+    """
+
+    def __init__(self, robot: str) -> None:
+        """Name the robot: a file, or `reference`."""
+        self.robot = robot
+        self._directory = tempfile.TemporaryDirectory(prefix="hil-")
+        self.address = Address(LOCAL, str(Path(self._directory.name) / "robot.sock"))
+        self._process: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> Self:
+        """Start it and wait until it serves.
+
+        Raises:
+            BusUnavailableError: It has ended, or does not serve in time; with what it said.
+        """
+        errors = Path(self._directory.name) / "errors.txt"
+        with errors.open("w") as sink:
+            self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and module, no shell
+                [sys.executable, "-m", "plant_emulator", "serve", "--robot", self.robot, "--bus", str(self.address),
+                 "--until-stdin-closes"],
+                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=sink, text=True, start_new_session=True,
+            )  # fmt: skip
+        deadline = time.monotonic() + START_TIMEOUT_S
+        while not Path(self.address.channel).is_socket():
+            if self._process.poll() is not None or time.monotonic() > deadline:
+                said = errors.read_text().strip() or f"it does not serve within {START_TIMEOUT_S:g} s"
+                self.__exit__(None, None, None)
+                raise BusUnavailableError(self.address, f"the emulator did not start: {said}")
+            time.sleep(0.02)
+        return self
+
+    def __exit__(self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None) -> None:
+        """End it and remove its directory."""
+        if self._process is not None:
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+            try:
+                self._process.wait(5.0)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+            self._process = None
+        self._directory.cleanup()

@@ -1,0 +1,178 @@
+"""One look for all figures: readable, safe for the colour-blind, and distinguishable in grey by dash and marker."""
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+# Okabe and Ito's palette
+BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
+    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
+)  # fmt: skip
+GREY, SHADE = "#5a6270", "#e9eef4"
+
+Line = dict[str, Any]
+
+MEASURED: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
+MODEL: Line = {"color": VERMILLION, "linestyle": (0, (4, 1.6)), "linewidth": 1.3}
+WITHOUT: Line = {"color": ORANGE, "linestyle": (0, (4, 1.2)), "linewidth": 1.2}
+WITH: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.2}
+LIMIT: Line = {"color": BLACK, "linestyle": (0, (1, 1.6)), "linewidth": 1.2}
+MARK: Line = {"color": GREY, "linestyle": (0, (1, 1.6)), "linewidth": 0.9}
+
+AXIS_LINES: tuple[Line, ...] = (
+    {"color": BLUE, "linestyle": "-", "marker": "o"},
+    {"color": VERMILLION, "linestyle": (0, (5, 1.5)), "marker": "s"},
+    {"color": GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "marker": "^"},
+    {"color": PURPLE, "linestyle": (0, (1, 1)), "marker": "D"},
+)
+"""How the first, second … axis of the robot is drawn where several share a diagram."""
+
+RC: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 9.0,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.5,
+    "axes.linewidth": 0.7,
+    "axes.edgecolor": "#444b55",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#d9dde3",
+    "grid.linewidth": 0.5,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.color": "#444b55",
+    "ytick.color": "#444b55",
+    "xtick.labelcolor": "black",
+    "ytick.labelcolor": "black",
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "legend.handlelength": 2.6,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 3.5,
+    "figure.facecolor": "white",
+    "figure.constrained_layout.h_pad": 0.05,
+    "figure.constrained_layout.w_pad": 0.05,
+    "mathtext.default": "regular",
+    "axes.unicode_minus": True,
+    "svg.fonttype": "path",  # the same page everywhere, whatever fonts there are
+    "svg.hashsalt": "hil",  # equal data, equal bytes
+    "path.simplify": True,
+    "path.simplify_threshold": 0.2,
+}
+
+WIDTH_IN = 8.8
+"""All figures are as wide as the page's column."""
+
+MAX_POINTS = 1500
+"""More points than the column has pixels cannot be seen."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure of the report.
+
+    Attributes:
+        key: Its anchor.
+        title: What it is.
+        paper: Which figure of the paper it answers to; empty for none.
+        origin: `measured`, `computed`, or `measured and computed`.
+        caption: What it shows, in sentences.
+        svg: The picture.
+    """
+
+    key: str
+    title: str
+    paper: str
+    origin: str
+    caption: str
+    svg: str
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """The report's style while figures are made, and nobody else's."""
+    with mpl.rc_context():
+        mpl.rcParams.update(RC)
+        yield
+
+
+def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[Figure, NDArray[Any]]:
+    """A figure with a grid of axes, shape (rows, columns); `options` go to `Figure.subplots`."""
+    figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+    FigureCanvasSVG(figure)
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, np.asarray(axes)
+
+
+def legend_above(figure: Figure, axes: Axes, columns: int = 4) -> None:
+    """One legend above all panels, where it cannot cover data."""
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper left", ncols=columns)
+
+
+def note(axes: Axes, text: str) -> None:
+    """A sentence in an otherwise empty panel."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
+
+
+def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "left") -> None:
+    """A dotted vertical line with its name beside it; `height` as a share of the panel."""
+    axes.axvline(x, **MARK)
+    pad = 3 if side == "left" else -3
+    axes.annotate(
+        text, (x, height), xycoords=("data", "axes fraction"), xytext=(pad, 0), textcoords="offset points",
+        ha=side, va="top", fontsize=7.5, color="#2b3038", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
+    )  # fmt: skip
+
+
+def thin(*columns: Real, points: int = MAX_POINTS) -> tuple[Real, ...]:
+    """Every n-th sample of signals that are slow against their sampling rate, so that at most about `points` are left."""
+    step = max(1, len(columns[0]) // points)
+    return tuple(column[::step] for column in columns)
+
+
+def decibel(gain: NDArray[Any]) -> Real:
+    """20 log₁₀ |gain|."""
+    return np.asarray(20.0 * np.log10(np.maximum(np.abs(gain), 1e-300)))
+
+
+_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+_PATH = re.compile(r' (d|points)="([^"]*)"', re.DOTALL)
+
+
+def _shorter(match: re.Match[str]) -> str:
+    """Coordinates with two decimals: a seventieth of a point is below every screen's and printer's resolution."""
+    text = _NUMBER.sub(lambda number: f"{float(number[0]):.2f}", match[2])
+    return f' {match[1]}="{" ".join(text.split())}"'
+
+
+def to_svg(figure: Figure, key: str) -> str:
+    """The figure as an inline SVG element: scalable, ids of its own, nothing that points outside."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"\s*<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r'(<svg [^>]*?)\s+width="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r'(<svg [^>]*?)\s+height="[^"]*"', r"\1", text, count=1)
+    text = text.replace(' xmlns:xlink="http://www.w3.org/1999/xlink"', "").replace("xlink:href", "href")
+    text = re.sub(r'\bid="', f'id="{key}-', text)
+    text = text.replace('href="#', f'href="#{key}-').replace("url(#", f"url(#{key}-")
+    return re.sub(r"\n\s*", "\n", _PATH.sub(_shorter, text))

@@ -1,0 +1,435 @@
+"""The session on a real world in one process: every cycle is the test's."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from drive_profiles.cia301 import DataType
+from drive_profiles.cia402 import Object, State
+from drive_profiles.profile import Profile
+from hil.can.frame import Frame
+from hil.errors import (
+    AlreadyMovingError,
+    NoAnswerError,
+    NodeError,
+    SafetyStopError,
+    UnsafeRequestError,
+    WrongIdentityError,
+)
+from hil.experiments.motions import constant_acceleration, line_motion
+from hil.experiments.plan import demo_experiments
+from hil.master.bench import Bench
+from hil.master.session import Session
+from hil.recording import BusLog
+from plant_emulator.motion import BRAKED
+from plant_emulator.robot import Control, NotchTable, Robot
+from plant_emulator.simulate import simulate
+from plant_emulator.world import World
+from tests.bench.conftest import with_bus, with_motion
+from tests.bench.world_channel import SYNC_ID, WorldChannel
+
+
+def session_of(bench: Bench, robot: Robot) -> tuple[Session, WorldChannel]:
+    channel = WorldChannel(World(robot))
+    bench = with_bus(bench, answer_timeout_s=0.05)
+    return Session(bench, channel, BusLog(None)), channel
+
+
+def sdo_write(channel: WorldChannel, node: int, index: int, subindex: int, data: bytes) -> None:
+    """A stranger's expedited download."""
+    command = 0x23 | (4 - len(data)) << 2
+    channel.inject(Frame(0x600 + node, bytes((command, index & 0xFF, index >> 8, subindex)) + data.ljust(4, b"\0")))
+
+
+def everything(world: World) -> dict[int, dict[tuple[int, int], object]]:
+    """All stored values of all nodes."""
+    nodes = {number: drive.slave.dictionary for number, drive in world.drives.items()}
+    nodes[0] = world.accelerometer.slave.dictionary
+    moving = {0x6041, 0x6064, 0x606C, 0x6077, 0x60F4, 0x2130, 0x6040, 0x607A, 0x6071, 0x7130, 0x1001, 0x1003}
+    return {
+        number: {(e.index, e.subindex): dictionary.get(e.index, e.subindex) for e in dictionary if e.index not in moving}
+        for number, dictionary in nodes.items()
+    }
+
+
+def all_braked(world: World) -> bool:
+    return bool(np.all(world.axes.motion["mode"] == BRAKED))
+
+
+# -- what went over CAN is what happens without it ---------------------------------------------------------------------
+
+
+def notch_table(bench: Bench, axis: int) -> tuple[NotchTable, ...]:
+    names = NotchTable.model_fields
+    return tuple(NotchTable(**{k: v for k, v in table.model_dump().items() if k in names}) for table in bench.axis[axis].notch)
+
+
+@pytest.mark.parametrize("axis", [2, 3, None])
+@pytest.mark.parametrize("compensation", ["none", "notch"])
+def test_what_went_over_can_equals_the_simulation_without_can(
+    reference_bench: Bench, quiet_robot: Robot, axis: int | None, compensation: str
+) -> None:
+    period = reference_bench.bus.sync_period_s
+    session, _ = session_of(reference_bench, quiet_robot)
+    motion = line_motion(reference_bench, period) if axis is None else constant_acceleration(reference_bench, axis, period)
+    with session:
+        session.bring_up()
+        result = session.run(motion, compensation, "drive")  # type: ignore[arg-type]
+    assert result.stopped is None
+
+    # the brake opens with one SYNC, the next one's status word says so, and the settling begins with the one after
+    settle = reference_bench.settle_s + 2 * period
+    without_can = simulate(
+        quiet_robot,
+        axis,
+        controls={n: Control(**t.control.model_dump()) for n, t in reference_bench.axis.items()},
+        notches={n: notch_table(reference_bench, n) if compensation == "notch" else () for n in reference_bench.axis},
+        sync_period_s=period,
+        settle_s=settle,
+    )
+    recording = result.recording
+    assert len(recording.time_s) == len(without_can.time_s)
+    for column, number in enumerate(without_can.axes):
+        count_rad = 2.0 * math.pi / quiet_robot.axis[number].encoder_counts_per_rev
+        counts = recording.axis(number, "position_rad") / count_rad
+        np.testing.assert_allclose(counts, without_can.position_counts[:, column], atol=1e-6)
+        quantum = session.axes[number].scaling.torque_quantum_nm
+        np.testing.assert_allclose(recording.axis(number, "torque_nm"), without_can.torque_nm[:, column], atol=0.51 * quantum)
+    for column, name in enumerate("xyz"):
+        measured = recording.columns[f"tip_{name}_m_s2"]
+        np.testing.assert_allclose(measured, without_can.tip_acceleration_m_s2[:, column], atol=0.51e-3)
+
+
+# -- nothing is left behind --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("loop", ["drive", "host"])
+def test_the_bus_is_left_as_it_was_found(short_bench: Bench, reference_robot: Robot, loop: str) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    before = everything(channel.world)
+    period = short_bench.bus.host_sync_period_s if loop == "host" else short_bench.bus.sync_period_s
+    with session:
+        session.bring_up()
+        assert everything(channel.world) == before, "finding the nodes writes nothing"
+        result = session.run(constant_acceleration(short_bench, 3, period), "notch", loop)  # type: ignore[arg-type]
+    assert result.stopped is None
+    assert everything(channel.world) == before
+    assert all_braked(channel.world)
+    assert all(drive.state is not State.OPERATION_ENABLED for drive in channel.world.drives.values())
+    assert abs(channel.world.axes.counts(channel.world.axes.row(3))) < 100, "the arm is back where it started"
+
+
+def test_gains_and_filters_reach_the_drive_before_it_is_enabled(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    seen: list[tuple[float, int]] = []
+
+    def look(number: int) -> None:
+        drive, row = channel.world.drives[2], channel.world.axes.row(2)
+        if drive.state is State.OPERATION_ENABLED:
+            axes = channel.world.axes
+            seen.append((float(axes.cascade_config[row]["velocity_gain_nm_s_rad"]), int(axes.notch_config[row, 0]["mode"])))
+
+    channel.on_sync = look
+    with session:
+        session.bring_up()
+        session.run(constant_acceleration(short_bench, 2, 0.002), "notch", "drive")
+    assert seen
+    assert {(round(gain, 6), mode) for gain, mode in seen} == {(0.196, 1)}
+
+
+def test_limits_of_the_bench_file_are_in_the_drive_while_it_moves(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    held: list[dict[str, float]] = []
+
+    def look(number: int) -> None:
+        motion = channel.world.axes.motion[channel.world.axes.row(2)]
+        if motion["mode"] != BRAKED:
+            held.append({name: float(motion[name]) for name in ("torque_limit_nm", "max_speed_rad_s", "low_counts", "high_counts")})
+
+    channel.on_sync = look
+    with session:
+        session.bring_up()
+        session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive")
+    limits = short_bench.axis[2].limits
+    assert held[0]["torque_limit_nm"] == pytest.approx(limits.torque_nm, rel=1e-3)
+    assert held[0]["max_speed_rad_s"] == pytest.approx(limits.speed_rps * 2 * math.pi, rel=1e-3)
+    assert held[0]["low_counts"] == limits.position_min_rev * 131072
+    assert held[0]["high_counts"] == limits.position_max_rev * 131072
+
+
+# -- what is refused before anything is enabled ------------------------------------------------------------------------
+
+
+def nothing_was_enabled(channel: WorldChannel) -> bool:
+    commanded = any(0x200 < frame.can_id < 0x280 for frame in channel.sent)
+    return all_braked(channel.world) and not commanded
+
+
+def test_a_silent_node_is_named_and_nothing_is_enabled(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    channel.filter = lambda frame: frame.can_id != 0x583
+    with session, pytest.raises(NoAnswerError) as error:
+        session.bring_up()
+    assert error.value.node == 3
+    assert error.value.exit_code == 5
+    assert nothing_was_enabled(channel)
+
+
+def test_another_device_is_refused(short_bench: Bench, reference_robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    profile = session.axes[2].profile
+    other = profile.model_copy(update={"identity": profile.identity.model_copy(update={"product_code": 0x999})})
+    session.axes[2].profile = other
+    with session, pytest.raises(WrongIdentityError) as error:
+        session.bring_up()
+    assert (error.value.node, error.value.expected, error.value.found) == (2, 0x999, 0x402)
+    assert nothing_was_enabled(channel)
+
+
+def test_another_serial_number_is_refused(short_bench: Bench, reference_robot: Robot) -> None:
+    axis = short_bench.axis[5].model_copy(update={"serial_number": 4711})
+    bench = short_bench.model_copy(update={"axis": {**short_bench.axis, 5: axis}})
+    session, _ = session_of(bench, reference_robot)
+    with session, pytest.raises(WrongIdentityError, match="serial number"):
+        session.bring_up()
+
+
+def test_an_axis_that_is_enabled_already_is_left_alone(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    channel.inject(Frame(0x000, b"\x01\x03"))
+    sdo_write(channel, 3, Object.MODES_OF_OPERATION, 0, b"\x01")
+    for word in (0x06, 0x07, 0x0F):
+        sdo_write(channel, 3, Object.CONTROL_WORD, 0, bytes((word, 0)))
+    assert channel.world.drives[3].state is State.OPERATION_ENABLED
+    before = len(channel.sent)
+    with session, pytest.raises(AlreadyMovingError) as error:
+        session.bring_up()
+    assert error.value.exit_code == 5
+    assert channel.world.drives[3].state is State.OPERATION_ENABLED, "it is somebody else's"
+    writes = [f for f in channel.sent[before:] if 0x600 < f.can_id < 0x680 and f.data[0] & 0xE0 == 0x20]
+    assert not writes
+
+
+def test_a_drive_in_fault_needs_an_explicit_reset(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    channel.world.drives[2]._fault("following error", 0x8611)
+    with session, pytest.raises(NodeError, match=r"8611h.*--reset-faults"):
+        session.bring_up()
+    with session:
+        session.bring_up(reset_faults=True)
+        assert channel.world.drives[2].state is State.SWITCH_ON_DISABLED
+        assert session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive").stopped is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [({"end_rps": 13.0}, "speed"), ({"end_rps": 11.0, "acceleration_rps_s": 1.0}, "position")],
+)
+def test_a_motion_beyond_a_limit_is_refused_before_anything_is_sent(
+    reference_bench: Bench, reference_robot: Robot, changes: dict[str, float], words: str
+) -> None:
+    bench = with_motion(reference_bench, **changes)
+    session, channel = session_of(bench, reference_robot)
+    before = everything(channel.world)
+    with session:
+        session.bring_up()
+        with pytest.raises(UnsafeRequestError, match=words) as error:
+            session.run(constant_acceleration(bench, 2, 0.002), "none", "drive")
+    assert error.value.exit_code == 3
+    assert error.value.value > error.value.limit
+    assert everything(channel.world) == before
+    assert nothing_was_enabled(channel)
+
+
+def test_an_unstable_host_loop_is_refused(short_bench: Bench, reference_robot: Robot) -> None:
+    """The reference gains do not stand 1 ms with a sample of delay."""
+    session, channel = session_of(short_bench, reference_robot)
+    with session:
+        session.bring_up()
+        with pytest.raises(UnsafeRequestError, match="edge of stability"):
+            session.run(constant_acceleration(short_bench, 2, 0.001), "none", "host")
+    assert nothing_was_enabled(channel)
+
+
+# -- what stops a run --------------------------------------------------------------------------------------------------
+
+
+def run_with(
+    bench: Bench, robot: Robot, interfere: Callable[[WorldChannel], None], *, at: int = 500
+) -> tuple[SafetyStopError | None, WorldChannel, int]:
+    """A short run of axis 2 in which something happens in cycle `at`; why it stopped, and how many rows it kept."""
+    session, channel = session_of(bench, robot)
+
+    def act(number: int) -> None:
+        if number == at:
+            interfere(channel)
+
+    channel.on_sync = act
+    with session:
+        session.bring_up()
+        result = session.run(constant_acceleration(bench, 2, 0.002), "none", "drive")
+    return result.stopped, channel, result.cycles
+
+
+@pytest.mark.parametrize(
+    ("interfere", "words"),
+    [
+        pytest.param(lambda c: c.inject(Frame(0x082, bytes.fromhex("1181200000000000"))), "8111h", id="emergency of the axis"),
+        pytest.param(lambda c: c.inject(Frame(0x085, bytes.fromhex("1042020000000000"))), "node 5", id="emergency of another"),
+        pytest.param(lambda c: c.inject(Frame(0x000, b"\x82\x02")), "reset", id="node reset"),
+        pytest.param(lambda c: c.inject(Frame(0x000, b"\x80\x02")), "axis 2", id="taken out of operation by a stranger"),
+        pytest.param(lambda c: sdo_write(c, 2, 0x1017, 0, b"\0\0"), "heartbeat", id="heartbeat lost"),
+        pytest.param(lambda c: c.world.drives[2]._fault("motor speed", 0x8400), "8400h", id="drive fault"),
+        pytest.param(lambda c: setattr(c, "filter", lambda f: f.can_id != 0x182), "not answered", id="answers lost"),
+        pytest.param(lambda c: sdo_write(c, 2, 0x6065, 0, b"\x01\0\0\0"), "8611h", id="following error"),
+        pytest.param(lambda c: sdo_write(c, 2, 0x607D, 2, b"\x01\0\0\0"), "8612h", id="position limit"),
+        pytest.param(lambda c: sdo_write(c, 2, 0x6080, 0, b"\x01\0\0\0"), "8400h", id="speed limit"),
+    ],
+)
+def test_what_goes_wrong_in_motion_stops_and_disables_every_axis(
+    short_bench: Bench, reference_robot: Robot, interfere: Callable[[WorldChannel], None], words: str
+) -> None:
+    stopped, channel, rows = run_with(short_bench, reference_robot, interfere)
+    assert stopped is not None
+    assert words in str(stopped)
+    assert stopped.exit_code == 8
+    channel.world.free_step(channel.world.now + 2_000_000_000)
+    assert all_braked(channel.world)
+    assert all(drive.state is not State.OPERATION_ENABLED for drive in channel.world.drives.values())
+    assert 0 < rows < 500, "what was recorded up to then is kept"
+
+
+def test_the_tip_is_judged_only_where_answers_came(short_bench: Bench, reference_robot: Robot) -> None:
+    """A single lost answer is counted and does not stop."""
+
+    def lose_one(channel: WorldChannel) -> None:
+        number = channel.syncs
+        channel.filter = lambda frame: not (frame.can_id == 0x182 and channel.syncs == number)
+
+    stopped, _, _ = run_with(short_bench, reference_robot, lose_one)
+    assert stopped is None
+
+
+def test_missing_answers_are_counted(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    channel.filter = lambda frame: not (frame.can_id == 0x182 and channel.syncs in (500, 510, 511))
+    with session:
+        session.bring_up()
+        result = session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive")
+    assert result.stopped is None
+    assert result.missed_cycles == 3
+    assert int(result.recording.columns["missing"].sum()) == 3
+
+
+def test_a_silent_accelerometer_is_counted_and_does_not_stop(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    channel.filter = lambda frame: not (frame.can_id == 0x190 and channel.syncs >= 700)
+    with session:
+        session.bring_up()
+        result = session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive")
+    assert result.stopped is None
+    assert result.missed_cycles > 0
+
+
+def test_a_lost_bus_ends_the_run_and_keeps_the_recording(short_bench: Bench, reference_robot: Robot) -> None:
+    stopped, channel, rows = run_with(short_bench, reference_robot, lambda c: setattr(c, "lost", True))
+    assert stopped is not None
+    assert "pulled" in str(stopped)
+    assert not stopped.all_disabled
+    assert rows > 0
+    # and the drive ends the motion by its own clock
+    channel.world.free_step(channel.world.now + 3_000_000_000)
+    assert all_braked(channel.world)
+    assert "heartbeat 127" in channel.world.drives[2].slave.emergency_causes
+
+
+def test_an_interrupt_ramps_down_and_is_told_apart(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+
+    def interrupt(number: int) -> None:
+        if number == 500:
+            session._interrupt = "SIGINT"
+
+    channel.on_sync = interrupt
+    before = everything(channel.world)
+    with session:
+        session.bring_up()
+        result = session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive")
+    assert result.stopped is not None
+    assert result.stopped.exit_code == 130
+    assert result.stopped.all_disabled
+    assert everything(channel.world) == before
+
+
+def test_set_points_stop_when_the_loop_does(short_bench: Bench, reference_robot: Robot) -> None:
+    """After a stop no RPDO commands operation again, and the last word disables."""
+    stopped, channel, _ = run_with(short_bench, reference_robot, lambda c: c.inject(Frame(0x085, bytes.fromhex("1042020000000000"))))
+    assert stopped is not None
+    words = [int.from_bytes(f.data[:2], "little") for f in channel.sent if f.can_id == 0x202]
+    first = words.index(0x0002)
+    assert 0x000F in words[:first]
+    assert set(words[first:]) <= {0x0002, 0x0000}
+    assert words[-1] == 0x0000
+
+
+# -- the shape of a run ------------------------------------------------------------------------------------------------
+
+
+def test_host_closed_commands_torque_and_drive_closed_positions(short_bench: Bench, reference_robot: Robot) -> None:
+    lengths = {}
+    for loop, period in (("drive", 0.002), ("host", 250e-6)):
+        session, channel = session_of(short_bench, reference_robot)
+        with session:
+            session.bring_up()
+            session.run(constant_acceleration(short_bench, 2, period), "none", loop)  # type: ignore[arg-type]
+        lengths[loop] = {len(frame.data) for frame in channel.sent if frame.can_id == 0x202}
+    assert lengths == {"drive": {6}, "host": {4}}
+
+
+def test_the_world_advances_by_the_cycle_period_that_the_nodes_were_told(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    instants: list[int] = []
+    channel.on_sync = lambda number: instants.append(channel.world.now)
+    with session:
+        session.bring_up()
+        session.run(constant_acceleration(short_bench, 2, 250e-6), "none", "host")
+    steps = set(np.diff(instants[5:]).tolist())
+    assert steps == {250_000}
+
+
+def test_every_demo_run_has_a_motion_within_the_limits(reference_bench: Bench) -> None:
+    for experiment in demo_experiments(reference_bench):
+        motion = experiment.motion(reference_bench)
+        for column, number in enumerate(motion.axes):
+            revolutions = motion.motor_angle_rad[:, column] / (2 * math.pi)
+            limits = reference_bench.axis[number].limits
+            assert limits.position_min_rev < revolutions.min()
+            assert revolutions.max() < limits.position_max_rev
+
+
+def test_profiles_of_the_reference_bench_state_what_the_nodes_hold(reference_robot: Robot) -> None:
+    """Each object that the profile names exists in the emulated node with its type."""
+    world = World(reference_robot)
+    for profile_name, dictionary in (
+        ("emulated_drive", world.drives[2].slave.dictionary),
+        ("emulated_accelerometer", world.accelerometer.slave.dictionary),
+    ):
+        profile = Profile.load(profile_name)
+        for parameter in profile.parameters.values():
+            entry = dictionary.cell(parameter.index, parameter.subindex).entry
+            assert entry.data_type is DataType[parameter.data_type], parameter.address
+            assert entry.access.is_writable == (parameter.access == "rw"), parameter.address
+        assert dictionary.get(0x1018, 1) == profile.identity.vendor_id
+        assert dictionary.get(0x1018, 2) == profile.identity.product_code
+        assert dictionary.get(0x1018, 3) == profile.identity.revision
+        assert dictionary.get(0x1000) == profile.device_type
+
+
+def test_sync_is_sent_before_anything_is_asked(short_bench: Bench, reference_robot: Robot) -> None:
+    """So that the world's clock is the master's from the first frame on, and equal seeds give equal frames."""
+    session, channel = session_of(short_bench, reference_robot)
+    with session:
+        session.bring_up()
+    assert channel.sent[0].can_id == SYNC_ID
