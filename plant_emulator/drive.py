@@ -350,6 +350,12 @@ class Drive:
             self.slave.raise_emergency("interpolation period", PARAMETER_FAULT, ErrorRegister.PROFILE)
             return False
         self.slave.clear_emergency("interpolation period")
+        gains = self.axes.cascade_config[self.row]
+        if mode != Mode.CST and not (gains["position_gain_per_s"] > 0.0 and gains["velocity_gain_nm_s_rad"] > 0.0):
+            # a brake that opens on a loop without gains lets the arm fall
+            self.slave.raise_emergency("no gains", PARAMETER_FAULT, ErrorRegister.PROFILE)
+            return False
+        self.slave.clear_emergency("no gains")
         return True
 
     def _interpolation_ticks(self) -> float:

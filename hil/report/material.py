@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from hil.analysis import motor_speed_rps
-from hil.design.frequency import Loop
+from hil.design.frequency import Loop, Margins, margins
 from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate, fit_transmission_error
 from hil.master.bench import Bench
 from hil.recording import Recording
@@ -20,6 +20,9 @@ CONSTANT_ACCELERATION, LINE_MOTION = "constant-acceleration", "line-motion"
 
 FEWEST_ROWS = 64
 """Below that a recording cannot even be filtered."""
+
+MARGIN_SPEEDS_RPS = np.linspace(0.5, 10.5, 41)
+"""Motor speeds at which stability and margins are computed."""
 
 FIT_SPEEDS_RPS = (1.5, 9.0)
 """Motor speeds of a rising ramp from which the transmission error is identified: both resonances with their surroundings."""
@@ -132,6 +135,7 @@ class Material:
         self.bench = bench
         self.notes: list[str] = []
         self._recordings: dict[str, Recording | None] = {}
+        self._margins: dict[int, dict[float, Margins]] = {}
         self._estimates: dict[int, TransmissionErrorEstimate | None] = {}
 
     @cached_property
@@ -162,6 +166,13 @@ class Material:
         if loop is None:
             raise ValueError(f"axis {axis} has no model")
         return loop
+
+    def margins(self, axis: int) -> dict[float, Margins]:
+        """Margins of the loop of an axis with a model, by motor speed."""
+        if axis not in self._margins:
+            loop = self.loop(axis)
+            self._margins[axis] = {float(speed): margins(loop, float(speed), points=1000) for speed in MARGIN_SPEEDS_RPS}
+        return self._margins[axis]
 
     def transmission_error(self, axis: int) -> TransmissionError | None:
         """The bench file's θ_sync of an axis."""

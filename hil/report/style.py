@@ -22,6 +22,9 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
 )  # fmt: skip
 GREY, SHADE = "#5a6270", "#e9eef4"
 
+Panels = NDArray[Any]
+"""Matplotlib axes in rows and columns."""
+
 Line = dict[str, Any]
 
 MEASURED: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
@@ -153,13 +156,13 @@ def decibel(gain: NDArray[Any]) -> Real:
 
 
 _NUMBER = re.compile(r"-?\d+\.\d{3,}")
-_PATH = re.compile(r' (d|points)="([^"]*)"', re.DOTALL)
+_COORDINATES = re.compile(r' (d|points|x|y)="([^"]*)"|translate\(([^)]*)\)', re.DOTALL)
 
 
 def _shorter(match: re.Match[str]) -> str:
     """Coordinates with two decimals: a seventieth of a point is below every screen's and printer's resolution."""
-    text = _NUMBER.sub(lambda number: f"{float(number[0]):.2f}", match[2])
-    return f' {match[1]}="{" ".join(text.split())}"'
+    text = " ".join(_NUMBER.sub(lambda number: f"{float(number[0]):.2f}", match[2] or match[3] or "").split())
+    return f"translate({text})" if match[1] is None else f' {match[1]}="{text}"'
 
 
 def to_svg(figure: Figure, key: str) -> str:
@@ -170,9 +173,9 @@ def to_svg(figure: Figure, key: str) -> str:
     text = text[text.index("<svg") :]
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"\s*<!--.*?-->", "", text, flags=re.DOTALL)
-    text = re.sub(r'(<svg [^>]*?)\s+width="[^"]*"', r"\1", text, count=1)
-    text = re.sub(r'(<svg [^>]*?)\s+height="[^"]*"', r"\1", text, count=1)
-    text = text.replace(' xmlns:xlink="http://www.w3.org/1999/xlink"', "").replace("xlink:href", "href")
-    text = re.sub(r'\bid="', f'id="{key}-', text)
+    box = re.search(r'viewBox="[^"]*"', text)
+    start = f'<svg role="img" aria-labelledby="{key}-title" {box[0] if box else ""} xmlns="http://www.w3.org/2000/svg">'
+    text = re.sub(r"<svg [^>]*>", start, text, count=1).replace("xlink:href", "href")
+    text = re.sub(r'\sid="', f' id="{key}-', text)
     text = text.replace('href="#', f'href="#{key}-').replace("url(#", f"url(#{key}-")
-    return re.sub(r"\n\s*", "\n", _PATH.sub(_shorter, text))
+    return re.sub(r"\n\s*", "\n", _COORDINATES.sub(_shorter, text))

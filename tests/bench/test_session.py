@@ -1,6 +1,7 @@
 """The session on a real world in one process: every cycle is the test's."""
 
 import math
+import struct
 from collections.abc import Callable
 
 import numpy as np
@@ -146,7 +147,9 @@ def test_limits_of_the_bench_file_are_in_the_drive_while_it_moves(short_bench: B
     def look(number: int) -> None:
         motion = channel.world.axes.motion[channel.world.axes.row(2)]
         if motion["mode"] != BRAKED:
-            held.append({name: float(motion[name]) for name in ("torque_limit_nm", "max_speed_rad_s", "low_counts", "high_counts")})
+            held.append(
+                {name: float(motion[name]) for name in ("torque_limit_nm", "max_speed_rad_s", "low_counts", "high_counts")}
+            )
 
     channel.on_sync = look
     with session:
@@ -199,6 +202,8 @@ def test_another_serial_number_is_refused(short_bench: Bench, reference_robot: R
 def test_an_axis_that_is_enabled_already_is_left_alone(short_bench: Bench, reference_robot: Robot) -> None:
     session, channel = session_of(short_bench, reference_robot)
     channel.inject(Frame(0x000, b"\x01\x03"))
+    for index, subindex, gain in ((0x2100, 1, 25.0), (0x2101, 1, 0.0905), (0x2101, 2, 1.81)):
+        sdo_write(channel, 3, index, subindex, struct.pack("<f", gain))
     sdo_write(channel, 3, Object.MODES_OF_OPERATION, 0, b"\x01")
     for word in (0x06, 0x07, 0x0F):
         sdo_write(channel, 3, Object.CONTROL_WORD, 0, bytes((word, 0)))
@@ -365,7 +370,9 @@ def test_an_interrupt_ramps_down_and_is_told_apart(short_bench: Bench, reference
 
 def test_set_points_stop_when_the_loop_does(short_bench: Bench, reference_robot: Robot) -> None:
     """After a stop no RPDO commands operation again, and the last word disables."""
-    stopped, channel, _ = run_with(short_bench, reference_robot, lambda c: c.inject(Frame(0x085, bytes.fromhex("1042020000000000"))))
+    stopped, channel, _ = run_with(
+        short_bench, reference_robot, lambda c: c.inject(Frame(0x085, bytes.fromhex("1042020000000000")))
+    )
     assert stopped is not None
     words = [int.from_bytes(f.data[:2], "little") for f in channel.sent if f.can_id == 0x202]
     first = words.index(0x0002)

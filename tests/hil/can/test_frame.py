@@ -18,9 +18,7 @@ def test_unpack_is_the_inverse_of_pack(can_id, data, flag):
 
 
 def test_the_record_is_struct_can_frame():
-    assert pack(Frame(0x181, b"\x01\x02")) == (0x181).to_bytes(4, sys.byteorder) + bytes.fromhex(
-        "02 000000 0102000000000000"
-    )
+    assert pack(Frame(0x181, b"\x01\x02")) == (0x181).to_bytes(4, sys.byteorder) + bytes.fromhex("02 000000 0102000000000000")
 
 
 @given(st.binary(max_size=32))

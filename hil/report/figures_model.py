@@ -1,0 +1,124 @@
+"""Figures of the axes as they are believed to be: the paper's Figs. 4, 5 and 6."""
+
+import numpy as np
+
+from hil.design.transmission_error import TransmissionError
+from hil.report import style
+from hil.report.material import Material
+from hil.report.paper import TABLE_1
+from hil.report.style import Drawing
+
+
+def plants(material: Material) -> Drawing | None:
+    """P(s) of every axis with a model, gain and phase; Fig. 4."""
+    axes = material.model_axes
+    if not axes:
+        return None
+    figure, panels = style.panels(2, len(axes), 4.1, sharex=True, sharey="row", height_ratios=(3, 2))
+    frequency = np.geomspace(1.0, 100.0, 1200)
+    for column, number in enumerate(axes):
+        plant = material.loop(number).plant
+        response = plant.motor_angle_per_torque(frequency)
+        gain, phase = panels[:, column]
+        gain.semilogx(frequency, style.decibel(response), **style.MEASURED)
+        phase.semilogx(frequency, np.degrees(np.unwrap(np.angle(response))), **style.MEASURED)
+        low, high = plant.antiresonance_hz, plant.resonance_hz
+        style.flag(gain, low, f"$f_a$ = {low:.2f} Hz", side="right")
+        style.flag(gain, high, f"$f_r$ = {high:.2f} Hz")
+        for panel in (low, high):
+            phase.axvline(panel, **style.MARK)
+        gain.set_title(f"Axis {number}: $P_{number}(s)$")
+        gain.set_xlim(1.0, 100.0)
+        phase.set_yticks([-180, -90, 0])
+        phase.set_ylim(-200, 20)
+        phase.set_xlabel("Frequency (Hz)")
+    panels[0, 0].set_ylabel(r"Gain $|\theta_m/\tau|$ (dB re 1 rad/N·m)")
+    panels[1, 0].set_ylabel("Phase (°)")
+    _plain_frequencies(panels[1])
+    return Drawing(
+        "plants", "Plant: motor angle per torque", "Fig. 4", "computed",
+        "Frequency response of each axis' two-inertia model from motor torque to motor angle, from the bench file's parameters. "
+        "At the anti-resonance f_a the arm swings on its gear and holds the motor still; at the resonance f_r motor and arm swing "
+        "against each other. The paper has about 12 Hz and 22 Hz.",
+        style.to_svg(figure, "plants"),
+    )  # fmt: skip
+
+
+def transmission_errors(material: Material) -> Drawing | None:
+    """θ_sync over two motor revolutions, identified and from the bench file; Fig. 5."""
+    axes = material.model_axes
+    if not axes:
+        return None
+    figure, panels = style.panels(len(axes), 1, 0.7 + 1.75 * len(axes), sharex=True)
+    turns = np.linspace(0.0, 2.0, 721)
+    identified = 0
+    for panel, number in zip(panels[:, 0], axes, strict=True):
+        estimate, table = material.estimate(number), material.transmission_error(number)
+        if estimate is not None:
+            identified += 1
+            panel.plot(turns, _arcsec(estimate.error, turns), label="identified from the tip acceleration", **style.MEASURED)
+        if table is not None:
+            panel.plot(turns, _arcsec(table, turns), label="bench file", **style.MODEL)
+        for turn in (1.0, 2.0):
+            panel.axvline(turn, **style.MARK)
+        panel.set_title(f"Axis {number}")
+        panel.set_ylabel(r"$\theta_{sync}$ (arcsec)")
+        panel.set_xlim(0.0, 2.0)
+    panels[-1, 0].set_xlabel("Motor angle (rev)")
+    style.legend_above(figure, panels[0, 0])
+    how = (
+        "The solid line is identified from the accelerometer at the tip while the motor passed through both resonances without a "
+        "notch (joint least squares of orders 2 and 4 through the arm on its gear, driven by the measured motor angle); "
+        if identified
+        else "No run without a notch is there from which it could be identified; "
+    )
+    return Drawing(
+        "transmission-errors", "Synchronous transmission error", "Fig. 5",
+        "measured and computed" if identified else "computed",
+        f"θ_sync over two revolutions of the motor, at the arm. {how}the broken line is what the bench file believes. "
+        "Dotted lines: whole revolutions.",
+        style.to_svg(figure, "transmission-errors"),
+    )  # fmt: skip
+
+
+def resonances(material: Material) -> Drawing | None:
+    """|G_al| of every axis with a model, f_al marked; Fig. 6."""
+    axes = material.model_axes
+    if not axes:
+        return None
+    figure, panels = style.panels(1, len(axes), 2.6, sharey=True)
+    frequency = np.unique(np.concatenate([np.geomspace(1.0, 100.0, 500), np.linspace(8.0, 16.0, 400)]))
+    for panel, number in zip(panels[0], axes, strict=True):
+        loop = material.loop(number, with_notch=False)
+        gain = style.decibel(loop.acceleration_per_transmission_error(frequency))
+        panel.semilogx(frequency, gain, **style.MEASURED)
+        peak = material.f_al_hz[number]
+        style.flag(panel, peak, rf"$f_{{al}}$ = {peak:.2f} Hz" + _beside(number), height=0.12)
+        panel.plot([peak], [np.interp(peak, frequency, gain)], "o", color=style.BLUE)
+        panel.set_xlim(1.0, 100.0)
+        panel.set_title(f"Axis {number}")
+        panel.set_xlabel("Frequency (Hz)")
+    panels[0, 0].set_ylabel(r"$|G_{al}|$ (dB re 1/s²)")
+    _plain_frequencies(panels[0])
+    return Drawing(
+        "resonances", "Arm acceleration per transmission error", "Fig. 6", "computed",
+        f"|G_al| = |a_l/θ_sync| of the closed loop without a notch, sampled at {1e6 * material.control_period_s:.0f} µs. Where the "
+        "motor turns so fast that the k-th harmonic meets the peak, f_m = f_al/k, the arm rings (Table 1).",
+        style.to_svg(figure, "resonances"),
+    )  # fmt: skip
+
+
+def _beside(number: int) -> str:
+    return f"\n(paper: {TABLE_1[number].f_al_hz:.2f} Hz)" if number in TABLE_1 else ""
+
+
+def _arcsec(error: TransmissionError, turns: style.Real) -> style.Real:
+    return np.asarray(np.degrees(error.angle_rad(2.0 * np.pi * turns)) * 3600.0)
+
+
+def _plain_frequencies(panels: style.Panels) -> None:
+    """1, 2, 5, 10 … instead of powers of ten."""
+    ticks = (1, 2, 5, 10, 20, 50, 100)
+    for panel in panels:
+        panel.set_xticks(ticks, labels=[str(tick) for tick in ticks])
+        panel.minorticks_off()

@@ -1,0 +1,349 @@
+"""The bench as its user has it: separate processes on a real socket, commands, exit statuses, and what is left on disk."""
+
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import can
+import pytest
+
+from drive_profiles.cia402 import State, state_of
+from hil.recording import Recording
+from tests.bench.conftest import Emulator
+
+REFERENCE = (Path(__file__).parents[2] / "hil" / "benches" / "reference.toml").read_text()
+SLOW = ("acceleration_rps_s = 4.0", "acceleration_rps_s = 0.4")  # 25 s of motion: time to interfere
+QUICK = ("acceleration_rps_s = 4.0", "acceleration_rps_s = 16.0")
+
+
+def bench_file(tmp_path: Path, *changes: tuple[str, str], name: str = "bench.toml") -> Path:
+    text = REFERENCE
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after)
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def hil(*arguments: str, **kwargs: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(  # type: ignore[call-overload, no-any-return]
+        [sys.executable, "-m", "hil.cli", *arguments], capture_output=True, text=True, timeout=100, **kwargs
+    )
+
+
+def run_arguments(bench: Path, emulator: Emulator, out: Path, *more: str) -> list[str]:
+    return [
+        "run",
+        "constant-acceleration",
+        "--axis",
+        "2",
+        "--bench",
+        str(bench),
+        "--bus",
+        emulator.address,
+        "--out",
+        str(out),
+        *more,
+    ]
+
+
+class Sniffer:
+    """A python-can bus on the emulator's socket, counting in a thread of its own."""
+
+    def __init__(self, emulator: Emulator) -> None:
+        self.bus = can.Bus(interface="hil_local", channel=str(emulator.socket))
+        self.frames: list[can.Message] = []
+        self._end = False
+        self._thread = threading.Thread(target=self._read)
+        self._thread.start()
+
+    def _read(self) -> None:
+        while not self._end:
+            try:
+                message = self.bus.recv(0.1)
+            except can.CanError:
+                return
+            if message is not None:
+                self.frames.append(message)
+
+    def wait_for(self, happened: Callable[[], bool], timeout_s: float = 60.0) -> None:
+        deadline = time.monotonic() + timeout_s
+        while not happened():
+            assert time.monotonic() < deadline, "it did not happen in time"
+            time.sleep(0.005)
+
+    def count(self, can_id: int) -> int:
+        return sum(message.arbitration_id == can_id for message in list(self.frames))
+
+    def wait_for_motion(self) -> None:
+        """The master's set-points have been going out for a while: past settling, well within the slow motion."""
+        self.wait_for(lambda: self.count(0x202) > 900)
+
+    def send(self, can_id: int, data: bytes) -> None:
+        self.bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False), timeout=1.0)
+
+    def upload(self, node: int, index: int, subindex: int = 0) -> bytes:
+        """A stranger's expedited upload."""
+        before = len(self.frames)
+        self.send(0x600 + node, bytes((0x40, index & 0xFF, index >> 8, subindex, 0, 0, 0, 0)))
+
+        def answers() -> list[can.Message]:
+            return [
+                m
+                for m in self.frames[before:]
+                if m.arbitration_id == 0x580 + node and m.data[1:4] == bytes((index & 0xFF, index >> 8, subindex))
+            ]
+
+        self.wait_for(lambda: bool(answers()), 5.0)
+        return bytes(answers()[0].data[4:])
+
+    def close(self) -> None:
+        self._end = True
+        self._thread.join()
+        self.bus.shutdown()
+
+
+def start_run(bench: Path, emulator: Emulator, out: Path, *more: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "hil.cli", *run_arguments(bench, emulator, out, *more)],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+# -- a run on a real socket --------------------------------------------------------------------------------------------
+
+
+def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, emulator: Emulator) -> None:
+    out = tmp_path / "out"
+    done = hil(*run_arguments(bench_file(tmp_path, QUICK), emulator, out, "--compensation", "notch", "--json"))
+    assert done.returncode in {0, 9}, done.stderr
+    result = json.loads(done.stdout)
+    assert result == json.loads((out / "result.json").read_text())
+    run = result["runs"][0]
+    recording = Recording.load(out / run["recording"])
+    assert len(recording.time_s) == run["cycles"]
+    assert recording.period_s == pytest.approx(run["sync_period_s"])
+    assert run["missed_cycles"] == 0
+    assert (out / "report.html").stat().st_size > 10_000
+    log = list(can.LogReader(out / "bus.log"))
+    assert sum(message.arbitration_id == 0x80 for message in log) > run["cycles"]
+
+
+def test_same_seed_gives_the_same_frames_byte_for_byte(tmp_path: Path, start_emulator: Callable[..., Emulator]) -> None:
+    bench, logs = bench_file(tmp_path, QUICK), []
+    for i in range(2):
+        emulator = start_emulator(name=f"robot{i}.sock")
+        time.sleep(0.3 * i)  # how long the world has run by itself makes no difference
+        done = hil(*run_arguments(bench, emulator, tmp_path / f"out{i}"))
+        assert done.returncode in {0, 9}, done.stderr
+        logs.append((tmp_path / f"out{i}" / "bus.log").read_bytes())
+    assert logs[0] == logs[1]
+    assert len(logs[0]) > 100_000
+
+
+def test_another_seed_gives_other_noise_and_the_same_motion(tmp_path: Path, start_emulator: Callable[..., Emulator]) -> None:
+    bench, recordings = bench_file(tmp_path, QUICK), []
+    for seed in ("1", "2"):
+        emulator = start_emulator("--seed", seed, name=f"robot{seed}.sock")
+        out = tmp_path / seed
+        assert hil(*run_arguments(bench, emulator, out)).returncode in {0, 9}
+        recordings.append(Recording.load(next((out / "runs").glob("*.csv"))))
+    first, second = recordings
+    assert (first.axis(2, "position_rad") == second.axis(2, "position_rad")).all()
+    assert (first.columns["tip_z_m_s2"] != second.columns["tip_z_m_s2"]).any()
+
+
+def test_a_stream_socket_carries_the_same_run(tmp_path: Path, start_emulator: Callable[..., Emulator]) -> None:
+    emulator = start_emulator("--stream")
+    done = hil(*run_arguments(bench_file(tmp_path, QUICK), emulator, tmp_path / "out"))
+    assert done.returncode in {0, 9}, done.stderr
+
+
+# -- bad input ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("settle_s = 0.5", "settle_s = 0.5\nsettel_s = 1.0"), "settel_s"),
+        (("speed_rps = 12.0", "speed_rpm = 720.0"), "speed_rps"),
+        (("torque_nm = 7.1", 'torque_nm = "7.1 Nm"'), "N·m"),
+        (("node_id = 3", "node_id = 2"), "node id 2"),
+        (("[axis.2]", "[axis.2"), "bench.toml:"),
+    ],
+    ids=["unknown key", "wrong unit", "unit in the value", "one node id twice", "no TOML"],
+)
+def test_a_bad_bench_file_is_located_and_no_frame_is_sent(
+    tmp_path: Path, emulator: Emulator, change: tuple[str, str], words: str
+) -> None:
+    sniffer = Sniffer(emulator)
+    try:
+        bench = bench_file(tmp_path, change)
+        done = hil(*run_arguments(bench, emulator, tmp_path / "out"))
+        time.sleep(0.2)
+        assert done.returncode == 3
+        assert f"{bench}:" in done.stderr
+        assert words in done.stderr
+        assert "Traceback" not in done.stderr
+        assert not sniffer.frames
+        assert not (tmp_path / "out").exists()
+    finally:
+        sniffer.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["run", "line-motion", "--bench", "reference", "--axis", "2"], 2, "takes no --axis"),
+        (["run", "constant-acceleration", "--bench", "reference"], 2, "needs --axis"),
+        (["run", "constant-acceleration", "--bench", "reference", "--axis", "4", "--bus", "local:/nowhere"], 3, "no axis 4"),
+        (["run", "line-motion", "--bench", "/nowhere.toml"], 3, "/nowhere.toml"),
+        (["run", "line-motion", "--bench", "reference", "--bus", "canzero"], 2, "no bus address"),
+        (["run", "line-motion", "--bench", "reference", "--bus", "local:/nowhere/robot.sock"], 4, "plant-emulator serve"),
+        (["run", "line-motion", "--bench", "reference", "--bus", "socketcan:can9", "--yes"], 4, "can9"),
+        (["run", "line-motion", "--bench", "reference", "--bus", "virtual:x"], 2, "--yes"),
+        (["run", "line-motion", "--bench", "reference", "--bus", "nosuch:x", "--yes"], 4, "nosuch"),
+        (["report", "/"], 3, "result.json"),
+        (["demo", "--robot", "/nowhere.toml"], 4, "/nowhere.toml"),
+        (["fly"], 2, "fly"),
+    ],
+)
+def test_wrong_calls_say_what_is_wrong_and_have_their_exit_status(
+    arguments: list[str], status: int, words: str, tmp_path: Path
+) -> None:
+    done = hil(*arguments, cwd=tmp_path, stdin=subprocess.DEVNULL)
+    assert done.returncode == status, done.stderr
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_bad_robot_file_is_located(tmp_path: Path) -> None:
+    reference = (Path(__file__).parents[2] / "plant_emulator" / "robots" / "reference.toml").read_text()
+    robot = tmp_path / "robot.toml"
+    robot.write_text(reference.replace("torque_limit_nm = 3.8", "torque_limit_mnm = 3800.0"))
+    done = subprocess.run(
+        [sys.executable, "-m", "plant_emulator", "serve", "--robot", str(robot), "--bus", f"local:{tmp_path}/r.sock"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 3
+    line = 1 + next(i for i, text in enumerate(robot.read_text().splitlines()) if "torque_limit_mnm" in text)
+    assert f"{robot}:{line}:" in done.stderr
+    assert "torque_limit_nm (N·m)" in done.stderr
+
+
+# -- what ends a motion ------------------------------------------------------------------------------------------------
+
+
+def assert_kept(out: Path, words: str) -> None:
+    """What was recorded up to the stop is on disk, and the result says why it stopped."""
+    result = json.loads((out / "result.json").read_text())
+    run = result["runs"][0]
+    assert words in run["stopped"]
+    assert 0 < len(Recording.load(out / run["recording"]).time_s) == run["cycles"]
+    assert (out / "report.html").exists()
+    assert (out / "bus.log").stat().st_size > 0
+
+
+def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, emulator: Emulator) -> None:
+    sniffer, out = Sniffer(emulator), tmp_path / "out"
+    try:
+        run = start_run(bench_file(tmp_path, SLOW), emulator, out)
+        sniffer.wait_for_motion()
+        run.send_signal(signal.SIGINT)
+        _, errors = run.communicate(timeout=60)
+        assert run.returncode == 130, errors
+        assert "all axes are stopped and disabled" in errors
+        assert state_of(int.from_bytes(sniffer.upload(2, 0x6041)[:2], "little")) is State.SWITCH_ON_DISABLED
+        assert_kept(out, "SIGINT")
+    finally:
+        sniffer.close()
+
+
+def test_an_emulator_killed_in_motion_is_a_lost_bus(tmp_path: Path, emulator: Emulator) -> None:
+    sniffer, out = Sniffer(emulator), tmp_path / "out"
+    try:
+        run = start_run(bench_file(tmp_path, SLOW), emulator, out)
+        sniffer.wait_for_motion()
+        emulator.process.kill()
+        _, errors = run.communicate(timeout=60)
+        assert run.returncode == 8, errors
+        assert "NOT every drive" in errors
+        assert_kept(out, "lost")
+    finally:
+        sniffer.close()
+
+
+def test_a_master_killed_in_motion_leaves_drives_that_stop_by_themselves(tmp_path: Path, emulator: Emulator) -> None:
+    sniffer = Sniffer(emulator)
+    try:
+        run = start_run(bench_file(tmp_path, SLOW), emulator, tmp_path / "out")
+        sniffer.wait_for_motion()
+        os.kill(run.pid, signal.SIGKILL)
+        run.communicate()
+        # 8130h: the drive's own heartbeat consumer, in the world's clock, which now follows the wall's
+        sniffer.wait_for(lambda: any(m.arbitration_id == 0x82 and m.data[:2] == b"\x30\x81" for m in list(sniffer.frames)), 10.0)
+        deadline = time.monotonic() + 10.0
+        while state_of(int.from_bytes(sniffer.upload(2, 0x6041)[:2], "little")) is not State.SWITCH_ON_DISABLED:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        assert int.from_bytes(sniffer.upload(2, 0x606C), "little", signed=True) == 0
+    finally:
+        sniffer.close()
+
+
+def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, emulator: Emulator) -> None:
+    sniffer, out = Sniffer(emulator), tmp_path / "out"
+    try:
+        run = start_run(bench_file(tmp_path, SLOW), emulator, out)
+        sniffer.wait_for_motion()
+        sniffer.send(0x085, bytes.fromhex("1042020000000000"))
+        _, errors = run.communicate(timeout=60)
+        assert run.returncode == 8, errors
+        assert "node 5 reports emergency 4210h" in errors
+        assert_kept(out, "4210h")
+    finally:
+        sniffer.close()
+
+
+def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, emulator: Emulator) -> None:
+    sniffer = Sniffer(emulator)
+    try:
+        sniffer.send(0x000, b"\x01\x03")
+        for subindex, index, gain in ((1, 0x2100, 25.0), (1, 0x2101, 0.0905), (2, 0x2101, 1.81)):
+            sniffer.send(0x603, bytes((0x23, index & 0xFF, index >> 8, subindex)) + struct.pack("<f", gain))
+        sniffer.send(0x603, bytes.fromhex("2f60600001000000"))
+        for word in (0x06, 0x07, 0x0F):
+            sniffer.send(0x603, bytes((0x2B, 0x40, 0x60, 0, word, 0, 0, 0)))
+        sniffer.wait_for(lambda: sniffer.count(0x583) >= 7, 5.0)
+        done = hil(*run_arguments(bench_file(tmp_path), emulator, tmp_path / "out"))
+        assert done.returncode == 5, done.stderr
+        assert "operation enabled" in done.stderr
+    finally:
+        sniffer.close()
+
+
+def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, emulator: Emulator) -> None:
+    """After an interrupted run the arm is elsewhere; the next line motion brings it home first."""
+    sniffer = Sniffer(emulator)
+    try:
+        run = start_run(bench_file(tmp_path, SLOW), emulator, tmp_path / "first")
+        sniffer.wait_for_motion()
+        run.send_signal(signal.SIGINT)
+        run.communicate(timeout=60)
+        assert run.returncode == 130
+    finally:
+        sniffer.close()
+    done = hil(
+        "run", "line-motion", "--bench", str(bench_file(tmp_path)), "--bus", emulator.address, "--out", str(tmp_path / "second")
+    )
+    assert done.returncode in {0, 9}, done.stderr
+    recording = Recording.load(next((tmp_path / "second" / "runs").glob("*.csv")))
+    assert abs(recording.axis(2, "position_rad")[0]) < 0.1

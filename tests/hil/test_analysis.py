@@ -1,0 +1,161 @@
+"""The metrics on signals whose answers are known."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from hil.analysis import (
+    LINE_BAND_HZ,
+    TIP_BAND_HZ,
+    WINDOWS_RPS,
+    amplitude_spectrum,
+    area,
+    constant_acceleration_metrics,
+    line_motion_metrics,
+    motor_speed_rps,
+    speed_window,
+    tip_displacement_mm,
+)
+from hil.recording import Recording
+
+T = 0.002
+F_AL = 11.84
+
+
+def recording(acceleration, revolutions=None, axis=2):
+    """A recording of the tip and of one axis."""
+    acceleration = np.asarray(acceleration)
+    turns = np.zeros_like(acceleration) if revolutions is None else revolutions
+    return Recording(
+        {
+            "time_s": np.arange(len(acceleration)) * T,
+            f"axis{axis}_position_rad": 2.0 * math.pi * turns,
+            "tip_z_m_s2": acceleration,
+        }
+    )
+
+
+def band_gain(f_hz):
+    """What the band-pass, forward and backward, leaves of a sine."""
+    _, h = signal.sosfreqz(signal.butter(2, (6.0, 25.0), "bandpass", fs=1.0 / T, output="sos"), [f_hz], fs=1.0 / T)
+    return float(abs(h[0]) ** 2)
+
+
+@pytest.mark.parametrize("f_hz", [8.0, 11.84, 20.0])
+def test_the_tip_displacement_of_a_sine_is_its_acceleration_over_the_resonance_squared(f_hz):
+    t = np.arange(5000) * T
+    middle = tip_displacement_mm(0.5 * np.sin(2.0 * math.pi * f_hz * t), T, F_AL)[1000:4000]
+    want = 1e3 * 0.5 * band_gain(f_hz) / (2.0 * math.pi * F_AL) ** 2
+    assert np.max(np.abs(middle)) == pytest.approx(want, rel=1e-2)
+    # without phase: the crests stay where they were
+    assert np.corrcoef(middle, np.sin(2.0 * math.pi * f_hz * t)[1000:4000])[0, 1] > 0.9999
+
+
+def test_at_the_resonance_itself_the_displacement_is_nearly_the_true_one():
+    assert band_gain(F_AL) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("f_hz", [0.5, 120.0])
+def test_motion_and_noise_outside_the_band_do_not_count_as_vibration(f_hz):
+    t = np.arange(8000) * T
+    # half a cosine period at either end would be a transient of the filter, so only the middle is read
+    middle = tip_displacement_mm(np.cos(2.0 * math.pi * f_hz * t), T, F_AL)[2000:6000]
+    assert np.max(np.abs(middle)) < 1e3 * 0.01 / (2.0 * math.pi * F_AL) ** 2
+
+
+@pytest.mark.parametrize("window", ["hann", "boxcar"])
+@pytest.mark.parametrize("count", [1000, 1001])
+def test_the_spectrum_shows_a_sine_of_amplitude_1_as_1_and_the_mean_as_it_is(window, count):
+    cycles = 40
+    n = np.arange(count)
+    f, amplitude = amplitude_spectrum(0.3 + np.sin(2.0 * math.pi * cycles * n / count), T, window)
+    assert amplitude[cycles] == pytest.approx(1.0, abs=1e-9)
+    assert f[cycles] == pytest.approx(cycles / (count * T))
+    assert amplitude[0] == pytest.approx(0.3, abs=1e-9)
+
+
+def test_the_spectrums_last_line_is_not_counted_twice():
+    alternating = np.where(np.arange(200) % 2 == 0, 1.0, -1.0)
+    _, amplitude = amplitude_spectrum(alternating, T, "boxcar")
+    assert amplitude[-1] == pytest.approx(1.0)
+
+
+def test_the_power_of_the_rectangular_spectrum_is_that_of_the_signal():
+    """Parseval."""
+    values = np.random.default_rng(2).standard_normal(1001)
+    _, amplitude = amplitude_spectrum(values, T, "boxcar")
+    assert amplitude[0] ** 2 + 0.5 * np.sum(amplitude[1:] ** 2) == pytest.approx(np.mean(values**2))
+
+
+def test_the_area_is_the_trapezoid_rule_over_the_band_and_no_more():
+    f = np.arange(0.0, 101.0)
+    assert area(f, np.full_like(f, 2.0), (10.0, 30.0)) == pytest.approx(40.0)
+    assert area(f, f, LINE_BAND_HZ) == pytest.approx(1250.0)
+
+
+@pytest.mark.parametrize("rate", [4.0, -4.0])
+def test_the_motor_speed_is_the_slope_of_the_angle_without_delay(rate):
+    t = np.arange(1500) * T
+    speed = motor_speed_rps(recording(np.zeros(1500), 0.5 * rate * t**2), 2)
+    np.testing.assert_allclose(speed[100:-100], (rate * t)[100:-100], atol=1e-3)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("order", [2, 4])
+def test_the_window_holds_the_rise_through_its_speeds_and_not_the_fall(order, direction):
+    up, down = np.arange(0.0, 10.0, 4.0 * T), np.arange(10.0, 0.0, -20.0 * T)
+    speed = np.concatenate([np.zeros(200), up, down, np.zeros(200)])
+    inside = np.flatnonzero(speed_window(recording(np.zeros_like(speed), direction * np.cumsum(speed) * T), 2, order))
+    low, high = WINDOWS_RPS[order]
+    assert speed[inside[0]] == pytest.approx(low, abs=0.05)
+    assert speed[inside[-1]] == pytest.approx(high, abs=0.05)
+    assert np.all(np.diff(inside) == 1)
+    assert inside[-1] < 200 + len(up)
+
+
+def test_a_single_axis_run_is_judged_in_its_window_only():
+    """A sine of known size inside the window of k = 2, ten times as much before it."""
+    speed = np.concatenate([np.arange(0.0, 10.0, 1.0 * T), np.arange(10.0, 0.0, -20.0 * T), np.zeros(500)])
+    t = np.arange(len(speed)) * T
+    wave = np.sin(2.0 * math.pi * 12.0 * t)
+    acceleration = np.where(speed < 3.0, 2.0, 0.2) * wave
+    run = recording(acceleration, np.cumsum(speed) * T)
+    found = constant_acceleration_metrics(run, 2, 2, F_AL)
+    peak = 1e3 * 0.2 * band_gain(12.0) / (2.0 * math.pi * F_AL) ** 2
+    assert found.tip_peak_mm == pytest.approx(peak, rel=0.02)
+    assert found.tip_rms_mm == pytest.approx(peak / math.sqrt(2.0), rel=0.02)
+    assert found.spectrum_peak_m_s2 == pytest.approx(0.2, rel=0.02)
+    assert found.spectrum_peak_hz == pytest.approx(12.0, abs=0.2)
+    f, amplitude = amplitude_spectrum(acceleration[speed_window(run, 2, 2)], T, "hann")
+    assert found.spectrum_area == pytest.approx(area(f, amplitude, TIP_BAND_HZ))
+
+
+def test_a_run_that_misses_the_window_is_refused_with_the_count():
+    slow = np.linspace(0.0, 2.0, 1000)
+    with pytest.raises(ValueError, match="0 samples between 4.5 and 7.5 rps"):
+        constant_acceleration_metrics(recording(np.zeros(1000), np.cumsum(slow) * T), 2, 2, F_AL)
+
+
+def test_a_line_motion_is_judged_from_half_a_second_to_two_and_its_spectrum_over_the_motion():
+    t = np.arange(2500) * T
+    start, duration = 1.0, 2.2
+    wave = np.sin(2.0 * math.pi * 12.0 * (t - start))
+    size = np.where(t < start, 5.0, np.where(t < start + 2.2, 0.3, 3.0))
+    found = line_motion_metrics(recording(size * wave), start, duration, F_AL)
+    assert found.tip_peak_mm == pytest.approx(1e3 * 0.3 * band_gain(12.0) / (2.0 * math.pi * F_AL) ** 2, rel=0.02)
+    assert found.spectrum_peak_m_s2 == pytest.approx(0.3, rel=0.05)
+    assert found.spectrum_peak_hz == pytest.approx(12.0, abs=0.3)
+    f, amplitude = amplitude_spectrum((size * wave)[(t >= start) & (t <= start + duration)], T, "boxcar")
+    assert found.spectrum_area == pytest.approx(np.trapezoid(amplitude[f <= 50.0], f[f <= 50.0]))
+
+
+def test_halving_the_vibration_halves_every_metric():
+    speed = np.concatenate([np.arange(0.0, 10.0, 4.0 * T), np.arange(10.0, 0.0, -20.0 * T), np.zeros(300)])
+    noise = np.random.default_rng(3).standard_normal(len(speed))
+    whole = constant_acceleration_metrics(recording(noise, np.cumsum(speed) * T), 2, 2, F_AL)
+    half = constant_acceleration_metrics(recording(0.5 * noise, np.cumsum(speed) * T), 2, 2, F_AL)
+    for name in ("tip_peak_mm", "tip_rms_mm", "spectrum_peak_m_s2", "spectrum_area"):
+        assert getattr(half, name) == pytest.approx(0.5 * getattr(whole, name))
+    assert half.spectrum_peak_hz == whole.spectrum_peak_hz
