@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
     from hil.master.bench import Bench
 
 EXIT_INTERNAL, EXIT_USAGE, EXIT_FILE, EXIT_BUS = 1, 2, 3, 4
-EXIT_SAFETY_STOP, EXIT_CLAIM_FAILED, EXIT_INTERRUPTED = 8, 9, 130
+EXIT_SDO, EXIT_SAFETY_STOP, EXIT_CLAIM_FAILED, EXIT_INTERRUPTED = 6, 8, 9, 130
 
 EXIT_STATUS = (
     "Exit status: 0 done; 2 usage; 3 bad file or a request beyond its limits; 4 no bus; 5 no answer, wrong device, or already "
@@ -136,14 +136,26 @@ class _Progress:
 
 
 def _run_and_report(
-    bench: "Bench", experiments: list["Experiment"], out: Path, *, reset_faults: bool, as_json: bool
+    bench: "Bench",
+    experiments: list["Experiment"],
+    out: Path,
+    *,
+    as_json: bool,
+    is_paper: bool = False,
+    reset_faults: bool = False,
 ) -> None:
     """Run, write the report, say what came of it, and leave with the right status."""
     from hil.experiments.runner import run_experiments  # noqa: PLC0415
 
     with _Progress(len(experiments)) as progress:
         outcome = run_experiments(
-            bench, experiments, out, reset_faults=reset_faults, announce=progress.announce, progress=progress.share
+            bench,
+            experiments,
+            out,
+            is_paper=is_paper,
+            reset_faults=reset_faults,
+            announce=progress.announce,
+            progress=progress.share,
         )
     _say("writing the report")
     from hil.report.page import write_report  # noqa: PLC0415
@@ -154,9 +166,13 @@ def _run_and_report(
     else:
         _summary(outcome, typer.echo)
     _say(f"report: {report}")
+    for what in outcome.not_restored:
+        _say(f"not put back as it was found: {what}")
     if outcome.stopped is not None:
         _say(str(outcome.stopped))
         raise typer.Exit(outcome.stopped.exit_code)
+    if outcome.not_restored:
+        raise typer.Exit(EXIT_SDO)
     if outcome.failed_claims:
         raise typer.Exit(EXIT_CLAIM_FAILED)
 
@@ -202,7 +218,7 @@ def demo(
             bench = load_bench("reference")
             bus = bench.bus.model_copy(update={"address": str(emulator.address)})
             bench = bench.model_copy(update={"bus": bus})
-            _run_and_report(bench, demo_experiments(bench), out, reset_faults=False, as_json=as_json)
+            _run_and_report(bench, demo_experiments(bench), out, as_json=as_json, is_paper=True)
 
 
 @app.command(epilog=EXIT_STATUS)
@@ -213,7 +229,7 @@ def run(
     compensation: Annotated[CompensationName, typer.Option(help="What acts against it.")] = CompensationName.NONE,
     loop: Annotated[LoopName, typer.Option(help="Where the loop is closed.")] = LoopName.DRIVE,
     bus: Annotated[str | None, typer.Option("--bus", help="Bus address instead of the bench file's.")] = None,
-    out: OutOption = Path("bench-out"),
+    out: Annotated[Path | None, typer.Option("--out", help="Directory; left out: a new one in bench-out.")] = None,
     as_json: JsonOption = False,
     reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Move a real robot without asking.")] = False,
@@ -238,7 +254,15 @@ def run(
         plan = Experiment(experiment.value, axis, compensation.value, loop.value)
         if parse_address(bench.bus.address).interface != LOCAL and not yes:
             _confirm(bench, plan)
-        _run_and_report(bench, [plan], out, reset_faults=reset_faults, as_json=as_json)
+        _run_and_report(bench, [plan], out or _new_directory(plan), as_json=as_json, reset_faults=reset_faults)
+
+
+def _new_directory(experiment: "Experiment") -> Path:
+    """A directory of its own for every run, so that no recording is written over another."""
+    import datetime  # noqa: PLC0415
+
+    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+    return Path("bench-out") / f"{stamp}-{Path(experiment.file_name).stem}"
 
 
 def _confirm(bench: "Bench", experiment: "Experiment") -> None:

@@ -111,9 +111,7 @@ class Servo:
         self.notch_state["speed_rps"] = abs(speed_rad_s) / (2.0 * math.pi)
         self.notch_state["mean_nm"] = torque_nm
 
-    def step(
-        self, position: float, motor_angle: float, velocity_offset: float = 0.0, torque_offset: float = 0.0
-    ) -> float:
+    def step(self, position: float, motor_angle: float, velocity_offset: float = 0.0, torque_offset: float = 0.0) -> float:
         """One sample: reference and measured motor angle in rad in, torque in N·m out."""
         return servo_step(
             self._cascade_config,

@@ -60,9 +60,7 @@ class ConstantAcceleration:
         rising = np.clip(t, 0.0, up)
         falling = np.clip(t - up, 0.0, down)
         revolutions = (
-            0.5 * self.acceleration_rps_s * rising**2
-            + self.end_rps * falling
-            - 0.5 * self.deceleration_rps_s * falling**2
+            0.5 * self.acceleration_rps_s * rising**2 + self.end_rps * falling - 0.5 * self.deceleration_rps_s * falling**2
         )
         return np.asarray(self.direction * 2.0 * math.pi * revolutions)
 

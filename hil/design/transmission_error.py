@@ -112,10 +112,11 @@ def _acceleration_spectrum(angle_rad: Real, period_s: float, length: int) -> tup
 
     The second difference of a sampled sine is its second derivative times (sin(ωT/2)/(ωT/2))²; the division by that makes it
     exact for everything below half the sampling rate. A difference, not jω of the angle itself, since the angle of a motor that
-    has turned does not come back to where it began, while its acceleration does.
+    has turned does not come back to where it began, while its acceleration does. Before the first and after the last sample the
+    speed is taken to stay what it is: a recording that was cut off while the motor turned must not end in a blow.
     """
-    padded = np.concatenate([angle_rad[..., :1], angle_rad, angle_rad[..., -1:]], axis=-1)
-    difference = np.diff(padded, 2, axis=-1) / period_s**2
+    difference = np.zeros_like(angle_rad)
+    difference[..., 1:-1] = np.diff(angle_rad, 2, axis=-1) / period_s**2
     frequency = fft.rfftfreq(length, period_s)
     return frequency, fft.rfft(difference, length, axis=-1) / np.sinc(frequency * period_s) ** 2
 
@@ -132,7 +133,7 @@ def arm_response(
 ) -> Real:
     """The tip acceleration L a_l in m/s² that the model predicts from a measured motor angle; shape of `motor_angle_rad`.
 
-    a_l = H(s) [θ_m/N + θ_sync(θ_m)]'' as in the module's docstring; the motor is at rest before the first sample. Gravity and
+    a_l = H(s) [θ_m/N + θ_sync(θ_m)]'' as in the module's docstring; the arm does not vibrate before the first sample. Gravity and
     the other axes are left out: they move slowly, below the band of the resonance.
 
     Args:
@@ -184,7 +185,7 @@ class _Problem:
     def solve(self, omega: float, zeta: float) -> tuple[Real, Real]:
         """The unknowns (2·orders,) in rad, and the residual (n,) in m/s²."""
         motion, matrix = self.columns(omega, zeta)
-        unknowns, *_ = np.linalg.lstsq(matrix, self.tip - motion, rcond=None)
+        unknowns = np.asarray(np.linalg.lstsq(matrix, self.tip - motion, rcond=None)[0], dtype=np.float64)
         return unknowns, self.tip - motion - matrix @ unknowns
 
 
@@ -200,14 +201,15 @@ def fit_transmission_error(
 ) -> TransmissionErrorEstimate:
     """A_k and φ_k of the transmission error from one constant-acceleration run without a notch.
 
-    Minimises Σ (B [tip − L H s² (θ_m/N + Σ A_k cos(k θ_m + φ_k))])² over the rows, with B the same band-pass (2nd-order Butterworth,
-    forward and backward) on both sides: linear in A_k cos φ_k and A_k sin φ_k jointly, and in an outer Gauss-Newton (variable
-    projection) in ω and ζ, which start from the model. Sample i of the motor angle and of the tip acceleration must belong to the
-    same instant: every millisecond between them turns φ by 4.3° at 12 Hz.
+    Minimises Σ (B [tip − L H s² (θ_m/N + Σ A_k cos(k θ_m + φ_k))])² over the rows, with B the same band-pass (2nd-order
+    Butterworth, forward and backward) on both sides: linear in A_k cos φ_k and A_k sin φ_k jointly, and in an
+    outer Gauss-Newton (variable projection) in ω and ζ, which start from the model. Sample i of the motor angle and of the
+    tip acceleration must belong to the same instant: every millisecond between them turns φ by 4.3° at 12 Hz.
 
-    Reached on the reference robot (ramp of 4 rps/s, rows from 1.5 to 9 rps, 2 ms between samples, noise 0.02 m/s², resolution
-    0.01 m/s²; 30 seeds on each of axes 2 and 3): bias of A_k below 0.4 %, of φ_k below 0.2°; scatter 0.6 % and 0.4° (A₂, φ₂), 0.7 % and
-    0.5° (A₄, φ₄), and the standard errors say as much. A gear stiffness 5 % wrong in the model adds 0.3 % and 0.3°.
+    Reached on the reference robot (ramp of 4 rps/s, rows from 1.5 to 9 rps, 2 ms between samples, noise 0.02 m/s²,
+    resolution 0.01 m/s²; 30 seeds on each of axes 2 and 3): bias of A_k below 0.4 %, of φ_k below 0.2°; scatter 0.6 % and
+    0.4° (A₂, φ₂), 0.7 % and 0.5° (A₄, φ₄), and the standard errors say as much. A gear stiffness 5 % wrong in the model
+    adds 0.3 % and 0.3°.
 
     Args:
         motor_angle_rad: θ_m; shape (n,).
@@ -243,7 +245,7 @@ def fit_transmission_error(
 
     # in units of the model's own values; further away than this the model is not of this axis
     found = optimize.least_squares(
-        residual, np.ones(2), bounds=([0.7, 0.1], [1.4, 8.0]), x_scale=np.array([0.01, 0.3]), diff_step=1e-4
+        residual, np.ones(2), bounds=([0.7, 0.1], [1.4, 8.0]), x_scale=np.array([0.01, 0.3]), diff_step=np.full(2, 1e-4)
     )
     omega, zeta = start.omega_rad_s * float(found.x[0]), start.zeta * float(found.x[1])
     return _estimate(problem, omega, zeta, tuple(orders))

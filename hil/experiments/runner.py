@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from hil.can.address import parse_address
-from hil.can.channel import Channel, open_channel
-from hil.errors import SafetyStopError
+from hil.can.channel import Channel, ChannelError, open_channel
+from hil.errors import HilError, SafetyStopError
 from hil.experiments.plan import Experiment, claims, comparisons, entries
 from hil.master.bench import Bench
 from hil.master.session import Session
@@ -27,11 +27,13 @@ class Outcome:
         result: What `result.json` holds.
         stopped: The stop that ended it early, or None.
         failed_claims: Claims that do not hold.
+        not_restored: What could not be put back in the nodes.
     """
 
     def __init__(self, result: dict[str, Any], stopped: SafetyStopError | None) -> None:
         """Keep both."""
         self.result, self.stopped = result, stopped
+        self.not_restored: list[str] = result.get("not_restored", [])
         self.failed_claims = [claim for claim in result["paper"] if not claim["holds"]]
 
 
@@ -40,6 +42,7 @@ def run_experiments(
     experiments: list[Experiment],
     out: Path,
     *,
+    is_paper: bool = False,
     reset_faults: bool = False,
     announce: Callable[[Experiment], None] = lambda experiment: None,
     progress: Callable[[float], None] = lambda share: None,
@@ -53,12 +56,13 @@ def run_experiments(
         bench: The bench file.
         experiments: In their order.
         out: Directory for what is kept; made if it is not there.
+        is_paper: Judge all of the paper's claims, its tables included; else only that a notch keeps the specification.
         reset_faults: Reset drives that are in fault before anything else.
         announce: Called before each run.
         progress: Called with the share of the present run.
 
     Raises:
-        HilError: Nodes, limits or set-up do not allow a run; all that was changed has been put back.
+        HilError: Nodes, limits or set-up do not allow a run; what was changed is put back, what earlier runs gave is kept.
         ChannelError: The bus is not there, or was lost before anything was enabled.
     """
     motions = [(experiment, experiment.motion(bench)) for experiment in experiments]
@@ -66,11 +70,14 @@ def run_experiments(
     channel = open_channel(address)
     runs: list[dict[str, Any]] = []
     stopped: SafetyStopError | None = None
+    failure: Exception | None = None
+    not_restored: list[str] = []
     started = datetime.datetime.now(datetime.UTC)
     try:
         out.mkdir(parents=True, exist_ok=True)
         log = BusLog(out / "bus.log", _log_channel(channel))
         with Session(bench, channel, log, progress) as session:
+            not_restored = session.not_restored
             session.bring_up(reset_faults=reset_faults)
             for experiment, motion in motions:
                 announce(experiment)
@@ -84,6 +91,10 @@ def run_experiments(
                     break
     except SafetyStopError as stop:
         stopped = stop
+    except (HilError, ChannelError) as error:
+        if not runs:
+            raise
+        failure = error
     finally:
         channel.close()
     compared = comparisons(runs)
@@ -92,11 +103,15 @@ def run_experiments(
         "bench": _bench(bench, started, lock_step=channel.is_lock_step),
         "runs": runs,
         "comparisons": compared,
-        "paper": claims(bench, runs, compared) if stopped is None else [],
+        "paper": claims(bench, runs, compared, is_paper=is_paper) if stopped is None and failure is None else [],
     }
-    if stopped is not None:
-        kept["stopped"] = str(stopped)
+    if stopped is not None or failure is not None:
+        kept["stopped"] = str(stopped or failure)
+    if not_restored:
+        kept["not_restored"] = not_restored
     write_json(out / "result.json", kept)
+    if failure is not None:
+        raise failure
     return Outcome(kept, stopped)
 
 
@@ -127,5 +142,3 @@ def write_json(path: Path, value: dict[str, Any]) -> None:
     temporary = path.with_name(path.name + ".part")
     temporary.write_text(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
     os.replace(temporary, path)
-
-

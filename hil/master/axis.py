@@ -10,7 +10,7 @@ from drive_profiles.errors import DriveProfileError
 from drive_profiles.profile import Parameter, Profile
 from drive_profiles.units import Scaling, interpolation_period
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
-from hil.errors import AlreadyMovingError, NodeError, NotPossibleError, WrongIdentityError
+from hil.errors import AlreadyMovingError, HilError, NodeError, NotPossibleError, WrongIdentityError
 from hil.master.bench import Axis as AxisTable
 from hil.master.network import Network
 
@@ -37,11 +37,16 @@ class Snapshot:
             self._before[index, subindex] = self.network.read_raw(self.node, index, subindex, name)
         self.network.write(self.node, index, subindex, kind, value, name)
 
-    def restore(self) -> None:
-        """Put everything back, the last change first; a PDO's COB-ID is made invalid before its mapping is touched."""
+    def restore(self) -> list[str]:
+        """Put everything back, the last change first; what a node refuses, in words."""
+        refused = []
         while self._before:
             (index, subindex), data = self._before.popitem()
-            self.network.write_raw(self.node, index, subindex, data)
+            try:
+                self.network.write_raw(self.node, index, subindex, data)
+            except HilError as error:
+                refused.append(str(error))
+        return refused
 
 
 def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> None:

@@ -168,10 +168,12 @@ class CyclicPlan:
             raise NodeError(node, f"its channels count differently: {sorted(scales)} m/s² per step")
         return float(scales.pop())
 
-    def restore(self) -> None:
-        """Give the nodes their PDOs back."""
+    def restore(self) -> list[str]:
+        """Give the nodes their PDOs back; what they refuse, in words."""
+        refused = []
         while self._sets:
-            self._sets.pop().restore()
+            refused += self._sets.pop().restore()
+        return refused
 
     def exchange(self) -> None:
         """One cycle: RPDOs, SYNC, then the answers until all are there or the time is up.

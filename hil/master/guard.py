@@ -26,9 +26,7 @@ class AxisGuard:
     _last_rad: float | None = None
     _beyond_s: float = 0.0
 
-    def check(
-        self, status_word: int, position_rad: float, reference_rad: float, torque_nm: float, missing: int
-    ) -> str | None:
+    def check(self, status_word: int, position_rad: float, reference_rad: float, torque_nm: float, missing: int) -> str | None:
         """The reason to stop, or None.
 
         The speed is the difference of two positions, so an encoder value that jumps further than the motor can turn stops the
@@ -61,9 +59,7 @@ class AxisGuard:
         self._beyond_s = self._beyond_s + self.period_s if error > limits.following_error_rev else 0.0
         # the drive watches the same window; the master is the second line and lets it speak first
         if self._beyond_s > limits.following_error_timeout_s + 2.0 * self.period_s:
-            return (
-                f"axis {self.number} is {error:.3f} rev behind its set-point, the limit is {limits.following_error_rev:g} rev"
-            )
+            return f"axis {self.number} is {error:.3f} rev behind its set-point, the limit is {limits.following_error_rev:g} rev"
         return None
 
 

@@ -232,5 +232,3 @@ class Network:
         held = self.read_raw(node, index, subindex, name)
         if held != data:
             raise ReadBackError(node, index, subindex, data, held)
-
-

@@ -4,7 +4,7 @@ import contextlib
 from dataclasses import dataclass
 
 from drive_profiles.cia301 import CobIdBit, DataType
-from hil.errors import SdoAbortedError
+from hil.errors import HilError, SdoAbortedError
 from hil.master.network import Network
 
 U8, U32 = DataType.UNSIGNED8, DataType.UNSIGNED32
@@ -110,7 +110,12 @@ class PdoSet:
             self._before.append(before)
             self.network.write(self.node, communication, 1, U32, before.cob_id | CobIdBit.INVALID, "COB-ID of a PDO")
 
-    def restore(self) -> None:
-        """Put back what was there."""
+    def restore(self) -> list[str]:
+        """Put back what was there; what the node refuses, in words."""
+        refused = []
         while self._before:
-            self._before.pop().apply(self.network, self.node)
+            try:
+                self._before.pop().apply(self.network, self.node)
+            except HilError as error:
+                refused.append(str(error))
+        return refused

@@ -22,7 +22,7 @@ from hil.control.servo import Servo, ServoConfig
 from hil.control.trajectory import Smooth, sample_times
 from hil.design.frequency import Loop as LoopModel
 from hil.design.frequency import margins
-from hil.errors import HilError, InterruptedRunError, NotPossibleError, SafetyStopError, UnsafeRequestError
+from hil.errors import InterruptedRunError, NotPossibleError, SafetyStopError, UnsafeRequestError
 from hil.master.axis import DriveAxis, check_identity
 from hil.master.bench import Bench
 from hil.master.cyclic import CyclicPlan
@@ -98,6 +98,9 @@ class Session:
         channel: The bus; the session does not close it.
         log: Where every frame goes.
         progress: Called with the share of the present motion that is done.
+
+    Attributes:
+        not_restored: What could not be put back, in words; empty when everything was.
     """
 
     def __init__(
@@ -112,6 +115,7 @@ class Session:
         self._accelerometer_profile = Profile.load(bench.accelerometer.profile)
         if self._accelerometer_profile.kind != "accelerometer":
             raise NotPossibleError(f"profile {bench.accelerometer.profile} is no accelerometer")
+        self.not_restored: list[str] = []
         self._interrupt: str | None = None
         self._handlers: dict[int, object] = {}
         self._last_heartbeat_s = -math.inf
@@ -148,7 +152,8 @@ class Session:
         Raises:
             NodeError: A node is silent, another device, already enabled, moving, or in fault.
         """
-        self.network.sync()
+        if self.network.channel.is_lock_step:
+            self.network.sync()  # from here on the world's clock is ours, so that equal seeds give equal frames
         for axis in self.axes.values():
             self.check_interrupt()
             if reset_faults:
@@ -282,15 +287,14 @@ class Session:
         self._supervised_since_s = self.network.now()
 
     def _tear_down(self, axes: list[DriveAxis], plan: CyclicPlan) -> None:
-        """Put everything back; what the bus does not allow any more is left, and a first error is not hidden by a second."""
-        with contextlib.suppress(ChannelError):
+        """Put everything back; what a node refuses or the bus does not allow any more is noted in `not_restored`."""
+        try:
             for node in (*(axis.node for axis in axes), self.bench.accelerometer.node_id):
                 self.network.nmt(NmtCommand.ENTER_PRE_OPERATIONAL, node)
-            with contextlib.suppress(HilError):
-                plan.restore()
-            for axis in axes:
-                with contextlib.suppress(HilError):
-                    axis.snapshot.restore()
+            for restore in (plan.restore, *(axis.snapshot.restore for axis in axes)):
+                self.not_restored += restore()
+        except ChannelError as error:
+            self.not_restored.append(f"the bus: {error}")
         self.log.write()
 
     # -- what every cycle needs ----------------------------------------------------------------------------------------
@@ -395,8 +399,7 @@ class _Run:
                 break
         else:
             names = ", ".join(
-                f"axis {slot.axis.number}: {getattr(state_of(slot.status_word), 'value', 'unknown')}"
-                for slot in self.plan.slots
+                f"axis {slot.axis.number}: {getattr(state_of(slot.status_word), 'value', 'unknown')}" for slot in self.plan.slots
             )
             raise _StopRun(f"not all drives enabled within {ENABLE_TIMEOUT_S:g} s ({names})")
         for slot in self.plan.slots:
@@ -524,4 +527,3 @@ class _StopRun(Exception):  # noqa: N818 - it ends a run, which is no error of t
     def __init__(self, reason: str) -> None:
         self.reason = reason
         super().__init__(reason)
-

@@ -36,12 +36,17 @@ def plants(material: Material) -> Drawing | None:
     panels[1, 0].set_ylabel("Phase (°)")
     _plain_frequencies(panels[1])
     return Drawing(
-        "plants", "Plant: motor angle per torque", "Fig. 4", "computed",
-        "Frequency response of each axis' two-inertia model from motor torque to motor angle, from the bench file's parameters. "
-        "At the anti-resonance f_a the arm swings on its gear and holds the motor still; at the resonance f_r motor and arm swing "
+        "plants",
+        "Plant: motor angle per torque",
+        "Fig. 4",
+        "computed",
+        "Frequency response of each axis' two-inertia model from motor torque to motor angle, from the bench file's "
+        "parameters. "
+        "At the anti-resonance f_a the arm swings on its gear and holds the motor still; at the resonance f_r motor "
+        "and arm swing "
         "against each other. The paper has about 12 Hz and 22 Hz.",
         style.to_svg(figure, "plants"),
-    )  # fmt: skip
+    )
 
 
 def transmission_errors(material: Material) -> Drawing | None:
@@ -56,7 +61,7 @@ def transmission_errors(material: Material) -> Drawing | None:
         estimate, table = material.estimate(number), material.transmission_error(number)
         if estimate is not None:
             identified += 1
-            panel.plot(turns, _arcsec(estimate.error, turns), label="identified from the tip acceleration", **style.MEASURED)
+            panel.plot(turns, _arcsec(estimate.error, turns), label="identified from the tip acceleration", **style.BROAD)
         if table is not None:
             panel.plot(turns, _arcsec(table, turns), label="bench file", **style.MODEL)
         for turn in (1.0, 2.0):
@@ -67,18 +72,22 @@ def transmission_errors(material: Material) -> Drawing | None:
     panels[-1, 0].set_xlabel("Motor angle (rev)")
     style.legend_above(figure, panels[0, 0])
     how = (
-        "The solid line is identified from the accelerometer at the tip while the motor passed through both resonances without a "
-        "notch (joint least squares of orders 2 and 4 through the arm on its gear, driven by the measured motor angle); "
+        "The solid line is identified from the accelerometer at the tip while the motor passed through both "
+        "resonances without a "
+        "notch (joint least squares of orders 2 and 4 through the arm on its gear, driven by the measured motor "
+        "angle); "
         if identified
         else "No run without a notch is there from which it could be identified; "
     )
     return Drawing(
-        "transmission-errors", "Synchronous transmission error", "Fig. 5",
+        "transmission-errors",
+        "Synchronous transmission error",
+        "Fig. 5",
         "measured and computed" if identified else "computed",
         f"θ_sync over two revolutions of the motor, at the arm. {how}the broken line is what the bench file believes. "
         "Dotted lines: whole revolutions.",
         style.to_svg(figure, "transmission-errors"),
-    )  # fmt: skip
+    )
 
 
 def resonances(material: Material) -> Drawing | None:
@@ -93,7 +102,7 @@ def resonances(material: Material) -> Drawing | None:
         gain = style.decibel(loop.acceleration_per_transmission_error(frequency))
         panel.semilogx(frequency, gain, **style.MEASURED)
         peak = material.f_al_hz[number]
-        style.flag(panel, peak, rf"$f_{{al}}$ = {peak:.2f} Hz" + _beside(number), height=0.12)
+        style.flag(panel, peak, rf"$f_{{al}}$ = {peak:.2f} Hz" + _beside(number), height=0.3)
         panel.plot([peak], [np.interp(peak, frequency, gain)], "o", color=style.BLUE)
         panel.set_xlim(1.0, 100.0)
         panel.set_title(f"Axis {number}")
@@ -101,11 +110,15 @@ def resonances(material: Material) -> Drawing | None:
     panels[0, 0].set_ylabel(r"$|G_{al}|$ (dB re 1/s²)")
     _plain_frequencies(panels[0])
     return Drawing(
-        "resonances", "Arm acceleration per transmission error", "Fig. 6", "computed",
-        f"|G_al| = |a_l/θ_sync| of the closed loop without a notch, sampled at {1e6 * material.control_period_s:.0f} µs. Where the "
+        "resonances",
+        "Arm acceleration per transmission error",
+        "Fig. 6",
+        "computed",
+        f"|G_al| = |a_l/θ_sync| of the closed loop without a notch, sampled at {1e6 * material.control_period_s:.0f} "
+        f"µs. Where the "
         "motor turns so fast that the k-th harmonic meets the peak, f_m = f_al/k, the arm rings (Table 1).",
         style.to_svg(figure, "resonances"),
-    )  # fmt: skip
+    )
 
 
 def _beside(number: int) -> str:

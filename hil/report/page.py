@@ -10,7 +10,7 @@ import jinja2
 from markupsafe import Markup, escape
 
 from hil.master.bench import Bench
-from hil.report import figures_model, figures_motion, figures_notch, style, tables
+from hil.report import figures_identification, figures_model, figures_notch, figures_suppression, style, tables
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, Run, finite
 from hil.report.style import Drawing
 from hil.report.tables import Mark, Table
@@ -81,14 +81,23 @@ def write_report(directory: Path, bench: Bench | None = None) -> Path:
     with style.styled():
         chapters = sections(material)
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters["typeset"] = typeset
     page = environment.get_template("report.html.j2").render(
-        material=material, verdict=verdict(material), cards=cards(material), sections=chapters, provenance=provenance(material),
-        stopped=stopped(material), is_drawing=lambda item: isinstance(item, Drawing), is_mark=lambda cell: isinstance(cell, Mark),
-    )  # fmt: skip
+        material=material,
+        verdict=verdict(material),
+        cards=cards(material),
+        sections=chapters,
+        provenance=provenance(material),
+        stopped=stopped(material),
+        is_drawing=lambda item: isinstance(item, Drawing),
+        is_mark=lambda cell: isinstance(cell, Mark),
+    )
     path = directory / "report.html"
     path.write_text(page, encoding="utf-8")
     return path
@@ -107,23 +116,42 @@ def typeset(text: str) -> Markup:
 def sections(material: Material) -> list[Section]:
     """All chapters for which there is data."""
     driven = sorted({run.axis for run in material.result.runs if run.axis is not None})
-    chapters = [
+    chapters: list[tuple[str, str, list[Drawing | Table | None]]] = [
         ("paper", "Paper and bench", [tables.claims(material)]),
-        ("model", "Axes and transmission error", [
-            tables.resonances(material), figures_model.plants(material), figures_model.resonances(material),
-            tables.transmission_errors(material), figures_model.transmission_errors(material),
-            *(figures_motion.identification(material, axis) for axis in driven),
-        ]),
-        ("notch", "Variable notch", [
-            tables.notches(material), figures_notch.schedules(material), figures_notch.families(material), figures_notch.nyquist(material),
-            figures_notch.margin_curves(material),
-        ]),
-        ("verification", "Verification", [
-            *(figures_motion.suppression(material, axis) for axis in driven), figures_motion.line_motion(material),
-            *(figures_motion.loop_places(material, axis) for axis in driven),
-        ]),
-        ("all-runs", "Runs", [tables.runs(material)]),
-    ]  # fmt: skip
+        (
+            "model",
+            "Axes and transmission error",
+            [
+                tables.resonances(material),
+                figures_model.plants(material),
+                figures_model.resonances(material),
+                tables.transmission_errors(material),
+                figures_model.transmission_errors(material),
+                *(figures_identification.identification(material, axis) for axis in driven),
+            ],
+        ),
+        (
+            "notch",
+            "Variable notch",
+            [
+                tables.notches(material),
+                figures_notch.schedules(material),
+                figures_notch.families(material),
+                figures_notch.nyquist(material),
+                figures_notch.margin_curves(material),
+            ],
+        ),
+        (
+            "verification",
+            "Verification",
+            [
+                *(figures_suppression.suppression(material, axis) for axis in driven),
+                figures_suppression.line_motion(material),
+                *(figures_suppression.loop_places(material, axis) for axis in driven),
+            ],
+        ),
+        ("all-runs", "Runs", [tables.runs(material), tables.motions(material)]),
+    ]
     found = [Section(key, title, tuple(_present(items))) for key, title, items in chapters]
     return [section for section in found if section.items]
 
@@ -229,9 +257,13 @@ def provenance(material: Material) -> list[tuple[str, str]]:
     record = material.result.bench
     versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
     lines = [
-        ("Bench", record.name or material.bench.name), ("Bus", _plain(record.bus)), ("Clock", _plain(record.clock)),
-        ("Seed", _plain(record.seed)), ("Started (UTC)", record.started_utc or ""), ("Versions", versions),
-    ]  # fmt: skip
+        ("Bench", record.name or material.bench.name),
+        ("Bus", _plain(record.bus)),
+        ("Clock", _plain(record.clock)),
+        ("Seed", _plain(record.seed)),
+        ("Started (UTC)", record.started_utc or ""),
+        ("Versions", versions),
+    ]
     return [(name, text) for name, text in lines if text]
 
 

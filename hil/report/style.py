@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -18,8 +18,15 @@ Real = NDArray[np.float64]
 
 # Okabe and Ito's palette
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
-    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
-)  # fmt: skip
+    "#000000",
+    "#E69F00",
+    "#56B4E9",
+    "#009E73",
+    "#F0E442",
+    "#0072B2",
+    "#D55E00",
+    "#CC79A7",
+)
 GREY, SHADE = "#5a6270", "#e9eef4"
 
 Panels = NDArray[Any]
@@ -28,10 +35,15 @@ Panels = NDArray[Any]
 Line = dict[str, Any]
 
 MEASURED: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
+BROAD: Line = {"color": SKY, "linestyle": "-", "linewidth": 2.4}
+"""What was measured, where a thin line that nearly covers it is to be compared with it."""
+
 MODEL: Line = {"color": VERMILLION, "linestyle": (0, (4, 1.6)), "linewidth": 1.3}
 WITHOUT: Line = {"color": ORANGE, "linestyle": (0, (4, 1.2)), "linewidth": 1.2}
 WITH: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.2}
 LIMIT: Line = {"color": BLACK, "linestyle": (0, (1, 1.6)), "linewidth": 1.2}
+CONSTRAINT: Line = {"color": BLACK, "linestyle": (0, (7, 2)), "linewidth": 1.2}
+OTHER_PLACE: Line = {"color": BLACK, "linestyle": (0, (3, 1.4)), "linewidth": 1.0}
 MARK: Line = {"color": GREY, "linestyle": (0, (1, 1.6)), "linewidth": 0.9}
 
 AXIS_LINES: tuple[Line, ...] = (
@@ -110,7 +122,7 @@ class Drawing:
 def styled() -> Iterator[None]:
     """The report's style while figures are made, and nobody else's."""
     with mpl.rc_context():
-        mpl.rcParams.update(RC)
+        mpl.rcParams.update(cast("Any", RC))
         yield
 
 
@@ -139,9 +151,17 @@ def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "
     axes.axvline(x, **MARK)
     pad = 3 if side == "left" else -3
     axes.annotate(
-        text, (x, height), xycoords=("data", "axes fraction"), xytext=(pad, 0), textcoords="offset points",
-        ha=side, va="top", fontsize=7.5, color="#2b3038", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
-    )  # fmt: skip
+        text,
+        (x, height),
+        xycoords=("data", "axes fraction"),
+        xytext=(pad, 0),
+        textcoords="offset points",
+        ha=side,
+        va="top",
+        fontsize=7.5,
+        color="#2b3038",
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
+    )
 
 
 def thin(*columns: Real, points: int = MAX_POINTS) -> tuple[Real, ...]:

@@ -97,14 +97,24 @@ def resonances(material: Material) -> Table | None:
         measured = NONE if estimate is None else number(estimate.resonance_hz, "{:.2f}")
         rows.append([f"axis {axis}", *(number(x, "{:.2f}") for pair in pairs for x in pair), measured])
     header = (
-        "", _sub("f", "al", "Hz, paper"), _sub("f", "al", "Hz, bench"), _sub("f", "m2", "rev/s, paper"), _sub("f", "m2", "rev/s, bench"),
-        _sub("f", "m4", "rev/s, paper"), _sub("f", "m4", "rev/s, bench"), "arm on its gear (Hz, identified)",
-    )  # fmt: skip
+        "",
+        _sub("f", "al", "Hz, paper"),
+        _sub("f", "al", "Hz, bench"),
+        _sub("f", "m2", "rev/s, paper"),
+        _sub("f", "m2", "rev/s, bench"),
+        _sub("f", "m4", "rev/s, paper"),
+        _sub("f", "m4", "rev/s, bench"),
+        "arm on its gear (Hz, identified)",
+    )
     return Table(
-        "table-1", "Resonance and the motor speeds that excite it", "Table 1", header, rows,
-        caption="Bench: peak of |G_al| of the bench file's model with its loop, and the motor speeds at which the 2nd and the 4th "
-        "harmonic meet it. Last column: the anti-resonance refined from the measured ramp without a notch.",
-    )  # fmt: skip
+        "table-1",
+        "Resonance and the motor speeds that excite it",
+        "Table 1",
+        header,
+        rows,
+        caption="Bench: peak of |G_al| of the bench file's model with its loop, and the motor speeds at which the 2nd and the "
+        "4th harmonic meet it. Last column: the anti-resonance refined from the measured ramp without a notch.",
+    )
 
 
 def transmission_errors(material: Material) -> Table | None:
@@ -118,22 +128,33 @@ def transmission_errors(material: Material) -> Table | None:
             continue
         for place, order in enumerate((2, 4)):
             for kind in range(2):
-                name, unit = (f"A<sub>{order}</sub>", "arcsec") if kind == 0 else (f"φ<sub>{order}</sub>", "°")
+                name, unit = ("A", "arcsec") if kind == 0 else ("φ", "°")
                 found = NONE
                 if estimate is not None:
                     value = (estimate.error.amplitude_arcsec, estimate.error.phase_deg)[kind][order]
                     error = (estimate.amplitude_error_arcsec, estimate.phase_error_deg)[kind][order]
                     found = f"{value:.2f} ± {error:.2f}" if kind == 0 else f"{value:.1f} ± {error:.1f}"
-                rows.append([
-                    f"axis {axis}", Markup(name), unit, number(None if paper is None else paper[2 * place + kind], "{:g}"),
-                    number((believed.amplitude_arcsec, believed.phase_deg)[kind][order], "{:g}"), found,
-                ])  # fmt: skip
+                rows.append(
+                    [
+                        f"axis {axis}",
+                        Markup("{}<sub>{}</sub>").format(name, order),
+                        unit,
+                        number(None if paper is None else paper[2 * place + kind], "{:g}"),
+                        number((believed.amplitude_arcsec, believed.phase_deg)[kind][order], "{:g}"),
+                        found,
+                    ]
+                )
     return Table(
-        "table-2", "Parameters of the synchronous transmission error", "Table 2",
-        ("", "Parameter", "Unit", "Paper", "Bench file", "Identified ± standard error"), rows, frozenset({0, 1, 2}),
-        "Identified from the tip acceleration of the ramp without a notch. The standard error is that of the noise; an error of the tip "
+        "table-2",
+        "Parameters of the synchronous transmission error",
+        "Table 2",
+        ("", "Parameter", "Unit", "Paper", "Bench file", "Identified ± standard error"),
+        rows,
+        frozenset({0, 1, 2}),
+        "Identified from the tip acceleration of the ramp without a notch. The standard error is that of the noise; "
+        "an error of the tip "
         "lever goes straight into the amplitudes, one of the motor angle's zero into the phases.",
-    )  # fmt: skip
+    )
 
 
 def notches(material: Material) -> Table | None:
@@ -149,14 +170,27 @@ def notches(material: Material) -> Table | None:
     if not rows:
         return None
     header = (
-        "", Markup("ω<sub>d</sub>/2π (Hz)"), Markup("ζ<sub>rn</sub>"), Markup("ζ<sub>rdth</sub>"), "k", _sub("f", "s", "rev/s"),
-        _sub("f", "e", "rev/s"), Markup("largest M<sub>s</sub>"), "least gain margin (dB)", "least phase margin (°)", "stable",
-    )  # fmt: skip
+        "",
+        Markup("ω<sub>d</sub>/2π (Hz)"),
+        Markup("ζ<sub>rn</sub>"),
+        Markup("ζ<sub>rdth</sub>"),
+        "k",
+        _sub("f", "s", "rev/s"),
+        _sub("f", "e", "rev/s"),
+        Markup("largest M<sub>s</sub>"),
+        "least gain margin (dB)",
+        "least phase margin (°)",
+        "stable",
+    )
     return Table(
-        "table-3", "Designed variable notch filter, with its margins", "Table 3", header, rows,
+        "table-3",
+        "Designed variable notch filter, with its margins",
+        "Table 3",
+        header,
+        rows,
         caption="The bench's values; where the paper has another, it stands in brackets. Margins: the worst of "
         f"{len(MARGIN_SPEEDS_RPS)} motor speeds from {MARGIN_SPEEDS_RPS[0]:g} to {MARGIN_SPEEDS_RPS[-1]:g} rev/s.",
-    )  # fmt: skip
+    )
 
 
 def _worst(material: Material, axis: int) -> Margins:
@@ -174,9 +208,11 @@ def _margin_cells(worst: Margins | None) -> list[Cell]:
     if worst is None:
         return [NONE, NONE, NONE, NONE]
     return [
-        number(worst.sensitivity_peak, "{:.2f}"), number(worst.gain_margin_db, "{:.1f}"), number(worst.phase_margin_deg, "{:.0f}"),
+        number(worst.sensitivity_peak, "{:.2f}"),
+        number(worst.gain_margin_db, "{:.1f}"),
+        number(worst.phase_margin_deg, "{:.0f}"),
         Mark(worst.stable),
-    ]  # fmt: skip
+    ]
 
 
 def _both(paper: float | None, bench: float) -> str:
@@ -187,41 +223,102 @@ def _both(paper: float | None, bench: float) -> str:
 
 
 def runs(material: Material) -> Table | None:
-    """Every run with its numbers."""
+    """Every window of every run with its numbers."""
     if not material.result.runs:
         return None
     rows = [_run(run) for run in material.result.runs]
     header = (
-        "Run", "Window k", "SYNC (ms)", "Loop (µs)", "Tip peak (mm)", "Tip rms (mm)", "Spectrum peak (m/s²)", "at (Hz)",
-        "Spectrum area (m/s²·Hz)", "Specification", "Cycles", "Missed", "Motion (s)", "Wall (s)", "Recording",
-    )  # fmt: skip
+        "Run",
+        "Window",
+        "Tip peak (mm)",
+        "Tip rms (mm)",
+        "Spectrum peak (m/s²)",
+        "at (Hz)",
+        "Spectrum area (m/s²·Hz)",
+        "Specification",
+    )
     return Table(
-        "runs", "All runs", "", header, rows, frozenset({0, 9, 14}),
-        "Tip: equivalent displacement in the window. Cycles: SYNC periods; missed: those in which an answer was late or lost. Motion: "
-        "duration in the robot's time; wall: what it took by the clock on the wall (less than the motion where an emulated robot runs "
-        "faster than time). A ramp that is judged in two windows stands in two lines.",
-    )  # fmt: skip
+        "runs",
+        "Results of all runs",
+        "",
+        header,
+        rows,
+        frozenset({0, 7}),
+        "Tip: equivalent displacement in the window in which the run is judged. A ramp is judged in two windows, by "
+        "the order k whose line "
+        "crosses the resonance there.",
+    )
 
 
 def _run(run: Run) -> list[Cell]:
-    what = f"axis {run.axis}, ramp" if run.axis is not None else run.experiment.replace("-", " ")
+    within: Cell = Mark(None, "stopped early") if run.stopped else Mark(run.within_spec, _WITHIN.get(run.within_spec, ""))
     return [
-        f"{what}, {run.compensation_name}, {run.loop}-closed" + (" (stopped early)" if run.stopped else ""),
-        number(run.order, "{:d}"),
-        number(None if run.sync_period_s is None else 1e3 * run.sync_period_s, "{:g}"),
-        number(None if run.control_period_s is None else 1e6 * run.control_period_s, "{:g}"),
+        _name(run),
+        NONE if run.order is None else f"k = {run.order}",
         number(run.tip_peak_mm, "{:.4f}"),
         number(run.tip_rms_mm, "{:.4f}"),
         number(run.spectrum_peak_m_s2, "{:.4f}"),
         number(run.spectrum_peak_hz, "{:.2f}"),
         number(run.spectrum_area, "{:.3f}"),
-        Mark(None if run.stopped else run.within_spec, {True: "within", False: "outside"}.get(run.within_spec, "")),  # type: ignore[arg-type]
-        number(run.cycles, "{:d}"),
-        number(run.missed_cycles, "{:d}"),
-        number(run.motion_s, "{:.2f}"),
-        number(run.wall_s, "{:.2f}"),
-        run.recording or NONE,
+        within,
     ]
+
+
+_WITHIN = {True: "within", False: "outside", None: ""}
+
+
+def _name(run: Run) -> str:
+    what = f"axis {run.axis}, ramp" if run.axis is not None else run.experiment.replace("-", " ")
+    return f"{what}, {run.compensation_name}, {run.loop}-closed" + (" (stopped early)" if run.stopped else "")
+
+
+def motions(material: Material) -> Table | None:
+    """Every motion once: what the bus carried, and how long it took."""
+    by_recording = {run.recording or _name(run): run for run in material.result.runs}
+    if not by_recording:
+        return None
+    rows: list[list[Cell]] = [
+        [
+            _name(run),
+            number(None if run.sync_period_s is None else 1e3 * run.sync_period_s, "{:g}"),
+            number(None if run.control_period_s is None else 1e6 * run.control_period_s, "{:g}"),
+            number(run.cycles, "{:d}"),
+            number(run.missed_cycles, "{:d}"),
+            number(run.motion_s, "{:.2f}"),
+            number(run.wall_s, "{:.2f}"),
+            _speed(run),
+            run.recording or NONE,
+        ]
+        for run in by_recording.values()
+    ]
+    header = (
+        "Motion",
+        "SYNC (ms)",
+        "Loop (µs)",
+        "Cycles",
+        "Missed",
+        "Motion (s)",
+        "Wall (s)",
+        "Motion / wall (–)",
+        "Recording",
+    )
+    return Table(
+        "motions",
+        "Cycles and times",
+        "",
+        header,
+        rows,
+        frozenset({0, 8}),
+        "A cycle is a SYNC period; missed are those in which an answer was late or lost. Motion: what passed for the "
+        "robot; wall: what the "
+        "clock on the wall showed meanwhile, less than the motion where an emulated robot runs faster than time.",
+    )
+
+
+def _speed(run: Run) -> str:
+    if run.motion_s is None or run.wall_s is None or run.wall_s <= 0.0:
+        return NONE
+    return number(run.motion_s / run.wall_s, "{:.1f}")
 
 
 def _sub(symbol: str, index: str, unit: str) -> Markup:

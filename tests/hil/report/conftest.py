@@ -54,11 +54,24 @@ def entries(directory: Path, axis: int | None, compensation: str, loop: str, per
             metrics = line_motion_metrics(recording, BENCH.line_motion.dwell_s, BENCH.line_motion.duration_s, f_al)
         else:
             metrics = constant_acceleration_metrics(recording, axis, order, f_al)
-        found.append({
-            "experiment": experiment, "axis": axis, "compensation": compensation, "loop": loop, "sync_period_s": period_s,
-            "control_period_s": 250e-6, "order": order, **vars(metrics), "within_spec": metrics.tip_peak_mm <= 0.05,
-            "cycles": len(recording.time_s), "missed_cycles": 0, "wall_s": 0.9, "motion_s": float(recording.time_s[-1]), "recording": name,
-        })  # fmt: skip
+        found.append(
+            {
+                "experiment": experiment,
+                "axis": axis,
+                "compensation": compensation,
+                "loop": loop,
+                "sync_period_s": period_s,
+                "control_period_s": 250e-6,
+                "order": order,
+                **vars(metrics),
+                "within_spec": metrics.tip_peak_mm <= 0.05,
+                "cycles": len(recording.time_s),
+                "missed_cycles": 0,
+                "wall_s": 0.9,
+                "motion_s": float(recording.time_s[-1]),
+                "recording": name,
+            }
+        )
     return found
 
 
@@ -71,9 +84,12 @@ def reduction(runs: list[dict], experiment: str, axis: int | None, loop: str) ->
     }
     share = {key: 100.0 * (1.0 - pair["notch"][key] / pair["none"][key]) for key in ("tip_peak_mm", "spectrum_area")}
     return {
-        "experiment": experiment, "axis": axis, "loop": loop, "tip_peak_reduction_pct": share["tip_peak_mm"],
+        "experiment": experiment,
+        "axis": axis,
+        "loop": loop,
+        "tip_peak_reduction_pct": share["tip_peak_mm"],
         "spectrum_area_reduction_pct": share["spectrum_area"],
-    }  # fmt: skip
+    }
 
 
 def make(directory: Path) -> Path:
@@ -84,31 +100,57 @@ def make(directory: Path) -> Path:
     for compensation in ("none", "notch"):
         runs += entries(directory, 2, compensation, "host", 250e-6)
     comparisons = [
-        reduction(runs, "constant-acceleration", 2, "drive"), reduction(runs, "constant-acceleration", 3, "drive"),
-        reduction(runs, "line-motion", None, "drive"), reduction(runs, "constant-acceleration", 2, "host"),
-    ]  # fmt: skip
+        reduction(runs, "constant-acceleration", 2, "drive"),
+        reduction(runs, "constant-acceleration", 3, "drive"),
+        reduction(runs, "line-motion", None, "drive"),
+        reduction(runs, "constant-acceleration", 2, "host"),
+    ]
     peaks = {
         r["axis"]: r["tip_peak_mm"] for r in runs if r["compensation"] == "notch" and r["order"] == 2 and r["loop"] == "drive"
     }
     paper = [
         {"claim": "f_al of axis 2", "source": "Table 1", "paper": 11.84, "bench": 11.8402, "unit": "Hz", "holds": True},
         {"claim": "f_al of axis 3", "source": "Table 1", "paper": 11.45, "bench": 11.4503, "unit": "Hz", "holds": True},
-        {"claim": "Tip of axis 2 within ±0.05 mm with the notch", "source": "section 5.1, Fig. 13", "paper": "≤ 0.05", "bench": peaks[2],
-         "unit": "mm", "holds": peaks[2] <= 0.05},
-        {"claim": "Tip of axis 3 within ±0.05 mm with the notch", "source": "section 5.1, Fig. 14", "paper": "≤ 0.05", "bench": peaks[3],
-         "unit": "mm", "holds": peaks[3] <= 0.05},
-        {"claim": "Spectrum area of the line motion falls", "source": "section 5.2, Fig. 15", "paper": 26.0,
-         "bench": comparisons[2]["spectrum_area_reduction_pct"], "unit": "%",
-         "holds": comparisons[2]["spectrum_area_reduction_pct"] >= 26.0},
-    ]  # fmt: skip
+        {
+            "claim": "Tip of axis 2 within ±0.05 mm with the notch",
+            "source": "section 5.1, Fig. 13",
+            "paper": "≤ 0.05",
+            "bench": peaks[2],
+            "unit": "mm",
+            "holds": peaks[2] <= 0.05,
+        },
+        {
+            "claim": "Tip of axis 3 within ±0.05 mm with the notch",
+            "source": "section 5.1, Fig. 14",
+            "paper": "≤ 0.05",
+            "bench": peaks[3],
+            "unit": "mm",
+            "holds": peaks[3] <= 0.05,
+        },
+        {
+            "claim": "Spectrum area of the line motion falls",
+            "source": "section 5.2, Fig. 15",
+            "paper": 26.0,
+            "bench": comparisons[2]["spectrum_area_reduction_pct"],
+            "unit": "%",
+            "holds": comparisons[2]["spectrum_area_reduction_pct"] >= 26.0,
+        },
+    ]
     result = {
         "schema": 1,
         "bench": {
-            "name": "reference", "file": BENCH.model_dump(mode="json"), "bus": "local:/tmp/robot.sock", "clock": "lock-step", "seed": 1,
-            "versions": {"hil-bench": "0.1.0", "python": "3.11", "numpy": np.__version__}, "started_utc": "2025-01-01T12:00:00Z",
+            "name": "reference",
+            "file": BENCH.model_dump(mode="json"),
+            "bus": "local:/tmp/robot.sock",
+            "clock": "lock-step",
+            "seed": 1,
+            "versions": {"hil-bench": "0.1.0", "python": "3.11", "numpy": np.__version__},
+            "started_utc": "2025-01-01T12:00:00Z",
         },
-        "runs": runs, "comparisons": comparisons, "paper": paper,
-    }  # fmt: skip
+        "runs": runs,
+        "comparisons": comparisons,
+        "paper": paper,
+    }
     (directory / "result.json").write_text(json.dumps(result), encoding="utf-8")
     return directory
 

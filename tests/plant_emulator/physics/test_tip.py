@@ -1,0 +1,73 @@
+"""The tip: kinematics against numerical derivatives, the sensor against its data sheet."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hil.control.trajectory import PlanarChain
+from plant_emulator.physics.tip import Sensor, chain_acceleration, lever_acceleration
+
+CHAIN = PlanarChain(0.050, 0.330, 0.440, (0.420, 0.035), 0.130)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_planar_acceleration_is_the_second_derivative_of_the_tip(seed):
+    rng = np.random.default_rng(seed)
+    q, w, a = rng.uniform(-1.5, 1.5, 3), rng.uniform(-2.0, 2.0, 3), rng.uniform(-10.0, 10.0, 3)
+    h = 1e-4
+    before, now, after = (CHAIN.tip(q + w * t + 0.5 * a * t * t) for t in (-h, 0.0, h))
+    x, z = (before - 2.0 * now + after) / h**2
+    got = chain_acceleration(CHAIN, q, w, a)
+    assert got == pytest.approx((x, 0.0, z), abs=1e-4)
+
+
+def test_a_chain_at_rest_feels_nothing():
+    assert chain_acceleration(CHAIN, np.array([0.3, -0.4, 0.1]), np.zeros(3), np.zeros(3)) == (0.0, 0.0, 0.0)
+
+
+def test_a_lever_feels_the_centripetal_and_the_tangential_acceleration():
+    radius, rate, change, h = 0.7, 1.3, -4.0, 1e-4
+
+    def place(t):
+        angle = rate * t + 0.5 * change * t * t
+        return np.array([radius * math.cos(angle), radius * math.sin(angle)])
+
+    radial, tangential = (place(-h) - 2.0 * place(0.0) + place(h)) / h**2
+    assert lever_acceleration(radius, rate, change) == pytest.approx((radial, 0.0, tangential), abs=1e-5)
+
+
+def sensor(noise=0.0, resolution=0.0, reach=19.62, seed=1):
+    return Sensor(noise, resolution, reach, np.random.default_rng(seed))
+
+
+def test_a_sensor_without_noise_rounds_to_its_nearest_step():
+    step = 0.00981
+    for true in np.linspace(-1.0, 1.0, 401):
+        value = sensor(resolution=step).sample((float(true), 0.0, 0.0))[0]
+        assert abs(value - true) <= 0.5 * step * (1.0 + 1e-9)
+        assert value / step == pytest.approx(round(value / step), abs=1e-9)
+    assert sensor().sample((0.123456, -1.0, 2.0)) == (0.123456, -1.0, 2.0)
+
+
+def test_beyond_its_range_the_sensor_saturates():
+    assert sensor(noise=0.02, resolution=0.00981, reach=19.62).sample((100.0, -100.0, 25.0)) == (19.62, -19.62, 19.62)
+
+
+def test_the_noise_is_white_and_of_the_stated_size_on_every_axis():
+    one = sensor(noise=0.02)
+    draws = np.array([one.sample((1.0, 0.0, -1.0)) for _ in range(20_000)])
+    np.testing.assert_allclose(draws.std(axis=0), 0.02, rtol=0.02)
+    np.testing.assert_allclose(draws.mean(axis=0), [1.0, 0.0, -1.0], atol=6e-4)
+    noise = draws - draws.mean(axis=0)
+    assert abs(np.mean(noise[1:] * noise[:-1])) < 0.02 * 0.02**2
+    assert np.max(np.abs(np.corrcoef(noise.T) - np.eye(3))) < 0.03
+
+
+def test_equal_seeds_give_equal_samples_and_different_ones_do_not():
+    def run(seed):
+        one = sensor(noise=0.02, resolution=0.00981, seed=seed)
+        return [one.sample((0.1, 0.2, 0.3)) for _ in range(50)]
+
+    assert run(7) == run(7)
+    assert run(7) != run(8)
