@@ -128,6 +128,24 @@ def simulate(
     typer.echo(f"{len(result.time_s)} samples in {out}")
 
 
+@app.command()
+def eds(out: Annotated[Path, typer.Option("--out", help="Folder for the files; made if it is not there.")]) -> None:
+    """Write the EDS files of the emulated drive and accelerometer, for tools that configure CANopen nodes.
+
+    Exit status: 0 done, 2 usage, 3 the files cannot be written.
+    """
+    from plant_emulator.data_sheets import data_sheets  # noqa: PLC0415 - --help must not wait for the compiler
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, text in data_sheets().items():
+            path = out / name
+            path.write_text(text, encoding="ascii", newline="\n")
+            typer.echo(path)
+    except OSError as error:
+        raise _fail(str(error), EXIT_FILE) from None
+
+
 def main() -> None:
     """Entry point of the console script."""
     try:

@@ -25,7 +25,7 @@ MOTION = np.dtype([
     # cyclic position: the last two set-points, and how far the way between them has been gone
     ("previous_counts", np.float64), ("target_counts", np.float64),
     ("tick", np.int64), ("ticks_per_set_point", np.int64),
-    ("position_offset_counts", np.float64), ("velocity_offset_rad_s", np.float64), ("torque_offset_nm", np.float64),
+    ("velocity_offset_rad_s", np.float64), ("torque_offset_nm", np.float64),
     ("target_torque_nm", np.float64), ("torque_limit_nm", np.float64),
     # profile position and ramps
     ("profile_speed_rad_s", np.float64), ("profile_acceleration_rad_s2", np.float64),
@@ -55,16 +55,23 @@ def _interpolated(m: Any) -> float:
 
 @compiled
 def _profile(m: Any, target_rad: float, period_s: float) -> None:
-    """One period of the trapezoidal profile towards a target: never faster than it can still brake from."""
+    """One period of the trapezoidal profile towards a target: never faster than it can still brake from.
+
+    In whole periods T a stop from v takes v²/2a + v T/2: solved for v, so that the last step ends on the target. Where a new
+    target lies closer than that, the reference passes it and comes back.
+    """
     distance = target_rad - m.reference_rad
-    allowed = min(m.profile_speed_rad_s, math.sqrt(2.0 * m.profile_deceleration_rad_s2 * abs(distance)))
+    loss = m.profile_deceleration_rad_s2 * period_s
+    braking = math.sqrt(0.25 * loss * loss + 2.0 * m.profile_deceleration_rad_s2 * abs(distance)) - 0.5 * loss
+    allowed = min(m.profile_speed_rad_s, braking)
     wanted = math.copysign(allowed, distance)
     slowing = abs(wanted) < abs(m.reference_speed_rad_s) or wanted * m.reference_speed_rad_s < 0.0
     rate = m.profile_deceleration_rad_s2 if slowing else m.profile_acceleration_rad_s2
     change = min(rate * period_s, max(-rate * period_s, wanted - m.reference_speed_rad_s))
     m.reference_speed_rad_s += change
     step = m.reference_speed_rad_s * period_s
-    if abs(distance) <= abs(step) or abs(distance) < 0.5 / m.counts_per_rad:
+    arrives = abs(distance) <= abs(step) * (1.0 + 1e-9) or abs(distance) < 0.5 / m.counts_per_rad
+    if arrives and abs(m.reference_speed_rad_s) <= 1.5 * loss:
         m.reference_rad, m.reference_speed_rad_s = target_rad, 0.0
     else:
         m.reference_rad += step
@@ -77,13 +84,13 @@ def _ramp_down(m: Any, period_s: float) -> None:
     speed = m.reference_speed_rad_s
     m.reference_speed_rad_s = math.copysign(max(0.0, abs(speed) - drop), speed)
     m.reference_rad += m.reference_speed_rad_s * period_s
-    m.stop_ticks += 1
+    if m.reference_speed_rad_s == 0.0:
+        m.stop_ticks += 1
 
 
 @compiled
-def _watch(m: Any, position: float, speed: float, counts: float) -> None:
+def _watch(m: Any, speed: float, counts: float) -> None:
     """Hold the axis against its limits; what is broken is latched in `trip`."""
-    m.following_error_rad = position - counts / m.counts_per_rad
     if abs(m.following_error_rad) > m.following_window_rad:
         m.following_count += 1
         if m.following_count > m.following_ticks:
@@ -158,7 +165,7 @@ def advance(
             before = m.mode
             position, velocity_offset, torque_offset = angle, 0.0, m.torque_offset_nm
             if m.mode == POSITION:
-                position = (_interpolated(m) + m.position_offset_counts) / m.counts_per_rad
+                position = _interpolated(m) / m.counts_per_rad
                 velocity_offset = m.velocity_offset_rad_s
                 m.tick += 1
             elif m.mode == PROFILE:
@@ -185,12 +192,12 @@ def advance(
             if m.mode == TORQUE:
                 wanted = m.target_torque_nm + m.torque_offset_nm
                 torque = min(m.torque_limit_nm, max(-m.torque_limit_nm, wanted))
-            m.torque_nm = torque
+            m.torque_nm, m.following_error_rad = torque, position - angle
             if m.mode == STOPPING:
                 if m.reference_speed_rad_s == 0.0 and abs(speed) < STOPPED_RAD_S:
                     m.stopped = 1
             else:
-                _watch(m, position, speed, counts)
+                _watch(m, speed, counts)
                 if m.trip != 0 and before != STOPPING:
                     begin_stop(motion, cascade_config, cascade_state, row, m.stop_deceleration_rad_s2)
             plant_step(plant, plant_state, row, torque, False, period_s, substeps)

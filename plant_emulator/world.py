@@ -61,7 +61,7 @@ class World:
 
     def begin_lock_step(self) -> list[Frame]:
         """Go on to the next whole second, so that every run finds the clock's phase the same."""
-        return self.advance(-(-self.now // SECOND) * SECOND)
+        return self.free_step(-(-self.now // SECOND) * SECOND)
 
     def receive(self, frame: Frame) -> list[Frame]:
         """What the nodes answer at this instant; a SYNC then owes the world a period."""
@@ -96,7 +96,7 @@ class World:
             self.now = stop
             for node in self._nodes:
                 frames += node.update()
-            late = [node for node in self._nodes if node.due is not None and node.due <= stop]
+            late = [node for node in self._nodes if node.slave.waits_for_changes or (node.due is not None and node.due <= stop)]
             frames += _by_priority(frame for node in late for frame in node.advance(stop))
             if stop >= until:
                 return frames

@@ -1,22 +1,24 @@
 """A channel on any python-can bus."""
 
+import time
 from typing import Any
 
 import can
 
 from hil.can.address import Address
 from hil.can.channel import BusLostError, BusUnavailableError
-from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
+from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 
 
 class AdapterChannel:
-    """python-can's `Bus` as a channel; time on it is the wall clock's."""
+    """python-can's `Bus` as a channel; time on it is the wall clock's. The first failure is latched, as on every channel."""
 
     is_lock_step = False
 
     def __init__(self, address: Address) -> None:
         """Open the bus; `BusUnavailableError` where python-can cannot."""
         self.address = address
+        self._lost: BusLostError | None = None
         settings: dict[str, Any] = {} if address.bitrate is None else {"bitrate": address.bitrate}
         try:
             self._bus = can.Bus(interface=address.interface, channel=address.channel, **settings)
@@ -25,33 +27,51 @@ class AdapterChannel:
 
     def send(self, frame: Frame) -> None:
         """Put a frame on the bus."""
+        if self._lost is not None:
+            raise self._lost
         can_id = frame.can_id
+        is_remote = bool(can_id & CAN_RTR_FLAG)
         message = can.Message(
-            arbitration_id=can_id & 0x1FFFFFFF,
+            arbitration_id=can_id & CAN_EFF_MASK,
             is_extended_id=bool(can_id & CAN_EFF_FLAG),
-            is_remote_frame=bool(can_id & CAN_RTR_FLAG),
-            data=frame.data,
+            is_remote_frame=is_remote,
+            dlc=len(frame.data),
+            data=None if is_remote else frame.data,
         )
         try:
             self._bus.send(message)
         except (can.CanError, OSError) as error:
-            raise BusLostError(self.address, str(error)) from error
+            raise self._lose(error) from error
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """The next frame, or None when none came in time."""
-        try:
-            message = self._bus.recv(timeout_s)
-        except (can.CanError, OSError) as error:
-            raise BusLostError(self.address, str(error)) from error
-        if message is None:
-            return None
-        flags = (
-            (CAN_EFF_FLAG if message.is_extended_id else 0)
-            | (CAN_RTR_FLAG if message.is_remote_frame else 0)
-            | (CAN_ERR_FLAG if message.is_error_frame else 0)
-        )
-        return Frame(message.arbitration_id | flags, bytes(message.data))
+        """The next frame, or None when none came in time. CAN FD frames are none of ours."""
+        if self._lost is not None:
+            raise self._lost
+        deadline = time.monotonic() + timeout_s
+        while True:
+            try:
+                message = self._bus.recv(max(0.0, deadline - time.monotonic()))
+            except (can.CanError, OSError) as error:
+                raise self._lose(error) from error
+            if message is None:
+                return None
+            if not message.is_fd:
+                return _frame(message)
+
+    def _lose(self, error: Exception) -> BusLostError:
+        self._lost = BusLostError(self.address, str(error))
+        return self._lost
 
     def close(self) -> None:
         """Leave the bus."""
         self._bus.shutdown()
+
+
+def _frame(message: can.Message) -> Frame:
+    flags = (
+        (CAN_EFF_FLAG if message.is_extended_id else 0)
+        | (CAN_RTR_FLAG if message.is_remote_frame else 0)
+        | (CAN_ERR_FLAG if message.is_error_frame else 0)
+    )
+    # of a remote request the length is all there is
+    return Frame(message.arbitration_id | flags, bytes(message.dlc if message.is_remote_frame else message.data))

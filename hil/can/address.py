@@ -53,4 +53,6 @@ def parse_address(text: str) -> Address:
         raise AddressError(text)
     rate = match["rate"]
     bitrate = None if rate is None else round(float(rate) * _UNITS[match["unit"]])
+    if bitrate == 0:
+        raise AddressError(text)
     return Address(match["interface"], match["channel"], bitrate)

@@ -120,7 +120,8 @@ class DriveAxis:
 
     def position_rad(self) -> float:
         """The motor angle now, by SDO."""
-        return self.scaling.position_rad(self.network.read(self.node, Object.POSITION_ACTUAL, 0, I32))
+        counts: int = self.network.read(self.node, Object.POSITION_ACTUAL, 0, I32, "position actual value")
+        return self.scaling.position_rad(counts)
 
     # -- parameters ----------------------------------------------------------------------------------------------------
 

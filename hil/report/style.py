@@ -85,7 +85,6 @@ RC: dict[str, Any] = {
     "mathtext.default": "regular",
     "axes.unicode_minus": True,
     "svg.fonttype": "path",  # the same page everywhere, whatever fonts there are
-    "svg.hashsalt": "hil",  # equal data, equal bytes
     "path.simplify": True,
     "path.simplify_threshold": 0.2,
 }
@@ -185,6 +184,15 @@ def _shorter(match: re.Match[str]) -> str:
     return f"translate({text})" if match[1] is None else f' {match[1]}="{text}"'
 
 
+def _own_ids(text: str, key: str) -> str:
+    """Only the ids that something refers to, numbered in order: matplotlib makes its own from addresses in memory."""
+    numbers: dict[str, int] = {}
+    for name in re.findall(r'(?:href="|url\()#([^")]+)', text):
+        numbers.setdefault(name, len(numbers))
+    text = re.sub(r'\sid="([^"]*)"', lambda m: f' id="{key}-{numbers[m[1]]}"' if m[1] in numbers else "", text)
+    return re.sub(r'(href="|url\()#([^")]+)', lambda m: f"{m[1]}#{key}-{numbers[m[2]]}", text)
+
+
 def to_svg(figure: Figure, key: str) -> str:
     """The figure as an inline SVG element: scalable, ids of its own, nothing that points outside."""
     buffer = io.StringIO()
@@ -196,6 +204,5 @@ def to_svg(figure: Figure, key: str) -> str:
     box = re.search(r'viewBox="[^"]*"', text)
     start = f'<svg role="img" aria-labelledby="{key}-title" {box[0] if box else ""} xmlns="http://www.w3.org/2000/svg">'
     text = re.sub(r"<svg [^>]*>", start, text, count=1).replace("xlink:href", "href")
-    text = re.sub(r'\sid="', f' id="{key}-', text)
-    text = text.replace('href="#', f'href="#{key}-').replace("url(#", f"url(#{key}-")
+    text = _own_ids(text, key)
     return re.sub(r"\n\s*", "\n", _COORDINATES.sub(_shorter, text))

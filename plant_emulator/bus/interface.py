@@ -48,7 +48,8 @@ class LocalBus(can.BusABC):
         can_id |= CAN_RTR_FLAG if msg.is_remote_frame else 0
         can_id |= CAN_ERR_FLAG if msg.is_error_frame else 0
         try:
-            record = pack(Frame(can_id, bytes(msg.data)))
+            # of a remote request the length is all there is
+            record = pack(Frame(can_id, bytes(msg.dlc) if msg.is_remote_frame else bytes(msg.data)))
             if not select.select([], [self._socket], [], 0.0 if timeout is None else timeout)[1]:
                 raise can.CanOperationError("the local bus takes no more frames")
             self._socket.send(record)
@@ -73,13 +74,14 @@ class LocalBus(can.BusABC):
         self._buffer = b""
         if frame is None:
             return None, False
+        is_remote = bool(frame.can_id & CAN_RTR_FLAG)
         message = can.Message(
             timestamp=time.time(),
             arbitration_id=frame.can_id & CAN_EFF_MASK,
             is_extended_id=bool(frame.can_id & CAN_EFF_FLAG),
-            is_remote_frame=bool(frame.can_id & CAN_RTR_FLAG),
+            is_remote_frame=is_remote,
             is_error_frame=bool(frame.can_id & CAN_ERR_FLAG),
-            data=frame.data,
+            data=None if is_remote else frame.data,
             dlc=len(frame.data),
             channel=self.channel,
         )

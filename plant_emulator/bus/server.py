@@ -38,7 +38,7 @@ class Client:
         self.socket = sock
         self.dropped = 0
         self._is_stream = sock.type == socket.SOCK_STREAM
-        self._received, self._backlog = b"", b""
+        self._received, self._backlog = b"", bytearray()
 
     def send(self, record: bytes) -> None:
         """Deliver a record, or drop it where the client's queue is full."""
@@ -54,13 +54,23 @@ class Client:
 
     def _send_stream(self, record: bytes) -> None:
         """A stream must not lose half a record: what does not fit waits, up to a bound."""
+        self.flush()
         if len(self._backlog) >= STREAM_BACKLOG_BYTES:
             self.dropped += 1
             return
         self._backlog += record
-        with contextlib.suppress(BlockingIOError):
+        self.flush()
+
+    @property
+    def has_backlog(self) -> bool:
+        """Whether something waits for room in a stream."""
+        return bool(self._backlog)
+
+    def flush(self) -> None:
+        """Give a stream what waits for it, as far as there is room."""
+        with contextlib.suppress(OSError):  # no room; or it has gone, and the next read says so
             while self._backlog:
-                self._backlog = self._backlog[self.socket.send(self._backlog) :]
+                del self._backlog[: self.socket.send(self._backlog[:65536])]
 
     def receive(self) -> list[Frame] | None:
         """The frames that wait, [] where there is none, None where the client has gone. Records that are no frame are dropped."""
@@ -116,7 +126,10 @@ class Server:
 
     def watch(self, descriptor: int) -> None:
         """Stop when this descriptor is closed at its other end: the server then lives as long as the one who started it."""
-        self._selector.register(descriptor, selectors.EVENT_READ)
+        try:
+            self._selector.register(descriptor, selectors.EVENT_READ)
+        except (OSError, ValueError):
+            self._stop = True  # /dev/null, a regular file or a closed one: there is nobody at its other end
 
     def stop(self) -> None:
         """End `run` soon; may be called from a signal handler."""
@@ -127,6 +140,8 @@ class Server:
         try:
             while not self._stop:
                 self._serve(self._wait())
+                for client in self._clients.values():
+                    client.flush()
                 if self._clock is None:
                     self._broadcast(self.world.free_step(time.monotonic_ns() - self._epoch_ns), None)
         finally:
@@ -142,7 +157,8 @@ class Server:
             if ready:
                 return [key.fd for key, _ in ready]
             if time.monotonic() >= spun_until:
-                return [key.fd for key, _ in self._selector.select(0.5)]
+                waiting = any(client.has_backlog for client in self._clients.values())
+                return [key.fd for key, _ in self._selector.select(FREE_POLL_S if waiting else 0.5)]
 
     def _serve(self, descriptors: Iterable[int]) -> None:
         for descriptor in descriptors:
@@ -150,8 +166,11 @@ class Server:
                 self._accept()
             elif descriptor in self._clients:
                 self._read(descriptor)
-            elif not os.read(descriptor, 4096):
-                self._stop = True
+            else:
+                try:
+                    self._stop = self._stop or not os.read(descriptor, 4096)
+                except OSError:
+                    self._stop = True
 
     def _accept(self) -> None:
         with contextlib.suppress(OSError):

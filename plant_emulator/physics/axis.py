@@ -92,9 +92,7 @@ def derivatives(
     z_rate = 0.0
     if p.hysteresis_torque_nm > 0.0:
         sign = 1.0 if torsion_rate > 0.0 else -1.0
-        z_rate = (
-            p.hysteresis_torque_nm / p.hysteresis_torsion_rad * torsion_rate * (1.0 - sign * z / p.hysteresis_torque_nm)
-        )
+        z_rate = p.hysteresis_torque_nm / p.hysteresis_torsion_rad * torsion_rate * (1.0 - sign * z / p.hysteresis_torque_nm)
     if braked:
         return 0.0, acceleration_l, z_rate, 0.0
     torque, torque_rate = command, 0.0
@@ -129,9 +127,7 @@ def plant_step(plant: Any, state: Any, row: int, command: float, braked: bool, p
     for _ in range(substeps):
         a1, b1, c1, d1 = derivatives(p, command, braked, th, wm, tl, wl, z, tau)
         wm2, wl2 = wm + half * a1, wl + half * b1
-        a2, b2, c2, d2 = derivatives(
-            p, command, braked, th + half * wm, wm2, tl + half * wl, wl2, z + half * c1, tau + half * d1
-        )
+        a2, b2, c2, d2 = derivatives(p, command, braked, th + half * wm, wm2, tl + half * wl, wl2, z + half * c1, tau + half * d1)
         wm3, wl3 = wm + half * a2, wl + half * b2
         a3, b3, c3, d3 = derivatives(
             p, command, braked, th + half * wm2, wm3, tl + half * wl2, wl3, z + half * c2, tau + half * d2

@@ -16,9 +16,7 @@ def lever_acceleration(lever_m: float, arm_speed: float, arm_acceleration: float
     return -lever_m * arm_speed * arm_speed, 0.0, lever_m * arm_acceleration
 
 
-def chain_acceleration(
-    chain: PlanarChain, angles: Vector, speeds: Vector, accelerations: Vector
-) -> tuple[float, float, float]:
+def chain_acceleration(chain: PlanarChain, angles: Vector, speeds: Vector, accelerations: Vector) -> tuple[float, float, float]:
     """Acceleration (X, Y, Z) of the tip in m/s², gravity left out; Y is 0 in a planar chain.
 
     With the links' angles α_i above the horizontal and their vectors r_i: a = Σ (α̈_i ŷ×r_i − α̇_i² r_i).

@@ -122,6 +122,11 @@ class Slave:
         times = (self._producer.due, self._consumer.due, self._sdo.due, self._pdo.due)
         return min((time for time in times if time is not None), default=None)
 
+    @property
+    def waits_for_changes(self) -> bool:
+        """Whether there are event-driven TPDOs: `advance` must then be called when the owner may have changed an object."""
+        return bool(self._pdo.event_driven)
+
     def power_on(self, now: int) -> list[Frame]:
         """Start, or start again after a loss of power: reset, boot-up message, pre-operational."""
         self._set_time(now)

@@ -149,14 +149,6 @@ def test_an_early_set_point_leads_on_from_where_the_reference_is():
     assert axes.motion[0]["previous_counts"] == 400.0
 
 
-@pytest.mark.parametrize("offset", [1000.0, -1000.0])
-def test_the_position_offset_shifts_what_the_axis_holds(offset):
-    axes = energised()
-    axes.motion[0]["position_offset_counts"] = offset
-    axes.advance(8000)
-    assert axes.counts(0) == pytest.approx(offset, abs=STUCK)
-
-
 def test_in_torque_mode_the_torque_is_the_target_and_the_offset_within_the_limit():
     axes = energised(TORQUE)
     for target, offset, want in ((0.5, 0.2, 0.7), (100.0, 0.0, 7.1), (-100.0, 1.0, -7.1)):

@@ -232,6 +232,22 @@ def test_the_arm_follows_the_motor_through_the_gear_within_its_transmission_erro
         assert np.ptp(error) > axis.ate.a2_arcsec * ARCSEC
 
 
+def test_before_and_after_the_motion_gear_and_gravity_are_in_balance(line):
+    run = line[True]
+    for column, number in enumerate(run.axes):
+        axis = ROBOT.axis[number]
+        for row in (0, -1):
+            motor = float(run.position_counts[row, column]) * 2.0 * math.pi / axis.encoder_counts_per_rev
+            arm = float(run.arm_angle_rad[row, column])
+            error = sum(
+                getattr(axis.ate, f"a{k}_arcsec") * ARCSEC * math.cos(k * motor + math.radians(getattr(axis.ate, f"phi{k}_deg")))
+                for k in (2, 4)
+            )
+            weight = axis.gravity_moment_nm * math.cos(arm + ROBOT.home_angle(number))
+            sag = weight / axis.gear_stiffness_nm_rad
+            assert arm == pytest.approx(motor / axis.reduction_ratio + error - sag, abs=1e-5), (number, row)
+
+
 def test_the_torque_of_the_line_motion_stays_within_the_limits(line):
     limits = np.array([ROBOT.axis[number].torque_limit_nm for number in line[False].axes])
     for run in line.values():

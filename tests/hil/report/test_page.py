@@ -83,10 +83,13 @@ def test_it_is_well_formed_with_unique_ids(full):
 
 def test_it_stands_alone(full):
     page = Page(full)
-    assert all(reference.startswith("#") for reference in page.references)
-    assert {reference[1:] for reference in page.references} <= set(page.ids)
+    inside = [reference[1:] for reference in page.references if reference.startswith("#")]
+    # colour bars are pictures, held in the page itself
+    assert all(reference.startswith("data:image/png;base64,") for reference in page.references if not reference.startswith("#"))
+    assert set(inside) <= set(page.ids)
     assert not {"script", "link", "img", "iframe", "object", "embed"} & set(page.tags)
-    assert set(re.findall(r"https?://[^\s\"'<)]+", full)) <= {"http://www.w3.org/2000/svg"}
+    addresses = set(re.findall(r"https?://[^\s\"'<)]+", full))
+    assert addresses == {"http://www.w3.org/2000/svg"}
     assert "@import" not in full
 
 
@@ -94,7 +97,7 @@ def test_every_figure_and_table_is_there_and_in_the_contents(full):
     page = Page(full)
     assert set(page.figures) == ALL_FIGURES
     assert page.tags.count("svg") == len(ALL_FIGURES)
-    assert ALL_TABLES <= set(page.ids)
+    assert set(page.ids) >= ALL_TABLES
     assert {f"#{key}" for key in ALL_FIGURES | ALL_TABLES} <= set(page.references)
 
 
@@ -142,7 +145,7 @@ def test_the_bench_comes_back_from_json(full_directory):
     assert set(bench.axis) == {2, 3, 5}
 
 
-@pytest.mark.parametrize("kept", range(8))
+@pytest.mark.parametrize("kept", [0, 4, 7])
 def test_one_motion_alone_gives_a_report(full_directory, tmp_path, kept):
     def change(result):
         recordings = list(dict.fromkeys(run["recording"] for run in result["runs"]))
