@@ -20,13 +20,16 @@ endef
 # The slow tests take minutes: always in CI, elsewhere by `make test CI=1`.
 SELECT := $(if $(CI),,-m "not slow")
 
-.PHONY: demo test lint format lock clean
+.PHONY: demo test bench lint format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/hil demo --out demo
 
 test: lint
 	$(BIN)/python -m pytest -n 2 $(SELECT)
+
+bench: $(INSTALLED)
+	$(BIN)/python -m benchmarks --out docs/performance.md
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check

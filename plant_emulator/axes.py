@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.control.cascade import CASCADE_CONFIG, CASCADE_STATE
 from hil.control.notch import NO_NOTCH, NOTCH_CONFIG, NOTCH_STATE, NOTCHES
@@ -58,8 +57,15 @@ class Axes:
             for column in range(NOTCHES):
                 NO_NOTCH.write(self.notch_config[row, column])
         self._chain = robot.geometry.chain() if robot.geometry is not None else None
-        self._home = robot.home_joints()
-        self._levers = np.array([robot.axis[number].tip_lever_m for number in self.numbers])
+        home = robot.home_joints()
+        self._home = None if home is None else home.tolist()
+        self._chain_rows = [] if home is None else [self.row(number) for number in CHAIN_AXES]
+        self._levers = [robot.axis[number].tip_lever_m for number in self.numbers]
+        # views that are read at every sample of the tip
+        self._modes = self.motion["mode"]
+        self._arm_angle = self.plant_state["arm_angle"]
+        self._arm_speed = self.plant_state["arm_speed"]
+        self._arm_acceleration = self.plant_state["arm_acceleration"]
 
     def row(self, number: int) -> int:
         """Row of an axis."""
@@ -121,16 +127,15 @@ class Axes:
         While a single brake is open the sensor sits on that axis' lever, as in the single-axis experiments: Z is L θ̈_l, X points
         inwards. Otherwise the planar chain of axes 2, 3 and 5 moves it; a robot without a geometry adds the levers up.
         """
-        open_rows = np.flatnonzero(self.motion["mode"] != BRAKED)
-        state = self.plant_state
+        open_rows = [row for row, mode in enumerate(self._modes.tolist()) if mode != BRAKED]
+        speeds, accelerations = self._arm_speed.tolist(), self._arm_acceleration.tolist()
         if len(open_rows) == 1:
-            row = int(open_rows[0])
-            return lever_acceleration(
-                float(self._levers[row]), float(state["arm_speed"][row]), float(state["arm_acceleration"][row])
-            )
+            row = open_rows[0]
+            return lever_acceleration(self._levers[row], speeds[row], accelerations[row])
         if self._chain is None or self._home is None:
-            x = -float(self._levers @ state["arm_speed"] ** 2)
-            return x, 0.0, float(self._levers @ state["arm_acceleration"])
-        rows = [self.row(number) for number in CHAIN_AXES]
-        angles: NDArray[np.float64] = self._home + state["arm_angle"][rows]
-        return chain_acceleration(self._chain, angles, state["arm_speed"][rows], state["arm_acceleration"][rows])
+            x = -sum(lever * speed * speed for lever, speed in zip(self._levers, speeds, strict=True))
+            return x, 0.0, sum(lever * a for lever, a in zip(self._levers, accelerations, strict=True))
+        rows = self._chain_rows
+        bent = self._arm_angle.tolist()
+        angles = [home + bent[row] for home, row in zip(self._home, rows, strict=True)]
+        return chain_acceleration(self._chain, angles, [speeds[row] for row in rows], [accelerations[row] for row in rows])

@@ -124,9 +124,7 @@ def _cia402(encoder_counts_per_rev: int, rated_torque_mnm: int, max_torque_per_m
     yield Entry(Object.PROFILE_DECELERATION, 0, "Profile deceleration", u32, rw, 20 * encoder_counts_per_rev, low=1)
     yield Entry(Object.QUICK_STOP_DECELERATION, 0, "Quick stop deceleration", u32, rw, 50 * encoder_counts_per_rev, low=1)
     resolution = "Position encoder resolution"
-    yield Entry(
-        Object.ENCODER_RESOLUTION, 1, "Encoder increments", u32, const, encoder_counts_per_rev, record_name=resolution
-    )
+    yield Entry(Object.ENCODER_RESOLUTION, 1, "Encoder increments", u32, const, encoder_counts_per_rev, record_name=resolution)
     yield Entry(Object.ENCODER_RESOLUTION, 2, "Motor revolutions", u32, const, 1, record_name=resolution)
     yield Entry(Object.GEAR_RATIO, 1, "Motor revolutions", u32, const, 1, record_name="Gear ratio")
     yield Entry(Object.GEAR_RATIO, 2, "Shaft revolutions", u32, const, 1, record_name="Gear ratio")

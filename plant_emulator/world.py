@@ -39,9 +39,7 @@ class World:
         self.axes = Axes(robot)
         self.drives = {number: Drive(self.axes, number) for number in self.axes.numbers}
         setting = robot.accelerometer
-        self._sensor = Sensor(
-            setting.noise_m_s2, setting.resolution_m_s2, setting.range_m_s2, np.random.default_rng(robot.seed)
-        )
+        self._sensor = Sensor(setting.noise_m_s2, setting.resolution_m_s2, setting.range_m_s2, np.random.default_rng(robot.seed))
         self.accelerometer = Accelerometer(setting.node_id, self._measure, setting.range_m_s2)
         nodes: list[Node] = [*self.drives.values(), self.accelerometer]
         self._nodes = sorted(nodes, key=lambda node: node.node_id)
@@ -90,14 +88,18 @@ class World:
             raise ValueError(f"the world's time is {self.now} ns and does not go back to {until} ns")
         frames: list[Frame] = []
         while True:
-            dues = [due for node in self._nodes if (due := node.due) is not None]
-            stop = min([until, *(max(due, self.now) for due in dues)])
+            stop = until
+            for node in self._nodes:
+                due = node.slave.due
+                if due is not None and due < stop:
+                    stop = max(due, self.now)
             self._advance_mechanics(stop)
             self.now = stop
             for node in self._nodes:
                 frames += node.update()
-            late = [node for node in self._nodes if node.slave.waits_for_changes or (node.due is not None and node.due <= stop)]
-            frames += _by_priority(frame for node in late for frame in node.advance(stop))
+            late = [node for node in self._nodes if _is_due(node, stop)]
+            if late:
+                frames += _by_priority(frame for node in late for frame in node.advance(stop))
             if stop >= until:
                 return frames
 
@@ -117,6 +119,12 @@ class World:
 
     def _measure(self) -> tuple[float, float, float]:
         return self._sensor.sample(self.axes.tip_acceleration())
+
+
+def _is_due(node: Node, now: int) -> bool:
+    """Whether a node is to be asked: a timer has run out, or it watches objects that may have changed."""
+    due = node.slave.due
+    return (due is not None and due <= now) or node.slave.waits_for_changes
 
 
 def _by_priority(frames: Iterable[Frame]) -> list[Frame]:

@@ -1,14 +1,18 @@
 """What the accelerometer at the tip feels: the planar chain of axes 2, 3 and 5, or the lever of a single axis."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.trajectory import PlanarChain
 
-Vector = NDArray[np.float64]
+Vector = Sequence[float] | NDArray[np.float64]
+
+_BLOCK = 256
+"""Noise samples that are drawn at once: a generator's call costs more than its numbers."""
 
 
 def lever_acceleration(lever_m: float, arm_speed: float, arm_acceleration: float) -> tuple[float, float, float]:
@@ -55,13 +59,15 @@ class Sensor:
     resolution_m_s2: float
     range_m_s2: float
     generator: np.random.Generator
+    _noise: list[list[float]] = field(default_factory=list, repr=False)
 
     def sample(self, acceleration: tuple[float, float, float]) -> tuple[float, float, float]:
         """What the sensor puts out for a true acceleration, m/s²."""
-        noise = self.generator.standard_normal(3)
+        if not self._noise:
+            self._noise = self.generator.standard_normal((_BLOCK, 3)).tolist()[::-1]
         values = []
-        for true, draw in zip(acceleration, noise, strict=True):
-            value = true + self.noise_m_s2 * float(draw)
+        for true, draw in zip(acceleration, self._noise.pop(), strict=True):
+            value = true + self.noise_m_s2 * draw
             if self.resolution_m_s2 > 0.0:
                 value = self.resolution_m_s2 * math.floor(value / self.resolution_m_s2 + 0.5)
             values.append(min(self.range_m_s2, max(-self.range_m_s2, value)))

@@ -125,9 +125,7 @@ def _object(index: int, entries: list[Entry]) -> Iterator[str]:
         return
     object_type = next((entry.object_type for entry in entries if entry.object_type), ObjectType.RECORD)
     name = next((entry.record_name for entry in entries if entry.record_name), f"Object {index:04X}h")
-    yield from _section(
-        f"{index:04X}", {"ParameterName": name, "ObjectType": f"0x{object_type:X}", "SubNumber": len(entries)}
-    )
+    yield from _section(f"{index:04X}", {"ParameterName": name, "ObjectType": f"0x{object_type:X}", "SubNumber": len(entries)})
     for entry in entries:
         yield from _entry(f"{index:04X}sub{entry.subindex:X}", entry)
 

@@ -62,9 +62,7 @@ class EmergencyProducer:
         """The active causes, in the order in which they arose."""
         return tuple(self._active)
 
-    def raise_cause(
-        self, cause: str, code: int, register: ErrorRegister = ErrorRegister.GENERIC, vendor: bytes = b""
-    ) -> None:
+    def raise_cause(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.GENERIC, vendor: bytes = b"") -> None:
         """Report an error; nothing happens while the same cause is active with the same code.
 
         Raises:

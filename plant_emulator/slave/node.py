@@ -117,10 +117,9 @@ class Slave:
         """The next instant at which `advance` must be called; None where only a frame can wake the node."""
         if self._out:
             return self._now
-        if self._state is NmtState.INITIALISING:
+        if self._state is NmtState.INITIALISING or self._due == _NEVER:
             return None
-        times = (self._producer.due, self._consumer.due, self._sdo.due, self._pdo.due)
-        return min((time for time in times if time is not None), default=None)
+        return self._due  # kept by `_reschedule`: the world asks at every SYNC
 
     @property
     def waits_for_changes(self) -> bool:

@@ -20,9 +20,7 @@ class Rpdo(PdoSetup):
         rejected: Values that were not written, being out of their object's range or refused by the owner.
     """
 
-    def __init__(
-        self, dictionary: Dictionary, number: int, emergency: EmergencyProducer, changed: Callable[[], None]
-    ) -> None:
+    def __init__(self, dictionary: Dictionary, number: int, emergency: EmergencyProducer, changed: Callable[[], None]) -> None:
         super().__init__(dictionary, number, is_transmit=False, changed=changed)
         self.rejected = 0
         self._emergency = emergency
@@ -133,9 +131,7 @@ class PdoEngine:
         self._changed = changed
         self._is_running = self._is_loading = False
         numbers = range(PDO_COUNT)
-        self.rpdos = [
-            Rpdo(dictionary, n, emergency, self._sort) for n in numbers if (RPDO_COMMUNICATION + n, 1) in dictionary
-        ]
+        self.rpdos = [Rpdo(dictionary, n, emergency, self._sort) for n in numbers if (RPDO_COMMUNICATION + n, 1) in dictionary]
         self.tpdos = [Tpdo(dictionary, n, self._sort) for n in numbers if (TPDO_COMMUNICATION + n, 1) in dictionary]
         self._listening: list[Rpdo] = []
         self.event_driven: list[Tpdo] = []

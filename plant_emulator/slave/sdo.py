@@ -49,9 +49,7 @@ class SdoServer:
         timeout_ns: An unfinished transfer is given up after so long a silence.
     """
 
-    def __init__(
-        self, dictionary: Dictionary, node_id: int, *, max_bytes: int = 1024, timeout_ns: int = 5_000_000_000
-    ) -> None:
+    def __init__(self, dictionary: Dictionary, node_id: int, *, max_bytes: int = 1024, timeout_ns: int = 5_000_000_000) -> None:
         self._dictionary = dictionary
         self._response_id = FunctionCode.SDO_RESPONSE + node_id
         self._max_bytes = max_bytes
@@ -100,11 +98,7 @@ class SdoServer:
 
     def _address_unknown(self, command: Command, data: bytes) -> None:
         # A block request that starts a transfer (its sub-command is 0) names its object; let the abort name it too.
-        if (
-            self.state is State.IDLE
-            and command in {Command.BLOCK_UPLOAD, Command.BLOCK_DOWNLOAD}
-            and not data[0] & 0x03
-        ):
+        if self.state is State.IDLE and command in {Command.BLOCK_UPLOAD, Command.BLOCK_DOWNLOAD} and not data[0] & 0x03:
             _, self._index, self._subindex = _HEADER.unpack_from(data)
 
     def _begin(self, data: bytes) -> int:

@@ -1,0 +1,252 @@
+"""The world's clock, its determinism, and what holds the robot while nobody commands it."""
+
+import random
+import struct
+
+import pytest
+
+from drive_profiles.cia402 import Mode, Object, State
+from hil.can.frame import Frame
+from plant_emulator.robot import load_robot
+from plant_emulator.world import World
+from tests.plant_emulator.rig import CONTROL, COUNTS_PER_REV, GAINS, MS, POSITION, STATUS, TARGET, TORQUE, Rig
+
+REFERENCE = load_robot("reference")
+WITH_GAINS = REFERENCE.model_copy(
+    update={"axis": {n: a.model_copy(update={"control": GAINS}) for n, a in REFERENCE.axis.items()}}
+)
+SYNC = Frame(0x080, b"")
+SECOND = 1000 * MS
+ACCELEROMETER = 16
+
+
+def started(robot=REFERENCE):
+    world = World(robot)
+    world.power_on()
+    return world
+
+
+def expedited(node, index, sub, data):
+    return Frame(0x600 + node, struct.pack("<BHB", 0x23 | (4 - len(data)) << 2, index, sub) + data.ljust(4, b"\0"))
+
+
+def write(world, node, index, sub, data):
+    answers = world.receive(expedited(node, index, sub, data))
+    assert [f.data[0] for f in answers if f.can_id == 0x580 + node] == [0x60]
+
+
+def test_all_nodes_boot_in_the_order_of_their_identifiers():
+    assert World(REFERENCE).power_on() == [Frame(0x700 + node, b"\0") for node in (2, 3, 5, ACCELEROMETER)]
+
+
+# -- the clock ---------------------------------------------------------------------------------------------------------
+
+
+def test_each_sync_is_worth_the_robot_files_period():
+    world = started()
+    for i in range(1, 6):
+        world.receive(SYNC)
+        assert world.now == (i - 1) * 2 * MS  # the answers are those of this instant …
+        world.settle()
+        assert world.now == i * 2 * MS  # … and then the period passes
+
+
+@pytest.mark.parametrize("period_us", [250, 1000, 4000])
+def test_1006h_of_a_node_decides_what_a_sync_is_worth(period_us):
+    world = started()
+    write(world, 3, 0x1006, 0, struct.pack("<I", period_us))
+    world.receive(SYNC)
+    world.settle()
+    assert world.now == period_us * 1000
+
+
+def test_of_several_periods_the_shortest_counts_and_0_does_not():
+    world = started()
+    for node, period_us in ((2, 4000), (3, 1000), (5, 0), (ACCELEROMETER, 2000)):
+        write(world, node, 0x1006, 0, struct.pack("<I", period_us))
+    assert world.period_ns == 1 * MS
+
+
+@pytest.mark.parametrize("data", [b"", b"\x01"], ids=["plain", "with counter"])
+def test_a_sync_with_a_counter_is_a_sync(data):
+    world = started()
+    world.receive(Frame(0x080, data))
+    world.settle()
+    assert world.now == 2 * MS
+
+
+@pytest.mark.parametrize("flag", [0x4000_0000, 0x8000_0000, 0x2000_0000], ids=["remote", "extended", "error"])
+def test_what_only_looks_like_a_sync_moves_no_time(flag):
+    world = started()
+    assert world.receive(Frame(0x080 | flag, b"")) == []
+    assert world.settle() == []
+    assert world.now == 0
+
+
+def test_a_frame_that_comes_before_the_period_has_passed_finds_it_passed():
+    world = started()
+    world.receive(SYNC)
+    world.receive(Frame(0x123, b""))
+    assert world.now == 2 * MS
+    world.settle()
+    assert world.now == 2 * MS
+
+
+def test_time_never_goes_back():
+    world = started()
+    world.advance(5 * MS)
+    with pytest.raises(ValueError, match="does not go back"):
+        world.advance(4 * MS)
+    world.advance(5 * MS)
+    assert world.now == 5 * MS
+
+
+def test_lock_step_begins_on_a_whole_second():
+    world = started()
+    world.begin_lock_step()
+    assert world.now == 0  # which it is already
+    world.free_step(1_234_567_891)
+    world.begin_lock_step()
+    assert world.now == 2 * SECOND
+
+
+def test_free_steps_and_one_step_make_the_same_world():
+    one, many = Rig(WITH_GAINS), Rig(WITH_GAINS)
+    for rig in (one, many):
+        rig.enable(Mode.PP)
+        rig.set(Object.TARGET_POSITION, 0, COUNTS_PER_REV)
+        rig.word(0x1F)
+    one.world.advance(300 * MS)
+    many.world.free_step(300 * MS)
+    assert one.world.axes.plant_state.tobytes() == many.world.axes.plant_state.tobytes()
+
+
+# -- heartbeats --------------------------------------------------------------------------------------------------------
+
+
+def test_heartbeats_count_in_the_worlds_clock():
+    world = started()
+    write(world, 3, 0x1017, 0, struct.pack("<H", 10))
+    beats = []
+    for _ in range(50):
+        world.receive(SYNC)
+        beats += [world.now for f in world.settle() if f.can_id == 0x703]
+    assert beats == [10 * MS * i for i in range(1, 11)]
+
+
+def test_a_watched_heartbeat_is_lost_in_the_worlds_clock():
+    rig = Rig(WITH_GAINS)
+    rig.set(0x1016, 1, 127 << 16 | 30)
+    rig.cyclic(Mode.CSP)
+    rig.heartbeat()
+    rig.sync(14)
+    assert rig.drive.state is State.OPERATION_ENABLED
+    rig.sync(1)
+    assert rig.drive.state is State.QUICK_STOP_ACTIVE
+
+
+def test_frames_of_one_instant_come_lowest_identifier_first():
+    world = started()
+    for node in (5, 3, ACCELEROMETER, 2):
+        write(world, node, 0x1017, 0, struct.pack("<H", 10))
+    world.receive(Frame(0x000, b"\x01\x00"))
+    world.settle()
+    frames = world.advance(10 * MS)
+    assert [f.can_id for f in frames if f.can_id >= 0x700] == [0x702, 0x703, 0x705, 0x710]
+
+
+# -- determinism -------------------------------------------------------------------------------------------------------
+
+
+def run(rig, free_run_ns):
+    """Some time by itself, set-up, and a short run in lock-step: its frames."""
+    rig.world.free_step(free_run_ns)
+    rig.set(0x1017, 0, 100)
+    rig.map_pdo(0x1400, (CONTROL, TARGET))
+    rig.map_pdo(0x1800, (STATUS, POSITION, TORQUE))
+    rig.set(Object.MODES_OF_OPERATION, 0, Mode.CSP)
+    rig.nmt(1, node=0)
+    rig.world.begin_lock_step()
+    rig.seen.clear()
+    for word in (0x06, 0x07, 0x0F):
+        rig.cycle(0, word)
+    rig.turn(4.0, 0.4)
+    assert rig.drive.state is State.OPERATION_ENABLED
+    return [(f.can_id, f.data) for f in rig.seen]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_same_seed_gives_the_same_frames_however_long_the_world_ran_by_itself(seed):
+    """Up to the enabling the arm hangs in its brakes: a free run of any length leaves no trace."""
+    length = random.Random(seed).randrange(1, 3 * SECOND)
+    first, second = run(Rig(WITH_GAINS), 0), run(Rig(WITH_GAINS), length)
+    assert len(first) > 400
+    assert {0x183, 0x190, 0x703} <= {can_id for can_id, _ in first}
+    assert first == second
+
+
+def test_another_seed_changes_the_accelerometer_and_nothing_else():
+    def frames(seed):
+        return run(Rig(WITH_GAINS.model_copy(update={"seed": seed})), 0)
+
+    first, other = frames(1), frames(2)
+    assert [f for f in first if f[0] != 0x190] == [f for f in other if f[0] != 0x190]
+    assert [f for f in first if f[0] == 0x190] != [f for f in other if f[0] == 0x190]
+
+
+# -- the robot ---------------------------------------------------------------------------------------------------------
+
+
+def test_brakes_hold_the_arm_against_gravity():
+    world = started()
+    before = world.axes.plant_state.copy()
+    world.free_step(2 * SECOND)
+    after = world.axes.plant_state
+    assert (after["motor_angle"] == before["motor_angle"]).all()
+    assert (after["motor_speed"] == 0.0).all()
+    assert abs(after["arm_angle"] - before["arm_angle"]).max() < 1e-12
+    assert abs(after["arm_speed"]).max() < 1e-12
+
+
+def test_a_brake_that_closes_on_a_moving_axis_stops_its_motor_and_the_arm_settles():
+    rig = Rig(WITH_GAINS)
+    rig.cyclic(Mode.CSP)
+    rig.turn(5.0, 0.5)
+    rig.word(0x00)
+    rig.wait(1)
+    assert rig.speed_rps == 0.0
+    held = float(rig.plant["motor_angle"])
+    rig.wait(5000)
+    assert float(rig.plant["motor_angle"]) == held
+    assert abs(float(rig.plant["arm_speed"])) < 1e-4
+
+
+def test_axes_that_are_not_enabled_do_not_move_with_one_that_is():
+    rig = Rig(WITH_GAINS)
+    rig.cyclic(Mode.CSP)
+    before = rig.world.axes.plant_state["motor_angle"].copy()
+    rig.turn(5.0, 0.3)
+    moved = rig.world.axes.plant_state["motor_angle"] != before
+    assert moved.tolist() == [number == 3 for number in rig.world.axes.numbers]
+
+
+def test_a_drive_that_ends_its_stop_during_a_free_run_says_so_then_and_not_at_its_end():
+    rig = Rig(WITH_GAINS)
+    rig.enable(Mode.CSP)
+    rig.set(0x1017, 0, 10)
+    rig.wait(1)
+    rig.word(0x02)
+    frames = rig.world.begin_lock_step()
+    said = next(i for i, f in enumerate(frames) if f.can_id == 0x183 and f.data[0] & 0x6F == 0x40)
+    beats = [f.can_id for f in frames].count(0x703)
+    assert beats == 100
+    assert [f.can_id for f in frames[:said]].count(0x703) < 10
+
+
+@pytest.mark.parametrize("can_id", [0x000, 0x080, 0x203, 0x603, 0x7FF, 0x8000_0603, 0x2000_0004, 0xFFFF_FFFF])
+@pytest.mark.parametrize("data", [b"", b"\xff" * 8, b"\x81\x00", b"\x2f" + b"\0" * 7])
+def test_no_frame_makes_the_world_raise(can_id, data):
+    world = started()
+    world.receive(Frame(can_id, data))
+    world.settle()
+    world.free_step(world.now + 20 * MS)
