@@ -232,7 +232,7 @@ class Drive:
         slow = option in {QuickStopOption.SLOW_DOWN_RAMP, QuickStopOption.SLOW_DOWN_RAMP_AND_STAY}
         ramp = Object.PROFILE_DECELERATION if slow else Object.QUICK_STOP_DECELERATION
         deceleration = self.scaling.speed_rad_s(self._value(ramp))
-        law.begin_stop(axes.motion, axes.cascade_config, axes.cascade_state, self.row, deceleration)
+        law.begin_stop(axes.motion, axes.cascade_config, axes.cascade_state, axes.notch_state, self.row, deceleration)
 
     def _stop_is_over(self) -> bool:
         motion = self._motion

@@ -10,7 +10,7 @@ from drive_profiles.units import Scaling
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
 from plant_emulator import drive_objects as objects
 from plant_emulator import motion as law
-from plant_emulator.axes import NEVER, Axes
+from plant_emulator.axes import Axes
 from plant_emulator.robot import Robot
 from plant_emulator.slave.dictionary import Dictionary
 
@@ -243,7 +243,7 @@ class DriveData:
         window = self.value(Object.FOLLOWING_ERROR_WINDOW)
         motion["following_window_rad"] = math.inf if window == _NO_WINDOW else scaling.position_rad(window)
         timeout_ms = self.value(Object.FOLLOWING_ERROR_TIMEOUT)
-        motion["following_ticks"] = round(1e-3 * timeout_ms / self._control_period_s) if window != _NO_WINDOW else NEVER
+        motion["following_ticks"] = round(1e-3 * timeout_ms / self._control_period_s)
         motion["profile_acceleration_rad_s2"] = scaling.speed_rad_s(self.value(Object.PROFILE_ACCELERATION))
         motion["profile_deceleration_rad_s2"] = scaling.speed_rad_s(self.value(Object.PROFILE_DECELERATION))
         self.apply_profile_speed()

@@ -104,10 +104,14 @@ def _watch(m: Any, speed: float, counts: float) -> None:
 
 
 @compiled
-def begin_stop(motion: Any, cascade_config: Any, cascade_state: Any, row: int, deceleration_rad_s2: float) -> None:
+def begin_stop(
+    motion: Any, cascade_config: Any, cascade_state: Any, notch_state: Any, row: int, deceleration_rad_s2: float
+) -> None:
     """Turn to a ramp to rest from the present speed, without a jump of the torque.
 
-    The position loop runs v/K_pp behind its reference, so the ramp starts that far ahead of the motor.
+    The position loop runs v/K_pp behind its reference, so the ramp starts that far ahead of the motor. The integrator takes
+    over what comes from outside the law and ends with the stop: the torque offset, or the whole torque of a cyclic torque mode,
+    in which the filters have been following a torque that nobody used and start anew.
     """
     m, s = motion[row], cascade_state[row]
     lag = s.speed_rad_s / max(1.0, cascade_config[row].position_gain_per_s)
@@ -117,6 +121,11 @@ def begin_stop(motion: Any, cascade_config: Any, cascade_state: Any, row: int, d
     m.stop_ticks, m.stopped = 0, 0
     if m.mode == TORQUE:
         cascade_start(cascade_state, row, s.motor_angle_rad, s.speed_rad_s, m.torque_nm)
+        for column in range(notch_state.shape[1]):
+            notch_state[row, column].active = 0
+            notch_state[row, column].mean_nm = m.torque_nm
+    elif m.mode != STOPPING:  # a stop may begin twice: here when a limit breaks, and by the state machine's reaction to it
+        s.integral_nm += m.torque_offset_nm
     m.mode = STOPPING
 
 
@@ -199,5 +208,5 @@ def advance(
             else:
                 _watch(m, speed, counts)
                 if m.trip != 0 and before != STOPPING:
-                    begin_stop(motion, cascade_config, cascade_state, row, m.stop_deceleration_rad_s2)
+                    begin_stop(motion, cascade_config, cascade_state, notch_state, row, m.stop_deceleration_rad_s2)
             plant_step(plant, plant_state, row, torque, False, period_s, substeps)

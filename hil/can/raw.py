@@ -4,23 +4,17 @@ import contextlib
 import errno
 import select
 import socket
-import time
+import struct
 
 from hil.can.address import LOCAL, Address
 from hil.can.channel import BusLostError, BusUnavailableError
 from hil.can.frame import CAN_ERR_FLAG, RECORD, Frame, pack, unpack
 
-SPIN_S = 150e-6
-"""How long a receiver polls before it sleeps.
-
-Waking a sleeping process costs tens of microseconds, more than all the packing of a cycle; in lock-step the answer is there
-sooner than that.
-"""
-
 # <linux/can/raw.h>; the socket module does not give the error filter everywhere
 _SOL_CAN_RAW, _CAN_RAW_ERR_FILTER = 101, 2
 _ERROR_CLASSES = 0x1FFF_FFFF
 _SENSIBLE_SEND_S = 1.0
+_TIMEVAL = struct.Struct("@ll")
 
 
 def connect_local(address: Address) -> socket.socket:
@@ -50,6 +44,12 @@ def connect_local(address: Address) -> socket.socket:
     raise BusUnavailableError(address, f"{reason}; start it with: plant-emulator serve --bus {address}")
 
 
+def wait_at_most(sock: socket.socket, timeout_s: float) -> None:
+    """Let every read of a blocking socket end after so long, in the kernel: waiting then costs no system call of its own."""
+    microseconds = max(1, round(1e6 * timeout_s))  # 0 would mean for ever
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _TIMEVAL.pack(*divmod(microseconds, 1_000_000)))
+
+
 def _bind_can(address: Address) -> socket.socket:
     if not hasattr(socket, "AF_CAN"):
         raise BusUnavailableError(address, "this system has no SocketCAN")
@@ -74,7 +74,7 @@ class RawChannel:
         self.address = address
         self.is_lock_step = address.interface == LOCAL
         self._socket = connect_local(address) if self.is_lock_step else _bind_can(address)
-        self._socket.setblocking(False)
+        self._timeout_s = -1.0
         self._is_stream = self._socket.type == socket.SOCK_STREAM
         self._buffer = b""
         self._lost: BusLostError | None = None
@@ -85,7 +85,7 @@ class RawChannel:
             raise self._lost
         record = pack(frame)
         try:
-            self._socket.send(record)
+            self._socket.send(record, socket.MSG_DONTWAIT)
         except BlockingIOError:
             self._send_when_free(record)
         except OSError as error:
@@ -95,53 +95,50 @@ class RawChannel:
         try:
             if not self.is_lock_step or not select.select([], [self._socket], [], _SENSIBLE_SEND_S)[1]:
                 raise OSError(errno.ENOBUFS, "the transmit queue does not drain")
-            self._socket.send(record)
+            self._socket.send(record, socket.MSG_DONTWAIT)
         except OSError as error:
             raise self._lose(error) from error
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """The next frame, or None when none came in time; polls for a moment before it sleeps."""
+        """The next frame, or None when none came in time.
+
+        The time-out is the socket's own, so that a frame costs one system call.
+        """
         if self._lost is not None:
             raise self._lost
-        deadline = 0.0
-        spun_until = 0.0
-        while True:
-            frame = self._read()
-            if frame is not None:
-                return frame
-            now = time.monotonic()
-            if not deadline:
-                deadline, spun_until = now + timeout_s, now + min(timeout_s, SPIN_S)
-            if now >= deadline:
-                return None
-            if now >= spun_until:
-                select.select([self._socket], [], [], deadline - now)
+        if timeout_s <= 0.0:
+            return self._read(socket.MSG_DONTWAIT)
+        if timeout_s != self._timeout_s:
+            wait_at_most(self._socket, timeout_s)
+            self._timeout_s = timeout_s
+        return self._read(0)
 
-    def _read(self) -> Frame | None:
-        """A frame that is there already."""
-        try:
-            if self._is_stream and len(self._buffer) >= RECORD.size:
-                return self._from_stream(b"")
-            record = self._socket.recv(4096 if self._is_stream else RECORD.size)
-        except BlockingIOError:
-            return None
-        except OSError as error:
-            raise self._lose(error) from error
-        if not record:
-            raise self._lose(OSError(errno.ECONNRESET, "the other end has closed it"))
-        if self._is_stream:
-            return self._from_stream(record)
-        frame = unpack(record)
-        if frame is not None and frame.can_id & CAN_ERR_FLAG and frame.can_id & 0x40:
+    def _read(self, flags: int) -> Frame | None:
+        """The next frame, records that are none passed over; None where nothing comes within the socket's time-out."""
+        frame = self._from_stream(b"") if self._buffer else None
+        while frame is None:
+            try:
+                record = self._socket.recv(4096 if self._is_stream else RECORD.size, flags)
+            except BlockingIOError:
+                return None
+            except OSError as error:
+                raise self._lose(error) from error
+            if not record:
+                raise self._lose(OSError(errno.ECONNRESET, "the other end has closed it"))
+            frame = self._from_stream(record) if self._is_stream else unpack(record)
+        if frame.can_id & CAN_ERR_FLAG and frame.can_id & 0x40:
             raise self._lose(OSError(errno.ENETDOWN, "the controller is bus-off"))
         return frame
 
     def _from_stream(self, more: bytes) -> Frame | None:
+        """The first frame of what has come so far; records that are no frame are passed over."""
         self._buffer += more
-        if len(self._buffer) < RECORD.size:
-            return None
-        record, self._buffer = self._buffer[: RECORD.size], self._buffer[RECORD.size :]
-        return unpack(record)
+        while len(self._buffer) >= RECORD.size:
+            record, self._buffer = self._buffer[: RECORD.size], self._buffer[RECORD.size :]
+            frame = unpack(record)
+            if frame is not None:
+                return frame
+        return None
 
     def _lose(self, error: OSError) -> BusLostError:
         self._lost = BusLostError(self.address, error.strerror or str(error))

@@ -10,12 +10,15 @@ from pathlib import Path
 
 from drive_profiles.cia301 import FunctionCode
 from hil.can.frame import RECORD, Frame, pack, unpack
+from hil.can.raw import wait_at_most
 from plant_emulator.world import World
 
-SPIN_S = 300e-6
-"""How long the server polls after the last frame of a lock-step client before it sleeps; see `hil.can.raw.SPIN_S`."""
-
 FREE_POLL_S = 0.001
+"""How long a world that moves by itself sleeps between two looks at its clients."""
+CLOCK_WAIT_S = 0.001
+"""How long the lock-step client may be silent before the others are looked at."""
+TURN_FRAMES = 64
+"""Frames of the lock-step client after which the others are looked at."""
 MAX_CLIENTS = 32
 STREAM_BACKLOG_BYTES = 1 << 20
 
@@ -34,7 +37,8 @@ class Client:
 
     def __init__(self, sock: socket.socket) -> None:
         """Take over a connected socket."""
-        sock.setblocking(False)
+        sock.setblocking(True)
+        wait_at_most(sock, CLOCK_WAIT_S)
         self.socket = sock
         self.dropped = 0
         self._is_stream = sock.type == socket.SOCK_STREAM
@@ -46,7 +50,7 @@ class Client:
             if self._is_stream:
                 self._send_stream(record)
             else:
-                self.socket.send(record)
+                self.socket.send(record, socket.MSG_DONTWAIT)
         except BlockingIOError:
             self.dropped += 1
         except OSError:
@@ -70,12 +74,16 @@ class Client:
         """Give a stream what waits for it, as far as there is room."""
         with contextlib.suppress(OSError):  # no room; or it has gone, and the next read says so
             while self._backlog:
-                del self._backlog[: self.socket.send(self._backlog[:65536])]
+                del self._backlog[: self.socket.send(self._backlog[:65536], socket.MSG_DONTWAIT)]
 
-    def receive(self) -> list[Frame] | None:
-        """The frames that wait, [] where there is none, None where the client has gone. Records that are no frame are dropped."""
+    def receive(self, *, wait: bool = False) -> list[Frame] | None:
+        """The frames that are there, [] where there is none, None where the client has gone; what is no frame is dropped.
+
+        Args:
+            wait: Wait for the first one, up to `CLOCK_WAIT_S`.
+        """
         try:
-            data = self.socket.recv(65536 if self._is_stream else 64)
+            data = self.socket.recv(65536 if self._is_stream else 64, 0 if wait else socket.MSG_DONTWAIT)
         except BlockingIOError:
             return []
         except OSError:
@@ -139,6 +147,8 @@ class Server:
         """Serve until `stop`."""
         try:
             while not self._stop:
+                if self._clock is not None:
+                    self._serve_clock(self._clock)
                 self._serve(self._wait())
                 for client in self._clients.values():
                     client.flush()
@@ -148,17 +158,22 @@ class Server:
             self.close()
 
     def _wait(self) -> list[int]:
-        """Descriptors that can be read: polled for a moment in lock-step, slept for otherwise."""
-        if self._clock is None:
-            return [key.fd for key, _ in self._selector.select(FREE_POLL_S)]
-        spun_until = time.monotonic() + SPIN_S
-        while True:
-            ready = self._selector.select(0)
-            if ready:
-                return [key.fd for key, _ in ready]
-            if time.monotonic() >= spun_until:
-                waiting = any(client.has_backlog for client in self._clients.values())
-                return [key.fd for key, _ in self._selector.select(FREE_POLL_S if waiting else 0.5)]
+        """Descriptors that can be read; while the world moves by itself, sleeps a little for them."""
+        return [key.fd for key, _ in self._selector.select(FREE_POLL_S if self._clock is None else 0.0)]
+
+    def _serve_clock(self, clock: Client) -> None:
+        """A turn of lock-step: what the client that holds the clock sends, waited for in its own socket.
+
+        The turn ends when the client is silent for `CLOCK_WAIT_S` or has had its share of frames; then the others are looked at.
+        """
+        for _ in range(TURN_FRAMES):
+            frames = clock.receive(wait=True)
+            if frames is None:
+                self._drop(clock.socket.fileno())
+            for frame in frames or ():
+                self._on_frame(frame, clock)
+            if not frames or self._clock is not clock:
+                return
 
     def _serve(self, descriptors: Iterable[int]) -> None:
         for descriptor in descriptors:
@@ -183,7 +198,7 @@ class Server:
 
     def _read(self, descriptor: int) -> None:
         client = self._clients[descriptor]
-        while True:
+        for _ in range(TURN_FRAMES):
             frames = client.receive()
             if frames is None:
                 self._drop(descriptor)

@@ -120,9 +120,7 @@ def test_all_mistakes_of_a_file_are_listed_by_line(tmp_path):
         load(path, Robot)
     assert [problem.line for problem in caught.value.problems] == [1, 3, 5, 6]
     lines = str(caught.value).splitlines()
-    assert (
-        lines[1] == f"{path}:3: axis.2.torque_limit_mnm: wrong unit: 'torque_limit_mnm'; expected torque_limit_nm (N·m)"
-    )
+    assert lines[1] == f"{path}:3: axis.2.torque_limit_mnm: wrong unit: 'torque_limit_mnm'; expected torque_limit_nm (N·m)"
     assert caught.value.path == path
     assert isinstance(caught.value, DriveProfileError)
 
@@ -285,9 +283,7 @@ d = 2
 
 def test_the_scanner_is_not_confused():
     lines = key_lines(SAMPLE)
-    assert {
-        ".".join(map(str, path)): line for path, line in lines.items() if path[0] not in ("array", "quoted key")
-    } == {
+    assert {".".join(map(str, path)): line for path, line in lines.items() if path[0] not in ("array", "quoted key")} == {
         "title": 2,
         "literal": 6,
         "a": 9,

@@ -65,7 +65,6 @@ def test_the_emulated_devices_are_there():
         ("following_error_window_rad", "6065:0", "UNSIGNED32", "limits"),
         ("following_error_timeout_s", "6066:0", "UNSIGNED16", "limits"),
         ("quick_stop_deceleration_rad_s2", "6085:0", "UNSIGNED32", "limits"),
-        
         ("control_period_s", "2120:0", "UNSIGNED32", "commissioning"),
     ],
 )
@@ -137,9 +136,7 @@ def test_values_that_do_not_fit_are_refused():
 
 
 def test_an_unknown_parameter_has_near_names():
-    with pytest.raises(
-        UnknownParameterError, match=r"no parameter 'notch_1\.start_rsp', did you mean notch_1\.start_rps"
-    ):
+    with pytest.raises(UnknownParameterError, match=r"no parameter 'notch_1\.start_rsp', did you mean notch_1\.start_rps"):
         DRIVE.parameter("notch_1.start_rsp")
 
 
@@ -195,8 +192,6 @@ def test_every_fact_has_a_source_and_a_reason():
 
 
 def test_steps_are_said_in_words():
-    steps = {
-        name: DRIVE.parameter(name).step for name in ("torque_limit_nm", "following_error_timeout_s", "lowpass_hz")
-    }
+    steps = {name: DRIVE.parameter(name).step for name in ("torque_limit_nm", "following_error_timeout_s", "lowpass_hz")}
     assert steps == {"torque_limit_nm": "1 ‰ of 6076h", "following_error_timeout_s": "0.001 s", "lowpass_hz": ""}
     assert isinstance(DRIVE.parameter("lowpass_hz"), Parameter)

@@ -46,9 +46,7 @@ def test_what_goes_on_the_wire_is_within_half_a_step(value):
     position = AXIS_2.position_rad(AXIS_2.position_counts(value))
     assert abs(position - value) <= 0.5 / AXIS_2.counts_per_rad * (1 + 1e-6)
     torque_nm = value * 1e-2
-    assert abs(AXIS_2.torque_nm(AXIS_2.torque_per_mille(torque_nm)) - torque_nm) <= 0.5 * AXIS_2.torque_quantum_nm * (
-        1 + 1e-6
-    )
+    assert abs(AXIS_2.torque_nm(AXIS_2.torque_per_mille(torque_nm)) - torque_nm) <= 0.5 * AXIS_2.torque_quantum_nm * (1 + 1e-6)
 
 
 @given(st.lists(int32, max_size=8), st.lists(int16, max_size=8))

@@ -313,13 +313,11 @@ def stranger():
 def test_the_canopen_package_reads_and_writes_every_entry_by_our_data_sheet(stranger):
     rig, node = stranger
     for variable in variables(node.object_dictionary):
+        if variable.index == 0x1003 and variable.subindex:
+            continue  # an empty history has no entries
         group = node.sdo[variable.index]
         cell = group if isinstance(node.object_dictionary[variable.index], ODVariable) else group[variable.subindex]
-        try:
-            value = cell.raw
-        except canopen.SdoAbortedError as abort:
-            assert (variable.index, abort.code) == (0x1003, SdoAbortCode.NO_DATA)  # an empty history has no entries
-            continue
+        value = cell.raw
         if variable.access_type in {Access.RW.value, Access.RWW.value} and not 0x1400 <= variable.index < 0x1C00:
             cell.raw = value
         assert value == rig.drive.slave.dictionary.get(variable.index, variable.subindex)

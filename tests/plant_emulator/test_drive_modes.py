@@ -8,6 +8,7 @@ import pytest
 
 from drive_profiles.cia301 import SdoAbortCode
 from drive_profiles.cia402 import Mode, Object, State
+from hil.can.frame import Frame
 from plant_emulator import motion as law
 from plant_emulator.robot import Robot
 from tests.plant_emulator.rig import (
@@ -223,8 +224,6 @@ def test_the_way_to_a_set_point_takes_the_interpolation_period(value, index, tic
 
 
 def _sync():
-    from hil.can.frame import Frame  # noqa: PLC0415
-
     return Frame(0x080, b"")
 
 
@@ -292,6 +291,22 @@ def test_60b2_acts_as_torque_behind_the_loop(ideal):
     assert ideal.read(0x2130) == pytest.approx(0.1 * RATED_NM)  # at once; then the loop works against it
     ideal.wait(1000)
     assert ideal.read(0x2130) == pytest.approx(0.0, abs=0.01 * RATED_NM)
+
+
+def test_a_stop_takes_60b2_over_without_a_jump_and_once(ideal):
+    """A broken limit begins its ramp in the control period, and the state machine begins it again when it sees the trip."""
+    ideal.cyclic(CSP)
+    ideal.set(Object.TORQUE_OFFSET, 0, 200)
+    ideal.sync(1000)
+    ideal.command(0x0F, revolutions(50.0))
+    ideal.world.receive(_sync())
+    torques = [ideal.read(0x2130)]
+    ideal.world.settle()
+    torques.append(ideal.read(0x2130))
+    assert ideal.state is State.FAULT_REACTION_ACTIVE
+    ideal.world.axes.advance(1)
+    torques.append(ideal.read(0x2130))
+    assert np.abs(np.diff(torques)).max() < 0.02 * RATED_NM
 
 
 def test_a_set_point_far_away_that_comes_with_the_enabling_word_is_not_followed(rig):

@@ -290,13 +290,44 @@ def test_a_stop_begins_without_a_jump_of_the_torque():
     axes = energised()
     drive_at(axes, 6.0, 1.0)
     before = float(axes.motion[0]["torque_nm"])
-    begin_stop(axes.motion, axes.cascade_config, axes.cascade_state, 0, 1e-3)  # a ramp so slow that nothing changes
+    begin_stop(
+        axes.motion, axes.cascade_config, axes.cascade_state, axes.notch_state, 0, 1e-3
+    )  # a ramp so slow that nothing changes
     torques = []
     for _ in range(20):
         axes.advance(1)
         torques.append(float(axes.motion[0]["torque_nm"]))
     # the encoder's own ripple is 0.03 N·m; a ramp that began at the motor would brake with K_vp v = 7.4 N·m
     assert np.max(np.abs(np.array(torques) - before)) < 0.06
+
+
+def test_a_stop_takes_over_the_torque_offset():
+    """60B2h ends with the stop; what it held up, the integrator holds."""
+    axes = energised()
+    drive_at(axes, 2.0, 0.5)
+    axes.motion[0]["torque_offset_nm"] = 1.0
+    drive_at(axes, 2.0, 0.5, rate_rps_s=1e6)
+    before = float(axes.motion[0]["torque_nm"])
+    begin_stop(axes.motion, axes.cascade_config, axes.cascade_state, axes.notch_state, 0, 1e-3)
+    axes.advance(1)
+    assert abs(float(axes.motion[0]["torque_nm"]) - before) < 0.06
+
+
+def test_a_stop_out_of_a_torque_mode_is_not_met_by_a_filter_that_followed_another_torque():
+    axes = energised(mode=TORQUE, notches=NOTCHES)
+    motion = axes.motion[0]
+    for _ in range(8000):  # a hold on the speed by torque alone, within the band of the first filter
+        motion["target_torque_nm"] = 0.4 + 0.05 * (2.0 * math.pi * 6.0 - speed(axes))
+        axes.advance(1)
+    assert 4.0 < speed(axes) / (2.0 * math.pi) < 9.0
+    assert axes.notch_state[0, 0]["active"] == 1
+    before = float(motion["torque_nm"])
+    begin_stop(axes.motion, axes.cascade_config, axes.cascade_state, axes.notch_state, 0, 1e-3)
+    torques = []
+    for _ in range(8):
+        axes.advance(1)
+        torques.append(float(motion["torque_nm"]))
+    assert np.max(np.abs(np.array(torques) - before)) < 0.1
 
 
 def test_one_axis_that_trips_leaves_the_others_alone():

@@ -127,7 +127,7 @@ def frames_until(channel, wanted, timeout_s=5.0):
     """The frames up to the first with this identifier."""
     frames, deadline = [], time.monotonic() + timeout_s
     while not frames or frames[-1].can_id != wanted:
-        assert time.monotonic() < deadline, f"no frame {wanted:#x}: {frames}"
+        assert time.monotonic() < deadline, f"no frame {wanted:#x}, but {len(frames)}, the last {frames[-3:]}"
         frame = channel.receive(0.1)
         if frame is not None:
             frames.append(frame)

@@ -139,9 +139,7 @@ def test_heartbeats_come_at_whole_multiples_of_the_period(bench, offset_ms):
     bench.write_value(0x1017, 0, 10)
     times = [time for time, frame in bench.wait(35) if frame == (0x705, b"\x7f")]
     first = (start // (10 * MS) + 1) * 10 * MS
-    assert times == [first, first + 10 * MS, first + 20 * MS] + (
-        [first + 30 * MS] if first + 30 * MS <= bench.now else []
-    )
+    assert times == [first, first + 10 * MS, first + 20 * MS] + ([first + 30 * MS] if first + 30 * MS <= bench.now else [])
 
 
 def test_a_caller_who_comes_late_gets_one_heartbeat_and_the_next_at_a_multiple(bench):

@@ -45,9 +45,7 @@ sdo_frames = st.builds(
     st.binary(min_size=4, max_size=4),
 )
 any_frames = st.builds(Frame, st.sampled_from(IDS) | st.integers(0, 0xFFFFFFFF), st.binary(max_size=8))
-steps = st.lists(
-    st.tuples(nmt_frames | sdo_frames | any_frames, st.integers(0, 20 * MS) | st.just(6000 * MS)), max_size=60
-)
+steps = st.lists(st.tuples(nmt_frames | sdo_frames | any_frames, st.integers(0, 20 * MS) | st.just(6000 * MS)), max_size=60)
 
 
 @settings(max_examples=300, deadline=None)

@@ -1,0 +1,270 @@
+"""The raw channel against a bare socket at the other end: frames, time-outs, and failures that are latched."""
+
+import contextlib
+import errno
+import os
+import select
+import socket
+import struct
+import threading
+import time
+
+import pytest
+
+from hil.can import raw
+from hil.can.address import Address
+from hil.can.channel import BusLostError, BusUnavailableError, ChannelError, open_channel
+from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame, pack
+from hil.can.raw import RawChannel
+
+KINDS = {"seqpacket": socket.SOCK_SEQPACKET, "stream": socket.SOCK_STREAM}
+
+
+class Peer:
+    """A listening socket, and the connection that the channel made."""
+
+    def __init__(self, path, kind):
+        self.address = Address("local", str(path))
+        self.listener = socket.socket(socket.AF_UNIX, kind)
+        self.listener.bind(str(path))
+        self.listener.listen(4)
+        self.channel = RawChannel(self.address)
+        self.socket, _ = self.listener.accept()
+        self.socket.settimeout(5.0)
+
+    def send(self, *frames):
+        for frame in frames:
+            self.socket.send(pack(frame))
+
+    def close(self):
+        for each in (self.socket, self.listener, self.channel):
+            each.close()
+
+
+@pytest.fixture(params=KINDS)
+def peer(request, tmp_path):
+    with contextlib.closing(Peer(tmp_path / "bus.sock", KINDS[request.param])) as peer:
+        yield peer
+
+
+@pytest.fixture
+def packets(tmp_path):
+    with contextlib.closing(Peer(tmp_path / "bus.sock", socket.SOCK_SEQPACKET)) as peer:
+        yield peer
+
+
+# -- frames ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_frame_goes_out_as_one_record_of_linux(peer):
+    peer.channel.send(Frame(0x123 | CAN_RTR_FLAG, b"\1\2"))
+    assert peer.socket.recv(64) == struct.pack("=IB3x8s", 0x4000_0123, 2, b"\1\2")
+
+
+def test_frames_come_in_their_order_as_they_were_sent(peer):
+    frames = [Frame(0x123, b""), Frame(0x1FFF_FFFF | CAN_EFF_FLAG, bytes(range(8))), Frame(0x7FF | CAN_RTR_FLAG, bytes(3))]
+    peer.send(*frames)
+    assert [peer.channel.receive(1.0) for _ in frames] == frames
+    assert peer.channel.receive(0.0) is None
+
+
+def test_a_stream_may_come_in_pieces_and_in_lumps(tmp_path):
+    with contextlib.closing(Peer(tmp_path / "bus.sock", socket.SOCK_STREAM)) as peer:
+        whole = b"".join(pack(Frame(0x100 + i, bytes((i,)))) for i in range(4))
+        for piece in (whole[:7], whole[7:20], whole[20:]):
+            peer.socket.send(piece)
+        assert [peer.channel.receive(1.0).can_id for _ in range(4)] == [0x100, 0x101, 0x102, 0x103]
+
+
+@pytest.mark.parametrize("record", [b"\1", b"\xff" * 15])
+def test_a_record_of_a_wrong_length_is_passed_over(packets, record):
+    packets.socket.send(record)
+    packets.send(Frame(0x124, b""))
+    assert packets.channel.receive(1.0) == Frame(0x124, b"")
+
+
+def test_a_record_that_announces_too_many_bytes_is_passed_over(peer):
+    """The frame behind it is there already: it must not wait for the next one."""
+    peer.socket.send(struct.pack("=IB3x8s", 0x123, 9, bytes(8)))
+    peer.send(Frame(0x124, b""), Frame(0x125, b""))
+    assert [peer.channel.receive(1.0).can_id for _ in range(2)] == [0x124, 0x125]
+
+
+def test_a_frame_that_cannot_be_is_its_callers_mistake_and_not_the_buses(peer):
+    with pytest.raises(ValueError, match="8 bytes"):
+        peer.channel.send(Frame(0x123, bytes(9)))
+    peer.channel.send(Frame(0x123, b""))
+    assert len(peer.socket.recv(64)) == 16
+
+
+def test_time_on_a_local_bus_is_counted_in_syncs(packets):
+    assert packets.channel.is_lock_step
+    assert packets.channel.address == packets.address
+
+
+# -- time --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("timeout_s", [0.0, 50e-6, 0.02, 0.1])
+def test_without_a_frame_it_waits_as_long_as_it_is_told(packets, timeout_s):
+    started = time.monotonic()
+    assert packets.channel.receive(timeout_s) is None
+    assert timeout_s <= time.monotonic() - started < timeout_s + 0.2
+
+
+def test_a_negative_time_out_is_none(packets):
+    packets.send(Frame(0x123, b""))
+    assert packets.channel.receive(-1.0) is not None
+    assert packets.channel.receive(-1.0) is None
+
+
+def test_a_frame_ends_the_wait(packets):
+    timer = threading.Timer(0.05, packets.send, [Frame(0x123, b"")])
+    started = time.monotonic()
+    timer.start()
+    assert packets.channel.receive(5.0) == Frame(0x123, b"")
+    assert 0.04 < time.monotonic() - started < 2.0
+    timer.join()
+
+
+def test_a_long_wait_sleeps(packets):
+    """It polls for 150 µs, not for the whole time."""
+    before = time.process_time()
+    packets.channel.receive(0.3)
+    assert time.process_time() - before < 0.1
+
+
+# -- a bus that is not there -------------------------------------------------------------------------------------------
+
+
+def test_where_nobody_serves_it_says_what_to_start(tmp_path):
+    address = Address("local", str(tmp_path / "nobody.sock"))
+    with pytest.raises(BusUnavailableError) as refused:
+        RawChannel(address)
+    assert refused.value.address == address
+    assert os.strerror(errno.ENOENT) in str(refused.value)
+    assert f"plant-emulator serve --bus {address}" in str(refused.value)
+
+
+def test_a_socket_that_was_left_behind_is_no_bus(tmp_path):
+    path = tmp_path / "left.sock"
+    with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)) as left:
+        left.bind(str(path))
+    with pytest.raises(BusUnavailableError, match="refused"):
+        RawChannel(Address("local", str(path)))
+
+
+def test_an_interface_that_does_not_exist_is_no_bus():
+    with pytest.raises(BusUnavailableError, match="socketcan:nosuch0"):
+        open_channel(Address("socketcan", "nosuch0"))
+
+
+@pytest.mark.parametrize("error", [BusUnavailableError, BusLostError])
+def test_both_errors_are_the_channels(error):
+    shown = error(Address("local", "/x"), "gone")
+    assert isinstance(shown, ChannelError)
+    assert (shown.address, shown.reason) == (Address("local", "/x"), "gone")
+
+
+def send_many(channel, count):
+    for _ in range(count):
+        channel.send(Frame(0x123, b""))
+
+
+# -- a bus that goes ---------------------------------------------------------------------------------------------------
+
+
+def assert_lost_for_ever(channel):
+    with pytest.raises(BusLostError) as first:
+        channel.receive(1.0)
+    for _ in range(2):
+        with pytest.raises(BusLostError) as again:
+            channel.send(Frame(0x123, b""))
+        assert again.value is first.value
+        with pytest.raises(BusLostError) as again:
+            channel.receive(0.0)
+        assert again.value is first.value
+
+
+def test_a_server_that_goes_is_lost_now_and_for_ever(peer):
+    peer.socket.close()
+    assert_lost_for_ever(peer.channel)
+
+
+def test_a_server_that_comes_back_needs_a_new_channel(peer):
+    peer.socket.close()
+    assert_lost_for_ever(peer.channel)
+    with contextlib.closing(RawChannel(peer.address)) as new:
+        served, _ = peer.listener.accept()
+        with contextlib.closing(served):
+            new.send(Frame(0x123, b""))
+            assert len(served.recv(64)) == 16
+    assert_lost_for_ever(peer.channel)
+
+
+def test_what_came_before_the_end_is_still_delivered(packets):
+    packets.send(Frame(0x123, b""), Frame(0x124, b""))
+    packets.socket.close()
+    assert [packets.channel.receive(1.0).can_id for _ in range(2)] == [0x123, 0x124]
+    assert_lost_for_ever(packets.channel)
+
+
+def test_a_send_that_finds_the_end_latches_it_too(peer):
+    peer.socket.close()
+    with pytest.raises(BusLostError) as first:
+        send_many(peer.channel, 3)
+    with pytest.raises(BusLostError) as again:
+        peer.channel.receive(0.0)
+    assert again.value is first.value
+
+
+def test_the_end_wakes_a_receiver_that_sleeps(packets):
+    timer = threading.Timer(0.05, packets.socket.shutdown, [socket.SHUT_RDWR])
+    timer.start()
+    started = time.monotonic()
+    with pytest.raises(BusLostError):
+        packets.channel.receive(10.0)
+    assert time.monotonic() - started < 5.0
+    timer.join()
+
+
+def test_a_closed_channel_is_lost_and_may_be_closed_again(peer):
+    peer.channel.close()
+    peer.channel.close()
+    with pytest.raises(BusLostError):
+        peer.channel.send(Frame(0x123, b""))
+
+
+def test_a_server_that_reads_late_is_waited_for_a_moment(packets):
+    def fill():
+        count = 0
+        while select.select([], [packets.channel._socket], [], 0)[1]:
+            packets.channel.send(Frame(0x123, struct.pack("<I", count)))
+            count += 1
+        return count
+
+    count = fill()
+    late = threading.Timer(0.1, packets.socket.recv, [64])
+    late.start()
+    packets.channel.send(Frame(0x123, struct.pack("<I", count)))  # no loss, no error
+    late.join()
+    seen = [struct.unpack_from("<I", packets.socket.recv(64), 8)[0] for _ in range(count)]
+    assert seen == list(range(1, count + 1))
+
+
+def test_a_server_that_never_reads_is_lost(packets, monkeypatch):
+    monkeypatch.setattr(raw, "_SENSIBLE_SEND_S", 0.05)
+    with pytest.raises(BusLostError, match="does not drain"):
+        send_many(packets.channel, 100_000)
+    assert_lost_for_ever(packets.channel)
+
+
+def test_bus_off_is_a_lost_bus(peer):
+    peer.send(Frame(CAN_ERR_FLAG | 0x40, bytes(8)))
+    assert_lost_for_ever(peer.channel)
+
+
+@pytest.mark.parametrize("error_class", [0x01, 0x04, 0x08, 0x20, 0x80])
+def test_other_error_frames_are_frames(packets, error_class):
+    packets.send(Frame(CAN_ERR_FLAG | error_class, bytes(8)))
+    assert packets.channel.receive(1.0) == Frame(CAN_ERR_FLAG | error_class, bytes(8))
