@@ -44,9 +44,8 @@ def lock_step() -> list[str]:
             continue
         axis = "2, 3, 5" if run["axis"] is None else run["axis"]
         name = f"{run['experiment']}, axis {axis}, {run['loop']}-closed, {run['compensation']}"
-        ratio = run["motion_s"] / run["wall_s"]
-        period = 1e3 * run["sync_period_s"]
-        lines.append(f"| {name} | {period:g} ms | {run['cycles']} | {run['motion_s']:.2f} | {run['wall_s']:.2f} | {ratio:.1f} |")
+        motion, wall, period = run["motion_s"], run["wall_s"], 1e3 * run["sync_period_s"]
+        lines.append(f"| {name} | {period:g} ms | {run['cycles']} | {motion:.2f} | {wall:.2f} | {motion / wall:.1f} |")
     return lines
 
 

@@ -79,9 +79,7 @@ TRANSITIONS: dict[int, Transition] = {
     9: Transition((State.OPERATION_ENABLED,), State.SWITCH_ON_DISABLED, (Command.DISABLE_VOLTAGE,)),
     10: Transition((State.SWITCHED_ON,), State.SWITCH_ON_DISABLED, (Command.DISABLE_VOLTAGE, Command.QUICK_STOP)),
     11: Transition((State.OPERATION_ENABLED,), State.QUICK_STOP_ACTIVE, (Command.QUICK_STOP,)),
-    12: Transition(
-        (State.QUICK_STOP_ACTIVE,), State.SWITCH_ON_DISABLED, (Command.DISABLE_VOLTAGE, Event.QUICK_STOP_COMPLETED)
-    ),
+    12: Transition((State.QUICK_STOP_ACTIVE,), State.SWITCH_ON_DISABLED, (Command.DISABLE_VOLTAGE, Event.QUICK_STOP_COMPLETED)),
     13: Transition(_WORKING, State.FAULT_REACTION_ACTIVE, (Event.FAULT_DETECTED,)),
     14: Transition((State.FAULT_REACTION_ACTIVE,), State.FAULT, (Event.FAULT_REACTION_COMPLETED,)),
     15: Transition((State.FAULT,), State.SWITCH_ON_DISABLED, (Command.FAULT_RESET,)),
@@ -193,9 +191,7 @@ _STATUS: dict[State, tuple[int, int]] = {  # (mask, bits), CiA 402, 6041h
     State.FAULT: (_PLAIN_MASK, 0x08),
 }
 # The masks split on bits 0 to 3, 5 and 6 only, so that one table of 128 answers every status word.
-_STATE_OF = tuple(
-    next((state for state, (mask, bits) in _STATUS.items() if word & mask == bits), None) for word in range(0x80)
-)
+_STATE_OF = tuple(next((state for state, (mask, bits) in _STATUS.items() if word & mask == bits), None) for word in range(0x80))
 
 _FAULT_RESET_BIT = 1 << 7
 # (mask, bits) of each command, CiA 402, 6040h. SWITCH_ON has the bits of DISABLE_OPERATION, and ENABLE_OPERATION

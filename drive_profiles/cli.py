@@ -43,10 +43,7 @@ def list_profiles(*, as_json: AsJson = False) -> None:
     _table(
         "",
         ("name", "kind", "vendor", "product", "title"),
-        [
-            (p.name, p.kind, f"0x{p.identity.vendor_id:08X}", f"0x{p.identity.product_code:08X}", p.title)
-            for p in profiles
-        ],
+        [(p.name, p.kind, f"0x{p.identity.vendor_id:08X}", f"0x{p.identity.product_code:08X}", p.title) for p in profiles],
     )
 
 

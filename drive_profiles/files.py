@@ -174,9 +174,7 @@ def _syntax_problem(text: str, error: Exception) -> Problem:
     return Problem(line, "", message[: place.start()] + column, "valid TOML")
 
 
-def _problems(
-    error: pydantic.ValidationError, model: type[pydantic.BaseModel], lines: dict[Path_, int]
-) -> tuple[Problem, ...]:
+def _problems(error: pydantic.ValidationError, model: type[pydantic.BaseModel], lines: dict[Path_, int]) -> tuple[Problem, ...]:
     found: list[Problem] = []
     renamed: set[Path_] = set()
     missing: list[tuple[Path_, Problem]] = []
@@ -355,9 +353,7 @@ def key_lines(text: str) -> dict[Path_, int]:
 _SPACE = re.compile(r"[ \t]*")
 _BLANK = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
 _KEY_PART = re.compile(r"""[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*'""")
-_STRING = re.compile(
-    r'''"""(?:\\.|[^\\])*?"""(?:"{0,2})|\'\'\'.*?\'\'\'(?:'{0,2})|"(?:\\.|[^"\\\n])*"|'[^'\n]*\'''', re.DOTALL
-)
+_STRING = re.compile(r'''"""(?:\\.|[^\\])*?"""(?:"{0,2})|\'\'\'.*?\'\'\'(?:'{0,2})|"(?:\\.|[^"\\\n])*"|'[^'\n]*\'''', re.DOTALL)
 _SCALAR = re.compile(r"[^,\]}#\n]+")
 
 

@@ -102,9 +102,7 @@ class Parameter(Table):
 
     index: int = pydantic.Field(ge=0x1000, le=0xFFFF)
     subindex: int = pydantic.Field(ge=0, le=0xFE)
-    data_type: Literal[
-        "BOOLEAN", "INTEGER8", "INTEGER16", "INTEGER32", "UNSIGNED8", "UNSIGNED16", "UNSIGNED32", "REAL32"
-    ]
+    data_type: Literal["BOOLEAN", "INTEGER8", "INTEGER16", "INTEGER32", "UNSIGNED8", "UNSIGNED16", "UNSIGNED32", "REAL32"]
     unit: str = ""
     scale: Annotated[float, pydantic.Field(gt=0)] | Literal["counts", "per mille"] = 1.0
     access: Literal["rw", "ro"] = "rw"

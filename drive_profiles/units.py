@@ -114,9 +114,7 @@ class Scaling:
             raise OutOfRangeError(
                 "608Fh", f"{encoder_increments}/{encoder_revs}", "counts/rev", "must be a whole number per revolution"
             )
-        return cls(
-            encoder_increments // encoder_revs, rated_torque_nm(rated_torque_mnm), gear_motor_revs, gear_shaft_revs
-        )
+        return cls(encoder_increments // encoder_revs, rated_torque_nm(rated_torque_mnm), gear_motor_revs, gear_shaft_revs)
 
     @property
     def counts_per_rad(self) -> float:
@@ -297,9 +295,7 @@ def interpolation_period_s(value: int, index: int) -> float:
         OutOfRangeError: A value outside 1 to 255, or an index outside -128 to 63.
     """
     if not 1 <= value <= _UNSIGNED8_MAX or not _PERIOD_INDEX[0] <= index <= _PERIOD_INDEX[1]:
-        raise OutOfRangeError(
-            "interpolation period", f"{value} × 10^{index}", "s", "60C2h holds 1 to 255 and -128 to 63"
-        )
+        raise OutOfRangeError("interpolation period", f"{value} × 10^{index}", "s", "60C2h holds 1 to 255 and -128 to 63")
     return float(f"{value}e{index}")  # the decimal literal rounds once, value · 10**index would twice
 
 

@@ -377,6 +377,9 @@ class _Run:
             return self._stop(stop.reason)
         except ChannelError as error:
             return SafetyStopError(str(error), all_disabled=False)
+        except BaseException:
+            self._stop("an error in the master")  # whatever it is: the axes come to rest before anyone hears of it
+            raise
         return None
 
     def _enable(self) -> None:

@@ -368,6 +368,25 @@ def test_an_interrupt_ramps_down_and_is_told_apart(short_bench: Bench, reference
     assert everything(channel.world) == before
 
 
+def test_an_error_of_the_master_itself_stops_the_axes_first(
+    short_bench: Bench, reference_robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+
+    def stumble(share: float) -> None:
+        raise ZeroDivisionError
+
+    session.progress = stumble
+    with session:
+        session.bring_up()
+        with pytest.raises(ZeroDivisionError):
+            session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive")
+    assert all_braked(channel.world)
+    words = [int.from_bytes(f.data[:2], "little") for f in channel.sent if f.can_id == 0x202]
+    assert 0x0002 in words
+    assert words[-1] == 0x0000
+
+
 def test_set_points_stop_when_the_loop_does(short_bench: Bench, reference_robot: Robot) -> None:
     """After a stop no RPDO commands operation again, and the last word disables."""
     stopped, channel, _ = run_with(
