@@ -45,7 +45,8 @@ def lock_step() -> list[str]:
         axis = "2, 3, 5" if run["axis"] is None else run["axis"]
         name = f"{run['experiment']}, axis {axis}, {run['loop']}-closed, {run['compensation']}"
         motion, wall, period = run["motion_s"], run["wall_s"], 1e3 * run["sync_period_s"]
-        lines.append(f"| {name} | {period:g} ms | {run['cycles']} | {motion:.2f} | {wall:.2f} | {motion / wall:.1f} |")
+        cells = (name, f"{period:g} ms", run["cycles"], f"{motion:.2f}", f"{wall:.2f}", f"{motion / wall:.1f}")
+        lines.append(f"| {' | '.join(map(str, cells))} |")
     return lines
 
 
@@ -83,7 +84,7 @@ def main() -> None:
     arguments = parser.parse_args()
     text = "\n".join([
         "# Performance", "",
-        f"`make bench`; Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores.", "",
+        f"`make bench`; Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores.", "",
         "## Lock-step runs over the local bus, two processes", "",
         "Wall time is that of the whole run: set-up over SDO, settling, the motion, the way back, restoration.", "",
         *lock_step(), "",

@@ -90,11 +90,6 @@ class Accelerometer:
         """The next instant, in ns, at which `advance` must be called."""
         return self.slave.due
 
-    @property
-    def cycle_period_us(self) -> int:
-        """1006h, 0 where nobody has set it."""
-        return int(self.slave.dictionary.cell(0x1006).value)
-
     def power_on(self, now: int) -> list[Frame]:
         """Start: the boot-up frame."""
         return self.slave.power_on(now)

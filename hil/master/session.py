@@ -1,6 +1,7 @@
 """A session on the bus: check the nodes, and for each run set them up, enable, move, disable, and leave all as it was found."""
 
 import contextlib
+import gc
 import math
 import signal
 import threading
@@ -39,6 +40,8 @@ MAX_SENSITIVITY = 4.0
 """M_s up to which a host-closed loop is run: a quarter of the way from the edge is left."""
 STOP_TIMEOUT_S = 2.0
 APPROACH_RAMP_S = 0.5
+REST_S = 0.1
+"""How long the axes stand before their brakes close."""
 SHUTDOWN, QUICK_STOP, DISABLE_VOLTAGE, FAULT_RESET = 0x0006, 0x0002, 0x0000, 0x0080
 
 _DISABLED = {
@@ -197,16 +200,19 @@ class Session:
         self._check_motion(motion, axes, starts)
         run = _Run(self, motion, axes, plan, servos, period, starts)
         control = period
+        gc.collect()
+        gc.disable()  # a collection in the middle of a motion is a late set-point
         try:
             if loop == "drive":
                 control = axes[0].control_period_s()
             self._set_up(axes, plan, compensation, loop, mode, period)
             stopped = run.perform()
         finally:
+            gc.enable()
             self._tear_down(axes, plan)
-        return RunResult(
-            run.recording(), run.rows, run.missed, time.monotonic() - began, float(motion.time_s[-1]), control, stopped
-        )
+        wall_s = time.monotonic() - began
+        self.log.write()
+        return RunResult(run.recording(), run.rows, run.missed, wall_s, float(motion.time_s[-1]), control, stopped)
 
     def _period(self, motion: Motion) -> float:
         return float(round((motion.time_s[1] - motion.time_s[0]) * 1e9) / 1e9)
@@ -295,7 +301,6 @@ class Session:
                 self.not_restored += restore()
         except ChannelError as error:
             self.not_restored.append(f"the bus: {error}")
-        self.log.write()
 
     # -- what every cycle needs ----------------------------------------------------------------------------------------
 
@@ -371,7 +376,7 @@ class _Run:
             self._record()
             end = [start + float(angle) for start, angle in zip(self.starts, self.motion.motor_angle_rad[-1], strict=True)]
             self._move(end, self.starts)
-            self._hold(self.starts, self.session.bench.settle_s)
+            self._hold(self.starts, REST_S)
             self._disable(SHUTDOWN)
         except _StopRun as stop:
             return self._stop(stop.reason)

@@ -165,7 +165,7 @@ def good():
         ("subindex = 2\n", "subindex = 1\n", r"velocity_gain_nm_s_rad and velocity_integral_gain_nm_rad are both in"),
         ('unit = "Hz"', 'unit = "1/s"', "lowpass_hz says Hz, its unit says 1/s"),
         ("control_period_s = 250e-6", "", "a drive states modes, capabilities and control_period_s"),
-        ("max_period_s = 20e-3", "max_period_s = 20e-6", r"sync: min_period_s 0\.0005 is above max_period_s 2e-05"),
+        ("max_period_s = 20e-3", "max_period_s = 20e-6", r"sync: min_period_s 0\.00025 is above max_period_s 2e-05"),
         ("min_period_s = 250e-6", "min_period_ms = 0.5", r"wrong unit: 'min_period_ms'; expected min_period_s \(s\)"),
         ('data_type = "REAL32"', 'data_type = "FLOAT"', "found 'FLOAT'; expected one of 'BOOLEAN'"),
         ('class = "tuning"', 'class = "tuned"', "found 'tuned'; expected one of 'tuning'"),
