@@ -16,6 +16,9 @@ import can
 import pytest
 
 from drive_profiles.cia402 import State, state_of
+from hil.can.address import parse_address
+from hil.can.frame import Frame
+from hil.can.raw import RawChannel
 from hil.recording import Recording
 from tests.bench.conftest import Emulator
 
@@ -356,3 +359,20 @@ def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, em
     assert done.returncode in {0, 9}, done.stderr
     recording = Recording.load(next((tmp_path / "second" / "runs").glob("*.csv")))
     assert abs(recording.axis(2, "position_rad")[0]) < 0.1
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core: there is nothing to share")
+def test_both_ends_of_a_lock_step_bus_share_a_core_while_it_lasts(emulator: Emulator) -> None:
+    mine, its = os.sched_getaffinity(0), os.sched_getaffinity(emulator.process.pid)
+    channel = RawChannel(parse_address(emulator.address))
+    try:
+        assert os.sched_getaffinity(0) == os.sched_getaffinity(emulator.process.pid)
+        assert len(os.sched_getaffinity(0)) == 1
+        channel.send(Frame(0x80, b""))
+    finally:
+        channel.close()
+    assert os.sched_getaffinity(0) == mine
+    deadline = time.monotonic() + 5.0
+    while os.sched_getaffinity(emulator.process.pid) != its:
+        assert time.monotonic() < deadline, "the emulator has its cores back when the lock-step client has gone"
+        time.sleep(0.01)
