@@ -171,9 +171,11 @@ def _run_and_report(
     if outcome.stopped is not None:
         _say(str(outcome.stopped))
         raise typer.Exit(outcome.stopped.exit_code)
+    for reason in dict.fromkeys(outcome.invalid):
+        _say(f"not judged: {reason}")
     if outcome.not_restored:
         raise typer.Exit(EXIT_SDO)
-    if outcome.failed_claims:
+    if outcome.failed_claims or outcome.invalid:
         raise typer.Exit(EXIT_CLAIM_FAILED)
 
 
@@ -183,7 +185,8 @@ def _summary(outcome: "Outcome", say: Callable[[str], None]) -> None:
     say(f"{'experiment':<24}{'axis':<6}{'loop':<7}{'filter':<8}{'order':<7}{'tip peak mm':<13}within ±{limit:g} mm")
     for run in outcome.result["runs"]:
         axis = "2,3,5" if run["axis"] is None else str(run["axis"])
-        peak = "stopped" if run["tip_peak_mm"] is None else f"{run['tip_peak_mm']:.4f}"
+        without = "not judged" if "invalid" in run else "stopped"
+        peak = without if run["tip_peak_mm"] is None else f"{run['tip_peak_mm']:.4f}"
         order = "-" if run["order"] is None else str(run["order"])
         verdict = "yes" if run["within_spec"] else "no"
         say(f"{run['experiment']:<24}{axis:<6}{run['loop']:<7}{run['compensation']:<8}{order:<7}{peak:<13}{verdict}")
@@ -211,7 +214,7 @@ def demo(
     with _told():
         from hil.emulator import EmulatedRobot  # noqa: PLC0415
 
-        with EmulatedRobot(robot) as emulator:  # it compiles or loads its plant while we load our own means
+        with EmulatedRobot(robot) as emulator:
             from hil.experiments.plan import demo_experiments  # noqa: PLC0415
             from hil.master.bench import load_bench  # noqa: PLC0415
 

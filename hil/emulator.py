@@ -10,6 +10,7 @@ from typing import Self
 
 from hil.can.address import LOCAL, Address
 from hil.can.channel import BusUnavailableError
+from hil.can.raw import connect_local
 
 START_TIMEOUT_S = 120.0
 """The first start compiles the plant; later ones take under two seconds."""
@@ -42,13 +43,21 @@ class EmulatedRobot:
                 stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=sink, text=True, start_new_session=True,
             )  # fmt: skip
         deadline = time.monotonic() + START_TIMEOUT_S
-        while not Path(self.address.channel).is_socket():
+        while not self._answers():
             if self._process.poll() is not None or time.monotonic() > deadline:
                 said = errors.read_text().strip() or f"it does not serve within {START_TIMEOUT_S:g} s"
                 self.__exit__(None, None, None)
                 raise BusUnavailableError(self.address, f"the emulator did not start: {said}")
             time.sleep(0.02)
         return self
+
+    def _answers(self) -> bool:
+        """Whether somebody serves at the address: a socket file alone may not be listened to yet."""
+        try:
+            connect_local(self.address).close()
+        except BusUnavailableError:
+            return False
+        return True
 
     def __exit__(self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None) -> None:
         """End it and remove its directory."""

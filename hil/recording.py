@@ -18,7 +18,7 @@ class Recording:
 
     Names carry their units. `time_s`; for each axis n that moved `axis<n>_reference_rad`, `axis<n>_position_rad` (motor side),
     `axis<n>_torque_nm`, and where its drive tells `axis<n>_notch_hz` (zero frequency of the first filter, 0 while it is out);
-    `tip_x_m_s2`, `tip_y_m_s2`, `tip_z_m_s2`; `missing`, how many answers did not come in this cycle.
+    `tip_x_m_s2`, `tip_y_m_s2`, `tip_z_m_s2`; `missing`, how many of the expected answers did not come in this cycle.
 
     Attributes:
         columns: By name; all of shape (n,).

@@ -64,7 +64,10 @@ def serve(
     from plant_emulator.bus.server import AddressInUseError, Server  # noqa: PLC0415
     from plant_emulator.world import World  # noqa: PLC0415
 
-    world = World(model)
+    try:
+        world = World(model)
+    except ValueError as error:
+        raise _fail(f"{robot}: {error}", EXIT_FILE) from None
     world.axes.advance(0)  # compile, or load what is compiled, before anyone waits for an answer
     try:
         server = Server(world, address.channel, stream=stream)

@@ -173,8 +173,7 @@ class DriveData:
 
     def _write_cycle_period(self, value: int) -> SdoAbortCode | None:
         """1006h must be a whole number of control periods: the world advances by it."""
-        control_us = round(1e6 * self._control_period_s)
-        return SdoAbortCode.INVALID_VALUE if value % control_us else None
+        return SdoAbortCode.INVALID_VALUE if 1000 * value % round(1e9 * self._control_period_s) else None
 
     def _gain_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
         def write(value: float) -> SdoAbortCode | None:

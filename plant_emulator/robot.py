@@ -177,8 +177,8 @@ class Robot(Table):
 
     name: str = "robot"
     seed: Annotated[int, Field(ge=0)] = 1
-    control_period_s: Positive = 250e-6
-    plant_substeps: Annotated[int, Field(ge=1, le=64)] = 4
+    control_period_s: Annotated[float, Field(ge=10e-6, le=0.01)] = 250e-6
+    plant_substeps: Annotated[int, Field(ge=2, le=64)] = 4
     sync_period_s: Positive = 0.002
     axis: Annotated[dict[Annotated[int, Field(ge=1, le=6)], Axis], Field(min_length=1)]
     accelerometer: Accelerometer = Accelerometer()

@@ -127,12 +127,15 @@ class RawChannel:
     def receive(self, timeout_s: float) -> Frame | None:
         """The next frame, or None when none came in time.
 
-        The time-out is the socket's own, so that a frame costs one system call.
+        In lock-step the time-out is the socket's own, so that a frame costs one system call.
         """
         if self._lost is not None:
             raise self._lost
         if timeout_s <= 0.0:
             return self._read(socket.MSG_DONTWAIT)
+        if not self.is_lock_step:  # the kernel counts a socket's own time-out in jiffies, up to 10 ms each
+            ready = bool(self._buffer) or bool(select.select([self._socket], [], [], timeout_s)[0])
+            return self._read(socket.MSG_DONTWAIT) if ready else None
         if timeout_s != self._timeout_s:
             wait_at_most(self._socket, timeout_s)
             self._timeout_s = timeout_s

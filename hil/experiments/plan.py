@@ -95,23 +95,31 @@ def entries(bench: Bench, experiment: Experiment, result: RunResult, recording: 
     if result.stopped is not None:
         empty = dict.fromkeys((*Metrics.__dataclass_fields__,))
         return [{**common, "order": None, **empty, "within_spec": False, **tail, "stopped": result.stopped.reason}]
-    if experiment.axis is None:
-        line = bench.line_motion
-        assert line is not None  # noqa: S101 - the motion was made from it
-        metrics = line_motion_metrics(result.recording, line.dwell_s, line.duration_s, peak_hz(bench, 2))
-        return [{**common, "order": None, **_judged(bench, metrics), **tail}]
-    f_al = peak_hz(bench, experiment.axis)
-    return [
-        {**common, "order": order, **_judged(bench, _window(result, experiment.axis, order, f_al)), **tail} for order in (2, 4)
-    ]
+    orders: tuple[int | None, ...] = (None,) if experiment.axis is None else (2, 4)
+    return [{**common, "order": order, **_judged(bench, experiment, result, order), **tail} for order in orders]
 
 
-def _window(result: RunResult, axis: int, order: int, f_al_hz: float) -> Metrics:
-    return constant_acceleration_metrics(result.recording, axis, order, f_al_hz)
+MAX_SENSOR_MISSED = 0.005
+"""Share of a motion's cycles that may lack the accelerometer; beyond it the run is not judged."""
 
 
-def _judged(bench: Bench, metrics: Metrics) -> dict[str, Any]:
+def _judged(bench: Bench, experiment: Experiment, result: RunResult, order: int | None) -> dict[str, Any]:
+    """The metrics and the verdict of one window; where it cannot be judged, why, and never a pass."""
+    try:
+        if result.sensor_missed > MAX_SENSOR_MISSED * result.cycles:
+            raise ValueError(f"the accelerometer was missing in {result.sensor_missed} of {result.cycles} cycles")
+        metrics = _metrics(bench, experiment, result, order)
+    except ValueError as error:
+        return {**dict.fromkeys(Metrics.__dataclass_fields__), "within_spec": False, "invalid": str(error)}
     return {**vars(metrics), "within_spec": bool(metrics.tip_peak_mm <= bench.specification.tip_mm)}
+
+
+def _metrics(bench: Bench, experiment: Experiment, result: RunResult, order: int | None) -> Metrics:
+    if experiment.axis is not None and order is not None:
+        return constant_acceleration_metrics(result.recording, experiment.axis, order, peak_hz(bench, experiment.axis))
+    line = bench.line_motion
+    assert line is not None  # noqa: S101 - the motion was made from it
+    return line_motion_metrics(result.recording, line.dwell_s, line.duration_s, peak_hz(bench, 2))
 
 
 def comparisons(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from hil.can.address import parse_address
-from hil.can.channel import Channel, ChannelError, open_channel
-from hil.errors import HilError, SafetyStopError
+from hil.can.channel import Channel, open_channel
+from hil.errors import SafetyStopError
 from hil.experiments.plan import Experiment, claims, comparisons, entries
 from hil.master.bench import Bench
 from hil.master.session import Session
@@ -28,12 +28,14 @@ class Outcome:
         stopped: The stop that ended it early, or None.
         failed_claims: Claims that do not hold.
         not_restored: What could not be put back in the nodes.
+        invalid: Why windows could not be judged.
     """
 
     def __init__(self, result: dict[str, Any], stopped: SafetyStopError | None) -> None:
         """Keep both."""
         self.result, self.stopped = result, stopped
         self.not_restored: list[str] = result.get("not_restored", [])
+        self.invalid = [run["invalid"] for run in result["runs"] if "invalid" in run]
         self.failed_claims = [claim for claim in result["paper"] if not claim["holds"]]
 
 
@@ -91,10 +93,10 @@ def run_experiments(
                     break
     except SafetyStopError as stop:
         stopped = stop
-    except (HilError, ChannelError) as error:
+    except Exception as error:
         if not runs:
             raise
-        failure = error
+        failure = error  # raised again below, when what earlier runs gave is on disk
     finally:
         channel.close()
     compared = comparisons(runs)

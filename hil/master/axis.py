@@ -37,6 +37,10 @@ class Snapshot:
             self._before[index, subindex] = self.network.read_raw(self.node, index, subindex, name)
         self.network.write(self.node, index, subindex, kind, value, name)
 
+    def has(self, index: int, subindex: int) -> bool:
+        """Whether an object has been changed."""
+        return (index, subindex) in self._before
+
     def restore(self) -> list[str]:
         """Put everything back, the last change first; what a node refuses, in words."""
         refused = []
@@ -174,6 +178,18 @@ class DriveAxis:
                 for field_name in (key for key in values if key != "mode"):
                     self.write_parameter(f"{name}.{field_name}", values[field_name])
                 self.write_parameter(f"{name}.mode", values["mode"])
+
+    def restore(self) -> list[str]:
+        """Put everything back as it was found, filters last; what the drive refuses, in words."""
+        refused = []
+        for column in range(NOTCHES):
+            mode = self.profile.parameters.get(f"notch_{column + 1}.mode")
+            if mode is not None and self.snapshot.has(mode.index, mode.subindex):
+                try:  # between two ranges a filter may be none at all, so it is off until its mode comes back
+                    self.network.write_raw(self.node, mode.index, mode.subindex, bytes(DataType[mode.data_type].size or 1))
+                except HilError as error:
+                    refused.append(str(error))
+        return refused + self.snapshot.restore()
 
     # -- cyclic operation ----------------------------------------------------------------------------------------------
 

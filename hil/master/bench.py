@@ -92,6 +92,7 @@ class NotchTable(Table):
     def _range(self) -> "NotchTable":
         if self.start_rps >= self.end_rps:
             raise ValueError(f"start_rps {self.start_rps} is not below end_rps {self.end_rps}")
+        self.notch()
         return self
 
     def notch(self) -> Notch:
@@ -186,6 +187,11 @@ class LineMotion(Table):
     ramp_s: Positive = 0.3
     dwell_s: NotNegative = 0.2
     tail_s: NotNegative = 0.6
+
+    @model_validator(mode="after")
+    def _ramps_fit(self) -> "LineMotion":
+        Smooth(self.duration_s, self.ramp_s)
+        return self
 
     def line(self, chain: PlanarChain) -> Line:
         """The trajectory of the joints."""

@@ -27,6 +27,8 @@ _FEEDBACK = struct.Struct("<Hih")
 _NOTCH = struct.Struct("<Bf")
 _ACCELERATION = struct.Struct("<hhh")
 
+MAX_LATE_FRAMES = 1024
+
 ACCELERATION_OBJECT, UNIT_OBJECT, DIGITS_OBJECT = 0x7130, 0x6131, 0x6132
 METRE_PER_SECOND_SQUARED = 0x00015700
 
@@ -70,7 +72,8 @@ class CyclicPlan:
     Attributes:
         slots: One per axis that takes part, in their order.
         acceleration_m_s2: X, Y, Z as received last.
-        accelerometer_missing: Cycles in a row without the accelerometer.
+        missing_answers: Answers that did not come in the last cycle.
+        accelerometer_missed: Cycles without the accelerometer.
         missed_cycles: Cycles in which an answer did not come in time.
         cycles: Cycles since the start.
     """
@@ -100,7 +103,8 @@ class CyclicPlan:
         self.mode = mode
         self.slots = [Slot(axis) for axis in axes]
         self.acceleration_m_s2 = (0.0, 0.0, 0.0)
-        self.accelerometer_missing = 0
+        self.missing_answers = 0
+        self.accelerometer_missed = 0
         self.missed_cycles = 0
         self.cycles = 0
         self._with_notch_state = with_notch_state
@@ -168,11 +172,13 @@ class CyclicPlan:
             raise NodeError(node, f"its channels count differently: {sorted(scales)} m/s² per step")
         return float(scales.pop())
 
-    def restore(self) -> list[str]:
-        """Give the nodes their PDOs back; what they refuse, in words."""
+    def restore(self, nodes: set[int]) -> list[str]:
+        """Give these nodes their PDOs back; what they refuse, in words."""
         refused = []
         while self._sets:
-            refused += self._sets.pop().restore()
+            pdos = self._sets.pop()
+            if pdos.node in nodes:
+                refused += pdos.restore()
         return refused
 
     def exchange(self) -> None:
@@ -183,6 +189,8 @@ class CyclicPlan:
         """
         network = self.network
         self._wait_for_the_beat()
+        if not network.channel.is_lock_step:
+            self._drain()
         for slot in self.slots:
             network.send(slot.command())
         network.sync()
@@ -190,13 +198,24 @@ class CyclicPlan:
         lock_step = network.channel.is_lock_step
         deadline = time.monotonic() + network.timeout_s if lock_step else (self._next_s or 0.0)
         while pending:
-            left = deadline - time.monotonic() if not lock_step else network.timeout_s
-            frame = network.receive(left) if left > 0.0 else None
+            frame = network.receive(network.timeout_s if lock_step else deadline - time.monotonic())
             if frame is None:
                 break
             if not self._take(frame, pending):
                 network.dispatch(frame)
+                if time.monotonic() > deadline:
+                    break  # others talk, and what is waited for does not come
         self._count(pending)
+
+    def _drain(self) -> None:
+        """Take what has come too late for the last cycle: the newest value wins, and it is not an answer of the next."""
+        late = set(self._expected)
+        for _ in range(MAX_LATE_FRAMES):
+            frame = self.network.receive(0.0)
+            if frame is None:
+                return
+            if not self._take(frame, late):
+                self.network.dispatch(frame)
 
     def _take(self, frame: Frame, pending: set[int]) -> bool:
         """Unpack a frame if it is one of ours; whether it was. A wrong length counts as missing."""
@@ -227,7 +246,8 @@ class CyclicPlan:
             self.missed_cycles += 1
         for slot in self.slots:
             slot.missing = slot.missing + 1 if slot.feedback_id in pending else 0
-        self.accelerometer_missing = self.accelerometer_missing + 1 if self._acceleration_id in pending else 0
+        self.missing_answers = len(pending)
+        self.accelerometer_missed += self._acceleration_id in pending
 
     def _wait_for_the_beat(self) -> None:
         """Sleep until the next absolute deadline; on a lock-step bus the beat is ours."""

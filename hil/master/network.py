@@ -21,6 +21,11 @@ from hil.recording import BusLog, LoggedFrame
 
 SYNC = Frame(FunctionCode.SYNC, b"")
 MAX_EVENTS = 256
+MAX_UPLOAD_BYTES = 65536
+_INITIATE_REQUESTS = (1, 2)
+"""Command specifiers of an initiate download and upload: these name their object (CiA 301, 7.2.4.3)."""
+_NAMED_ANSWERS = (2, 3, 4)
+"""Command specifiers of answers that name their object: initiate upload, initiate download, abort."""
 _EMERGENCY = struct.Struct("<HB5s")
 
 # The package's client reports each of its own aborts as an error to the root logger; here they are exceptions, told once.
@@ -51,6 +56,7 @@ class _PumpedSdoClient(SdoClient):
         self._pump = network.pump_until
         self._timeout_s = network.timeout_s
         self._answers: deque[bytes] = deque(maxlen=MAX_EVENTS)
+        self._object = b""
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Keep an answer of the right length; others are no SDO."""
@@ -60,6 +66,8 @@ class _PumpedSdoClient(SdoClient):
     def request_response(self, sdo_request: bytes) -> bytes:
         """Send a request once and wait for its answer. What is left from before belongs to nobody."""
         self._answers.clear()
+        if sdo_request[0] >> 5 in _INITIATE_REQUESTS:
+            self._object = bytes(sdo_request[1:4])
         self.send_request(sdo_request)  # type: ignore[no-untyped-call]
         try:
             return self.read_response()
@@ -74,12 +82,25 @@ class _PumpedSdoClient(SdoClient):
             SdoCommunicationError: None came in time.
             SdoAbortedError: It is an abort.
         """
-        if not self._pump(lambda: bool(self._answers), self._timeout_s):
-            raise SdoCommunicationError("no SDO response")
-        answer = self._answers.popleft()
+        while True:
+            if not self._pump(lambda: bool(self._answers), self._timeout_s):
+                raise SdoCommunicationError("no SDO response")
+            answer = self._answers.popleft()
+            if answer[0] >> 5 not in _NAMED_ANSWERS or answer[1:4] == self._object:
+                break  # a late answer to an earlier request names another object, and is nobody's
         if answer[0] == 0x80:
             raise CanopenAbort(int.from_bytes(answer[4:], "little"))
         return answer
+
+
+def _bounded(stream: Any) -> bytes:
+    """What an upload gives, up to a bound: a node must not make us hold what it likes."""
+    data = bytearray()
+    while chunk := stream.read(7):
+        data += chunk
+        if len(data) > MAX_UPLOAD_BYTES:
+            raise SdoCommunicationError(f"more than {MAX_UPLOAD_BYTES} bytes")
+    return bytes(data)
 
 
 class _Tee(canopen.Network):
@@ -115,6 +136,7 @@ class Network:
         self.timeout_s = timeout_s
         self.period_s = period_s
         self.canopen = _Tee(self.send)
+        self.canopen.subscribers.clear()  # its LSS master would keep every answer for ever
         self.emergencies: deque[Emergency] = deque(maxlen=MAX_EVENTS)
         self.heartbeats: dict[int, tuple[float, int]] = {}
         self.boots: set[int] = set()
@@ -190,7 +212,7 @@ class Network:
         """
         try:
             with self._client(node).open(index, subindex, buffering=0) as stream:  # type: ignore[no-untyped-call]
-                return bytes(stream.read())
+                return _bounded(stream)
         except CanopenAbort as error:
             raise SdoAbortedError(node, index, subindex, error.code, name) from error
         except (SdoCommunicationError, struct.error) as error:

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from drive_profiles.cia301 import DataType, FunctionCode, NmtCommand, NmtState
 from drive_profiles.cia402 import Mode, Object, State, control_word_towards, state_of
 from drive_profiles.profile import Profile
+from drive_profiles.units import interpolation_period
 from hil.can.channel import Channel, ChannelError
 from hil.can.frame import Frame
 from hil.control.servo import Servo, ServoConfig
 from hil.control.trajectory import Smooth, sample_times
 from hil.design.frequency import Loop as LoopModel
 from hil.design.frequency import margins
-from hil.errors import InterruptedRunError, NotPossibleError, SafetyStopError, UnsafeRequestError
+from hil.errors import HilError, InterruptedRunError, NotPossibleError, SafetyStopError, UnsafeRequestError
 from hil.master.axis import DriveAxis, check_identity
 from hil.master.bench import Bench
 from hil.master.cyclic import CyclicPlan
@@ -39,10 +40,11 @@ ENABLE_TIMEOUT_S = 2.0
 MAX_SENSITIVITY = 4.0
 """M_s up to which a host-closed loop is run: a quarter of the way from the edge is left."""
 STOP_TIMEOUT_S = 2.0
+"""How long beyond its ramp a drive may take to say that it is disabled."""
 APPROACH_RAMP_S = 0.5
 REST_S = 0.1
 """How long the axes stand before their brakes close."""
-SHUTDOWN, QUICK_STOP, DISABLE_VOLTAGE, FAULT_RESET = 0x0006, 0x0002, 0x0000, 0x0080
+SHUTDOWN, SWITCH_ON, QUICK_STOP, DISABLE_VOLTAGE, FAULT_RESET = 0x0006, 0x0007, 0x0002, 0x0000, 0x0080
 
 _DISABLED = {
     State.SWITCH_ON_DISABLED,
@@ -78,6 +80,7 @@ class RunResult:
         recording: What the master received; shorter than the motion where it was stopped.
         cycles: SYNCs of the motion.
         missed_cycles: Cycles of the motion in which an answer did not come.
+        sensor_missed: Cycles of the motion without the accelerometer.
         wall_s: What the whole run took, set-up, settling, return and restoration included.
         motion_s: How long the motion lasts in the bench's time.
         control_period_s: Sampling time of the loop.
@@ -87,6 +90,7 @@ class RunResult:
     recording: Recording
     cycles: int
     missed_cycles: int
+    sensor_missed: int
     wall_s: float
     motion_s: float
     control_period_s: float
@@ -186,6 +190,8 @@ class Session:
         period = self._period(motion)
         self.network.period_s = period
         axes = [self.axes[number] for number in motion.axes]
+        for axis in axes:
+            axis.identify()
         servos = self._servos(axes, compensation, loop, period)
         mode = Mode.CST if loop == "host" else Mode.CSP
         plan = CyclicPlan(
@@ -212,7 +218,8 @@ class Session:
             self._tear_down(axes, plan)
         wall_s = time.monotonic() - began
         self.log.write()
-        return RunResult(run.recording(), run.rows, run.missed, wall_s, float(motion.time_s[-1]), control, stopped)
+        duration = float(motion.time_s[-1])
+        return RunResult(run.recording(), run.rows, run.missed, run.sensor_missed, wall_s, duration, control, stopped)
 
     def _period(self, motion: Motion) -> float:
         return float(round((motion.time_s[1] - motion.time_s[0]) * 1e9) / 1e9)
@@ -227,7 +234,8 @@ class Session:
             notches = tuple(notch.notch() for notch in table.notch) if compensation == "notch" else ()
             model = table.loop(period, 1, with_notch=compensation == "notch")
             if model is not None:
-                self._check_host_loop(axis, model, [0.0, *(0.5 * (n.start_rps + n.end_rps) for n in notches)])
+                speeds = [speed for n in notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist()]
+                self._check_host_loop(axis, model, [0.0, *speeds])
             config = ServoConfig(table.control.cascade(), table.limits.torque_nm, notches)
             servos.append(Servo(config, period))
         return servos
@@ -248,6 +256,12 @@ class Session:
     def _check_motion(self, motion: Motion, axes: list[DriveAxis], starts: list[float]) -> None:
         """The whole motion against the limits, before anything is enabled."""
         period, turn = self._period(motion), 2.0 * math.pi
+        interpolation_period(period)
+        for axis in axes:
+            sync = axis.profile.sync
+            if not sync.min_period_s <= period <= sync.max_period_s:
+                limit = sync.min_period_s if period < sync.min_period_s else sync.max_period_s
+                raise UnsafeRequestError(f"the SYNC period of axis {axis.number}", period, limit, "s", "see its profile")
         for column, axis in enumerate(axes):
             limits, name = axis.table.limits, f"axis {axis.number}"
             angle = (motion.motor_angle_rad[:, column] + starts[column]) / turn
@@ -273,19 +287,15 @@ class Session:
         for node in (*(axis.node for axis in axes), sensor):
             self.network.nmt(NmtCommand.ENTER_PRE_OPERATIONAL, node)
         for axis in axes:
-            sync = axis.profile.sync
-            if not sync.min_period_s <= period <= sync.max_period_s:
-                limit = sync.min_period_s if period < sync.min_period_s else sync.max_period_s
-                raise UnsafeRequestError(f"the SYNC period of axis {axis.number}", period, limit, "s", "see its profile")
             axis.write_limits()
             axis.write_gains()
             inside = compensation == "notch" and loop == "drive"
             axis.write_notches(tuple(table.notch() for table in axis.table.notch) if inside else ())
             axis.write_mode(mode, period)
         plan.configure()
-        self._heartbeat(force=True)
         for axis in axes:
             axis.write_supervision(self.bench.bus.master_node_id, self.bench.bus.heartbeat_s)
+        self._heartbeat(force=True)  # a drive watches from the first heartbeat on that it sees after it was told to
         for node in (*(axis.node for axis in axes), sensor):
             self.network.nmt(NmtCommand.START, node)
         self.network.emergencies.clear()
@@ -295,12 +305,31 @@ class Session:
     def _tear_down(self, axes: list[DriveAxis], plan: CyclicPlan) -> None:
         """Put everything back; what a node refuses or the bus does not allow any more is noted in `not_restored`."""
         try:
-            for node in (*(axis.node for axis in axes), self.bench.accelerometer.node_id):
+            sensor = self.bench.accelerometer.node_id
+            for node in (*(axis.node for axis in axes), sensor):
                 self.network.nmt(NmtCommand.ENTER_PRE_OPERATIONAL, node)
-            for restore in (plan.restore, *(axis.snapshot.restore for axis in axes)):
-                self.not_restored += restore()
+            disabled = [axis for axis in axes if self._is_disabled(axis)]
+            for axis in axes:
+                if axis in disabled:
+                    self.not_restored += axis.restore()  # its supervision ends first
+                else:  # it keeps its limits, and our heartbeat, which it watches, has stopped
+                    self.not_restored.append(f"node {axis.node}: not confirmed to be disabled; limits and supervision stay")
+            self.not_restored += plan.restore({sensor, *(axis.node for axis in disabled)})
         except ChannelError as error:
             self.not_restored.append(f"the bus: {error}")
+
+    def _is_disabled(self, axis: DriveAxis) -> bool:
+        """Whether a drive says by SDO that it is out of operation; it is told once more where it does not."""
+        for attempt in range(2):
+            try:
+                if attempt:
+                    self.network.write_raw(axis.node, Object.CONTROL_WORD, 0, DISABLE_VOLTAGE.to_bytes(2, "little"))
+                word = self.network.read(axis.node, Object.STATUS_WORD, 0, DataType.UNSIGNED16, "status word")
+            except HilError:
+                return False
+            if state_of(word) in _DISABLED:
+                return True
+        return False
 
     # -- what every cycle needs ----------------------------------------------------------------------------------------
 
@@ -360,8 +389,9 @@ class _Run:
         self.period, self.starts = period, starts
         self.rows = 0
         self.missed = 0
+        self.sensor_missed = 0
         self._guards = [AxisGuard(axis.number, axis.table, session.bench.bus, period) for axis in axes]
-        self._references = [0.0] * len(axes)
+        self._holding: dict[int, float] = {}
         self._table = np.zeros((len(motion.time_s), 5 + 4 * len(axes)))
 
     # -- the sequence --------------------------------------------------------------------------------------------------
@@ -377,7 +407,8 @@ class _Run:
             end = [start + float(angle) for start, angle in zip(self.starts, self.motion.motor_angle_rad[-1], strict=True)]
             self._move(end, self.starts)
             self._hold(self.starts, REST_S)
-            self._disable(SHUTDOWN)
+            if not self._disable(SHUTDOWN):
+                return self._stop("not every drive has confirmed that it is disabled")
         except _StopRun as stop:
             return self._stop(stop.reason)
         except ChannelError as error:
@@ -388,32 +419,54 @@ class _Run:
         return None
 
     def _enable(self) -> None:
-        """Step all drives to operation enabled, side by side, each by its own control words."""
+        """Step all drives to switched on, then to operation enabled, side by side, each by its own control words.
+
+        Nobody is enabled before all can be. Host-closed, a loop is closed in the very cycle in which its drive shows that the
+        brake is open, and the arm held where it was.
+        """
+        for goal in (State.SWITCHED_ON, State.OPERATION_ENABLED):
+            self._reach(goal)
+
+    def _reach(self, goal: State) -> None:
         for _ in range(math.ceil(ENABLE_TIMEOUT_S / self.period)):
             for slot in self.plan.slots:
                 state = state_of(slot.status_word) if self.plan.cycles else None
-                word = None if state is None else control_word_towards(state)
-                slot.control_word = DISABLE_VOLTAGE if word is None else word
+                slot.control_word = self._word_towards(goal, state)
                 if state is not State.OPERATION_ENABLED:
-                    slot.target = slot.position_counts if not self.servos else 0
+                    slot.target = 0 if self.servos else slot.position_counts
             self.session.cycle(self.plan)
+            self._take_over()
             fault = self.session.node_fault(self.axes)
             if fault is not None:
                 raise _StopRun(fault)
-            states = [state_of(slot.status_word) for slot in self.plan.slots]
-            if self.plan.slots[0].missing > self.session.bench.bus.missing_limit:
-                raise _StopRun(f"axis {self.axes[0].number} does not answer")
-            if all(state is State.OPERATION_ENABLED for state in states):
-                break
-        else:
-            names = ", ".join(
-                f"axis {slot.axis.number}: {getattr(state_of(slot.status_word), 'value', 'unknown')}" for slot in self.plan.slots
-            )
-            raise _StopRun(f"not all drives enabled within {ENABLE_TIMEOUT_S:g} s ({names})")
-        for slot in self.plan.slots:
-            slot.control_word = 0x000F
-        for servo, slot in zip(self.servos, self.plan.slots, strict=False):
-            servo.start(slot.axis.scaling.position_rad(slot.position_counts))
+            for slot in self.plan.slots:
+                if slot.missing > self.session.bench.bus.missing_limit:
+                    raise _StopRun(f"axis {slot.axis.number} does not answer")
+            if all(state_of(slot.status_word) is goal for slot in self.plan.slots):
+                return
+        shown = (
+            f"axis {slot.axis.number}: {getattr(state_of(slot.status_word), 'value', 'unknown')}" for slot in self.plan.slots
+        )
+        raise _StopRun(f"not all drives are in {goal.value!r} within {ENABLE_TIMEOUT_S:g} s ({', '.join(shown)})")
+
+    @staticmethod
+    def _word_towards(goal: State, state: State | None) -> int:
+        """The next control word on the way to a goal, and the one that keeps it."""
+        if state is State.SWITCHED_ON and goal is State.SWITCHED_ON:
+            return SWITCH_ON
+        word = None if state is None else control_word_towards(state)
+        return DISABLE_VOLTAGE if word is None else word
+
+    def _take_over(self) -> None:
+        """Host-closed, while drives are being enabled: hold each axis that is, where it was found."""
+        for i, (servo, slot) in enumerate(zip(self.servos, self.plan.slots, strict=False)):
+            if state_of(slot.status_word) is not State.OPERATION_ENABLED:
+                continue
+            angle = slot.axis.scaling.position_rad(slot.position_counts)
+            if i not in self._holding:
+                self._holding[i] = angle
+                servo.start(angle)
+            slot.target = slot.axis.scaling.torque_per_mille(servo.step(self._holding[i], angle))
 
     def _move(self, start: list[float], end: list[float]) -> None:
         """A smooth move from here to there, not recorded."""
@@ -431,7 +484,7 @@ class _Run:
 
     def _record(self) -> None:
         """The motion itself, one row per SYNC."""
-        before = self.plan.missed_cycles
+        before, sensor_before = self.plan.missed_cycles, self.plan.accelerometer_missed
         angles = self.motion.motor_angle_rad + np.asarray(self.starts)
         count = len(angles)
         try:
@@ -441,6 +494,7 @@ class _Run:
                     self.session.progress(row / count)
         finally:
             self.missed = self.plan.missed_cycles - before
+            self.sensor_missed = self.plan.accelerometer_missed - sensor_before
             self.session.progress(1.0)
 
     # -- one cycle -----------------------------------------------------------------------------------------------------
@@ -467,7 +521,6 @@ class _Run:
     def _keep(self, row: int, references: list[float]) -> None:
         plan = self.plan
         values = [float(self.motion.time_s[row]), *plan.acceleration_m_s2, 0.0]
-        missing = plan.accelerometer_missing > 0
         for i, slot in enumerate(plan.slots):
             scaling = slot.axis.scaling
             frequency = slot.notch_hz
@@ -476,8 +529,7 @@ class _Run:
                 frequency = float(state["frequency_hz"]) if state["active"] else 0.0
             position, torque = scaling.position_rad(slot.position_counts), scaling.torque_nm(slot.torque_per_mille)
             values += [references[i], position, torque, frequency]
-            missing |= slot.missing > 0
-        values[4] = float(missing)
+        values[4] = float(plan.missing_answers)
         self._table[row] = values
         self.rows = row + 1
 
@@ -496,7 +548,8 @@ class _Run:
 
     def _disable(self, word: int) -> bool:
         """Command all drives out of operation; whether every one of them has confirmed it in time."""
-        for _ in range(math.ceil(STOP_TIMEOUT_S / self.period)):
+        ramp_s = max(axis.table.limits.speed_rps / axis.table.limits.quick_stop_rps_s for axis in self.axes)
+        for _ in range(math.ceil((ramp_s + STOP_TIMEOUT_S) / self.period)):
             for slot in self.plan.slots:
                 slot.control_word = word
             self.session.cycle(self.plan)
@@ -510,9 +563,9 @@ class _Run:
     def _stop(self, reason: str) -> SafetyStopError:
         """Quick-stop all axes and wait until they are disabled; what goes wrong meanwhile does not end the stopping."""
         disabled = False
-        with contextlib.suppress(ChannelError):
-            disabled = self._disable(QUICK_STOP)
-            disabled = self._disable(DISABLE_VOLTAGE) and disabled
+        for word in (QUICK_STOP, DISABLE_VOLTAGE):
+            with contextlib.suppress(Exception):
+                disabled = self._disable(word)
         if self.session.interrupt is not None and reason == self.session.interrupt:
             return InterruptedRunError(f"interrupted by {reason}", all_disabled=disabled)
         return SafetyStopError(reason, all_disabled=disabled)

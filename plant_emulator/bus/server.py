@@ -130,7 +130,7 @@ class Server:
         self._clock: Client | None = None
         self._epoch_ns = time.monotonic_ns() - world.now
         self._stop = False
-        self._cores = os.sched_getaffinity(0)
+        self._cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
         world.power_on()
 
     def watch(self, descriptor: int) -> None:
@@ -237,7 +237,8 @@ class Server:
         if client is self._clock:
             self._clock = None
             self._epoch_ns = time.monotonic_ns() - self.world.now
-            os.sched_setaffinity(0, self._cores)  # the lock-step client may have taken us to its core
+            if self._cores is not None:
+                os.sched_setaffinity(0, self._cores)  # the lock-step client may have taken us to its core
 
     def close(self) -> None:
         """Leave: close all sockets and remove the path, if it is still ours."""

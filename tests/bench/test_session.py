@@ -20,7 +20,7 @@ from hil.errors import (
     WrongIdentityError,
 )
 from hil.experiments.motions import constant_acceleration, line_motion
-from hil.experiments.plan import demo_experiments
+from hil.experiments.plan import demo_experiments, entries
 from hil.master.bench import Bench
 from hil.master.session import Session
 from hil.recording import BusLog
@@ -459,3 +459,137 @@ def test_sync_is_sent_before_anything_is_asked(short_bench: Bench, reference_rob
     with session:
         session.bring_up()
     assert channel.sent[0].can_id == SYNC_ID
+
+
+# -- what a review has found -------------------------------------------------------------------------------------------
+
+
+def test_a_drive_that_ignores_the_last_command_is_not_called_disabled(short_bench: Bench, reference_robot: Robot) -> None:
+    """It keeps its limits and its supervision; the master's silence then ends it."""
+    session, channel = session_of(short_bench, reference_robot)
+    drive = channel.world.drives[2]
+    deaf = [False]
+    receive = drive.slave.receive
+
+    def hard_of_hearing(frame: Frame, now: int) -> list[Frame]:
+        commands = frame.can_id == 0x202 or (frame.can_id == 0x602 and frame.data[1:3] == b"\x40\x60") or frame.can_id == 0
+        if commands and deaf[0]:
+            return []
+        return receive(frame, now)
+
+    drive.slave.receive = hard_of_hearing  # type: ignore[method-assign]
+
+    def deafen(number: int) -> None:
+        deaf[0] = deaf[0] or number == 500
+
+    channel.on_sync = deafen
+    with session:
+        session.bring_up()
+        result = session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive")
+    assert result.stopped is not None
+    assert not result.stopped.all_disabled
+    assert any("node 2" in words and "supervision" in words for words in session.not_restored)
+    assert drive.slave.dictionary.get(0x1016, 1) != 0
+    deaf[0] = False
+    channel.world.free_step(channel.world.now + 3_000_000_000)
+    assert all_braked(channel.world)
+
+
+def test_drives_are_supervised_before_they_are_enabled(short_bench: Bench, reference_robot: Robot) -> None:
+    """The master's heartbeat follows the order to watch it, so that its loss counts from the first moment."""
+    session, channel = session_of(short_bench, reference_robot)
+    with session:
+        session.bring_up()
+        session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive")
+    ids = [(f.can_id, f.data[1:4]) for f in channel.sent]
+    ordered = max(i for i, (can_id, mux) in enumerate(ids) if can_id == 0x602 and mux == b"\x16\x10\x01" and i < len(ids) // 2)
+    enabled = next(i for i, f in enumerate(channel.sent) if f.can_id == 0x202 and f.data[0] == 0x0F)
+    assert any(can_id == 0x77F for can_id, _ in ids[ordered:enabled])
+
+
+def test_no_axis_is_enabled_before_all_can_be(reference_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(reference_bench, reference_robot)
+    seen: list[set[State]] = []
+    channel.on_sync = lambda number: seen.append({drive.state for drive in channel.world.drives.values()})
+    session_bench = line_motion(reference_bench, 0.002)
+    with session:
+        session.bring_up()
+        session.run(session_bench, "none", "drive")
+    first = next(states for states in seen if State.OPERATION_ENABLED in states)
+    assert first == {State.OPERATION_ENABLED}
+
+
+def test_a_host_loop_holds_each_axis_from_its_first_enabled_cycle(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    row, largest = channel.world.axes.row(2), [0.0]
+    settled = [False]
+
+    def watch(number: int) -> None:
+        if not settled[0]:
+            largest[0] = max(largest[0], abs(float(channel.world.axes.plant_state[row]["motor_angle"])))
+        settled[0] = settled[0] or number > 200
+
+    channel.on_sync = watch
+    with session:
+        session.bring_up()
+        session.run(constant_acceleration(short_bench, 2, 250e-6), "none", "host")
+    assert largest[0] < 0.2, "rad at the motor, while the brake opens under gravity"
+
+
+def test_a_run_without_its_accelerometer_is_never_a_pass(reference_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(reference_bench, reference_robot)
+    channel.filter = lambda frame: frame.can_id != 0x190
+    experiment = demo_experiments(reference_bench)[1]
+    with session:
+        session.bring_up()
+        result = session.run(experiment.motion(reference_bench), "notch", "drive")
+    assert result.sensor_missed == result.cycles
+    for entry in entries(reference_bench, experiment, result, "x.csv"):
+        assert entry["within_spec"] is False
+        assert entry["tip_peak_mm"] is None
+        assert "accelerometer was missing" in entry["invalid"]
+
+
+def test_a_motion_that_misses_the_windows_is_run_and_not_judged(short_bench: Bench, reference_robot: Robot) -> None:
+    session, _ = session_of(short_bench, reference_robot)
+    experiment = demo_experiments(short_bench)[0]
+    with session:
+        session.bring_up()
+        result = session.run(experiment.motion(short_bench), "none", "drive")
+    (second, fourth) = entries(short_bench, experiment, result, "x.csv")
+    assert "between 4.5 and 7.5 rps" in second["invalid"]
+    assert fourth["tip_peak_mm"] is not None
+
+
+def test_a_filter_that_the_drive_held_before_comes_back_whole(short_bench: Bench, reference_robot: Robot) -> None:
+    """1 … 2 rps before, 4 … 9 rps in the run: on the way back the filter is off until its range is whole again."""
+    session, channel = session_of(short_bench, reference_robot)
+    for subindex, value in ((3, 1.0), (4, 2.0)):
+        sdo_write(channel, 2, 0x2110, subindex, struct.pack("<f", value))
+    sdo_write(channel, 2, 0x2110, 1, b"\x01")
+    before = everything(channel.world)
+    with session:
+        session.bring_up()
+        session.run(constant_acceleration(short_bench, 2, 0.002), "notch", "drive")
+    assert session.not_restored == []
+    assert everything(channel.world) == before
+
+
+def test_a_late_sdo_answer_is_nobodys(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    channel.send(Frame(0x80, b""))
+    channel._queue.append(Frame(0x582, bytes.fromhex("4364600078563412")))  # 6064h, asked by nobody
+    assert session.network.read(2, 0x1018, 2, DataType.UNSIGNED32) == 0x402
+
+
+def test_a_chatty_bus_does_not_keep_a_cycle_from_ending(short_bench: Bench, reference_robot: Robot) -> None:
+    stopped, _, _ = run_with(short_bench, reference_robot, make_chatty)
+    assert stopped is not None
+    assert "not answered" in str(stopped)
+
+
+def make_chatty(channel: WorldChannel) -> None:
+    """The axis falls silent, and somebody else never stops talking."""
+    channel.filter = lambda frame: frame.can_id != 0x182
+    receive = channel.receive
+    channel.receive = lambda timeout_s: receive(timeout_s) or Frame(0x7E5, b"\x01")  # type: ignore[method-assign]
