@@ -92,6 +92,11 @@ def _told() -> Iterator[None]:
     except KeyboardInterrupt:
         _say("interrupted before anything moved")
         raise typer.Exit(EXIT_INTERRUPTED) from None
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        _say(f"{error.filename or 'output'}: {error.strerror or error}")
+        raise typer.Exit(EXIT_FILE) from None
     except Exception as error:
         code = exit_code_of(error)
         if code == EXIT_INTERNAL:

@@ -68,6 +68,7 @@ def run_experiments(
         ChannelError: The bus is not there, or was lost before anything was enabled.
     """
     motions = [(experiment, experiment.motion(bench)) for experiment in experiments]
+    (out / "runs").mkdir(parents=True, exist_ok=True)  # before anything moves: a recording needs a place
     address = parse_address(bench.bus.address)
     channel = open_channel(address)
     runs: list[dict[str, Any]] = []
@@ -76,7 +77,6 @@ def run_experiments(
     not_restored: list[str] = []
     started = datetime.datetime.now(datetime.UTC)
     try:
-        out.mkdir(parents=True, exist_ok=True)
         log = BusLog(out / "bus.log", _log_channel(channel))
         with Session(bench, channel, log, progress) as session:
             not_restored = session.not_restored

@@ -6,7 +6,7 @@ from typing import Any
 
 from drive_profiles.cia301 import DataType
 from drive_profiles.cia402 import Mode, Object, State, state_of
-from drive_profiles.errors import DriveProfileError
+from drive_profiles.errors import DriveProfileError, OutOfRangeError
 from drive_profiles.profile import Parameter, Profile
 from drive_profiles.units import Scaling, interpolation_period
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
@@ -136,7 +136,10 @@ class DriveAxis:
             DriveProfileError: The profile does not have it, or the object cannot hold the value.
         """
         parameter: Parameter = self.profile.parameter(name)
-        raw = parameter.raw(value, self.scaling)
+        try:
+            raw = parameter.raw(value, self.scaling)
+        except OutOfRangeError as error:
+            raise NotPossibleError(f"axis {self.number}: {name} = {value:g} does not fit its object: {error}") from error
         self.snapshot.write(parameter.index, parameter.subindex, DataType[parameter.data_type], raw, name)
 
     def control_period_s(self) -> float:

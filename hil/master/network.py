@@ -125,6 +125,7 @@ class Network:
         canopen: canopen's network; it gets every frame that is not cyclic.
         emergencies: What nodes have reported and nobody has taken yet, bounded.
         heartbeats: Time and NMT state of the last heartbeat of each node.
+        foreign_sync: Whether somebody else's SYNC has been seen.
         boots: Nodes whose boot-up message has come since it was last cleared.
         period_s: What one SYNC is worth on a lock-step bus.
     """
@@ -140,6 +141,7 @@ class Network:
         self.emergencies: deque[Emergency] = deque(maxlen=MAX_EVENTS)
         self.heartbeats: dict[int, tuple[float, int]] = {}
         self.boots: set[int] = set()
+        self.foreign_sync = False
         self._clients: dict[int, _PumpedSdoClient] = {}
         self._lock_step_s = 0.0
         self._start = time.monotonic()
@@ -174,6 +176,8 @@ class Network:
             self.heartbeats[node] = (self.now(), data[0] & 0x7F)
             if data[0] == 0:
                 self.boots.add(node)
+        elif can_id == FunctionCode.SYNC:
+            self.foreign_sync = True
         elif function == FunctionCode.EMERGENCY and node and can_id <= 0x7FF:
             code, register, vendor = _EMERGENCY.unpack(data.ljust(_EMERGENCY.size, b"\0")[: _EMERGENCY.size])
             self.emergencies.append(Emergency(node, code, register, vendor))

@@ -24,7 +24,7 @@ from hil.control.servo import Servo, ServoConfig
 from hil.control.trajectory import Smooth, sample_times
 from hil.design.frequency import Loop as LoopModel
 from hil.design.frequency import margins
-from hil.errors import HilError, InterruptedRunError, NotPossibleError, SafetyStopError, UnsafeRequestError
+from hil.errors import HilError, InterruptedRunError, NodeError, NotPossibleError, SafetyStopError, UnsafeRequestError
 from hil.master.axis import DriveAxis, check_identity
 from hil.master.bench import Bench
 from hil.master.cyclic import CyclicPlan
@@ -36,6 +36,8 @@ Real = NDArray[np.float64]
 Loop = Literal["drive", "host"]
 Compensation = Literal["none", "notch"]
 
+LISTEN_S = 0.1
+"""How long the bus is listened to before the first frame is sent."""
 ENABLE_TIMEOUT_S = 2.0
 MAX_SENSITIVITY = 4.0
 """M_s up to which a host-closed loop is run: a quarter of the way from the edge is left."""
@@ -133,7 +135,7 @@ class Session:
     def __enter__(self) -> Self:
         """Take Ctrl-C and SIGTERM: they end a motion by a ramp instead of ending the program."""
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
                 self._handlers[number] = signal.signal(number, self._on_signal)
         return self
 
@@ -159,6 +161,8 @@ class Session:
         Raises:
             NodeError: A node is silent, another device, already enabled, moving, or in fault.
         """
+        if self.network.pump_until(lambda: self.network.foreign_sync, LISTEN_S):
+            raise NodeError(self.bench.bus.master_node_id, "somebody else sends SYNC on this bus", "is another master running?")
         if self.network.channel.is_lock_step:
             self.network.sync()  # from here on the world's clock is ours, so that equal seeds give equal frames
         for axis in self.axes.values():
@@ -190,6 +194,9 @@ class Session:
         period = self._period(motion)
         self.network.period_s = period
         axes = [self.axes[number] for number in motion.axes]
+        if compensation == "notch" and not any(axis.table.notch for axis in axes):
+            names = " or ".join(f"axis.{axis.number}.notch" for axis in axes)
+            raise NotPossibleError(f"a run with the notch needs one: the bench file has no {names}")
         for axis in axes:
             axis.identify()
         servos = self._servos(axes, compensation, loop, period)

@@ -218,6 +218,7 @@ def test_a_bad_bench_file_is_located_and_no_frame_is_sent(
         (["run", "line-motion", "--bench", "reference", "--bus", "nosuch:x", "--yes"], 4, "nosuch"),
         (["report", "/"], 3, "result.json"),
         (["demo", "--robot", "/nowhere.toml"], 4, "/nowhere.toml"),
+        (["run", "line-motion", "--bench", "reference", "--bus", "local:/nowhere/r.sock", "--out", "/dev/null"], 3, "/dev/null"),
         (["fly"], 2, "fly"),
     ],
 )

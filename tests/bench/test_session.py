@@ -15,6 +15,7 @@ from hil.errors import (
     AlreadyMovingError,
     NoAnswerError,
     NodeError,
+    NotPossibleError,
     SafetyStopError,
     UnsafeRequestError,
     WrongIdentityError,
@@ -593,3 +594,20 @@ def make_chatty(channel: WorldChannel) -> None:
     channel.filter = lambda frame: frame.can_id != 0x182
     receive = channel.receive
     channel.receive = lambda timeout_s: receive(timeout_s) or Frame(0x7E5, b"\x01")  # type: ignore[method-assign]
+
+
+def test_a_notch_run_of_an_axis_without_a_notch_is_refused(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    with session:
+        session.bring_up()
+        with pytest.raises(NotPossibleError, match=r"axis\.5\.notch"):
+            session.run(constant_acceleration(short_bench, 5, 0.002), "notch", "drive")
+    assert nothing_was_enabled(channel)
+
+
+def test_a_bus_that_another_master_synchronises_is_left_alone(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    channel._queue.append(Frame(0x80, b""))
+    with session, pytest.raises(NodeError, match="another master"):
+        session.bring_up()
+    assert not channel.sent
