@@ -5,7 +5,7 @@ import numpy as np
 from hil.control.trajectory import sample_times
 from hil.errors import NotPossibleError
 from hil.master.bench import CHAIN_AXES, Bench
-from hil.master.session import Motion
+from hil.master.run import Motion
 
 CONSTANT_ACCELERATION, LINE_MOTION = "constant-acceleration", "line-motion"
 

@@ -10,7 +10,8 @@ from hil.analysis import Metrics, constant_acceleration_metrics, line_motion_met
 from hil.design.frequency import ARCSEC, acceleration_bound, margins
 from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION, constant_acceleration, line_motion
 from hil.master.bench import Bench
-from hil.master.session import Compensation, Loop, Motion, RunResult
+from hil.master.run import Motion, RunResult
+from hil.master.session import Compensation, Loop
 
 F_AL_DEFAULT_HZ = 12.0
 """Peak of |G_al| where the bench file has no model: the paper's "around 12 Hz"."""
