@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from benchmarks.upload import upload
 from hil.can.frame import Frame
 from hil.emulator import EmulatedRobot
 from hil.experiments.plan import demo_experiments
@@ -89,6 +90,8 @@ def main() -> None:
         "Wall time is that of the whole run: set-up over SDO, settling, the motion, the way back, restoration.", "",
         *lock_step(), "",
         "## One SYNC of the emulated robot, three axes energised, in one process", "", *world(), "",
+        "## Upload of 200 objects: snapshot, write, read back", "",
+        "Tool and emulated node in one process; each frame is held for its own bits.", "", *upload(), "",
     ])  # fmt: skip
     sys.stdout.write(text)
     if arguments.out is not None:

@@ -1,50 +1,62 @@
-"""``drive-profiles``: which drive families are known, and what is known of each."""
+"""``drive-profiles``: what is known of drives, and their parameters: read, compare, write, put back."""
 
 # ruff: noqa: PLC0415 - pydantic and rich are imported inside the commands, so that --help and completion stay quick
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+import os
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles import cli_convert, cli_eds, cli_read, cli_realise, cli_write
+from drive_profiles.console import EXITS, AsJson, print_json, reported, table
+
 if TYPE_CHECKING:
     from drive_profiles.profile import Profile
 
-BAD_FILE = 3
-"""Exit code for a file with errors; 2 is usage, as everywhere."""
-
 app = typer.Typer(
-    help="Drive families as data: identity, what they can do, and which object holds which parameter.",
-    epilog="Exit codes: 0 done, 2 usage, 3 a profile file has errors (each is listed with its line).",
+    help="Drive families as data, and the parameters of real drives: who they are, what they can do, and what they hold.",
+    epilog=EXITS,
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON document instead of a table.")]
 
 
 @app.command("list")
 def list_profiles(*, as_json: AsJson = False) -> None:
-    """List the profiles of the package.
+    """List the profiles of the package: what each can do for a variable notch, and why.
 
     Example: drive-profiles list --json
     """
-    from drive_profiles.profile import available
+    from drive_profiles.profile import Profile, available
 
-    profiles = [_load(name) for name in available()]
+    with reported():
+        profiles = [Profile.load(name) for name in available()]
     if as_json:
-        facts = [{"name": p.name, "title": p.title, "kind": p.kind, **p.identity.model_dump()} for p in profiles]
-        typer.echo(json.dumps(facts, indent=2, ensure_ascii=False))
+        print_json(
+            [
+                {
+                    "name": p.name,
+                    "title": p.title,
+                    "kind": p.kind,
+                    **p.identity.model_dump(),
+                    "capabilities": None if p.capabilities is None else p.capabilities.model_dump(),
+                }
+                for p in profiles
+            ]
+        )
         return
-    _table(
-        "",
-        ("name", "kind", "vendor", "product", "title"),
-        [(p.name, p.kind, f"0x{p.identity.vendor_id:08X}", f"0x{p.identity.product_code:08X}", p.title) for p in profiles],
-    )
+    rows: list[tuple[str, ...]] = []
+    for p in profiles:
+        able = p.capabilities
+        if able is None:
+            rows.append((p.name, p.kind, "-", "-", "-", "-"))
+            continue
+        answers = (able.p_pi_inside, able.notch_inside, able.host_closed)
+        rows.append((p.name, p.kind, *(each.answer for each in answers), able.notch_inside.reason))
+    table("", ("name", "kind", "P-PI inside", "notch inside", "host-closed", "of the notch"), rows)
 
 
 @app.command()
@@ -59,80 +71,106 @@ def show(
 
     Example: drive-profiles show emulated_drive
     """
-    profile = _load(name)
+    from drive_profiles.profile import Profile
+
+    with reported():
+        profile = Profile.load(name)
     if as_json:
-        typer.echo(profile.model_dump_json(indent=2, by_alias=True))
+        print_json(profile.model_dump(by_alias=True))
         return
-    _table("", ("fact", "value"), _facts(profile))
+    table("", ("fact", "value", "evidence"), _facts(profile))
     if profile.capabilities is not None:
         rows = [(name.replace("_", " "), entry.answer, entry.reason) for name, entry in profile.capabilities]
-        _table("capabilities", ("what", "answer", "reason"), rows)
-    _table(
+        table("capabilities", ("what", "answer", "reason"), rows)
+    if profile.quirks:
+        table("good to know", ("what",), [(text,) for text in profile.quirks])
+    table(
         "parameters",
-        ("name", "object", "type", "unit", "step on the wire", "access", "class"),
+        ("name", "object", "type", "unit", "step on the wire", "access", "class", "acts", "evidence"),
         [
-            (name, entry.address, entry.data_type, entry.unit, entry.step, entry.access, entry.parameter_class)
+            (
+                name,
+                entry.address,
+                entry.data_type,
+                entry.unit,
+                entry.step,
+                entry.access,
+                entry.parameter_class,
+                {"now": "now", "disabled": "set while disabled", "reset": "after a reset"}[entry.effective],
+                entry.evidence,
+            )
             for name, entry in profile.parameters.items()
         ],
     )
 
 
 def _facts(profile: Profile) -> list[tuple[str, ...]]:
-    identity, sync = profile.identity, profile.sync
+    identity, sync, store = profile.identity, profile.sync, profile.store
+    products = ", ".join(f"0x{code:08X}" for code in identity.product_codes) or "not known"
     facts: list[tuple[str, ...]] = [
-        ("name", profile.name),
-        ("title", profile.title),
-        ("kind", profile.kind),
-        ("device type (1000h)", f"0x{profile.device_type:08X}"),
-        ("vendor (1018h:1)", f"0x{identity.vendor_id:08X}"),
-        ("product (1018h:2)", f"0x{identity.product_code:08X}"),
-        ("revision (1018h:3)", str(identity.revision)),
-        ("SYNC period", f"{1e3 * sync.min_period_s:g} to {1e3 * sync.max_period_s:g} ms"),
+        ("name", profile.name, ""),
+        ("title", profile.title, ""),
+        ("kind", profile.kind, ""),
+        (
+            "device type (1000h)",
+            "not known" if identity.device_type is None else f"0x{identity.device_type:08X}",
+            identity.evidence,
+        ),
+        ("vendor (1018h:1)", f"0x{identity.vendor_id:08X}", identity.evidence),
+        ("product (1018h:2)", products, identity.evidence),
+        ("revision (1018h:3)", "any" if identity.revision is None else f"0x{identity.revision:X}", identity.evidence),
+        ("SYNC period", f"{_ms(sync.min_period_s)} to {_ms(sync.max_period_s)} ms", sync.evidence),
+        ("store command", store.note if store.object is None else f"{store.object}, up to {store.wait_s:g} s", store.evidence),
     ]
-    if profile.modes:
-        facts.append(("modes (6502h)", ", ".join(profile.modes)))
-    if profile.control_period_s is not None:
-        facts.append(("control period", f"{1e6 * profile.control_period_s:g} us"))
+    if profile.modes is not None:
+        facts.append(("modes (6502h)", ", ".join(profile.modes.names), profile.modes.evidence))
+    if profile.loop is not None:
+        period = profile.loop.period_s
+        facts.append(("loop", profile.loop.structure, profile.loop.evidence))
+        facts.append(("control period", "not known" if period is None else f"{1e6 * period:g} us", profile.loop.evidence))
+    if profile.notch is not None:
+        notch = profile.notch
+        span = f"{_or_unknown(notch.min_frequency_hz)} to {_or_unknown(notch.max_frequency_hz)} Hz"
+        facts.append(("filter", f"{notch.form}, {len(notch.sections)} sections, {span}, on the {notch.place}", notch.evidence))
+    if profile.torque is not None:
+        rated = profile.torque.rated_torque
+        step = f"{rated}, steps of {profile.torque.rated_torque_step_nm:g} N·m"
+        facts.append(("rated torque", "not known" if rated is None else step, profile.torque.evidence))
     return facts
 
 
-def _load(name: str) -> Profile:
-    """The profile, or the exit with its errors: an unknown name is wrong usage, a bad file is a bad file."""
-    from drive_profiles.errors import FileError, ProfileNotFoundError
-    from drive_profiles.profile import Profile
-
-    try:
-        return Profile.load(name)
-    except ProfileNotFoundError as error:
-        raise typer.BadParameter(str(error), param_hint="NAME") from None
-    except FileError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(BAD_FILE) from None
+def _ms(period_s: float | None) -> str:
+    return "?" if period_s is None else f"{1e3 * period_s:g}"
 
 
-def _table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
-    """A rich table on a terminal; elsewhere plain columns, tab-separated, for cut and awk."""
-    from rich.console import Console
-    from rich.table import Table
+def _or_unknown(value: float | None) -> str:
+    return "?" if value is None else f"{value:g}"
 
-    console = Console()
-    if not console.is_terminal:
-        if title:
-            typer.echo(f"\n# {title}")
-        for row in (header, *rows):
-            typer.echo("\t".join(row))
-        return
-    table = Table(title=title or None, title_justify="left")
-    for column in header:
-        table.add_column(column, overflow="fold")
-    for row in rows:
-        table.add_row(*(cell.replace("[", r"\[") for cell in row))
-    console.print(table)
+
+for _name, _command in (
+    ("scan", cli_read.scan),
+    ("info", cli_read.info),
+    ("pull", cli_read.pull),
+    ("get", cli_read.get),
+    ("set", cli_write.set_),
+    ("diff", cli_read.diff),
+    ("upload", cli_write.upload),
+    ("verify", cli_read.verify),
+    ("store", cli_write.store),
+    ("restore", cli_write.restore),
+):
+    app.command(_name)(_command)
+app.command("convert")(cli_convert.convert)
+app.add_typer(cli_eds.app, name="eds")
+cli_realise.mount(app)
 
 
 def main() -> None:
     """Entry point of the ``drive-profiles`` command."""
-    app()
+    try:
+        app()
+    except BrokenPipeError:
+        os._exit(141)  # the reader of the output has gone; there is nothing to tell it
 
 
 if __name__ == "__main__":

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
+
+from drive_profiles.cia301 import abort_text
 
 
 class DriveProfileError(Exception):
-    """Root of all errors of this package."""
+    """Root of all errors of this package; ``exit_code`` is the exit status of a command that ends with it."""
+
+    exit_code: ClassVar[int] = 3
 
 
 class OutOfRangeError(DriveProfileError, ValueError):
@@ -90,6 +94,111 @@ class UnknownParameterError(DriveProfileError, KeyError):
     def __str__(self) -> str:
         hint = f", did you mean {' or '.join(self.close)}?" if self.close else ""
         return f"profile {self.profile} has no parameter {self.name!r}{hint}"
+
+
+class UnknownObjectError(DriveProfileError):
+    """Neither profile nor EDS knows such an object.
+
+    Args:
+        text: What was asked for.
+        close: What it may have meant, best first.
+    """
+
+    exit_code = 2
+
+    def __init__(self, text: str, close: tuple[str, ...] = ()) -> None:
+        self.text, self.close = text, close
+        hint = (
+            f"did you mean {' or '.join(close)}?" if close else "write it as 0x2147:1, or give a profile or an EDS that names it"
+        )
+        super().__init__(f"no object {text!r}; {hint}")
+
+
+class AmbiguousNameError(DriveProfileError):
+    """A name that several objects have.
+
+    Args:
+        text: What was asked for.
+        candidates: Address and full name of each.
+    """
+
+    exit_code = 2
+
+    def __init__(self, text: str, candidates: tuple[str, ...]) -> None:
+        self.text, self.candidates = text, candidates
+        super().__init__(f"{text!r} may be any of {', '.join(candidates)}: write the object instead of its name")
+
+
+class RefusedError(DriveProfileError):
+    """What was asked for is not done, and nothing has been written.
+
+    Args:
+        reasons: Each a sentence.
+    """
+
+    def __init__(self, *reasons: str) -> None:
+        self.reasons = reasons
+        super().__init__("\n".join(reasons))
+
+
+class BusError(DriveProfileError):
+    """The bus is not there, or is gone."""
+
+    exit_code = 4
+
+
+class NodeError(DriveProfileError):
+    """A node is not what it has to be.
+
+    Args:
+        node: Its id.
+        what: What is wrong with it.
+        remedy: What to do.
+    """
+
+    exit_code = 5
+
+    def __init__(self, node: int, what: str, remedy: str = "") -> None:
+        self.node, self.what, self.remedy = node, what, remedy
+        super().__init__(f"node {node}: {what}" + (f"; {remedy}" if remedy else ""))
+
+
+class NoAnswerError(NodeError):
+    """A node did not answer in time."""
+
+    def __init__(self, node: int, what: str, after_s: float) -> None:
+        self.after_s = after_s
+        super().__init__(node, f"no answer to {what} within {after_s:g} s", "is it powered, is the node id right?")
+
+
+class SdoAbortedError(DriveProfileError):
+    """A node refused an access.
+
+    Args:
+        node: Its id.
+        index: Of the object.
+        subindex: Of the object.
+        code: The abort code.
+        name: Of the object, where it is known.
+        action: ``read`` or ``write of …``.
+        text: The vendor's words for the code, where they are known.
+    """
+
+    exit_code = 6
+
+    def __init__(
+        self, node: int, index: int, subindex: int, code: int, name: str = "", action: str = "read", text: str = ""
+    ) -> None:
+        self.node, self.index, self.subindex, self.code, self.name, self.action = node, index, subindex, code, name, action
+        label = f" ({name})" if name else ""
+        words = text or abort_text(code)
+        super().__init__(f"node {node}: {action} of {index:04X}h:{subindex:X}{label} aborted: 0x{code:08X}, {words}")
+
+
+class InterruptedUploadError(DriveProfileError):
+    """The user stopped it."""
+
+    exit_code = 130
 
 
 def _line(path: Path, problem: Problem) -> str:

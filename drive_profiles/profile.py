@@ -1,168 +1,73 @@
 """A family of drives (or accelerometers) as data: who it is, what it can do, and which object holds which parameter.
 
-The facts are in ``vendors/*.toml``, each with its source; nothing here rests on a factory setting.
+The facts are in ``vendors/*.toml``, each with its source and how it is known; nothing here rests on a factory setting.
 """
 
 from __future__ import annotations
 
 import difflib
-import math
 import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import pydantic
 
-from drive_profiles import files, units
+from drive_profiles import files
+from drive_profiles.capability import Abort, Capabilities, Encoder, Loop, NotchFacts, Store, Torque
 from drive_profiles.cia402 import Mode
-from drive_profiles.errors import DriveProfileError, OutOfRangeError, ProfileNotFoundError, UnknownParameterError
+from drive_profiles.errors import ProfileNotFoundError, UnknownParameterError
 from drive_profiles.files import UNIT_NAMES, Table, split_unit
+from drive_profiles.parameter import Fact, Parameter, ParameterClass, Place
 
 VENDORS = Path(__file__).parent / "vendors"
 _NAME = re.compile(r"[a-z0-9_-]+")
 
 Unsigned32 = Annotated[int, pydantic.Field(ge=0, le=0xFFFF_FFFF)]
-ParameterClass = Literal["tuning", "limits", "communication", "commissioning"]
-Evidence = Literal["definition", "standard", "eds", "manual", "source code", "measured", "inferred"]
-
-LIMITS: dict[str, tuple[int, int]] = {
-    "BOOLEAN": (0, 1),
-    "INTEGER8": (-(2**7), 2**7 - 1),
-    "INTEGER16": units.INTEGER16,
-    "INTEGER32": units.INTEGER32,
-    "UNSIGNED8": (0, 2**8 - 1),
-    "UNSIGNED16": units.UNSIGNED16,
-    "UNSIGNED32": units.UNSIGNED32,
-}
-"""What the integer types of CiA 301 hold; REAL32 is the one type beside them."""
 
 
-class Identity(Table):
-    """1018h: what the upload compares before it writes anything."""
+class Identity(Fact):
+    """1018h: what an upload compares before it writes anything.
+
+    Attributes:
+        vendor_id: 1018h:1.
+        product_code: 1018h:2 of the family's main product; None where it is not known, then any product is taken for unverified.
+        other_products: Further members of the family, name to product code.
+        revision: 1018h:3 that the facts were read for, where it is known; others are accepted.
+        device_type: 1000h, where it is known.
+    """
 
     vendor_id: Annotated[int, pydantic.Field(ge=1, le=0xFFFF_FFFF)]  # 0 is no vendor (CiA 301, 1018h)
-    product_code: Unsigned32
-    revision: Unsigned32
+    product_code: Unsigned32 | None = None
+    other_products: dict[str, Unsigned32] = pydantic.Field(default_factory=dict)
+    revision: Unsigned32 | None = None
+    device_type: Unsigned32 | None = None
+
+    @property
+    def product_codes(self) -> tuple[int, ...]:
+        """All product codes of the family; empty where none is known."""
+        main = () if self.product_code is None else (self.product_code,)
+        return (*main, *self.other_products.values())
 
 
-class SyncLimits(Table):
-    """The SYNC periods that the device follows."""
+class SyncLimits(Fact):
+    """The SYNC periods that the device follows; None where that is not known."""
 
-    min_period_s: float = pydantic.Field(gt=0)
-    max_period_s: float = pydantic.Field(gt=0)
+    min_period_s: float | None = pydantic.Field(default=None, gt=0)
+    max_period_s: float | None = pydantic.Field(default=None, gt=0)
+    note: str = ""
 
     @pydantic.model_validator(mode="after")
     def _ordered(self) -> Self:
-        if self.min_period_s > self.max_period_s:
+        if self.min_period_s is not None and self.max_period_s is not None and self.min_period_s > self.max_period_s:
             raise ValueError(f"min_period_s {self.min_period_s} is above max_period_s {self.max_period_s}")
         return self
 
 
-class Capability(Table):
-    """Whether the device can do a thing, and why that is said."""
+class Modes(Fact):
+    """The CiA 402 modes that the drive has."""
 
-    answer: Literal["exact", "yes", "approximate", "no"]
-    reason: str = pydantic.Field(min_length=1)
-
-
-class Capabilities(Table):
-    """Where the loop and the notch can live.
-
-    Attributes:
-        p_pi_inside: The drive closes position P and velocity PI itself.
-        notch_inside: It holds the notch; exact when it is the paper's filter rather than a fit to it.
-        notch_variable_while_moving: The notch follows the speed during a motion.
-        host_closed: The host can close the loop over the bus by torque, cyclically.
-    """
-
-    p_pi_inside: Capability
-    notch_inside: Capability
-    notch_variable_while_moving: Capability
-    host_closed: Capability
-
-
-class Parameter(Table):
-    """One value in the object dictionary.
-
-    Attributes:
-        index: Of the object.
-        subindex: Of the object.
-        data_type: Name of the CiA 301 data type.
-        unit: Printable unit of the value, as its name's suffix says; empty for a plain number.
-        scale: Value per step on the wire; ``counts`` where the encoder decides (rad per count), ``per mille`` where the
-            rated torque does (N·m per mille).
-        access: As in an EDS.
-        parameter_class: ``class`` in the file.
-        minimum: Smallest value, in ``unit``.
-        maximum: Largest value, in ``unit``.
-        description: What it does.
-        source: Where this is written.
-        evidence: How it is known.
-    """
-
-    index: int = pydantic.Field(ge=0x1000, le=0xFFFF)
-    subindex: int = pydantic.Field(ge=0, le=0xFE)
-    data_type: Literal["BOOLEAN", "INTEGER8", "INTEGER16", "INTEGER32", "UNSIGNED8", "UNSIGNED16", "UNSIGNED32", "REAL32"]
-    unit: str = ""
-    scale: Annotated[float, pydantic.Field(gt=0)] | Literal["counts", "per mille"] = 1.0
-    access: Literal["rw", "ro"] = "rw"
-    parameter_class: ParameterClass = pydantic.Field(alias="class")
-    minimum: float | None = None
-    maximum: float | None = None
-    description: str = pydantic.Field(min_length=1)
-    source: str = pydantic.Field(min_length=1)
-    evidence: Evidence
-
-    @property
-    def address(self) -> str:
-        """The object as it is written down: ``2101:1``, hexadecimal."""
-        return f"{self.index:04X}:{self.subindex:X}"
-
-    @property
-    def step(self) -> str:
-        """What one step on the wire is, in words."""
-        if isinstance(self.scale, str):
-            return {"counts": "1 count", "per mille": "1 ‰ of 6076h"}[self.scale]
-        return "" if self.data_type == "REAL32" else f"{self.scale:g} {self.unit}".rstrip()
-
-    def value_per_step(self, scaling: units.Scaling | None = None) -> float:
-        """The value, in ``unit``, of one step on the wire.
-
-        Args:
-            scaling: Of the drive; needed where the scale depends on its encoder or rated torque.
-
-        Raises:
-            DriveProfileError: It is needed and was not given.
-        """
-        if not isinstance(self.scale, str):
-            return self.scale
-        if scaling is None:
-            raise DriveProfileError(f"object {self.address} counts in {self.scale}: the drive's scaling is needed")
-        return 1.0 / scaling.counts_per_rad if self.scale == "counts" else scaling.torque_quantum_nm
-
-    def raw(self, value: float, scaling: units.Scaling | None = None) -> int | float:
-        """What the object holds for a value in ``unit``: an integer, or a REAL32 as it rounds.
-
-        Raises:
-            OutOfRangeError: Outside the parameter's or the data type's range, or not finite.
-            DriveProfileError: The scaling is needed and was not given.
-        """
-        real = self.data_type == "REAL32"
-        low = -math.inf if self.minimum is None else self.minimum
-        high = math.inf if self.maximum is None else self.maximum
-        if real:  # a limit as the drive holds it, else a value read back at 0.01 would be refused as 0.0099999998
-            low = low if math.isinf(low) else min(low, units.real32(low))
-            high = high if math.isinf(high) else max(high, units.real32(high))
-        if not low <= value <= high:
-            raise OutOfRangeError(self.address, value, self.unit, f"is outside {low:g} to {high:g}")
-        per_step = self.value_per_step(scaling)
-        if real:
-            return units.real32(value / per_step)
-        return units.to_integer(value, LIMITS[self.data_type], self.address, self.unit, 1.0 / per_step)
-
-    def value(self, raw: float, scaling: units.Scaling | None = None) -> float:
-        """The value in ``unit`` of what the object holds; the inverse of `raw`."""
-        return raw * self.value_per_step(scaling)
+    names: tuple[Literal["PP", "PV", "TQ", "HM", "IP", "CSP", "CSV", "CST"], ...]
+    note: str = ""
 
 
 class Profile(Table):
@@ -172,33 +77,43 @@ class Profile(Table):
         name: As the file is called.
         title: For people.
         kind: What it is.
-        device_type: 1000h.
-        identity: 1018h.
-        modes: CiA 402 modes by their short names, empty for an accelerometer.
+        identity: 1000h and 1018h.
+        modes: Of a drive.
         sync: SYNC periods it follows.
-        control_period_s: Of the loop inside the drive; the notch inside runs at it.
         capabilities: Of a drive.
-        parameters: By name; the names are those of the robot file, with their units.
+        loop: How a drive closes its loop.
+        notch: The drive's filter; None where it has none.
+        torque: How torques cross the bus.
+        encoder: How positions are counted.
+        store: How parameters survive a loss of power.
+        aborts: Abort codes of the vendor's own.
+        quirks: What else a user of this family must know, one sentence each.
+        parameters: By name; the names are those of the robot file, with their units, where the meaning is the same.
     """
 
     name: str = pydantic.Field(pattern=r"^[a-z0-9_-]+$")
     title: str = pydantic.Field(min_length=1)
     kind: Literal["drive", "accelerometer"]
-    device_type: Unsigned32
     identity: Identity
-    modes: tuple[Literal["PP", "PV", "TQ", "HM", "IP", "CSP", "CSV", "CST"], ...] = ()
+    modes: Modes | None = None
     sync: SyncLimits
-    control_period_s: float | None = pydantic.Field(default=None, gt=0)
     capabilities: Capabilities | None = None
+    loop: Loop | None = None
+    notch: NotchFacts | None = None
+    torque: Torque | None = None
+    encoder: Encoder | None = None
+    store: Store
+    aborts: tuple[Abort, ...] = ()
+    quirks: tuple[str, ...] = ()
     parameters: dict[str, Parameter]
 
     @pydantic.field_validator("parameters")
     @classmethod
     def _consistent(cls, parameters: dict[str, Parameter]) -> dict[str, Parameter]:
         """One object holds one parameter, and the unit in a name is the unit of the value."""
-        objects: dict[tuple[int, int], str] = {}
+        objects: dict[Place, str] = {}
         for name, parameter in parameters.items():
-            first = objects.setdefault((parameter.index, parameter.subindex), name)
+            first = objects.setdefault(parameter.place, name)
             if first != name:
                 raise ValueError(f"{first} and {name} are both in object {parameter.address}")
             unit = UNIT_NAMES.get(split_unit(name)[1], "")
@@ -208,8 +123,17 @@ class Profile(Table):
 
     @pydantic.model_validator(mode="after")
     def _complete(self) -> Self:
-        if self.kind == "drive" and (not self.modes or self.capabilities is None or self.control_period_s is None):
-            raise ValueError("a drive states modes, capabilities and control_period_s")
+        stated = (self.modes, self.capabilities, self.loop, self.torque, self.encoder)
+        if self.kind == "drive" and None in stated:
+            raise ValueError("a drive states modes, capabilities, loop, torque and encoder")
+        named = {gain.parameter for gain in self.loop.gains.values()} if self.loop else set()
+        for section in self.notch.sections if self.notch else ():
+            named |= set(section.parts.values()) | set(section.settings)
+        missing = sorted(named - set(self.parameters))
+        if missing:
+            raise ValueError(f"loop or notch name parameters that are not there: {', '.join(missing)}")
+        if self.notch is None and self.capabilities is not None and self.capabilities.notch_inside.answer in {"exact", "yes"}:
+            raise ValueError("capabilities.notch_inside says yes, but there is no notch table")
         return self
 
     @classmethod
@@ -234,7 +158,7 @@ class Profile(Table):
     @property
     def supported_modes(self) -> tuple[Mode, ...]:
         """The modes as CiA 402 numbers them."""
-        return tuple(Mode[mode] for mode in self.modes)
+        return () if self.modes is None else tuple(Mode[name] for name in self.modes.names)
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name.

@@ -311,3 +311,8 @@ def real32(value: float) -> float:
         return float(struct.unpack("<f", struct.pack("<f", value))[0])
     except OverflowError as error:
         raise OutOfRangeError("REAL32", value, "", "is beyond the largest single") from error
+
+
+def shortest(value: float) -> float:
+    """The number with the fewest decimals that a REAL32 object holds as the same bits: 0.1 for 0.10000000149011612."""
+    return float(str(np.float32(value)))

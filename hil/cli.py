@@ -65,8 +65,8 @@ def _say(message: str) -> None:
 
 def exit_code_of(error: Exception) -> int:
     """The exit status that an error has; `EXIT_INTERNAL` for one that nobody expected."""
+    from drive_profiles.address import AddressError  # noqa: PLC0415
     from drive_profiles.errors import DriveProfileError  # noqa: PLC0415
-    from hil.can.address import AddressError  # noqa: PLC0415
     from hil.can.channel import BusLostError, ChannelError  # noqa: PLC0415
     from hil.control.trajectory import UnreachableError  # noqa: PLC0415
     from hil.errors import HilError  # noqa: PLC0415
@@ -247,7 +247,7 @@ def run(
     Example: hil run constant-acceleration --axis 2 --compensation notch --bench bench.toml
     """
     with _told():
-        from hil.can.address import LOCAL, parse_address  # noqa: PLC0415
+        from drive_profiles.address import LOCAL, parse_address  # noqa: PLC0415
         from hil.experiments.plan import Experiment  # noqa: PLC0415
         from hil.master.bench import load_bench  # noqa: PLC0415
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from hil.can.address import LOCAL, Address
+from drive_profiles.address import LOCAL, Address
 from hil.can.channel import BusUnavailableError
 from hil.can.raw import connect_local
 

@@ -26,10 +26,36 @@ def _fail(message: str, code: int) -> typer.Exit:
     return typer.Exit(code)
 
 
+def _by_axis(option: str, given: list[str] | None) -> dict[int, str]:
+    """AXIS=VALUE, taken apart."""
+    values = {}
+    for text in given or ():
+        axis, _, value = text.partition("=")
+        if not (axis.isascii() and axis.isdigit() and value):
+            raise _fail(f"{option} {text}: AXIS=VALUE is wanted, such as 2={value or 'VALUE'}", EXIT_USAGE)
+        if int(axis) in values:
+            raise _fail(f"{option}: axis {axis} is given twice", EXIT_USAGE)
+        values[int(axis)] = value
+    return values
+
+
 @app.command()
 def serve(
     robot: RobotOption = "reference",
     bus: Annotated[str, typer.Option("--bus", help="Where to serve: local:PATH of a Unix socket.")] = "local:/tmp/robot.sock",
+    drive: Annotated[
+        list[str] | None,
+        typer.Option("--drive", metavar="AXIS=PROFILE", help="Drive of an axis: name of a profile, or its file; repeatable."),
+    ] = None,
+    eds: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--eds", metavar="AXIS=PATH", help="EDS file of an axis' drive; its further objects do nothing; repeatable."
+        ),
+    ] = None,
+    store_time_s: Annotated[
+        float | None, typer.Option("--store-time-s", min=0.0, help="How long a drive is silent while it stores.")
+    ] = None,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all noise instead of the file's.")] = None,
     stream: Annotated[bool, typer.Option("--stream", help="Use a stream socket although the system has seqpacket.")] = False,
     until_stdin_closes: Annotated[
@@ -43,12 +69,15 @@ def serve(
     Examples:
         plant-emulator serve --robot reference --bus local:/tmp/robot.sock
 
+        plant-emulator serve --drive 2=kollmorgen_akd --store-time-s 0.4
+
         can_viewer -i hil_local -c /tmp/robot.sock
     """
-    from drive_profiles.errors import FileError  # noqa: PLC0415 - --help must not wait for the compiler
-    from hil.can.address import LOCAL, AddressError, parse_address  # noqa: PLC0415
-    from plant_emulator.robot import load_robot  # noqa: PLC0415
+    from drive_profiles.address import LOCAL, AddressError, parse_address  # noqa: PLC0415
+    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415 - --help must not wait for the compiler
+    from plant_emulator.robot import load_robot, with_drives  # noqa: PLC0415
 
+    drives, sheets = _by_axis("--drive", drive), _by_axis("--eds", eds)
     try:
         address = parse_address(bus)
         if address.interface != LOCAL:
@@ -56,8 +85,12 @@ def serve(
         model = load_robot(robot)
     except AddressError as error:
         raise _fail(f"--bus {error}", EXIT_USAGE) from None
-    except FileError as error:
+    except DriveProfileError as error:
         raise _fail(str(error), EXIT_FILE) from None
+    try:
+        model = with_drives(model, drives, eds=sheets, store_time_s=store_time_s)
+    except ValueError as error:
+        raise _fail(str(error), EXIT_USAGE) from None
     if seed is not None:
         model = model.model_copy(update={"seed": seed})
 
@@ -66,6 +99,8 @@ def serve(
 
     try:
         world = World(model)
+    except DriveProfileError as error:
+        raise _fail(str(error), EXIT_FILE) from None
     except ValueError as error:
         raise _fail(f"{robot}: {error}", EXIT_FILE) from None
     world.axes.advance(0)  # compile, or load what is compiled, before anyone waits for an answer
@@ -79,6 +114,11 @@ def serve(
         server.watch(sys.stdin.fileno())
     nodes = ", ".join(f"axis {axis} at node {node}" for axis, node in model.node_ids.items())
     typer.echo(f"serving {model.name} on {address}: {nodes}, accelerometer at node {model.accelerometer.node_id}")
+    for axis, node in model.node_ids.items():
+        personality = world.drives[axis].personality
+        typer.echo(f"node {node}: {personality.profile}")
+        for note in personality.notes:
+            typer.echo(f"  {note}")
     sys.stdout.flush()
     server.run()
 

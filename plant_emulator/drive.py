@@ -21,11 +21,13 @@ from drive_profiles.cia402 import (
     state_after,
     status_bits,
 )
+from drive_profiles.units import Scaling
 from hil.can.frame import Frame
-from plant_emulator import drive_objects as objects
 from plant_emulator import motion as law
 from plant_emulator.axes import Axes
-from plant_emulator.drive_data import DriveData, axis_dictionary, clip
+from plant_emulator.drive_data import DriveData, clip
+from plant_emulator.personalities import personality_of
+from plant_emulator.personality import Personality
 from plant_emulator.slave.dictionary import ResetKind
 from plant_emulator.slave.node import Slave
 
@@ -56,31 +58,59 @@ class Drive:
     Attributes:
         slave: The CANopen engine underneath.
         data: The process data, between the dictionary and the axis.
+        personality: The drive's manufacturer: which drive it is, and what of it is not emulated.
         state: State of the power drive system.
     """
 
-    def __init__(self, axes: Axes, number: int) -> None:
-        """Join axis `number` to a node with the id that the robot file gives it."""
+    def __init__(self, axes: Axes, number: int, personality: Personality | None = None) -> None:
+        """Join an axis to a node with the id that the robot file gives it.
+
+        Args:
+            axes: The mechanics.
+            number: Axis number.
+            personality: The drive's manufacturer; left out, the one that the robot file names.
+
+        Raises:
+            DriveProfileError: There is no such profile, or its file or the EDS file has errors.
+            ValueError: The profile is no drive's.
+        """
         self.axes, self.row = axes, axes.row(number)
         self.state = State.NOT_READY_TO_SWITCH_ON
         self._motion = axes.motion[self.row]
         self._control_period_s = axes.robot.control_period_s
         self._previous_control_word = 0
         self._acknowledged = False
-        dictionary = axis_dictionary(axes.robot, number)
-        self.slave = Slave(axes.robot.node_ids[number], dictionary)
+        self.personality = personality_of(axes.robot, number) if personality is None else personality
+        dictionary = self.personality.dictionary
+        store_time_s = min(axes.robot.axis[number].store_time_s, self.personality.store_limit_s)
+        self.slave = Slave(
+            axes.robot.node_ids[number],
+            dictionary,
+            store_commands=self.personality.store_commands,
+            store_time_ns=round(1e9 * store_time_s),
+        )
         self.slave.on_sync = self._on_sync
         self.slave.on_nmt = self._on_nmt
         self.slave.on_heartbeat_lost = self._on_heartbeat_lost
         self.slave.on_reset = self._on_reset
-        self.data = DriveData(axes, number, dictionary, lambda: self.state in _POWERED)
-        self.scaling = self.data.scaling
+        self.slave.store.may_store = lambda: SdoAbortCode.DEVICE_STATE if self._is_powered() else None
+        self.data = DriveData(axes, number, self.personality, self._is_powered)
         self._value = self.data.value
         dictionary.on_read(Object.STATUS_WORD, 0, self._status_word)
         # while the power stage is off the mode that will act is the one that is set; while it is on, no other can be set
         dictionary.on_read(Object.MODES_OF_OPERATION_DISPLAY, 0, lambda: self._value(Object.MODES_OF_OPERATION))
         dictionary.on_write(Object.CONTROL_WORD, 0, self._write_control_word)
         dictionary.on_write(Object.MODES_OF_OPERATION, 0, self._write_mode)
+        self.personality.bind(axes, self.row, self._is_powered)
+        self.data.apply()
+
+    @property
+    def scaling(self) -> Scaling:
+        """How the drive counts."""
+        return self.data.scaling
+
+    def _is_powered(self) -> bool:
+        return self.state in _POWERED
 
     # -- the node, for the world ---------------------------------------------------------------------------------------
 
@@ -95,7 +125,7 @@ class Drive:
         return self.slave.due
 
     def power_on(self, now: int) -> list[Frame]:
-        """Start: the boot-up frame."""
+        """Start, or start again after a loss of power: the boot-up frame. What was not stored is lost."""
         self._restart()
         return self.slave.power_on(now)
 
@@ -139,7 +169,7 @@ class Drive:
         return word
 
     def _write_mode(self, value: int) -> SdoAbortCode | None:
-        if value and value not in objects.MODES:
+        if value and value not in self.personality.modes:
             return SdoAbortCode.INVALID_VALUE
         if self.state in _POWERED and value != self._value(Object.MODES_OF_OPERATION):
             return SdoAbortCode.DEVICE_STATE
@@ -166,7 +196,7 @@ class Drive:
     def _may_enable(self) -> bool:
         """Whether the power stage may open the brake: NMT operational, a mode, gains, and a whole interpolation period."""
         mode = self._value(Object.MODES_OF_OPERATION)
-        if self.slave.nmt_state is not NmtState.OPERATIONAL or mode not in objects.MODES:
+        if self.slave.nmt_state is not NmtState.OPERATIONAL or mode not in self.personality.modes:
             return False
         ticks = self.data.interpolation_ticks()
         if mode == Mode.CSP and (ticks < 1.0 - 1e-9 or abs(ticks - round(ticks)) > 1e-6):
@@ -226,8 +256,7 @@ class Drive:
             return
         slow = option in {QuickStopOption.SLOW_DOWN_RAMP, QuickStopOption.SLOW_DOWN_RAMP_AND_STAY}
         ramp = Object.PROFILE_DECELERATION if slow else Object.QUICK_STOP_DECELERATION
-        deceleration = self.scaling.speed_rad_s(self._value(ramp))
-        law.begin_stop(axes.motion, axes.cascade_config, axes.cascade_state, axes.notch_state, self.row, deceleration)
+        law.begin_stop(axes.motion, axes.cascade_config, axes.cascade_state, axes.notch_state, self.row, self.data.si(ramp))
 
     def _stop_is_over(self) -> bool:
         motion = self._motion

@@ -1,27 +1,22 @@
-"""A drive's process data: what its object dictionary says, in the units and arrays of its axis, and back."""
+"""A drive's process data: what the CiA 402 part of its dictionary says, in the units and arrays of its axis, and back."""
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from drive_profiles.cia301 import SdoAbortCode
 from drive_profiles.cia402 import Object
 from drive_profiles.units import Scaling
-from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
-from plant_emulator import drive_objects as objects
 from plant_emulator import motion as law
 from plant_emulator.axes import Axes
-from plant_emulator.robot import Robot
-from plant_emulator.slave.dictionary import Dictionary
+from plant_emulator.personality import Personality
 
 _INT16, _INT32 = 2**15 - 1, 2**31 - 1
-_NO_WINDOW = 2**32 - 1
-"""6065h: the following error is not watched (CiA 402)."""
 
 TARGET_WINDOW_RAD = 2.0 * math.pi / 1000.0
 """How near the motor must be to count as arrived; friction may leave it a few encoder counts away for a while."""
 
-VELOCITY_GAINS = ((1, "velocity_gain_nm_s_rad"), (2, "velocity_integral_gain_nm_rad"), (3, "lowpass_hz"))
 _LIMITS = (
     (Object.MAX_TORQUE, 0),
     (Object.MAX_MOTOR_SPEED, 0),
@@ -36,29 +31,20 @@ _LIMITS = (
 )
 
 
-def axis_dictionary(robot: Robot, number: int) -> Dictionary:
-    """The dictionary of the drive that moves an axis: its motor, its encoder, and the gains that the robot file gives it."""
-    axis = robot.axis[number]
-    rated_mnm = round(1000.0 * axis.rated_torque)
-    gains = (0.0, 0.0, 0.0, 300.0)
-    if axis.control is not None:
-        control = axis.control
-        gains = (
-            control.position_gain_per_s,
-            control.velocity_gain_nm_s_rad,
-            control.velocity_integral_gain_nm_rad,
-            control.lowpass_hz,
-        )
-    return Dictionary(
-        objects.drive_entries(
-            encoder_counts_per_rev=axis.encoder_counts_per_rev,
-            rated_torque_mnm=rated_mnm,
-            max_torque_per_mille=min(65535, math.floor(1e6 * axis.torque_limit_nm / rated_mnm)),
-            control_period_ns=round(1e9 * robot.control_period_s),
-            gains=gains,
-            serial_number=number,
-        )
-    )
+_RAMPS = frozenset({Object.PROFILE_ACCELERATION, Object.PROFILE_DECELERATION, Object.QUICK_STOP_DECELERATION})
+
+_SI: dict[int, Callable[[Scaling, Any], float]] = {
+    Object.MAX_TORQUE: lambda scaling, value: float(value * scaling.torque_quantum_nm),
+    Object.MAX_MOTOR_SPEED: lambda _, value: float(value * 2.0 * math.pi / 60.0),
+    Object.SOFTWARE_POSITION_LIMIT: lambda scaling, value: scaling.position_rad(value),
+    Object.FOLLOWING_ERROR_WINDOW: lambda scaling, value: scaling.position_rad(value),
+    Object.FOLLOWING_ERROR_TIMEOUT: lambda _, value: float(1e-3 * value),
+    Object.PROFILE_VELOCITY: lambda scaling, value: scaling.speed_rad_s(value),
+    Object.PROFILE_ACCELERATION: lambda scaling, value: scaling.speed_rad_s(value),
+    Object.PROFILE_DECELERATION: lambda scaling, value: scaling.speed_rad_s(value),
+    Object.QUICK_STOP_DECELERATION: lambda scaling, value: scaling.speed_rad_s(value),
+}
+"""What the objects mean in SI units where the manufacturer does not say otherwise: counts, per mille, rev/min and ms."""
 
 
 def clip(value: float, limit: int = _INT32) -> int:
@@ -75,31 +61,41 @@ class DriveData:
         halted: Whether the halt bit holds the profile at speed 0.
     """
 
-    def __init__(self, axes: Axes, number: int, dictionary: Dictionary, is_powered: Callable[[], bool]) -> None:
+    def __init__(self, axes: Axes, number: int, personality: Personality, is_powered: Callable[[], bool]) -> None:
         """Bind the dictionary.
 
         Args:
             axes: The mechanics.
             number: Axis number.
-            dictionary: Of the drive.
-            is_powered: Whether the motor is, or may be, under torque; gains are refused then.
+            personality: The drive's manufacturer, with the dictionary.
+            is_powered: Whether the motor is, or may be, under torque.
         """
-        axis = axes.robot.axis[number]
         self.axes, self.row = axes, axes.row(number)
         self.motion: Any = axes.motion[self.row]
-        self.scaling = Scaling(axis.encoder_counts_per_rev, round(1000.0 * axis.rated_torque) / 1000.0)
+        self.scaling = personality.scaling
         self.halted = False
-        self._dictionary = dictionary
+        self._personality = personality
+        self._dictionary = personality.dictionary
         self._is_powered = is_powered
-        self._motor_limit_nm = axis.torque_limit_nm
+        self._motor_limit_nm = axes.robot.axis[number].torque_limit_nm
         self._control_period_s = axes.robot.control_period_s
+        self._rated_place, self._rated_step_nm = personality.rated_torque
+        self._is_rated_fixed = not self._dictionary.cell(*self._rated_place).entry.access.is_writable
+        self.motion["counts_per_rad"] = self.scaling.counts_per_rad
         self._bind_values()
         self._bind_writers()
-        self.apply()
 
     def value(self, index: int, subindex: int = 0) -> Any:
         """What an entry holds."""
         return self._dictionary.cell(index, subindex).value
+
+    def si(self, index: int, subindex: int = 0) -> float:
+        """What acts of a limit, a speed or a ramp, in SI units."""
+        place = index, subindex
+        value, step = self._personality.acting(place), self._personality.steps.get(place)
+        if index in _RAMPS and value <= 0:
+            value = 1  # a ramp of 0 would have no end
+        return _SI[index](self.scaling, value) if step is None else float(value * step)
 
     # -- what is read --------------------------------------------------------------------------------------------------
 
@@ -109,13 +105,7 @@ class DriveData:
             (Object.VELOCITY_ACTUAL, 0): lambda: clip(self.speed_rad_s * self.scaling.counts_per_rad),
             (Object.TORQUE_ACTUAL, 0): self._torque_per_mille,
             (Object.FOLLOWING_ERROR_ACTUAL, 0): self._following_error_counts,
-            (objects.TORQUE_COMMAND, 0): lambda: float(self.motion["torque_nm"]),
         }
-        for column, index in enumerate(objects.NOTCH_STATE_OBJECTS):
-            state = self.axes.notch_state[self.row, column]
-            read[index, 1] = lambda state=state: int(state["active"])  # type: ignore[misc]
-            read[index, 2] = lambda state=state: float(state["frequency_hz"]) if state["active"] else 0.0  # type: ignore[misc]
-            read[index, 3] = lambda state=state: float(state["zeta_rd"]) if state["active"] else 0.0  # type: ignore[misc]
         for (index, sub), hook in read.items():
             self._dictionary.on_read(index, sub, hook)
 
@@ -156,51 +146,38 @@ class DriveData:
     def _bind_writers(self) -> None:
         on_write = self._dictionary.on_write
         on_write(0x1006, 0, self._write_cycle_period)
-        on_write(objects.POSITION_LOOP, 1, self._gain_writer("position_gain_per_s"))
-        for sub, field in VELOCITY_GAINS:
-            on_write(objects.VELOCITY_LOOP, sub, self._gain_writer(field))
-        for column, index in enumerate(objects.NOTCH_OBJECTS):
-            for sub, parameter in enumerate(objects.NOTCH_PARAMETERS, start=1):
-                on_write(index, sub, self._notch_writer(column, parameter[0]))
         for index, sub in _LIMITS:
             on_write(index, sub, self._limit_writer(index, sub))
-        for index, field, factor in (
-            (Object.VELOCITY_OFFSET, "velocity_offset_rad_s", self.scaling.speed_rad_s(1)),
-            (Object.TORQUE_OFFSET, "torque_offset_nm", self.scaling.torque_quantum_nm),
-            (Object.TARGET_TORQUE, "target_torque_nm", self.scaling.torque_quantum_nm),
-        ):
-            on_write(index, 0, self._set_point_writer(field, factor))
+        on_write(Object.VELOCITY_OFFSET, 0, self._set_point_writer("velocity_offset_rad_s", self._speed))
+        on_write(Object.TORQUE_OFFSET, 0, self._set_point_writer("torque_offset_nm", self._torque))
+        on_write(Object.TARGET_TORQUE, 0, self._set_point_writer("target_torque_nm", self._torque))
+        if not self._is_rated_fixed:
+            on_write(*self._rated_place, self._write_rated_torque)
+
+    def _speed(self, value: int) -> float:
+        return self.scaling.speed_rad_s(value)
+
+    def _torque(self, value: int) -> float:
+        return value * self.scaling.torque_quantum_nm
 
     def _write_cycle_period(self, value: int) -> SdoAbortCode | None:
         """1006h must be a whole number of control periods: the world advances by it."""
         return SdoAbortCode.INVALID_VALUE if 1000 * value % round(1e9 * self._control_period_s) else None
 
-    def _gain_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
-        def write(value: float) -> SdoAbortCode | None:
-            if self._is_powered():
-                return SdoAbortCode.DEVICE_STATE
-            self.axes.cascade_config[self.row][field] = value
-            return None
+    def _write_rated_torque(self, value: float) -> SdoAbortCode | None:
+        """All torques are per mille of it, so it does not change under torque, and 0 has no inverse."""
+        if self._is_powered():
+            return SdoAbortCode.DEVICE_STATE
+        if value <= 0:
+            return SdoAbortCode.VALUE_TOO_LOW
+        self._dictionary.cell(*self._rated_place).value = value
+        self._apply_rated_torque()
+        self.apply_limits()
+        return None
 
-        return write
-
-    def _notch_writer(self, column: int, field: str) -> Callable[[float], SdoAbortCode | None]:
-        """Filters may be switched on and off while the motor turns; their other parameters not."""
-
-        def write(value: float) -> SdoAbortCode | None:
-            if self._is_powered() and field != "mode":
-                return SdoAbortCode.DEVICE_STATE
-            row = self.axes.notch_config[self.row, column]
-            wanted = {name: row[name].item() for name in row.dtype.names} | {field: value}
-            try:
-                if wanted["mode"] != NOTCH_OFF:
-                    Notch(**wanted)
-            except ValueError:
-                return SdoAbortCode.PARAMETER_INCOMPATIBLE
-            row[field] = value
-            return None
-
-        return write
+    def _apply_rated_torque(self) -> None:
+        if not self._is_rated_fixed:
+            self.scaling = replace(self.scaling, rated_torque_nm=self.value(*self._rated_place) * self._rated_step_nm)
 
     def _limit_writer(self, index: int, sub: int) -> Callable[[Any], SdoAbortCode | None]:
         cell = self._dictionary.cell(index, sub)
@@ -212,47 +189,47 @@ class DriveData:
 
         return write
 
-    def _set_point_writer(self, field: str, factor: float) -> Callable[[int], SdoAbortCode | None]:
+    def _set_point_writer(self, field: str, convert: Callable[[int], float]) -> Callable[[int], SdoAbortCode | None]:
         def write(value: int) -> SdoAbortCode | None:
-            self.motion[field] = value * factor
+            self.motion[field] = convert(value)
             return None
 
         return write
 
     def apply(self) -> None:
         """Put the whole dictionary into force, after a reset."""
-        cascade = self.axes.cascade_config[self.row]
-        cascade["position_gain_per_s"] = self.value(objects.POSITION_LOOP, 1)
-        for sub, field in VELOCITY_GAINS:
-            cascade[field] = self.value(objects.VELOCITY_LOOP, sub)
-        for column in range(NOTCHES):
-            for sub, parameter in enumerate(objects.NOTCH_PARAMETERS, start=1):
-                value = self.value(objects.NOTCH_OBJECTS[column], sub)
-                self.axes.notch_config[self.row, column][parameter[0]] = value
+        self._apply_rated_torque()
+        self._personality.apply()
         self.apply_limits()
 
     def apply_limits(self) -> None:
         """Put limits, ramps and set-points into force."""
-        motion, scaling = self.motion, self.scaling
-        quantum = scaling.torque_quantum_nm
-        motion["torque_limit_nm"] = min(self._motor_limit_nm, self.value(Object.MAX_TORQUE) * quantum)
-        motion["max_speed_rad_s"] = self.value(Object.MAX_MOTOR_SPEED) * 2.0 * math.pi / 60.0
-        motion["low_counts"] = self.value(Object.SOFTWARE_POSITION_LIMIT, 1)
-        motion["high_counts"] = self.value(Object.SOFTWARE_POSITION_LIMIT, 2)
-        window = self.value(Object.FOLLOWING_ERROR_WINDOW)
-        motion["following_window_rad"] = math.inf if window == _NO_WINDOW else scaling.position_rad(window)
-        timeout_ms = self.value(Object.FOLLOWING_ERROR_TIMEOUT)
-        motion["following_ticks"] = round(1e-3 * timeout_ms / self._control_period_s)
-        motion["profile_acceleration_rad_s2"] = scaling.speed_rad_s(self.value(Object.PROFILE_ACCELERATION))
-        motion["profile_deceleration_rad_s2"] = scaling.speed_rad_s(self.value(Object.PROFILE_DECELERATION))
+        motion = self.motion
+        motion["torque_limit_nm"] = min(self._motor_limit_nm, self.si(Object.MAX_TORQUE))
+        motion["max_speed_rad_s"] = self.si(Object.MAX_MOTOR_SPEED)
+        motion["low_counts"], motion["high_counts"] = self._limits_counts()
+        is_watched = self._personality.acting((Object.FOLLOWING_ERROR_WINDOW, 0)) not in self._personality.unwatched_windows
+        motion["following_window_rad"] = self.si(Object.FOLLOWING_ERROR_WINDOW) if is_watched else math.inf
+        motion["following_ticks"] = round(self.si(Object.FOLLOWING_ERROR_TIMEOUT) / self._control_period_s)
+        motion["profile_acceleration_rad_s2"] = self.si(Object.PROFILE_ACCELERATION)
+        motion["profile_deceleration_rad_s2"] = self.si(Object.PROFILE_DECELERATION)
         self.apply_profile_speed()
         if motion["mode"] != law.STOPPING:
-            motion["stop_deceleration_rad_s2"] = scaling.speed_rad_s(self.value(Object.QUICK_STOP_DECELERATION))
-        motion["velocity_offset_rad_s"] = scaling.speed_rad_s(self.value(Object.VELOCITY_OFFSET))
-        motion["torque_offset_nm"] = self.value(Object.TORQUE_OFFSET) * quantum
-        motion["target_torque_nm"] = self.value(Object.TARGET_TORQUE) * quantum
+            motion["stop_deceleration_rad_s2"] = self.si(Object.QUICK_STOP_DECELERATION)
+        motion["velocity_offset_rad_s"] = self._speed(self.value(Object.VELOCITY_OFFSET))
+        motion["torque_offset_nm"] = self._torque(self.value(Object.TORQUE_OFFSET))
+        motion["target_torque_nm"] = self._torque(self.value(Object.TARGET_TORQUE))
+
+    def _limits_counts(self) -> tuple[float, float]:
+        low, high = self._limit_counts(1), self._limit_counts(2)
+        return (-math.inf, math.inf) if low == high and self._personality.equal_limits_are_none else (low, high)
+
+    def _limit_counts(self, subindex: int) -> float:
+        place = Object.SOFTWARE_POSITION_LIMIT, subindex
+        if place in self._personality.steps:
+            return self.si(*place) * self.scaling.counts_per_rad
+        return float(self._personality.acting(place))
 
     def apply_profile_speed(self) -> None:
         """6081h, or 0 while the halt bit is set: a limit that is written meanwhile must not end the halt."""
-        speed = 0.0 if self.halted else self.scaling.speed_rad_s(self.value(Object.PROFILE_VELOCITY))
-        self.motion["profile_speed_rad_s"] = speed
+        self.motion["profile_speed_rad_s"] = 0.0 if self.halted else self.si(Object.PROFILE_VELOCITY)

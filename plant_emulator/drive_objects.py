@@ -1,11 +1,12 @@
 """The emulated drive's object dictionary, as one table: the node and its EDS are both made from it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from drive_profiles.cia301 import DataType
 from drive_profiles.cia402 import Mode, Object, supported_modes_bits
 from plant_emulator.slave.dictionary import Access, Entry
 from plant_emulator.slave.objects import PdoDefault, communication_entries, pdo_entries
+from plant_emulator.slave.store import store_entries
 
 VENDOR_ID = 0x48494C01
 PRODUCT_CODE = 0x00000402
@@ -16,6 +17,14 @@ DEVICE_TYPE = 0x00020192
 POSITION_LOOP, VELOCITY_LOOP, CONTROL_PERIOD, TORQUE_COMMAND = 0x2100, 0x2101, 0x2120, 0x2130
 NOTCH_OBJECTS = (0x2110, 0x2111)
 NOTCH_STATE_OBJECTS = (0x2112, 0x2113)
+
+GAINS = {
+    (POSITION_LOOP, 1): "position_gain_per_s",
+    (VELOCITY_LOOP, 1): "velocity_gain_nm_s_rad",
+    (VELOCITY_LOOP, 2): "velocity_integral_gain_nm_rad",
+    (VELOCITY_LOOP, 3): "lowpass_hz",
+}
+"""Field of `Cascade` that each of these entries holds."""
 
 MODES = (Mode.PP, Mode.CSP, Mode.CST)
 
@@ -58,14 +67,20 @@ def drive_entries(
             serial_number=serial_number,
         )
     )
-    entries.append(cycle_period_entry())
-    entries += pdo_entries(
+    entries += store_entries()
+    entries += cycle_entries()
+    entries += _manufacturer(control_period_ns, gains)
+    entries += cia402_entries(encoder_counts_per_rev, rated_torque_mnm, max_torque_per_mille)
+    return entries
+
+
+def cycle_entries() -> Iterator[Entry]:
+    """What a drive's cyclic exchange needs: 1006h and the PDOs, the first of which carry control word and status word."""
+    yield cycle_period_entry()
+    yield from pdo_entries(
         rpdos=(PdoDefault(((Object.CONTROL_WORD, 0, 16),)),),
         tpdos=(PdoDefault(((Object.STATUS_WORD, 0, 16),)),),
     )
-    entries += _manufacturer(control_period_ns, gains)
-    entries += _cia402(encoder_counts_per_rev, rated_torque_mnm, max_torque_per_mille)
-    return entries
 
 
 def cycle_period_entry() -> Entry:
@@ -94,7 +109,10 @@ def _manufacturer(control_period_ns: int, gains: tuple[float, float, float, floa
     yield Entry(TORQUE_COMMAND, 0, "Torque command in N m", real, ro, 0.0, mappable=True)
 
 
-def _cia402(encoder_counts_per_rev: int, rated_torque_mnm: int, max_torque_per_mille: int) -> Iterator[Entry]:
+def cia402_entries(
+    encoder_counts_per_rev: int, rated_torque_mnm: int, max_torque_per_mille: int, modes: Sequence[Mode] = MODES
+) -> Iterator[Entry]:
+    """The objects of CiA 402 without which an emulated drive does not move."""
     rw, ro, rww, const = Access.RW, Access.RO, Access.RWW, Access.CONST
     u8, u16, u32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
     i8, i16, i32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
@@ -135,4 +153,4 @@ def _cia402(encoder_counts_per_rev: int, rated_torque_mnm: int, max_torque_per_m
     yield Entry(Object.INTERPOLATION_PERIOD, 1, "Interpolation time period value", u8, rw, 2, 1, record_name=period)
     yield Entry(Object.INTERPOLATION_PERIOD, 2, "Interpolation time index", i8, rw, -3, -9, 0, record_name=period)
     yield Entry(Object.FOLLOWING_ERROR_ACTUAL, 0, "Following error actual value", i32, ro, 0, mappable=True)
-    yield Entry(Object.SUPPORTED_MODES, 0, "Supported drive modes", u32, const, supported_modes_bits(MODES))
+    yield Entry(Object.SUPPORTED_MODES, 0, "Supported drive modes", u32, const, supported_modes_bits(modes))

@@ -168,6 +168,7 @@ def advance(
                 for column in range(notch_state.shape[1]):
                     notch_state[row, column].active = 0
                     notch_state[row, column].speed_rps = 0.0
+                    notch_state[row, column].mean_nm = 0.0
                 m.torque_nm, m.following_error_rad = 0.0, 0.0
                 plant_step(plant, plant_state, row, 0.0, True, period_s, substeps)
                 continue

@@ -1,7 +1,10 @@
 """The robot file: what the emulated robot is. Units are in the names of the keys; SI inside."""
 
 import math
+import re
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -64,7 +67,14 @@ class NotchTable(Table):
 
 
 class Axis(Table):
-    """One axis: motor, gearing, arm, encoder; the reference robot's keys, and options that are off unless given."""
+    """One axis: motor, gearing, arm, encoder; the reference robot's keys, and options that are off unless given.
+
+    Attributes:
+        profile: The drive that moves it: a profile of the package by its name, or the path of a profile.
+        eds: Path of the drive's EDS file; its objects that the profile does not state are there, but do nothing.
+        store_time_s: How long the drive is silent on SDO while it stores.
+        torque_constant_nm_a: Assumed motor constant, for drives whose gains are in amperes.
+    """
 
     node_id: Annotated[int, Field(ge=1, le=127)] | None = None
     reduction_ratio: Positive
@@ -92,12 +102,26 @@ class Axis(Table):
     hysteresis_torque_nm: NotNegative = 0.0
     hysteresis_torsion_arcsec: Positive = 20.0
     current_time_constant_s: NotNegative = 0.0
+    profile: str = "emulated_drive"
+    eds: str | None = None
+    store_time_s: NotNegative = 0.4
+    torque_constant_nm_a: Positive = 1.0
 
     @property
     def rated_torque(self) -> float:
         """Rated motor torque in N·m; a third of the peak torque unless the file says otherwise, in whole mN·m."""
         wanted = self.torque_limit_nm / 3.0 if self.rated_torque_nm is None else self.rated_torque_nm
         return max(1, round(1000.0 * wanted)) / 1000.0
+
+    @property
+    def rated_torque_mnm(self) -> int:
+        """Rated motor torque in mN·m, as 6076h states it."""
+        return round(1000.0 * self.rated_torque)
+
+    @property
+    def peak_per_mille(self) -> int:
+        """Peak torque in per mille of the rated torque, as 6072h states it."""
+        return min(65535, math.floor(1e6 * self.torque_limit_nm / self.rated_torque_mnm))
 
     def write(self, row: NDArray[Any], home_rad: float) -> None:
         """Put the axis into one record of a `PLANT` array."""
@@ -228,9 +252,61 @@ REFERENCE = Path(__file__).parent / "robots" / "reference.toml"
 
 
 def load_robot(path: str | Path) -> Robot:
-    """The robot of a file, or of the name `reference`.
+    """The robot of a file, or of the name `reference`; files that it names count from its folder.
 
     Raises:
         FileError: With every problem, by line.
     """
-    return load(REFERENCE if str(path) == "reference" else Path(path), Robot)
+    file = REFERENCE if str(path) == "reference" else Path(path)
+    robot = load(file, Robot)
+    found = {number: _in_folder(axis, file.parent) for number, axis in robot.axis.items()}
+    return robot.model_copy(update={"axis": found})
+
+
+def _in_folder(axis: Axis, folder: Path) -> Axis:
+    """The axis with the paths of its profile and EDS file as seen from here; a bare name is a profile of the package."""
+    changes = {}
+    if not is_name(axis.profile):
+        changes["profile"] = str(folder / axis.profile)
+    if axis.eds is not None:
+        changes["eds"] = str(folder / axis.eds)
+    return axis.model_copy(update=changes) if changes else axis
+
+
+def is_name(profile: str) -> bool:
+    """Whether a profile is named rather than given by its path."""
+    return re.fullmatch(r"[a-z0-9_-]+", profile) is not None
+
+
+def with_drives(
+    robot: Robot,
+    profiles: Mapping[int, str] = MappingProxyType({}),
+    *,
+    eds: Mapping[int, str] = MappingProxyType({}),
+    store_time_s: float | None = None,
+) -> Robot:
+    """A robot some of whose axes have other drives.
+
+    Args:
+        robot: As its file says.
+        profiles: Profile by axis: a name of the package or a path.
+        eds: Path of the drive's EDS file, by axis.
+        store_time_s: How long all drives are silent while they store; None: as the file says.
+
+    Raises:
+        ValueError: The robot has no such axis, or the time is negative.
+    """
+    for number in (*profiles, *eds):
+        if number not in robot.axis:
+            raise ValueError(f"the robot has no axis {number}; it has {', '.join(map(str, sorted(robot.axis)))}")
+    if store_time_s is not None and not 0.0 <= store_time_s < math.inf:
+        raise ValueError(f"storing cannot take {store_time_s} s")
+    axes = {}
+    for number, axis in robot.axis.items():
+        changes: dict[str, Any] = {} if store_time_s is None else {"store_time_s": store_time_s}
+        if number in profiles:
+            changes["profile"] = profiles[number]
+        if number in eds:
+            changes["eds"] = eds[number]
+        axes[number] = axis.model_copy(update=changes)
+    return robot.model_copy(update={"axis": axes})

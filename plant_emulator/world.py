@@ -52,6 +52,17 @@ class World:
         """Start all nodes; their boot-up frames."""
         return _by_priority(frame for node in self._nodes for frame in node.power_on(self.now))
 
+    def power_cycle(self, node_id: int) -> list[Frame]:
+        """Take the supply of one node away and give it back: what it has not stored is lost; its boot-up frame.
+
+        Raises:
+            ValueError: There is no such node.
+        """
+        for node in self._nodes:
+            if node.node_id == node_id:
+                return node.power_on(self.now)
+        raise ValueError(f"there is no node {node_id}")
+
     @property
     def period_ns(self) -> int:
         """What one SYNC is worth: the shortest 1006h that a node has been given, else the robot file's period."""

@@ -5,7 +5,7 @@ from typing import Any
 
 import can
 
-from hil.can.address import Address
+from drive_profiles.address import Address
 from hil.can.channel import BusLostError, BusUnavailableError
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from hil.can.address import LOCAL, SOCKETCAN, Address
+from drive_profiles.address import LOCAL, SOCKETCAN, Address
 from hil.can.frame import Frame
 
 

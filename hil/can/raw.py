@@ -8,7 +8,7 @@ import socket
 import struct
 from pathlib import Path
 
-from hil.can.address import LOCAL, Address
+from drive_profiles.address import LOCAL, Address
 from hil.can.channel import BusLostError, BusUnavailableError
 from hil.can.frame import CAN_ERR_FLAG, RECORD, Frame, pack, unpack
 

@@ -1,4 +1,4 @@
-"""The variable notch filter: its coefficients at one speed, and the filter that follows the motor."""
+"""The variable notch filter: its coefficients at one speed, and the filter that follows the motor; and a fixed filter."""
 
 import math
 from dataclasses import dataclass, fields
@@ -11,6 +11,9 @@ from hil.control.compiled import compiled
 
 NOTCH_OFF, NOTCH_SWITCHED, NOTCH_TRAPEZOID = 0, 1, 2
 """ζ_rd over the motor speed: no filter; ζ_rdth inside [f_s, f_e]; a trapezoid that rises and falls over `ramp_rps`."""
+
+NOTCH_FIXED = 3
+"""A second-order section of given coefficients, at every speed: what a drive without the variable notch runs."""
 
 NOTCHES = 2
 """Filters per axis, in series: one per harmonic order of the transmission error."""
@@ -26,6 +29,8 @@ NOTCH_CONFIG = np.dtype([
     ("hysteresis_rps", np.float64),
     ("speed_lowpass_hz", np.float64),
     ("ramp_rps", np.float64),
+    # of a fixed filter
+    ("b0", np.float64), ("b1", np.float64), ("b2", np.float64), ("a1", np.float64), ("a2", np.float64),
 ])  # fmt: skip
 """One filter's parameters, as the compiled law reads them."""
 
@@ -107,6 +112,36 @@ class Notch:
 NO_NOTCH = Notch(mode=NOTCH_OFF)
 
 
+@dataclass(frozen=True)
+class FixedFilter:
+    """A filter that does not follow the speed: y_n = b₀ u_n + b₁ u_{n−1} + b₂ u_{n−2} − a₁ y_{n−1} − a₂ y_{n−2}.
+
+    Raises:
+        ValueError: A coefficient that is not finite, or poles on or outside the unit circle.
+    """
+
+    b0: float
+    b1: float
+    b2: float
+    a1: float
+    a2: float
+
+    def __post_init__(self) -> None:
+        """Refuse what would run away by itself."""
+        for field in fields(self):
+            if not math.isfinite(getattr(self, field.name)):
+                raise ValueError(f"filter coefficient {field.name} = {getattr(self, field.name)} is not finite")
+        # Jury's criterion; it also makes 1 + a₁ + a₂, which the gain at rest divides by, greater than 0
+        if not (abs(self.a2) < 1.0 and abs(self.a1) < 1.0 + self.a2):
+            raise ValueError(f"filter with a1 = {self.a1}, a2 = {self.a2} is not stable")
+
+    def write(self, row: NDArray[Any]) -> None:
+        """Put the filter into one record of a `NOTCH_CONFIG` array."""
+        row["mode"] = NOTCH_FIXED
+        for field in fields(self):
+            row[field.name] = getattr(self, field.name)
+
+
 @compiled
 def notch_coefficients(
     zero_hz: float, pole_hz: float, zeta_rn: float, zeta_rd: float, period_s: float
@@ -159,8 +194,22 @@ def lowpass_blend(corner_hz: float, period_s: float) -> float:
 
 
 @compiled
+def _fixed_step(c: Any, s: Any, u: float) -> float:
+    """One sample of a fixed filter; it starts as if the low-passed torque ū had stood there for ever, ȳ = G(1) ū."""
+    if s.active == 0:
+        rest = (c.b0 + c.b1 + c.b2) / (1.0 + c.a1 + c.a2) * s.mean_nm
+        s.s2 = c.b2 * s.mean_nm - c.a2 * rest
+        s.s1 = c.b1 * s.mean_nm - c.a1 * rest + s.s2
+        s.active = 1
+    y = c.b0 * u + s.s1
+    s.s1 = c.b1 * u - c.a1 * y + s.s2
+    s.s2 = c.b2 * u - c.a2 * y
+    return float(y)
+
+
+@compiled
 def notch_step(config: Any, state: Any, row: int, column: int, period_s: float, speed_rad_s: float, u: float) -> float:
-    """One sample of the filter: follow the speed, switch with hysteresis, filter the torque command.
+    """One sample of the filter: follow the speed, switch with hysteresis, filter the torque command. A fixed one is always on.
 
     f_m = |θ̇_m| / 2π behind a first-order low-pass; ω_rn = 2π k f_m; ω_rd = ω_rn + w ω_d and
     ζ_rd = ζ_rn + w (ζ_rdth − ζ_rn) with the weight w of `notch_weight` (at w = 0 poles and zeros are equal: no filter,
@@ -184,6 +233,8 @@ def notch_step(config: Any, state: Any, row: int, column: int, period_s: float, 
     """
     c, s = config[row, column], state[row, column]
     s.mean_nm += lowpass_blend(START_LOWPASS_HZ, period_s) * (u - s.mean_nm)
+    if c.mode == NOTCH_FIXED:
+        return float(_fixed_step(c, s, u))
     s.speed_rps += lowpass_blend(c.speed_lowpass_hz, period_s) * (abs(speed_rad_s) / (2.0 * math.pi) - s.speed_rps)
     f_m = s.speed_rps
     was_active = s.active != 0

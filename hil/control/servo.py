@@ -16,7 +16,7 @@ from hil.control.cascade import (
     observe_speed,
 )
 from hil.control.compiled import compiled
-from hil.control.notch import NO_NOTCH, NOTCH_CONFIG, NOTCH_STATE, NOTCHES, Notch, notch_step
+from hil.control.notch import NO_NOTCH, NOTCH_CONFIG, NOTCH_STATE, NOTCHES, FixedFilter, Notch, notch_step
 
 
 @compiled
@@ -75,7 +75,7 @@ class ServoConfig:
 
     cascade: Cascade
     torque_limit_nm: float
-    notches: tuple[Notch, ...] = ()
+    notches: tuple[Notch | FixedFilter, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what the law cannot run."""
@@ -100,7 +100,7 @@ class Servo:
         self.notch_state = np.zeros((1, NOTCHES), NOTCH_STATE)
         config.cascade.write(self._cascade_config[0])
         for column in range(NOTCHES):
-            notch = config.notches[column] if column < len(config.notches) else NO_NOTCH
+            notch: Notch | FixedFilter = config.notches[column] if column < len(config.notches) else NO_NOTCH
             notch.write(self._notch_config[0, column])
 
     def start(self, motor_angle: float, speed_rad_s: float = 0.0, torque_nm: float = 0.0) -> None:

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from hil.can.address import parse_address
+from drive_profiles.address import parse_address
 from hil.can.channel import Channel, open_channel
 from hil.errors import SafetyStopError
 from hil.experiments.plan import Experiment, claims, comparisons, entries

@@ -7,7 +7,8 @@ from typing import Any
 from drive_profiles.cia301 import DataType
 from drive_profiles.cia402 import Mode, Object, State, state_of
 from drive_profiles.errors import DriveProfileError, OutOfRangeError
-from drive_profiles.profile import Parameter, Profile
+from drive_profiles.parameter import Parameter
+from drive_profiles.profile import Profile
 from drive_profiles.units import Scaling, interpolation_period
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
 from hil.errors import AlreadyMovingError, HilError, NodeError, NotPossibleError, WrongIdentityError
@@ -60,17 +61,19 @@ def check_identity(network: Network, node: int, profile: Profile, serial_number:
         NoAnswerError: It is silent.
         WrongIdentityError: It is not what the profile (and the bench file's serial number) says.
     """
-    expected = [
-        ("device type (1000h)", 0x1000, 0, profile.device_type),
-        ("vendor id (1018h:01h)", 0x1018, 1, profile.identity.vendor_id),
-        ("product code (1018h:02h)", 0x1018, 2, profile.identity.product_code),
+    identity = profile.identity
+    expected: list[tuple[str, int, int, tuple[int, ...]]] = [
+        ("device type (1000h)", 0x1000, 0, () if identity.device_type is None else (identity.device_type,)),
+        ("vendor id (1018h:01h)", 0x1018, 1, (identity.vendor_id,)),
+        ("product code (1018h:02h)", 0x1018, 2, identity.product_codes),
+        ("serial number (1018h:04h)", 0x1018, 4, () if serial_number is None else (serial_number,)),
     ]
-    if serial_number is not None:
-        expected.append(("serial number (1018h:04h)", 0x1018, 4, serial_number))
-    for what, index, subindex, value in expected:
+    for what, index, subindex, values in expected:
+        if not values:
+            continue  # the profile does not know it
         found = network.read(node, index, subindex, U32, what)
-        if found != value:
-            raise WrongIdentityError(node, what, value, found)
+        if found not in values:
+            raise WrongIdentityError(node, what, values[0], found)
 
 
 class DriveAxis:
@@ -146,7 +149,8 @@ class DriveAxis:
         """The drive's own control period, as it states it; the profile's word where it has no object for it."""
         parameter = self.profile.parameters.get("control_period_s")
         if parameter is None:
-            return self.profile.control_period_s or 0.0
+            loop = self.profile.loop
+            return 0.0 if loop is None or loop.period_s is None else loop.period_s
         kind = DataType[parameter.data_type]
         raw: int = self.network.read(self.node, parameter.index, parameter.subindex, kind, "control period")
         return float(parameter.value(raw, self.scaling))

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from drive_profiles.address import AddressError, parse_address
 from drive_profiles.files import Table, load
-from hil.can.address import AddressError, parse_address
 from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_SWITCHED, NOTCH_TRAPEZOID, NOTCHES, Notch
 from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, Smooth

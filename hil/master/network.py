@@ -1,6 +1,5 @@
 """The master's side of CANopen on one channel: SDO, NMT, SYNC, heartbeats and emergencies, in one thread."""
 
-import logging
 import struct
 import time
 from collections import deque
@@ -9,11 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import canopen
-from canopen.sdo.client import SdoClient
-from canopen.sdo.exceptions import SdoAbortedError as CanopenAbort
-from canopen.sdo.exceptions import SdoCommunicationError
 
+from drive_profiles import errors
 from drive_profiles.cia301 import DataType, FunctionCode, NmtCommand, decode, encode
+from drive_profiles.sdo import SdoPort
 from hil.can.channel import Channel
 from hil.can.frame import Frame
 from hil.errors import NoAnswerError, ReadBackError, SdoAbortedError
@@ -21,16 +19,7 @@ from hil.recording import BusLog, LoggedFrame
 
 SYNC = Frame(FunctionCode.SYNC, b"")
 MAX_EVENTS = 256
-MAX_UPLOAD_BYTES = 65536
-_INITIATE_REQUESTS = (1, 2)
-"""Command specifiers of an initiate download and upload: these name their object (CiA 301, 7.2.4.3)."""
-_NAMED_ANSWERS = (2, 3, 4)
-"""Command specifiers of answers that name their object: initiate upload, initiate download, abort."""
 _EMERGENCY = struct.Struct("<HB5s")
-
-# The package's client reports each of its own aborts as an error to the root logger; here they are exceptions, told once.
-logging.getLogger("canopen").addHandler(logging.NullHandler())
-logging.getLogger("canopen").propagate = False
 
 
 @dataclass(frozen=True)
@@ -47,60 +36,30 @@ class Emergency:
         return f"node {self.node} reports emergency {self.code:04X}h (error register {self.register:02X}h)"
 
 
-class _PumpedSdoClient(SdoClient):
-    """canopen's SDO client, fed by the caller's own thread: while it waits for an answer, it reads the channel."""
+class _Line:
+    """One node's SDO frames: while it waits for an answer, it reads the channel in the caller's own thread."""
 
-    def __init__(self, network: "Network", node: int) -> None:
-        super().__init__(FunctionCode.SDO_REQUEST + node, FunctionCode.SDO_RESPONSE + node, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
-        self.network = network.canopen
-        self._pump = network.pump_until
-        self._timeout_s = network.timeout_s
-        self._answers: deque[bytes] = deque(maxlen=MAX_EVENTS)
-        self._object = b""
+    def __init__(self, network: "Network") -> None:
+        self._network = network
+        self.answers: deque[bytes] = deque(maxlen=MAX_EVENTS)
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """By the channel, and into the log."""
+        self._network.send(Frame(can_id, data))
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Keep an answer of the right length; others are no SDO."""
-        if len(data) == 8:
-            self._answers.append(bytes(data))
+        """Keep an answer."""
+        self.answers.append(bytes(data))
 
-    def request_response(self, sdo_request: bytes) -> bytes:
-        """Send a request once and wait for its answer. What is left from before belongs to nobody."""
-        self._answers.clear()
-        if sdo_request[0] >> 5 in _INITIATE_REQUESTS:
-            self._object = bytes(sdo_request[1:4])
-        self.send_request(sdo_request)  # type: ignore[no-untyped-call]
-        try:
-            return self.read_response()
-        except SdoCommunicationError:
-            self.abort(0x0504_0000)  # type: ignore[no-untyped-call]
-            raise
+    def receive(self, timeout_s: float) -> bytes | None:
+        """The next answer, or None when none came in time."""
+        return self.answers.popleft() if self._network.pump_until(lambda: bool(self.answers), timeout_s) else None
 
-    def read_response(self) -> bytes:
-        """The next answer.
-
-        Raises:
-            SdoCommunicationError: None came in time.
-            SdoAbortedError: It is an abort.
-        """
-        while True:
-            if not self._pump(lambda: bool(self._answers), self._timeout_s):
-                raise SdoCommunicationError("no SDO response")
-            answer = self._answers.popleft()
-            if answer[0] >> 5 not in _NAMED_ANSWERS or answer[1:4] == self._object:
-                break  # a late answer to an earlier request names another object, and is nobody's
-        if answer[0] == 0x80:
-            raise CanopenAbort(int.from_bytes(answer[4:], "little"))
-        return answer
-
-
-def _bounded(stream: Any) -> bytes:
-    """What an upload gives, up to a bound: a node must not make us hold what it likes."""
-    data = bytearray()
-    while chunk := stream.read(7):
-        data += chunk
-        if len(data) > MAX_UPLOAD_BYTES:
-            raise SdoCommunicationError(f"more than {MAX_UPLOAD_BYTES} bytes")
-    return bytes(data)
+    def clear(self) -> list[bytes]:
+        """Forget what has come and was not received, and give it."""
+        old = list(self.answers)
+        self.answers.clear()
+        return old
 
 
 class _Tee(canopen.Network):
@@ -142,7 +101,7 @@ class Network:
         self.heartbeats: dict[int, tuple[float, int]] = {}
         self.boots: set[int] = set()
         self.foreign_sync = False
-        self._clients: dict[int, _PumpedSdoClient] = {}
+        self._ports: dict[int, SdoPort] = {}
         self._lock_step_s = 0.0
         self._start = time.monotonic()
 
@@ -201,11 +160,12 @@ class Network:
 
     # -- SDO -----------------------------------------------------------------------------------------------------------
 
-    def _client(self, node: int) -> _PumpedSdoClient:
-        if node not in self._clients:
-            client = self._clients[node] = _PumpedSdoClient(self, node)
-            self.canopen.subscribe(client.tx_cobid, client.on_response)
-        return self._clients[node]
+    def _port(self, node: int) -> SdoPort:
+        if node not in self._ports:
+            line = _Line(self)
+            port = self._ports[node] = SdoPort(node, line, self.timeout_s)
+            self.canopen.subscribe(port.tx_cobid, line.on_response)
+        return self._ports[node]
 
     def read_raw(self, node: int, index: int, subindex: int = 0, name: str = "") -> bytes:
         """Upload an object.
@@ -215,11 +175,10 @@ class Network:
             NoAnswerError: It is silent.
         """
         try:
-            with self._client(node).open(index, subindex, buffering=0) as stream:  # type: ignore[no-untyped-call]
-                return _bounded(stream)
-        except CanopenAbort as error:
+            return self._port(node).read((index, subindex), name)
+        except errors.SdoAbortedError as error:
             raise SdoAbortedError(node, index, subindex, error.code, name) from error
-        except (SdoCommunicationError, struct.error) as error:
+        except errors.NoAnswerError as error:
             raise NoAnswerError(node, f"the read of object {index:04X}h:{subindex:02X}h", self.timeout_s) from error
 
     def write_raw(self, node: int, index: int, subindex: int, data: bytes, name: str = "", value: object = None) -> None:
@@ -231,10 +190,10 @@ class Network:
         """
         shown = value if value is not None else data.hex(" ")
         try:
-            self._client(node).download(index, subindex, data)
-        except CanopenAbort as error:
+            self._port(node).write((index, subindex), data, name)
+        except errors.SdoAbortedError as error:
             raise SdoAbortedError(node, index, subindex, error.code, name, shown) from error
-        except (SdoCommunicationError, struct.error) as error:
+        except errors.NoAnswerError as error:
             raise NoAnswerError(node, f"the write of object {index:04X}h:{subindex:02X}h", self.timeout_s) from error
 
     def read(self, node: int, index: int, subindex: int, kind: DataType, name: str = "") -> Any:

@@ -205,8 +205,10 @@ class Session:
         interpolation_period(period)
         for axis in axes:
             sync = axis.profile.sync
-            if not sync.min_period_s <= period <= sync.max_period_s:
-                limit = sync.min_period_s if period < sync.min_period_s else sync.max_period_s
+            too_short = sync.min_period_s is not None and period < sync.min_period_s
+            too_long = sync.max_period_s is not None and period > sync.max_period_s
+            if too_short or too_long:
+                limit = (sync.min_period_s if too_short else sync.max_period_s) or 0.0
                 raise UnsafeRequestError(f"the SYNC period of axis {axis.number}", period, limit, "s", "see its profile")
         for column, axis in enumerate(axes):
             limits, name = axis.table.limits, f"axis {axis.number}"

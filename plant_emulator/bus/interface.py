@@ -6,7 +6,7 @@ from typing import Any
 
 import can
 
-from hil.can.address import LOCAL, Address
+from drive_profiles.address import LOCAL, Address
 from hil.can.channel import BusUnavailableError
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, RECORD, Frame, pack, unpack
 from hil.can.raw import connect_local

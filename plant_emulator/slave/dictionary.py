@@ -7,18 +7,33 @@ from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from typing import Any
 
-from drive_profiles.cia301 import MAX_NODE_ID, PACKERS, DataType, SdoAbortCode, Value, decode, encode
+from drive_profiles.cia301 import MAX_NODE_ID, PACKERS, DataType, SdoAbortCode, Value, abort_text, decode, encode
 
 ReadHook = Callable[[], Value]
-WriteHook = Callable[[Any], SdoAbortCode | None]
+WriteHook = Callable[[Any], int | None]
+"""Gives the abort code that refuses a value, the standard's or a vendor's own, or None."""
 
 
 class SdoAbort(Exception):  # noqa: N818 - the standard's word: an abort, of which not each is an error
     """An access was refused for a reason that the other side of the bus shall hear; never leaves the slave package."""
 
-    def __init__(self, code: SdoAbortCode) -> None:
+    def __init__(self, code: int) -> None:
         self.code = code
-        super().__init__(f"{code:08X}h {code.text}")
+        super().__init__(f"{code:08X}h {abort_text(code)}")
+
+
+class Postponed(Exception):  # noqa: N818 - not an error: the answer comes later
+    """A write hook needs time: the SDO answer comes when it is over; never leaves the slave package.
+
+    Args:
+        duration_ns: How long from now.
+        finish: Called then; gives the code that refuses the access after all, or None.
+    """
+
+    def __init__(self, duration_ns: int, finish: Callable[[], SdoAbortCode | None]) -> None:
+        self.duration_ns = duration_ns
+        self.finish = finish
+        super().__init__(f"over in {duration_ns} ns")
 
 
 class Access(Enum):
@@ -199,10 +214,10 @@ class Cell:
             return None
         return SdoAbortCode.TOO_LONG if length > self._packer.size else SdoAbortCode.TOO_SHORT
 
-    def assign(self, value: Value) -> SdoAbortCode | None:
+    def assign(self, value: Value) -> int | None:
         """Write a value of the right type from the bus; tell why it was refused, with nothing changed, or None."""
         if self._guarded:
-            code = self.entry.refusal(value)
+            code: int | None = self.entry.refusal(value)
             if code is not None:
                 return code
         if self.write_hook is not None:
@@ -222,12 +237,16 @@ class Dictionary:
         entries: In any order.
         node_id: Added to the defaults that depend on it; the `Slave` sets it.
 
+    Attributes:
+        kept: By place, what a reset puts back in the place of the default; see `ParameterStore`.
+
     Raises:
         ValueError: Two entries have one place.
     """
 
     def __init__(self, entries: Iterable[Entry], node_id: int = 0) -> None:
         self.node_id = node_id
+        self.kept: dict[tuple[int, int], Value] = {}
         self._cells: dict[tuple[int, int], Cell] = {}
         self._highest: dict[int, int] = {}
         for entry in sorted(entries, key=lambda entry: (entry.index, entry.subindex)):
@@ -311,10 +330,11 @@ class Dictionary:
         self.cell(index, subindex).write_hook = hook
 
     def reset(self, kind: ResetKind) -> None:
-        """Put the defaults back, without asking the write hooks."""
-        for (index, _), cell in self._cells.items():
-            if kind is ResetKind.NODE or 0x1000 <= index <= 0x1FFF:
-                cell.value = cell.entry.default_for(self.node_id)
+        """Put back what is kept, else the defaults, without asking the write hooks."""
+        for place, cell in self._cells.items():
+            if kind is ResetKind.NODE or 0x1000 <= place[0] <= 0x1FFF:
+                kept = self.kept.get(place)
+                cell.value = cell.entry.default_for(self.node_id) if kept is None else kept
 
     def find(self, index: int, subindex: int) -> Cell:
         """Give the place that an SDO names.
@@ -344,7 +364,7 @@ class Dictionary:
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """Write the bytes of an SDO download; `SdoAbort`, and nothing changed, where length, limits or owner refuse."""
         cell = self.find_writable(index, subindex)
-        code = cell.length_refusal(len(data))
+        code: int | None = cell.length_refusal(len(data))
         if code is None:
             code = cell.assign(decode(cell.entry.data_type, data))
         if code is not None:

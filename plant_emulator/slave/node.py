@@ -1,6 +1,6 @@
 """A CANopen slave without socket, thread or clock: frames and time in, frames and the next deadline out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from drive_profiles.cia301 import (
@@ -30,6 +30,7 @@ from plant_emulator.slave.objects import ERROR_BEHAVIOUR as ERROR_BEHAVIOUR_OBJE
 from plant_emulator.slave.objects import SYNC_COB_ID
 from plant_emulator.slave.pdo import PdoEngine
 from plant_emulator.slave.sdo import SdoServer
+from plant_emulator.slave.store import ParameterStore, StoreCommand, standard_commands
 
 _NEVER = 1 << 63
 _NMT_LENGTH = 2
@@ -53,9 +54,14 @@ class Slave:
         on_sync: Called with the time of each SYNC, when the TPDOs have been sampled and the RPDOs are in force.
         on_nmt: Called with the old and the new state.
         on_heartbeat_lost: Called with the number of a watched node.
-        on_reset: Called when the dictionary has its defaults again and the boot-up message is about to be sent.
+        on_reset: Called when the dictionary has its stored values or defaults again and the boot-up message is about to be sent.
         sdo_max_bytes: The longest value that a client may write.
         sdo_timeout_ns: A client's silence that ends its transfer.
+        store_commands: Entries that store or restore; those that the dictionary does not have are left out.
+        store_time_ns: How long storing takes.
+
+    Attributes:
+        store: What survives a loss of power.
 
     Raises:
         ValueError: No such node-ID, or the dictionary describes an impossible PDO.
@@ -73,6 +79,8 @@ class Slave:
         on_reset: Callable[[ResetKind], None] = _nothing,
         sdo_max_bytes: int = 1024,
         sdo_timeout_ns: int = 5_000_000_000,
+        store_commands: Sequence[StoreCommand] = standard_commands(),
+        store_time_ns: int = 0,
     ) -> None:
         if not 1 <= node_id <= MAX_NODE_ID:
             raise ValueError(f"node-ID {node_id} is not in 1 to {MAX_NODE_ID}")
@@ -91,6 +99,7 @@ class Slave:
         self._emergency = EmergencyProducer(dictionary, self._out.append)
         self._producer = HeartbeatProducer(dictionary, lambda: self._now or 0)
         self._consumer = HeartbeatConsumer(dictionary, self._lose, self._find, self._route)
+        self.store = ParameterStore(dictionary, store_commands, store_time_ns)
         self._pdo = PdoEngine(dictionary, self._emergency, self._route)
         dictionary.on_write(SYNC_COB_ID, 0, self._set_sync)
         dictionary.node_id = node_id
@@ -127,7 +136,7 @@ class Slave:
         return bool(self._pdo.event_driven)
 
     def power_on(self, now: int) -> list[Frame]:
-        """Start, or start again after a loss of power: reset, boot-up message, pre-operational."""
+        """Start, or start again after a loss of power: reset to what is kept, boot-up message, pre-operational."""
         self._set_time(now)
         self._out.clear()
         self._reset(ResetKind.NODE)

@@ -6,7 +6,7 @@ from enum import Enum, IntEnum
 
 from drive_profiles.cia301 import FunctionCode, SdoAbortCode
 from hil.can.frame import Frame
-from plant_emulator.slave.dictionary import Dictionary, SdoAbort
+from plant_emulator.slave.dictionary import Dictionary, Postponed, SdoAbort
 
 _LENGTH = 8
 _HEADER = struct.Struct("<BHB")
@@ -34,13 +34,15 @@ class State(Enum):
     IDLE = "idle"
     DOWNLOADING = "downloading segments"
     UPLOADING = "uploading segments"
+    WAITING = "waiting for the owner, who needs time for what was written"
 
 
 class SdoServer:
     """Answers one client: frames in, frames out.
 
     A frame that is not 8 bytes long is not an SDO and is ignored (CiA 301, 7.2.4.3); an abort of the client ends the
-    transfer in silence; every other request gets one answer.
+    transfer in silence; every other request gets one answer. While the owner takes its time over a value (`Postponed`) the
+    server is deaf: what comes meanwhile is lost, and the answer comes when the owner has finished.
 
     Args:
         dictionary: What is read and written.
@@ -65,10 +67,12 @@ class SdoServer:
         self._announced: int | None = None
         self._received = bytearray()
         self._remaining = b""
+        self._job: Postponed | None = None
+        self._late_answer = b""
 
     def receive(self, data: bytes, now: int) -> list[Frame]:
         """Give the answer to a request."""
-        if len(data) != _LENGTH:
+        if len(data) != _LENGTH or self.state is State.WAITING:
             return []
         command = Command(data[0] >> 5)
         if command is Command.ABORT:
@@ -82,16 +86,25 @@ class SdoServer:
             answer = handler(self, data)
         except SdoAbort as abort:
             return [self._abort(abort.code)]
+        if self._job is not None:
+            self.state, self.due, self._late_answer = State.WAITING, now + self._job.duration_ns, answer
+            return self.advance(now)
         self.due = None if self.state is State.IDLE else now + self._timeout_ns
         return [Frame(self._response_id, answer)]
 
     def advance(self, now: int) -> list[Frame]:
-        """Abort the unfinished transfer whose client has been silent for too long."""
+        """Give the answer that the owner has finished, or abort the transfer whose client has been silent for too long."""
         if self.due is None or now < self.due:
             return []
-        return [self._abort(SdoAbortCode.TIMED_OUT)]
+        if self._job is None:
+            return [self._abort(SdoAbortCode.TIMED_OUT)]
+        answer, code = self._late_answer, self._job.finish()
+        if code is not None:
+            return [self._abort(code)]
+        self.reset()
+        return [Frame(self._response_id, answer)]
 
-    def _abort(self, code: SdoAbortCode) -> Frame:
+    def _abort(self, code: int) -> Frame:
         frame = Frame(self._response_id, _SIZED.pack(Command.ABORT << 5, self._index, self._subindex, code))
         self.reset()
         return frame
@@ -107,6 +120,12 @@ class SdoServer:
         first, self._index, self._subindex = _HEADER.unpack_from(data)
         return int(first)
 
+    def _write(self, data: bytes) -> None:
+        try:
+            self._dictionary.write(self._index, self._subindex, data)
+        except Postponed as job:
+            self._job = job
+
     def _initiate_download(self, data: bytes) -> bytes:
         # CiA 301, 7.2.4.3.3: 001x nnes; n bytes of d do not contain data, e expedited, s size indicated.
         first = self._begin(data)
@@ -114,7 +133,7 @@ class SdoServer:
         if first & 0x02:
             unused = first >> 2 & 0x03
             size = _EXPEDITED_DATA - unused if first & 0x01 else cell.entry.data_type.size or _EXPEDITED_DATA
-            self._dictionary.write(self._index, self._subindex, data[4 : 4 + min(size, _EXPEDITED_DATA)])
+            self._write(data[4 : 4 + min(size, _EXPEDITED_DATA)])
             return self._download_answer()
         if first & 0x01:
             self._announced = int.from_bytes(data[4:], "little")
@@ -141,8 +160,9 @@ class SdoServer:
         if first & 0x01:
             if len(self._received) < limit and self._announced is not None:
                 raise SdoAbort(SdoAbortCode.TOO_SHORT)
-            self._dictionary.write(self._index, self._subindex, bytes(self._received))
-            self.reset()
+            self._write(bytes(self._received))
+            if self._job is None:
+                self.reset()
         else:
             self._toggle ^= 1
         return answer

@@ -15,8 +15,8 @@ from pathlib import Path
 import can
 import pytest
 
+from drive_profiles.address import parse_address
 from drive_profiles.cia402 import State, state_of
-from hil.can.address import parse_address
 from hil.can.frame import Frame
 from hil.can.raw import RawChannel
 from hil.recording import Recording

@@ -451,7 +451,7 @@ def test_profiles_of_the_reference_bench_state_what_the_nodes_hold(reference_rob
         assert dictionary.get(0x1018, 1) == profile.identity.vendor_id
         assert dictionary.get(0x1018, 2) == profile.identity.product_code
         assert dictionary.get(0x1018, 3) == profile.identity.revision
-        assert dictionary.get(0x1000) == profile.device_type
+        assert dictionary.get(0x1000) == profile.identity.device_type
 
 
 def test_sync_is_sent_before_anything_is_asked(short_bench: Bench, reference_robot: Robot) -> None:

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 
-from hil.can.address import Address
+from drive_profiles.address import Address
 from hil.can.channel import BusLostError
 from hil.can.frame import Frame
 from plant_emulator.world import World

@@ -1,13 +1,15 @@
 """The profiles of the package, and what a profile file may not say."""
 
+import json
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
-from drive_profiles import profile as module
 from drive_profiles.cia402 import Mode, Object
 from drive_profiles.errors import (
     DriveProfileError,
@@ -16,7 +18,8 @@ from drive_profiles.errors import (
     ProfileNotFoundError,
     UnknownParameterError,
 )
-from drive_profiles.profile import VENDORS, Parameter, Profile, available
+from drive_profiles.parameter import Evidence, Parameter
+from drive_profiles.profile import VENDORS, Identity, Profile, available
 from drive_profiles.units import Scaling, real32
 
 SCALING = Scaling(131072, 7.1)
@@ -29,20 +32,25 @@ def test_every_profile_of_the_package_is_valid_and_called_like_its_file(name):
     profile = Profile.load(name)
     assert profile.name == name
     assert Profile.load(VENDORS / f"{name}.toml") == profile
-    assert profile.identity.vendor_id == 0x48494C01
-    assert profile.identity.revision == 1
+    assert available() == sorted(available())
 
 
-def test_the_emulated_devices_are_there():
-    assert available() == ["emulated_accelerometer", "emulated_drive"]
-    assert DRIVE.identity.product_code == 0x402
-    assert DRIVE.device_type & 0xFFFF == 402
-    assert DRIVE.control_period_s == 250e-6
+def test_the_emulated_devices_are_there_under_a_vendor_number_that_nobody_has():
+    emulated = [name for name in available() if name.startswith("emulated_")]
+    assert emulated == ["emulated_accelerometer", "emulated_drive"]
+    for name in available():
+        identity = Profile.load(name).identity
+        assert (identity.vendor_id == 0x48494C01) == (name in emulated)
+        assert name not in emulated or (identity.revision == 1 and identity.is_verified)
+    assert DRIVE.identity.product_codes == (0x402,)
+    assert DRIVE.identity.device_type & 0xFFFF == 402
+    assert DRIVE.loop.period_s == 250e-6
     assert set(DRIVE.supported_modes) >= {Mode.CSP, Mode.CST}
     accelerometer = Profile.load("emulated_accelerometer")
-    assert accelerometer.identity.product_code == 0x404
-    assert accelerometer.device_type & 0xFFFF == 404
+    assert accelerometer.identity.product_codes == (0x404,)
+    assert accelerometer.identity.device_type & 0xFFFF == 404
     assert accelerometer.capabilities is None
+    assert accelerometer.supported_modes == ()
 
 
 @pytest.mark.parametrize(
@@ -144,7 +152,7 @@ def test_names_come_from_the_package_and_nowhere_else(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine").write_text("not a profile")
     Path("mine.toml").write_text((VENDORS / "emulated_drive.toml").read_text())
-    with pytest.raises(ProfileNotFoundError, match="no drive profile 'mine'; available: emulated_accelerometer"):
+    with pytest.raises(ProfileNotFoundError, match=f"no drive profile 'mine'; available: {', '.join(available())}"):
         Profile.load("mine")
     assert Profile.load("mine.toml") == DRIVE
     assert Profile.load(Path("mine.toml")) == DRIVE
@@ -164,13 +172,18 @@ def good():
         ("vendor_id = 0x4849_4C01", "vendor_id = 0", r":\d+: identity\.vendor_id: found 0; expected at least 1"),
         ("subindex = 2\n", "subindex = 1\n", r"velocity_gain_nm_s_rad and velocity_integral_gain_nm_rad are both in"),
         ('unit = "Hz"', 'unit = "1/s"', "lowpass_hz says Hz, its unit says 1/s"),
-        ("control_period_s = 250e-6", "", "a drive states modes, capabilities and control_period_s"),
+        ('structure = "P-PI"', 'structure = "PPI"', "loop.structure: found 'PPI'; expected one of 'P-PI'"),
+        ('parameter = "lowpass_hz"', 'parameter = "low_pass_hz"', "name parameters that are not there: low_pass_hz"),
+        ('mode = "notch_1.mode"', 'mode = "notch_3.mode"', r"loop or notch name parameters that are not there: notch_3\.mode"),
+        ('object = "1010:1"\nwait_s = 2.0', "", "a drive without a store command needs a note that says what to do instead"),
+        ('object = "1010:1"', 'object = "0x1010"', r"store\.object: found '0x1010'"),
         ("max_period_s = 20e-3", "max_period_s = 20e-6", r"sync: min_period_s 0\.00025 is above max_period_s 2e-05"),
         ("min_period_s = 250e-6", "min_period_ms = 0.5", r"wrong unit: 'min_period_ms'; expected min_period_s \(s\)"),
         ('data_type = "REAL32"', 'data_type = "FLOAT"', "found 'FLOAT'; expected one of 'BOOLEAN'"),
         ('class = "tuning"', 'class = "tuned"', "found 'tuned'; expected one of 'tuning'"),
         ('evidence = "definition"', "", r"evidence: is missing; expected one of 'definition'"),
-        ('modes = ["PP", "CSP", "CST"]', 'modes = ["CSX"]', r"modes\[0\]: found 'CSX'"),
+        ('evidence = "definition"', 'evidence = "hearsay"', "evidence: found 'hearsay'; expected one of 'definition'"),
+        ('names = ["PP", "CSP", "CST"]', 'names = ["CSX"]', r"modes\.names\[0\]: found 'CSX'"),
     ],
 )
 def test_a_profile_that_contradicts_itself_is_refused_with_the_line(tmp_path, old, new, words):
@@ -181,14 +194,49 @@ def test_a_profile_that_contradicts_itself_is_refused_with_the_line(tmp_path, ol
         Profile.load(path)
 
 
-def test_every_fact_has_a_source_and_a_reason():
-    for name in available():
-        document = tomllib.loads((VENDORS / f"{name}.toml").read_text(encoding="utf-8"))
-        for entry in document["parameters"].values():
-            assert entry["source"]
-            assert entry["evidence"] in module.Evidence.__args__
-        for capability in document.get("capabilities", {}).values():
-            assert capability["reason"].endswith(".")
+@pytest.mark.parametrize("table", ["modes", "capabilities", "loop", "torque", "encoder"])
+def test_a_drive_states_all_that_the_master_needs_of_a_drive(table):
+    document = tomllib.loads(good())
+    del document[table]
+    with pytest.raises(ValidationError, match="a drive states modes, capabilities, loop, torque and encoder"):
+        Profile.model_validate_json(json.dumps(document))
+
+
+def test_a_drive_without_a_filter_does_not_hold_the_notch():
+    document = tomllib.loads(good())
+    del document["notch"]
+    with pytest.raises(ValidationError, match="notch_inside says yes, but there is no notch table"):
+        Profile.model_validate_json(json.dumps(document))
+    document["capabilities"]["notch_inside"]["answer"] = "no"
+    assert Profile.model_validate_json(json.dumps(document)).notch is None
+
+
+@pytest.mark.parametrize(
+    ("stated", "codes"),
+    [
+        ({}, ()),
+        ({"product_code": 7}, (7,)),
+        ({"product_code": 7, "other_products": {"small": 8, "large": 9}}, (7, 8, 9)),
+        ({"other_products": {"small": 0}}, (0,)),
+    ],
+)
+def test_a_family_is_all_of_its_products(stated, codes):
+    assert Identity(vendor_id=1, source="a manual", evidence="documentation", **stated).product_codes == codes
+
+
+@pytest.mark.parametrize("evidence", get_args(Evidence))
+def test_only_a_guess_is_unverified(evidence):
+    assert Identity(vendor_id=1, source="a manual", evidence=evidence).is_verified == (evidence != "unverified")
+
+
+@pytest.mark.parametrize("name", available())
+def test_every_fact_has_a_source_and_a_reason(name):
+    profile = Profile.load(name)
+    tables = (profile.identity, profile.modes, profile.sync, profile.loop, profile.notch, profile.torque, profile.encoder)
+    for fact in (*tables, profile.store, *profile.aborts, *profile.parameters.values()):
+        assert fact is None or (fact.source.strip() and fact.evidence in get_args(Evidence))
+    for capability in dict(profile.capabilities or ()).values():
+        assert capability.reason.endswith(".")
 
 
 def test_steps_are_said_in_words():

@@ -106,6 +106,48 @@ class Rig:
             return SdoAbortCode(int.from_bytes(answer[4:], "little"))
         return decode(self._types.get((index, subindex), DataType.DOMAIN), answer[4 : 8 - (answer[0] >> 2 & 3)])
 
+    def download(self, index, subindex, data):
+        """Write bytes of any length; the abort code as a number, or None."""
+        if 0 < len(data) <= 4:
+            answer = self.request(0x23 | (4 - len(data)) << 2, *struct.pack("<HB", index, subindex), *data)
+            return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else None
+        answer, toggle = self.request(0x21, *struct.pack("<HBI", index, subindex, len(data))), 0
+        while answer[0] != 0x80:
+            segment, data = data[:7], data[7:]
+            answer = self.request(toggle | (7 - len(segment)) << 1 | (not data), *segment.ljust(7, b"\0"))
+            toggle ^= 0x10
+            if not data:
+                break
+        return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else None
+
+    def upload(self, index, subindex=0):
+        """The bytes of any entry, or the abort code as a number."""
+        answer = self.request(0x40, *struct.pack("<HB", index, subindex))
+        if answer[0] == 0x80:
+            return int.from_bytes(answer[4:], "little")
+        if answer[0] & 2:
+            return answer[4 : 8 - (answer[0] >> 2 & 3)]
+        data, toggle, is_last = b"", 0, False
+        while not is_last:
+            answer = self.request(0x60 | toggle)
+            data += answer[1 : 8 - (answer[0] >> 1 & 7)]
+            is_last, toggle = answer[0] & 1, toggle ^ 0x10
+        return data
+
+    def save(self, index=0x1010, subindex=1, signature=b"save", patience_ms=5000):
+        """Store, and wait for the answer; the abort code as a number, or None."""
+        response = 0x580 + self.node
+        frames = self.send(0x600 + self.node, b"\x23" + struct.pack("<HB", index, subindex) + signature)
+        while not (answers := [f for f in frames if f.can_id == response]) and patience_ms > 0:
+            frames, patience_ms = self.wait(10), patience_ms - 10
+        assert len(answers) == 1
+        return int.from_bytes(answers[0].data[4:], "little") if answers[0].data[0] == 0x80 else None
+
+    def power_cycle(self):
+        frames = self.world.power_cycle(self.node)
+        self.seen += frames
+        return frames
+
     # -- drive
 
     def word(self, *words):

@@ -5,8 +5,8 @@ import time
 import can
 import pytest
 
+from drive_profiles.address import Address, parse_address
 from hil.can.adapter import AdapterChannel
-from hil.can.address import Address, parse_address
 from hil.can.channel import BusLostError, BusUnavailableError, open_channel
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 

@@ -11,8 +11,8 @@ import time
 
 import pytest
 
+from drive_profiles.address import Address
 from hil.can import raw
-from hil.can.address import Address
 from hil.can.channel import BusLostError, BusUnavailableError, ChannelError, open_channel
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame, pack
 from hil.can.raw import RawChannel

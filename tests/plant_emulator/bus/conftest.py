@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from hil.can.address import Address
+from drive_profiles.address import Address
 from hil.can.frame import RECORD
 from hil.can.raw import RawChannel
 from plant_emulator.bus.server import Server

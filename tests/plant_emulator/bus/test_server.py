@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from drive_profiles.address import Address
 from drive_profiles.cia402 import Mode, Object, State
-from hil.can.address import Address
 from hil.can.frame import RECORD, Frame
 from hil.can.raw import RawChannel
 from plant_emulator.bus import server as server_module

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.can.address import Address, AddressError, parse_address
+from drive_profiles.address import Address, AddressError, parse_address
 
 
 @pytest.mark.parametrize(

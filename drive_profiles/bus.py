@@ -1,0 +1,180 @@
+"""A CAN bus for the parameter tool: SDO ports, NMT and who is there, on any bus that python-can knows."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+import time
+from typing import Any, Self
+
+import can
+
+from drive_profiles.address import LOCAL, parse_address
+from drive_profiles.cia301 import BROADCAST, MAX_NODE_ID, FunctionCode, NmtCommand
+from drive_profiles.errors import BusError
+from drive_profiles.sdo import SdoPort
+
+_INTERFACES = {LOCAL: "hil_local"}
+"""Our names of interfaces that python-can knows by another."""
+_FILTERS = [
+    {"can_id": FunctionCode.SDO_RESPONSE, "can_mask": 0x780, "extended": False},
+    {"can_id": FunctionCode.HEARTBEAT, "can_mask": 0x780, "extended": False},
+]
+_FUNCTION = 0x780
+_POLL_S = 0.05
+_BACKLOG = 256
+_SCAN_BURST = 8
+"""Requests of a scan that are sent together: a small adapter's queue holds them."""
+
+
+class _Line:
+    """One node's SDO frames on a shared bus."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self.answers: queue.Queue[bytes] = queue.Queue(_BACKLOG)
+
+    def send(self, can_id: int, data: bytes) -> None:
+        self._bus.send(can_id, data)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        """The next answer; a bus that is lost raises instead of keeping silent."""
+        self._bus.check()
+        try:
+            return self.answers.get(timeout=timeout_s)
+        except queue.Empty:
+            self._bus.check()
+            return None
+
+    def clear(self) -> list[bytes]:
+        old: list[bytes] = []
+        with contextlib.suppress(queue.Empty):
+            while True:
+                old.append(self.answers.get_nowait())
+        return old
+
+
+class Bus:
+    """One bus, for several threads: each node has one port, and a thread of the bus sorts what comes.
+
+    Attributes:
+        address: As it was given.
+        heard: Nodes whose heartbeat has been heard, with the NMT state.
+    """
+
+    def __init__(self, address: str, timeout_s: float = 0.5) -> None:
+        """Open it.
+
+        Args:
+            address: ``interface:channel[@bitrate]``, as everywhere.
+            timeout_s: How long a node may take for an answer.
+
+        Raises:
+            AddressError: It is no address.
+            BusError: There is no such bus.
+        """
+        parsed = parse_address(address)
+        self.address = str(parsed)
+        self.timeout_s = timeout_s
+        self.heard: dict[int, int] = {}
+        settings: dict[str, Any] = {} if parsed.bitrate is None else {"bitrate": parsed.bitrate}
+        try:
+            self._bus = can.Bus(
+                interface=_INTERFACES.get(parsed.interface, parsed.interface),
+                channel=parsed.channel,
+                can_filters=_FILTERS,
+                **settings,
+            )
+        except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
+            said = str(error)
+            raise BusError(said if self.address in said else f"no bus at {self.address}: {said}") from error
+        self._lines: dict[int, _Line] = {}
+        self._ports: dict[int, SdoPort] = {}
+        self._lost: Exception | None = None
+        self._closing = threading.Event()
+        self._sending = threading.Lock()
+        self._reader = threading.Thread(target=self._read, name=f"bus {self.address}", daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> Self:
+        """Give the bus itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the bus."""
+        self.close()
+
+    def close(self) -> None:
+        """Leave the bus. Again is allowed."""
+        if not self._closing.is_set():
+            self._closing.set()
+            self._reader.join(2 * _POLL_S + 1.0)
+            self._bus.shutdown()
+
+    def port(self, node: int) -> SdoPort:
+        """The SDO client of a node: always the same one.
+
+        Raises:
+            ValueError: No such node-ID.
+        """
+        if not 1 <= node <= MAX_NODE_ID:
+            raise ValueError(f"node-ID {node} is not in 1 to {MAX_NODE_ID}")
+        if node not in self._ports:
+            self._lines[node] = _Line(self)
+            self._ports[node] = SdoPort(node, self._lines[node], self.timeout_s)
+        return self._ports[node]
+
+    def nmt(self, command: NmtCommand, node: int) -> None:
+        """Send an NMT command to one node (0: to all)."""
+        self.send(FunctionCode.NMT, bytes((command, BROADCAST if node == 0 else node)))
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Put a frame on the bus.
+
+        Raises:
+            BusError: It cannot be sent.
+        """
+        self.check()
+        try:
+            with self._sending:
+                self._bus.send(can.Message(arbitration_id=can_id, is_extended_id=False, data=data), timeout=self.timeout_s)
+        except (can.CanError, OSError) as error:
+            raise BusError(f"bus {self.address} takes no frame: {error}") from error
+
+    def check(self) -> None:
+        """Raise `BusError` where the bus is gone."""
+        if self._lost is not None:
+            raise BusError(f"bus {self.address} lost: {self._lost}")
+
+    def answering(self, nodes: range | list[int]) -> list[int]:
+        """The nodes that answer a read of 1000h, in rising order: all are asked at once."""
+        for node in nodes:
+            self.port(node)
+            self._lines[node].clear()
+        for count, node in enumerate(nodes, 1):
+            self.send(FunctionCode.SDO_REQUEST + node, b"\x40\x00\x10\x00\x00\x00\x00\x00")
+            if count % _SCAN_BURST == 0:
+                time.sleep(0.002)
+        deadline = time.monotonic() + self.timeout_s
+        while time.monotonic() < deadline:
+            time.sleep(min(0.02, self.timeout_s))
+            self.check()
+        return [node for node in nodes if self._lines[node].clear()]
+
+    def _read(self) -> None:
+        """Sort what comes, until the bus is closed or gone."""
+        while not self._closing.is_set():
+            try:
+                message = self._bus.recv(_POLL_S)
+            except (can.CanError, OSError) as error:
+                self._lost = error
+                return
+            if message is None or message.is_extended_id or message.is_error_frame or message.is_remote_frame or message.is_fd:
+                continue
+            node, function = message.arbitration_id & 0x7F, message.arbitration_id & _FUNCTION
+            if function == FunctionCode.SDO_RESPONSE and node in self._lines:
+                with contextlib.suppress(queue.Full):  # a babbling node loses its own answers
+                    self._lines[node].answers.put_nowait(bytes(message.data))
+            elif function == FunctionCode.HEARTBEAT and node and len(message.data) == 1:
+                self.heard[node] = message.data[0] & 0x7F

@@ -1,0 +1,130 @@
+"""A description written anew: a clean EDS or DCF by canopen's exporter, or JSON."""
+
+from __future__ import annotations
+
+import copy
+import io
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+
+from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
+from canopen.objectdictionary.eds import export_eds
+
+from drive_profiles.eds import Description
+from drive_profiles.eds import values as eds_values
+from drive_profiles.eds.variables import Content, assign
+from drive_profiles.errors import Problem
+
+
+def entries(dictionary: ObjectDictionary) -> Iterator[tuple[ODVariable | ODRecord | ODArray, ODVariable]]:
+    """Give every variable with the object that it belongs to, by index and sub-index."""
+    for index in sorted(dictionary.indices):
+        item = dictionary.indices[index]
+        if isinstance(item, ODVariable):
+            yield item, item
+        else:
+            for subindex in sorted(item.subindices):
+                yield item, item.subindices[subindex]
+
+
+def as_text(description: Description, kind: Literal["eds", "dcf"]) -> str:
+    """Write a clean file: every value in a form that has one reading only.
+
+    Defaults, values and limits are those that were understood; comments and file information stay, keys that CiA 306 does not
+    have do not. An EDS has no parameter values. Dummies other than 0001h to 0007h are lost: the exporter knows no others.
+    """
+    dictionary = copy.deepcopy(description.dictionary)
+    for _, variable in entries(dictionary):
+        _canonical(variable, description.node_id)
+    out = io.StringIO()
+    file_info = dict(vars(dictionary).get("__edsFileInfo", {}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # canopen 2.4 asks for utcnow, which Python 3.12 wants to drop
+        # A dictionary of its own: the exporter writes into its default argument, so that files would inherit from each other.
+        export_eds(dictionary, out, file_info, device_commisioning=kind == "dcf")  # type: ignore[no-untyped-call]  # canopen
+    return out.getvalue()
+
+
+def as_data(description: Description) -> dict[str, Any]:
+    """Give everything as JSON has it; bytes are hexadecimal text, numbers stay numbers."""
+    return {
+        **summary(description),
+        "objects": [entry_data(item, variable) for item, variable in entries(description.dictionary)],
+        "values": {
+            f"{index:04X}:{subindex:02X}": plain(value) for (index, subindex), value in sorted(description.values.items())
+        },
+        "warnings": [problem._asdict() for problem in description.warnings],
+        "refused": [problem._asdict() for problem in description.refused],
+    }
+
+
+def summary(description: Description) -> dict[str, Any]:
+    """Give what is true of the file as a whole."""
+    return {
+        "path": str(description.path),
+        "kind": description.kind,
+        "vendor_id": description.vendor_id,
+        "vendor_name": description.vendor_name,
+        "product_code": description.product_code,
+        "product_name": description.product_name,
+        "revision": description.revision,
+        "node_id": description.node_id,
+        "bitrate_bit_s": description.bitrate_bit_s,
+        "object_count": sum(index >= 0x1000 for index in description.dictionary.indices),
+        "entry_count": sum(variable.index >= 0x1000 for _, variable in entries(description.dictionary)),
+        "value_count": len(description.values),
+    }
+
+
+def entry_data(item: ODVariable | ODRecord | ODArray, variable: ODVariable) -> dict[str, Any]:
+    """Give one entry as JSON has it."""
+    return {
+        "index": variable.index,
+        "subindex": variable.subindex,
+        "object": item.name,
+        "name": variable.name,
+        "type": eds_values.NAMES.get(variable.data_type or 0, "unknown"),
+        "access": variable.access_type,
+        "default": plain(variable.default),
+        "relative": variable.relative,
+        "low": variable.min,
+        "high": variable.max,
+        "mappable": variable.pdo_mappable,
+        "value": plain(variable.value),
+    }
+
+
+def plain(value: Content | None) -> int | float | str | None:
+    """Give a value as JSON can hold it."""
+    return value.hex().upper() if isinstance(value, bytes) else value
+
+
+def lost(description: Description, kind: str) -> tuple[Problem, ...]:
+    """Say what a conversion cannot keep."""
+    problems = []
+    if description.refused:
+        problems.append(Problem(0, "", f"{len(description.refused)} parts of the file could not be read and are left out", ""))
+    if kind == "eds" and description.values:
+        problems.append(Problem(0, "", f"{len(description.values)} parameter values left out: an EDS has none", "a .dcf"))
+    dummies = [index for index in description.dictionary.indices if 7 < index < 0x1000]
+    if kind != "json" and dummies:
+        problems.append(Problem(0, "[DummyUsage]", f"{len(dummies)} dummies beyond 0007h left out", ""))
+    return tuple(problems)
+
+
+def _canonical(variable: ODVariable, node_id: int | None) -> None:
+    """Put default and value into one form each; what has none is left out."""
+    kept: Mapping[str, Any] = vars(variable)
+    data_type = variable.data_type or eds_values.DOMAIN
+    for attribute in ("default", "value"):
+        content = kept.get(attribute)
+        raw: str | None = None
+        if content is not None and variable.relative and attribute == "default":
+            raw = f"$NODEID+0x{content - (node_id or 0):X}"
+        elif content is not None:
+            try:
+                raw = eds_values.text_of(content, data_type)
+            except ValueError:  # control characters in a text: they could not be read back
+                assign(variable, **{attribute: None})
+        assign(variable, **{f"{attribute}_raw": raw})

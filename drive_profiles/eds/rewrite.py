@@ -1,0 +1,121 @@
+"""A file again with other parameter values: where each value stands, and what is written there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from canopen.objectdictionary import ObjectDictionary, ODVariable
+
+from drive_profiles.eds import values as eds_values
+from drive_profiles.eds.objects import Parts
+from drive_profiles.eds.text import Document, Replacement, Section
+from drive_profiles.eds.variables import Content
+from drive_profiles.errors import FileError, Problem
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where the values of a file stand.
+
+    Attributes:
+        document: The file.
+        sections: The section of every variable that has one of its own.
+        compact: The sections of the objects with a compact notation.
+    """
+
+    document: Document
+    sections: dict[tuple[int, int], Section]
+    compact: dict[int, Parts]
+
+
+@dataclass(slots=True)
+class _Changes:
+    replace: dict[int, Replacement] = field(default_factory=dict)
+    insert: dict[int, list[str]] = field(default_factory=dict)
+
+
+def rewritten(path: Path, places: Places, dictionary: ObjectDictionary, values: Mapping[tuple[int, int], Content]) -> bytes:
+    """Give the bytes of the file with these values in it.
+
+    Raises:
+        FileError: With every value that cannot be written.
+    """
+    changes = _Changes()
+    problems: list[Problem] = []
+    compact: dict[int, dict[int, Replacement]] = {}
+    for (index, subindex), value in sorted(values.items()):
+        key = f"{index:04X}:{subindex:02X}"
+        variable = _variable(dictionary, index, subindex)
+        section = places.sections.get((index, subindex))
+        if variable is None or (section is None and (index not in places.compact or subindex == 0)):
+            problems.append(Problem(0, key, "is no object with a section in this file", "an object that can be written"))
+            continue
+        data_type = variable.data_type or eds_values.DOMAIN
+        try:
+            written = Replacement(eds_values.text_of(value, data_type), eds_values.limits_of(data_type) is not None)
+        except ValueError as error:
+            line = section.line if section is not None else 0
+            problems.append(Problem(line, key, str(error), eds_values.expected_of(data_type)))
+            continue
+        if section is not None:
+            _set(changes, section, "ParameterValue", written, _last(section))
+        else:
+            compact.setdefault(index, {})[subindex] = written
+    for index, contents in compact.items():
+        _set_compact(changes, places.compact[index], contents)
+    if problems:
+        raise FileError(path, tuple(problems))
+    try:
+        return places.document.rewritten(changes.replace, changes.insert)
+    except UnicodeEncodeError as error:
+        problem = Problem(
+            0, "", f"has no {error.object[error.start]!r} in its encoding, {error.encoding}", "characters that it has"
+        )
+        raise FileError(path, (problem,)) from error
+
+
+def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVariable | None:
+    """The variable at an address; canopen's arrays would make one up."""
+    item = dictionary.indices.get(index)
+    if item is None or isinstance(item, ODVariable):
+        return item if subindex == 0 else None
+    member: ODVariable | None = item.subindices.get(subindex)
+    return member
+
+
+def _last(section: Section) -> int:
+    """The line after which a parameter value is put: behind the default, else at the end of the section."""
+    default = section.entries.get("defaultvalue")
+    return default.line if default is not None else section.last
+
+
+def _set(changes: _Changes, section: Section, key: str, new: Replacement, after: int) -> None:
+    entry = section.entries.get(key.lower())
+    if entry is not None:
+        changes.replace[entry.line] = new
+    else:
+        changes.insert.setdefault(after, []).append(f"{key}={new.value}")
+
+
+def _set_compact(changes: _Changes, parts: Parts, contents: dict[int, Replacement]) -> None:
+    """Put values into the ``[xxxxValue]`` section of a compact notation, made if need be."""
+    section = parts.lists.get("value")
+    if section is None:
+        lines = ["", f"[{parts.index:04X}Value]", f"NrOfEntries={len(contents)}"]
+        lines += [f"{subindex}={new.value}" for subindex, new in contents.items()]
+        after = parts.head.last if parts.head is not None else 0
+        changes.insert.setdefault(after, []).extend(lines)
+        return
+    present = {int(key): entry for key, entry in section.entries.items() if key.isascii() and key.isdigit() and len(key) <= 3}
+    added = 0
+    for subindex, new in contents.items():
+        if subindex in present:
+            changes.replace[present[subindex].line] = new
+        else:
+            added += 1
+            changes.insert.setdefault(section.last, []).append(f"{subindex}={new.value}")
+    if added:
+        count = sum(1 for subindex in present if 1 <= subindex <= 0xFE) + added
+        _set(changes, section, "NrOfEntries", Replacement(str(count), keeps_comment=True), section.line)

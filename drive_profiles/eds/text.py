@@ -1,0 +1,329 @@
+"""The text of an EDS or DCF file: lines, sections and keys, each with its place, and the file again with some values changed.
+
+Nothing is understood here of what a key means. The lines are kept as they are, so that a rewrite changes what it has to and no
+other byte. Keys and section names are compared without regard to case, and sections of objects by their numbers: ``[1a00Sub00]``
+is ``[1A00sub0]``. Where something is said twice, the first counts, as for the Windows call with which most of these files are
+read by their vendors' tools; a later section adds the keys that the first has not.
+
+Source: CiA 306-1 (format).
+"""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from drive_profiles.errors import FileError, Problem
+
+MAX_BYTES = 4 << 20
+"""Largest file that is read. The largest known, a servo drive with 7000 sections, has 0.9 MB."""
+MAX_SECTIONS = 20_000
+MAX_ENTRIES = 200_000
+MAX_LINE = 4096
+MAX_PROBLEMS = 5_000
+"""Warnings kept one by one; beyond, they are counted."""
+BLANK = " \t\f\v\x1a\0\ufeff"
+"""What is dropped at both ends of names, keys and values: blanks, the end mark of DOS, the mark of UTF-8."""
+
+_LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n|\Z)")
+_OBJECT = re.compile(r"([0-9a-f]{1,4})(?:sub([0-9a-f]+)|(name|value|denotation))?", re.IGNORECASE)
+_NEVER_LETTERS = re.compile(r"[^\W\d_]([\u2018\u201c-\u2039\u203a\u02c6\u02dc\u20ac])[^\W\d_]|[\u0080-\u009f]")
+
+
+def quoted(text: str) -> str:
+    """Give text from a file as it can stand in a message: one line, no control characters, at most 60 characters."""
+    return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+class Entry(NamedTuple):
+    """One ``key=value`` line.
+
+    Args:
+        key: As written.
+        value: Without the blanks around it; comments are still in it.
+        line: Counted from 1.
+    """
+
+    key: str
+    value: str
+    line: int
+
+
+class Replacement(NamedTuple):
+    """A value to be written over another.
+
+    Args:
+        value: As it is to stand in the file.
+        keeps_comment: Whether what follows ``#`` or ``;`` is a comment, which stays; in a string it belongs to the value.
+    """
+
+    value: str
+    keeps_comment: bool
+
+
+@dataclass(slots=True)
+class Section:
+    """The keys between one ``[name]`` and the next.
+
+    Attributes:
+        name: As written.
+        line: Of its head.
+        last: Line of its last key, or of its head.
+        entries: By `folded` key, the first of each.
+        repeated: Entries whose key had been there already.
+    """
+
+    name: str
+    line: int
+    last: int = 0
+    entries: dict[str, Entry] = field(default_factory=dict)
+    repeated: list[Entry] = field(default_factory=list)
+
+    def get(self, key: str) -> Entry | None:
+        """Give the entry of a key that has a value: ``LowLimit=`` says as much as no line at all."""
+        entry = self.entries.get(key.lower())
+        return entry if entry is not None and entry.value else None
+
+    def text(self, key: str) -> str:
+        """Give the value of a key, empty where there is none."""
+        entry = self.entries.get(key.lower())
+        return entry.value if entry is not None else ""
+
+
+@dataclass(slots=True)
+class Findings:
+    """What was found wrong in a file, bounded.
+
+    Attributes:
+        warnings: What was repaired, and how.
+        refused: What was left out, and why.
+        beyond: How many more there were.
+    """
+
+    warnings: list[Problem] = field(default_factory=list)
+    refused: list[Problem] = field(default_factory=list)
+    beyond: int = 0
+    _known: set[Problem] = field(default_factory=set)
+
+    def warn(self, line: int, section: str, key: str, message: str, expected: str = "") -> None:
+        """Note what was read and what was made of it."""
+        self._add(self.warnings, Problem(line, _key(section, key), message, expected))
+
+    def refuse(self, line: int, section: str, key: str, message: str, expected: str = "") -> None:
+        """Note what was left out of the dictionary."""
+        self._add(self.refused, Problem(line, _key(section, key), message, expected))
+
+    def closed(self) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
+        """Give the warnings and the refusals by line, and say if there were more."""
+        warnings, refused = sorted(self.warnings), sorted(self.refused)
+        if self.beyond:
+            warnings.append(Problem(0, "", f"has {self.beyond} more problems, not listed", "a description of a CANopen device"))
+        return tuple(warnings), tuple(refused)
+
+    def _add(self, problems: list[Problem], problem: Problem) -> None:
+        if problem in self._known:
+            return  # a key may be looked at twice
+        if len(problems) < MAX_PROBLEMS:
+            problems.append(problem)
+            self._known.add(problem)
+        else:
+            self.beyond += 1
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """A file, read but not understood.
+
+    Attributes:
+        path: Where it comes from.
+        lines: With their ends; together they are the file.
+        encoding: Takes the lines back to the bytes of the file.
+        sections: By `section_id`.
+    """
+
+    path: Path
+    lines: list[str]
+    encoding: str
+    sections: dict[str, Section]
+
+    def rewritten(self, replace: dict[int, Replacement], insert: dict[int, list[str]]) -> bytes:
+        """Give the file with other values in some lines, and with lines added.
+
+        Args:
+            replace: By line number, the value to stand there in place of the present one.
+            insert: By line number, lines to follow it, without their ends.
+
+        Raises:
+            UnicodeEncodeError: The encoding of the file has no such character.
+        """
+        end = next((line[len(line.rstrip("\r\n")) :] for line in self.lines if line.endswith(("\r", "\n"))), "\n")
+        parts: list[str] = []
+        for number, line in enumerate(self.lines, 1):
+            parts.append(_with_value(line, replace[number]) if number in replace else line)
+            for text in insert.get(number, ()):
+                if not parts[-1].endswith(("\r", "\n")):
+                    parts[-1] += end  # the last line of the file
+                parts.append(text + end)
+        return "".join(parts).encode(self.encoding)
+
+
+def section_id(name: str) -> str:
+    """Give the name under which a section is known: number and sub-index of an object as canopen writes them, else folded."""
+    name = name.strip(BLANK)
+    match = _OBJECT.fullmatch(name)
+    if match is None:
+        return folded(name)
+    number, subindex, kind = match.groups()
+    index = f"{int(number, 16):04X}"
+    if subindex is not None:
+        return f"{index}sub{int(subindex[-8:], 16):X}" if len(subindex) <= 8 else folded(name)
+    return index + (kind or "").lower()
+
+
+def folded(key: str) -> str:
+    """Give a key as it is compared: in lower case, without blanks inside."""
+    return "".join(key.lower().split()) if " " in key or "\t" in key else key.lower()
+
+
+def comment_start(value: str) -> int:
+    """Tell where a value ends and a comment begins: ``0x07 # VAR`` or ``rw ; note``. Not for names and strings."""
+    ends = [at for mark in "#;" if (at := value.find(mark)) >= 0]
+    return min(ends, default=len(value))
+
+
+def read(data: bytes, path: Path, findings: Findings) -> Document:
+    """Divide a file into its sections.
+
+    Raises:
+        FileError: It is too large, or no text.
+    """
+    text, encoding = _decoded(data, path, findings)
+    lines = [match.group() for match in _LINE.finditer(text) if match.group()]
+    document = Document(path, lines, encoding, {})
+    section: Section | None = None
+    count = 0
+    for number, line in enumerate(lines, 1):
+        stripped = line.strip(BLANK + "\r\n")
+        if not stripped or stripped[0] in ";#":
+            continue
+        if len(line) > MAX_LINE:
+            findings.warn(
+                number, section.name if section else "", "", f"line of {len(line)} characters ignored", f"at most {MAX_LINE}"
+            )
+        elif stripped[0] == "[":
+            section = _opened(document, stripped, number, findings)
+        else:
+            count += 1
+            if count > MAX_ENTRIES:
+                raise FileError(path, (Problem(number, "", "too many keys", f"at most {MAX_ENTRIES}"),))
+            _keep(document, section, stripped, number, findings)
+    return document
+
+
+def _key(section: str, key: str) -> str:
+    head = f"[{quoted(section)[1:-1]}]" if section else ""
+    return f"{head} {quoted(key)[1:-1]}".strip() if key else head
+
+
+def _with_value(line: str, new: Replacement) -> str:
+    """The line with another value: blanks around it, the end of the line and perhaps a comment stay."""
+    head, _, rest = line.partition("=")
+    body = rest.rstrip("\r\n")
+    old = body.strip(BLANK)
+    start = body.find(old) if old else 0
+    if new.keeps_comment:
+        old = old[: comment_start(old)].rstrip(BLANK)
+    return f"{head}={rest[:start]}{new.value}{rest[start + len(old) :]}"
+
+
+def _opened(document: Document, stripped: str, number: int, findings: Findings) -> Section:
+    """The section that a line opens, or goes on with."""
+    name, bracket, rest = stripped[1:].partition("]")
+    name = name.strip(BLANK)
+    rest = rest.strip(BLANK)
+    if not bracket:
+        name = name[: comment_start(name)].strip(BLANK)
+        findings.warn(number, name, "", "head of a section without ]; read as if it were there", "[name]")
+    elif rest:
+        findings.warn(number, name, "", f"{quoted(rest)} after the head of a section; ignored", "a comment on a line of its own")
+    identity = section_id(name)
+    first = document.sections.get(identity)
+    if first is not None:
+        return Section(name, number, number, first.entries, first.repeated)  # shares the entries: what is new is added there
+    if len(document.sections) >= MAX_SECTIONS:
+        raise FileError(document.path, (Problem(number, "", "too many sections", f"at most {MAX_SECTIONS}"),))
+    section = document.sections[identity] = Section(name, number, number)
+    return section
+
+
+def _keep(document: Document, section: Section | None, stripped: str, number: int, findings: Findings) -> None:
+    """Put a line into its section, or say why not."""
+    key, equals, value = stripped.partition("=")
+    key = key.strip(BLANK)
+    if section is None or not equals or not key:
+        wrong = "outside any section" if section is None else "no key=value"
+        findings.warn(
+            number, section.name if section else "", "", f"{quoted(stripped)} is {wrong}; ignored", "key=value in a section"
+        )
+        return
+    if " " in key or "\t" in key:
+        findings.warn(number, section.name, key, f"read as {''.join(key.split())}", "a key without blanks")
+    entry = Entry(key, value.strip(BLANK), number)
+    first = section.entries.setdefault(folded(key), entry)
+    if first is entry:
+        owner = document.sections[section_id(section.name)]
+        if owner is section:
+            section.last = number
+        else:
+            findings.warn(
+                number,
+                section.name,
+                key,
+                f"taken from a second [{section.name}], line {section.line}; the first is in line {owner.line}",
+                "each section once",
+            )
+        return
+    section.repeated.append(entry)
+    same = first.value == entry.value
+    made = "the same again as" if same else f"{quoted(entry.value)} differs from {quoted(first.value)}, which is taken, in"
+    findings.warn(number, section.name, key, f"{made} line {first.line}", "each key once")
+
+
+def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
+    """The text of a file and the codec that takes it back to the same bytes."""
+    if len(data) > MAX_BYTES:
+        raise FileError(path, (Problem(0, "", f"is larger than {MAX_BYTES >> 20} MiB", "a description of a CANopen device"),))
+    for mark, codec in ((codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be")):
+        if data.startswith(mark):
+            try:
+                text = data.decode(codec)
+            except UnicodeDecodeError as error:
+                raise FileError(
+                    path, (Problem(0, "", f"begins as UTF-16, but is not ({error.reason})", "UTF-8 text"),)
+                ) from error
+            findings.warn(1, "", "", "read as UTF-16", "UTF-8 text")
+            return text, codec
+    try:
+        return data.decode("utf-8"), "utf-8"
+    except UnicodeDecodeError as error:
+        line = len(re.findall(rb"\r\n|\r|\n", data[: error.start])) + 1
+        codec = next(codec for codec in _code_pages(data))
+        text = data.decode(codec)
+        findings.warn(line, "", "", f"byte 0x{data[error.start]:02X} is not UTF-8; the file is read as {codec}", "UTF-8 text")
+        return text, codec
+
+
+def _code_pages(data: bytes) -> Iterator[str]:
+    """The single-byte code pages that the file may be in, the best first; the last takes any byte."""
+    try:
+        text = data.decode("cp1252")
+    except UnicodeDecodeError:
+        pass
+    else:
+        # Windows has punctuation where DOS has letters: “ between two letters is an ö of DOS.
+        yield "cp850" if _NEVER_LETTERS.search(text) else "cp1252"
+    yield "cp850" if _NEVER_LETTERS.search(data.decode("latin-1")) else "latin-1"

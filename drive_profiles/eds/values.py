@@ -1,0 +1,296 @@
+"""What the text of a value says: numbers in every spelling that files have, ``$NODEID``, data types, access words.
+
+The rule: what can be read in one way only is read, with a remark where the standard would not have it so; what is a guess is
+dropped, with a remark. A `Reading` with a remark and no value was dropped.
+
+Source: CiA 306-1 (values of keys); CiA 301, version 4.2.0, 7.4.7 (data types).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from typing import NamedTuple
+
+from drive_profiles.eds.text import comment_start, quoted
+
+VISIBLE_STRING, OCTET_STRING, UNICODE_STRING, DOMAIN, BOOLEAN = 0x09, 0x0A, 0x0B, 0x0F, 0x01
+SIGNED = {0x02: 8, 0x03: 16, 0x10: 24, 0x04: 32, 0x12: 40, 0x13: 48, 0x14: 56, 0x15: 64}
+"""Widths of the signed types by their index."""
+UNSIGNED = {0x05: 8, 0x06: 16, 0x16: 24, 0x07: 32, 0x18: 40, 0x19: 48, 0x1A: 56, 0x1B: 64}
+TIMES = {0x0C: 48, 0x0D: 48}
+"""TIME_OF_DAY and TIME_DIFFERENCE: files give them as one number, if at all."""
+REALS = {0x08: 32, 0x11: 64}
+_STRINGS = {VISIBLE_STRING: "VISIBLE_STRING", OCTET_STRING: "OCTET_STRING", UNICODE_STRING: "UNICODE_STRING", DOMAIN: "DOMAIN"}
+NAMES: dict[int, str] = {
+    BOOLEAN: "BOOLEAN",
+    **{data_type: f"INTEGER{width}" for data_type, width in SIGNED.items()},
+    **{data_type: f"UNSIGNED{width}" for data_type, width in UNSIGNED.items()},
+    **{data_type: f"REAL{width}" for data_type, width in REALS.items()},
+    **_STRINGS,
+    0x0C: "TIME_OF_DAY",
+    0x0D: "TIME_DIFFERENCE",
+}
+"""Name of every data type that an entry can have."""
+ACCESS = frozenset({"ro", "wo", "rw", "rwr", "rww", "const"})
+_ACCESS_WORDS = {
+    "r": "ro", "read": "ro", "readonly": "ro", "w": "wo", "write": "wo", "writeonly": "wo", "constant": "const", "c": "const",
+    "wr": "rw", "r/w": "rw", "readwrite": "rw", "read/write": "rw", "read-write": "rw",
+    "rwi": "rww", "readwriteinput": "rwr", "readwriteoutput": "rww", "noaccess": "ro",
+}  # fmt: skip
+MAX_STRING = 1024
+MAX_NUMBER = 64
+"""Characters of a number; ``int`` would take thousands."""
+
+_HEX = re.compile(r"([+-]?)0x([0-9a-f]+)", re.IGNORECASE)
+_SPACED_HEX = re.compile(r"([0-9a-f][0-9a-f ]*)h", re.IGNORECASE)
+_DECIMAL = re.compile(r"[+-]?[0-9]+")
+_REAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
+_SUFFIX = re.compile(r"(0x[0-9a-f]+|[+-]?[0-9]+)([ul]{1,3})", re.IGNORECASE)
+_NODE_ID = re.compile(r"\$?node_?id", re.IGNORECASE)
+
+
+class Reading(NamedTuple):
+    """What a value's text was taken for.
+
+    Args:
+        value: None if there is none, or if it was dropped.
+        remark: What was made of it, empty if it is as it should be.
+        relative: Whether ``$NODEID`` is in it.
+        hexadecimal: Whether it was written so.
+    """
+
+    value: int | float | str | bytes | None
+    remark: str = ""
+    relative: bool = False
+    hexadecimal: bool = False
+
+
+def limits_of(data_type: int) -> tuple[int, int] | None:
+    """Give the least and the greatest number of an integer type."""
+    if data_type in SIGNED:
+        return -(1 << SIGNED[data_type] - 1), (1 << SIGNED[data_type] - 1) - 1
+    if data_type == BOOLEAN:
+        return 0, 1
+    width = UNSIGNED.get(data_type, TIMES.get(data_type))
+    return None if width is None else (0, (1 << width) - 1)
+
+
+def expected_of(data_type: int) -> str:
+    """Say what a value of this type is, for a message."""
+    limits = limits_of(data_type)
+    name = NAMES.get(data_type, f"type 0x{data_type:04X}")
+    if limits is not None:
+        return f"{name}, {limits[0]} to {limits[1]}"
+    if data_type in REALS:
+        return f"{name}, as 1.5 or as its bit pattern with 0x"
+    return f"{name}, as pairs of hexadecimal digits" if data_type in {OCTET_STRING, DOMAIN} else name
+
+
+def number(text: str) -> Reading:
+    """Read a whole number: decimal, ``0x`` hexadecimal, octal with a leading 0, and what files have besides.
+
+    ``010`` is 8, as the standard has it, with a remark, since some writers mean ten; ``008`` cannot be octal and is 8.
+    """
+    body, remark = _without_comment(text)
+    if len(body) > MAX_NUMBER:
+        return Reading(None, "too long for a number; dropped")
+    if suffixed := _SUFFIX.fullmatch(body):
+        body, remark = suffixed.group(1), _joined(remark, f"suffix {suffixed.group(2)} left out")
+    if match := _HEX.fullmatch(body):
+        value = int(match.group(2), 16)
+        return Reading(-value if match.group(1) == "-" else value, remark, hexadecimal=True)
+    if _DECIMAL.fullmatch(body):
+        return _decimal(body, remark)
+    if match := _SPACED_HEX.fullmatch(body):
+        value = int(match.group(1).replace(" ", ""), 16)
+        return Reading(value, _joined(remark, f"read as hexadecimal, {value}"), hexadecimal=True)
+    if _REAL.fullmatch(body):
+        whole = float(body)
+        if math.isfinite(whole) and whole.is_integer():
+            return Reading(int(whole), _joined(remark, f"read as {int(whole)}"))
+        return Reading(None, "not a whole number; dropped")
+    return Reading(None, "not a number; dropped")
+
+
+def integer(text: str, data_type: int, node_id: int | None = None) -> Reading:
+    """Read an integer of a type, the sum of terms with at most one ``$NODEID`` among them.
+
+    Args:
+        text: As in the file, not empty.
+        data_type: One of the integer types, BOOLEAN or a time.
+        node_id: Added for ``$NODEID``; without it the value is the constant part.
+    """
+    if data_type == BOOLEAN and text.lower() in {"true", "false", "yes", "no"}:
+        truth = int(text.lower() in {"true", "yes"})
+        return Reading(truth, f"read as {truth}")
+    if not _NODE_ID.search(text):
+        return _in_range(number(text), data_type)
+    body, remark = _without_comment(text)
+    terms = [term.strip() for term in body.split("+")]
+    constants = [term for term in terms if not _NODE_ID.fullmatch(term)]
+    readings = [number(term) for term in constants]
+    values = [reading.value for reading in readings if isinstance(reading.value, int)]
+    if len(terms) - len(constants) != 1 or len(values) != len(constants):
+        return Reading(None, "not understood; dropped", relative=True)
+    for reading in readings:
+        remark = _joined(remark, reading.remark)
+    if not body.startswith("$NODEID") or " " in body:
+        remark = _joined(remark, f"read as $NODEID+0x{sum(values):X}")
+    total = _in_range(Reading(sum(values) + (node_id or 0), remark), data_type)
+    return total._replace(relative=True)
+
+
+def value(text: str, data_type: int, node_id: int | None = None) -> Reading:
+    """Read a value of a type.
+
+    Args:
+        text: As in the file. Empty is no value.
+        data_type: Index of the type; one that is not in `NAMES` is read as DOMAIN.
+        node_id: For ``$NODEID``.
+    """
+    if not text:
+        return Reading(None)
+    if limits_of(data_type) is not None:
+        return integer(text, data_type, node_id)
+    if data_type in REALS:
+        return _real(text, REALS[data_type])
+    if data_type in {VISIBLE_STRING, UNICODE_STRING}:
+        if len(text) > MAX_STRING:
+            return Reading(None, f"{len(text)} characters long; dropped")
+        return Reading(text)
+    return _octets(text)
+
+
+def access(text: str) -> Reading:
+    """Read an access type: one of `ACCESS`; ``rwr`` and ``rww`` stay what they are."""
+    body, remark = _without_comment(text)
+    word = body.lower()
+    if word in ACCESS:
+        return Reading(word, remark)
+    meant = _ACCESS_WORDS.get(word.replace(" ", "").replace("_", ""))
+    if meant is not None:
+        return Reading(meant, _joined(remark, f"read as {meant}"))
+    return Reading(None, "not an access type")
+
+
+def flag(text: str) -> Reading:
+    """Read a yes or no: 0 or 1, or a word."""
+    body, remark = _without_comment(text)
+    words = {"yes": 1, "true": 1, "optional": 1, "default": 1, "no": 0, "false": 0}
+    if body.lower() in words:
+        return Reading(words[body.lower()], _joined(remark, f"read as {words[body.lower()]}"))
+    reading = number(body)
+    if not isinstance(reading.value, int):
+        return reading
+    if reading.value not in {0, 1}:
+        return Reading(1, _joined(remark, "read as 1"))
+    return Reading(reading.value, _joined(remark, reading.remark))
+
+
+def text_of(content: int | float | str | bytes, data_type: int) -> str:
+    """Write a value as a file has it; the inverse of `value` for what `value` reads without a remark.
+
+    Raises:
+        ValueError: It is not of the type, or cannot stand on a line.
+    """
+    written = _written(content, data_type)
+    reading = value(written, data_type)
+    if reading.remark or type(reading.value) is not type(content) or reading.value != content:
+        raise ValueError(
+            f"{quoted(str(content))} cannot be written: {reading.remark or f'it would be read as {reading.value!r}'}"
+        )
+    return written
+
+
+def _written(content: int | float | str | bytes, data_type: int) -> str:
+    wanted: type = str if data_type in {VISIBLE_STRING, UNICODE_STRING} else float if data_type in REALS else bytes
+    if limits_of(data_type) is not None:
+        wanted = int
+    if isinstance(content, bool) or not isinstance(content, wanted):
+        raise ValueError(f"{quoted(str(content))} is no value of {expected_of(data_type)}")
+    if isinstance(content, bytes):
+        written = content.hex().upper()
+    else:
+        written = repr(content) if isinstance(content, float) else str(content)
+    if not written or written != written.strip() or not written.isprintable():
+        raise ValueError(f"{quoted(written)} cannot stand on a line: it is empty, or has blanks around it or control characters")
+    return written
+
+
+def _without_comment(text: str) -> tuple[str, str]:
+    at = comment_start(text)
+    if at == len(text):
+        return text.strip(), ""
+    return text[:at].strip(), "comment after it left out"
+
+
+def _joined(*remarks: str) -> str:
+    return ", ".join(remark for remark in remarks if remark)
+
+
+def _decimal(body: str, remark: str) -> Reading:
+    digits = body.lstrip("+-")
+    plain = int(body)
+    if digits[0] != "0" or plain == 0 or len(digits) == 1:
+        return Reading(plain, remark)
+    if "8" in digits or "9" in digits:
+        return Reading(plain, _joined(remark, f"a leading 0 would make it octal, which it cannot be; read as {plain}"))
+    octal = int(digits, 8) * (-1 if body[0] == "-" else 1)
+    if octal == plain:
+        return Reading(plain, remark)
+    return Reading(octal, _joined(remark, f"a leading 0 makes it octal; read as {octal}, not {plain}"))
+
+
+def _in_range(reading: Reading, data_type: int) -> Reading:
+    """The reading, with bit patterns of negative numbers understood and what is out of range dropped."""
+    limits = limits_of(data_type)
+    content = reading.value
+    if not isinstance(content, int) or limits is None or limits[0] <= content <= limits[1]:
+        return reading
+    for width in sorted({SIGNED.get(data_type, 0), 16, 32, 64}):
+        # Also the pattern of a wider type: 0xFFFFFFFD in an INTEGER8 comes from a tool that prints 32 bits.
+        negative = content - (1 << width)
+        if (
+            data_type in SIGNED
+            and width >= SIGNED[data_type]
+            and 1 << (width - 1) <= content < 1 << width
+            and negative >= limits[0]
+        ):
+            return reading._replace(
+                value=negative, remark=_joined(reading.remark, f"read as {negative}, whose bit pattern it is")
+            )
+    return reading._replace(value=None, remark=_joined(reading.remark, "out of the range of its type; dropped"))
+
+
+def _real(text: str, width: int) -> Reading:
+    body, remark = _without_comment(text)
+    if match := _HEX.fullmatch(body):
+        digits = match.group(2)
+        if len(digits) > width // 4 or match.group(1) or (len(digits) < width // 4 and int(digits, 16)):
+            return Reading(None, f"not a bit pattern of {width} bits; dropped")
+        pattern = bytes.fromhex(digits.zfill(width // 4))
+        content = struct.unpack(">f" if width == 32 else ">d", pattern)[0]
+        if not math.isfinite(content):
+            return Reading(None, "the bit pattern of no finite number; dropped")
+        return Reading(content, _joined(remark, f"read as the bit pattern of {content!r}" if content else ""))
+    if len(body) > MAX_NUMBER or not _REAL.fullmatch(body):
+        return Reading(None, "not a number; dropped")
+    content = float(body)
+    try:
+        struct.pack("<f" if width == 32 else "<d", content)
+    except OverflowError:
+        content = math.inf
+    return Reading(content, remark) if math.isfinite(content) else Reading(None, "out of the range of its type; dropped")
+
+
+def _octets(text: str) -> Reading:
+    remark = ""
+    body = text
+    if body[:2].lower() == "0x":
+        body, remark = body[2:], "read without its 0x"
+    try:
+        return Reading(bytes.fromhex(body), remark)
+    except ValueError:
+        return Reading(None, "no pairs of hexadecimal digits; dropped")

@@ -1,0 +1,193 @@
+"""One variable from the keys of its section: name, type, access, default, limits, and the value that a DCF gives it.
+
+What a key lacks or gets wrong is noted, and the variable made all the same, in the way that does least harm: unreadable numbers
+are no numbers, missing access is read-only, an unknown type is bytes.
+
+Source: CiA 306-1, object description (4.6.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from canopen.objectdictionary import ODArray, ODRecord, ODVariable
+
+from drive_profiles.eds import values
+from drive_profiles.eds.text import Entry, Findings, Section, quoted
+
+DOMAIN_OBJECT = 0x2
+Content = int | float | str | bytes
+"""What a variable holds."""
+_ACCESS = "ro, wo, rw, rwr, rww or const"
+
+
+def assign(item: ODVariable | ODRecord | ODArray, **attributes: object) -> None:
+    """Set attributes of canopen's types, which are annotated more narrowly than they are used, or not at all."""
+    vars(item).update(attributes)
+
+
+class VariableReader:
+    """Makes variables, and keeps what it meets on the way.
+
+    Args:
+        findings: Where repairs and refusals go.
+        node_id: For ``$NODEID``; None if nobody knows it.
+
+    Attributes:
+        types: What data types beyond those of CiA 301 are made of.
+        values: The parameter values, by index and sub-index.
+    """
+
+    def __init__(self, findings: Findings, node_id: int | None) -> None:
+        self.findings = findings
+        self.node_id = node_id
+        self.types: dict[int, int] = {}
+        self.values: dict[tuple[int, int], Content] = {}
+
+    def variable(self, section: Section, index: int, subindex: int) -> ODVariable:
+        """Make a variable from the keys of its section."""
+        variable = ODVariable(self.name(section, section.name), index, subindex)
+        variable.data_type = self._data_type(section)
+        variable.access_type = self._access(section)
+        variable.pdo_mappable = bool(self.number(section, "PDOMapping", values.flag))
+        assign(variable, storage_location=section.text("StorageLocation") or None)
+        self._default(variable, section)
+        self._limits(variable, section)
+        for key, attribute in (("Description", "description"), ("Unit", "unit")):
+            if section.get(key):
+                setattr(variable, attribute, self.text(section, key))
+        factor = section.get("Factor")
+        if factor is not None:
+            reading = values.value(factor.value, 0x11)
+            if isinstance(reading.value, float) and reading.value:
+                variable.factor = reading.value
+            else:
+                self.remark(section, factor, reading.remark or "no factor; dropped", "a number other than 0")
+        return variable
+
+    def name(self, section: Section, substitute: str) -> str:
+        """Give the name of an object, or say that it has none."""
+        name = self.text(section, "ParameterName")
+        if name:
+            return name
+        self.findings.warn(section.line, section.name, "ParameterName", f"missing; named {quoted(substitute)}", "a name")
+        return substitute
+
+    def text(self, section: Section, key: str) -> str:
+        """Give a text that can be shown anywhere: no control characters, bounded."""
+        entry = section.get(key)
+        if entry is None:
+            return ""
+        text = entry.value
+        if not text.isprintable():
+            text = "".join(c if c.isprintable() else "\ufffd" for c in text)
+            self.remark(section, entry, f"control characters replaced, read as {quoted(text)}", "printable characters")
+        if len(text) > values.MAX_STRING:
+            self.remark(section, entry, "cut", f"at most {values.MAX_STRING} characters")
+        return text[: values.MAX_STRING]
+
+    def number(self, section: Section, key: str, read: Callable[[str], values.Reading] = values.number) -> int | None:
+        """Give the number of a key, None if it has none."""
+        entry = section.get(key)
+        if entry is None:
+            return None
+        reading = read(entry.value)
+        if reading.remark:
+            self.remark(section, entry, reading.remark, "0 or 1" if read is values.flag else "a whole number")
+        return reading.value if isinstance(reading.value, int) else None
+
+    def parameter_value(self, variable: ODVariable, section: Section, entry: Entry | None) -> None:
+        """Take a ParameterValue over, typed."""
+        if entry is None or not entry.value or variable.data_type is None:
+            return
+        reading = values.value(entry.value, variable.data_type, self.node_id)
+        if reading.remark:
+            self.remark(section, entry, reading.remark, values.expected_of(variable.data_type))
+        if reading.value is None:
+            return
+        assign(variable, value_raw=entry.value)
+        if reading.relative and self.node_id is None:
+            self.remark(section, entry, "left out: the node-ID is not known", "a node-ID, in the file or given")
+            return
+        assign(variable, value=reading.value)
+        self.values[variable.index, variable.subindex] = reading.value
+
+    def remark(self, section: Section, entry: Entry, remark: str, expected: str) -> None:
+        """Warn of the value of an entry."""
+        self.findings.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} {remark}", expected)
+
+    def _data_type(self, section: Section) -> int:
+        entry = section.get("DataType")
+        domain = self.number(section, "ObjectType") == DOMAIN_OBJECT if section.get("ObjectType") else False
+        if entry is None:
+            if not domain:
+                self.findings.warn(
+                    section.line, section.name, "DataType", "missing; taken as DOMAIN, bytes of any number", "a data type"
+                )
+            return values.DOMAIN
+        data_type = self.number(section, "DataType")
+        if data_type in values.NAMES:
+            return data_type
+        known = self.types.get(data_type, values.DOMAIN) if data_type is not None else values.DOMAIN
+        size = "bytes of any number" if known == values.DOMAIN else "from its definition"
+        self.remark(section, entry, f"no type of CiA 301; taken as {values.NAMES[known]}, {size}", "a data type of CiA 301")
+        return known
+
+    def _access(self, section: Section) -> str:
+        entry = section.get("AccessType")
+        if entry is None:
+            self.findings.warn(
+                section.line,
+                section.name,
+                "AccessType",
+                "missing; taken as ro, so that nobody writes by it",
+                _ACCESS,
+            )
+            return "ro"
+        reading = values.access(entry.value)
+        if reading.value is None:
+            self.remark(section, entry, f"{reading.remark}; taken as ro", _ACCESS)
+            return "ro"
+        if reading.remark:
+            self.remark(section, entry, reading.remark, _ACCESS)
+        return str(reading.value)
+
+    def _default(self, variable: ODVariable, section: Section) -> None:
+        entry = section.get("DefaultValue")
+        if entry is None or variable.data_type is None:
+            return
+        reading = values.value(entry.value, variable.data_type, self.node_id)
+        if reading.remark:
+            self.remark(section, entry, reading.remark, values.expected_of(variable.data_type))
+        if reading.value is not None:
+            assign(variable, default=reading.value, default_raw=entry.value, relative=reading.relative)
+
+    def _limits(self, variable: ODVariable, section: Section) -> None:
+        """Take the limits over, dropping those that cannot both be meant; say so where the default is outside of them."""
+        data_type = variable.data_type
+        low, high = (self._limit(section, key, data_type or 0) for key in ("LowLimit", "HighLimit"))
+        if low is not None and high is not None and low > high:
+            entry = section.entries["lowlimit"]
+            self.remark(section, entry, f"is above the HighLimit, {high}; both dropped", "LowLimit at most HighLimit")
+            low = high = None
+        assign(variable, min=low, max=high)
+        default = variable.default
+        if isinstance(default, int | float) and not variable.relative:
+            outside = (low is not None and default < low) or (high is not None and default > high)
+            if outside:
+                entry = section.entries["defaultvalue"]
+                self.remark(section, entry, "is outside its own limits; all kept", f"a value from {low} to {high}")
+
+    def _limit(self, section: Section, key: str, data_type: int) -> int | float | None:
+        entry = section.get(key)
+        if entry is None:
+            return None
+        if values.limits_of(data_type) is None and data_type not in values.REALS:
+            reading = values.number(entry.value)  # a string has no limits; editors write 0 and FF..FF there
+            if reading.value != 0:
+                self.remark(section, entry, f"means nothing for {values.NAMES[data_type]}; dropped", "no limit")
+            return None
+        reading = values.value(entry.value, data_type, self.node_id)
+        if reading.remark:
+            self.remark(section, entry, reading.remark, values.expected_of(data_type))
+        return reading.value if isinstance(reading.value, int | float) else None

@@ -1,0 +1,106 @@
+"""Parameter sets in the formats of other tools: DCF (CiA 306) and concise DCF (CiA 302-3, 1F22h)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from drive_profiles import eds
+from drive_profiles.catalogue import Catalogue
+from drive_profiles.cia301 import DataType, Value, decode
+from drive_profiles.errors import FileError, Problem, RefusedError
+from drive_profiles.parameter import Place
+from drive_profiles.parameters import ParameterSet, Write, from_concise, from_values, to_concise
+from drive_profiles.safefile import write_atomically
+
+DEVICE_FILES = frozenset({".eds", ".dcf", ".xdd", ".xdc"})
+CONCISE = frozenset({".cdcf", ".bin"})
+MAX_BYTES = 4 << 20
+_BY_LENGTH = {1: DataType.UNSIGNED8, 2: DataType.UNSIGNED16, 4: DataType.UNSIGNED32, 8: DataType.UNSIGNED64}
+
+
+def is_toml(path: Path) -> bool:
+    """Whether the file is a parameter set of our own."""
+    return path.suffix.lower() not in DEVICE_FILES | CONCISE
+
+
+def read(path: Path, catalogue: Catalogue, node_id: int | None = None) -> ParameterSet:
+    """A parameter set from a file of any of the formats, by its suffix; raw where only a drive knows what a step is worth.
+
+    Args:
+        path: ``.toml``, ``.dcf``, ``.xdc``, ``.cdcf`` or ``.bin``.
+        catalogue: Of the device; an object that only the DCF knows is taken as the DCF has it.
+        node_id: For ``$NODEID``.
+
+    Raises:
+        FileError: It cannot be read.
+        RefusedError: It is no concise DCF, or holds no value.
+    """
+    suffix = path.suffix.lower()
+    if suffix in CONCISE:
+        values = _typed(from_concise(_bytes(path)), catalogue)
+        return from_values(catalogue, values)
+    if suffix not in DEVICE_FILES:
+        return ParameterSet.load(path)
+    description = eds.load(path, node_id=node_id)
+    if not description.values:
+        raise RefusedError(f"{path} holds no parameter values; a DCF has ParameterValue entries, an EDS has none")
+    known = Catalogue(catalogue.profile, description if catalogue.description is None else catalogue.description)
+    found = from_values(known, description.values)
+    header = found.header.model_copy(
+        update={
+            "profile": catalogue.profile.name if catalogue.profile else "",
+            "title": description.product_name,
+            "vendor_id": description.vendor_id or None,
+            "product_code": description.product_code or None,
+        }
+    )
+    return found.model_copy(update={"header": header})
+
+
+def write(path: Path, writes: list[Write], device_file: Path | None, *, node_id: int | None = None, force: bool = False) -> None:
+    """Write values as a DCF or a concise DCF, by the suffix.
+
+    Args:
+        path: ``.dcf``, ``.cdcf`` or ``.bin``.
+        writes: What the set means in bytes.
+        device_file: The EDS that a DCF is made from; every other byte of it stays as it is.
+        node_id: For ``$NODEID``.
+        force: Replace what is there.
+
+    Raises:
+        RefusedError: No EDS for a DCF, another suffix, or the file is there.
+        FileError: A file cannot be read or written.
+    """
+    if path.suffix.lower() in CONCISE:
+        write_atomically(path, to_concise(writes), force=force)
+        return
+    if path.suffix.lower() != ".dcf":
+        raise RefusedError(f"{path} has none of the suffixes .toml, .dcf, .cdcf, .bin")
+    if device_file is None:
+        raise RefusedError("a DCF is made from the device's EDS; give it with --eds")
+    values = {each.place: decode(each.entry.data_type or DataType.DOMAIN, each.data) for each in writes}
+    text = eds.load(device_file, node_id=node_id).rewrite(values)
+    write_atomically(path, text, force=force)
+
+
+def _typed(values: Mapping[Place, bytes], catalogue: Catalogue) -> dict[Place, Value]:
+    found: dict[Place, Value] = {}
+    for place, data in values.items():
+        entry = catalogue.get(place)
+        kind = (entry.data_type if entry else None) or _BY_LENGTH.get(len(data), DataType.DOMAIN)
+        if kind.size not in {None, len(data)}:
+            raise RefusedError(f"{entry} is a {kind.name} of {kind.size} bytes, the concise DCF has {len(data)}")
+        found[place] = decode(kind, data)
+    return found
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise FileError(path, (Problem(0, "", f"cannot be read ({error.strerror})", "a concise DCF"),)) from error
+    if len(data) > MAX_BYTES:
+        raise FileError(path, (Problem(0, "", "is larger than 4 MiB", "a concise DCF"),))
+    return data

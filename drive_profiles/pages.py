@@ -1,0 +1,234 @@
+"""The pages of ``docs/drives``, made from the profiles alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from drive_profiles.capability import Loop, NotchFacts
+from drive_profiles.parameter import Fact, Parameter
+from drive_profiles.profile import Profile
+from drive_profiles.realisation import realise
+from drive_profiles.realisation.biquad import Target
+from drive_profiles.realisation.refusal import NotRealisableError
+
+SIGN = "⚠"
+"""Before what is unverified."""
+
+ASSUMED_PERIOD_S = 125e-6
+"""For the example of a drive whose period is not known: drives run their velocity loops at 62.5 to 250 us."""
+
+HEXADECIMAL = frozenset({
+    "vendor_id", "product_code", "other_products", "revision", "device_type", "signature", "restore_signature", "code",
+})  # fmt: skip
+_OWN_TABLE = frozenset({"gains", "sections", "source", "evidence", "note"})
+_UNITS = {"_s": "s", "_hz": "Hz", "_nm": "N·m"}
+_COMMAND = "drive-profiles pages --out docs/drives"
+_QUESTIONS = {
+    "p_pi_inside": "position P, velocity PI inside the drive",
+    "notch_inside": "the notch inside the drive",
+    "notch_variable_while_moving": "the notch follows the speed during a motion",
+    "host_closed": "the host closes the loop by torque",
+    "reference_correction": "the host corrects the reference",
+    "torque_offset": "the host adds a torque",
+}
+_CLASSES = {"tuning": "Tuning", "limits": "Limits", "communication": "Communication", "commissioning": "Commissioning"}
+
+
+def page(profile: Profile) -> str:
+    """One family's page: what it can do for the loop, its facts, its parameters, and where each is written."""
+    sources = _Sources(profile)
+    parts = [
+        f"# {profile.title}",
+        f"Profile `{profile.name}`; made from `drive_profiles/vendors/{profile.name}.toml` by `{_COMMAND}`.",
+        f"{SIGN} marks what no document, file or measurement at hand confirms: check it on the drive or in its manual. It is "
+        "written to a drive only when that is asked for. Numbers in brackets are sources, listed at the end.",
+        *_capabilities(profile),
+        *_notch_held(profile),
+    ]
+    for title, fact in _facts(profile):
+        parts += [f"## {title}", *_fact(fact, sources)]
+    if profile.aborts:
+        rows = [(f"0x{a.code:08X}", a.text, sources.evidence(a)) for a in profile.aborts]
+        parts += ["## Abort codes of its own", _table(("code", "meaning", "evidence"), rows)]
+    if profile.quirks:
+        parts += ["## What else to know", "\n".join(f"- {quirk}" for quirk in profile.quirks)]
+    parts += ["## Parameters", *_parameters(profile, sources)]
+    parts += ["## Sources", "\n".join(f"{n}. {source}" for n, source in enumerate(sources.all, 1))]
+    return "\n\n".join(parts) + "\n"
+
+
+def index(profiles: Sequence[Profile]) -> str:
+    """The list of all families, with what decides between them."""
+
+    def answers(profile: Profile) -> tuple[str, ...]:
+        c = profile.capabilities
+        if c is None:
+            return ("", "", "", "")
+        return c.p_pi_inside.answer, c.notch_inside.answer, c.notch_variable_while_moving.answer, c.host_closed.answer
+
+    rows = [
+        (f"[{p.title}]({p.name}.md)", f"`{p.name}`", p.kind, *answers(p), str(len(p.parameters)), str(_unverified(p)))
+        for p in sorted(profiles, key=lambda p: p.name)
+    ]
+    header = (
+        "family", "profile", "kind", "P-PI inside", "notch inside", "notch follows the speed", "host-closed", "parameters",
+        "unverified",
+    )  # fmt: skip
+    return "\n\n".join([
+        "# Drives",
+        f"What is known of each family, with its sources; made from `drive_profiles/vendors` by `{_COMMAND}`.",
+        "`exact`: the paper's own law or filter. `yes`: it can. `approximate`: something near it, with the difference stated. "
+        "`unknown`: neither a document nor a file at hand says. The reasons are on each page.",
+        _table(header, rows),
+    ]) + "\n"  # fmt: skip
+
+
+def written(profiles: Sequence[Profile]) -> dict[str, str]:
+    """All pages by file name."""
+    return {"README.md": index(profiles)} | {f"{profile.name}.md": page(profile) for profile in profiles}
+
+
+class _Sources:
+    """Sources of a profile, each once, in the order of the file."""
+
+    def __init__(self, profile: Profile) -> None:
+        found = [fact.source for _, fact in _facts(profile)] + [abort.source for abort in profile.aborts]
+        self.all = list(dict.fromkeys([*found, *(entry.source for entry in profile.parameters.values())]))
+
+    def evidence(self, fact: Fact) -> str:
+        """How a fact is known, and the number of its source."""
+        sign = "" if fact.is_verified else f"{SIGN} "
+        return f"{sign}{fact.evidence} [{self.all.index(fact.source) + 1}]"
+
+
+def _facts(profile: Profile) -> Iterator[tuple[str, Fact]]:
+    named = (
+        ("Identity", profile.identity),
+        ("Modes", profile.modes),
+        ("SYNC", profile.sync),
+        ("Loop", profile.loop),
+        ("Filter", profile.notch),
+        ("Torque", profile.torque),
+        ("Encoder", profile.encoder),
+        ("Store", profile.store),
+    )
+    return ((title, fact) for title, fact in named if fact is not None)
+
+
+def _unverified(profile: Profile) -> int:
+    facts = [*(fact for _, fact in _facts(profile)), *profile.aborts, *profile.parameters.values()]
+    return sum(not fact.is_verified for fact in facts)
+
+
+def _capabilities(profile: Profile) -> Iterator[str]:
+    if profile.capabilities is None:
+        return
+    yield "## What it can do for the loop"
+    rows = [(_QUESTIONS[name], f"**{entry.answer}**", entry.reason) for name, entry in profile.capabilities]
+    yield _table(("what", "answer", "why"), rows)
+
+
+def _notch_held(profile: Profile) -> Iterator[str]:
+    """What the drive holds of the paper's notch, Table 3, where its resonance is."""
+    if profile.notch is None:
+        return
+    yield "### The notch of Table 3 as it holds it"
+    assumed_s = None if _knows_period(profile) else ASSUMED_PERIOD_S
+    if assumed_s:
+        yield f"The period of its filter is not known; {1e6 * assumed_s:g} us is taken here."
+    rows = []
+    for axis, speed_rps, offset_hz, zeta_rn in (("2", 5.92, 0.5, 0.028), ("3", 5.72, 0.7, 0.036)):
+        target = Target.at_speed(2, speed_rps, offset_hz, zeta_rn, 0.1)
+        rows.append((axis, f"{target.zero_hz:.2f} Hz", f"{target.pole_hz:.2f} Hz", *_held(profile, target, assumed_s)))
+    yield _table(("axis", "zeros wanted", "poles wanted", "zeros held", "poles held", "depth lost", "verdict"), rows)
+
+
+def _knows_period(profile: Profile) -> bool:
+    return any(fact is not None and fact.period_s is not None for fact in (profile.notch, profile.loop))
+
+
+def _held(profile: Profile, target: Target, period_s: float | None) -> tuple[str, ...]:
+    try:
+        found = realise(profile, target, period_s=period_s, allow_approximate=True)
+    except NotRealisableError as error:
+        return "", "", "", "refused: " + "; ".join(error.reasons)
+    held = found.held
+    verdict = "exact" if found.is_exact else "approximate: " + "; ".join(found.reasons)
+    zeros, poles = f"{held.zero_hz:.2f} Hz, ζ {held.zeta_zero:.3f}", f"{held.pole_hz:.2f} Hz, ζ {held.zeta_pole:.3f}"
+    lost = found.deviations.depth_db
+    return zeros, poles, f"{lost if abs(lost) >= 0.05 else 0.0:.1f} dB", verdict
+
+
+def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
+    """One table of a profile: its values, what hangs on it, its note, and how it is known."""
+    rows = [(_label(name), text) for name, value in fact if name not in _OWN_TABLE and (text := _text(name, value))]
+    if rows:
+        yield _table(("fact", "value"), rows)
+    if isinstance(fact, Loop) and fact.gains:
+        yield _gains(fact)
+    if isinstance(fact, NotchFacts):
+        for n, section in enumerate(fact.sections, 1):
+            parts = [(part.replace("_", " "), f"`{name}`") for part, name in section.parts.items()]
+            parts += [("must hold", f"`{name}` = {value:g}") for name, value in section.settings.items()]
+            yield f"Section {n}:"
+            yield _table(("part", "parameter"), parts)
+    note = getattr(fact, "note", "")
+    if note:
+        yield note
+    yield f"Evidence: {sources.evidence(fact)}."
+
+
+def _gains(loop: Loop) -> str:
+    rows = []
+    for role, gain in loop.gains.items():
+        factor = f"{SIGN} not known" if gain.factor is None else f"{gain.factor:g}"
+        rows.append((role, f"`{gain.parameter}`", factor + (" · K_t" if gain.times_torque_constant else "")))
+    return _table(("gain", "parameter", "SI per unit"), rows)
+
+
+def _text(name: str, value: object) -> str:
+    """A value as a reader wants it: hexadecimal numbers of CiA 301, times in ms or us, lists with commas."""
+    if value is None or value in ("", (), {}):
+        return ""
+    if isinstance(value, dict):
+        return ", ".join(f"{key}: {_text(name, each)}" for key, each in value.items())
+    if isinstance(value, tuple):
+        return ", ".join(_text(name, each) for each in value)
+    if name in HEXADECIMAL and isinstance(value, int):
+        return f"0x{value:08X}"
+    unit = next((unit for suffix, unit in _UNITS.items() if name.endswith(suffix)), "")
+    if unit == "s" and isinstance(value, float):
+        return f"{value:g} s" if value >= 1.0 else f"{1e3 * value:g} ms" if value >= 1e-3 else f"{1e6 * value:g} us"
+    return f"{value:g} {unit}".rstrip() if isinstance(value, float) else str(value)
+
+
+def _label(name: str) -> str:
+    """A field's name without its unit, which the value carries."""
+    suffix = next((suffix for suffix in _UNITS if name.endswith(suffix)), "")
+    return name.removesuffix(suffix).replace("_", " ")
+
+
+def _parameters(profile: Profile, sources: _Sources) -> Iterator[str]:
+    header = ("name", "object", "type", "unit", "step", "limits", "effective", "PDO", "evidence", "what it does")
+    for name, title in _CLASSES.items():
+        rows = [_row(key, entry, sources) for key, entry in profile.parameters.items() if entry.parameter_class == name]
+        if rows:
+            yield f"### {title}"
+            yield _table(header, rows)
+
+
+def _row(name: str, entry: Parameter, sources: _Sources) -> tuple[str, ...]:
+    low = "" if entry.minimum is None else f"{entry.minimum:.6g}"
+    high = "" if entry.maximum is None else f"{entry.maximum:.6g}"
+    limits = f"{low} … {high}".strip() if low or high else ""
+    access = "read only" if entry.access == "ro" else entry.effective
+    mappable = "yes" if entry.mappable else ""
+    return (
+        f"`{name}`", entry.address, entry.data_type, entry.unit, entry.step, limits, access, mappable,
+        sources.evidence(entry), entry.description,
+    )  # fmt: skip
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in line) + " |" for line in lines)

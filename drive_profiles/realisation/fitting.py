@@ -1,0 +1,223 @@
+"""The values of a filter section whose filter is nearest to a target, rounded as the drive's objects hold them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drive_profiles.capability import NotchFacts, Section
+from drive_profiles.errors import OutOfRangeError
+from drive_profiles.parameter import LIMITS, Parameter
+from drive_profiles.profile import Profile
+from drive_profiles.realisation.biquad import Biquad, Quadratic, Shape, Target, biquad_of, shape_of, stated
+from drive_profiles.realisation.refusal import NotRealisableError
+from drive_profiles.realisation.sections import COEFFICIENTS, HIGHER, Held, coefficient_per_value, filter_of, hold, rule_of
+
+_SMALLEST_DAMPING = 1e-4
+_SLACK = 1e-3
+"""A frequency that the discretisation puts outside the parameter's range by less than this share is set to its limit."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What is to be realised where.
+
+    Attributes:
+        profile: Of the drive.
+        notch: Its filter.
+        section: Which section.
+        target: The notch at one speed.
+        period_s: At which the filter runs.
+        distance: Of a shape from the target, 0 for none; what is smaller is better.
+        reasons: What has been found to stand against it; filled while fitting.
+    """
+
+    profile: Profile
+    notch: NotchFacts
+    section: Section
+    target: Target
+    period_s: float
+    distance: Callable[[Shape], float]
+    reasons: list[str] = field(default_factory=list)
+
+    def values(self) -> dict[str, float]:
+        """Parameter values, settings first.
+
+        Raises:
+            NotRealisableError: A frequency or a coefficient that its object cannot hold.
+        """
+        found = {name: hold(self.profile.parameter(name), value) for name, value in self.section.settings.items()}
+        try:
+            if self.notch.form == "coefficients":
+                return found | _coefficients(self)
+            return found | (_variable(self) if self.notch.form == "variable" else _frequencies(self))
+        except OutOfRangeError as error:
+            raise NotRealisableError(self.profile.name, (str(error),)) from None
+
+    def filter(self, values: dict[str, float]) -> tuple[Biquad, ...]:
+        """What the drive makes of the values; of a form that follows the speed, what it does at the target's."""
+        if self.notch.form != "variable":
+            return filter_of(Held(self.profile, values), self.notch, self.section, self.period_s)
+        parts, zero_hz = self.section.parts, self.target.zero_hz
+        zero = Quadratic(zero_hz, values[parts["zero_damping"]])
+        pole = Quadratic(zero_hz + values[parts["offset"]], values[parts["pole_damping"]])
+        return (biquad_of(zero, pole, self.period_s, rule_of(self.notch)),)
+
+    def parameter(self, part: str) -> Parameter:
+        """Of a part of the section."""
+        return self.profile.parameter(self.section.parts[part])
+
+
+def design(target: Target, period_s: float) -> Biquad:
+    """The target as the paper discretises it, bilinear."""
+    return biquad_of(Quadratic(target.zero_hz, target.zeta_zero), Quadratic(target.pole_hz, target.zeta_pole), period_s)
+
+
+def _variable(fit: Fit) -> dict[str, float]:
+    target = fit.target
+    wanted = {"offset": target.offset_hz, "zero_damping": target.zeta_zero, "pole_damping": target.zeta_pole}
+    return {fit.section.parts[part]: hold(fit.parameter(part), value) for part, value in wanted.items()}
+
+
+def _frequencies(fit: Fit) -> dict[str, float]:
+    """Frequencies and dampings, stated so that the drive's discretisation gives the target's."""
+    target, rule = fit.target, rule_of(fit.notch)
+    zero = stated(Quadratic(target.zero_hz, target.zeta_zero), fit.period_s, rule)
+    pole = stated(Quadratic(target.pole_hz, target.zeta_pole), fit.period_s, rule)
+    _question_rule(fit)
+    low, high = fit.notch.min_pole_damping, fit.notch.max_pole_damping or math.inf
+    if fit.notch.form == "symmetric":
+        if fit.distance(Shape(target.zero_hz, target.zeta_zero, target.zero_hz, target.zeta_pole, 1.0, is_stable=True)) > 1.0:
+            there = f"{target.offset_hz:g} Hz from the zeros at {target.zero_hz:g} Hz"
+            fit.reasons.append(f"one frequency serves zeros and poles: the separate pole, {there}, is missing")
+        fixed = fit.notch.min_zero_damping
+        if fit.distance(Shape(target.zero_hz, fixed, target.pole_hz, target.zeta_pole, 1.0, is_stable=True)) > 1.0:
+            fit.reasons.append(f"the damping of its zeros is fixed at {fixed:g}")
+        f = _frequency(fit, "frequency", zero.frequency_hz)
+        return f | _damping(fit, "", pole.zeta, low, high, next(iter(f.values())))
+    zero_f, pole_f = _frequency(fit, "zero_frequency", zero.frequency_hz), _frequency(fit, "pole_frequency", pole.frequency_hz)
+    dampings = _damping(fit, "zero_", zero.zeta, fit.notch.min_zero_damping, math.inf)
+    return zero_f | pole_f | dampings | _damping(fit, "pole_", pole.zeta, low, high)
+
+
+def _question_rule(fit: Fit) -> None:
+    """An unknown discretisation leaves the damping unknown by ωT/2, the difference between bilinear and Euler."""
+    if fit.notch.discretisation != "not known":
+        return
+    doubt = math.pi * fit.target.zero_hz * fit.period_s
+    shape = Shape(fit.target.zero_hz, fit.target.zeta_zero + doubt, fit.target.pole_hz, fit.target.zeta_pole, 1.0, is_stable=True)
+    if fit.distance(shape) > 1.0:
+        share = 100.0 * doubt / fit.target.zeta_zero
+        fit.reasons.append(f"its discretisation is not known: the zeros' damping may be {doubt:.2g} off, {share:.0f} %")
+
+
+def _frequency(fit: Fit, part: str, wanted_hz: float) -> dict[str, float]:
+    step, parameter = fit.notch.frequency_step_hz, fit.parameter(part)
+    value = round(wanted_hz / step) * step if step else wanted_hz
+    low, high = _limits(parameter)
+    inside = min(max(value, low), high)
+    return {fit.section.parts[part]: hold(parameter, inside if abs(inside - value) <= _SLACK * value else value)}
+
+
+def _damping(fit: Fit, prefix: str, zeta: float, low: float, high: float, frequency_hz: float = math.nan) -> dict[str, float]:
+    """The damping by what states it, Q = 1/2ζ, ζ, or the bandwidth 2 ζ f; at the limit, with the reason, where it is beyond."""
+    kind = next(kind for kind in ("damping", "q", "bandwidth") if prefix + kind in fit.section.parts)
+    parameter = fit.parameter(prefix + kind)
+    whose = "zeros'" if prefix == "zero_" else "poles'"
+
+    def value_of(damping: float) -> float:
+        return {"damping": damping, "q": 0.5 / damping, "bandwidth": 2.0 * damping * frequency_hz}[kind]
+
+    inside = min(max(zeta, low, _SMALLEST_DAMPING), high)
+    least, most = _limits(parameter)
+    value = min(max(value_of(inside), least), most)
+    if abs(value / value_of(inside) - 1.0) > 1e-9 or inside != zeta:
+        reached = {"damping": value, "q": 0.5 / value, "bandwidth": 0.5 * value / frequency_hz}[kind]
+        held = f"{reached:g} ({fit.section.parts[prefix + kind]} = {value:g})"
+        fit.reasons.append(f"the {whose} damping cannot be {zeta:.3g}, the nearest is {held}")
+    return {fit.section.parts[prefix + kind]: hold(parameter, value)}
+
+
+def _limits(parameter: Parameter) -> tuple[float, float]:
+    """Smallest and largest value that an object takes."""
+    low, high = -math.inf, math.inf
+    if parameter.data_type in LIMITS:
+        step = parameter.value_per_step()
+        low, high = (step * limit for limit in LIMITS[parameter.data_type])
+    return (
+        low if parameter.minimum is None else max(low, parameter.minimum),
+        high if parameter.maximum is None else min(high, parameter.maximum),
+    )
+
+
+def _coefficients(fit: Fit) -> dict[str, float]:
+    """Coefficients whose filter is nearest among the nearest three values of each, 3⁵ in all.
+
+    Rounded one by one they would lose the DC gain: at 16 kHz Σb is 10⁻⁵, the last bit of a single 6·10⁻⁸.
+    """
+    parts, wanted = fit.section.parts, design(fit.target, fit.period_s)
+    values = {parts[part]: 0.0 for part in HIGHER if part in parts}
+    gain = 1.0
+    if "gain" in parts:
+        parameter = fit.parameter("gain")
+        one = coefficient_per_value(fit.notch, parameter)
+        values[parts["gain"]] = hold(parameter, _gain(fit, wanted) / one)
+        gain = values[parts["gain"]] * one
+    signs = {part: -float(fit.notch.a_sign) if part.startswith("a") else 1.0 for part in COEFFICIENTS}
+    scaled = [c / gain if part.startswith("b") else c for part, c in zip(COEFFICIENTS, wanted, strict=True)]
+    per_value = {part: coefficient_per_value(fit.notch, fit.parameter(part)) for part in COEFFICIENTS}
+    tried = [
+        list(_neighbours(fit.parameter(part), signs[part] * c / per_value[part]))
+        for part, c in zip(COEFFICIENTS, scaled, strict=True)
+    ]
+
+    def biquad(chosen: tuple[float, ...]) -> Biquad:
+        b0, b1, b2, a1, a2 = (signs[p] * per_value[p] * v for p, v in zip(COEFFICIENTS, chosen, strict=True))
+        return Biquad(gain * b0, gain * b1, gain * b2, a1, a2)
+
+    def cost(chosen: tuple[float, ...]) -> tuple[bool, float, float]:
+        found = biquad(chosen)
+        shape = shape_of(found, fit.period_s)
+        distance = fit.distance(shape)
+        bits = sum(abs(a - b) for a, b in zip(found, wanted, strict=True))
+        return not shape.is_notch, distance if math.isfinite(distance) else math.inf, bits
+
+    best = min(itertools.product(*tried), key=cost)
+    return values | {parts[part]: value for part, value in zip(COEFFICIENTS, best, strict=True)}
+
+
+def _gain(fit: Fit, wanted: Biquad) -> float:
+    """The smallest power of two before the numerator with which its coefficients fit their words."""
+    for gain in (1.0, 2.0, 4.0, 8.0):
+        try:
+            for part, c in zip(COEFFICIENTS[:3], wanted, strict=False):
+                parameter = fit.parameter(part)
+                hold(parameter, c / gain / coefficient_per_value(fit.notch, parameter))
+        except OutOfRangeError:
+            continue
+        return gain
+    return 1.0
+
+
+def _neighbours(parameter: Parameter, value: float) -> Iterator[float]:
+    """The nearest value that an object holds, and one step to either side where it takes them.
+
+    Raises:
+        OutOfRangeError: It cannot hold the nearest.
+    """
+    nearest = hold(parameter, value)
+    yield nearest
+    if parameter.data_type == "REAL64":
+        return
+    step = float(np.spacing(np.float32(nearest))) if parameter.type.is_real else parameter.value_per_step()
+    for other in (nearest - step, nearest + step):
+        try:
+            held = hold(parameter, other)
+        except OutOfRangeError:
+            continue
+        if held != nearest:
+            yield held

@@ -1,0 +1,214 @@
+"""From the values that a drive's objects hold to the filter that it runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from drive_profiles.capability import NotchFacts, Section
+from drive_profiles.parameter import Parameter
+from drive_profiles.profile import Profile
+from drive_profiles.realisation.biquad import Biquad, Quadratic, Rule, biquad_of, factors
+from drive_profiles.realisation.refusal import NotRealisableError
+
+COEFFICIENTS = ("b0", "b1", "b2", "a1", "a2")
+HIGHER = ("b3", "b4", "a3", "a4")
+
+
+def held_filter(profile: Profile, values: Mapping[str, float], period_s: float | None = None) -> tuple[Biquad, ...]:
+    """What the drive does with the values that its objects hold: all active sections in series, in its own discretisation.
+
+    A section is active when its settings hold. What is not among the values is taken as the drive leaves the factory,
+    where the profile says so.
+
+    Args:
+        profile: Of the drive.
+        values: By parameter name, in the parameters' units; names of other parameters do no harm.
+        period_s: At which the filter runs; needed where the profile does not know it.
+
+    Returns:
+        Biquads in series, DC gain included; a filter of order 4 is two. None: the filters are off, or the drive's filter
+        follows the speed by itself (form ``variable``) and is no fixed one.
+
+    Raises:
+        NotRealisableError: It is not known what the drive does with the values: scaling, period, or a value missing.
+        OutOfRangeError: A value that its object cannot hold.
+    """
+    notch = profile.notch
+    if notch is None or notch.form == "variable":
+        return ()
+    held = Held(profile, values)
+    active = [section for section in notch.sections if _is_active(held, section)]
+    if not active:
+        return ()
+    period = period_of(profile, period_s)
+    return tuple(biquad for section in active for biquad in filter_of(held, notch, section, period))
+
+
+class Held:
+    """Values as a drive's objects hold them: rounded to their types, the factory's where none is given.
+
+    Args:
+        profile: Of the drive.
+        values: By parameter name.
+    """
+
+    def __init__(self, profile: Profile, values: Mapping[str, float]) -> None:
+        self.profile = profile
+        self._values = values
+
+    def __getitem__(self, name: str) -> float:
+        """The value in the parameter's unit.
+
+        Raises:
+            NotRealisableError: Neither given nor known, or no number.
+        """
+        parameter = self.profile.parameter(name)
+        if parameter.is_bytes:
+            raise NotRealisableError(self.profile.name, (_no_number(name, parameter),))
+        if name in self._values:
+            return hold(parameter, float(self._values[name]))
+        if parameter.default is None:
+            raise NotRealisableError(self.profile.name, (f"value of {name} ({parameter.address}) not given",))
+        return parameter.value(float(parameter.default))
+
+
+def filter_of(held: Held, notch: NotchFacts, section: Section, period_s: float) -> tuple[Biquad, ...]:
+    """The biquads that one section is.
+
+    Raises:
+        NotRealisableError: See `held_filter`.
+    """
+    refuse(held.profile, obstacles(held.profile, notch, section))
+    if notch.form == "coefficients":
+        return _from_coefficients(held, notch, section)
+    zero, pole = _quadratics(held, notch, section)
+    try:
+        return (biquad_of(zero, pole, period_s, rule_of(notch)),)
+    except ValueError as error:
+        raise NotRealisableError(held.profile.name, (str(error),)) from None
+
+
+def obstacles(profile: Profile, notch: NotchFacts, section: Section) -> tuple[str, ...]:
+    """Why it is not known what a section does with its values, whatever they are; nothing, if it is."""
+    parts = section.parts
+    reasons = [_no_number(n, p) for n in parts.values() if (p := profile.parameter(n)).is_bytes]
+    if reasons:
+        return tuple(reasons)
+    if notch.form == "coefficients":
+        needed: tuple[tuple[str, ...], ...] = tuple((name,) for name in COEFFICIENTS)
+        if notch.word == "integer, scaling not known":
+            reasons.append("the scaling of its integer coefficients is not known")
+    elif notch.form == "zero-pole":
+        needed = (("zero_frequency",), ("zero_q", "zero_damping"), ("pole_frequency",), ("pole_q", "pole_damping"))
+    elif notch.form == "symmetric":
+        needed = (("frequency",), ("q", "damping", "bandwidth"))
+    else:
+        needed = (("offset",), ("zero_damping",), ("pole_damping",))
+    reasons += [f"no parameter is known for {' or '.join(any_of)}" for any_of in needed if not set(any_of) & set(parts)]
+    for part, unit in (("frequency", "Hz"), ("bandwidth", "Hz"), ("damping", ""), ("q", "")):
+        for name in (name for key, name in parts.items() if key.removeprefix("zero_").removeprefix("pole_") == part):
+            if (found := profile.parameter(name).unit) != unit:
+                reasons.append(
+                    f"{name} is in {found or 'plain numbers'}: its relation to {unit or 'a plain number'} is not known"
+                )
+    return tuple(reasons)
+
+
+def refuse(profile: Profile, reasons: tuple[str, ...]) -> None:
+    """Raise if there are reasons to.
+
+    Raises:
+        NotRealisableError: There are.
+    """
+    if reasons:
+        raise NotRealisableError(profile.name, reasons)
+
+
+def period_of(profile: Profile, period_s: float | None) -> float:
+    """The period at which the drive's filter runs: the caller's word, else the filter's, else the velocity loop's.
+
+    Raises:
+        NotRealisableError: None of them is known.
+    """
+    notch = profile.notch.period_s if profile.notch else None
+    loop = profile.loop.period_s if profile.loop else None
+    for period in (period_s, notch, loop):
+        if period is not None:
+            return period
+    raise NotRealisableError(profile.name, ("the period at which its filter runs is not known, state it",))
+
+
+def rule_of(notch: NotchFacts) -> Rule:
+    """How the drive makes its filter discrete; bilinear where that is not known."""
+    return "bilinear" if notch.discretisation == "not known" else notch.discretisation
+
+
+def coefficient_per_value(notch: NotchFacts, parameter: Parameter) -> float:
+    """The coefficient that one unit of a parameter's value is.
+
+    A fixed-point word is stated either by its scale, 2⁻ᶠ, or as a plain integer with f ``fraction_bits``.
+    """
+    return 2.0**-notch.fraction_bits if notch.fraction_bits is not None and parameter.scale == 1.0 else 1.0
+
+
+def hold(parameter: Parameter, value: float) -> float:
+    """The value as the object holds it.
+
+    Raises:
+        OutOfRangeError: It cannot.
+    """
+    return parameter.value(parameter.raw(value))
+
+
+def _is_active(held: Held, section: Section) -> bool:
+    return all(held[name] == hold(held.profile.parameter(name), value) for name, value in section.settings.items())
+
+
+def _no_number(name: str, parameter: Parameter) -> str:
+    return f"{name} ({parameter.address}) is one object of bytes, its numbers are not written singly"
+
+
+def _from_coefficients(held: Held, notch: NotchFacts, section: Section) -> tuple[Biquad, ...]:
+    """The difference equation y = g Σ b_i u(n−i) + a_sign Σ a_i y(n−i), as biquads with the feedback subtracted."""
+
+    def coefficient(part: str) -> float:
+        name = section.parts.get(part)
+        return 0.0 if name is None else held[name] * coefficient_per_value(notch, held.profile.parameter(name))
+
+    gain = coefficient("gain") if "gain" in section.parts else 1.0
+    b = [gain * coefficient(f"b{n}") for n in range(5)]
+    a = [1.0, *(-notch.a_sign * coefficient(f"a{n}") for n in range(1, 5))]
+    if any(b[3:]) or any(a[3:]):
+        return factors(b, a)
+    return (Biquad(b[0], b[1], b[2], a[1], a[2]),)
+
+
+def _quadratics(held: Held, notch: NotchFacts, section: Section) -> tuple[Quadratic, Quadratic]:
+    """Zeros and poles in s, as the values state them."""
+
+    def damping(prefix: str, frequency_hz: float) -> float:
+        parts = section.parts
+        if f"{prefix}damping" in parts:
+            return held[parts[f"{prefix}damping"]]
+        if f"{prefix}q" in parts:
+            q = held[parts[f"{prefix}q"]]
+            return 0.5 / q if q > 0.0 else math.inf
+        return 0.5 * held[parts["bandwidth"]] / frequency_hz
+
+    if notch.form == "symmetric":
+        f = held[section.parts["frequency"]]
+        _positive(held.profile, f, 1.0)
+        pole = Quadratic(f, damping("", f))
+        _positive(held.profile, f, pole.zeta)
+        return Quadratic(f, notch.min_zero_damping), pole
+    zero_hz, pole_hz = held[section.parts["zero_frequency"]], held[section.parts["pole_frequency"]]
+    zero, pole = Quadratic(zero_hz, damping("zero_", zero_hz)), Quadratic(pole_hz, damping("pole_", pole_hz))
+    for quadratic in (zero, pole):
+        _positive(held.profile, *quadratic)
+    return zero, pole
+
+
+def _positive(profile: Profile, frequency_hz: float, zeta: float) -> None:
+    if not (frequency_hz > 0.0 and math.isfinite(zeta)):
+        raise NotRealisableError(profile.name, (f"{frequency_hz:g} Hz with a damping of {zeta:g} is no filter",))

@@ -1,0 +1,68 @@
+"""Which drive moves an axis: our own, or one of any profile."""
+
+from drive_profiles import eds
+from drive_profiles.profile import Profile
+from drive_profiles.units import Scaling
+from plant_emulator import drive_objects as objects
+from plant_emulator.personality import OwnPersonality, Personality
+from plant_emulator.robot import Robot
+from plant_emulator.slave.dictionary import Dictionary, Entry
+from plant_emulator.vendor_dictionary import VendorDictionary, vendor_scaling
+from plant_emulator.vendor_drive import VendorPersonality
+from plant_emulator.vendor_gains import Gains
+from plant_emulator.vendor_objects import described_entries
+
+
+def personality_of(robot: Robot, number: int) -> Personality:
+    """The manufacturer of the drive that moves an axis, as the robot file names it.
+
+    Raises:
+        DriveProfileError: There is no such profile, or its file or the EDS file has errors.
+        ValueError: The profile is no drive's.
+    """
+    axis = robot.axis[number]
+    if axis.profile == OwnPersonality.profile:
+        scaling = Scaling(axis.encoder_counts_per_rev, axis.rated_torque)
+        return OwnPersonality(_dictionary(_own_entries(robot, number), robot, number), scaling)
+    profile = Profile.load(axis.profile)
+    if profile.kind != "drive":
+        raise ValueError(f"axis.{number}: {profile.name} is no drive but an {profile.kind}")
+    scaling = vendor_scaling(profile, axis)
+    gains = None if profile.loop is None else Gains(profile, profile.loop, axis, scaling)
+    if gains is None:
+        raise ValueError(f"axis.{number}: {profile.name} states no loop")
+    objects_of_it = VendorDictionary(profile, axis, number, scaling, gains)
+    dictionary = _dictionary(objects_of_it.entries(), robot, number)
+    return VendorPersonality(profile, robot, number, dictionary, scaling, gains, objects_of_it)
+
+
+def _own_entries(robot: Robot, number: int) -> list[Entry]:
+    """The entries of the emulated drive: its motor, its encoder, and the gains that the robot file gives it."""
+    axis = robot.axis[number]
+    gains = (0.0, 0.0, 0.0, 300.0)
+    if axis.control is not None:
+        control = axis.control
+        gains = (
+            control.position_gain_per_s,
+            control.velocity_gain_nm_s_rad,
+            control.velocity_integral_gain_nm_rad,
+            control.lowpass_hz,
+        )
+    return objects.drive_entries(
+        encoder_counts_per_rev=axis.encoder_counts_per_rev,
+        rated_torque_mnm=axis.rated_torque_mnm,
+        max_torque_per_mille=axis.peak_per_mille,
+        control_period_ns=round(1e9 * robot.control_period_s),
+        gains=gains,
+        serial_number=number,
+    )
+
+
+def _dictionary(entries: list[Entry], robot: Robot, number: int) -> Dictionary:
+    """The dictionary of these entries and of those objects of the axis' EDS file that are not among them."""
+    path = robot.axis[number].eds
+    if path is None:
+        return Dictionary(entries)
+    present = {(entry.index, entry.subindex): entry for entry in entries}
+    described = described_entries(eds.load(path, node_id=robot.node_ids[number]).dictionary, present)
+    return Dictionary([*entries, *described])

@@ -1,0 +1,138 @@
+"""What of a drive is its manufacturer's: identity, tuning and filters, and how it stores. CiA 402 is `drive_data`'s."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from drive_profiles.cia301 import SdoAbortCode
+from drive_profiles.cia402 import Mode, Object
+from drive_profiles.units import Scaling
+from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
+from plant_emulator import drive_objects as objects
+from plant_emulator.axes import Axes
+from plant_emulator.slave.dictionary import Dictionary
+from plant_emulator.slave.store import Place, StoreCommand, standard_commands
+
+
+class Personality(ABC):
+    """A drive's manufacturer, as the emulator plays it.
+
+    Attributes:
+        profile: Name of the profile that describes the drive.
+        dictionary: All entries of the drive.
+        scaling: How the drive counts when it leaves the factory.
+        modes: The modes that it has and that are emulated.
+        store_commands: The entries that store and restore.
+        store_limit_s: The longest that storing may take.
+        steps: SI units per step of those CiA 402 objects that do not count as ours do.
+        rated_torque: The object that torques are per mille of, and N·m per step of it.
+        unwatched_windows: Values of 6065h with which the following error is not watched.
+        equal_limits_are_none: Whether 607Dh with both limits equal, such as 0 and 0, means that there are none.
+    """
+
+    profile: str
+    dictionary: Dictionary
+    scaling: Scaling
+    modes: tuple[Mode, ...]
+    store_commands: tuple[StoreCommand, ...] = standard_commands()
+    store_limit_s: float = float("inf")
+    steps: Mapping[Place, float] = {}
+    rated_torque: tuple[Place, float] = ((Object.MOTOR_RATED_TORQUE, 0), 0.001)
+    unwatched_windows: frozenset[int] = frozenset({2**32 - 1})
+    equal_limits_are_none: bool = False
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What of the drive is not as its user may think, one sentence each."""
+        return ()
+
+    def acting(self, place: Place) -> Any:
+        """The value that acts: what the entry holds, or held at the last reset where it acts after one only."""
+        return self.dictionary.cell(*place).value
+
+    @abstractmethod
+    def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
+        """Tie the manufacturer's entries to a row of the axes; the CiA 402 entries and the engine's are tied already.
+
+        Args:
+            axes: The mechanics, and the arrays of the servo law.
+            row: Of the axis.
+            is_powered: Whether the motor is, or may be, under torque.
+        """
+
+    @abstractmethod
+    def apply(self) -> None:
+        """Put all entries into force, after a reset."""
+
+
+def _is_active(state: Any) -> int:
+    return int(state["active"])
+
+
+def _while_active(state: Any, field: str) -> float:
+    return float(state[field]) if state["active"] else 0.0
+
+
+class OwnPersonality(Personality):
+    """The emulated drive itself: the P-PI gains (2100h, 2101h) and two variable notches (2110h, 2111h)."""
+
+    profile = "emulated_drive"
+    modes = objects.MODES
+
+    def __init__(self, dictionary: Dictionary, scaling: Scaling) -> None:
+        self.dictionary = dictionary
+        self.scaling = scaling
+
+    def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
+        """Tie gains, filters and what the filters show."""
+        self._axes, self._row, self._is_powered = axes, row, is_powered
+        on_read, on_write = self.dictionary.on_read, self.dictionary.on_write
+        for (index, sub), field in objects.GAINS.items():
+            on_write(index, sub, self._gain_writer(field))
+        for column, index in enumerate(objects.NOTCH_OBJECTS):
+            for sub, parameter in enumerate(objects.NOTCH_PARAMETERS, start=1):
+                on_write(index, sub, self._notch_writer(column, parameter[0]))
+        for column, index in enumerate(objects.NOTCH_STATE_OBJECTS):
+            state = axes.notch_state[row, column]
+            on_read(index, 1, partial(_is_active, state))
+            on_read(index, 2, partial(_while_active, state, "frequency_hz"))
+            on_read(index, 3, partial(_while_active, state, "zeta_rd"))
+        motion = axes.motion[row]
+        on_read(objects.TORQUE_COMMAND, 0, lambda: float(motion["torque_nm"]))
+
+    def _gain_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
+        def write(value: float) -> SdoAbortCode | None:
+            if self._is_powered():
+                return SdoAbortCode.DEVICE_STATE
+            self._axes.cascade_config[self._row][field] = value
+            return None
+
+        return write
+
+    def _notch_writer(self, column: int, field: str) -> Callable[[float], SdoAbortCode | None]:
+        """Filters may be switched on and off while the motor turns; their other parameters not."""
+
+        def write(value: float) -> SdoAbortCode | None:
+            if self._is_powered() and field != "mode":
+                return SdoAbortCode.DEVICE_STATE
+            row = self._axes.notch_config[self._row, column]
+            wanted = {parameter[0]: row[parameter[0]].item() for parameter in objects.NOTCH_PARAMETERS} | {field: value}
+            try:
+                if wanted["mode"] != NOTCH_OFF:
+                    Notch(**wanted)
+            except ValueError:
+                return SdoAbortCode.PARAMETER_INCOMPATIBLE
+            row[field] = value
+            return None
+
+        return write
+
+    def apply(self) -> None:
+        """Put gains and filters into force."""
+        cascade = self._axes.cascade_config[self._row]
+        for place, field in objects.GAINS.items():
+            cascade[field] = self.acting(place)
+        for column in range(NOTCHES):
+            for sub, parameter in enumerate(objects.NOTCH_PARAMETERS, start=1):
+                self._axes.notch_config[self._row, column][parameter[0]] = self.acting((objects.NOTCH_OBJECTS[column], sub))

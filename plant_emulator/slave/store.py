@@ -1,0 +1,152 @@
+"""What a node keeps over a loss of power: the commands "save" and "load" (CiA 301, 7.5.2.13 and 7.5.2.14)."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from drive_profiles.cia301 import DataType, SdoAbortCode, Value
+from plant_emulator.slave.dictionary import Access, Dictionary, Entry, ObjectType, Postponed, WriteHook
+
+STORE, RESTORE = 0x1010, 0x1011
+SAVE, LOAD = 0x6576_6173, 0x6461_6F6C
+"""The signatures "save" and "load", least significant byte first."""
+
+ON_COMMAND = 1
+"""What a read of either object gives: bit 0, the node stores on command, or restores."""
+
+Place = tuple[int, int]
+
+EVERYTHING = range(0x1000, 0x10000)
+COMMUNICATION = range(0x1000, 0x2000)
+APPLICATION = range(0x6000, 0xA000)
+MANUFACTURER = range(0x2000, 0x6000)
+
+GROUPS: tuple[tuple[str, range], ...] = (
+    ("all parameters", EVERYTHING),
+    ("communication parameters", COMMUNICATION),
+    ("application parameters", APPLICATION),
+    ("manufacturer defined parameters", MANUFACTURER),
+)
+"""Name and indices of sub-indices 1, 2, … of either object."""
+
+VOLATILE = frozenset({
+    *(0x1001, 0x1003, STORE, RESTORE),
+    *(0x6040, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FE, 0x60FF),
+})  # fmt: skip
+"""Objects that are never kept: commands, set-points and the history of errors."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoreCommand:
+    """One entry that stores or restores when its signature is written to it.
+
+    Attributes:
+        place: Index and sub-index.
+        signature: What must be written.
+        is_restore: "load" rather than "save".
+        indices: The objects that it concerns.
+    """
+
+    place: Place
+    signature: int
+    is_restore: bool = False
+    indices: range = EVERYTHING
+
+
+def store_entries(groups: Sequence[tuple[str, range]] = GROUPS) -> Iterator[Entry]:
+    """Give the entries 1010h and 1011h, one sub-index per group."""
+    for index, name, verb in ((STORE, "Store parameters", "Save"), (RESTORE, "Restore default parameters", "Restore")):
+        for subindex, (group, _) in enumerate(groups, 1):
+            yield replace(command_entry((index, subindex), f"{verb} {group}"), record_name=name, object_type=ObjectType.ARRAY)
+
+
+def command_entry(place: Place, name: str) -> Entry:
+    """Give the entry of one command."""
+    return Entry(*place, name, DataType.UNSIGNED32, Access.RW, ON_COMMAND)
+
+
+def standard_commands(groups: Sequence[tuple[str, range]] = GROUPS) -> tuple[StoreCommand, ...]:
+    """Give the commands that `store_entries` has entries for."""
+    return tuple(
+        StoreCommand((index, subindex), signature, index == RESTORE, indices)
+        for index, signature in ((STORE, SAVE), (RESTORE, LOAD))
+        for subindex, (_, indices) in enumerate(groups, 1)
+    )
+
+
+def _always() -> SdoAbortCode | None:
+    return None
+
+
+class ParameterStore:
+    """Keeps the values of a dictionary: those of the last "save" are what the next reset puts back.
+
+    What is kept changes in one step at the end of the storing: a loss of power or a reset before it leaves the old values.
+    "load" drops what is kept, so that the next reset puts the factory's defaults back; until then nothing changes.
+
+    Args:
+        dictionary: Brings the entries of the commands.
+        commands: Those whose entries the dictionary does not have are left out.
+        time_ns: How long storing takes.
+        volatile: Indices that are never kept.
+
+    Attributes:
+        time_ns: How long storing takes; the SDO answer comes when it is over.
+        fails: Whether the memory refuses, with abort 0606 0000h at the end of that time.
+        may_store: Asked at each command: why the node cannot store now, or None.
+    """
+
+    def __init__(
+        self,
+        dictionary: Dictionary,
+        commands: Sequence[StoreCommand],
+        time_ns: int = 0,
+        volatile: frozenset[int] = VOLATILE,
+    ) -> None:
+        if time_ns < 0:
+            raise ValueError(f"storing cannot take {time_ns} ns")
+        self.time_ns = time_ns
+        self.fails = False
+        self.may_store: Callable[[], SdoAbortCode | None] = _always
+        self._dictionary = dictionary
+        present = [command for command in commands if command.place in dictionary]
+        self._volatile = volatile | {command.place[0] for command in present}
+        for command in present:
+            dictionary.on_read(*command.place, lambda: ON_COMMAND)
+            dictionary.on_write(*command.place, self._writer(command))
+
+    @property
+    def kept(self) -> dict[Place, Value]:
+        """What the next reset puts back, by place."""
+        return dict(self._dictionary.kept)
+
+    def is_kept(self, entry: Entry) -> bool:
+        """Tell whether an entry is one of those that "save" keeps."""
+        return entry.access.is_writable and entry.index not in self._volatile
+
+    def _writer(self, command: StoreCommand) -> WriteHook:
+        def write(signature: int) -> SdoAbortCode | None:
+            if signature != command.signature:
+                return SdoAbortCode.NOT_STORED
+            code = self.may_store()
+            if code is not None:
+                return code
+            if command.is_restore:
+                self._forget(command.indices)
+                return None
+            raise Postponed(self.time_ns, partial(self._keep, self._values(command.indices)))
+
+        return write
+
+    def _values(self, indices: range) -> dict[Place, Value]:
+        concerned = (entry for entry in self._dictionary if entry.index in indices and self.is_kept(entry))
+        return {(e.index, e.subindex): self._dictionary.cell(e.index, e.subindex).value for e in concerned}
+
+    def _keep(self, values: dict[Place, Value]) -> SdoAbortCode | None:
+        if self.fails:
+            return SdoAbortCode.HARDWARE
+        self._dictionary.kept = {**self._dictionary.kept, **values}
+        return None
+
+    def _forget(self, indices: range) -> None:
+        self._dictionary.kept = {place: v for place, v in self._dictionary.kept.items() if place[0] not in indices}

@@ -1,0 +1,200 @@
+"""An emulated drive of any profile: as much of the vendor's tuning and filters as the profile states acts on the axis."""
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+from drive_profiles.capability import Section
+from drive_profiles.cia301 import SdoAbortCode
+from drive_profiles.errors import DriveProfileError
+from drive_profiles.parameter import place_of
+from drive_profiles.profile import Profile
+from drive_profiles.realisation import Biquad, held_filter
+from drive_profiles.units import Scaling
+from hil.control.notch import NO_NOTCH, NOTCHES, FixedFilter
+from plant_emulator import drive_objects as objects
+from plant_emulator.axes import Axes
+from plant_emulator.personality import Personality
+from plant_emulator.robot import Robot
+from plant_emulator.slave.dictionary import Dictionary, WriteHook
+from plant_emulator.slave.store import Place
+from plant_emulator.vendor_dictionary import VendorDictionary
+from plant_emulator.vendor_gains import Gains
+from plant_emulator.vendor_objects import state_abort_code
+
+_AT_THE_TORQUE = re.compile("torque command|current (command|reference)")
+
+
+def _is_identity(section: Biquad) -> bool:
+    return section.b0 == 1.0 and section.b1 == section.a1 and section.b2 == section.a2
+
+
+def _only(value: int) -> WriteHook:
+    """The motor and its encoder are what they are: no other value is taken."""
+    return lambda wanted: None if wanted == value else SdoAbortCode.INVALID_VALUE
+
+
+class VendorPersonality(Personality):
+    """A drive of a profile.
+
+    What acts: the gains whose scaling the profile knows, in the emulator's P-PI; a fixed filter on the torque command; limits
+    and ramps; when a parameter may be written and when it acts. Every other parameter is there and holds what is written to it.
+    """
+
+    equal_limits_are_none = True
+    unwatched_windows = frozenset({0, 2**32 - 1})
+
+    def __init__(
+        self,
+        profile: Profile,
+        robot: Robot,
+        number: int,
+        dictionary: Dictionary,
+        scaling: Scaling,
+        gains: Gains,
+        entries: VendorDictionary,
+    ) -> None:
+        """Take what `personality_of` has put together."""
+        self.profile, self._facts = profile.name, profile
+        self.dictionary, self.scaling, self._gains = dictionary, scaling, gains
+        self.modes = tuple(mode for mode in profile.supported_modes if mode in objects.MODES)
+        self.store_commands, self.store_limit_s = entries.commands, profile.store.wait_s
+        self.steps = entries.steps
+        if profile.torque is not None and profile.torque.rated_torque is not None:
+            self.rated_torque = place_of(profile.torque.rated_torque), profile.torque.rated_torque_step_nm
+        self._motor = entries.motor
+        self._period_s = robot.control_period_s
+        self._axis_counts = robot.axis[number].encoder_counts_per_rev
+        self._refusal = state_abort_code((abort.code, abort.text) for abort in profile.aborts)
+        self._parameters = {parameter.place: parameter for parameter in profile.parameters.values()}
+        self._latched: dict[Place, Any] = {}
+        self._written: set[Place] = set()
+        self._filter_note = ""
+
+    # -- filter --------------------------------------------------------------------------------------------------------
+
+    def _sections(self) -> tuple[Section, ...]:
+        notch = self._facts.notch
+        return () if notch is None or notch.form == "variable" else notch.sections
+
+    def _filter_places(self) -> set[Place]:
+        names = {name for section in self._sections() for name in (*section.parts.values(), *section.settings)}
+        return {self._facts.parameter(name).place for name in names}
+
+    def _filters(self) -> list[FixedFilter]:
+        """The sections that act; what cannot act says so in a note.
+
+        A section of which a value is not known (the profile knows no default, and nobody has written it) does not act: a filter
+        of made-up values would be none of the drive's.
+        """
+        filters: list[FixedFilter] = []
+        self._filter_note = ""
+        for section in self._sections():
+            if all(self._is_known(name) for name in section.parts.values()):
+                try:
+                    filters += self._held(section)
+                except (DriveProfileError, ValueError) as error:
+                    self._filter_note = f"A filter is off: {error}."
+        if len(filters) > NOTCHES:
+            self._filter_note = f"Of {len(filters)} filter sections the first {NOTCHES} act."
+        return filters[:NOTCHES]
+
+    def _is_known(self, name: str) -> bool:
+        parameter = self._facts.parameter(name)
+        return parameter.is_bytes or parameter.default is not None or parameter.place in self._written
+
+    def _held(self, section: Section) -> list[FixedFilter]:
+        """What one section is with the values that the drive holds; nothing where it is off or does nothing."""
+        values = {}
+        for name in (*section.parts.values(), *section.settings):
+            parameter = self._facts.parameter(name)
+            held = self.acting(parameter.place)
+            if isinstance(held, int | float):
+                values[name] = parameter.value(held, self.scaling)
+        notch = self._facts.notch
+        alone = None if notch is None else notch.model_copy(update={"sections": (section,)})
+        biquads = held_filter(self._facts.model_copy(update={"notch": alone}), values, self._period_s)
+        return [FixedFilter(*biquad) for biquad in biquads if not _is_identity(biquad)]
+
+    # -- what the drive does -------------------------------------------------------------------------------------------
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is not emulated of this drive, or rests on an assumption."""
+        notes = []
+        missing = [mode.name for mode in self._facts.supported_modes if mode not in self.modes]
+        if missing:
+            notes.append(f"Modes that are not emulated: {', '.join(missing)}.")
+        notes += self._gains.notes
+        if self.scaling.encoder_counts_per_rev != self._axis_counts:
+            notes.append(
+                f"It counts {self.scaling.encoder_counts_per_rev} per revolution, not the {self._axis_counts} of the axis."
+            )
+        notch = self._facts.notch
+        if notch is not None and notch.form == "variable":
+            notes.append("Its variable filter is not emulated.")
+        elif notch is not None and not _AT_THE_TORQUE.search(notch.place):
+            notes.append(f"Its filter sits elsewhere ({notch.place}); here it is on the torque command.")
+        return (*notes, self._filter_note) if self._filter_note else tuple(notes)
+
+    def acting(self, place: Place) -> Any:
+        """The value that acts: of a parameter that acts after a reset, what the entry held at the last one."""
+        if place in self._latched:
+            return self._latched[place]
+        return self.dictionary.cell(*place).value
+
+    def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
+        """Tie gains and filter to the axis, and let each parameter be written when the profile allows it."""
+        self._axes, self._row, self._is_powered = axes, row, is_powered
+        gains = self._gains.places
+        filters = self._filter_places()
+        motor = self._motor
+        fixed = set(motor) - {self.rated_torque[0]}
+        commands = {command.place for command in self.store_commands}
+        for place, parameter in self._parameters.items():
+            cell = self.dictionary.cell(*place)
+            if place in commands or not cell.entry.access.is_writable:
+                continue
+            if place in fixed:
+                cell.write_hook = _only(motor[place])
+            elif place in gains | filters:
+                cell.write_hook = self._writer(place, self._apply_gains if place in gains else self._apply_filters)
+            if parameter.effective == "disabled":
+                cell.write_hook = self._guarded(cell.write_hook)
+
+    def _writer(self, place: Place, apply: Callable[[], None]) -> WriteHook:
+        cell = self.dictionary.cell(*place)
+
+        def write(value: Any) -> None:
+            cell.value = value
+            self._written.add(place)
+            apply()
+
+        return write
+
+    def _guarded(self, inner: WriteHook | None) -> WriteHook:
+        def write(value: Any) -> int | None:
+            if self._is_powered():
+                return self._refusal
+            return None if inner is None else inner(value)
+
+        return write
+
+    def apply(self) -> None:
+        """Put the whole dictionary into force, after a reset."""
+        latched = (place for place, parameter in self._parameters.items() if parameter.effective == "reset")
+        self._written &= set(self.dictionary.kept)
+        self._latched = {place: self.dictionary.cell(*place).value for place in latched}
+        self._apply_gains()
+        self._apply_filters()
+
+    def _apply_gains(self) -> None:
+        row = self._axes.cascade_config[self._row]
+        for name, value in self._gains.acting(self.acting).items():
+            row[name] = value
+
+    def _apply_filters(self) -> None:
+        filters = self._filters()
+        for column in range(NOTCHES):
+            setting = filters[column] if column < len(filters) else NO_NOTCH
+            setting.write(self._axes.notch_config[self._row, column])

@@ -1,0 +1,204 @@
+"""`drive-profiles` as a user runs it: real processes, a real local bus, emulated drives of three families."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from drive_profiles.cli import app
+from drive_profiles.parameters import ParameterSet
+
+runner = CliRunner()
+START_TIMEOUT_S = 120.0
+
+
+def served(socket, *options):
+    """`plant-emulator serve` as a process that ends with us."""
+    command = [sys.executable, "-m", "plant_emulator", "serve", "--bus", f"local:{socket}", "--until-stdin-closes", *options]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while not Path(socket).is_socket():
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return process
+
+
+@pytest.fixture(scope="module")
+def robot():
+    with tempfile.TemporaryDirectory(prefix="hil-") as folder:
+        socket = f"{folder}/r.sock"
+        process = served(socket, "--drive", "3=kollmorgen_akd", "--drive", "5=maxon_epos4", "--store-time-s", "0.3")
+        yield f"local:{socket}"
+        process.stdin.close()
+        process.wait(10)
+        process.stdout.close()
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch, robot):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HIL_BUS", robot)
+    return tmp_path
+
+
+def run(*arguments, code=0):
+    result = runner.invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, (arguments, result.output, result.exception)
+    assert "Traceback" not in result.output
+    return result
+
+
+def test_scan_finds_every_node_with_its_profile():
+    rows = [line.split("\t") for line in run("scan").stdout.splitlines()]
+    assert [row[0] for row in rows[1:]] == ["2", "3", "5", "16"]
+    assert [row[-1] for row in rows[1:]] == ["emulated_drive", "kollmorgen_akd", "maxon_epos4", "emulated_accelerometer"]
+    found = json.loads(run("scan", "--nodes", "2,16", "--json").stdout)
+    assert [(node["node"], node["profiles"]) for node in found] == [(2, ["emulated_drive"]), (16, ["emulated_accelerometer"])]
+    run("scan", "--nodes", "99", "--timeout-s", "0.05", code=5)
+    for wrong in ("0-5", "128", "x", "", "5-"):
+        run("scan", "--nodes", wrong, code=2)
+
+
+def test_info_says_who_a_node_is_and_in_which_state():
+    facts = json.loads(run("info", "--node", "5", "--json").stdout)
+    assert facts["vendor_id"] == 0xFB
+    assert facts["state"] == "switch on disabled"
+    assert "maxon_epos4" in run("info", "--node", "5").stdout
+    assert "-" in run("info", "--node", "16").stdout
+
+
+def test_the_page_of_the_readme_from_scan_to_a_stored_notch(folder):
+    run("pull", "--node", "2", "--out", "axis2.toml")
+    before = ParameterSet.load(folder / "axis2.toml")
+    text = (folder / "axis2.toml").read_text()
+    text = text.replace('"notch_1.mode" = { value = 0 }', '"notch_1.mode" = { value = 1 }')
+    text = text.replace('"notch_1.start_rps" = { value = 4.0', '"notch_1.start_rps" = { value = 4.5')
+    (folder / "notch.toml").write_text(text)
+    assert "notch_1.mode\t0\t1" in run("diff", "axis2.toml", "notch.toml", code=7).stdout
+    assert "notch_1.mode" in run("diff", "notch.toml", "--node", "2", code=7).stdout
+    shown = run("upload", "notch.toml", "--node", "2", "--dry-run")
+    assert "2110:1 (notch_1.mode)\t0\t1" in shown.stdout
+    assert run("get", "notch_1.mode", "--node", "2").stdout.splitlines()[1].split("\t")[2] == "0"
+    run("upload", "notch.toml", "--node", "2", code=2)  # nobody to ask, and no --yes
+    done = run("upload", "notch.toml", "--node", "2", "--store", "--reset", "--yes")
+    assert "done, 2 written and read back, stored" in done.stdout
+    assert "edited" in done.stderr
+    run("verify", "notch.toml", "--node", "2")
+    assert run("diff", "notch.toml", "--node", "2").stdout == "no difference\n"
+    again = run("upload", "notch.toml", "--node", "2", "--yes")
+    assert "nothing to write" in again.stdout
+    [journal] = (folder / "drive-journals").glob("*.jsonl")
+    back = run("restore", "--snapshot", journal, "--yes", "--store")
+    assert "done" in back.stdout
+    run("pull", "--node", "2", "--out", "after.toml")
+    assert ParameterSet.load(folder / "after.toml").differences(before) == []
+    run("verify", "notch.toml", "--node", "2", code=7)
+
+
+def test_one_set_for_two_drives_of_different_families_is_refused_before_anything_is_written(folder):
+    run("pull", "--node", "2", "--out", "axis2.toml")
+    result = run("upload", "axis2.toml", "--node", "2", "--node", "3", "--yes", code=5)
+    assert "vendor" in result.stderr
+    assert not (folder / "drive-journals").exists()
+
+
+def test_two_drives_are_written_together(folder):
+    for node in (2, 5):
+        run("pull", "--node", str(node), "--out", f"{node}.toml")
+    result = run("upload", "2.toml", "5.toml", "--node", "2", "--node", "5", "--yes", "--allow-unverified", "--json")
+    assert [outcome["kind"] for outcome in json.loads(result.stdout)] == ["done", "done"]
+
+
+def test_get_and_set_take_addresses_and_names_and_say_units():
+    assert "1/s" in run("set", "position_gain=17.5", "--node", "2", "--yes").stdout
+    row = json.loads(run("get", "0x2100:1", "--node", "2", "--json").stdout)[0]
+    assert (row["name"], row["value"], row["unit"]) == ("position_gain_per_s", 17.5, "1/s")
+    assert json.loads(run("get", "2100sub1", "--node", "2", "--json").stdout) == [row]
+    assert "switch" not in run("get", "status_word", "--node", "2").stdout
+    run("set", "2100:1=0", "--node", "2", "--yes")
+    result = run("get", "gain", "--node", "2", code=2)
+    assert "2100:1 (position_gain_per_s), 2101:1" in result.stderr
+    assert "did you mean notch_1.mode" in run("get", "notch_1.mod1", "--node", "2", code=2).stderr
+    for wrong in ("position_gain_per_s", "position_gain_per_s=", "position_gain_per_s=fast", "=3"):
+        run("set", wrong, "--node", "2", "--yes", code=2)
+    refused = run("set", "position_gain_per_s=1e9", "--node", "2", "--yes", code=3)
+    assert "outside 0 to 10000" in refused.stderr
+    run("set", "0x6040=15", "--node", "2", "--yes", code=3)
+    run("set", "0x1018:1=15", "--node", "2", "--yes", code=3)
+
+
+def test_an_abort_is_told_in_words_with_the_objects_name():
+    result = run("get", "0x5FFF", "--node", "2", code=6)
+    assert "5FFFh:0 aborted: 0x06020000, Object does not exist" in result.stderr
+
+
+def test_store_and_factory_defaults():
+    run("set", "position_gain_per_s=9", "--node", "2", "--yes")
+    assert "has stored" in run("store", "--node", "2", "--yes").stdout
+    assert "factory" in run("restore", "--defaults", "--node", "2", "--yes").stdout
+    run("restore", "--node", "2", code=2)
+    run("restore", "--defaults", "--snapshot", "x", "--node", "2", code=2)
+    run("restore", "--snapshot", "nowhere.jsonl", code=3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["pull", "--node", "77", "--timeout-s", "0.05"], 5, "node 77: no answer"),
+        (["pull", "--node", "2", "--bus", "local:/nowhere/x.sock"], 4, "no bus at local:/nowhere/x.sock"),
+        (["pull", "--node", "2", "--bus", "nonsense"], 2, "no bus address"),
+        (["pull", "--node", "2", "--bus", "sockettin:can0"], 4, "no bus at sockettin:can0"),
+        (["pull", "--node", "2", "--profile", "nobody"], 2, "no drive profile 'nobody'"),
+        (["pull", "--node", "2", "--eds", "missing.eds"], 3, "missing.eds"),
+        (["pull", "--node", "2", "--classes", "tuned"], 2, "--classes tuned"),
+        (["pull", "--node", "0"], 2, "--node"),
+        (["upload", "missing.toml", "--node", "2"], 3, "missing.toml"),
+        (["upload", "missing.toml", "--node", "2", "--node", "2"], 2, "same drive twice"),
+        (["upload", "missing.toml", "--node", "2", "--reset"], 2, "--reset without --store"),
+        (["diff", "missing.toml"], 3, "missing.toml"),
+    ],
+)
+def test_a_mistake_ends_with_its_code_and_says_what_to_do(arguments, code, words):
+    assert words in run(*arguments, code=code).stderr
+
+
+def test_a_file_that_is_there_is_not_replaced_in_silence(folder):
+    (folder / "axis2.toml").write_text("mine")
+    assert "--force" in run("pull", "--node", "2", "--out", "axis2.toml", code=3).stderr
+    assert (folder / "axis2.toml").read_text() == "mine"
+    run("pull", "--node", "2", "--out", "axis2.toml", "--force")
+
+
+def test_ctrl_c_in_the_middle_puts_everything_back(folder):
+    """A drive that stores slowly gives the time to interrupt; the store itself is let finish, nothing is half done."""
+    run("pull", "--node", "2", "--out", "axis2.toml")
+    text = (folder / "axis2.toml").read_text().replace('"notch_1.mode" = { value = 0 }', '"notch_1.mode" = { value = 1 }')
+    (folder / "notch.toml").write_text(text)
+    command = [sys.executable, "-m", "drive_profiles.cli", "upload", "notch.toml", "--node", "2", "--yes", "--store"]
+    with subprocess.Popen(
+        command, cwd=folder, env=os.environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        deadline = time.monotonic() + 30.0
+        while not list(folder.glob("drive-journals/*.jsonl")) and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.001)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=30)
+    held = run("get", "notch_1.mode", "--node", "2", "--json")
+    value = json.loads(held.stdout)[0]["value"]
+    assert (process.returncode, value) in {(0, 1), (130, 0)}, (out, err)
+    run("set", "notch_1.mode=0", "--node", "2", "--yes")
+
+
+def test_help_of_every_command_is_there_and_says_an_example():
+    for command in ("scan", "info", "pull", "diff", "upload", "verify", "store", "restore", "get", "set", "list", "show"):
+        text = run(command, "--help").stdout
+        assert "Example" in text
+        assert "drive-profiles" in text
