@@ -209,8 +209,6 @@ class Parameter(Fact):
             if not LIMITS[self.data_type][0] <= exact <= LIMITS[self.data_type][1]:
                 raise OutOfRangeError(self.address, value, self.unit, f"is outside what {self.data_type} holds")
             return exact
-        if per_step == 1.0 and not self.unit:
-            raise OutOfRangeError(self.address, value, self.unit, f"is no whole number, which a {self.data_type} takes")
         return units.to_integer(value, LIMITS[self.data_type], self.address, self.unit, 1.0 / per_step)
 
     def _as_read_back(self, limit: float, per_step: float, pick: Callable[[float, float], float]) -> float:
@@ -238,6 +236,9 @@ class Parameter(Fact):
                 return encode(self.type, value if self.data_type == "VISIBLE_STRING" else bytes.fromhex(value))
             except ValueError as error:
                 raise DriveProfileError(f"object {self.address}: {error}") from None
+        if self.scale == 1.0 and not self.unit and not self.type.is_real and isinstance(value, float) and not value.is_integer():
+            # a choice or a count is refused where a quantity would be rounded to the drive's step
+            raise OutOfRangeError(self.address, value, self.unit, f"is no whole number, which a {self.data_type} takes")
         raw = self.raw(value, scaling)
         return encode(self.type, bool(raw) if self.data_type == "BOOLEAN" else raw)
 

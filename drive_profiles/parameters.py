@@ -275,10 +275,9 @@ def to_concise(writes: Collection[Write]) -> bytes:
     """
     goal = {write.place: write.data for write in writes}
     # as if the device held something else everywhere, and every PDO were valid
-    held = {
-        place: b"\1" if place[1] == 0 else data[:-1] + bytes((data[-1] & 0x7F,)) if _is_cob_id(place) else b""
-        for place, data in goal.items()
-    }
+    held = {place: data + b"\0" for place, data in goal.items()}
+    held |= {place: b"\1" for place in goal if place[1] == 0 and pdo_of(place) is not None}
+    held |= {place: data[:3] + bytes((data[3] & 0x7F,)) for place, data in goal.items() if _is_cob_id(place) and len(data) == 4}
     whole = {place for place in goal if support([place]) <= set(goal)}
     order = steps({place: goal[place] for place in goal if place in whole}, held)
     order += [(place, data) for place, data in goal.items() if place not in whole]

@@ -18,7 +18,10 @@ def test_list_names_every_profile():
     assert result.exit_code == 0
     rows = [line.split("\t") for line in result.stdout.splitlines()]
     assert [row[0] for row in rows] == ["name", *available()]
-    assert "0x48494C01" in rows[1]
+    by_name = {row[0]: row for row in rows}
+    assert by_name["emulated_drive"][2:5] == ["exact", "exact", "yes"]
+    assert "8 Hz" in by_name["kollmorgen_rgm"][5] or by_name["kollmorgen_rgm"][3] == "unknown"
+    assert all(row[5] for row in rows[1:] if row[1] == "drive")
 
 
 def test_list_as_json():
@@ -26,7 +29,9 @@ def test_list_as_json():
     assert result.exit_code == 0
     facts = json.loads(result.stdout)
     assert [fact["name"] for fact in facts] == available()
-    assert facts[1]["product_code"] == 0x402
+    drive = next(fact for fact in facts if fact["name"] == "emulated_drive")
+    assert drive["product_code"] == 0x402
+    assert drive["capabilities"]["notch_inside"]["answer"] == "exact"
 
 
 def test_show_has_identity_reasons_objects_and_units():
@@ -72,7 +77,7 @@ def test_wrong_usage_is_2(arguments):
 
 
 def test_an_unknown_name_lists_what_there_is():
-    assert "available: emulated_accelerometer, emulated_drive" in runner.invoke(app, ["show", "nothing"]).output
+    assert "available: copley_plus, elmo_gold" in runner.invoke(app, ["show", "nothing"]).output
 
 
 def test_a_bad_file_is_3_with_every_problem_on_stderr(tmp_path):

@@ -3,11 +3,11 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -19,24 +19,30 @@ runner = CliRunner()
 START_TIMEOUT_S = 120.0
 
 
-def served(socket, *options):
+def served(path, *options):
     """`plant-emulator serve` as a process that ends with us."""
-    command = [sys.executable, "-m", "plant_emulator", "serve", "--bus", f"local:{socket}", "--until-stdin-closes", *options]
+    command = [sys.executable, "-m", "plant_emulator", "serve", "--bus", f"local:{path}", "--until-stdin-closes", *options]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     deadline = time.monotonic() + START_TIMEOUT_S
-    while not Path(socket).is_socket():
+    while not _answers(path):
         assert process.poll() is None, process.communicate()[0]
         assert time.monotonic() < deadline
         time.sleep(0.05)
     return process
 
 
+def _answers(path):
+    """Whether somebody serves there: a socket file alone may not be listened to yet."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+        return probe.connect_ex(path) == 0
+
+
 @pytest.fixture(scope="module")
 def robot():
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
-        socket = f"{folder}/r.sock"
-        process = served(socket, "--drive", "3=kollmorgen_akd", "--drive", "5=maxon_epos4", "--store-time-s", "0.3")
-        yield f"local:{socket}"
+        path = f"{folder}/r.sock"
+        process = served(path, "--drive", "3=kollmorgen_akd", "--drive", "5=maxon_epos4", "--store-time-s", "0.3")
+        yield f"local:{path}"
         process.stdin.close()
         process.wait(10)
         process.stdout.close()
