@@ -9,12 +9,13 @@ from drive_profiles import files, fleet
 from drive_profiles.catalogue import Catalogue
 from drive_profiles.cia301 import DataType
 from drive_profiles.device import Device
+from drive_profiles.outcome import Options
 from drive_profiles.parameters import Item, ParameterSet
 from drive_profiles.profile import Profile
 from drive_profiles.sdo import SdoPort
-from drive_profiles.upload import Options, Upload
+from drive_profiles.upload import Upload
+from hil.can.bits import frame_bits
 from hil.can.frame import Frame
-from plant_emulator.bus.bits import frame_bits
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
 from plant_emulator.slave.node import Slave
 from plant_emulator.slave.objects import communication_entries
@@ -41,7 +42,7 @@ class TimedLine:
         """Join the wire."""
         self._slave = slave
         self._answers: deque[bytes] = deque()
-        self.bus_s, self.frames = 0.0, 0
+        self.bus_s, self.frames, self.boots = 0.0, 0, 0
 
     def _hold(self, frame: Frame) -> None:
         duration = frame_bits(frame) * BIT_S

@@ -34,6 +34,7 @@ class _Line:
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
         self.answers: queue.Queue[bytes] = queue.Queue(_BACKLOG)
+        self.boots = 0
 
     def send(self, can_id: int, data: bytes) -> None:
         self._bus.send(can_id, data)
@@ -60,7 +61,6 @@ class Bus:
 
     Attributes:
         address: As it was given.
-        heard: Nodes whose heartbeat has been heard, with the NMT state.
     """
 
     def __init__(self, address: str, timeout_s: float = 0.5) -> None:
@@ -77,7 +77,6 @@ class Bus:
         parsed = parse_address(address)
         self.address = str(parsed)
         self.timeout_s = timeout_s
-        self.heard: dict[int, int] = {}
         settings: dict[str, Any] = {} if parsed.bitrate is None else {"bitrate": parsed.bitrate}
         try:
             self._bus = can.Bus(
@@ -167,8 +166,11 @@ class Bus:
         while not self._closing.is_set():
             try:
                 message = self._bus.recv(_POLL_S)
-            except (can.CanError, OSError) as error:
+            except Exception as error:  # noqa: BLE001 - adapters raise what they like, and silence would look like a dead node
                 self._lost = error
+                for line in list(self._lines.values()):
+                    with contextlib.suppress(queue.Full):
+                        line.answers.put_nowait(b"")  # wakes whoever waits
                 return
             if message is None or message.is_extended_id or message.is_error_frame or message.is_remote_frame or message.is_fd:
                 continue
@@ -176,5 +178,5 @@ class Bus:
             if function == FunctionCode.SDO_RESPONSE and node in self._lines:
                 with contextlib.suppress(queue.Full):  # a babbling node loses its own answers
                     self._lines[node].answers.put_nowait(bytes(message.data))
-            elif function == FunctionCode.HEARTBEAT and node and len(message.data) == 1:
-                self.heard[node] = message.data[0] & 0x7F
+            elif function == FunctionCode.HEARTBEAT and bytes(message.data) == b"\0" and node in self._lines:
+                self._lines[node].boots += 1

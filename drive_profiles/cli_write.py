@@ -39,8 +39,9 @@ from drive_profiles.console import (
 if TYPE_CHECKING:
     from drive_profiles.bus import Bus
     from drive_profiles.fleet import Control
+    from drive_profiles.outcome import Options, Outcome
     from drive_profiles.parameters import ParameterSet
-    from drive_profiles.upload import Options, Outcome, Upload
+    from drive_profiles.upload import Upload
 
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask before writing.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Show what would be written, and write nothing.")]
@@ -84,8 +85,8 @@ def upload(
         drive-profiles upload axis2.toml axis3.toml --bus socketcan:can0 --node 2 --node 3 --store
     """
     from drive_profiles.formats import is_toml
+    from drive_profiles.outcome import Options
     from drive_profiles.parameters import ParameterSet
-    from drive_profiles.upload import Options
 
     if len(set(node)) != len(node):
         raise fail(f"--node {' --node '.join(map(str, node))}: the same drive twice", EXIT_USAGE)
@@ -128,8 +129,8 @@ def set_(
     Example: drive-profiles set notch_1.mode=1 notch_1.start_rps=4 --bus local:/tmp/robot.sock --node 2
     """
     from drive_profiles.bus import Bus
+    from drive_profiles.outcome import Options
     from drive_profiles.target import device_at
-    from drive_profiles.upload import Options
 
     options = Options(
         store=store,
@@ -376,9 +377,9 @@ def _restore_snapshot(
     as_json: bool,
 ) -> None:
     from drive_profiles import journal
+    from drive_profiles.outcome import Options
     from drive_profiles.snapshot import as_set
     from drive_profiles.target import catalogue_of
-    from drive_profiles.upload import Options
 
     statement = journal.read(path)
     kept = statement.snapshot

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 from drive_profiles.catalogue import Catalogue, Entry
-from drive_profiles.cia301 import DataType, NmtCommand, decode
+from drive_profiles.cia301 import DataType, NmtCommand, SdoAbortCode, decode
 from drive_profiles.cia402 import Object, State, state_of
 from drive_profiles.errors import DriveProfileError, NoAnswerError, NodeError, OutOfRangeError, RefusedError, SdoAbortedError
 from drive_profiles.parameter import Place, place_of
@@ -18,8 +19,8 @@ from drive_profiles.sdo import SdoPort
 from drive_profiles.units import Scaling
 
 _MOVING = frozenset({State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE})
-_RESTART_S = 0.1
-"""How long a node is left alone after it was told to reset: an answer before that is an old one."""
+_POLL_S = 0.05
+_AXIS_STEP = 0x800
 _DRIVE = 402
 """Device profile number in the lower half of 1000h."""
 
@@ -143,39 +144,53 @@ class Device:
             return None
         return state_of(int(word))
 
-    def check_quiet(self) -> None:
+    def check_quiet(self, axes: Collection[int] = (0,)) -> None:
         """Refuse a drive that is enabled: its gains are not touched while a motor is under torque.
 
+        Args:
+            axes: Of a device with several axes (CiA 402: objects of axis n are at + 800h n), those that are concerned.
+
         Raises:
-            NodeError: It is, or its status word makes no sense.
+            NodeError: It is, or its state cannot be read.
         """
-        try:
-            data = self.read((Object.STATUS_WORD, 0))
-        except SdoAbortedError:
-            return  # no drive
-        state = state_of(int.from_bytes(data, "little"))
-        if state is None:
-            raise NodeError(self.node, f"its status word {data.hex(' ')} is no state of CiA 402", "is it a drive?")
-        if state in _MOVING:
-            raise NodeError(self.node, f"it is in state {state.value!r}", "disable it first; nothing has been written")
+        for axis in axes:
+            place = (Object.STATUS_WORD + _AXIS_STEP * axis, 0)
+            try:
+                data = self.read(place)
+            except SdoAbortedError as error:
+                is_drive = self.profile is not None and self.profile.kind == "drive"
+                if (is_drive and axis == 0) or error.code not in {SdoAbortCode.NO_OBJECT, SdoAbortCode.NO_SUBINDEX}:
+                    raise NodeError(self.node, f"its state cannot be read ({error})", "nothing has been written") from None
+                continue  # no drive, or no such axis
+            state = state_of(int.from_bytes(data, "little"))
+            if state is None:
+                raise NodeError(self.node, f"its status word {data.hex(' ')} is no state of CiA 402", "is it a drive?")
+            if state in _MOVING:
+                raise NodeError(self.node, f"it is in state {state.value!r}", "disable it first; it is not written to")
 
     def reset(self, within_s: float) -> None:
         """Reset the node as a loss of power would, and wait until it answers again.
 
         Raises:
-            NoAnswerError: It does not come back in time.
+            NoAnswerError: It does not say that it has started, or does not answer then, in time.
             RefusedError: There is no way to send it an NMT command.
         """
         if self._nmt is None:
             raise RefusedError(f"node {self.node} cannot be reset here")
+        before = self.port.boots
         self._nmt(NmtCommand.RESET_NODE, self.node)
         deadline = time.monotonic() + within_s
-        time.sleep(_RESTART_S)
+        while self.port.boots == before:
+            if time.monotonic() > deadline:
+                raise NoAnswerError(self.node, "its reset: no boot-up message", within_s)
+            with contextlib.suppress(NoAnswerError, SdoAbortedError):
+                self.port.read((0x1000, 0))
+            time.sleep(_POLL_S)
         while True:
             try:
                 self.port.read((0x1000, 0))
                 return
-            except NoAnswerError:
+            except (NoAnswerError, SdoAbortedError):
                 if time.monotonic() > deadline:
                     raise NoAnswerError(self.node, "anything after its reset", within_s) from None
 
@@ -193,7 +208,15 @@ class Device:
             self._counts = self._counts_per_rev()
         if "per mille" in needed and self._torque_nm is None:
             self._torque_nm = self._rated_torque_nm()
-        return Scaling(self._counts or 1, self._torque_nm or 1.0)
+        # what is not needed gets a stand-in; what is needed and 0 is refused by the scaling itself
+        return Scaling(1 if self._counts is None else self._counts, 1.0 if self._torque_nm is None else self._torque_nm)
+
+    def scaling_places(self) -> set[Place]:
+        """The objects that decide what a step of others is worth."""
+        encoder = self.profile.encoder if self.profile else None
+        torque = self.profile.torque if self.profile else None
+        named = (encoder and encoder.increments, encoder and encoder.revolutions, torque and torque.rated_torque)
+        return {place_of(address) for address in named if address}
 
     def _scaling_for(self, entry: Entry) -> Scaling | None:
         """How the drive counts for this entry; None where it cannot be known."""
@@ -265,6 +288,7 @@ class Device:
         now = datetime.datetime.now(datetime.UTC)
         return Header(
             profile=self.profile.name if self.profile else "",
+            node_id=self.node,
             title=found.name,
             vendor_id=found.vendor_id,
             product_code=found.product_code,

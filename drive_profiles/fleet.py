@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
-from drive_profiles.errors import DriveProfileError, NoAnswerError
-from drive_profiles.upload import Outcome, Upload, store_command
+from drive_profiles.errors import DriveProfileError, InterruptedUploadError, NoAnswerError
+from drive_profiles.outcome import Outcome, ReadBackError
+from drive_profiles.upload import Upload, store_command
 
 RESTART_S = 15.0
 """How long a drive may take to come back after a reset."""
@@ -48,9 +49,13 @@ def run(uploads: Sequence[Upload], control: Control | None = None) -> list[Outco
     if options.store:
         for upload in uploads:
             store_command(upload.device)
+    for error in _each(uploads, Upload.still_as_prepared).values():
+        raise error
     for upload in uploads:
         upload.open_journal()
     failures = _each(uploads, lambda upload: upload.write(control.cancel.is_set, lambda: control.progress(upload.device.node, 1)))
+    if not failures and control.cancel.is_set():
+        failures = {upload: InterruptedUploadError(f"node {upload.device.node}: interrupted") for upload in uploads}
     if not failures and options.store:
         failures = _each(uploads, Upload.store)
     silent = {upload for upload, error in failures.items() if isinstance(error, NoAnswerError) and upload.stored == "unknown"}
@@ -71,23 +76,30 @@ def _roll_back(uploads: Sequence[Upload], failures: Mapping[Upload, DriveProfile
         error = failures.get(upload) or ElsewhereError(f"another drive failed: {first}", first.exit_code)
         outcomes[upload] = upload.roll_back(error, store_again=upload.stored != "no")
 
-    _each(uploads, back)
+    for upload, error in _each(uploads, back).items():  # a mistake of this program on the way back
+        every = tuple(upload.named(place) for place in upload.places)
+        outcomes[upload] = upload.end("unknown", every, f"putting it back failed: {error}", 1)
     return [outcomes[upload] for upload in uploads]
 
 
 def _after_reset(uploads: Sequence[Upload]) -> list[Outcome]:
     """Read everything once more after a reset: what the drives have kept."""
     failures = _each(uploads, _reset_and_verify)
-    return [
-        upload.end("unknown", (str(failures[upload]),), "after the reset", failures[upload].exit_code)
-        if upload in failures
-        else upload.done()
-        for upload in uploads
-    ]
+    outcomes = []
+    for upload in uploads:
+        error = failures.get(upload)
+        if error is None:
+            outcomes.append(upload.done())
+            continue
+        objects = error.objects if isinstance(error, ReadBackError) else tuple(upload.named(place) for place in upload.places)
+        outcomes.append(upload.end("unknown", objects, f"after the reset: {error}", error.exit_code, others="new"))
+    return outcomes
 
 
 def _reset_and_verify(upload: Upload) -> None:
+    upload.device.check_quiet()
     upload.device.reset(RESTART_S)
+    upload.restarted()
     upload.verify()
 
 

@@ -44,10 +44,18 @@ _COMMANDS = frozenset({
 """Objects that command or move a drive, rewrite its program or its history: never written from a file, never pulled."""
 
 
+_SDO_PARAMETERS = range(0x1200, 0x1300)
+"""Identifiers of the SDO channels: changed in the middle of an upload they would end it."""
+
+
 def is_command(place: Place) -> bool:
     """Whether writing the object *does* something rather than sets something; of several axes (CiA 402: + 800h) each."""
     index = place[0]
-    return index in _COMMANDS or (0x6800 <= index < 0xA000 and 0x6000 + (index - 0x6000) % 0x800 in _COMMANDS)
+    return (
+        index in _COMMANDS
+        or index in _SDO_PARAMETERS
+        or (0x6800 <= index < 0xA000 and 0x6000 + (index - 0x6000) % 0x800 in _COMMANDS)
+    )
 
 
 class Item(Table):
@@ -78,6 +86,7 @@ class Header(Table):
 
     format: Literal[1] = 1
     profile: str = ""
+    node_id: int | None = None
     title: str = ""
     vendor_id: int | None = None
     product_code: int | None = None

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import canopen
-from canopen.sdo.client import SdoClient
+from canopen.sdo.client import SdoClient, WritableStream
 from canopen.sdo.exceptions import SdoAbortedError as CanopenAbort
 from canopen.sdo.exceptions import SdoCommunicationError
 
@@ -30,6 +30,11 @@ _DOWNLOAD_ANSWER = 3
 _DOWNLOAD_REQUEST = 1
 _ABORT = 0x80
 _OBJECT = struct.Struct("<HB")
+_SEGMENT = 7
+MAX_STRANGERS = 64
+"""Answers to others that are passed over while one of ours is waited for."""
+_BARRIER: tuple[Place, ...] = ((0x1000, 0), (0x1018, 0), (0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4))
+"""Objects that may be read to learn that all older answers have come: a server answers in order."""
 
 
 class Line(Protocol):
@@ -45,6 +50,11 @@ class Line(Protocol):
 
     def clear(self) -> list[bytes]:
         """Forget what has come and was not received, and give it."""
+        ...
+
+    @property
+    def boots(self) -> int:
+        """How often the node has been heard to start (its boot-up message) since the line was made."""
         ...
 
 
@@ -68,6 +78,9 @@ class SdoPort(SdoClient):
     a *write* of an object that this port has not written, then a request was changed on its way, and the object is noted in
     `strays`.
 
+    After a request that was not answered in time its answer may still come, and be taken for that of a later request for the same
+    object. So the next transfer waits behind a barrier: another object is read, and once that is answered nothing older can come.
+
     Attributes:
         node: Its id.
         timeout_s: How long an answer may take.
@@ -86,6 +99,17 @@ class SdoPort(SdoClient):
         self._writes = False
         self._written: set[bytes] = set()
         self._wait_s = timeout_s
+        self._behind = False
+
+    @property
+    def boots(self) -> int:
+        """How often the node has been heard to start."""
+        return self._line.boots
+
+    def forget(self) -> None:
+        """A new piece of work begins: what was written before, and what was astray, is no longer of interest."""
+        self.strays.clear()
+        self._written.clear()
 
     # -- what a caller does --------------------------------------------------------------------------------------------
 
@@ -96,6 +120,10 @@ class SdoPort(SdoClient):
             SdoAbortedError: The node refuses.
             NoAnswerError: It is silent, or its answers make no sense.
         """
+        self._catch_up()
+        return self._read(place, name)
+
+    def _read(self, place: Place, name: str = "") -> bytes:
         self._wait_s = self.timeout_s
         try:
             with self.open(*place, buffering=0) as stream:  # type: ignore[no-untyped-call]
@@ -103,6 +131,7 @@ class SdoPort(SdoClient):
         except CanopenAbort as error:
             raise SdoAbortedError(self.node, *place, error.code, name) from error
         except (SdoCommunicationError, struct.error) as error:
+            self._behind = True
             raise NoAnswerError(self.node, f"the read of {_said(place, name)}", self._wait_s) from error
 
     def write(self, place: Place, data: bytes, name: str = "", value: object = None, timeout_s: float | None = None) -> None:
@@ -119,15 +148,48 @@ class SdoPort(SdoClient):
             SdoAbortedError: The node refuses.
             NoAnswerError: It is silent; whether it has taken the value is not known.
         """
+        self._catch_up()
         self._wait_s = self.timeout_s if timeout_s is None else timeout_s
         shown = data.hex(" ") if value is None else value
         self._written.add(_OBJECT.pack(*place))
         try:
-            self.download(*place, data)
+            self._send(place, data)
         except CanopenAbort as error:
             raise SdoAbortedError(self.node, *place, error.code, name, f"write of {shown}") from error
         except (SdoCommunicationError, struct.error) as error:
+            self._behind = True
             raise NoAnswerError(self.node, f"the write of {_said(place, name)}", self._wait_s) from error
+
+    def _send(self, place: Place, data: bytes) -> None:
+        """Download in canopen's segments, without the empty last one that its stream adds, even to a transfer that has failed."""
+        stream: Any = WritableStream(self, *place, size=len(data))  # type: ignore[no-untyped-call]
+        try:
+            position = 0
+            while position < len(data):
+                position += stream.write(data[position : position + _SEGMENT])
+            if not data:
+                stream.close()
+        finally:
+            stream._done = True
+
+    def _catch_up(self) -> None:
+        """After a time-out: wait until no older answer can come any more.
+
+        Raises:
+            NoAnswerError: The node does not answer anything.
+        """
+        if not self._behind:
+            return
+        for place in _BARRIER:  # each once: of two answers to one object it would not be known which is the older
+            try:
+                self._read(place)
+            except NoAnswerError:
+                continue
+            except SdoAbortedError:
+                pass  # that is an answer, too
+            self._behind = False
+            return
+        raise NoAnswerError(self.node, "anything after a time-out", self.timeout_s)
 
     # -- what canopen's client calls -----------------------------------------------------------------------------------
 
@@ -152,22 +214,21 @@ class SdoPort(SdoClient):
             SdoCommunicationError: None came in time.
             SdoAbortedError: It is an abort (canopen's error, not ours).
         """
-        while True:
+        for _ in range(MAX_STRANGERS):
             answer = self._line.receive(self._wait_s)
             if answer is None:
                 raise SdoCommunicationError("no SDO response")
             if len(answer) != _LENGTH:
                 continue  # no SDO
-            if answer[0] >> 5 not in _NAMED_ANSWERS:
-                break
-            if answer[1:4] == self._object:
-                if answer[0] >> 5 == _DOWNLOAD_ANSWER and not self._writes:  # a read was taken for a write
-                    self.strays.add(_OBJECT.unpack(answer[1:4]))
-                break
-            self._look_at(answer)
-        if answer[0] == _ABORT:
-            raise CanopenAbort(int.from_bytes(answer[4:], "little"))
-        return answer
+            if answer[0] >> 5 in _NAMED_ANSWERS and answer[1:4] != self._object:
+                self._look_at(answer)
+                continue
+            if answer[0] >> 5 == _DOWNLOAD_ANSWER and not self._writes:  # a read was taken for a write
+                self.strays.add(_OBJECT.unpack(answer[1:4]))
+            if answer[0] == _ABORT:
+                raise CanopenAbort(int.from_bytes(answer[4:], "little"))
+            return answer
+        raise SdoCommunicationError("others' answers only")
 
     def _look_at(self, answer: bytes) -> None:
         """Note a confirmed write that nobody has asked for."""

@@ -4,7 +4,7 @@ The outcome of each drive is one of
 
 * *done*: every object of the set has been read back and holds, byte for byte, what it shall,
 * *rolled back*: every object has been read back and holds what it held before,
-* *unknown*: the objects that are listed could not be shown to hold either; all others hold what they held before.
+* *unknown*: the objects that are listed could not be shown to hold either; what all others hold is said (``others``).
 
 Whether the values were stored is said beside it. A write is never repeated without a look at what the drive holds.
 """
@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable
 from typing import Literal
 
+from drive_profiles.checks import against_identity, against_values, doubts
 from drive_profiles.cia301 import SdoAbortCode
 from drive_profiles.device import Device, Found
 from drive_profiles.errors import (
@@ -28,12 +27,14 @@ from drive_profiles.errors import (
     RefusedError,
     SdoAbortedError,
 )
-from drive_profiles.journal import Answer, Journal, Snapshot
+from drive_profiles.journal import Journal, Snapshot
+from drive_profiles.outcome import Kind, Options, Outcome, ReadBackError, Stored
 from drive_profiles.parameter import Place, address_of, place_of
-from drive_profiles.parameters import CLASSES, ParameterSet, Write
+from drive_profiles.parameters import ParameterSet, Write
 from drive_profiles.steps import Step, mapped, steps, support
 
-Kind = Literal["done", "rolled back", "unknown"]
+MAX_PASSES = 3
+"""How often the way back is tried, where writing one object changes another."""
 
 
 _NOT_STORED = frozenset({
@@ -41,79 +42,6 @@ _NOT_STORED = frozenset({
     SdoAbortCode.NO_SUBINDEX, SdoAbortCode.READ_ONLY, SdoAbortCode.INVALID_VALUE, SdoAbortCode.UNSUPPORTED_ACCESS,
 })  # fmt: skip
 """Aborts of the store command after which nothing has been stored; after others, such as a fault of the memory, who knows."""
-
-
-class ReadBackError(DriveProfileError):
-    """Objects do not hold what was written to them."""
-
-    exit_code = 6
-
-    def __init__(self, node: int, mismatches: Sequence[str]) -> None:
-        """Keep them."""
-        self.node, self.mismatches = node, tuple(mismatches)
-        super().__init__(f"node {node}: " + "; ".join(mismatches))
-
-
-@dataclass(frozen=True)
-class Options:
-    """How an upload is made.
-
-    Attributes:
-        classes: Of the parameters that are written.
-        store: Whether the drive shall keep them over a loss of power.
-        reset: Whether to reset the drive after storing, and to read everything once more.
-        rollback: Whether to put everything back when something fails.
-        allow_unverified: Whether to write by facts that nobody has verified.
-        force_commissioning: Whether to write one device's offsets to another.
-        limits: Whether the limits of profile and EDS hold for raw lines; not where the drive's own values go back.
-        journals: Folder of the journals.
-    """
-
-    classes: tuple[str, ...] = CLASSES
-    store: bool = False
-    reset: bool = False
-    rollback: bool = True
-    allow_unverified: bool = False
-    force_commissioning: bool = False
-    limits: bool = True
-    journals: Path = Path("drive-journals")
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How an upload ended on one drive.
-
-    Attributes:
-        node: Its id.
-        kind: See the module.
-        written: How many objects differed and were written.
-        unknown: Objects that may hold anything, by address and name.
-        stored: Whether the drive keeps the values over a loss of power.
-        reason: Why it was not done.
-        journal: Its journal; None where nothing had to be written.
-        exit_code: Of a command that ends with it.
-    """
-
-    node: int
-    kind: Kind
-    written: int = 0
-    unknown: tuple[str, ...] = ()
-    stored: Answer = "no"
-    reason: str = ""
-    journal: Path | None = None
-    exit_code: int = 0
-
-    def __str__(self) -> str:
-        """In words."""
-        kept = {"yes": ", stored", "no": "", "unknown": ", whether it was stored is not known"}[self.stored]
-        match self.kind:
-            case "done":
-                what = f"{self.written} written and read back" if self.written else "nothing to write, everything is there"
-                return f"node {self.node}: done, {what}{kept}"
-            case "rolled back":
-                return f"node {self.node}: rolled back, everything is as it was{kept}: {self.reason}"
-            case _:
-                return f"node {self.node}: unknown: {', '.join(self.unknown)}{kept}: {self.reason}"
 
 
 class Upload:
@@ -141,12 +69,22 @@ class Upload:
         self._attempted: dict[Place, None] = {}
         self._journal: Journal | None = None
         self._going_back = False
-        self.stored: Answer = "no"
+        self._boots = 0
+        self.stored: Stored = "no"
 
     @property
     def changes(self) -> list[tuple[Write, bytes]]:
         """What would be written, each with what the drive holds now."""
         return [(write, self._old[write.place]) for write in self.writes if self._old[write.place] != write.data]
+
+    @property
+    def places(self) -> list[Place]:
+        """Every object that the upload concerns."""
+        return list(self._old)
+
+    def restarted(self) -> None:
+        """The node has been reset on purpose."""
+        self._boots = self.device.port.boots
 
     # -- before anything is written ------------------------------------------------------------------------------------
 
@@ -157,21 +95,49 @@ class Upload:
             DriveProfileError: It is another device, it is enabled, or lines that cannot be written; nothing has been sent but
                 reads.
         """
-        self.device.port.strays.clear()
-        self.found = self.device.identify()
-        self._check_identity(self.found)
+        self.device.port.forget()
+        self._boots = self.device.port.boots
+        self.found = found = self.device.identify()
+        reasons = against_identity(self.device, self.parameter_set.header, found, self.options)
+        if reasons:
+            raise NodeError(self.device.node, "; ".join(reasons), "is this the right node, profile and file?")
+        self.warnings = doubts(self.parameter_set, found)
         self.device.check_quiet()
-        self._resolve()
+        self._resolve(found)
+        self.device.check_quiet(self._axes())
         self._goal = {write.place: write.data for write in self.writes}
         self._old = {place: self._before(place) for place in (*self._goal, *sorted(support(self._goal) - set(self._goal)))}
         self._old |= {place: self._before(place) for place in mapped(self._goal, self._old)}
         self._goal |= {place: data for place, data in self._old.items() if place not in self._goal}
         self._steps = steps(self._goal, self._old)
         if strays := self.device.port.strays:
-            names = ", ".join(self._named(place) for place in sorted(strays))
-            raise NodeError(
-                self.device.node, f"a disturbed frame has written {names}, whose old value is not known", "check the bus"
-            )
+            names = ", ".join(self.named(place) for place in sorted(strays))
+            what = f"a disturbed frame, or another SDO client, has written {names}, whose old value is not known"
+            raise NodeError(self.device.node, what, "check the bus")
+
+    def still_as_prepared(self) -> None:
+        """The same device, quiet, and holding what it held: a user may have thought for long before saying yes.
+
+        Raises:
+            NodeError: It is not so; nothing has been written.
+        """
+        if self.device.identify() != self.found:
+            raise NodeError(self.device.node, "another device answers now", "start again; nothing has been written")
+        self.device.check_quiet(self._axes())
+        moved = [self.named(place) for place, old in self._old.items() if self.device.read(place) != old]
+        if moved:
+            what = f"{', '.join(moved)} changed since they were read"
+            raise NodeError(self.device.node, what, "start again; nothing has been written")
+
+    def _axes(self) -> list[int]:
+        """The axes of a multi-axis device that the set concerns; the first always."""
+        return sorted({0, *((place[0] - 0x6000) // 0x800 for place in self._goal if 0x6000 <= place[0] < 0xA000)})
+
+    def _check_restart(self) -> None:
+        """A node that has restarted meanwhile holds what it has stored, whatever was read before."""
+        if self.device.port.boots != self._boots:
+            self._boots = self.device.port.boots
+            raise NodeError(self.device.node, "it has restarted meanwhile", "is its supply sound?")
 
     def _before(self, place: Place) -> bytes:
         """What an object holds before anything is written; of the length that its type has, or it is read once more."""
@@ -182,49 +148,15 @@ class Upload:
             return held
         held = self.device.read(place)
         if len(held) != kind.size:
-            what = f"{self._named(place)} has {len(held)} bytes, a {kind.name} has {kind.size}"
+            what = f"{self.named(place)} has {len(held)} bytes, a {kind.name} has {kind.size}"
             raise NodeError(self.device.node, what, "is this the right profile or EDS?")
         return held
 
-    def _check_identity(self, found: Found) -> None:
-        profile, header = self.device.profile, self.parameter_set.header
-        reasons: list[str] = []
-        if profile is not None:
-            identity = profile.identity
-            reasons += _differs("vendor (1018h:1)", found.vendor_id, (identity.vendor_id,), f"profile {profile.name}")
-            reasons += _differs("product (1018h:2)", found.product_code, identity.product_codes, f"profile {profile.name}")
-            if identity.device_type is not None:
-                reasons += _differs("device type (1000h)", found.device_type, (identity.device_type,), f"profile {profile.name}")
-            if not (identity.is_verified and identity.product_codes) and not self.options.allow_unverified:
-                reasons.append(f"the identity in profile {profile.name} is not verified ({identity.source}); --allow-unverified")
-        for name, wanted, is_there in (
-            ("vendor", header.vendor_id, found.vendor_id),
-            ("product", header.product_code, found.product_code),
-        ):
-            reasons += _differs(name, is_there, () if wanted is None else (wanted,), "the parameter set")
-        if header.revision is not None and found.revision != header.revision:
-            self.warnings.append(f"the set is of revision {header.revision}, the device of {found.revision}")
-        if self.parameter_set.is_edited:
-            self.warnings.append("the set has been edited since it was written")
-        if reasons:
-            raise NodeError(self.device.node, "; ".join(reasons), "is this the right node, profile and file?")
-
-    def _resolve(self) -> None:
+    def _resolve(self, found: Found) -> None:
         """Lines to bytes; every reason against it at once."""
-        lines = self.parameter_set
-        self.writes = self.device.resolve(lines, self.options.classes, limits=self.options.limits)
-        guesses = [] if self.options.allow_unverified else [write for write in self.writes if not write.entry.is_verified]
-        why = "nobody has verified what is known of it; --allow-unverified writes it all the same"
-        reasons = [f"{write.entry}: {why}" for write in guesses]
-        header, found = lines.header, self.found
-        same = found is not None and header.serial_number is not None and header.serial_number == found.serial_number
-        theirs = [write for write in self.writes if write.parameter_class == "commissioning"]
-        if theirs and not same and not self.options.force_commissioning:
-            serials = f"the set is of serial number {header.serial_number}, the device has {found and found.serial_number}"
-            names = ", ".join(str(write.entry) for write in theirs[:5])
-            reasons.append(
-                f"{names}: commissioning values of another device ({serials}); leave the class out, or --force-commissioning"
-            )
+        header = self.parameter_set.header
+        self.writes = self.device.resolve(self.parameter_set, self.options.classes, limits=self.options.limits)
+        reasons = against_values(self.device, header, found, self.writes, self.options)
         if reasons:
             raise RefusedError(*reasons)
 
@@ -281,15 +213,17 @@ class Upload:
             ReadBackError: Some hold something else.
             DriveProfileError: Some could not be read.
         """
-        wrong: list[str] = []
+        wrong: list[tuple[str, str]] = []
         for place, data in self._goal.items():
             if cancelled():
                 raise InterruptedUploadError(f"node {self.device.node}: interrupted")
             held = self.device.read(place)
             if held != data:
-                wrong.append(f"{self._named(place)} holds {held.hex(' ')}, not {data.hex(' ')}")
+                wrong.append((self.named(place), f"holds {held.hex(' ')}, not {data.hex(' ')}"))
             progress()
-        wrong += [f"{self._named(place)} was written instead of another object" for place in sorted(self.device.port.strays)]
+        self._check_restart()
+        astray = "was written by a disturbed frame, or by another SDO client"
+        wrong += [(self.named(place), astray) for place in sorted(self.device.port.strays)]
         if wrong:
             raise ReadBackError(self.device.node, wrong)
 
@@ -304,7 +238,8 @@ class Upload:
             DriveProfileError: It has no store command.
         """
         address, signature, wait_s = store_command(self.device)
-        self.device.check_quiet()
+        self.device.check_quiet(self._axes())
+        self._check_restart()
         before = self.stored
         self._note("storing")
         self.stored = "unknown"
@@ -317,6 +252,7 @@ class Upload:
             raise
         self.stored = "yes"
         self._note("stored")
+        self._check_restart()
 
     def done(self) -> Outcome:
         """The drive holds the set."""
@@ -335,31 +271,52 @@ class Upload:
         reason = str(error)
         code = error.exit_code if isinstance(error, DriveProfileError) else 1
         self._going_back = True
-        if not self.options.rollback and self._attempted:
-            return self.end("unknown", tuple(self._named(place) for place in self._attempted), reason, code)
+        if not self.options.rollback:
+            touched = [*self._attempted, *sorted(self.device.port.strays - set(self._attempted))]
+            if self.stored != "no":
+                touched.append(place_of(store_command(self.device)[0]))
+            if touched:
+                return self.end("unknown", tuple(map(self.named, touched)), reason, code)
         self._note("rolling back", reason=reason)
-        held = self._read_all()
-        known = {place: data for place, data in held.items() if data is not None}
-        mine = set(self._attempted) | self.device.port.strays
-        # without the COB-ID of its PDO an object cannot be written in the right order
-        goal = {place: data for place, data in self._old.items() if place in mine and support([place]) | {place} <= set(known)}
-        back = steps(goal, known)
-        for place, data in back:
-            try:
-                self._put(place, data)
-            except DriveProfileError:
-                continue  # what it holds is looked at below
-        if back:
-            held = self._read_all()
+        held = self._put_back()
         lost = [place for place, data in held.items() if data != self._old[place]]
         lost += sorted(self.device.port.strays - set(self._old))
         if store_again and not lost:
             lost += self._store_again()
-        elif self.stored == "unknown":
+        elif self.stored != "no":
             lost.append(place_of(store_command(self.device)[0]))
         if lost:
-            return self.end("unknown", tuple(self._named(place) for place in lost), reason, code)
+            return self.end("unknown", tuple(map(self.named, lost)), reason, code)
         return self.end("rolled back", reason=reason, code=code)
+
+    def _put_back(self) -> dict[Place, bytes | None]:
+        """Write what this upload has tried to write as it was, the last first; what every object holds then.
+
+        The way back passes through states that were valid on the way there. Where a write changes another object it takes another
+        pass; an enabled drive is read, and not written to.
+        """
+        held = self._read_all()
+        for _ in range(MAX_PASSES):
+            known = {place: data for place, data in held.items() if data is not None}
+            mine = [*reversed(self._attempted), *sorted(self.device.port.strays)]
+            # without the COB-ID of its PDO an object cannot be written in the right order
+            goal = {place: self._old[place] for place in mine if place in self._old and support([place]) | {place} <= set(known)}
+            back = steps(goal, known)
+            boots = self.device.port.boots
+            try:
+                self.device.check_quiet(self._axes())
+            except DriveProfileError:
+                break
+            for place, data in back:
+                with contextlib.suppress(DriveProfileError):  # what it holds is looked at below
+                    self._put(place, data)
+            if back:
+                held = self._read_all()
+            if self.device.port.boots == boots and not steps(goal, {**known, **{p: d for p, d in held.items() if d is not None}}):
+                break
+            if self.device.port.boots != boots:
+                held = self._read_all()
+        return held
 
     def _store_again(self) -> list[Place]:
         """It has stored, or perhaps, and then something failed: its old values are stored over the new ones."""
@@ -368,7 +325,7 @@ class Upload:
             self.store()
         except DriveProfileError:
             return [place_of(address)]
-        self.stored = "no"
+        self.stored = "again"
         return []
 
     def _read_all(self) -> dict[Place, bytes | None]:
@@ -385,7 +342,15 @@ class Upload:
             self._note("lost", place)
         return held
 
-    def end(self, kind: Kind, unknown: tuple[str, ...] = (), reason: str = "", code: int = 0) -> Outcome:
+    def end(
+        self,
+        kind: Kind,
+        unknown: tuple[str, ...] = (),
+        reason: str = "",
+        code: int = 0,
+        *,
+        others: Literal["new", "old"] = "old",
+    ) -> Outcome:
         """The outcome, and the end of the journal."""
         self._going_back = True
         self._note("outcome", outcome=kind, unknown=list(unknown), reason=reason)
@@ -395,7 +360,8 @@ class Upload:
             with contextlib.suppress(OSError):  # a full disk
                 self._journal.close()
             self._journal = None
-        return Outcome(self.device.node, kind, len(self.changes), unknown, self.stored, reason, path, code)
+        others = "new" if kind == "done" else others
+        return Outcome(self.device.node, kind, len(self.changes), unknown, others, self.stored, reason, path, code)
 
     def _note(self, event: str, place: Place | None = None, **more: object) -> None:
         """A line of the journal. On the way there no write goes without one; the way back does not stop for a full disk."""
@@ -403,20 +369,14 @@ class Upload:
             return
         try:
             self._journal.note(event, place, **more)
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: text that is no Unicode
             if not self._going_back:
-                raise RefusedError(f"the journal {self._journal.path} cannot be written ({error.strerror})") from error
+                raise RefusedError(f"the journal {self._journal.path} cannot be written ({error})") from error
 
-    def _named(self, place: Place) -> str:
+    def named(self, place: Place) -> str:
+        """Address and name of an object."""
         name = self.device.name_of(place)
         return f"{address_of(place)} ({name})" if name else address_of(place)
-
-
-def _differs(what: str, found: int | None, wanted: Collection[int], who: str) -> list[str]:
-    if not wanted or found in wanted:
-        return []
-    shown = " or ".join(f"0x{value:X}" for value in wanted)
-    return [f"its {what} is {'not given' if found is None else f'0x{found:X}'}, {who} says {shown}"]
 
 
 def store_command(device: Device) -> tuple[str, int, float]:

@@ -1,7 +1,6 @@
 """The master's side of CANopen on one channel: SDO, NMT, SYNC, heartbeats and emergencies, in one thread."""
 
 import struct
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from drive_profiles.sdo import SdoPort
 from hil.can.channel import Channel
 from hil.can.frame import Frame
 from hil.errors import NoAnswerError, ReadBackError, SdoAbortedError
+from hil.realtime import Clock, MonotonicClock
 from hil.recording import BusLog, LoggedFrame
 
 SYNC = Frame(FunctionCode.SYNC, b"")
@@ -42,6 +42,7 @@ class _Line:
     def __init__(self, network: "Network") -> None:
         self._network = network
         self.answers: deque[bytes] = deque(maxlen=MAX_EVENTS)
+        self.boots = 0  # the network itself watches for them
 
     def send(self, can_id: int, data: bytes) -> None:
         """By the channel, and into the log."""
@@ -89,7 +90,7 @@ class Network:
         period_s: What one SYNC is worth on a lock-step bus.
     """
 
-    def __init__(self, channel: Channel, log: BusLog, timeout_s: float, period_s: float) -> None:
+    def __init__(self, channel: Channel, log: BusLog, timeout_s: float, period_s: float, clock: Clock | None = None) -> None:
         """Join the bus; nothing is sent."""
         self.channel = channel
         self.log = log
@@ -103,11 +104,12 @@ class Network:
         self.foreign_sync = False
         self._ports: dict[int, SdoPort] = {}
         self._lock_step_s = 0.0
-        self._start = time.monotonic()
+        self._clock = clock or MonotonicClock()
+        self._start = self._clock.now()
 
     def now(self) -> float:
         """The bench's time in s."""
-        return self._lock_step_s if self.channel.is_lock_step else time.monotonic() - self._start
+        return self._lock_step_s if self.channel.is_lock_step else self._clock.now() - self._start
 
     def send(self, frame: Frame) -> None:
         """Send a frame and log it."""
@@ -143,10 +145,10 @@ class Network:
         self.canopen.notify(can_id, bytearray(data), self.now())
 
     def pump_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        """Read and dispatch frames until something holds, or the time (of the wall clock) is up; whether it holds."""
-        deadline = time.monotonic() + timeout_s
+        """Read and dispatch frames until something holds, or the time is up; whether it holds."""
+        deadline = self._clock.now() + timeout_s
         while not done():
-            left = deadline - time.monotonic()
+            left = deadline - self._clock.now()
             if left <= 0.0:
                 return False
             frame = self.receive(left)

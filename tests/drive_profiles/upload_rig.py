@@ -9,10 +9,11 @@ from drive_profiles import files, fleet
 from drive_profiles.catalogue import Catalogue
 from drive_profiles.cia301 import DataType
 from drive_profiles.device import Device
+from drive_profiles.outcome import Options, Outcome
 from drive_profiles.parameters import Item, ParameterSet
 from drive_profiles.profile import Profile
 from drive_profiles.sdo import SdoPort
-from drive_profiles.upload import Options, Outcome, Upload
+from drive_profiles.upload import Upload
 from hil.can.frame import Frame
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
 from plant_emulator.slave.node import Slave
@@ -132,7 +133,7 @@ class Line:
 
     def __init__(self, slave: Slave, fault: Fault | None = None) -> None:
         self.slave, self.fault = slave, fault
-        self.now, self.frames, self.dead = 0, 0, False
+        self.now, self.frames, self.dead, self.boots = 0, 0, False, 0
         self.on_frame: Callable[[int], None] = lambda number: None
         self._answers: deque[bytes] = deque()
 
@@ -159,6 +160,7 @@ class Line:
 
     def _take(self, frames: list[Frame]) -> None:
         for frame in frames:
+            self.boots += frame.can_id == 0x700 + NODE and frame.data == b"\0"
             if frame.can_id == 0x580 + NODE:
                 self._answers.extend(self._through(frame.data, is_answer=True))
 

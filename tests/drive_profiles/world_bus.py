@@ -30,6 +30,7 @@ class WorldBus:
         self._lock = threading.RLock()
         self._answers: dict[int, deque[bytes]] = {}
         self.frames = 0
+        self.boots: dict[int, int] = {}
         self._sort(self.world.power_on())
 
     def device(self, node: int, profile: str) -> Device:
@@ -63,6 +64,8 @@ class WorldBus:
     def _sort(self, frames: list[Frame]) -> None:
         for frame in frames:
             self.frames += 1
+            if frame.can_id & 0x780 == 0x700 and frame.data == b"\0":
+                self.boots[frame.can_id & 0x7F] = self.boots.get(frame.can_id & 0x7F, 0) + 1
             node = frame.can_id - 0x580
             if node in self._answers:
                 self._answers[node].append(frame.data)
@@ -80,3 +83,7 @@ class _Line:
 
     def clear(self) -> list[bytes]:
         return self._bus.clear(self._node)
+
+    @property
+    def boots(self) -> int:
+        return self._bus.boots.get(self._node, 0)
