@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hil import cli_plan
+
 if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
     from hil.experiments.plan import Experiment
     from hil.experiments.runner import Outcome
@@ -53,6 +55,13 @@ class LoopName(StrEnum):
 
     DRIVE = "drive"
     HOST = "host"
+
+
+class ClockName(StrEnum):
+    """What time is on the bus."""
+
+    LOCK_STEP = "lock-step"
+    WALL = "wall"
 
 
 OutOption = Annotated[Path, typer.Option("--out", help="Directory for recordings, result.json and report.html.")]
@@ -106,16 +115,20 @@ def _told() -> Iterator[None]:
 
 
 class _Progress:
-    """A bar on a terminal, a line per run elsewhere; on standard error, so that standard output stays for results."""
+    """A bar on a terminal, a line per run elsewhere; on standard error, so that standard output stays for results.
 
-    def __init__(self, total: int) -> None:
+    Not live, it has no thread, which would take the interpreter from a run in real time.
+    """
+
+    def __init__(self, total: int, *, is_live: bool = True) -> None:
         from rich.console import Console  # noqa: PLC0415
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
 
         self._console = Console(stderr=True)
+        self._is_live = is_live and self._console.is_terminal
         self._bar = Progress(
             TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(),
-            console=self._console, disable=not self._console.is_terminal,
+            console=self._console, disable=not self._is_live,
         )  # fmt: skip
         self._task: Any = None
         self._total, self._count = total, 0
@@ -130,7 +143,7 @@ class _Progress:
     def announce(self, experiment: "Experiment") -> None:
         self._count += 1
         label = f"[{self._count}/{self._total}] {experiment.title}"
-        if self._console.is_terminal:
+        if self._is_live:
             self._task = self._bar.add_task(label.replace("[", r"\["), total=1.0)
         else:
             _say(label)
@@ -148,17 +161,23 @@ def _run_and_report(
     as_json: bool,
     is_paper: bool = False,
     reset_faults: bool = False,
+    clock: ClockName | None = None,
+    overload: bool = False,
 ) -> None:
     """Run, write the report, say what came of it, and leave with the right status."""
+    from drive_profiles.address import LOCAL, parse_address  # noqa: PLC0415
     from hil.experiments.runner import run_experiments  # noqa: PLC0415
 
-    with _Progress(len(experiments)) as progress:
+    is_lock_step = parse_address(bench.bus.address).interface == LOCAL and clock is not ClockName.WALL
+    with _Progress(len(experiments), is_live=is_lock_step) as progress:
         outcome = run_experiments(
             bench,
             experiments,
             out,
             is_paper=is_paper,
             reset_faults=reset_faults,
+            clock=None if clock is None else clock.value,
+            overload=overload,
             announce=progress.announce,
             progress=progress.share,
         )
@@ -186,6 +205,8 @@ def _run_and_report(
 
 def _summary(outcome: "Outcome", say: Callable[[str], None]) -> None:
     """The runs and the verdict, as text."""
+    from hil.master.lateness import timing_lines  # noqa: PLC0415
+
     limit = outcome.result["bench"]["file"]["specification"]["tip_mm"]
     say(f"{'experiment':<24}{'axis':<6}{'loop':<7}{'filter':<8}{'order':<7}{'tip peak mm':<13}within ±{limit:g} mm")
     for run in outcome.result["runs"]:
@@ -195,6 +216,9 @@ def _summary(outcome: "Outcome", say: Callable[[str], None]) -> None:
         order = "-" if run["order"] is None else str(run["order"])
         verdict = "yes" if run["within_spec"] else "no"
         say(f"{run['experiment']:<24}{axis:<6}{run['loop']:<7}{run['compensation']:<8}{order:<7}{peak:<13}{verdict}")
+    for timing in {run["recording"]: run["timing"] for run in outcome.result["runs"] if "timing" in run}.values():
+        for line in timing_lines(timing):
+            say(line)
     for pair in outcome.result["comparisons"]:
         axis = "axes 2, 3, 5" if pair["axis"] is None else f"axis {pair['axis']}"
         peak, area = pair["tip_peak_reduction_pct"], pair["spectrum_area_reduction_pct"]
@@ -239,6 +263,12 @@ def run(
     bus: Annotated[str | None, typer.Option("--bus", help="Bus address instead of the bench file's.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Directory; left out: a new one in bench-out.")] = None,
     as_json: JsonOption = False,
+    clock: Annotated[
+        ClockName | None, typer.Option(help="The clock that the bus must have; left out: whichever it has (docs/realtime.md).")
+    ] = None,
+    overload: Annotated[
+        bool, typer.Option("--overload", help="Run even what does not fit on the bus at its bit rate (hil plan).")
+    ] = False,
     reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Move a real robot without asking.")] = False,
 ) -> None:
@@ -262,7 +292,8 @@ def run(
         plan = Experiment(experiment.value, axis, compensation.value, loop.value)
         if parse_address(bench.bus.address).interface != LOCAL and not yes:
             _confirm(bench, plan)
-        _run_and_report(bench, [plan], out or _new_directory(plan), as_json=as_json, reset_faults=reset_faults)
+        where = out or _new_directory(plan)
+        _run_and_report(bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload)
 
 
 def _new_directory(experiment: "Experiment") -> Path:
@@ -307,6 +338,9 @@ def report(
             _say(f"{directory}: {error}")
             raise typer.Exit(EXIT_FILE) from None
         typer.echo(str(path))
+
+
+cli_plan.mount(app)
 
 
 def main() -> None:

@@ -1,12 +1,22 @@
 """plant-emulator: the emulated robot as a process, and its experiments without a bus."""
 
+import contextlib
+import enum
 import os
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
+
+if TYPE_CHECKING:  # --help must not wait for them
+    from drive_profiles.address import Address
+    from plant_emulator.bus.attach import Attachment
+    from plant_emulator.bus.server import Server
+    from plant_emulator.robot import Robot
+    from plant_emulator.serial_accelerometer import SerialAccelerometer
+    from plant_emulator.world import World
 
 app = typer.Typer(
     name="plant-emulator",
@@ -19,6 +29,13 @@ app = typer.Typer(
 EXIT_USAGE, EXIT_FILE, EXIT_BUS = 2, 3, 4
 
 RobotOption = Annotated[str, typer.Option("--robot", help="Robot file (TOML), or `reference`.")]
+
+
+class SerialFraming(enum.StrEnum):
+    """How the serial accelerometer writes."""
+
+    LINE = "line"
+    BINARY = "binary"
 
 
 def _fail(message: str, code: int) -> typer.Exit:
@@ -42,7 +59,9 @@ def _by_axis(option: str, given: list[str] | None) -> dict[int, str]:
 @app.command()
 def serve(
     robot: RobotOption = "reference",
-    bus: Annotated[str, typer.Option("--bus", help="Where to serve: local:PATH of a Unix socket.")] = "local:/tmp/robot.sock",
+    bus: Annotated[
+        str, typer.Option("--bus", help="Where to serve: local:PATH[@BITRATE] of a Unix socket, or any bus.")
+    ] = "local:/tmp/robot.sock",
     drive: Annotated[
         list[str] | None,
         typer.Option("--drive", metavar="AXIS=PROFILE", help="Drive of an axis: name of a profile, or its file; repeatable."),
@@ -56,20 +75,48 @@ def serve(
     store_time_s: Annotated[
         float | None, typer.Option("--store-time-s", min=0.0, help="How long a drive is silent while it stores.")
     ] = None,
+    wall: Annotated[
+        bool, typer.Option("--wall", help="The local bus follows the wall clock, whoever sends SYNC; else SYNC moves it.")
+    ] = False,
+    host_latency_us: Annotated[
+        float, typer.Option("--host-latency-us", min=0.0, max=1e6, help="From a client's program to its controller, in bus time.")
+    ] = 0.0,
+    faults: Annotated[
+        Path | None, typer.Option("--faults", help="What goes wrong on the wire: a TOML file of [[fault]] tables.")
+    ] = None,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all noise instead of the file's.")] = None,
     stream: Annotated[bool, typer.Option("--stream", help="Use a stream socket although the system has seqpacket.")] = False,
     until_stdin_closes: Annotated[
         bool, typer.Option("--until-stdin-closes", help="End when standard input ends, with the process that holds it.")
     ] = False,
+    slcan: Annotated[
+        str | None, typer.Option("--slcan", metavar="PATH", help="Also be a serial CAN adapter (slcan) at this path.")
+    ] = None,
+    serial_accelerometer: Annotated[
+        str | None,
+        typer.Option("--serial-accelerometer", metavar="PATH", help="Also send the tip's acceleration on a serial port here."),
+    ] = None,
+    framing: Annotated[
+        SerialFraming, typer.Option("--framing", help="How the serial accelerometer writes; docs/serial.md.")
+    ] = SerialFraming.LINE,
+    serial_rate_hz: Annotated[
+        float, typer.Option("--serial-rate-hz", min=1.0, max=4000.0, help="Samples per second of the serial accelerometer.")
+    ] = 1000.0,
 ) -> None:
-    """Serve the robot on a local bus until Ctrl-C.
+    """Serve the robot on a local bus, or by the wall clock on any other, until Ctrl-C.
 
-    Exit status: 0 stopped, 2 usage, 3 bad robot file, 4 the bus cannot be served.
+    Exit status: 0 stopped, 2 usage, 3 bad robot file, 4 the bus cannot be served, or is lost.
 
     Examples:
         plant-emulator serve --robot reference --bus local:/tmp/robot.sock
 
+        plant-emulator serve --bus local:/tmp/robot.sock@1M --faults faults.toml
+
+        plant-emulator serve --bus socketcan:vcan0
+
         plant-emulator serve --drive 2=kollmorgen_akd --store-time-s 0.4
+
+        plant-emulator serve --slcan /tmp/robot.tty --serial-accelerometer /tmp/acc.tty
 
         can_viewer -i hil_local -c /tmp/robot.sock
     """
@@ -80,8 +127,8 @@ def serve(
     drives, sheets = _by_axis("--drive", drive), _by_axis("--eds", eds)
     try:
         address = parse_address(bus)
-        if address.interface != LOCAL:
-            raise _fail(f"--bus {bus}: the emulator serves local:PATH only", EXIT_USAGE)
+        if address.interface != LOCAL and slcan is not None:
+            raise _fail(f"--slcan: an adapter joins a bus local:PATH, not {bus}", EXIT_USAGE)
         model = load_robot(robot)
     except AddressError as error:
         raise _fail(f"--bus {error}", EXIT_USAGE) from None
@@ -94,20 +141,13 @@ def serve(
     if seed is not None:
         model = model.model_copy(update={"seed": seed})
 
-    from plant_emulator.bus.server import AddressInUseError, Server  # noqa: PLC0415
-    from plant_emulator.world import World  # noqa: PLC0415
+    from hil.can.channel import BusLostError  # noqa: PLC0415
+    from plant_emulator.serial_accelerometer import SerialAccelerometer  # noqa: PLC0415
 
-    try:
-        world = World(model)
-    except DriveProfileError as error:
-        raise _fail(str(error), EXIT_FILE) from None
-    except ValueError as error:
-        raise _fail(f"{robot}: {error}", EXIT_FILE) from None
+    sensor = None if serial_accelerometer is None else SerialAccelerometer(model, serial_rate_hz, framing.value)
+    world = _world(robot, model, sensor)
     world.axes.advance(0)  # compile, or load what is compiled, before anyone waits for an answer
-    try:
-        server = Server(world, address.channel, stream=stream)
-    except (AddressInUseError, OSError) as error:
-        raise _fail(f"cannot serve {address}: {error}", EXIT_BUS) from None
+    server = _server(world, address, _Wire(wall, 1e-6 * host_latency_us, faults), stream=stream)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.stop())
     if until_stdin_closes:
@@ -119,8 +159,93 @@ def serve(
         typer.echo(f"node {node}: {personality.profile}")
         for note in personality.notes:
             typer.echo(f"  {note}")
-    sys.stdout.flush()
-    server.run()
+    with contextlib.ExitStack() as ports:
+        ports.callback(server.close)
+        _open_ports(ports, address, slcan, serial_accelerometer, sensor)
+        sys.stdout.flush()
+        try:
+            server.run()
+        except BusLostError as error:
+            raise _fail(str(error), EXIT_BUS) from None
+
+
+class _Wire(NamedTuple):
+    """What the local bus is like."""
+
+    wall: bool
+    host_latency_s: float
+    faults: Path | None
+
+
+def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) -> "Server | Attachment":
+    """The local bus around a world, or the world on a bus that others keep."""
+    from drive_profiles.address import LOCAL  # noqa: PLC0415
+    from drive_profiles.errors import FileError  # noqa: PLC0415
+    from drive_profiles.files import load  # noqa: PLC0415
+    from hil.can.channel import BusUnavailableError, open_channel  # noqa: PLC0415
+    from plant_emulator.bus.attach import Attachment  # noqa: PLC0415
+    from plant_emulator.bus.faults import FaultsFile  # noqa: PLC0415
+    from plant_emulator.bus.medium import medium_for  # noqa: PLC0415
+    from plant_emulator.bus.server import AddressInUseError, Server  # noqa: PLC0415
+
+    try:
+        if address.interface == LOCAL:
+            faults = None if wire.faults is None else load(wire.faults, FaultsFile).faults()
+            medium = medium_for(world, address.bitrate, wall=wire.wall, host_latency_s=wire.host_latency_s, faults=faults)
+            return Server(world, address.channel, stream=stream, medium=medium)
+        if wire != (False, 0.0, None):
+            raise _fail(f"--wall, --host-latency-us and --faults are for a bus local:PATH, not {address}", EXIT_USAGE)
+        return Attachment(world, open_channel(address))
+    except FileError as error:
+        raise _fail(str(error), EXIT_FILE) from None
+    except ValueError as error:
+        raise _fail(f"{wire.faults}: {error}", EXIT_FILE) from None
+    except BusUnavailableError as error:
+        raise _fail(str(error), EXIT_BUS) from None
+    except (AddressInUseError, OSError) as error:
+        raise _fail(f"cannot serve {address}: {error}", EXIT_BUS) from None
+
+
+def _world(robot: str, model: "Robot", sensor: "SerialAccelerometer | None") -> "World":
+    """The world of a model, with a sensor on a serial line where there is one."""
+    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415
+    from plant_emulator.serial_accelerometer import MeasuredWorld  # noqa: PLC0415
+    from plant_emulator.world import World  # noqa: PLC0415
+
+    try:
+        return World(model) if sensor is None else MeasuredWorld(model, sensor)
+    except DriveProfileError as error:
+        raise _fail(str(error), EXIT_FILE) from None
+    except ValueError as error:
+        raise _fail(f"{robot}: {error}", EXIT_FILE) from None
+
+
+def _open_ports(
+    ports: contextlib.ExitStack,
+    address: "Address",
+    slcan: str | None,
+    accelerometer: str | None,
+    sensor: "SerialAccelerometer | None",
+) -> None:
+    """The serial ports beside the bus; `ports` closes them."""
+    if slcan is None and accelerometer is None:
+        return
+    from hil.can.raw import connect_local  # noqa: PLC0415
+    from plant_emulator.bus.slcan import SlcanPort  # noqa: PLC0415 - a system without terminals serves without them
+    from plant_emulator.pseudo_terminal import PathTakenError, PseudoTerminal  # noqa: PLC0415
+    from plant_emulator.serial_accelerometer import LINE_BYTES  # noqa: PLC0415
+
+    try:
+        if slcan is not None:
+            terminal = ports.enter_context(contextlib.closing(PseudoTerminal(slcan)))
+            ports.enter_context(contextlib.closing(SlcanPort(terminal, connect_local(address))))
+            typer.echo(f"slcan adapter: --bus slcan:{slcan}@{address.bitrate or 1_000_000}")
+        if accelerometer is not None and sensor is not None:
+            terminal = ports.enter_context(contextlib.closing(PseudoTerminal(accelerometer, max_backlog_bytes=LINE_BYTES)))
+            sensor.write = terminal.write
+            typer.echo(f"serial accelerometer at {accelerometer}")
+    except (PathTakenError, ImportError, AttributeError, OSError) as error:
+        raise _fail(f"no serial port: {error}", EXIT_BUS) from None
 
 
 @app.command()

@@ -46,10 +46,13 @@ class World:
         self._periods = [node.slave.dictionary.cell(0x1006) for node in self._nodes]
         self._tick_ns = round(1e9 * robot.control_period_s)
         self._mechanics_ns = 0
+        self._due: int | None = None
+        self._due_is_known = False
         self._owed_ns = 0
 
     def power_on(self) -> list[Frame]:
         """Start all nodes; their boot-up frames."""
+        self._due_is_known = False
         return _by_priority(frame for node in self._nodes for frame in node.power_on(self.now))
 
     def power_cycle(self, node_id: int) -> list[Frame]:
@@ -58,10 +61,16 @@ class World:
         Raises:
             ValueError: There is no such node.
         """
+        self._due_is_known = False
         for node in self._nodes:
             if node.node_id == node_id:
                 return node.power_on(self.now)
         raise ValueError(f"there is no node {node_id}")
+
+    @property
+    def node_ids(self) -> list[int]:
+        """All nodes, in rising order."""
+        return [node.node_id for node in self._nodes]
 
     @property
     def period_ns(self) -> int:
@@ -73,15 +82,19 @@ class World:
         """Go on to the next whole second, so that every run finds the clock's phase the same."""
         return self.free_step(-(-self.now // SECOND) * SECOND)
 
+    def hear(self, frame: Frame) -> list[tuple[int, Frame]]:
+        """What the nodes answer at this instant, each with its node-ID; no time is owed for it."""
+        self._due_is_known = False
+        if frame.can_id == FunctionCode.SYNC:
+            self.accelerometer.sample()
+        return [(node.node_id, answer) for node in self._nodes for answer in node.receive(frame, self.now)]
+
     def receive(self, frame: Frame) -> list[Frame]:
         """What the nodes answer at this instant; a SYNC then owes the world a period."""
         if self._owed_ns:
             return self.settle() + self.receive(frame)
-        is_sync = frame.can_id == FunctionCode.SYNC
-        if is_sync:
-            self.accelerometer.sample()
-        answers = [answer for node in self._nodes for answer in node.receive(frame, self.now)]
-        if is_sync:
+        answers = [answer for _, answer in self.hear(frame)]
+        if frame.can_id == FunctionCode.SYNC:
             self._owed_ns = self.period_ns
         return _by_priority(answers) if len(answers) > 1 else answers
 
@@ -90,28 +103,52 @@ class World:
         owed, self._owed_ns = self._owed_ns, 0
         return self.advance(self.now + owed) if owed else []
 
-    def advance(self, until: int) -> list[Frame]:
-        """Let time pass; what the nodes send meanwhile, in order of time.
+    @property
+    def due(self) -> int | None:
+        """The next instant at which a node does something by itself; None where only a frame or a motion can wake one."""
+        if not self._due_is_known:
+            dues = [due for node in self._nodes if (due := node.slave.due) is not None]
+            self._due, self._due_is_known = min(dues, default=None), True
+        return None if self._due is None else max(self.now, self._due)
+
+    def move(self, until: int) -> list[tuple[int, Frame]]:
+        """Let time pass to an instant that is not beyond `due`; what the nodes send then, each with its node-ID.
 
         Raises:
             ValueError: `until` lies before now.
         """
         if until < self.now:
             raise ValueError(f"the world's time is {self.now} ns and does not go back to {until} ns")
+        ticks = (until - self._mechanics_ns) // self._tick_ns
+        due = self.due
+        self.now = until
+        if ticks <= 0 and (due is None or until < due):
+            return []  # nothing has moved, and no drive has anything new to look at
+        frames: list[tuple[int, Frame]] = []
+        if ticks > 0:
+            self.axes.advance(ticks)
+            self._mechanics_ns += ticks * self._tick_ns
+            frames = [(node.node_id, frame) for node in self._nodes for frame in node.update()]
+        late = [node for node in self._nodes if _is_due(node, until)]
+        if late:
+            # lowest identifier first, as a bus would let them pass
+            frames += sorted(
+                ((node.node_id, frame) for node in late for frame in node.advance(until)), key=lambda sent: sent[1].can_id
+            )
+        self._due_is_known = False
+        return frames
+
+    def advance(self, until: int) -> list[Frame]:
+        """Let time pass; what the nodes send meanwhile, in order of time.
+
+        Raises:
+            ValueError: `until` lies before now.
+        """
         frames: list[Frame] = []
         while True:
-            stop = until
-            for node in self._nodes:
-                due = node.slave.due
-                if due is not None and due < stop:
-                    stop = max(due, self.now)
-            self._advance_mechanics(stop)
-            self.now = stop
-            for node in self._nodes:
-                frames += node.update()
-            late = [node for node in self._nodes if _is_due(node, stop)]
-            if late:
-                frames += _by_priority(frame for node in late for frame in node.advance(stop))
+            due = self.due
+            stop = until if due is None else min(until, due)
+            frames += [frame for _, frame in self.move(stop)]
             if stop >= until:
                 return frames
 
@@ -121,13 +158,6 @@ class World:
         while self.now < until:
             frames += self.advance(min(until, self.now + FREE_STEP_NS))
         return frames
-
-    def _advance_mechanics(self, until: int) -> None:
-        """Run the control periods that begin before `until`."""
-        ticks = (until - self._mechanics_ns) // self._tick_ns
-        if ticks > 0:
-            self.axes.advance(ticks)
-            self._mechanics_ns += ticks * self._tick_ns
 
     def _measure(self) -> tuple[float, float, float]:
         return self._sensor.sample(self.axes.tip_acceleration())

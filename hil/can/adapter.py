@@ -14,6 +14,8 @@ class AdapterChannel:
     """python-can's `Bus` as a channel; time on it is the wall clock's. The first failure is latched, as on every channel."""
 
     is_lock_step = False
+    overflows: int | None = None
+    """python-can does not tell."""
 
     def __init__(self, address: Address) -> None:
         """Open the bus; `BusUnavailableError` where python-can cannot."""

@@ -41,6 +41,11 @@ class Channel(Protocol):
         """Whether time on this bus is counted in SYNCs."""
         ...
 
+    @property
+    def overflows(self) -> int | None:
+        """Received frames that were lost for want of room since the bus was opened; None where nobody counts them."""
+        ...
+
     def send(self, frame: Frame) -> None:
         """Put a frame on the bus.
 

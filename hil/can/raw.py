@@ -6,16 +6,37 @@ import os
 import select
 import socket
 import struct
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from drive_profiles.address import LOCAL, Address
+from hil.can import clock
 from hil.can.channel import BusLostError, BusUnavailableError
+from hil.can.errors_frame import ALL_CLASSES, decode
 from hil.can.frame import CAN_ERR_FLAG, RECORD, Frame, pack, unpack
 
-# <linux/can/raw.h>; the socket module does not give the error filter everywhere
-_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER = 101, 2
-_ERROR_CLASSES = 0x1FFF_FFFF
+# <linux/can/raw.h> and <asm/socket.h>; the socket module does not give them everywhere
+_SOL_CAN_RAW, _CAN_RAW_FILTER, _CAN_RAW_ERR_FILTER = 101, 1, 2
+_SO_RCVBUFFORCE, _SO_RXQ_OVFL = 33, 40
+_FILTER, _DROPPED = struct.Struct("=II"), struct.Struct("=I")
+_ANCILLARY_BYTES = 64
+CAN_BUFFER_BYTES = 2 << 20
+"""Room for received frames: 2 800 of them, a third of a second at full load and 1 Mbit/s; the kernel's own default keeps 278."""
+MAX_TOLD = 64
+_LOST_WORDS = {
+    errno.ENETDOWN: "the interface is down",
+    errno.ENODEV: "the interface is gone",
+    errno.ENXIO: "the interface is gone",
+    errno.ENOBUFS: "the transmit queue does not drain",
+}
 _SENSIBLE_SEND_S = 1.0
+_SYNC = 0x80
+_ANSWER_S = 2.0
+MAX_EARLY = 256
+"""Frames that are kept while the local bus is asked for its clock."""
 _TIMEVAL = struct.Struct("@ll")
 _PROCESSOR_FIELD = 36
 """Place of `processor` in /proc/self/stat, counted from behind the name (proc(5))."""
@@ -74,7 +95,16 @@ def share_core(sock: socket.socket) -> set[int] | None:
     return before
 
 
-def _bind_can(address: Address) -> socket.socket:
+def _bind_can(address: Address, filters: Sequence[tuple[int, int]] = ()) -> socket.socket:
+    """A socket on a CAN interface that tells its errors and its losses.
+
+    Args:
+        address: Where.
+        filters: Identifier and mask of what is to be received; none: everything.
+
+    Raises:
+        BusUnavailableError: No such interface, or it is down.
+    """
     if not hasattr(socket, "AF_CAN"):
         raise BusUnavailableError(address, "this system has no SocketCAN")
     try:
@@ -82,33 +112,94 @@ def _bind_can(address: Address) -> socket.socket:
     except OSError as error:
         raise BusUnavailableError(address, f"no SocketCAN in this kernel ({error.strerror})") from error
     try:
-        sock.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ERROR_CLASSES)
+        sock.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, ALL_CLASSES)
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        if filters:
+            packed = b"".join(_FILTER.pack(can_id, mask) for can_id, mask in filters)
+            sock.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, packed)
+        _widen(sock)
         sock.bind((address.channel,))
+        _check_up(address)
     except OSError as error:
         sock.close()
         raise BusUnavailableError(address, error.strerror or str(error)) from error
+    except BusUnavailableError:
+        sock.close()
+        raise
     return sock
 
 
-class RawChannel:
-    """A channel on a raw socket. The first failure is latched: a bus that comes back needs a new channel."""
+def _widen(sock: socket.socket) -> None:
+    """Room for `CAN_BUFFER_BYTES` of received frames; without the right to force it, as much as the system allows."""
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, CAN_BUFFER_BYTES)
+    except OSError:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, CAN_BUFFER_BYTES)
 
-    def __init__(self, address: Address) -> None:
-        """Open the socket; `BusUnavailableError` where that fails."""
+
+def _check_up(address: Address) -> None:
+    """Refuse an interface that is down: binding to it works, and then nothing is ever received.
+
+    Raises:
+        BusUnavailableError: It is down.
+    """
+    try:
+        flags = int(Path("/sys/class/net", address.channel, "flags").read_text(), 16)
+    except (OSError, ValueError):
+        return  # no /sys here; the first frame that is sent will tell
+    if not flags & 1:  # IFF_UP
+        raise BusUnavailableError(address, f"the interface is down; ip link set {address.channel} up")
+
+
+def _dropped(ancillary: list[tuple[int, int, bytes]]) -> int | None:
+    """How many frames the kernel has dropped for this socket since it was opened; None where nothing was said."""
+    for level, kind, data in ancillary:
+        if level == socket.SOL_SOCKET and kind == _SO_RXQ_OVFL and len(data) == _DROPPED.size:
+            return int(_DROPPED.unpack(data)[0])
+    return None
+
+
+class RawChannel:
+    """A channel on a raw socket. The first failure is latched: a bus that comes back needs a new channel.
+
+    Attributes:
+        address: Where it is; the local bus says its bit rate.
+        is_lock_step: Whether time is counted in SYNCs; the local bus says it.
+        lag_ns: By how much a bus that is too full has put off the beats of our SYNCs; the emulated one says it.
+        overflows: Received frames that were lost before they could be read: by the kernel, or (each time, not each frame) by the
+            controller.
+        error_warnings: Error frames in which the controller told that it is error-warning or error-passive.
+        told: What error frames have said, in words; the latest `MAX_TOLD`.
+    """
+
+    def __init__(self, address: Address, filters: Sequence[tuple[int, int]] = ()) -> None:
+        """Open the socket; `BusUnavailableError` where that fails. `filters` (identifier, mask) are the kernel's, on AF_CAN."""
         self.address = address
-        self.is_lock_step = address.interface == LOCAL
-        self._socket = connect_local(address) if self.is_lock_step else _bind_can(address)
-        self._cores = share_core(self._socket) if self.is_lock_step else None
+        self._is_local = address.interface == LOCAL
+        self.is_lock_step = self._is_local
+        self.lag_ns = 0
+        self._syncs = 0
+        self._early: deque[Frame] = deque(maxlen=MAX_EARLY)
+        self.overflows = 0
+        self.error_warnings = 0
+        self.told: deque[str] = deque(maxlen=MAX_TOLD)
+        self._kernel_dropped = 0
+        self._socket = connect_local(address) if self._is_local else _bind_can(address, filters)
         self._timeout_s = -1.0
         self._is_stream = self._socket.type == socket.SOCK_STREAM
         self._buffer = b""
         self._lost: BusLostError | None = None
+        if self._is_local:
+            self._ask_for_the_clock()
+        self._cores = share_core(self._socket) if self.is_lock_step else None
 
     def send(self, frame: Frame) -> None:
         """Put a frame on the bus; waits a moment where the local bus is busy, never on a real one."""
         if self._lost is not None:
             raise self._lost
         record = pack(frame)
+        if frame[0] == _SYNC:
+            self._syncs += 1
         try:
             self._socket.send(record, socket.MSG_DONTWAIT)
         except BlockingIOError:
@@ -131,11 +222,15 @@ class RawChannel:
         """
         if self._lost is not None:
             raise self._lost
-        if timeout_s <= 0.0:
-            return self._read(socket.MSG_DONTWAIT)
-        if not self.is_lock_step:  # the kernel counts a socket's own time-out in jiffies, up to 10 ms each
+        if self._early:
+            return self._early.popleft()
+        if not self._is_local:
+            return self._read_can(timeout_s)
+        if not self.is_lock_step and timeout_s > 0.0:  # a socket's own time-out is counted in jiffies, up to 10 ms each
             ready = bool(self._buffer) or bool(select.select([self._socket], [], [], timeout_s)[0])
             return self._read(socket.MSG_DONTWAIT) if ready else None
+        if timeout_s <= 0.0:
+            return self._read(socket.MSG_DONTWAIT)
         if timeout_s != self._timeout_s:
             wait_at_most(self._socket, timeout_s)
             self._timeout_s = timeout_s
@@ -154,8 +249,72 @@ class RawChannel:
             if not record:
                 raise self._lose(OSError(errno.ECONNRESET, "the other end has closed it"))
             frame = self._from_stream(record) if self._is_stream else unpack(record)
-        if frame.can_id & CAN_ERR_FLAG and frame.can_id & 0x40:
-            raise self._lose(OSError(errno.ENETDOWN, "the controller is bus-off"))
+            if frame is not None and frame.can_id == clock.CLOCK_ID:
+                if self._is_period_over(frame.data):
+                    return None
+                frame = None
+        return self._noted(frame) if frame.can_id & CAN_ERR_FLAG else frame
+
+    def _ask_for_the_clock(self) -> None:
+        """Ask the local bus whether it counts time in SYNCs, and at which bit rate it is; one that does not answer does, at none."""
+        self._socket.send(pack(clock.question()))
+        deadline = time.monotonic() + _ANSWER_S
+        while (left := deadline - time.monotonic()) > 0.0:
+            if not self._buffer and not select.select([self._socket], [], [], left)[0]:
+                return
+            record = b"" if self._is_stream and len(self._buffer) >= RECORD.size else self._socket.recv(RECORD.size)
+            frame = self._from_stream(record) if self._is_stream else unpack(record)
+            if frame is None:
+                continue
+            said = clock.read_answer(frame.data) if frame.can_id == clock.CLOCK_ID else None
+            if said is not None:
+                self.is_lock_step = said[0] == clock.LOCK_STEP
+                self.address = replace(self.address, bitrate=said[1])
+                return
+            self._early.append(frame)
+
+    def _is_period_over(self, data: bytes) -> bool:
+        """Whether this says that the period of our last SYNC is over: nothing more will come in it."""
+        said = clock.read_period_over(data)
+        if said is None:
+            return False
+        count, self.lag_ns = said
+        return count == self._syncs & 0xFFFF_FFFF
+
+    def _read_can(self, timeout_s: float) -> Frame | None:
+        """The next frame of a CAN interface, and how many were lost before it; None where none comes in time."""
+        while True:
+            try:
+                # the kernel counts a socket's own time-out in jiffies, up to 10 ms each
+                if timeout_s > 0.0 and not select.select([self._socket], [], [], timeout_s)[0]:
+                    return None
+                record, ancillary, _, _ = self._socket.recvmsg(RECORD.size, _ANCILLARY_BYTES, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                return None
+            except (OSError, ValueError) as error:
+                raise self._lose(error) from error
+            if ancillary:
+                dropped = _dropped(ancillary)
+                if dropped is not None:
+                    self.overflows += (dropped - self._kernel_dropped) & 0xFFFF_FFFF
+                    self._kernel_dropped = dropped
+            frame = unpack(record)
+            if frame is not None:
+                return self._noted(frame) if frame.can_id & CAN_ERR_FLAG else frame
+
+    def _noted(self, frame: Frame) -> Frame:
+        """Count what an error frame says; the frame itself goes on, so that a log has it.
+
+        Raises:
+            BusLostError: The controller is bus-off, or was and has come back by itself.
+        """
+        event = decode(frame)
+        if event is not None:
+            self.told.append(event.words)
+            self.error_warnings += event.is_warning
+            self.overflows += event.is_overflow
+            if event.is_lost:
+                raise self._lose(OSError(errno.EIO, event.words))
         return frame
 
     def _from_stream(self, more: bytes) -> Frame | None:
@@ -168,8 +327,10 @@ class RawChannel:
                 return frame
         return None
 
-    def _lose(self, error: OSError) -> BusLostError:
-        self._lost = BusLostError(self.address, error.strerror or str(error))
+    def _lose(self, error: Exception) -> BusLostError:
+        number, words = getattr(error, "errno", None), getattr(error, "strerror", None)
+        told = None if self.is_lock_step else _LOST_WORDS.get(number or 0)
+        self._lost = BusLostError(self.address, told or words or str(error))
         return self._lost
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
 """What is run and what comes of it: experiments, metrics, comparisons and the paper's claims, as `result.json` holds them."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -93,6 +93,8 @@ def entries(bench: Bench, experiment: Experiment, result: RunResult, recording: 
         "motion_s": round(result.motion_s, 6),
         "recording": recording,
     }
+    if result.timing is not None:
+        tail["timing"] = {"dropped_cycles": result.dropped_cycles, **asdict(result.timing)}
     if result.stopped is not None:
         empty = dict.fromkeys((*Metrics.__dataclass_fields__,))
         return [{**common, "order": None, **empty, "within_spec": False, **tail, "stopped": result.stopped.reason}]
@@ -102,11 +104,18 @@ def entries(bench: Bench, experiment: Experiment, result: RunResult, recording: 
 
 MAX_SENSOR_MISSED = 0.005
 """Share of a motion's cycles that may lack the accelerometer; beyond it the run is not judged."""
+MAX_LATE = 0.005
+"""Share of a motion's cycles on the wall clock that may have been dropped, late, or without an answer; beyond it the same."""
 
 
 def _judged(bench: Bench, experiment: Experiment, result: RunResult, order: int | None) -> dict[str, Any]:
     """The metrics and the verdict of one window; where it cannot be judged, why, and never a pass."""
     try:
+        if result.timing is not None and result.dropped_cycles + result.missed_cycles > MAX_LATE * result.cycles:
+            raise ValueError(
+                f"of {result.cycles} cycles {result.dropped_cycles} were not sent in time and {result.missed_cycles} "
+                f"lack an answer, more than {100.0 * MAX_LATE:g} %; docs/realtime.md"
+            )
         if result.sensor_missed > MAX_SENSOR_MISSED * result.cycles:
             raise ValueError(f"the accelerometer was missing in {result.sensor_missed} of {result.cycles} cycles")
         metrics = _metrics(bench, experiment, result, order)

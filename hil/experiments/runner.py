@@ -7,17 +7,20 @@ import platform
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from drive_profiles.address import parse_address
 from hil.can.channel import Channel, open_channel
-from hil.errors import SafetyStopError
+from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.plan import Experiment, claims, comparisons, entries
 from hil.master.bench import Bench
+from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.recording import BusLog
 
 SCHEMA = 1
+
+ClockName = Literal["lock-step", "wall"]
 
 
 class Outcome:
@@ -46,6 +49,8 @@ def run_experiments(
     *,
     is_paper: bool = False,
     reset_faults: bool = False,
+    clock: ClockName | None = None,
+    overload: bool = False,
     announce: Callable[[Experiment], None] = lambda experiment: None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Outcome:
@@ -60,10 +65,13 @@ def run_experiments(
         out: Directory for what is kept; made if it is not there.
         is_paper: Judge all of the paper's claims, its tables included; else only that a notch keeps the specification.
         reset_faults: Reset drives that are in fault before anything else.
+        clock: The clock that the bus must have; None for whichever it has.
+        overload: Run even what does not fit on the bus.
         announce: Called before each run.
         progress: Called with the share of the present run.
 
     Raises:
+        NotPossibleError: The bus has another clock, or does not carry a run; nothing has been sent.
         HilError: Nodes, limits or set-up do not allow a run; what was changed is put back, what earlier runs gave is kept.
         ChannelError: The bus is not there, or was lost before anything was enabled.
     """
@@ -77,6 +85,10 @@ def run_experiments(
     not_restored: list[str] = []
     started = datetime.datetime.now(datetime.UTC)
     try:
+        _check_clock(channel, clock)
+        if not overload:
+            for experiment, motion in motions:
+                _check_load(bench, channel, experiment, motion)
         log = BusLog(out / "bus.log", _log_channel(channel))
         with Session(bench, channel, log, progress) as session:
             not_restored = session.not_restored
@@ -115,6 +127,40 @@ def run_experiments(
     if failure is not None:
         raise failure
     return Outcome(kept, stopped)
+
+
+def _check_clock(channel: Channel, wanted: ClockName | None) -> None:
+    if wanted == "wall" and channel.is_lock_step:
+        raise NotPossibleError(
+            f"time on {channel.address} is counted in SYNCs, so --clock wall is not possible there: start its emulator "
+            "with the wall clock (plant-emulator serve --wall)"
+        )
+    if wanted == "lock-step" and not channel.is_lock_step:
+        raise NotPossibleError(
+            f"time on {channel.address} is the wall clock's, so --clock lock-step is not possible there: what is on it "
+            "does not wait for SYNC"
+        )
+
+
+def _check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: Motion) -> None:
+    """Refuse a run whose frames do not fit between two SYNCs, where the bit rate is known."""
+    if channel.address.bitrate is None:
+        return
+    from hil.master.plan_check import check  # noqa: PLC0415 - a bus without bit times does not need it
+
+    where = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": str(channel.address)})})
+    period_s = float(motion.time_s[1] - motion.time_s[0])
+    with_notch = experiment.compensation == "notch"
+    verdict = check(
+        where,
+        motion.axes,
+        experiment.loop,
+        period_s,
+        notch_state=with_notch and experiment.loop == "drive",
+        with_notch=with_notch,
+    )
+    if verdict.fits is False:
+        raise NotPossibleError(f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms: {verdict.sentence} (--overload)")
 
 
 def _log_channel(channel: Channel) -> str:

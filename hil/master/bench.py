@@ -11,6 +11,8 @@ from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_SWITCHED, NOTCH_TRAPEZOID, NOTCHES, Notch
 from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, Smooth
 from hil.design.frequency import Loop, TwoInertia
+from hil.master.serial_table import SerialTable
+from hil.realtime import Settings
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -20,6 +22,19 @@ CHAIN_AXES = (2, 3, 5)
 """The axes that move the arm in its vertical plane."""
 
 REFERENCE = Path(__file__).parents[1] / "benches" / "reference.toml"
+
+
+class RealTimeTable(Table):
+    """What is asked of the operating system where time is the wall clock's; what it refuses is said in the result."""
+
+    priority: Annotated[int, Field(ge=0, le=98)] = 80
+    cpus: tuple[Annotated[int, Field(ge=0)], ...] = ()
+    lock_memory: bool = True
+    spin_s: Annotated[float, Field(ge=0.0, le=0.01)] = 0.0
+
+    def settings(self) -> Settings:
+        """As the context takes them."""
+        return Settings(**self.model_dump(exclude={"spin_s"}))
 
 
 class Bus(Table):
@@ -32,6 +47,8 @@ class Bus(Table):
     missing_limit: Annotated[int, Field(ge=1, le=100)] = 3
     heartbeat_s: Annotated[float, Field(ge=0.01, le=10.0)] = 0.1
     master_node_id: NodeId = 127
+    max_lateness_s: Positive | None = None
+    real_time: RealTimeTable = RealTimeTable()
 
     @field_validator("address")
     @classmethod
@@ -151,10 +168,23 @@ class Axis(Table):
 
 
 class Accelerometer(Table):
-    """The sensor at the tip."""
+    """The sensor at the tip: a node of the bus, or a device on a serial port.
 
-    node_id: NodeId
+    Attributes:
+        node_id: Of the node; None for a sensor on a serial port.
+        profile: Of the node; a sensor on a serial port has none.
+        serial: The serial port and what comes from it; None for a node.
+    """
+
+    node_id: NodeId | None = None
     profile: str = "emulated_accelerometer"
+    serial: SerialTable | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "Accelerometer":
+        if (self.node_id is None) == (self.serial is None):
+            raise ValueError("the accelerometer has either a node_id on the bus or a serial table")
+        return self
 
 
 class Geometry(Table):
@@ -237,7 +267,7 @@ class Bench(Table):
     @model_validator(mode="after")
     def _consistent(self) -> "Bench":
         nodes = [axis.node_id for axis in self.axis.values()]
-        nodes += [self.accelerometer.node_id, self.bus.master_node_id]
+        nodes += [node for node in (self.accelerometer.node_id, self.bus.master_node_id) if node is not None]
         twice = {node for node in nodes if nodes.count(node) > 1}
         if twice:
             raise ValueError(f"node id {min(twice)} is given twice on this bus")

@@ -6,20 +6,18 @@ import time
 from dataclasses import dataclass, field
 
 from drive_profiles.cia301 import DataType
-from drive_profiles.cia402 import Mode, Object
+from drive_profiles.cia402 import Mode
 from hil.can.frame import Frame
 from hil.errors import NodeError
+from hil.master import mapping
 from hil.master.axis import DriveAxis
-from hil.master.network import Network
-from hil.master.pdo import MappedObject, PdoSet
+from hil.master.lateness import Beat
+from hil.master.network import SYNC, Network
+from hil.master.pdo import PdoSet
+from hil.realtime import Clock, MonotonicClock
+from hil.serial_accelerometer import SerialAccelerometer
 
-U8, U16, U32, I16, I32 = (
-    DataType.UNSIGNED8,
-    DataType.UNSIGNED16,
-    DataType.UNSIGNED32,
-    DataType.INTEGER16,
-    DataType.INTEGER32,
-)
+U8, U32 = DataType.UNSIGNED8, DataType.UNSIGNED32
 
 _POSITION_COMMAND = struct.Struct("<Hi")
 _TORQUE_COMMAND = struct.Struct("<Hh")
@@ -29,7 +27,7 @@ _ACCELERATION = struct.Struct("<hhh")
 
 MAX_LATE_FRAMES = 1024
 
-ACCELERATION_OBJECT, UNIT_OBJECT, DIGITS_OBJECT = 0x7130, 0x6131, 0x6132
+UNIT_OBJECT, DIGITS_OBJECT = 0x6131, 0x6132
 METRE_PER_SECOND_SQUARED = 0x00015700
 
 
@@ -76,27 +74,33 @@ class CyclicPlan:
         accelerometer_missed: Cycles without the accelerometer.
         missed_cycles: Cycles in which an answer did not come in time.
         cycles: Cycles since the start.
+        was_dropped: Whether the last cycle was too late to be sent; what the slots hold is then of the one before.
+        beat: The deadlines, and how they were kept; a lock-step bus has none, so nothing is counted there.
     """
 
     def __init__(
         self,
         network: Network,
         axes: list[DriveAxis],
-        accelerometer: int,
+        accelerometer: int | SerialAccelerometer,
         period_s: float,
         *,
         mode: Mode,
         with_notch_state: bool,
+        clock: Clock | None = None,
+        max_lateness_s: float | None = None,
     ) -> None:
         """Plan a run; `configure` writes it to the nodes.
 
         Args:
             network: The bus.
             axes: The axes that take part.
-            accelerometer: Node of the accelerometer.
+            accelerometer: Node of the accelerometer, or the reader of one on a serial port; then time is the wall clock's.
             period_s: SYNC period.
             mode: CSP (position set-points) or CST (torque set-points).
             with_notch_state: Let the drives tell what their first filter does, in a second TPDO.
+            clock: The time of a bus that is not in lock-step; the monotonic clock unless it is given.
+            max_lateness_s: How late a cycle is still sent on such a bus; half the period unless it is given.
         """
         self.network = network
         self.period_s = period_s
@@ -107,61 +111,46 @@ class CyclicPlan:
         self.accelerometer_missed = 0
         self.missed_cycles = 0
         self.cycles = 0
+        self.was_dropped = False
+        self.beat = Beat(clock or MonotonicClock(), period_s, 0.5 * period_s if max_lateness_s is None else max_lateness_s)
         self._with_notch_state = with_notch_state
         self._accelerometer = accelerometer
+        self._sync_s = 0.0
         self._acceleration_scale = 1.0
         self._sets: list[PdoSet] = []
         self._expected: frozenset[int] = frozenset()
         self._acceleration_id = 0
         self._by_id: dict[int, Slot] = {}
-        self._next_s: float | None = None
 
     def configure(self) -> None:
         """Map the PDOs; the nodes are pre-operational."""
-        is_position = self.mode is Mode.CSP
-        target = MappedObject(Object.TARGET_POSITION, 0, I32) if is_position else MappedObject(Object.TARGET_TORQUE, 0, I16)
-        command = (MappedObject(Object.CONTROL_WORD, 0, U16), target)
-        feedback = (
-            MappedObject(Object.STATUS_WORD, 0, U16),
-            MappedObject(Object.POSITION_ACTUAL, 0, I32),
-            MappedObject(Object.TORQUE_ACTUAL, 0, I16),
-        )
+        command = mapping.command(self.mode)
         expected: set[int] = set()
         for slot in self.slots:
             pdos = PdoSet(self.network, slot.axis.node)
             self._sets.append(pdos)
             slot._command_id = pdos.rpdo(1, command)
-            slot._packer = _POSITION_COMMAND if is_position else _TORQUE_COMMAND
-            slot.feedback_id = pdos.tpdo(1, feedback)
+            slot._packer = _POSITION_COMMAND if self.mode is Mode.CSP else _TORQUE_COMMAND
+            slot.feedback_id = pdos.tpdo(1, mapping.FEEDBACK)
             expected.add(slot.feedback_id)
             self._by_id[slot.feedback_id] = slot
-            state = self._notch_state_objects(slot.axis)
+            state = mapping.notch_state(slot.axis.profile) if self._with_notch_state else ()
             if state:
                 slot.notch_id = pdos.tpdo(2, state)
                 expected.add(slot.notch_id)
                 self._by_id[slot.notch_id] = slot
             else:
                 pdos.silence(0x1801)
-        pdos = PdoSet(self.network, self._accelerometer)
-        self._sets.append(pdos)
-        self._acceleration_scale = self._read_acceleration_scale()
-        self._acceleration_id = pdos.tpdo(1, tuple(MappedObject(ACCELERATION_OBJECT, sub, I16) for sub in (1, 2, 3)))
-        expected.add(self._acceleration_id)
+        if isinstance(self._accelerometer, int):
+            pdos = PdoSet(self.network, self._accelerometer)
+            self._sets.append(pdos)
+            self._acceleration_scale = self._read_acceleration_scale(self._accelerometer)
+            self._acceleration_id = pdos.tpdo(1, mapping.ACCELERATION)
+            expected.add(self._acceleration_id)
         self._expected = frozenset(expected)
 
-    def _notch_state_objects(self, axis: DriveAxis) -> tuple[MappedObject, ...]:
-        parameters = axis.profile.parameters
-        names = ("notch_1.active", "notch_1.frequency_hz")
-        if not self._with_notch_state or not all(name in parameters for name in names):
-            return ()
-        return tuple(
-            MappedObject(parameters[name].index, parameters[name].subindex, DataType[parameters[name].data_type])
-            for name in names
-        )
-
-    def _read_acceleration_scale(self) -> float:
+    def _read_acceleration_scale(self, node: int) -> float:
         """m/s² per step of the process values; all three channels must say the same."""
-        node = self._accelerometer
         scales = set()
         for sub in (1, 2, 3):
             unit = self.network.read(node, UNIT_OBJECT, sub, U32, "physical unit")
@@ -185,20 +174,27 @@ class CyclicPlan:
         """One cycle: RPDOs, SYNC, then the answers until all are there or the time is up.
 
         In lock-step an answer may take as long as the bench file's time-out; otherwise the cycle ends on its beat, and a late
-        answer is taken as the newest one in the next.
+        answer is taken as the newest one in the next. A cycle that is too late is not sent at all: see `Beat`.
         """
+        if self.network.channel.is_lock_step:
+            self._exchange_in_lock_step()
+        else:
+            self._exchange_on_the_beat()
+
+    def saw(self, frame: Frame) -> None:
+        """Count a frame that the master has sent beside the cycle."""
+        if not self.network.channel.is_lock_step:
+            self.beat.saw(frame)
+
+    def _exchange_in_lock_step(self) -> None:
         network = self.network
-        self._wait_for_the_beat()
-        if not network.channel.is_lock_step:
-            self._drain()
         for slot in self.slots:
             network.send(slot.command())
         network.sync()
         pending = set(self._expected)
-        lock_step = network.channel.is_lock_step
-        deadline = time.monotonic() + network.timeout_s if lock_step else (self._next_s or 0.0)
+        deadline = time.monotonic() + network.timeout_s
         while pending:
-            frame = network.receive(network.timeout_s if lock_step else deadline - time.monotonic())
+            frame = network.receive(network.timeout_s)
             if frame is None:
                 break
             if not self._take(frame, pending):
@@ -207,15 +203,56 @@ class CyclicPlan:
                     break  # others talk, and what is waited for does not come
         self._count(pending)
 
-    def _drain(self) -> None:
-        """Take what has come too late for the last cycle: the newest value wins, and it is not an answer of the next."""
-        late = set(self._expected)
+    def _exchange_on_the_beat(self) -> None:
+        beat = self.beat
+        beat.wait()
+        self._drain(set())
+        self.was_dropped = beat.gives_up() or not self._send_in_time()
+        if self.was_dropped:
+            self._count_dropped()
+            return
+        beat.sync_left()
+        self._sync_s = time.monotonic()
+        pending = set(self._expected)
+        while pending and (left := beat.end_s - beat.clock.now()) > 0.0:
+            frame = self.network.receive(left)
+            if frame is not None:
+                self._take_or_dispatch(frame, pending)
+        if pending:  # the master itself may have slept meanwhile, and what it waits for be there
+            self._drain(pending)
+        self._count(pending)
+        beat.count_bits()
+
+    def _send_in_time(self) -> bool:
+        """RPDOs and SYNC; whether SYNC was sent.
+
+        Without it the RPDOs, which wait for SYNC in the drives, never come into force: those of the next cycle replace them.
+        """
+        network, beat = self.network, self.beat
+        for slot in self.slots:
+            command = slot.command()
+            network.send(command)
+            beat.saw(command)
+        if not beat.gives_up():
+            network.sync()
+            beat.saw(SYNC)
+            return True
+        return False
+
+    def _drain(self, pending: set[int]) -> None:
+        """Take what is there. Before SYNC that has come too late: the newest value wins, and it is not an answer to that SYNC."""
         for _ in range(MAX_LATE_FRAMES):
             frame = self.network.receive(0.0)
             if frame is None:
                 return
-            if not self._take(frame, late):
-                self.network.dispatch(frame)
+            self._take_or_dispatch(frame, pending)
+
+    def _take_or_dispatch(self, frame: Frame, pending: set[int]) -> None:
+        self.beat.saw(frame)
+        if self._take(frame, pending):
+            self.beat.answered()
+        else:
+            self.network.dispatch(frame)
 
     def _take(self, frame: Frame, pending: set[int]) -> bool:
         """Unpack a frame if it is one of ours; whether it was. A wrong length counts as missing."""
@@ -247,15 +284,16 @@ class CyclicPlan:
         for slot in self.slots:
             slot.missing = slot.missing + 1 if slot.feedback_id in pending else 0
         self.missing_answers = len(pending)
-        self.accelerometer_missed += self._acceleration_id in pending
+        if isinstance(self._accelerometer, int):
+            self.accelerometer_missed += self._acceleration_id in pending
+        else:
+            value = self._accelerometer.value_at_sync(self._sync_s)
+            self.accelerometer_missed += value is None
+            self.acceleration_m_s2 = value or self.acceleration_m_s2
 
-    def _wait_for_the_beat(self) -> None:
-        """Sleep until the next absolute deadline; on a lock-step bus the beat is ours."""
-        if self.network.channel.is_lock_step:
-            return
-        now = time.monotonic()
-        if self._next_s is None or now > self._next_s + self.period_s:
-            self._next_s = now  # the first cycle, or so late that the beat starts anew: set-points are not made up for
-        elif now < self._next_s:
-            time.sleep(self._next_s - now)
-        self._next_s += self.period_s
+    def _count_dropped(self) -> None:
+        """Nothing was asked, so no drive owes an answer; and what the slots hold is not of this cycle."""
+        self.cycles += 1
+        self.missing_answers = len(self._expected)
+        self.accelerometer_missed += 1
+        self.beat.count_bits()

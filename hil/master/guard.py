@@ -53,6 +53,10 @@ class AxisGuard:
             return f"{name} gives {torque_nm:.3g} N·m, the limit is {limits.torque_nm:g} N·m"
         return self._following(position_rad, reference_rad)
 
+    def skip(self) -> None:
+        """Nothing was measured in this cycle: the next position is not a period away from the last."""
+        self._last_rad = None
+
     def _following(self, position_rad: float, reference_rad: float) -> str | None:
         error = abs(position_rad - reference_rad) / (2.0 * math.pi)
         limits = self.table.limits

@@ -2,11 +2,9 @@
 
 import contextlib
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drive_profiles.cia402 import State, control_word_towards, state_of
 from hil.can.channel import ChannelError
@@ -16,12 +14,14 @@ from hil.errors import InterruptedRunError, SafetyStopError
 from hil.master.axis import DriveAxis
 from hil.master.cyclic import CyclicPlan
 from hil.master.guard import AxisGuard
+from hil.master.lateness import duration_text
+from hil.master.motion import Motion, RunResult
 from hil.recording import Recording
 
 if TYPE_CHECKING:  # the session makes its runs
     from hil.master.session import Session
 
-Real = NDArray[np.float64]
+__all__ = ["DISABLED", "DISABLE_VOLTAGE", "FAULT_RESET", "Motion", "Run", "RunResult"]
 
 ENABLE_TIMEOUT_S = 2.0
 STOP_TIMEOUT_S = 2.0
@@ -38,48 +38,6 @@ DISABLED = {
     State.FAULT,
     State.NOT_READY_TO_SWITCH_ON,
 }
-
-
-@dataclass(frozen=True)
-class Motion:
-    """What is asked of the robot in one run.
-
-    Attributes:
-        axes: Axis numbers, in the order of the columns.
-        time_s: From 0, one row per SYNC; shape (n,).
-        motor_angle_rad: Relative to where each axis starts; shape (n, axes).
-        starts_at_home: The motion is one of the tool, so it begins where all motor angles are zero; else where the axis stands.
-    """
-
-    axes: tuple[int, ...]
-    time_s: Real
-    motor_angle_rad: Real
-    starts_at_home: bool
-
-
-@dataclass(frozen=True)
-class RunResult:
-    """What a run left.
-
-    Attributes:
-        recording: What the master received; shorter than the motion where it was stopped.
-        cycles: SYNCs of the motion.
-        missed_cycles: Cycles of the motion in which an answer did not come.
-        sensor_missed: Cycles of the motion without the accelerometer.
-        wall_s: What the whole run took, set-up, settling, return and restoration included.
-        motion_s: How long the motion lasts in the bench's time.
-        control_period_s: Sampling time of the loop.
-        stopped: Why it was stopped, or None.
-    """
-
-    recording: Recording
-    cycles: int
-    missed_cycles: int
-    sensor_missed: int
-    wall_s: float
-    motion_s: float
-    control_period_s: float
-    stopped: SafetyStopError | None
 
 
 class Run:
@@ -100,9 +58,10 @@ class Run:
         self.rows = 0
         self.missed = 0
         self.sensor_missed = 0
+        self.dropped = 0
         self._guards = [AxisGuard(axis.number, axis.table, session.bench.bus, period) for axis in axes]
         self._holding: dict[int, float] = {}
-        self._table = np.zeros((len(motion.time_s), 5 + 4 * len(axes)))
+        self._table = np.full((len(motion.time_s), 5 + 4 * len(axes)), 0.0)  # its pages are there before the motion needs them
 
     # -- the sequence --------------------------------------------------------------------------------------------------
 
@@ -144,11 +103,11 @@ class Run:
                 slot.control_word = self._word_towards(goal, state)
                 if state is not State.OPERATION_ENABLED:
                     slot.target = 0 if self.servos else slot.position_counts
-            self.session.cycle(self.plan)
+            self._cycle()
             self._take_over()
             fault = self.session.node_fault(self.axes)
             if fault is not None:
-                raise StopRun(fault)
+                raise StopRun(self._own_fault() or fault)
             for slot in self.plan.slots:
                 if slot.missing > self.session.bench.bus.missing_limit:
                     raise StopRun(f"axis {slot.axis.number} does not answer")
@@ -194,7 +153,7 @@ class Run:
 
     def _record(self) -> None:
         """The motion itself, one row per SYNC."""
-        before, sensor_before = self.plan.missed_cycles, self.plan.accelerometer_missed
+        before, sensor_before, late_before = self.plan.missed_cycles, self.plan.accelerometer_missed, self._late
         angles = self.motion.motor_angle_rad + np.asarray(self.starts)
         count = len(angles)
         try:
@@ -205,6 +164,7 @@ class Run:
         finally:
             self.missed = self.plan.missed_cycles - before
             self.sensor_missed = self.plan.accelerometer_missed - sensor_before
+            self.dropped = self._late - late_before
             self.session.progress(1.0)
 
     # -- one cycle -----------------------------------------------------------------------------------------------------
@@ -215,11 +175,31 @@ class Run:
         if not self.servos:
             for slot, reference in zip(plan.slots, references, strict=True):
                 slot.target = slot.axis.scaling.position_counts(reference)
-        self.session.cycle(plan)
+        self._cycle()
         self._close_loops(references)
         if row is not None:
             self._keep(row, references)
         self._check(references)
+
+    def _cycle(self) -> None:
+        """One cycle; a master that has come too late for too many in a row stops, and stays stopped."""
+        self.session.cycle(self.plan)
+        reason = self._own_fault()
+        if reason is not None:
+            raise StopRun(reason)
+
+    def _own_fault(self) -> str | None:
+        """The reason to stop that the master itself gives; before all others, since what a late one misses may be waiting."""
+        overdue, limit = self.plan.beat.missing_now(), self.session.bench.bus.missing_limit
+        if overdue <= limit:
+            return None
+        late = f"{overdue} cycles of {duration_text(self.period)} in a row were not sent, the limit is {limit}"
+        return f"the master was late: {late}; see docs/realtime.md"
+
+    @property
+    def _late(self) -> int:
+        """Cycles that did not leave in time so far."""
+        return self.plan.beat.dropped + self.plan.beat.late
 
     def _close_loops(self, references: list[float]) -> None:
         """Host-closed: the law on what has just been received; its torque leaves with the next cycle."""
@@ -245,19 +225,23 @@ class Run:
 
     def _check(self, references: list[float]) -> None:
         for guard, slot, reference in zip(self._guards, self.plan.slots, references, strict=True):
+            if self.plan.was_dropped:
+                guard.skip()
+                continue
             scaling = slot.axis.scaling
             position, torque = scaling.position_rad(slot.position_counts), scaling.torque_nm(slot.torque_per_mille)
             reason = guard.check(slot.status_word, position, reference, torque, slot.missing)
             if reason is not None:
-                raise StopRun(self.session.node_fault(self.axes) or reason)
+                raise StopRun(self._own_fault() or self.session.node_fault(self.axes) or reason)
         reason = self.session.node_fault(self.axes)
         if reason is not None:
-            raise StopRun(reason)
+            raise StopRun(self._own_fault() or reason)
 
     # -- the end -------------------------------------------------------------------------------------------------------
 
     def _disable(self, word: int) -> bool:
         """Command all drives out of operation; whether every one of them has confirmed it in time."""
+        self.plan.beat.is_stopping = True
         ramp_s = max(axis.table.limits.speed_rps / axis.table.limits.quick_stop_rps_s for axis in self.axes)
         for _ in range(math.ceil((ramp_s + STOP_TIMEOUT_S) / self.period)):
             for slot in self.plan.slots:

@@ -1,41 +1,49 @@
 """A session on the bus: check the nodes, and for each run set them up, enable, move, disable, and leave all as it was found."""
 
-import gc
 import math
 import signal
 import threading
-import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from types import FrameType
 from typing import Literal, Self
-
-import numpy as np
 
 from drive_profiles.cia301 import DataType, FunctionCode, NmtCommand, NmtState
 from drive_profiles.cia402 import Mode, Object, State, state_of
 from drive_profiles.profile import Profile
-from drive_profiles.units import interpolation_period
 from hil.can.channel import Channel, ChannelError
 from hil.can.frame import Frame
-from hil.control.servo import Servo, ServoConfig
-from hil.design.frequency import Loop as LoopModel
-from hil.design.frequency import margins
 from hil.errors import HilError, InterruptedRunError, NodeError, NotPossibleError, UnsafeRequestError
 from hil.master.axis import DriveAxis, check_identity
 from hil.master.bench import Bench
 from hil.master.cyclic import CyclicPlan
 from hil.master.guard import heartbeat_fault
+from hil.master.lateness import Timing
+from hil.master.motion import Motion, RunResult
 from hil.master.network import Network
-from hil.master.run import DISABLE_VOLTAGE, DISABLED, FAULT_RESET, Motion, Run, RunResult
+from hil.master.request import MAX_SENSITIVITY, check_motion, host_loops
+from hil.master.run import DISABLE_VOLTAGE, DISABLED, FAULT_RESET, Run
+from hil.realtime import Clock, MonotonicClock, RealTime, quiet_garbage_collection
 from hil.recording import BusLog
+from hil.serial_accelerometer import SerialAccelerometer
+
+__all__ = ["MAX_SENSITIVITY", "Compensation", "Loop", "Session"]
 
 Loop = Literal["drive", "host"]
 Compensation = Literal["none", "notch"]
 
 LISTEN_S = 0.1
 """How long the bus is listened to before the first frame is sent."""
-MAX_SENSITIVITY = 4.0
-"""M_s up to which a host-closed loop is run: a quarter of the way from the edge is left."""
+
+
+def _accelerometer(bench: Bench) -> int | SerialAccelerometer:
+    """The node of the accelerometer, or its reader, which `bring_up` opens."""
+    table = bench.accelerometer
+    if table.serial is not None:
+        return SerialAccelerometer(table.serial.settings())
+    if table.node_id is None:
+        raise NotPossibleError("the bench has no accelerometer")
+    return table.node_id
 
 
 class Session:
@@ -46,20 +54,28 @@ class Session:
         channel: The bus; the session does not close it.
         log: Where every frame goes.
         progress: Called with the share of the present motion that is done.
+        clock: Where time is the wall clock's, this one; the monotonic clock unless it is given.
 
     Attributes:
         not_restored: What could not be put back, in words; empty when everything was.
     """
 
     def __init__(
-        self, bench: Bench, channel: Channel, log: BusLog, progress: Callable[[float], None] = lambda share: None
+        self,
+        bench: Bench,
+        channel: Channel,
+        log: BusLog,
+        progress: Callable[[float], None] = lambda share: None,
+        clock: Clock | None = None,
     ) -> None:
         """Load the profiles; nothing is sent."""
         self.bench = bench
         self.log = log
         self.progress = progress
-        self.network = Network(channel, log, bench.bus.answer_timeout_s, bench.bus.sync_period_s)
+        self.clock = clock or MonotonicClock(bench.bus.real_time.spin_s)
+        self.network = Network(channel, log, bench.bus.answer_timeout_s, bench.bus.sync_period_s, self.clock)
         self.axes = {number: DriveAxis(self.network, number, table) for number, table in sorted(bench.axis.items())}
+        self._accelerometer = _accelerometer(bench)
         self._accelerometer_profile = Profile.load(bench.accelerometer.profile)
         if self._accelerometer_profile.kind != "accelerometer":
             raise NotPossibleError(f"profile {bench.accelerometer.profile} is no accelerometer")
@@ -80,6 +96,8 @@ class Session:
 
     def __exit__(self, *_: object) -> None:
         """Put the handlers back and write what is left of the log."""
+        if not isinstance(self._accelerometer, int):
+            self._accelerometer.close()
         for number, handler in self._handlers.items():
             signal.signal(number, handler)  # type: ignore[arg-type]
         self.log.write()
@@ -110,7 +128,10 @@ class Session:
                 check_identity(self.network, axis.node, axis.profile, axis.table.serial_number)
                 self._reset_fault(axis)
             axis.identify()
-        check_identity(self.network, self.bench.accelerometer.node_id, self._accelerometer_profile)
+        if isinstance(self._accelerometer, int):
+            check_identity(self.network, self._accelerometer, self._accelerometer_profile)
+        else:
+            self._accelerometer.open(is_lock_step=self.network.channel.is_lock_step)
 
     def _reset_fault(self, axis: DriveAxis) -> None:
         """The rising edge of bit 7, by SDO; never further than switch on disabled."""
@@ -129,8 +150,8 @@ class Session:
             SafetyStopError: Only before anything is recorded; later the result says so in `stopped`.
             HilError: The set-up failed; what was changed has been put back as far as the bus allowed.
         """
-        began = time.monotonic()
-        period = self._period(motion)
+        began = self.clock.now()
+        period = motion.period_s
         self.network.period_s = period
         axes = [self.axes[number] for number in motion.axes]
         if compensation == "notch" and not any(axis.table.notch for axis in axes):
@@ -138,88 +159,60 @@ class Session:
             raise NotPossibleError(f"a run with the notch needs one: the bench file has no {names}")
         for axis in axes:
             axis.identify()
-        servos = self._servos(axes, compensation, loop, period)
+        servos = host_loops(axes, period, with_notch=compensation == "notch") if loop == "host" else []
         mode = Mode.CST if loop == "host" else Mode.CSP
         plan = CyclicPlan(
             self.network,
             axes,
-            self.bench.accelerometer.node_id,
+            self._accelerometer,
             period,
             mode=mode,
             with_notch_state=compensation == "notch" and loop == "drive",
+            clock=self.clock,
+            max_lateness_s=self.bench.bus.max_lateness_s,
         )
         starts = [0.0 if motion.starts_at_home else axis.position_rad() for axis in axes]
-        self._check_motion(motion, axes, starts)
+        check_motion(motion, axes, starts)
+        self._check_lateness(period)
         run = Run(self, motion, axes, plan, servos, period, starts)
         control = period
-        gc.collect()
-        gc.disable()  # a collection in the middle of a motion is a late set-point
-        try:
+        timing = None
+        with ExitStack() as context:
+            real_time = self._real_time(context)
+            context.callback(self._tear_down, axes, plan)
             if loop == "drive":
                 control = axes[0].control_period_s()
             self._set_up(axes, plan, compensation, loop, mode, period)
+            overflows = self._overflows()
             stopped = run.perform()
-        finally:
-            gc.enable()
-            self._tear_down(axes, plan)
-        wall_s = time.monotonic() - began
+            if real_time is not None:
+                timing = self._timing(plan, real_time, overflows)
+        wall_s = self.clock.now() - began
         self.log.write()
         duration = float(motion.time_s[-1])
-        return RunResult(run.recording(), run.rows, run.missed, run.sensor_missed, wall_s, duration, control, stopped)
+        return RunResult(
+            run.recording(), run.rows, run.missed, run.sensor_missed, wall_s, duration, control, stopped, run.dropped, timing
+        )
 
-    def _period(self, motion: Motion) -> float:
-        return float(round((motion.time_s[1] - motion.time_s[0]) * 1e9) / 1e9)
+    def _check_lateness(self, period: float) -> None:
+        limit = self.bench.bus.max_lateness_s
+        if limit is not None and limit > period and not self.network.channel.is_lock_step:
+            raise UnsafeRequestError("bus.max_lateness_s", limit, period, "s", "a set-point is not sent in another's cycle")
 
-    def _servos(self, axes: list[DriveAxis], compensation: Compensation, loop: Loop, period: float) -> list[Servo]:
-        """The host's own loops, where it closes them; refused where the model says that they are unstable."""
-        if loop == "drive":
-            return []
-        servos = []
-        for axis in axes:
-            table = axis.table
-            notches = tuple(notch.notch() for notch in table.notch) if compensation == "notch" else ()
-            model = table.loop(period, 1, with_notch=compensation == "notch")
-            if model is not None:
-                speeds = [speed for n in notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist()]
-                self._check_host_loop(axis, model, [0.0, *speeds])
-            config = ServoConfig(table.control.cascade(), table.limits.torque_nm, notches)
-            servos.append(Servo(config, period))
-        return servos
+    def _real_time(self, context: ExitStack) -> RealTime | None:
+        """Enter real time where time is the wall clock's; in lock-step only the garbage collector rests."""
+        if self.network.channel.is_lock_step:
+            context.callback(quiet_garbage_collection())
+            return None
+        return context.enter_context(RealTime(self.bench.bus.real_time.settings()))
 
-    @staticmethod
-    def _check_host_loop(axis: DriveAxis, model: LoopModel, speeds_rps: list[float]) -> None:
-        """Refuse a loop that the model shows unstable, or at the edge of it."""
-        where = f"axis {axis.number} closed over the bus at {1e3 * model.period_s:g} ms"
-        remedy = "shorten bus.host_sync_period_s, lower the gains, or close the loop in the drive (--loop drive)"
-        for speed in speeds_rps:
-            found = margins(model, speed)
-            if not found.stable:
-                raise UnsafeRequestError(f"{where} is unstable: its largest pole", found.pole_radius, 1.0, "", remedy)
-            if found.sensitivity_peak > MAX_SENSITIVITY:
-                peak = found.sensitivity_peak
-                raise UnsafeRequestError(f"{where} is at the edge of stability: M_s", peak, MAX_SENSITIVITY, "", remedy)
+    def _overflows(self) -> int | None:
+        return None if self.network.channel.is_lock_step else self.network.channel.overflows
 
-    def _check_motion(self, motion: Motion, axes: list[DriveAxis], starts: list[float]) -> None:
-        """The whole motion against the limits, before anything is enabled."""
-        period, turn = self._period(motion), 2.0 * math.pi
-        interpolation_period(period)
-        for axis in axes:
-            sync = axis.profile.sync
-            too_short = sync.min_period_s is not None and period < sync.min_period_s
-            too_long = sync.max_period_s is not None and period > sync.max_period_s
-            if too_short or too_long:
-                limit = (sync.min_period_s if too_short else sync.max_period_s) or 0.0
-                raise UnsafeRequestError(f"the SYNC period of axis {axis.number}", period, limit, "s", "see its profile")
-        for column, axis in enumerate(axes):
-            limits, name = axis.table.limits, f"axis {axis.number}"
-            angle = (motion.motor_angle_rad[:, column] + starts[column]) / turn
-            speed = float(np.max(np.abs(np.diff(angle)))) / period
-            if speed > limits.speed_rps:
-                raise UnsafeRequestError(f"the speed of {name}", speed, limits.speed_rps, "rps", "slow the motion down")
-            if float(angle.max()) > limits.position_max_rev:
-                raise UnsafeRequestError(f"the position of {name}", float(angle.max()), limits.position_max_rev, "rev")
-            if float(angle.min()) < limits.position_min_rev:
-                raise UnsafeRequestError(f"the position of {name}", float(angle.min()), limits.position_min_rev, "rev")
+    def _timing(self, plan: CyclicPlan, real_time: RealTime, overflows_before: int | None) -> Timing:
+        channel, overflows = self.network.channel, self._overflows()
+        lost = None if overflows is None or overflows_before is None else overflows - overflows_before
+        return Timing.of(plan.beat, plan.missed_cycles, channel.address.bitrate, lost, real_time.measures)
 
     def _set_up(
         self,
@@ -231,8 +224,7 @@ class Session:
         period: float,
     ) -> None:
         """Write limits, gains, filters, PDOs and supervision, each read back; then start the nodes."""
-        sensor = self.bench.accelerometer.node_id
-        for node in (*(axis.node for axis in axes), sensor):
+        for node in self._nodes(axes):
             self.network.nmt(NmtCommand.ENTER_PRE_OPERATIONAL, node)
         for axis in axes:
             axis.write_limits()
@@ -243,18 +235,22 @@ class Session:
         plan.configure()
         for axis in axes:
             axis.write_supervision(self.bench.bus.master_node_id, self.bench.bus.heartbeat_s)
-        self._heartbeat(force=True)  # a drive watches from the first heartbeat on that it sees after it was told to
-        for node in (*(axis.node for axis in axes), sensor):
+        self._heartbeat()  # a drive watches from the first heartbeat on that it sees after it was told to
+        for node in self._nodes(axes):
             self.network.nmt(NmtCommand.START, node)
         self.network.emergencies.clear()
         self.network.boots.clear()
         self._supervised_since_s = self.network.now()
 
+    def _nodes(self, axes: list[DriveAxis]) -> list[int]:
+        """The nodes that these axes need, and the accelerometer where it is one."""
+        sensors = [self._accelerometer] if isinstance(self._accelerometer, int) else []
+        return [*(axis.node for axis in axes), *sensors]
+
     def _tear_down(self, axes: list[DriveAxis], plan: CyclicPlan) -> None:
         """Put everything back; what a node refuses or the bus does not allow any more is noted in `not_restored`."""
         try:
-            sensor = self.bench.accelerometer.node_id
-            for node in (*(axis.node for axis in axes), sensor):
+            for node in self._nodes(axes):
                 self.network.nmt(NmtCommand.ENTER_PRE_OPERATIONAL, node)
             disabled = [axis for axis in axes if self._is_disabled(axis)]
             for axis in axes:
@@ -262,7 +258,7 @@ class Session:
                     self.not_restored += axis.restore()  # its supervision ends first
                 else:  # it keeps its limits, and our heartbeat, which it watches, has stopped
                     self.not_restored.append(f"node {axis.node}: not confirmed to be disabled; limits and supervision stay")
-            self.not_restored += plan.restore({sensor, *(axis.node for axis in disabled)})
+            self.not_restored += plan.restore(set(self._nodes(disabled)))
         except ChannelError as error:
             self.not_restored.append(f"the bus: {error}")
 
@@ -281,17 +277,20 @@ class Session:
 
     # -- what every cycle needs ----------------------------------------------------------------------------------------
 
-    def _heartbeat(self, *, force: bool = False) -> None:
-        """Send the master's heartbeat when it is due; by the loop itself, so that it stops when the loop does."""
+    def _heartbeat(self, plan: CyclicPlan | None = None) -> None:
+        """Send the master's heartbeat when it is due, without a plan at once; by the loop itself, so that it stops with it."""
         now = self.network.now()
-        if force or now - self._last_heartbeat_s >= self.bench.bus.heartbeat_s - 1e-9:
+        if plan is None or now - self._last_heartbeat_s >= self.bench.bus.heartbeat_s - 1e-9:
             self._last_heartbeat_s = now
             master = self.bench.bus.master_node_id
-            self.network.send(Frame(FunctionCode.HEARTBEAT + master, bytes((NmtState.OPERATIONAL,))))
+            frame = Frame(FunctionCode.HEARTBEAT + master, bytes((NmtState.OPERATIONAL,)))
+            self.network.send(frame)
+            if plan is not None:
+                plan.saw(frame)
 
     def cycle(self, plan: CyclicPlan) -> None:
         """One cycle with the master's heartbeat."""
-        self._heartbeat()
+        self._heartbeat(plan)
         plan.exchange()
 
     def node_fault(self, axes: list[DriveAxis]) -> str | None:

@@ -56,6 +56,8 @@ class Run(Entry):
     motion_s: float | None = None
     recording: str | None = None
     stopped: str | None = None
+    invalid: str | None = None
+    timing: dict[str, Any] | None = None
 
     @property
     def name(self) -> str:

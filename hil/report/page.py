@@ -14,6 +14,7 @@ from hil.report import figures_identification, figures_model, figures_notch, fig
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, Run, finite
 from hil.report.style import Drawing
 from hil.report.tables import Mark, Table
+from hil.report.timing import timing_table
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ def sections(material: Material) -> list[Section]:
                 *(figures_suppression.loop_places(material, axis) for axis in driven),
             ],
         ),
-        ("all-runs", "Runs", [tables.runs(material), tables.motions(material)]),
+        ("all-runs", "Runs", [tables.runs(material), tables.motions(material), timing_table(material)]),
     ]
     found = [Section(key, title, tuple(_present(items))) for key, title, items in chapters]
     return [section for section in found if section.items]
@@ -180,6 +181,7 @@ def verdict(material: Material) -> Verdict:
         f"Does not hold: {claim.claim} (paper {_with_unit(claim.paper, claim.unit)}, bench {_with_unit(claim.bench, claim.unit)})"
         for claim in failed
     ]
+    details += [f"Not judged: {run.name}: {run.invalid}" for run in material.result.runs if run.invalid]
     details += _missed(material)
     if early:
         many = "A run was" if len(early) == 1 else f"{len(early)} runs were"
@@ -196,7 +198,7 @@ def verdict(material: Material) -> Verdict:
 
 def _by_specification(material: Material, details: list[str]) -> Verdict:
     limit = f"±{material.bench.specification.tip_mm:g} mm"
-    judged = [run for run in material.result.runs if run.within_spec is not None and run.order in (None, 2)]
+    judged = [run for run in material.result.runs if run.within_spec is not None and not run.invalid and run.order in (None, 2)]
     details = [f"{run.name}: tip peak {tables.number(run.tip_peak_mm, '{:.3f}')} mm" for run in judged] + details
     if not judged:
         return Verdict("open", "▲", "Nothing was judged against the specification", tuple(details))

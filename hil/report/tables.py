@@ -251,7 +251,9 @@ def runs(material: Material) -> Table | None:
 
 
 def _run(run: Run) -> list[Cell]:
-    within: Cell = Mark(None, "stopped early") if run.stopped else Mark(run.within_spec, _WITHIN.get(run.within_spec, ""))
+    within: Cell = Mark(run.within_spec, _WITHIN.get(run.within_spec, ""))
+    if run.stopped or run.invalid:
+        within = Mark(None, "stopped early" if run.stopped else "not judged")
     return [
         _name(run),
         NONE if run.order is None else f"k = {run.order}",

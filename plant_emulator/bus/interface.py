@@ -7,6 +7,7 @@ from typing import Any
 import can
 
 from drive_profiles.address import LOCAL, Address
+from hil.can import clock
 from hil.can.channel import BusUnavailableError
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, RECORD, Frame, pack, unpack
 from hil.can.raw import connect_local
@@ -31,6 +32,8 @@ class LocalBus(can.BusABC):
         except BusUnavailableError as error:
             raise can.CanInitializationError(str(error)) from error
         self._socket.setblocking(False)
+        self._socket.send(pack(clock.question(stamps=True)))
+        self._end_ns: int | None = None
         self._buffer = b""
         self.channel = channel
         self.channel_info = f"local bus {channel}"
@@ -72,11 +75,12 @@ class LocalBus(can.BusABC):
             self._buffer += data
         frame = unpack(self._buffer)
         self._buffer = b""
-        if frame is None:
+        if frame is None or frame.can_id == clock.CLOCK_ID:
+            self._end_ns = None if frame is None else clock.read_stamp(frame.data)
             return None, False
         is_remote = bool(frame.can_id & CAN_RTR_FLAG)
         message = can.Message(
-            timestamp=time.time(),
+            timestamp=time.time() if self._end_ns is None else 1e-9 * self._end_ns,
             arbitration_id=frame.can_id & CAN_EFF_MASK,
             is_extended_id=bool(frame.can_id & CAN_EFF_FLAG),
             is_remote_frame=is_remote,

@@ -1,6 +1,7 @@
 """The local bus: a Unix socket that several clients join, and the world behind it with its two clocks."""
 
 import contextlib
+import itertools
 import os
 import selectors
 import socket
@@ -9,9 +10,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from drive_profiles.cia301 import FunctionCode
+from hil.can import clock
 from hil.can.frame import RECORD, Frame, pack, unpack
 from hil.can.raw import wait_at_most
-from plant_emulator.world import World
+from plant_emulator.bus.medium import Instant, Medium
+from plant_emulator.bus.timed import FIRST_CLIENT, Heard
+from plant_emulator.world import SECOND, World
 
 FREE_POLL_S = 0.001
 """How long a world that moves by itself sleeps between two looks at its clients."""
@@ -35,8 +39,17 @@ class AddressInUseError(Exception):
 class Client:
     """One participant of the bus. What it does not read in time is dropped and counted, never waited for."""
 
-    def __init__(self, sock: socket.socket) -> None:
-        """Take over a connected socket."""
+    def __init__(self, sock: socket.socket, port: int) -> None:
+        """Take over a connected socket.
+
+        Args:
+            sock: Its own end.
+            port: Its number on the bus.
+        """
+        self.port = port
+        self.knows_clock = self.wants_stamps = False
+        self.may_be_clock = True
+        self.syncs = 0
         sock.setblocking(True)
         wait_at_most(sock, CLOCK_WAIT_S)
         self.socket = sock
@@ -107,11 +120,12 @@ class Server:
     world follows the monotonic clock.
     """
 
-    def __init__(self, world: World, path: str, *, stream: bool = False) -> None:
+    def __init__(self, world: World, path: str, *, stream: bool = False, medium: Medium | None = None) -> None:
         """Bind the path and start the nodes.
 
         Args:
             world: What is behind the bus.
+            medium: What is between them; left out, nothing but order.
             path: Of the socket; a stale one is removed.
             stream: Use a stream socket although the system has seqpacket ones.
 
@@ -125,7 +139,11 @@ class Server:
         self._listener.setblocking(False)
         self._inode = Path(path).stat().st_ino
         self._clients: dict[int, Client] = {}
-        self._selector = selectors.DefaultSelector()
+        self.medium: Medium = Instant(world) if medium is None else medium
+        self._is_wall = self.medium.clock == clock.WALL
+        # epoll counts in milliseconds, select in microseconds
+        self._selector = selectors.SelectSelector() if self._is_wall else selectors.DefaultSelector()
+        self._ports = itertools.count(FIRST_CLIENT)
         self._selector.register(self._listener, selectors.EVENT_READ)
         self._clock: Client | None = None
         self._epoch_ns = time.monotonic_ns() - world.now
@@ -154,26 +172,37 @@ class Server:
                 for client in self._clients.values():
                     client.flush()
                 if self._clock is None:
-                    self._broadcast(self.world.free_step(time.monotonic_ns() - self._epoch_ns), None)
+                    self._deliver(self.medium.free(self._wall_ns()))
         finally:
             self.close()
 
+    def _wall_ns(self) -> int:
+        """Where the world's time would be now if it followed the monotonic clock."""
+        return max(self.world.now, time.monotonic_ns() - self._epoch_ns)
+
     def _wait(self) -> list[int]:
         """Descriptors that can be read; while the world moves by itself, sleeps a little for them."""
-        return [key.fd for key, _ in self._selector.select(FREE_POLL_S if self._clock is None else 0.0)]
+        if self._clock is not None:
+            return [key.fd for key, _ in self._selector.select(0.0)]
+        patience = FREE_POLL_S
+        if self._is_wall and (due := self.medium.due) is not None:
+            patience = min(patience, max(0.0, (due - self._wall_ns()) / SECOND))
+        return [key.fd for key, _ in self._selector.select(patience)]
 
-    def _serve_clock(self, clock: Client) -> None:
+    def _serve_clock(self, holder: Client) -> None:
         """A turn of lock-step: what the client that holds the clock sends, waited for in its own socket.
 
         The turn ends when the client is silent for `CLOCK_WAIT_S` or has had its share of frames; then the others are looked at.
         """
         for _ in range(TURN_FRAMES):
-            frames = clock.receive(wait=True)
+            frames = holder.receive(wait=True)
             if frames is None:
-                self._drop(clock.socket.fileno())
+                self._drop(holder.socket.fileno())
             for frame in frames or ():
-                self._on_frame(frame, clock)
-            if not frames or self._clock is not clock:
+                self._on_frame(frame, holder)
+            if not frames:
+                self._deliver(self.medium.idle())
+            if not frames or self._clock is not holder:
                 return
 
     def _serve(self, descriptors: Iterable[int]) -> None:
@@ -194,7 +223,8 @@ class Server:
             if len(self._clients) >= MAX_CLIENTS:
                 sock.close()
                 return
-            self._clients[sock.fileno()] = Client(sock)
+            client = self._clients[sock.fileno()] = Client(sock, next(self._ports))
+            self.medium.join(client.port)
             self._selector.register(sock, selectors.EVENT_READ)
 
     def _read(self, descriptor: int) -> None:
@@ -212,26 +242,45 @@ class Server:
                 return  # one at a time, so that a babbling client does not keep the others out
 
     def _on_frame(self, frame: Frame, sender: Client) -> None:
-        self._broadcast((frame,), sender)
-        is_sync = frame.can_id == FunctionCode.SYNC
-        if is_sync and self._clock is not sender:
+        if frame.can_id == clock.CLOCK_ID:
+            self._on_question(frame, sender)
+            return
+        if self._is_wall:
+            self._deliver(self.medium.free(self._wall_ns()))
+        if self._is_wall or frame.can_id != FunctionCode.SYNC or not sender.may_be_clock:
+            self._deliver(self.medium.frame(sender.port, frame))
+            return
+        if self._clock is not sender:
             if self._clock is None:
-                self._broadcast(self.world.begin_lock_step(), None)
+                self._deliver(self.medium.begin_cycles())
             self._clock = sender
-        # the answers leave before the world moves on, so that the master computes while the emulator does
-        self._broadcast(self.world.receive(frame), None)
-        if is_sync:
-            self._broadcast(self.world.settle(), None)
+        for heard in self.medium.cycle(sender.port, frame):
+            self._deliver(heard)
+        sender.syncs += 1
+        if sender.knows_clock and self.medium.bitrate is not None:
+            sender.send(pack(clock.period_over(sender.syncs, self.medium.lag_ns)))
 
-    def _broadcast(self, frames: Iterable[Frame], sender: Client | None) -> None:
-        for frame in frames:
+    def _on_question(self, frame: Frame, sender: Client) -> None:
+        """Tell a client which clock the bus has."""
+        asked = clock.read_question(frame.data)
+        if asked is not None:
+            sender.knows_clock = True
+            sender.wants_stamps = asked[0]
+            sender.may_be_clock = not asked[1]
+            sender.send(pack(clock.answer(self.medium.clock, self.medium.bitrate)))
+
+    def _deliver(self, heard: Iterable[Heard]) -> None:
+        for frame, port, end_ns in heard:
             record = pack(frame)
             for client in self._clients.values():
-                if client is not sender:
+                if client.port != port:
+                    if client.wants_stamps:
+                        client.send(pack(clock.stamp(end_ns)))
                     client.send(record)
 
     def _drop(self, descriptor: int) -> None:
         client = self._clients.pop(descriptor)
+        self.medium.leave(client.port)
         self._selector.unregister(client.socket)
         client.socket.close()
         if client is self._clock:

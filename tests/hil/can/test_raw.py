@@ -12,12 +12,21 @@ import time
 import pytest
 
 from drive_profiles.address import Address
-from hil.can import raw
+from hil.can import clock, raw
 from hil.can.channel import BusLostError, BusUnavailableError, ChannelError, open_channel
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame, pack
 from hil.can.raw import RawChannel
 
 KINDS = {"seqpacket": socket.SOCK_SEQPACKET, "stream": socket.SOCK_STREAM}
+
+
+def answered(listener, kind=clock.LOCK_STEP, bitrate=None):
+    """The next connection, its question about the clock answered."""
+    sock, _ = listener.accept()
+    sock.settimeout(5.0)
+    assert sock.recv(16) == pack(clock.question())
+    sock.send(pack(clock.answer(kind, bitrate)))
+    return sock
 
 
 class Peer:
@@ -28,9 +37,12 @@ class Peer:
         self.listener = socket.socket(socket.AF_UNIX, kind)
         self.listener.bind(str(path))
         self.listener.listen(4)
+        accepted = []
+        welcome = threading.Thread(target=lambda: accepted.append(answered(self.listener)))
+        welcome.start()
         self.channel = RawChannel(self.address)
-        self.socket, _ = self.listener.accept()
-        self.socket.settimeout(5.0)
+        welcome.join()
+        [self.socket] = accepted
 
     def send(self, *frames):
         for frame in frames:
@@ -194,9 +206,12 @@ def test_a_server_that_goes_is_lost_now_and_for_ever(peer):
 def test_a_server_that_comes_back_needs_a_new_channel(peer):
     peer.socket.close()
     assert_lost_for_ever(peer.channel)
+    accepted = []
+    welcome = threading.Thread(target=lambda: accepted.append(answered(peer.listener)))
+    welcome.start()
     with contextlib.closing(RawChannel(peer.address)) as new:
-        served, _ = peer.listener.accept()
-        with contextlib.closing(served):
+        welcome.join()
+        with contextlib.closing(accepted[0]) as served:
             new.send(Frame(0x123, b""))
             assert len(served.recv(64)) == 16
     assert_lost_for_ever(peer.channel)

@@ -1,0 +1,314 @@
+"""How long a CAN frame is on the wire, in bits, with the stuff bits that its very contents need.
+
+Layout of classic frames (ISO 11898-1:2015, 10.4), most significant bit first:
+
+- 11-bit identifier: SOF 1, identifier 11, RTR 1, IDE 1, r0 1, DLC 4, data 0 to 64, CRC 15
+- 29-bit identifier: SOF 1, base identifier 11, SRR 1, IDE 1, extension 18, RTR 1, r1 1, r0 1, DLC 4, data 0 to 64, CRC 15
+- not stuffed: CRC delimiter 1, ACK slot 1, ACK delimiter 1, EOF 7; then the intermission of 3 before the next frame
+
+From SOF to the last bit of the CRC the sender inserts after five equal bits one of the other value, which itself counts for the
+next five. SRR and IDE of a long frame are recessive (1), r0 and r1 dominant (0). A remote frame carries the DLC and no data.
+
+Layout of CAN FD frames (the same clauses; sizes as in include/linux/can/length.h of Linux):
+
+- 11-bit identifier: SOF 1, identifier 11, RRS 1, IDE 1, FDF 1, res 1, BRS 1 | ESI 1, DLC 4, data 0 to 512
+- 29-bit identifier: SOF 1, base 11, SRR 1, IDE 1, extension 18, RRS 1, FDF 1, res 1, BRS 1 | ESI 1, DLC 4, data 0 to 512
+- CRC field: stuff count 4, CRC 17 (up to 16 bytes) or 21, and a fixed stuff bit before the first and after every fourth of these
+  bits, so 6 or 7; CRC delimiter 1 |
+- ACK slot 1, ACK delimiter 1, EOF 7, intermission 3
+
+Between the bars the data bit rate holds if BRS is recessive. It changes at the sample points of BRS and CRC delimiter, so that
+with one sample point for both rates each of the two bits may be counted whole, BRS as a slow and the delimiter as a fast one.
+Stuff bits by contents end with the data: a fixed one takes the place of one that would follow the last bit. The stuff count is
+their number modulo 8 in Gray code with an even parity bit. RRS and res are dominant, FDF recessive, ESI dominant
+(error-active).
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, CAN_SFF_MASK, MAX_DATA_LENGTH, Frame
+
+CRC_POLYNOMIAL = 0x4599
+"""x¹⁵ + x¹⁴ + x¹⁰ + x⁸ + x⁷ + x⁴ + x³ + 1, without its first term."""
+
+CRC_BITS = 15
+TAIL_BITS = 1 + 1 + 1 + 7 + 3
+"""CRC delimiter, ACK slot and delimiter, end of frame, intermission."""
+
+FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Bytes of a CAN FD frame by its DLC."""
+
+_FD_POLYNOMIALS = {17: 0x1685B, 21: 0x102899}
+_STUFF_COUNT_BITS = 4
+_HEADER_BITS = {False: 1 + 11 + 1 + 1 + 1 + 4, True: 1 + 11 + 1 + 1 + 18 + 1 + 1 + 1 + 4}
+_STUFF_AFTER = 5
+
+
+def frame_bits(frame: Frame, *, stuffed: bool = True) -> int:
+    """Bits that a data or remote frame takes of the bus, intermission included.
+
+    Args:
+        frame: As it stands on the bus; the data of a remote frame only tell its DLC.
+        stuffed: Count the stuff bits; else the frame as if none were needed.
+
+    Raises:
+        ValueError: An error message of the controller, which never was on the wire, more than 8 bytes, or no such identifier.
+    """
+    can_id, data = frame
+    length, inserted, state, register = _header(can_id, len(data))
+    if not stuffed:
+        return length
+    if not can_id & CAN_RTR_FLAG:
+        for byte in data:
+            more, state = _STUFFED_OF[state][byte]
+            inserted += more
+            register = (register << 8 & _CRC_MASK) ^ _CRC_OF[register >> 7 ^ byte]
+    more, state = _STUFFED_OF[state][register >> 7]
+    return length + inserted + more + _STUFFED_OF_7[state][register & 0x7F]
+
+
+def duration_ns(frame: Frame, bitrate: int) -> int:
+    """How long a data or remote frame takes of the bus, intermission included, in ns, rounded up.
+
+    Args:
+        frame: As it stands on the bus.
+        bitrate: In bit/s.
+
+    Raises:
+        ValueError: As `frame_bits` does.
+    """
+    return -(-frame_bits(frame) * 1_000_000_000 // bitrate)
+
+
+@lru_cache(maxsize=4096)
+def arbitration_key(can_id: int) -> int:
+    """What decides between frames that start together, as a number: the lower one wins, equal ones have one arbitration field.
+
+    The bits from the base identifier on as both formats send them, most significant first: 11 bits, RTR and IDE; or 11 bits, SRR,
+    IDE, 18 bits and RTR. So a data frame wins against a request for it, and a short identifier against a long one that begins so.
+    """
+    identifier, remote = can_id & CAN_EFF_MASK, can_id >> 30 & 1
+    if can_id & CAN_EFF_FLAG:
+        return identifier >> 18 << 21 | 0b11 << 19 | (identifier & 0x3FFFF) << 1 | remote
+    return identifier << 21 | remote << 20
+
+
+def sent_bits(frame: Frame) -> str:
+    """The bits from SOF to the last of the CRC as they are sent, stuff bits included, dominant as "0".
+
+    Raises:
+        ValueError: As `frame_bits` does.
+    """
+    bits, length = _content(frame)
+    return _with_stuff_bits(f"{bits << CRC_BITS | crc15(bits, length):0{length + CRC_BITS}b}")
+
+
+def _with_stuff_bits(text: str) -> str:
+    sent, last, run = [], "", 0
+    for bit in text:
+        sent.append(bit)
+        last, run = bit, run + 1 if bit == last else 1
+        if run == _STUFF_AFTER:
+            last, run = "1" if bit == "0" else "0", 1
+            sent.append(last)
+    return "".join(sent)
+
+
+class FdBits(NamedTuple):
+    """Bits of a CAN FD frame at either bit rate, stuff bits and intermission included."""
+
+    nominal_bits: int
+    data_phase_bits: int
+
+
+def fd_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) -> FdBits:
+    """Bits that a CAN FD frame takes of the bus, intermission included.
+
+    Args:
+        can_id: The identifier, without flags.
+        data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
+        extended: Whether it is a 29-bit identifier.
+        brs: Whether the data phase has its own bit rate; else all bits are nominal ones.
+
+    Raises:
+        ValueError: No such length, or no such identifier.
+    """
+    slow, slow_length, bits, length = _fd_content(can_id, data, extended, brs)
+    slow_stuffed = stuff_bits(slow >> 1, slow_length - 1)  # what BRS itself calls for is sent after it
+    stuffed = stuff_bits(bits >> 1, length - 1)  # what the last bit calls for is the first fixed one
+    checked = _STUFF_COUNT_BITS + _fd_crc_bits(data)
+    nominal = slow_length + slow_stuffed + TAIL_BITS - 1
+    total = length + stuffed + checked + _fixed_stuff_bits(checked) + TAIL_BITS
+    return FdBits(nominal, total - nominal) if brs else FdBits(total, 0)
+
+
+def fd_duration_s(
+    can_id: int, data: bytes, extended: bool = False, brs: bool = True, *, bitrate: int, data_bitrate: int
+) -> float:
+    """How long a CAN FD frame takes of the bus, intermission included.
+
+    Args:
+        can_id: The identifier, without flags.
+        data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
+        extended: Whether it is a 29-bit identifier.
+        brs: Whether the data phase has its own bit rate.
+        bitrate: In bit/s.
+        data_bitrate: Of the data phase, in bit/s.
+
+    Raises:
+        ValueError: No such length, or no such identifier.
+    """
+    nominal, fast = fd_bits(can_id, data, extended, brs)
+    return nominal / bitrate + fast / data_bitrate
+
+
+def fd_sent_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) -> str:
+    """The bits from SOF to the last of the CRC as they are sent, all stuff bits included, dominant as "0".
+
+    Raises:
+        ValueError: As `fd_bits` does.
+    """
+    _, _, bits, length = _fd_content(can_id, data, extended, brs)
+    sent = _with_stuff_bits(f"{bits >> 1:0{length - 1}b}") + str(bits & 1)
+    count = len(sent) - length & 7
+    gray = count ^ count >> 1
+    sbc = f"{gray:03b}{gray.bit_count() & 1}"
+    crc = crc_fd(int(sent + sbc, 2), len(sent) + _STUFF_COUNT_BITS, _fd_crc_bits(data))
+    checked = f"{sbc}{crc:0{_fd_crc_bits(data)}b}"
+    for position in range(0, len(checked), 4):
+        sent += ("1" if sent[-1] == "0" else "0") + checked[position : position + 4]
+    return sent
+
+
+def crc_fd(bits: int, length: int, width: int, start: int | None = None) -> int:
+    """The CRC of 17 or 21 bits of a CAN FD frame, from SOF to the stuff count, without fixed stuff bits.
+
+    Args:
+        bits: The sequence as a number.
+        length: Of the sequence.
+        width: 17 or 21.
+        start: Of the register; None for the standard's, a leading 1.
+    """
+    register = 1 << width - 1 if start is None else start
+    for position in range(length - 1, -1, -1):
+        feedback = (register >> width - 1 ^ bits >> position) & 1
+        register = register << 1 & (1 << width) - 1
+        register ^= _FD_POLYNOMIALS[width] if feedback else 0
+    return register
+
+
+def worst_case_bits(data_length: int, extended: bool = False) -> int:
+    """The most bits that a data frame of this length can take, intermission included.
+
+    At worst the first five bits are equal and every four after them bring a further stuff bit: ⌊(n − 1)/4⌋ in n bits.
+
+    Raises:
+        ValueError: No length from 0 to 8.
+    """
+    if not 0 <= data_length <= MAX_DATA_LENGTH:
+        raise ValueError(f"a CAN frame carries 0 to {MAX_DATA_LENGTH} bytes, not {data_length}")
+    length = _HEADER_BITS[extended] + 8 * data_length + CRC_BITS
+    return length + (length - 1) // (_STUFF_AFTER - 1) + TAIL_BITS
+
+
+def crc15(bits: int, length: int) -> int:
+    """The CRC of a sequence of bits, from SOF to the last of the data; the register starts at 0."""
+    register = 0
+    # zeros ahead of the sequence leave the register at 0, so whole bytes may be taken
+    for byte in bits.to_bytes((length + 7) // 8, "big"):
+        register = (register << 8 & _CRC_MASK) ^ _CRC_OF[register >> 7 ^ byte]
+    return register
+
+
+def stuff_bits(bits: int, length: int) -> int:
+    """How many bits a sender inserts into a sequence; one that is inserted counts for the next five."""
+    whole = length // 8
+    inserted, state = _stuffed(bits >> 8 * whole, length - 8 * whole, _NOTHING_YET)
+    for byte in (bits & (1 << 8 * whole) - 1).to_bytes(whole, "big"):
+        more, state = _STUFFED_OF[state][byte]
+        inserted += more
+    return inserted
+
+
+def _stuffed(bits: int, length: int, state: int) -> tuple[int, int]:
+    """Bits inserted into a sequence, and the state after it: twice the run of equal bits so far, plus their value."""
+    inserted, run, last = 0, state >> 1, state & 1
+    for position in range(length - 1, -1, -1):
+        bit = bits >> position & 1
+        run, last = (run + 1 if bit == last else 1), bit
+        if run == _STUFF_AFTER:
+            inserted, run, last = inserted + 1, 1, 1 - bit
+    return inserted, run << 1 | last
+
+
+def _crc_of_byte(byte: int) -> int:
+    register = byte << CRC_BITS - 8
+    for _ in range(8):
+        register = register << 1 ^ (CRC_POLYNOMIAL if register >> CRC_BITS - 1 & 1 else 0)
+    return register & _CRC_MASK
+
+
+_NOTHING_YET = 0
+_CRC_MASK = (1 << CRC_BITS) - 1
+_CRC_OF = tuple(_crc_of_byte(byte) for byte in range(256))
+_STUFFED_OF = tuple(tuple(_stuffed(byte, 8, state) for byte in range(256)) for state in range(2 * _STUFF_AFTER))
+"""Both a byte at a time: a bus counts every frame."""
+_STUFFED_OF_7 = tuple(tuple(_stuffed(bits, 7, state)[0] for bits in range(128)) for state in range(2 * _STUFF_AFTER))
+"""The last 7 bits of a CRC, of which no more than the number of stuff bits matters."""
+
+
+@lru_cache(maxsize=4096)
+def _header(can_id: int, data_length: int) -> tuple[int, int, int, int]:
+    """What all frames of one identifier and length share: bits without stuff bits; stuff bits, their state and the CRC so far."""
+    bits, length = _content(Frame(can_id, bytes(data_length)))
+    data_bits = 0 if can_id & CAN_RTR_FLAG else 8 * data_length
+    bits >>= data_bits
+    inserted, state = _stuffed(bits, length - data_bits, _NOTHING_YET)
+    return length + CRC_BITS + TAIL_BITS, inserted, state, crc15(bits, length - data_bits)
+
+
+def _content(frame: Frame) -> tuple[int, int]:
+    """The bits from SOF to the last of the data, as a number, and how many they are."""
+    can_id, data = frame
+    if not 0 <= can_id <= 0xFFFF_FFFF or can_id & CAN_ERR_FLAG:
+        raise ValueError(f"{can_id:#x} is no frame on the wire")
+    if len(data) > MAX_DATA_LENGTH:
+        raise ValueError(f"a CAN frame carries at most {MAX_DATA_LENGTH} bytes, not {len(data)}")
+    remote = int(bool(can_id & CAN_RTR_FLAG))
+    identifier = can_id & CAN_EFF_MASK
+    if can_id & CAN_EFF_FLAG:
+        header = (identifier >> 18) << 2 | 0b11  # SOF 0, base identifier, SRR, IDE
+        header = header << 18 | identifier & 0x3FFFF
+        header = header << 7 | remote << 6 | len(data)  # RTR, r1, r0, DLC
+    elif identifier <= CAN_SFF_MASK:
+        header = identifier << 7 | remote << 6 | len(data)  # RTR, IDE, r0, DLC
+    else:
+        raise ValueError(f"identifier {identifier:#x} needs 29 bits, but CAN_EFF_FLAG is not set")
+    length = _HEADER_BITS[bool(can_id & CAN_EFF_FLAG)]
+    if remote:
+        return header, length
+    return header << 8 * len(data) | int.from_bytes(data, "big"), length + 8 * len(data)
+
+
+def _fd_content(can_id: int, data: bytes, extended: bool, brs: bool) -> tuple[int, int, int, int]:
+    """The bits from SOF to BRS, and those from SOF to the last of the data, each as a number and how many they are."""
+    if len(data) not in FD_LENGTHS:
+        raise ValueError(f"a CAN FD frame carries {', '.join(map(str, FD_LENGTHS))} bytes, not {len(data)}")
+    if not 0 <= can_id <= (CAN_EFF_MASK if extended else CAN_SFF_MASK):
+        raise ValueError(f"{can_id:#x} is no identifier of {29 if extended else 11} bits")
+    if extended:
+        slow = ((can_id >> 18) << 2 | 0b11) << 18 | can_id & 0x3FFFF  # SOF 0, base identifier, SRR, IDE, extension
+        slow, slow_length = slow << 4 | 0b0100 | brs, 36  # RRS, FDF, res, BRS
+    else:
+        slow, slow_length = can_id << 5 | 0b00100 | brs, 17  # RRS, IDE, FDF, res, BRS
+    bits = slow << 5 | FD_LENGTHS.index(len(data))  # ESI, DLC
+    return slow, slow_length, bits << 8 * len(data) | int.from_bytes(data, "big"), slow_length + 5 + 8 * len(data)
+
+
+def _fd_crc_bits(data: bytes) -> int:
+    return 17 if len(data) <= 16 else 21
+
+
+def _fixed_stuff_bits(checked: int) -> int:
+    return 1 + (checked - 1) // 4

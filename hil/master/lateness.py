@@ -1,0 +1,293 @@
+"""How well the beat was kept: absolute deadlines, what may no longer be sent, and what a result says of it."""
+
+import math
+from bisect import bisect_left
+from dataclasses import dataclass, field
+from typing import Any
+
+from hil.can.bits import frame_bits
+from hil.can.frame import CAN_ERR_FLAG, Frame
+from hil.realtime import Clock, Measure
+
+PER_DECADE = 100
+_DECADES = 9
+_EDGES: tuple[float, ...] = tuple(1e-7 * 10.0 ** (i / PER_DECADE) for i in range(_DECADES * PER_DECADE + 1))
+"""100 ns to 100 s; a bin reaches from one edge, without it, to the next."""
+_COARSE = PER_DECADE // 2
+
+
+class Histogram:
+    """Durations in bins of equal ratio, so that a run of any length takes the same memory.
+
+    A percentile is never below the exact one (the smallest value that at least so many of all do not exceed) and above it by no
+    more than `RELATIVE_ERROR`, within 100 ns … 100 s; below, by no more than 100 ns; beyond, it is the largest value.
+    The largest is exact.
+
+    Attributes:
+        count: How many values.
+        largest_s: The largest.
+    """
+
+    RELATIVE_ERROR = 10.0 ** (1.0 / PER_DECADE) - 1.0
+    """2.4 %."""
+
+    def __init__(self) -> None:
+        """Nothing counted."""
+        self.count = 0
+        self.largest_s = 0.0
+        self._bins = [0] * (len(_EDGES) + 1)
+
+    def add(self, value_s: float) -> None:
+        """Count a duration; a negative one is 0."""
+        self._bins[bisect_left(_EDGES, value_s)] += 1
+        self.count += 1
+        self.largest_s = max(self.largest_s, value_s)
+
+    def percentile(self, share: float) -> float | None:
+        """What this share (0 to 1) of the values does not exceed; None without values."""
+        if not self.count:
+            return None
+        rank = max(1, math.ceil(round(share * self.count, 6)))
+        seen = 0
+        for edge, number in zip(_EDGES, self._bins, strict=False):
+            seen += number
+            if seen >= rank:
+                return min(edge, self.largest_s)
+        return self.largest_s
+
+    def bars(self) -> list[tuple[float, int]]:
+        """Two bars a decade: upper edge and number, from the first that is not empty to the last; an edge of inf beyond 100 s."""
+        found = [(_EDGES[0], self._bins[0])]
+        for begin in range(1, len(_EDGES), _COARSE):
+            end = begin + _COARSE - 1
+            found.append((_EDGES[end], sum(self._bins[begin : end + 1])))
+        found.append((math.inf, self._bins[-1]))
+        filled = [place for place, (_, number) in enumerate(found) if number]
+        return found[filled[0] : filled[-1] + 1] if filled else []
+
+
+@dataclass
+class Beat:
+    """The absolute deadlines of a run, one per period, and how well they were kept.
+
+    Deadline n is t_0 + n T, so a beat that comes late does not delay the next one. A beat that is later than `limit_s` is given
+    up: its set-points belong to an instant that has passed. The next one has its own.
+
+    Attributes:
+        clock: The time.
+        period_s: T.
+        limit_s: Up to which lateness a beat is still sent.
+        lateness: When SYNC left, or the beat was given up, after its deadline.
+        arrivals: When answers were taken in, after their SYNC.
+        beats: So far.
+        dropped: Those that were given up, and those that passed unseen.
+        late: SYNCs that left beyond the limit although the last look had still found them in time.
+        overdue: Beats in a row, up to now, that were not sent.
+        is_stopping: A command to stop is never too late.
+        bits: Of all frames that were counted.
+    """
+
+    clock: Clock
+    period_s: float
+    limit_s: float
+    lateness: Histogram = field(default_factory=Histogram)
+    arrivals: Histogram = field(default_factory=Histogram)
+    beats: int = 0
+    dropped: int = 0
+    late: int = 0
+    overdue: int = 0
+    is_stopping: bool = False
+    bits: int = 0
+    _in_a_row: int = 0
+    _number: int = 0
+    _origin_s: float = 0.0
+    _began_s: float = 0.0
+    _sync_s: float | None = None
+    _frames: list[Frame] = field(default_factory=list)
+
+    @property
+    def deadline_s(self) -> float:
+        """When this beat is due."""
+        return self._origin_s + self._number * self.period_s
+
+    @property
+    def end_s(self) -> float:
+        """When the next one is."""
+        return self._origin_s + (self._number + 1) * self.period_s
+
+    def wait(self) -> None:
+        """Sleep until the next deadline, which may have passed."""
+        now = self.clock.now()
+        if not self.beats:
+            self._origin_s = self._began_s = now
+        else:
+            self._number += 1
+        if self.is_stopping and now >= self.end_s:  # the beats that have passed are lost, and the stop is sent at once
+            self.lateness.add(now - self.deadline_s)
+            passed = int((now - self.deadline_s) / self.period_s)
+            self.dropped, self.beats = self.dropped + passed, self.beats + passed
+            self._origin_s, self._number = now, 0
+        self.beats += 1
+        self.clock.sleep_until(self.deadline_s)
+
+    def gives_up(self) -> bool:
+        """Whether this beat is too late to be sent; then it is counted as dropped."""
+        late = self.clock.now() - self.deadline_s
+        if late <= self.limit_s or self.is_stopping:
+            return False
+        self.lateness.add(late)
+        self.dropped += 1
+        self._in_a_row += 1
+        self.overdue = self._in_a_row + int(late / self.period_s)
+        self._sync_s = None
+        return True
+
+    def missing_now(self) -> int:
+        """Beats in a row that were not sent, those included that have passed up to this instant; 0 before the first."""
+        behind = self.clock.now() - self.end_s if self.beats else 0.0
+        return self._in_a_row + 1 + int(behind / self.period_s) if behind > self.limit_s else self.overdue
+
+    def sync_left(self) -> None:
+        """Call it when SYNC has been sent."""
+        self._sync_s = self.clock.now()
+        late = self._sync_s - self.deadline_s
+        self.lateness.add(late)
+        self.late += late > self.limit_s
+        self.overdue = self._in_a_row = 0
+
+    def answered(self) -> None:
+        """Call it when an answer has been taken in."""
+        if self._sync_s is not None:
+            self.arrivals.add(self.clock.now() - self._sync_s)
+
+    def saw(self, frame: Frame) -> None:
+        """Keep a frame that was sent or received for `count_bits`."""
+        self._frames.append(frame)
+
+    def count_bits(self) -> None:
+        """Count the bits of what was seen; between the beats, where there is time. What was never on a wire has none."""
+        for frame in self._frames:
+            if frame.can_id & CAN_ERR_FLAG:
+                continue
+            try:
+                self.bits += frame_bits(frame)
+            except ValueError:
+                continue  # an adapter's own idea of a frame
+        self._frames.clear()
+
+    @property
+    def duration_s(self) -> float:
+        """From the first beat to now."""
+        return self.clock.now() - self._began_s if self.beats else 0.0
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Percentiles of a histogram in s, None without values, and its bars: upper edge in s (None beyond the last) and number."""
+
+    count: int
+    p50_s: float | None
+    p99_s: float | None
+    p999_s: float | None
+    max_s: float | None
+    histogram: list[tuple[float | None, int]]
+
+    @classmethod
+    def of(cls, values: Histogram) -> "Spread":
+        """What a result keeps of a histogram."""
+        p50, p99, p999, largest = (_rounded(values.percentile(share)) for share in (0.5, 0.99, 0.999, 1.0))
+        bars = [(_rounded(edge) if math.isfinite(edge) else None, number) for edge, number in values.bars()]
+        return cls(values.count, p50, p99, p999, largest, bars)
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.4g}")
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How well a run on the wall clock kept its beat, from its first cycle to its last.
+
+    Attributes:
+        period_s: SYNC period.
+        limit_s: Lateness beyond which a cycle is not sent.
+        beats: Cycles, the dropped ones included.
+        dropped: Cycles whose set-points and SYNC were not sent, since it was too late for them.
+        late: Cycles whose SYNC left beyond the limit all the same.
+        missed: Cycles that were sent and in which an answer did not come.
+        lateness: When SYNC left, or the cycle was dropped, after its deadline.
+        arrivals: When the answers were taken in, after SYNC.
+        bus_bits: Bits of all frames that the master saw and sent, stuff bits and intermission included.
+        duration_s: Over which they are counted.
+        bitrate: Of the bus, or None where it is not known.
+        bus_load: Share of the bus' time that they took, or None.
+        receive_overflows: Frames lost for want of room in the channel, or None where that is not known.
+        measures: What was asked of the system.
+    """
+
+    period_s: float
+    limit_s: float
+    beats: int
+    dropped: int
+    late: int
+    missed: int
+    lateness: Spread
+    arrivals: Spread
+    bus_bits: int
+    duration_s: float
+    bitrate: int | None
+    bus_load: float | None
+    receive_overflows: int | None
+    measures: tuple[Measure, ...]
+
+    @classmethod
+    def of(
+        cls, beat: Beat, missed: int, bitrate: int | None, receive_overflows: int | None, measures: tuple[Measure, ...]
+    ) -> "Timing":
+        """What a beat leaves."""
+        duration = beat.duration_s
+        return cls(
+            period_s=beat.period_s,
+            limit_s=beat.limit_s,
+            beats=beat.beats,
+            dropped=beat.dropped,
+            late=beat.late,
+            missed=missed,
+            lateness=Spread.of(beat.lateness),
+            arrivals=Spread.of(beat.arrivals),
+            bus_bits=beat.bits,
+            duration_s=round(duration, 6),
+            bitrate=bitrate,
+            bus_load=round(beat.bits / (bitrate * duration), 4) if bitrate and duration > 0.0 else None,
+            receive_overflows=receive_overflows,
+            measures=measures,
+        )
+
+
+def timing_lines(timing: dict[str, Any]) -> list[str]:
+    """A `timing` of result.json as text."""
+    period = timing["period_s"]
+    lines = [
+        f"timing at {1e3 * period:g} ms: {timing['beats']} cycles, {timing['dropped']} dropped, {timing['late']} late, "
+        f"{timing['missed']} with an answer missing",
+        f"  {'':<22}{'p50':>10}{'p99':>10}{'p99.9':>10}{'max':>10}",
+    ]
+    for key, label in (("lateness", "SYNC after deadline"), ("arrivals", "answers after SYNC")):
+        spread = timing[key]
+        cells = "".join(f"{duration_text(spread[name]):>10}" for name in ("p50_s", "p99_s", "p999_s", "max_s"))
+        lines.append(f"  {label:<22}{cells}")
+    load = "" if timing["bus_load"] is None else f"bus load {100.0 * timing['bus_load']:.1f} % of {timing['bitrate']:,} bit/s; "
+    lost = timing["receive_overflows"]
+    lines.append(f"  {load}frames lost on reception: {'not known' if lost is None else lost}")
+    lines += [f"  not granted: {m['name']}: {m['detail']}" for m in timing["measures"] if not m["is_granted"]]
+    return lines
+
+
+def duration_text(value_s: float | None) -> str:
+    """A duration in the unit that suits it."""
+    if value_s is None:
+        return "-"
+    for unit, factor in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)):
+        if value_s * factor >= 1.0 or unit == "µs":
+            return f"{value_s * factor:.3g} {unit}"
+    return ""

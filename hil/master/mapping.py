@@ -1,0 +1,38 @@
+"""What the PDOs of a run carry: one list for the master that maps them and for the plan that counts their bits."""
+
+from drive_profiles.cia301 import DataType
+from drive_profiles.cia402 import Mode, Object
+from drive_profiles.profile import Profile
+from hil.master.pdo import MappedObject
+
+U16, I16, I32 = DataType.UNSIGNED16, DataType.INTEGER16, DataType.INTEGER32
+ACCELERATION_OBJECT = 0x7130
+NOTCH_STATE = ("notch_1.active", "notch_1.frequency_hz")
+
+FEEDBACK = (
+    MappedObject(Object.STATUS_WORD, 0, U16),
+    MappedObject(Object.POSITION_ACTUAL, 0, I32),
+    MappedObject(Object.TORQUE_ACTUAL, 0, I16),
+)
+"""TPDO1 of a drive."""
+ACCELERATION = tuple(MappedObject(ACCELERATION_OBJECT, sub, I16) for sub in (1, 2, 3))
+"""TPDO1 of the accelerometer."""
+
+
+def command(mode: Mode) -> tuple[MappedObject, ...]:
+    """RPDO1 of a drive: control word and set-point."""
+    position, torque = MappedObject(Object.TARGET_POSITION, 0, I32), MappedObject(Object.TARGET_TORQUE, 0, I16)
+    return MappedObject(Object.CONTROL_WORD, 0, U16), position if mode is Mode.CSP else torque
+
+
+def notch_state(profile: Profile) -> tuple[MappedObject, ...]:
+    """TPDO2 of a drive whose profile knows the state of its filter; else empty."""
+    if not all(name in profile.parameters for name in NOTCH_STATE):
+        return ()
+    found = [profile.parameters[name] for name in NOTCH_STATE]
+    return tuple(MappedObject(entry.index, entry.subindex, DataType[entry.data_type]) for entry in found)
+
+
+def length(objects: tuple[MappedObject, ...]) -> int:
+    """Bytes of a PDO."""
+    return sum(int(entry.kind.size or 0) for entry in objects)

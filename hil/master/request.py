@@ -1,0 +1,81 @@
+"""What is asked of the robot against what it may do: refused before anything is sent."""
+
+import math
+
+import numpy as np
+
+from drive_profiles.units import interpolation_period
+from hil.control.servo import Servo, ServoConfig
+from hil.design.frequency import Loop as LoopModel
+from hil.design.frequency import margins
+from hil.errors import UnsafeRequestError
+from hil.master.axis import DriveAxis
+from hil.master.motion import Motion
+
+MAX_SENSITIVITY = 4.0
+"""M_s up to which a host-closed loop is run: a quarter of the way from the edge is left."""
+
+
+def host_loops(axes: list[DriveAxis], period_s: float, *, with_notch: bool) -> list[Servo]:
+    """The loops of axes that the host closes, ready for their first cycle.
+
+    Raises:
+        UnsafeRequestError: The model says that one is unstable, or at the edge of it.
+    """
+    servos = []
+    for axis in axes:
+        table = axis.table
+        notches = tuple(notch.notch() for notch in table.notch) if with_notch else ()
+        model = table.loop(period_s, 1, with_notch=with_notch)
+        if model is not None:
+            speeds = [speed for n in notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist()]
+            _check_host_loop(axis, model, [0.0, *speeds])
+        config = ServoConfig(table.control.cascade(), table.limits.torque_nm, notches)
+        Servo(config, period_s).step(0.0, 0.0)  # compiled, or loaded, before the first cycle waits for it
+        servos.append(Servo(config, period_s))
+    return servos
+
+
+def _check_host_loop(axis: DriveAxis, model: LoopModel, speeds_rps: list[float]) -> None:
+    """Refuse a loop that the model shows unstable, or at the edge of it."""
+    where = f"axis {axis.number} closed over the bus at {1e3 * model.period_s:g} ms"
+    remedy = "shorten bus.host_sync_period_s, lower the gains, or close the loop in the drive (--loop drive)"
+    for speed in speeds_rps:
+        found = margins(model, speed)
+        if not found.stable:
+            raise UnsafeRequestError(f"{where} is unstable: its largest pole", found.pole_radius, 1.0, "", remedy)
+        if found.sensitivity_peak > MAX_SENSITIVITY:
+            peak = found.sensitivity_peak
+            raise UnsafeRequestError(f"{where} is at the edge of stability: M_s", peak, MAX_SENSITIVITY, "", remedy)
+
+
+def check_motion(motion: Motion, axes: list[DriveAxis], starts: list[float]) -> None:
+    """The whole motion against the limits, before anything is enabled.
+
+    Args:
+        motion: What is asked for.
+        axes: In the order of its columns.
+        starts: Where each begins, in rad at the motor.
+
+    Raises:
+        UnsafeRequestError: It would leave one.
+    """
+    period, turn = motion.period_s, 2.0 * math.pi
+    interpolation_period(period)
+    for axis in axes:
+        sync = axis.profile.sync
+        too_short = sync.min_period_s is not None and period < sync.min_period_s
+        too_long = sync.max_period_s is not None and period > sync.max_period_s
+        if too_short or too_long:
+            limit = (sync.min_period_s if too_short else sync.max_period_s) or 0.0
+            raise UnsafeRequestError(f"the SYNC period of axis {axis.number}", period, limit, "s", "see its profile")
+    for column, axis in enumerate(axes):
+        limits, name = axis.table.limits, f"axis {axis.number}"
+        angle = (motion.motor_angle_rad[:, column] + starts[column]) / turn
+        speed = float(np.max(np.abs(np.diff(angle)))) / period
+        if speed > limits.speed_rps:
+            raise UnsafeRequestError(f"the speed of {name}", speed, limits.speed_rps, "rps", "slow the motion down")
+        if float(angle.max()) > limits.position_max_rev:
+            raise UnsafeRequestError(f"the position of {name}", float(angle.max()), limits.position_max_rev, "rev")
+        if float(angle.min()) < limits.position_min_rev:
+            raise UnsafeRequestError(f"the position of {name}", float(angle.min()), limits.position_min_rev, "rev")

@@ -1,0 +1,252 @@
+"""One attempt to send: who takes part, who wins, how long it takes, and who counts an error.
+
+Clauses of ISO 11898-1:2015: 10.4 (frames), 10.7 (arbitration), 10.9 (error frames), 12.1.4 (fault confinement).
+"""
+
+import heapq
+from collections import deque
+from collections.abc import Callable, Iterable
+
+from hil.can.bits import TAIL_BITS, arbitration_key, frame_bits, sent_bits
+from hil.can.frame import Frame
+from plant_emulator.bus.confinement import Controller, ErrorState
+
+FLAG_BITS, DELIMITER_BITS, INTERMISSION_BITS = 6, 8, 3
+AFTER_ACK_BITS = TAIL_BITS - 2
+"""Bits of a frame that follow its ACK slot."""
+
+
+class Entry:
+    """A frame that waits at a port; the lower one goes first where a port has mailboxes."""
+
+    __slots__ = ("at", "bits", "destroyed", "frame", "is_babble", "key", "order", "port", "was_overtaken")
+
+    def __init__(self, frame: Frame, port: "Port", at: int, destroyed: int = 0, *, timed: bool = True) -> None:
+        """Take a frame.
+
+        Args:
+            frame: As it will be received.
+            port: Whose it is.
+            at: From when it may be sent.
+            destroyed: How many attempts are to fail.
+            timed: Whether its stuff bits matter.
+
+        Raises:
+            ValueError: This is no frame that can be on the wire.
+        """
+        self.frame, self.port, self.at, self.destroyed = frame, port, at, destroyed
+        self.bits = frame_bits(frame, stuffed=timed)
+        self.key = arbitration_key(frame.can_id)
+        self.order = 0
+        self.is_babble = self.was_overtaken = False
+
+    def __lt__(self, other: "Entry") -> bool:
+        return (self.key, self.order) < (other.key, other.order)
+
+
+class Port:
+    """A participant: its queue and its controller.
+
+    Attributes:
+        held: Frames that wait for the next one to overtake them.
+        babble: What it sends without end instead of its queue.
+        not_before: When it may send again.
+        waiting: Frames accepted and neither sent nor lost: on their way into the queue, queued, being sent.
+    """
+
+    __slots__ = ("babble", "controller", "held", "is_gone", "is_muted", "not_before", "number", "queue", "waiting")
+
+    def __init__(self, number: int, has_mailboxes: bool = False) -> None:
+        """Start with nothing to send."""
+        self.number = number
+        self.controller = Controller()
+        self.queue: deque[Entry] | list[Entry] = [] if has_mailboxes else deque()
+        self.held: list[Entry] = []
+        self.babble: Entry | None = None
+        self.is_gone = self.is_muted = False
+        self.not_before = 0
+        self.waiting = 0
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether it neither sends nor acknowledges."""
+        return self.is_muted or self.is_gone or self.controller.state is ErrorState.OFF
+
+    def push(self, entry: Entry) -> None:
+        """Queue a frame."""
+        if isinstance(self.queue, list):
+            heapq.heappush(self.queue, entry)
+        else:
+            self.queue.append(entry)
+
+    def pop(self) -> Entry:
+        """Take the frame that goes first."""
+        return heapq.heappop(self.queue) if isinstance(self.queue, list) else self.queue.popleft()
+
+    def put_back(self, entry: Entry) -> None:
+        """Queue a frame before all others: it has to be sent again."""
+        if isinstance(self.queue, list):
+            heapq.heappush(self.queue, entry)
+        else:
+            self.queue.appendleft(entry)
+
+
+class Attempt:
+    """An attempt: as planned, then on the bus.
+
+    Attributes:
+        start: SOF.
+        senders: Who starts; more than one where their identifiers are equal.
+        winners: Those whose frame is delivered; none where an error frame ends it.
+        failed: Those of the senders who count a transmit error.
+        dropped_out: Error-passive ones that lost against an equal identifier, and whose flag nobody saw.
+        end: End of EOF or of the error delimiter.
+        idle: End of the intermission.
+        collided: Whether two sent one identifier with different contents.
+    """
+
+    __slots__ = ("collided", "dropped_out", "end", "failed", "idle", "senders", "start", "winners")
+
+    def __init__(self, start: int, senders: tuple[Entry, ...]) -> None:
+        """Start; `settle` does the rest."""
+        self.start = self.end = self.idle = start
+        self.senders = self.winners = senders
+        self.dropped_out: tuple[Entry, ...] = ()
+        self.failed: tuple[Entry, ...] = ()
+        self.collided = False
+
+    def drop_out_bits(self, entry: Entry) -> int:
+        """How many bits later than others a sender comes to the end of its intermission.
+
+        One that dropped out waits for six equal bits, which are those from the ACK delimiter on; its delimiter follows them.
+        Where nobody acknowledged they are those from the CRC delimiter on, two bits before the other sender's flag ends.
+        """
+        if entry not in self.dropped_out:
+            return 0
+        return FLAG_BITS if self.winners else -2
+
+
+def check(frame: Frame) -> None:
+    """Refuse what cannot be on the wire.
+
+    Raises:
+        ValueError: As `hil.can.bits.frame_bits` does.
+    """
+    frame_bits(frame, stuffed=False)
+
+
+def contend(waiting: Iterable[Port], idle: int) -> Attempt | None:
+    """Who starts next, if nothing else is offered: of those who are ready at the earliest instant, the lowest arbitration field.
+
+    Args:
+        waiting: Ports that have something to send.
+        idle: When the bus is idle.
+    """
+    start, best = 0, None
+    equal: tuple[Entry, ...] = ()
+    for port in waiting:
+        entry = port.babble or port.queue[0]
+        ready = entry.at if entry.at > idle else idle
+        ready = port.not_before if port.not_before > ready else ready
+        if best is None or ready < start:
+            start, best, equal = ready, entry, ()
+        elif ready == start:
+            if entry.key < best.key:
+                best, equal = entry, ()
+            elif entry.key == best.key:
+                equal += (entry,)
+    if best is None:
+        return None
+    senders = tuple(sorted((best, *equal), key=lambda entry: entry.port.number)) if equal else (best,)
+    return Attempt(start, senders)
+
+
+def settle(attempt: Attempt, ports: Iterable[Port], ns: Callable[[int], int]) -> None:
+    """Work out how an attempt ends.
+
+    Args:
+        attempt: With its senders; all the rest is filled in.
+        ports: All of the bus.
+        ns: Time that so many bits take.
+    """
+    first = attempt.senders[0]
+    if len(attempt.senders) > 1 or first.destroyed or not _is_heard(first.port, ports):
+        senders = {entry.port for entry in attempt.senders}
+        others = [port for port in ports if port not in senders and not port.is_silent]
+        _collide(attempt, others, ns)
+        if attempt.winners:
+            _acknowledge(attempt, others, ns)
+        if not attempt.winners:
+            return
+        first = attempt.winners[0]
+    attempt.end = attempt.start + ns(first.bits - INTERMISSION_BITS)
+    attempt.idle = attempt.start + ns(first.bits)
+
+
+def _is_heard(sender: Port, ports: Iterable[Port]) -> bool:
+    for port in ports:  # noqa: SIM110 - a loop, since this is asked for every frame and the first other one mostly is the answer
+        if port is not sender and not port.is_silent:
+            return True
+    return False
+
+
+def _acknowledge(attempt: Attempt, others: list[Port], ns: Callable[[int], int]) -> None:
+    """See whether somebody acknowledges: somebody is there, and not all have seen a wrong CRC.
+
+    Otherwise the sender's error flag begins with the ACK delimiter, and those who listen answer it one bit later.
+    """
+    winners = attempt.winners
+    if others and not any(entry.destroyed for entry in winners):
+        return
+    echo = any(not port.controller.is_passive for port in others)
+    # 12.1.4.2 rule c, exception 1: an error-passive sender that sees no dominant bit during its flag does not count it
+    attempt.failed += tuple(entry for entry in winners if echo or not entry.port.controller.is_passive)
+    _fail(attempt, winners[0].bits - AFTER_ACK_BITS, echo, ns)
+
+
+def _fail(attempt: Attempt, sent: int, echo: int, ns: Callable[[int], int]) -> None:
+    """So many bits, then an error frame."""
+    bits = sent + FLAG_BITS + echo + DELIMITER_BITS
+    attempt.winners = ()
+    attempt.end, attempt.idle = attempt.start + ns(bits), attempt.start + ns(bits + INTERMISSION_BITS)
+
+
+def _collide(attempt: Attempt, others: list[Port], ns: Callable[[int], int]) -> None:
+    """Several with one arbitration field: those who send the same bits to the end win, or an error frame ends it.
+
+    Who sends a recessive bit and sees a dominant one has a bit error. Its flag, if it is error-active, ends the frame for all: a
+    receiver sees the sixth equal bit, a sender one of its own that is overwritten. An error-passive one drops out unheard.
+    """
+    alive = {entry: sent_bits(entry.frame) for entry in attempt.senders}
+    while True:
+        at = _first_difference(list(alive.values()))
+        if at is None:
+            break
+        attempt.collided = True
+        losers = tuple(entry for entry, text in alive.items() if text[at] == "1")
+        attempt.failed += losers
+        alive = {entry: text for entry, text in alive.items() if text[at] == "0"}
+        if not all(entry.port.controller.is_passive for entry in losers):
+            attempt.failed += tuple(alive)
+            _fail(attempt, at + 1, _echo(at, alive, others), ns)
+            return
+        attempt.dropped_out += losers
+    attempt.winners = tuple(alive)
+
+
+def _first_difference(texts: list[str]) -> int | None:
+    for position, bits in enumerate(zip(*texts, strict=False)):
+        if len(set(bits)) > 1:
+            return position
+    return None
+
+
+def _echo(at: int, winners: dict[Entry, str], others: list[Port]) -> int:
+    """How many bits later the last one sees the error whose flag begins after bit `at`, and sends its own."""
+    own = {entry: text + "1" for entry, text in winners.items()}  # with the CRC delimiter
+    echo = max((text.index("1", at + 1) - at for entry, text in own.items() if not entry.port.controller.is_passive), default=0)
+    if any(not port.controller.is_passive for port in others):
+        text = next(iter(own.values()))
+        run = at + 1 - len(text[: at + 1].rstrip("0"))
+        echo = max(echo, min(FLAG_BITS - run, len(text) - 1 - at))
+    return echo

@@ -1,0 +1,293 @@
+"""Faults of a bus, as data: what happens to which frames and ports, when, and how often. Equal seeds give equal faults.
+
+    seed = 1
+
+    [[fault]]
+    kind = "drop"          # every third TPDO1 of node 1, from 2 s to 3 s
+    can_id = 0x181
+    every = 3
+    from_s = 2.0
+    to_s = 3.0
+
+Some faults befall frames: drop, delay, duplicate, reorder, corrupt. Whether a frame is hit is decided when it is offered, fault
+by fault in the order of the file, so that nothing depends on when somebody looks at the bus. The others befall a port or the
+bus for a time: mute, babble, stuck, bus_off. Times count in the time of the wire.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple, Protocol, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from drive_profiles.files import Table
+from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, CAN_SFF_MASK, MAX_DATA_LENGTH, Frame
+
+Kind = Literal["drop", "delay", "duplicate", "reorder", "corrupt", "mute", "babble", "stuck", "bus_off"]
+OF_A_FRAME = frozenset({"drop", "delay", "duplicate", "reorder", "corrupt"})
+MAX_DELAY_NS = 10_000_000_000
+_ONLY_FOR = {
+    "every": OF_A_FRAME,
+    "probability": OF_A_FRAME,
+    "count": OF_A_FRAME,
+    "mask": OF_A_FRAME,
+    "can_id": OF_A_FRAME | {"babble"},
+    "port": OF_A_FRAME | {"mute", "babble", "bus_off"},
+    "delay_ns": {"delay", "reorder"},
+    "copies": {"duplicate"},
+    "bits": {"corrupt"},
+    "crc": {"corrupt"},
+    "attempts": {"corrupt"},
+    "data": {"babble"},
+}
+_NEEDS = {
+    "delay": ("delay_ns",),
+    "reorder": ("delay_ns",),
+    "mute": ("port",),
+    "babble": ("port", "can_id"),
+    "stuck": ("to_s",),
+    "bus_off": ("port",),
+}
+
+
+class Passage(NamedTuple):
+    """A frame on its way from its sender's software to the sender's queue.
+
+    Attributes:
+        frame: As the receivers will see it.
+        delay_ns: How much later than it was offered it gets into the queue.
+        destroyed: How many attempts to send it end in an error.
+        overtaken: Let the sender's next frame pass before, if that is offered within the delay.
+    """
+
+    frame: Frame
+    delay_ns: int = 0
+    destroyed: int = 0
+    overtaken: bool = False
+
+
+class Event(NamedTuple):
+    """Something that happens to a port or to the bus at an instant.
+
+    Attributes:
+        at_ns: When.
+        kind: "mute", "babble", "stuck" or "bus_off" and, at its end, "unmute", "quiet" or "restart".
+        port: To whom; without meaning for "stuck".
+        until_ns: When "stuck" ends.
+        frame: What is babbled.
+    """
+
+    at_ns: int
+    kind: str
+    port: int = 0
+    until_ns: int | None = None
+    frame: Frame | None = None
+
+
+class FaultSource(Protocol):
+    """What a wire asks of its faults."""
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What happens without a frame's doing."""
+
+    def apply(self, frame: Frame, port: int, at_ns: int) -> tuple[Passage, ...]:
+        """What becomes of a frame that a port offers: nothing, one frame or several."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault.
+
+    Attributes:
+        kind: drop; delay (later frames pass); duplicate; reorder (the port's next frame passes, if it comes within the delay);
+            corrupt; mute (a port sends and acknowledges nothing); babble (a port sends one frame without end); stuck (the bus is
+            dominant: all see errors); bus_off (a port; it comes back at `to_s`, if given).
+        can_id: Whose frames; above 7FFh a 29-bit identifier. None: all.
+        mask: Bits of the identifier that count.
+        port: Of which sender; None: of all.
+        from_s: When it begins.
+        to_s: When it ends; None: never.
+        every: Every n-th of the frames that are meant.
+        probability: Of those, with which chance.
+        count: How often at most.
+        delay_ns: Of "delay"; how long "reorder" waits for the next frame.
+        copies: How many more "duplicate" makes.
+        bits: Of the payload that "corrupt" flips, bit 0 is the lowest of the first byte; none: one by chance.
+        crc: Whether the receivers notice "corrupt" by the CRC, so that the frame is sent again; else it passes.
+        attempts: How many attempts in a row are destroyed, with `crc`.
+        data: What is babbled.
+    """
+
+    kind: Kind
+    can_id: int | None = None
+    mask: int = CAN_EFF_MASK
+    port: int | None = None
+    from_s: float = 0.0
+    to_s: float | None = None
+    every: int = 1
+    probability: float = 1.0
+    count: int | None = None
+    delay_ns: int = 0
+    copies: int = 1
+    bits: tuple[int, ...] = ()
+    crc: bool = True
+    attempts: int = 1
+    data: bytes = b""
+
+    @property
+    def from_ns(self) -> int:
+        """When it begins."""
+        return round(1e9 * self.from_s)
+
+    @property
+    def to_ns(self) -> int | None:
+        """When it ends; None for never."""
+        return None if self.to_s is None else round(1e9 * self.to_s)
+
+    @property
+    def flagged_id(self) -> int:
+        """The identifier as SocketCAN writes it."""
+        can_id = self.can_id or 0
+        return can_id | CAN_EFF_FLAG if can_id > CAN_SFF_MASK else can_id
+
+    def means(self, frame: Frame, port: int, at_ns: int) -> bool:
+        """Whether it is such a frame, by identifier, sender and time."""
+        if self.port is not None and port != self.port:
+            return False
+        if at_ns < self.from_ns or (self.to_ns is not None and at_ns >= self.to_ns):
+            return False
+        return self.can_id is None or not (frame.can_id ^ self.flagged_id) & (self.mask | CAN_EFF_FLAG)
+
+    def events(self) -> tuple[Event, ...]:
+        """What a fault of a port or of the bus does, and when."""
+        if self.kind in OF_A_FRAME:
+            return ()
+        frame = Frame(self.flagged_id, self.data) if self.kind == "babble" else None
+        begin = Event(self.from_ns, self.kind, self.port or 0, self.to_ns, frame)
+        ends = {"mute": "unmute", "babble": "quiet", "bus_off": "restart"}
+        if self.to_ns is None or self.kind not in ends:
+            return (begin,)
+        return begin, Event(self.to_ns, ends[self.kind], begin.port)
+
+
+class FaultTable(Table):
+    """A ``[[fault]]`` of a file; the keys are those of `Fault`, ``data`` in hexadecimal."""
+
+    kind: Kind
+    can_id: Annotated[int, Field(ge=0, le=CAN_EFF_MASK)] | None = None
+    mask: Annotated[int, Field(ge=0, le=CAN_EFF_MASK)] = CAN_EFF_MASK
+    port: Annotated[int, Field(ge=0)] | None = None
+    from_s: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
+    to_s: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
+    every: Annotated[int, Field(ge=1)] = 1
+    probability: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
+    count: Annotated[int, Field(ge=1)] | None = None
+    delay_ns: Annotated[int, Field(gt=0, le=MAX_DELAY_NS)] | None = None
+    copies: Annotated[int, Field(ge=1, le=10)] = 1
+    bits: tuple[Annotated[int, Field(ge=0, lt=8 * MAX_DATA_LENGTH)], ...] = ()
+    crc: bool = True
+    attempts: Annotated[int, Field(ge=1, le=1000)] = 1
+    data: Annotated[str, Field(pattern=r"^([0-9A-Fa-f]{2}){0,8}$")] = ""
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Self:
+        for key in sorted(self.model_fields_set):
+            if self.kind not in _ONLY_FOR.get(key, {self.kind}):
+                raise ValueError(f"{key} means nothing to a fault of kind {self.kind}")
+        for key in _NEEDS.get(self.kind, ()):
+            if getattr(self, key) is None:
+                raise ValueError(f"a fault of kind {self.kind} needs {key}")
+        if self.to_s is not None and self.to_s <= self.from_s:
+            raise ValueError(f"to_s = {self.to_s} is not after from_s = {self.from_s}")
+        if "bits" in self.model_fields_set and self.crc:
+            raise ValueError("bits are seen by nobody while the CRC gives them away; crc = false lets them pass")
+        return self
+
+    def fault(self) -> Fault:
+        """The fault."""
+        values = self.model_dump()
+        return Fault(**values | {"data": bytes.fromhex(self.data), "delay_ns": self.delay_ns or 0})
+
+
+class FaultsFile(Table):
+    """A file of faults."""
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    fault: tuple[FaultTable, ...] = ()
+
+    def faults(self) -> Faults:
+        """What a wire takes, at its beginning."""
+        return Faults((table.fault() for table in self.fault), self.seed)
+
+
+class Faults:
+    """Faults at work: they count what they have met, so they belong to one wire.
+
+    Attributes:
+        faults: All of them.
+        events: What happens without a frame's doing.
+        hits: How often each fault has befallen a frame.
+    """
+
+    def __init__(self, faults: Iterable[Fault], seed: int = 0) -> None:
+        """Begin.
+
+        Args:
+            faults: In the order in which they befall a frame.
+            seed: Of all that is left to chance; each fault has a generator of its own.
+        """
+        self.faults = tuple(faults)
+        self.events = tuple(sorted((e for fault in self.faults for e in fault.events()), key=lambda event: event.at_ns))
+        self.hits = [0] * len(self.faults)
+        self._met = [0] * len(self.faults)
+        self._chance = [np.random.default_rng((seed, index)) for index in range(len(self.faults))]
+        self._of_a_frame = [(index, fault) for index, fault in enumerate(self.faults) if fault.kind in OF_A_FRAME]
+
+    def apply(self, frame: Frame, port: int, at_ns: int) -> tuple[Passage, ...]:
+        """What becomes of a frame that a port offers: nothing, one frame or several."""
+        passages: tuple[Passage, ...] = (Passage(frame),)
+        for index, fault in self._of_a_frame:
+            if fault.means(frame, port, at_ns) and self._hits(index, fault):
+                passages = self._befall(index, fault, passages)
+        return passages
+
+    def _hits(self, index: int, fault: Fault) -> bool:
+        """Whether a frame that is meant is hit: every n-th, by chance, so often at most."""
+        self._met[index] += 1
+        if self._met[index] % fault.every or (fault.count is not None and self.hits[index] >= fault.count):
+            return False
+        if fault.probability < 1.0 and self._chance[index].random() >= fault.probability:
+            return False
+        self.hits[index] += 1
+        return True
+
+    def _befall(self, index: int, fault: Fault, passages: tuple[Passage, ...]) -> tuple[Passage, ...]:
+        match fault.kind:
+            case "drop":
+                return ()
+            case "delay":
+                return tuple(p._replace(delay_ns=p.delay_ns + fault.delay_ns) for p in passages)
+            case "duplicate":
+                return passages * (1 + fault.copies)
+            case "reorder":
+                return tuple(p._replace(delay_ns=p.delay_ns + fault.delay_ns, overtaken=True) for p in passages)
+            case _ if fault.crc:
+                return tuple(p._replace(destroyed=p.destroyed + fault.attempts) for p in passages)
+            case _:
+                return tuple(p._replace(frame=self._flipped(index, fault, p.frame)) for p in passages)
+
+    def _flipped(self, index: int, fault: Fault, frame: Frame) -> Frame:
+        """The frame with some of its payload's bits inverted; bits beyond its end do not exist."""
+        size = 8 * len(frame.data)
+        if not size or frame.can_id & CAN_RTR_FLAG:
+            return frame
+        bits = fault.bits or (math.floor(size * self._chance[index].random()),)
+        number = int.from_bytes(frame.data, "little")
+        for bit in bits:
+            number ^= 1 << bit if bit < size else 0
+        return Frame(frame.can_id, number.to_bytes(len(frame.data), "little"))

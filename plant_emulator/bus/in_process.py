@@ -1,0 +1,103 @@
+"""The bus in one process: a channel straight into a medium, without socket or thread, so that its user owns every cycle."""
+
+from collections import deque
+from collections.abc import Callable
+
+from drive_profiles.address import LOCAL, Address
+from drive_profiles.cia301 import FunctionCode
+from hil.can.channel import BusLostError
+from hil.can.frame import Frame
+from plant_emulator.bus.medium import Instant, Medium
+from plant_emulator.bus.timed import FIRST_CLIENT, Heard
+from plant_emulator.world import World
+
+
+class InProcessChannel:
+    """A lock-step bus with one client, as `hil.can.channel.Channel` has it; bit-identical for equal seeds.
+
+    Attributes:
+        world: What is behind it.
+        medium: What is between.
+        syncs: SYNCs so far.
+        sent: Frames that the client has sent, the latest `MAX_SENT`.
+        heard: Called with each frame of the bus and the time of its end, the client's own included.
+        on_sync: Called with the number of each SYNC before the world hears it: the place to interfere.
+        passes: Frames to the client for which it is false are lost.
+        lost: Set it to make the bus fail.
+    """
+
+    MAX_SENT = 1 << 16
+    is_lock_step = True
+    overflows = 0
+
+    def __init__(self, world: World, medium: Medium | None = None) -> None:
+        """Join; the nodes are switched on, and their boot-up messages wait to be read."""
+        self.world = world
+        self.medium: Medium = Instant(world) if medium is None else medium
+        self.medium.join(FIRST_CLIENT)
+        self.address = Address(LOCAL, "in-process", self.medium.bitrate)
+        self.syncs = 0
+        self.sent: deque[Frame] = deque(maxlen=self.MAX_SENT)
+        self.heard: Callable[[Frame, int], None] = lambda frame, end_ns: None
+        self.on_sync: Callable[[int], None] = lambda number: None
+        self.passes: Callable[[Frame], bool] = lambda frame: True
+        self.lost = False
+        self._queue: deque[Frame] = deque(world.power_on())
+        self._has_clock = False
+
+    @property
+    def lag_ns(self) -> int:
+        """By how much a bus that is too full has put off the beats."""
+        return self.medium.lag_ns
+
+    def inject(self, frame: Frame) -> None:
+        """Put a frame on the bus as a stranger would: the nodes and the client both hear it."""
+        self.medium.join(FIRST_CLIENT + 1)
+        heard = self.medium.frame(FIRST_CLIENT + 1, frame)
+        self.medium.leave(FIRST_CLIENT + 1)
+        self._deliver(heard)
+
+    def send(self, frame: Frame) -> None:
+        """Put a frame on the bus; a SYNC lets the world move on by its period.
+
+        Raises:
+            BusLostError: `lost` is set.
+        """
+        self._check()
+        self.sent.append(frame)
+        if frame.can_id != FunctionCode.SYNC:
+            self._deliver(self.medium.frame(FIRST_CLIENT, frame))
+            return
+        self.syncs += 1
+        self.on_sync(self.syncs)
+        self._check()
+        if not self._has_clock:
+            self._has_clock = True
+            self._deliver(self.medium.begin_cycles())
+        for heard in self.medium.cycle(FIRST_CLIENT, frame):
+            self._deliver(heard)
+
+    def receive(self, timeout_s: float) -> Frame | None:
+        """The next frame, or None: nothing more comes before the client sends again.
+
+        Raises:
+            BusLostError: `lost` is set.
+        """
+        self._check()
+        if not self._queue:
+            self._deliver(self.medium.idle())
+        return self._queue.popleft() if self._queue else None
+
+    def close(self) -> None:
+        """Leave; the next SYNC takes the clock anew. Again is allowed."""
+        self._has_clock = False
+
+    def _check(self) -> None:
+        if self.lost:
+            raise BusLostError(self.address, "pulled")
+
+    def _deliver(self, heard: list[Heard]) -> None:
+        for frame, port, end_ns in heard:
+            self.heard(frame, end_ns)
+            if port != FIRST_CLIENT and self.passes(frame):
+                self._queue.append(frame)

@@ -1,0 +1,301 @@
+"""The length of a frame on the wire: counted by hand, against published worst cases, and between both for every frame."""
+
+import itertools
+import random
+
+import can
+import can.util
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hil.can.bits import (
+    FD_LENGTHS,
+    arbitration_key,
+    crc15,
+    crc_fd,
+    duration_ns,
+    fd_bits,
+    fd_duration_s,
+    fd_sent_bits,
+    frame_bits,
+    sent_bits,
+    stuff_bits,
+    worst_case_bits,
+)
+from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
+
+STANDARD = st.integers(0, 0x7FF)
+EXTENDED = st.integers(0, 0x1FFF_FFFF).map(lambda i: i | CAN_EFF_FLAG)
+DATA = st.binary(max_size=8)
+
+
+def as_sent(frame):
+    """The bits from SOF to CRC as text, put together from the standard's figure: slow and plain."""
+    can_id, data = frame
+    remote = "1" if can_id & CAN_RTR_FLAG else "0"
+    if can_id & CAN_EFF_FLAG:
+        identifier = f"{can_id & 0x1FFF_FFFF:029b}"
+        header = "0" + identifier[:11] + "11" + identifier[11:] + remote + "00"
+    else:
+        header = "0" + f"{can_id & 0x7FF:011b}" + remote + "00"
+    text = header + f"{len(data):04b}" + ("" if remote == "1" else "".join(f"{byte:08b}" for byte in data))
+    remainder = int(text, 2) << 15  # the CRC as what a division leaves
+    for shift in range(len(text) - 1, -1, -1):
+        if remainder >> (shift + 15) & 1:
+            remainder ^= 0xC599 << shift
+    return text + f"{remainder:015b}"
+
+
+def stuffed(text):
+    """The same with the stuff bits in their places."""
+    out = ""
+    for bit in text:
+        out += bit
+        if len(out) >= 5 and len(set(out[-5:])) == 1:
+            out += "1" if bit == "0" else "0"
+    return out
+
+
+def test_the_empty_frame_with_identifier_0_is_counted_by_hand():
+    # SOF, identifier, RTR, IDE, r0 and DLC are 19 dominant bits, and so is their CRC: 34 bits of one value.
+    # Stuffed 00000 1 00000 1 …: a stuff bit after each five, 6 of them; then 13 bits of tail.
+    assert crc15(0, 19) == 0
+    assert stuff_bits(0, 34) == 6
+    assert frame_bits(Frame(0, b"")) == 34 + 6 + 13
+    assert frame_bits(Frame(0, b""), stuffed=False) == 47
+
+
+def test_sync_is_counted_by_hand():
+    # header 0000 1 00000000000000, CRC 001110000000101 by long division; a stuff bit (in brackets) after each five equal bits:
+    # 0000 1 00000[1] 00000[1] 0000 0[1] 0 111 00000[1] 00 101
+    text = "0000100000000000000" + "001110000000101"
+    assert as_sent(Frame(0x080, b"")) == text
+    assert crc15(int(text[:19], 2), 19) == int(text[19:], 2)
+    assert stuffed(text) == "0000100000" + "1" + "00000" + "1" + "00000" + "1" + "011100000" + "1" + "00101"
+    assert frame_bits(Frame(0x080, b"")) == 34 + 4 + 13
+
+
+def test_the_crc_is_that_of_the_published_check_value():
+    # CRC-15/CAN: polynomial 4599h, start 0, no reflection; "123456789" gives 059Eh (catalogue of parametrised CRC algorithms)
+    assert crc15(int.from_bytes(b"123456789", "big"), 72) == 0x059E
+
+
+@pytest.mark.parametrize(
+    ("text", "inserted"),
+    [
+        ("0000", 0),
+        ("00000", 1),
+        ("11111", 1),
+        ("0000011111", 2),
+        ("00000111101111", 2),
+        ("0000011110000", 3),
+        ("000001111", 2),
+        ("0101010101", 0),
+    ],
+)
+def test_a_stuff_bit_follows_five_equal_bits_and_counts_for_the_next_five(text, inserted):
+    assert stuff_bits(int(text, 2), len(text)) == inserted == len(stuffed(text)) - len(text)
+
+
+@pytest.mark.parametrize(("length", "bits"), [(0, 55), (1, 65), (2, 75), (4, 95), (6, 115), (8, 135)])
+def test_the_worst_cases_of_11_bit_identifiers_are_the_published_ones(length, bits):
+    assert worst_case_bits(length) == bits
+
+
+@pytest.mark.parametrize(("length", "bits"), [(0, 80), (8, 160)])
+def test_the_worst_cases_of_29_bit_identifiers_are_the_published_ones(length, bits):
+    assert worst_case_bits(length, extended=True) == bits
+
+
+@pytest.mark.parametrize(("can_id", "data", "bits"), [(0x201, bytes(8), 111), (0x1234 | CAN_EFF_FLAG, bytes(8), 131)])
+def test_without_stuff_bits_the_length_follows_from_the_layout(can_id, data, bits):
+    assert frame_bits(Frame(can_id, data), stuffed=False) == bits
+
+
+@given(STANDARD | EXTENDED, DATA, st.booleans())
+def test_the_actual_length_is_that_of_the_bits_written_out(can_id, data, is_remote):
+    frame = Frame(can_id | (CAN_RTR_FLAG if is_remote else 0), data)
+    assert frame_bits(frame) == len(stuffed(as_sent(frame))) + 13
+
+
+@given(STANDARD | EXTENDED, DATA)
+def test_the_actual_length_lies_between_no_stuff_bits_and_the_worst_case(can_id, data):
+    frame = Frame(can_id, data)
+    worst = worst_case_bits(len(data), extended=bool(can_id & CAN_EFF_FLAG))
+    assert frame_bits(frame, stuffed=False) <= frame_bits(frame) <= worst
+
+
+@given(STANDARD, DATA)
+def test_a_remote_frame_has_no_data_on_the_wire(can_id, data):
+    remote = Frame(can_id | CAN_RTR_FLAG, data)
+    assert frame_bits(remote, stuffed=False) == 47
+    assert frame_bits(remote) <= worst_case_bits(0)
+
+
+@pytest.mark.parametrize("frame", [Frame(0x800, b""), Frame(1 | CAN_ERR_FLAG, bytes(8)), Frame(1, bytes(9)), Frame(-1, b"")])
+def test_what_cannot_be_on_the_wire_has_no_length(frame):
+    with pytest.raises(ValueError, match=r"identifier|wire|bytes"):
+        frame_bits(frame)
+
+
+@pytest.mark.parametrize("length", [-1, 9])
+def test_there_is_no_worst_case_of_a_length_that_no_frame_has(length):
+    with pytest.raises(ValueError, match=str(length)):
+        worst_case_bits(length)
+
+
+def sent_bit_by_bit(can_id, data, is_remote, is_extended):
+    """A sender as the standard tells it: fields, a CRC register shifted once per bit, a counter of equal bits."""
+    fields = [(0, 1)]
+    if is_extended:
+        fields += [(can_id >> 18, 11), (1, 1), (1, 1), (can_id % 2**18, 18), (int(is_remote), 1), (0, 2)]
+    else:
+        fields += [(can_id, 11), (int(is_remote), 1), (0, 2)]
+    fields += [(len(data), 4)] + ([] if is_remote else [(byte, 8) for byte in data])
+    bits = [value // 2**k % 2 for value, width in fields for k in reversed(range(width))]
+    register = [0] * 15
+    for bit in bits:
+        carry = bit ^ register[0]
+        register = [*register[1:], 0]
+        if carry:  # 4599h = 100 0101 1001 1001b
+            register = [have ^ tap for have, tap in zip(register, (1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1), strict=True)]
+    sent, equal = [], 0
+    for bit in bits + register:
+        equal = equal + 1 if sent and sent[-1] == bit else 1
+        sent.append(bit)
+        if equal == 5:
+            sent.append(1 - bit)
+            equal = 1
+    return sent
+
+
+def test_100_000_random_frames_are_as_long_as_a_second_implementation_says():
+    chance = random.Random(11898)
+    for _ in range(100_000):
+        is_extended, is_remote = chance.random() < 0.3, chance.random() < 0.1
+        can_id = chance.getrandbits(29 if is_extended else 11) & chance.choice([-1, 0x1F000000, 0x1F, 0])
+        data = bytes(chance.choice([0, 255, chance.getrandbits(8)]) for _ in range(chance.randrange(9)))
+        expected = sent_bit_by_bit(can_id, data, is_remote, is_extended)
+        frame = Frame(can_id | (CAN_EFF_FLAG if is_extended else 0) | (CAN_RTR_FLAG if is_remote else 0), data)
+        assert frame_bits(frame) == len(expected) + 13
+        if chance.random() < 0.02:
+            assert sent_bits(frame) == "".join(map(str, expected))
+
+
+def test_a_frame_lasts_as_many_bits_as_it_has_rounded_up():
+    frame = Frame(0, b"")
+    assert duration_ns(frame, 1_000_000) == 53_000
+    assert duration_ns(frame, 83_333) == -(-53 * 10**9 // 83_333)
+
+
+@given(STANDARD | EXTENDED, STANDARD | EXTENDED, st.booleans(), st.booleans())
+def test_the_key_orders_frames_as_their_first_different_bit_does(one, other, one_remote, other_remote):
+    frames = [Frame(one | CAN_RTR_FLAG * one_remote, b""), Frame(other | CAN_RTR_FLAG * other_remote, b"")]
+    first, second = (as_sent(frame)[1:33] if frame.can_id & CAN_EFF_FLAG else as_sent(frame)[1:14] for frame in frames)
+    bits = list(itertools.takewhile(lambda pair: pair[0] == pair[1], zip(first, second, strict=False)))
+    keys = [arbitration_key(frame.can_id) for frame in frames]
+    if len(bits) == min(len(first), len(second)):
+        assert keys[0] == keys[1]
+        assert frames[0].can_id == frames[1].can_id
+    else:
+        assert (keys[0] < keys[1]) == (first[len(bits)] < second[len(bits)])
+
+
+# --- CAN FD ---
+
+
+@pytest.mark.parametrize(("width", "check"), [(17, 0x04F03), (21, 0x0ED841)])
+def test_the_crcs_of_can_fd_are_those_of_the_published_check_values(width, check):
+    # CRC-17/CAN-FD, CRC-21/CAN-FD of the catalogue of parametrised CRC algorithms; they start at 0, the standard with a leading 1
+    assert crc_fd(int.from_bytes(b"123456789", "big"), 72, width, 0) == check
+
+
+def test_the_lengths_of_can_fd_are_those_of_python_can():
+    assert list(FD_LENGTHS) == can.util.CAN_FD_DLC
+    assert [can.util.len2dlc(length) for length in FD_LENGTHS] == list(range(16))
+
+
+# sizes without stuff bits by contents, with intermission: header + data + CRC field + 9 + 3 of Linux' length.h
+LINUX_HEADER = {False: 22, True: 41}
+LINUX_CRC_FIELD = {17: 28, 21: 33}
+
+
+@given(st.integers(0, 0x7FF), st.sampled_from(FD_LENGTHS), st.booleans(), st.booleans(), st.data())
+def test_a_can_fd_frame_lies_between_the_least_and_the_most_that_linux_counts(can_id, length, is_extended, brs, draw):
+    data = draw.draw(st.binary(min_size=length, max_size=length) | st.just(bytes(length)))
+    stuffable = LINUX_HEADER[is_extended] + 8 * length
+    fixed = LINUX_CRC_FIELD[17 if length <= 16 else 21] + 9 + 3
+    assert stuffable + fixed <= sum(fd_bits(can_id, data, is_extended, brs)) <= stuffable + (stuffable - 1) // 4 + fixed
+
+
+@pytest.mark.parametrize("length", FD_LENGTHS)
+def test_alternating_bits_need_no_stuff_bits_but_the_fixed_ones(length):
+    # 555h after SOF 0 is 10101010101; RRS, IDE 00, FDF 1, res 0, BRS 1, ESI 0; only a DLC with a run of 5 could need one
+    bits = fd_bits(0x555, b"\x55" * length, False, True)
+    assert bits.nominal_bits == 17 + 12
+    assert bits.data_phase_bits == 5 + 8 * length + LINUX_CRC_FIELD[17 if length <= 16 else 21]
+
+
+def sent_by_fd(can_id, data, is_extended, brs):
+    """A CAN FD sender, bit by bit: (bit, whether in the data phase)."""
+    dlc = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64].index(len(data))
+    name = f"{can_id:029b}" if is_extended else f"{can_id:011b}"
+    slow = "0" + (name[:11] + "11" + name[11:] + "0" if is_extended else name + "00") + "10" + str(int(brs))
+    sent, run, count = [], 0, 0
+    payload = "0" + f"{dlc:04b}" + "".join(f"{byte:08b}" for byte in data)
+    for position, bit in enumerate(slow + payload):
+        if run == 5:  # before the next bit of the contents; so none follows the last
+            sent.append(("1" if sent[-1][0] == "0" else "0", position >= len(slow)))
+            run, count = 1, count + 1
+        run = run + 1 if sent and sent[-1][0] == bit else 1
+        sent.append((bit, position >= len(slow)))
+    sbc = {0: "0000", 1: "0011", 2: "0110", 3: "0101", 4: "1100", 5: "1111", 6: "1010", 7: "1001"}[count % 8]
+    width, taps = (17, (16, 14, 13, 11, 6, 4, 3, 1, 0)) if len(data) <= 16 else (21, (20, 13, 11, 7, 4, 3, 0))
+    register = {width - 1}  # the exponents that are set
+    for bit in [bit for bit, _ in sent] + list(sbc):
+        carry = (width - 1 in register) != (bit == "1")
+        register = {exponent + 1 for exponent in register if exponent + 1 < width}
+        register ^= set(taps) if carry else set()
+    checked = sbc + "".join("1" if exponent in register else "0" for exponent in reversed(range(width)))
+    for position, bit in enumerate(checked):
+        if position % 4 == 0:
+            sent.append(("1" if sent[-1][0] == "0" else "0", True))
+        sent.append((bit, True))
+    return sent
+
+
+def test_5_000_random_can_fd_frames_are_what_a_second_implementation_sends():
+    chance = random.Random(2015)
+    for _ in range(5_000):
+        is_extended, brs = chance.random() < 0.5, chance.random() < 0.5
+        can_id = chance.getrandbits(29 if is_extended else 11) & chance.choice([-1, 0x1F])
+        data = bytes(chance.choice([0, 255, chance.getrandbits(8)]) for _ in range(chance.choice(FD_LENGTHS[:12])))
+        expected = sent_by_fd(can_id, data, is_extended, brs)
+        fast = sum(phase for _, phase in expected) + 1 if brs else 0
+        assert fd_bits(can_id, data, is_extended, brs) == (len(expected) + 13 - fast, fast)
+        if chance.random() < 0.02:
+            assert fd_sent_bits(can_id, data, is_extended, brs) == "".join(bit for bit, _ in expected)
+
+
+def test_the_empty_can_fd_frame_with_identifier_0_is_counted_by_hand():
+    # 00000[1] 00000[1] 0000 | FDF 1 res 0 BRS 1 → SOF … IDE are 14 bits: stuff bits after 5 and, itself a 1, after the next 5
+    # ESI, DLC 00000 end the contents: the bit that would follow them is the fixed one. 14 + 2 + 3 nominal, then 12 of the end.
+    assert fd_bits(0, b"", False, True) == (14 + 2 + 3 + 12, 5 + 28)
+    assert fd_bits(0, b"", False, False) == (14 + 2 + 3 + 12 + 5 + 28 + 1, 0)  # five dominant ones from res on
+    assert fd_sent_bits(0, b"").startswith("000001000001000010100000" + "1" + "0110" + "1")
+
+
+def test_a_can_fd_frame_lasts_its_bits_at_their_rates():
+    nominal, fast = fd_bits(0x181, bytes(64))
+    assert fd_duration_s(0x181, bytes(64), bitrate=500_000, data_bitrate=2_000_000) == nominal / 5e5 + fast / 2e6
+    slow = fd_duration_s(0x181, bytes(64), brs=False, bitrate=500_000, data_bitrate=2_000_000)
+    assert slow == sum(fd_bits(0x181, bytes(64), brs=False)) / 5e5
+
+
+@pytest.mark.parametrize(
+    ("can_id", "data", "is_extended"), [(0x800, b"", False), (1 << 29, b"", True), (-1, b"", False), (1, bytes(9), False)]
+)
+def test_what_can_fd_cannot_send_has_no_length(can_id, data, is_extended):
+    with pytest.raises(ValueError, match=r"identifier|bytes"):
+        fd_bits(can_id, data, is_extended)
