@@ -109,7 +109,8 @@ class Bus:
         if not self._closing.is_set():
             self._closing.set()
             self._reader.join(2 * _POLL_S + 1.0)
-            self._bus.shutdown()
+            with contextlib.suppress(can.CanError, OSError):  # of a bus that is lost there is nothing left to close
+                self._bus.shutdown()
 
     def port(self, node: int) -> SdoPort:
         """The SDO client of a node: always the same one.

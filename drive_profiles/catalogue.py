@@ -254,7 +254,7 @@ def _raw(entry: Entry, value: float | str) -> Value:
         encode(kind, raw)
     except (ValueError, OverflowError):
         raw = math.inf
-    if not math.isfinite(raw) or (kind is DataType.BOOLEAN and raw not in {0, 1}):  # struct takes 2 for true
+    if (kind is DataType.BOOLEAN and raw not in {0, 1}) or not math.isfinite(raw):  # struct takes 2, and 10**400, for true
         raise OutOfRangeError(str(entry), value, "", f"is outside what {kind.name} holds")
     return bool(raw) if kind is DataType.BOOLEAN else raw
 

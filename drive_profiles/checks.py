@@ -32,13 +32,17 @@ def against_identity(device: Device, header: Header, found: Found, options: Opti
     return reasons
 
 
-def doubts(parameter_set: ParameterSet, found: Found) -> list[str]:
+def doubts(parameter_set: ParameterSet, found: Found, writes: Sequence[Write] = ()) -> list[str]:
     """What a user should know, but what does not forbid the upload."""
     header, said = parameter_set.header, []
     if header.revision is not None and found.revision != header.revision:
         said.append(f"the set is of revision {header.revision}, the device of {found.revision}")
     if parameter_set.is_edited:
         said.append("the set has been edited since it was written")
+    theirs = [str(write.entry) for write in writes if write.parameter_class == "limits"]
+    if header.serial_number and header.serial_number != found.serial_number and theirs:
+        serials = f"serial number {header.serial_number}, this one has {found.serial_number}"
+        said.append(f"limits of another drive ({serials}): {', '.join(theirs[:5])}{', …' if len(theirs) > 5 else ''}")
     return said
 
 
@@ -47,6 +51,8 @@ def against_values(device: Device, header: Header, found: Found, writes: Sequenc
     guesses = [] if options.allow_unverified else [write for write in writes if not write.entry.is_verified]
     why = "nobody has verified what is known of it; --allow-unverified writes it all the same"
     reasons = [f"{write.entry}: {why}" for write in guesses]
+    if header.unverified and writes and not options.allow_unverified:
+        reasons.append(f"the values were made of facts that nobody has verified ({header.unverified}); --allow-unverified")
     reasons += _commissioning(header, found, writes, options)
     reasons += _foreign_identifiers(header, device.node, writes)
     reasons += _moving_scale(device, writes)
@@ -62,7 +68,7 @@ def _commissioning(header: Header, found: Found, writes: Sequence[Write], option
         return []
     serials = f"the set is of serial number {header.serial_number}, the device has {found.serial_number}"
     names = ", ".join(str(write.entry) for write in theirs[:5])
-    remedy = "leave the class out (--classes), or --force-commissioning"
+    remedy = "--force-commissioning writes them all the same, upload --classes leaves them out"
     return [f"{names}: commissioning values of another device ({serials}); {remedy}"]
 
 

@@ -177,6 +177,12 @@ def decode(data_type: DataType, data: bytes) -> Value:
     return data.decode("latin-1") if data_type is DataType.VISIBLE_STRING else bytes(data)
 
 
+def type_of_length(size: int) -> DataType:
+    """Give the type as which bytes are taken where nothing says what they are: an unsigned number where there is one."""
+    unsigned = (DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32, DataType.UNSIGNED64)
+    return next((kind for kind in unsigned if kind.size == size), DataType.DOMAIN)
+
+
 class SdoAbortCode(IntEnum):
     """Why an SDO transfer was aborted, each with the standard's words (CiA 301, 7.2.4.3.17)."""
 

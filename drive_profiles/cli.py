@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drive_profiles import cli_convert, cli_eds, cli_read, cli_realise, cli_write
+from drive_profiles import cli_compare, cli_convert, cli_eds, cli_read, cli_realise, cli_restore, cli_write
 from drive_profiles.console import EXITS, AsJson, print_json, reported, table
 
 if TYPE_CHECKING:
@@ -153,13 +154,13 @@ for _name, _command in (
     ("pull", cli_read.pull),
     ("get", cli_read.get),
     ("set", cli_write.set_),
-    ("diff", cli_read.diff),
+    ("diff", cli_compare.diff),
     ("upload", cli_write.upload),
-    ("verify", cli_read.verify),
-    ("store", cli_write.store),
-    ("restore", cli_write.restore),
+    ("verify", cli_compare.verify),
+    ("store", cli_restore.store),
+    ("restore", cli_restore.restore),
 ):
-    app.command(_name)(_command)
+    app.command(_name, epilog=EXITS)(_command)
 app.command("convert")(cli_convert.convert)
 app.add_typer(cli_eds.app, name="eds")
 cli_realise.mount(app)
@@ -171,6 +172,10 @@ def main() -> None:
         app()
     except BrokenPipeError:
         os._exit(141)  # the reader of the output has gone; there is nothing to tell it
+    except OSError as error:  # such as a full disk behind standard output
+        with contextlib.suppress(OSError):
+            os.write(2, f"{error}\n".encode())
+        os._exit(1)
 
 
 if __name__ == "__main__":

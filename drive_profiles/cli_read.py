@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drive_profiles.console import EXIT_DIFFERS, EXIT_NODE, EXIT_USAGE, AsJson, fail, print_json, progress, reported, table
+from drive_profiles.console import EXIT_NODE, EXIT_USAGE, AsJson, fail, print_json, progress, reported, table
 
 if TYPE_CHECKING:
     from drive_profiles.device import Found
-    from drive_profiles.parameters import Difference, ParameterSet
 
 BusOption = Annotated[
     str,
@@ -101,6 +100,8 @@ def _nodes(text: str) -> list[int]:
         first, _, last = part.partition("-")
         if re.fullmatch(r"\s*\d{1,3}\s*(-\s*\d{1,3}\s*)?", part) is None:
             raise fail(f"--nodes {text}: expected node-IDs as 1-127, or 1,2,5", EXIT_USAGE)
+        if last and int(last) < int(first):
+            raise fail(f"--nodes {text}: {first}-{last} runs backwards", EXIT_USAGE)
         found |= set(range(int(first), int(last or first) + 1))
     if not found or not found <= set(range(1, 128)):
         raise fail(f"--nodes {text}: node-IDs are 1 to 127", EXIT_USAGE)
@@ -180,7 +181,7 @@ def pull(
     bus: BusOption,
     node: NodeOption,
     *,
-    out: Annotated[Path | None, typer.Option("--out", help="File to write; left out: standard output.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="File to write; left out, or -: standard output.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     classes: ClassesOption = ALL,
     profile: ProfileOption = None,
@@ -198,6 +199,8 @@ def pull(
     from drive_profiles.target import device_at
 
     wanted = class_names(classes)
+    if out == Path("-"):
+        out = None
     with reported(), Bus(bus, timeout_s) as opened:
         device = device_at(opened, node, profile, eds)
         with progress("reading", len(device.catalogue)) as step:
@@ -207,6 +210,8 @@ def pull(
     for line in pulled.header.not_read:
         typer.echo(f"not read: {line}", err=True)
     count = sum(1 for _ in pulled.items())
+    if not count:
+        typer.echo(f"node {node}: none of its known objects could be read and written back", err=True)
     if as_json:
         print_json(pulled.model_dump())
     elif out is None:
@@ -263,93 +268,3 @@ def get(
         return
     rows = [(address_of(e.place), e.name or "-", str(v), e.unit, d.hex(" ")) for e, d, v in found]
     table("", ("object", "name", "value", "unit", "bytes"), rows)
-
-
-def diff(
-    left: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set.")],
-    right: Annotated[Path | None, typer.Argument(metavar="[SET]", help="Another; left out: the drive at --node.")] = None,
-    *,
-    bus: Annotated[str | None, typer.Option("--bus", help="As everywhere.", envvar="HIL_BUS")] = None,
-    node: Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID.")] = None,
-    profile: ProfileOption = None,
-    eds: EdsOption = None,
-    timeout_s: TimeoutOption = 0.5,
-    as_json: AsJson = False,
-) -> None:
-    """Compare a parameter set with another, or with what a drive holds; ends with 7 where they differ.
-
-    Examples:
-        drive-profiles diff old.toml new.toml
-
-        drive-profiles diff axis2.toml --bus local:/tmp/robot.sock --node 2
-    """
-    from drive_profiles.parameters import ParameterSet
-
-    with reported():
-        first = ParameterSet.load(left)
-        if right is not None:
-            differences = first.differences(ParameterSet.load(right))
-            header = ("parameter", str(left), str(right), "unit")
-        elif bus is None or node is None:
-            raise fail("give a second parameter set, or --bus and --node", EXIT_USAGE)
-        else:
-            differences = _against_drive(first, bus, node, profile, eds, timeout_s)
-            header = ("parameter", str(left), f"node {node}", "unit")
-    _show(differences, header, as_json=as_json)
-
-
-def _against_drive(
-    wanted: ParameterSet, bus: str, node: int, profile: str | None, eds: Path | None, timeout_s: float
-) -> list[Difference]:
-    """What the drive holds of the objects of the set, as a set, against it."""
-    from drive_profiles.bus import Bus
-    from drive_profiles.parameters import Difference
-    from drive_profiles.target import device_at
-
-    with Bus(bus, timeout_s) as opened:
-        device = device_at(opened, node, profile or wanted.header.profile or None, eds)
-        writes = device.resolve(wanted)
-        scaling = device.scaling([write.entry for write in writes])
-        found = []
-        for write in writes:
-            held = device.read(write.place)
-            if held != write.data:
-                name = write.entry.name or str(write.entry)
-                found.append(Difference(name, write.value, write.entry.decoded(held, scaling), write.entry.unit))
-    return found
-
-
-def _show(differences: list[Difference], header: tuple[str, ...], *, as_json: bool) -> None:
-    if as_json:
-        print_json([difference._asdict() for difference in differences])
-    elif differences:
-        shown = [
-            (d.key, "-" if d.left is None else str(d.left), "-" if d.right is None else str(d.right), d.unit) for d in differences
-        ]
-        table("", header, shown)
-    else:
-        typer.echo("no difference")
-    if differences:
-        raise typer.Exit(EXIT_DIFFERS)
-
-
-def verify(
-    parameter_set: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set.")],
-    bus: BusOption,
-    node: NodeOption,
-    *,
-    profile: ProfileOption = None,
-    eds: EdsOption = None,
-    timeout_s: TimeoutOption = 0.5,
-    as_json: AsJson = False,
-) -> None:
-    """Check that a drive holds a parameter set, byte for byte; ends with 7 where it does not.
-
-    Example: drive-profiles verify axis2.toml --bus local:/tmp/robot.sock --node 2
-    """
-    from drive_profiles.parameters import ParameterSet
-
-    with reported():
-        wanted = ParameterSet.load(parameter_set)
-        differences = _against_drive(wanted, bus, node, profile, eds, timeout_s)
-    _show(differences, ("parameter", str(parameter_set), f"node {node}", "unit"), as_json=as_json)

@@ -69,7 +69,7 @@ def realise(
         found = realised(profile, target, section=section - 1, period_s=period_s, allow_approximate=approximate)
     except NotRealisableError as error:
         _refuse(error, as_json=as_json)
-    _save(profile, found.values, out)
+    _save(profile, found.values, out, profile.notch)
     if as_json:
         facts = dataclasses.asdict(found) | {"is_exact": found.is_exact, "biquads": [b._asdict() for b in found.biquads]}
         print_json(_finite(facts))
@@ -133,7 +133,7 @@ def gains(
         _refuse(error, as_json=as_json)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
-    _save(profile, values, out)
+    _save(profile, values, out, profile.loop)
     pid = None
     if profile.loop is not None and profile.loop.structure == "PID":
         pid = pid_gains(position_gain, velocity_gain, velocity_integral_gain)
@@ -148,17 +148,18 @@ def gains(
         typer.echo(f"A PID on the error is the P-PI only if the reference is low-passed by {1e3 * pid.reference_lag_s:g} ms.")
 
 
-def _save(profile: Profile, values: Mapping[str, float], out: Path | None) -> None:
+def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact: NotchFacts | Loop | None) -> None:
     """The values as a parameter set, where that is wanted; a file that is there is not replaced."""
     if out is None:
         return
     from drive_profiles.parameters import Header, Item, ParameterSet
 
     identity = profile.identity
-    header = Header(profile=profile.name, vendor_id=identity.vendor_id, product_code=None)
+    header = Header(profile=profile.name, vendor_id=identity.vendor_id, product_code=None, unverified=_why_unverified(fact))
     items = {name: Item(value=value, unit=profile.parameter(name).unit) for name, value in values.items()}
     with reported():
         ParameterSet(header=header, tuning=items).save(out)
+    typer.echo(f"{len(items)} values in {out}", err=True)
 
 
 def pages(*, out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Where the pages go.")] = Path("docs/drives")) -> None:
@@ -178,8 +179,12 @@ def pages(*, out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Where 
 
 
 def _doubt(fact: NotchFacts | Loop | None) -> None:
-    if fact is not None and not fact.is_verified:
-        typer.echo(f"  unverified: {' '.join((fact.note or fact.source).split())}")
+    if why := _why_unverified(fact):
+        typer.echo(f"  unverified: {why}")
+
+
+def _why_unverified(fact: NotchFacts | Loop | None) -> str:
+    return "" if fact is None or fact.is_verified else " ".join((fact.note or fact.source).split())
 
 
 def _finite(facts: Any) -> Any:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Annotated, Any
+from types import FrameType
+from typing import Annotated, Any, Self
 
 import typer
 
-EXIT_USAGE, EXIT_FILE, EXIT_BUS, EXIT_NODE, EXIT_ABORT, EXIT_DIFFERS, EXIT_UNKNOWN, EXIT_INTERRUPTED = 2, 3, 4, 5, 6, 7, 8, 130
+EXIT_USAGE, EXIT_FILE, EXIT_NODE, EXIT_DIFFERS, EXIT_UNKNOWN, EXIT_INTERRUPTED = 2, 3, 5, 7, 8, 130
 EXITS = (
     "Exit codes: 0 done, 2 usage, 3 a bad file, or what it asks for is refused, 4 no bus, 5 no answer, the wrong device or "
     "one that is enabled, 6 an SDO abort or a failed read-back (all is put back), 7 differs, 8 it is not known what the drive "
@@ -36,7 +39,7 @@ def reported() -> Iterator[None]:
         typer.echo(str(error), err=True)
         raise typer.Exit(error.exit_code) from None
     except KeyboardInterrupt:
-        typer.echo("interrupted; nothing has been written", err=True)
+        typer.echo("interrupted", err=True)
         raise typer.Exit(EXIT_INTERRUPTED) from None
 
 
@@ -51,18 +54,18 @@ def print_json(document: Any) -> None:
     typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
 
 
-def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
-    """A rich table on a terminal; elsewhere plain columns, tab-separated, for cut and awk."""
+def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, err: bool = False) -> None:
+    """A rich table on a terminal; elsewhere plain columns, tab-separated, for cut and awk; ``err``: on standard error."""
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
     from rich.text import Text  # noqa: PLC0415
 
-    console = Console()
+    console = Console(stderr=err)
     if not console.is_terminal:
         if title:
-            typer.echo(f"\n# {title}")
+            typer.echo(f"\n# {title}", err=err)
         for row in (header, *rows):
-            typer.echo("\t".join(row))
+            typer.echo("\t".join(row), err=err)
         return
     shown = Table(title=title or None, title_justify="left")
     for column in header:
@@ -97,5 +100,54 @@ def confirm(question: str, *, yes: bool) -> None:
         return
     if not sys.stdin.isatty():
         raise fail("nothing has been written: give --yes, or answer on a terminal", EXIT_USAGE)
-    if not typer.confirm(question, err=True):
+    try:
+        agreed = typer.confirm(question, err=True)
+    except typer.Abort:  # Ctrl-C, or the end of the input
+        raise fail("\nnothing has been written", EXIT_INTERRUPTED) from None
+    if not agreed:
         raise fail("nothing has been written", EXIT_USAGE)
+
+
+class Interrupts:
+    """Ctrl-C, SIGTERM and SIGHUP while a drive is written to: from `hold` to the end they are remembered, and end nothing.
+
+    Attributes:
+        event: Set when one of them has come.
+    """
+
+    SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+    def __init__(self) -> None:
+        self.event = threading.Event()
+        self._came = False
+        self._before: dict[signal.Signals, Any] = {}
+        self._said = b""
+
+    def __enter__(self) -> Self:
+        """Nothing is held yet."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Everything is as it was."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        self._before.clear()
+
+    def hold(self, said: str) -> None:
+        """Remember from now on.
+
+        Args:
+            said: What the user is told when one comes.
+        """
+        self._said = f"\n{said}\n".encode()
+        for number in self.SIGNALS:
+            if signal.getsignal(number) is not signal.SIG_IGN:  # nohup stays nohup
+                self._before[number] = signal.signal(number, self._remember)
+
+    def _remember(self, number: int, frame: FrameType | None) -> None:
+        if self._came:  # an event's lock is not to be taken twice by one thread
+            return
+        self._came = True
+        self.event.set()
+        with contextlib.suppress(OSError):  # the terminal may have gone
+            os.write(2, self._said)

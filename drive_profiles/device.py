@@ -100,13 +100,7 @@ class Device:
             NoAnswerError: It is silent twice.
         """
         try:
-            return self._read(place)
-        except NoAnswerError:
-            return self._read(place)
-
-    def _read(self, place: Place) -> bytes:
-        try:
-            return self.port.read(place, self.name_of(place))
+            return _read(self.port, place, self.name_of(place))
         except SdoAbortedError as error:
             raise self._in_words(error) from None
 
@@ -336,13 +330,16 @@ def found_at(port: SdoPort) -> Found:
 
 
 def _ask(port: SdoPort, place: Place) -> bytes | None:
-    """A read that may be refused; once more where it is not answered."""
-    for attempt in (0, 1):
-        try:
-            return port.read(place)
-        except SdoAbortedError:
-            return None
-        except NoAnswerError:
-            if attempt:
-                raise
-    return None
+    """A read that may be refused."""
+    try:
+        return _read(port, place)
+    except SdoAbortedError:
+        return None
+
+
+def _read(port: SdoPort, place: Place, name: str = "") -> bytes:
+    """A read that is not answered is tried once more, since nothing can come of it."""
+    try:
+        return port.read(place, name)
+    except NoAnswerError:
+        return port.read(place, name)

@@ -8,8 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 from drive_profiles.errors import DriveProfileError, InterruptedUploadError, NoAnswerError
+from drive_profiles.memory import store_command
 from drive_profiles.outcome import Outcome, ReadBackError
-from drive_profiles.upload import Upload, store_command
+from drive_profiles.upload import Upload
 
 RESTART_S = 15.0
 """How long a drive may take to come back after a reset."""

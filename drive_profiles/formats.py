@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drive_profiles import eds
 from drive_profiles.catalogue import Catalogue
-from drive_profiles.cia301 import DataType, Value, decode
+from drive_profiles.cia301 import DataType, Value, decode, type_of_length
 from drive_profiles.errors import FileError, Problem, RefusedError
 from drive_profiles.parameter import Place
 from drive_profiles.parameters import ParameterSet, Write, from_concise, from_values, to_concise
@@ -16,7 +16,6 @@ from drive_profiles.safefile import write_atomically
 DEVICE_FILES = frozenset({".eds", ".dcf", ".xdd", ".xdc"})
 CONCISE = frozenset({".cdcf", ".bin"})
 MAX_BYTES = 4 << 20
-_BY_LENGTH = {1: DataType.UNSIGNED8, 2: DataType.UNSIGNED16, 4: DataType.UNSIGNED32, 8: DataType.UNSIGNED64}
 
 
 def is_toml(path: Path) -> bool:
@@ -88,7 +87,7 @@ def _typed(values: Mapping[Place, bytes], catalogue: Catalogue) -> dict[Place, V
     found: dict[Place, Value] = {}
     for place, data in values.items():
         entry = catalogue.get(place)
-        kind = (entry.data_type if entry else None) or _BY_LENGTH.get(len(data), DataType.DOMAIN)
+        kind = (entry.data_type if entry else None) or type_of_length(len(data))
         if kind.size not in {None, len(data)}:
             raise RefusedError(f"{entry} is a {kind.name} of {kind.size} bytes, the concise DCF has {len(data)}")
         found[place] = decode(kind, data)

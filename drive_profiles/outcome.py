@@ -14,6 +14,9 @@ Kind = Literal["done", "rolled back", "unknown"]
 Stored = Literal["no", "yes", "unknown", "again"]
 """``again``: the new values had been stored, and then the old ones, with whatever else the drive held unsaved."""
 
+_SHOWN = 8
+"""Unknown objects that are named in words; the journal and ``--json`` have all."""
+
 
 class ReadBackError(DriveProfileError):
     """Objects do not hold what was written to them."""
@@ -98,4 +101,6 @@ class Outcome:
                 return f"node {self.node}: rolled back, everything is as it was{kept}: {self.reason}"
             case _:
                 others = {"new": "all others hold the new values", "old": "all others are as they were"}[self.others]
-                return f"node {self.node}: unknown: {', '.join(self.unknown)}; {others}{kept}: {self.reason}"
+                more = len(self.unknown) - _SHOWN
+                named = ", ".join(self.unknown[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+                return f"node {self.node}: unknown: {named}; {others}{kept}: {self.reason}"

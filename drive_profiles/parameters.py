@@ -82,7 +82,11 @@ class Item(Table):
 
 
 class Header(Table):
-    """Of which device the set is."""
+    """Of which device the set is.
+
+    Attributes:
+        unverified: Why nobody can vouch for the values: the facts that they were computed from are not verified.
+    """
 
     format: Literal[1] = 1
     profile: str = ""
@@ -95,6 +99,7 @@ class Header(Table):
     firmware: str = ""
     date: str = ""
     hash: str = ""
+    unverified: str = ""
     not_read: tuple[str, ...] = ()
 
 

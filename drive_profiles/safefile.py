@@ -14,7 +14,7 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
     """Write a file by way of a temporary one: fsync, rename, fsync of the folder.
 
     Args:
-        path: The file; its folder is made.
+        path: The file; its folder is made. Of a link, the file that it names.
         data: Its contents.
         force: Replace what is there.
 
@@ -25,6 +25,10 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
     try:
         if not force and path.exists():
             raise RefusedError(f"{path} is there already; choose another name, or --force")
+        if path.exists() and not path.is_file():
+            problem = Problem(0, "", "is no file that could be replaced", "a file")
+            raise FileError(path, (problem,))
+        path = path.resolve()
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}")
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)  # less what the user's mask takes away

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from drive_profiles.catalogue import Catalogue, Entry
-from drive_profiles.cia301 import DataType
+from drive_profiles.cia301 import type_of_length
 from drive_profiles.errors import RefusedError
 from drive_profiles.journal import Snapshot
 from drive_profiles.parameter import address_of
 from drive_profiles.parameters import Header, Item, ParameterSet, is_command, item_of
-
-_SIZES = {1: DataType.UNSIGNED8, 2: DataType.UNSIGNED16, 4: DataType.UNSIGNED32, 8: DataType.UNSIGNED64}
 
 
 def as_set(snapshot: Snapshot, catalogue: Catalogue) -> ParameterSet:
@@ -24,7 +22,7 @@ def as_set(snapshot: Snapshot, catalogue: Catalogue) -> ParameterSet:
         entry = catalogue.get(place)
         if is_command(place) or (entry is not None and not entry.is_writable):  # read for its PDO's sake, never written
             continue
-        kind = (entry.data_type if entry else None) or _SIZES.get(len(data), DataType.DOMAIN)
+        kind = (entry.data_type if entry else None) or type_of_length(len(data))
         try:
             key, table_item = item_of(Entry(place, snapshot.names.get(place, ""), kind), data, None)
         except ValueError as error:

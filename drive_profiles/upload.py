@@ -17,7 +17,6 @@ from collections.abc import Callable
 from typing import Literal
 
 from drive_profiles.checks import against_identity, against_values, doubts
-from drive_profiles.cia301 import SdoAbortCode
 from drive_profiles.device import Device, Found
 from drive_profiles.errors import (
     DriveProfileError,
@@ -28,20 +27,14 @@ from drive_profiles.errors import (
     SdoAbortedError,
 )
 from drive_profiles.journal import Journal, Snapshot
+from drive_profiles.memory import has_done_nothing, store_command
 from drive_profiles.outcome import Kind, Options, Outcome, ReadBackError, Stored
-from drive_profiles.parameter import Place, address_of, place_of
+from drive_profiles.parameter import Place, address_of
 from drive_profiles.parameters import ParameterSet, Write
 from drive_profiles.steps import Step, mapped, steps, support
 
 MAX_PASSES = 3
 """How often the way back is tried, where writing one object changes another."""
-
-
-_NOT_STORED = frozenset({
-    SdoAbortCode.NOT_STORED, SdoAbortCode.LOCAL_CONTROL, SdoAbortCode.DEVICE_STATE, SdoAbortCode.NO_OBJECT,
-    SdoAbortCode.NO_SUBINDEX, SdoAbortCode.READ_ONLY, SdoAbortCode.INVALID_VALUE, SdoAbortCode.UNSUPPORTED_ACCESS,
-})  # fmt: skip
-"""Aborts of the store command after which nothing has been stored; after others, such as a fault of the memory, who knows."""
 
 
 class Upload:
@@ -101,9 +94,9 @@ class Upload:
         reasons = against_identity(self.device, self.parameter_set.header, found, self.options)
         if reasons:
             raise NodeError(self.device.node, "; ".join(reasons), "is this the right node, profile and file?")
-        self.warnings = doubts(self.parameter_set, found)
         self.device.check_quiet()
         self._resolve(found)
+        self.warnings = doubts(self.parameter_set, found, self.writes)
         self.device.check_quiet(self._axes())
         self._goal = {write.place: write.data for write in self.writes}
         self._old = {place: self._before(place) for place in (*self._goal, *sorted(support(self._goal) - set(self._goal)))}
@@ -237,16 +230,16 @@ class Upload:
             NoAnswerError: It does not say; `outcome_done` says *unknown* then.
             DriveProfileError: It has no store command.
         """
-        address, signature, wait_s = store_command(self.device)
+        command = store_command(self.device)
         self.device.check_quiet(self._axes())
         self._check_restart()
         before = self.stored
         self._note("storing")
         self.stored = "unknown"
         try:
-            self.device.write(place_of(address), signature.to_bytes(4, "little"), "the store signature", wait_s)
+            command.give(self.device)
         except SdoAbortedError as error:
-            if error.code in _NOT_STORED:
+            if has_done_nothing(error):
                 self.stored = before
                 self._note("not stored")
             raise
@@ -257,10 +250,8 @@ class Upload:
     def done(self) -> Outcome:
         """The drive holds the set."""
         if self.stored == "unknown":
-            address, _, _ = store_command(self.device)
-            return self.end(
-                "unknown", (f"{address} (the store command)",), "the drive did not answer it", NoAnswerError.exit_code
-            )
+            what = (f"{store_command(self.device).address} (the store command)",)
+            return self.end("unknown", what, "the drive did not answer it", NoAnswerError.exit_code, others="new")
         return self.end("done")
 
     def roll_back(self, error: BaseException, *, store_again: bool = False) -> Outcome:
@@ -274,7 +265,7 @@ class Upload:
         if not self.options.rollback:
             touched = [*self._attempted, *sorted(self.device.port.strays - set(self._attempted))]
             if self.stored != "no":
-                touched.append(place_of(store_command(self.device)[0]))
+                touched.append(store_command(self.device).place)
             if touched:
                 return self.end("unknown", tuple(map(self.named, touched)), reason, code)
         self._note("rolling back", reason=reason)
@@ -284,7 +275,7 @@ class Upload:
         if store_again and not lost:
             lost += self._store_again()
         elif self.stored != "no":
-            lost.append(place_of(store_command(self.device)[0]))
+            lost.append(store_command(self.device).place)
         if lost:
             return self.end("unknown", tuple(map(self.named, lost)), reason, code)
         return self.end("rolled back", reason=reason, code=code)
@@ -320,11 +311,10 @@ class Upload:
 
     def _store_again(self) -> list[Place]:
         """It has stored, or perhaps, and then something failed: its old values are stored over the new ones."""
-        address, _, _ = store_command(self.device)
         try:
             self.store()
         except DriveProfileError:
-            return [place_of(address)]
+            return [store_command(self.device).place]
         self.stored = "again"
         return []
 
@@ -377,19 +367,3 @@ class Upload:
         """Address and name of an object."""
         name = self.device.name_of(place)
         return f"{address_of(place)} ({name})" if name else address_of(place)
-
-
-def store_command(device: Device) -> tuple[str, int, float]:
-    """Object, signature and waiting time of the device's store command.
-
-    Raises:
-        RefusedError: It has none.
-    """
-    facts = device.profile.store if device.profile else None
-    if facts is None:
-        return "1010:1", 0x6576_6173, 5.0  # CiA 301, 7.5.2.13
-    if facts.object is None:
-        raise RefusedError(
-            f"node {device.node}: a {device.profile.name if device.profile else 'drive'} has no store command: {facts.note}"
-        )
-    return facts.object, facts.signature, facts.wait_s

@@ -12,8 +12,14 @@ import time
 import pytest
 from typer.testing import CliRunner
 
+from drive_profiles import journal
+from drive_profiles.bus import Bus
 from drive_profiles.cli import app
+from drive_profiles.device import Device
+from drive_profiles.errors import NoAnswerError, SdoAbortedError
 from drive_profiles.parameters import ParameterSet
+from drive_profiles.sdo import SdoPort
+from drive_profiles.target import device_at
 
 runner = CliRunner()
 START_TIMEOUT_S = 120.0
@@ -69,7 +75,7 @@ def test_scan_finds_every_node_with_its_profile():
     found = json.loads(run("scan", "--nodes", "2,16", "--json").stdout)
     assert [(node["node"], node["profiles"]) for node in found] == [(2, ["emulated_drive"]), (16, ["emulated_accelerometer"])]
     run("scan", "--nodes", "99", "--timeout-s", "0.05", code=5)
-    for wrong in ("0-5", "128", "x", "", "5-"):
+    for wrong in ("0-5", "128", "x", "", "5-", "5-2"):
         run("scan", "--nodes", wrong, code=2)
 
 
@@ -124,11 +130,12 @@ def test_two_drives_are_written_together(folder):
 
 
 def test_get_and_set_take_addresses_and_names_and_say_units():
-    assert "1/s" in run("set", "position_gain=17.5", "--node", "2", "--yes").stdout
+    assert "1/s" in run("set", "position_gain_per_s=17.5", "--node", "2", "--yes").stdout
     row = json.loads(run("get", "0x2100:1", "--node", "2", "--json").stdout)[0]
     assert (row["name"], row["value"], row["unit"]) == ("position_gain_per_s", 17.5, "1/s")
     assert json.loads(run("get", "2100sub1", "--node", "2", "--json").stdout) == [row]
-    assert "switch" not in run("get", "status_word", "--node", "2").stdout
+    word = json.loads(run("get", "status_word", "--node", "2", "--json").stdout)[0]
+    assert (word["object"], word["value"] & 0x4F) == ("0x6041:0", 0x40)  # switch on disabled
     run("set", "2100:1=0", "--node", "2", "--yes")
     result = run("get", "gain", "--node", "2", code=2)
     assert "2100:1 (position_gain_per_s), 2101:1" in result.stderr
@@ -146,13 +153,163 @@ def test_an_abort_is_told_in_words_with_the_objects_name():
     assert "5FFFh:0 aborted: 0x06020000, Object does not exist" in result.stderr
 
 
+def reset(node):
+    """As a loss of power would."""
+    with Bus(os.environ["HIL_BUS"]) as bus:
+        device_at(bus, node).reset(10.0)
+
+
+def held(name, node=2):
+    return json.loads(run("get", name, "--node", node, "--json").stdout)[0]["value"]
+
+
 def test_store_and_factory_defaults():
+    factory = held("position_gain_per_s")
+    run("set", "position_gain_per_s=9", "--node", "2", "--yes")
+    reset(2)
+    assert held("position_gain_per_s") == factory
     run("set", "position_gain_per_s=9", "--node", "2", "--yes")
     assert "has stored" in run("store", "--node", "2", "--yes").stdout
+    run("set", "position_gain_per_s=11", "--node", "2", "--yes")
+    reset(2)
+    assert held("position_gain_per_s") == 9
+    assert "1011:1" in run("restore", "--defaults", "--node", "2", "--dry-run").stdout
     assert "factory" in run("restore", "--defaults", "--node", "2", "--yes").stdout
+    assert held("position_gain_per_s") == 9
+    reset(2)
+    assert held("position_gain_per_s") == factory
     run("restore", "--node", "2", code=2)
     run("restore", "--defaults", "--snapshot", "x", "--node", "2", code=2)
+    run("restore", "--defaults", "--store", "--node", "2", code=2)
     run("restore", "--snapshot", "nowhere.jsonl", code=3)
+
+
+def aborting(place, code):
+    """A port whose writes of one object are answered so; 0: not at all."""
+    write = SdoPort.write
+
+    def instead(self, where, data, *more, **named):
+        if where != place:
+            write(self, where, data, *more, **named)
+        elif code:
+            raise SdoAbortedError(self.node, *where, code)
+        else:
+            raise NoAnswerError(self.node, "the write", 1.0)
+
+    return instead
+
+
+@pytest.mark.parametrize(("code", "status", "words"), [
+    (0x0800_0022, 6, "present device state"), (0x0606_0000, 8, "not known"), (0, 8, "store again"),
+])  # fmt: skip
+def test_a_store_is_judged_as_that_of_an_upload(code, status, words, monkeypatch):
+    write = SdoPort.write
+    monkeypatch.setattr(SdoPort, "write", aborting((0x1010, 1), code))
+    assert words in run("store", "--node", "2", "--yes", code=status).stderr
+    assert ("unknown" in run("store", "--node", "2", "--yes", "--json", code=status).stdout) == (status == 8)
+    before = held("position_gain_per_s")
+    result = run("set", "position_gain_per_s=21", "--store", "--node", "2", "--yes", code=status)
+    assert ("drive-profiles store --bus" in result.stderr) == (code == 0)
+    assert ("drive-profiles restore --snapshot" in result.stderr) == (code == 0x0606_0000)
+    assert held("position_gain_per_s") == (21 if code == 0 else before)
+    monkeypatch.setattr(SdoPort, "write", aborting((0x1011, 1), code))
+    assert ("its next reset is not known" in run("restore", "--defaults", "--node", "2", "--yes", code=status).stderr) == (
+        status == 8
+    )
+    monkeypatch.setattr(SdoPort, "write", write)
+    run("set", f"position_gain_per_s={before}", "--node", "2", "--yes")
+
+
+def test_set_takes_whole_names_and_one_value_each():
+    before = held("position_gain_per_s")
+    assert "did you mean position_gain_per_s" in run("set", "position_gain=17.5", "--node", "2", "--yes", code=2).stderr
+    twice = run("set", "position_gain_per_s=5", "2100:1=6", "--node", "2", "--yes", code=2)
+    assert "two values for 2100:1 (position_gain_per_s)" in twice.stderr
+    assert held("position_gain_per_s") == before
+
+
+def test_what_will_change_is_shown_before_the_question_also_with_json():
+    result = run("set", "position_gain_per_s=5.5", "--node", "2", "--json", code=2)  # nobody to ask
+    assert "position_gain_per_s)\t" in result.stderr
+    assert result.stdout == ""
+    result = run("set", "position_gain_per_s=5.5", "--node", "2", "--json", "--dry-run")
+    assert json.loads(result.stdout)[0]["new"] == 5.5
+
+
+def test_a_snapshot_goes_to_another_device_only_if_that_is_forced(folder):
+    run("set", "position_gain_per_s=5.5", "--node", "2", "--yes")
+    [path] = (folder / "drive-journals").glob("*.jsonl")
+    serial = json.loads(run("info", "--node", "2", "--json").stdout)["serial_number"]
+    original = path.read_text()
+    path.write_text(original.replace(f'"serial_number":{serial}', '"serial_number":99999'))
+    assert "--force-commissioning" in run("restore", "--snapshot", path, "--yes", code=3).stderr
+    run("restore", "--snapshot", path, "--dry-run", "--force-commissioning")
+    path.write_text(original.replace(f'"serial_number":{serial}', '"serial_number":0'))
+    assert "had no serial number" in run("restore", "--snapshot", path, "--yes").stderr
+    assert held("position_gain_per_s") != 5.5
+
+
+def test_the_newest_journal_of_a_folder_is_the_snapshot(folder):
+    before = held("position_gain_per_s")
+    first = run("set", "position_gain_per_s=5.5", "--node", "2", "--yes")
+    assert "what it held before is in drive-journals/node2-" in first.stderr
+    run("set", "position_gain_per_s=6.5", "--node", "2", "--yes")
+    run("restore", "--snapshot", "drive-journals", "--node", "3", code=3)
+    run("restore", "--snapshot", "drive-journals", "--node", "2", "--yes")
+    assert held("position_gain_per_s") == 5.5
+    run("set", f"position_gain_per_s={before}", "--node", "2", "--yes")
+
+
+def test_what_is_no_parameter_set_or_no_file_is_refused(folder):
+    (folder / "empty.toml").write_text("[header]\n")
+    assert "holds no values" in run("upload", "empty.toml", "--node", "2", "--yes", code=3).stderr
+    os.mkfifo(folder / "pipe")
+    assert "is no file" in run("pull", "--node", "2", "--out", "pipe", "--force", code=3).stderr
+    assert "[header]" in run("pull", "--node", "2", "--out", "-").stdout
+    assert not (folder / "-").exists()
+
+
+def test_limits_of_another_drive_are_remarked(folder):
+    run("pull", "--node", "2", "--classes", "limits", "--out", "limits.toml")
+    text = (folder / "limits.toml").read_text()
+    (folder / "limits.toml").write_text(text.replace("serial_number = ", "serial_number = 9999"))
+    assert "limits of another drive (serial number 9999" in run("upload", "limits.toml", "--node", "2", "--dry-run").stderr
+
+
+def test_an_interrupt_while_the_drive_stores_is_remembered_until_it_has_answered(monkeypatch):
+    write = SdoPort.write
+
+    def interrupted(self, place, *more, **named):
+        if place in {(0x1010, 1), (0x1011, 1)}:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGTERM)
+        write(self, place, *more, **named)
+
+    monkeypatch.setattr(SdoPort, "write", interrupted)
+    for command, said in ((["store"], "has stored"), (["restore", "--defaults"], "after its next reset")):
+        result = run(*command, "--node", "2", "--yes")
+        assert said in result.stdout
+        assert "too late" in result.stderr
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_while_the_bus_is_closed_hides_no_outcome(monkeypatch):
+    close, opened = Bus.close, []
+
+    def interrupted(self):
+        close(self)
+        opened.append(self)
+        if len(opened) == 2:  # the first is that of looking up the names
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Bus, "close", interrupted)
+    assert "done" in run("set", "position_gain_per_s=6.5", "--node", "2", "--yes").stdout
+
+
+def test_an_interrupt_before_anything_is_written_says_only_that(monkeypatch):
+    monkeypatch.setattr(Device, "identify", lambda self: os.kill(os.getpid(), signal.SIGINT))
+    result = run("set", "position_gain_per_s=6.5", "--node", "2", "--yes", code=130)
+    assert result.stderr.splitlines()[-1] == "interrupted"
 
 
 @pytest.mark.parametrize(
@@ -183,24 +340,39 @@ def test_a_file_that_is_there_is_not_replaced_in_silence(folder):
     run("pull", "--node", "2", "--out", "axis2.toml", "--force")
 
 
-def test_ctrl_c_in_the_middle_puts_everything_back(folder):
-    """A drive that stores slowly gives the time to interrupt; the store itself is let finish, nothing is half done."""
-    run("pull", "--node", "2", "--out", "axis2.toml")
-    text = (folder / "axis2.toml").read_text().replace('"notch_1.mode" = { value = 0 }', '"notch_1.mode" = { value = 1 }')
-    (folder / "notch.toml").write_text(text)
-    command = [sys.executable, "-m", "drive_profiles.cli", "upload", "notch.toml", "--node", "2", "--yes", "--store"]
+SLOW = """
+import time
+from drive_profiles import cli, sdo
+write = sdo.SdoPort.write
+def slowly(*arguments, **named):
+    write(*arguments, **named)
+    time.sleep(0.2)
+sdo.SdoPort.write = slowly
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_ctrl_c_in_the_middle_puts_everything_back(number, folder):
+    before = {name: held(name) for name in ("notch_1.mode", "notch_1.start_rps", "position_gain_per_s", "velocity_gain_nm_s_rad")}
+    values = [f"{name}={value + 1}" for name, value in before.items()]
+    command = [sys.executable, "-c", SLOW, "set", *values, "--node", "2", "--yes", "--store"]
     with subprocess.Popen(
         command, cwd=folder, env=os.environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        deadline = time.monotonic() + 30.0
-        while not list(folder.glob("drive-journals/*.jsonl")) and process.poll() is None and time.monotonic() < deadline:
+        deadline = time.monotonic() + 60.0
+        while not any('"written"' in path.read_text() for path in folder.glob("drive-journals/*.jsonl")):
+            assert process.poll() is None, process.communicate()
+            assert time.monotonic() < deadline
             time.sleep(0.001)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=30)
-    held = run("get", "notch_1.mode", "--node", "2", "--json")
-    value = json.loads(held.stdout)[0]["value"]
-    assert (process.returncode, value) in {(0, 1), (130, 0)}, (out, err)
-    run("set", "notch_1.mode=0", "--node", "2", "--yes")
+        process.send_signal(number)
+        process.send_signal(number)  # impatience changes nothing
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, (out, err)
+    assert "rolled back, everything is as it was" in err
+    assert {name: held(name) for name in before} == before
+    [path] = folder.glob("drive-journals/*.jsonl")
+    assert journal.read(path).outcome == "rolled back"
 
 
 def test_help_of_every_command_is_there_and_says_an_example():

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drive_profiles import safefile
-from drive_profiles.errors import FileError, RefusedError
+from drive_profiles.errors import DriveProfileError, FileError, RefusedError
 from drive_profiles.safefile import write_atomically
 
 OLD, NEW = b"old contents", b"new contents, and more of them"
@@ -139,9 +139,17 @@ def test_a_place_that_cannot_be_written_is_an_error_with_the_file(tmp_path, name
     assert sorted(tmp_path.iterdir()) == [tmp_path / "file", tmp_path / "folder"]
 
 
-def test_a_link_is_replaced_by_the_file_and_what_it_named_stays(path):
+def test_of_a_link_the_file_that_it_names_is_replaced(path):
     link = path.parent / "link.toml"
     link.symlink_to(path)
     write_atomically(link, NEW, force=True)
-    assert path.read_bytes() == OLD
-    assert link.read_bytes() == NEW
+    assert link.is_symlink()
+    assert path.read_bytes() == NEW
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_what_is_no_file_is_never_replaced(tmp_path, force):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(DriveProfileError):
+        write_atomically(tmp_path / "pipe", NEW, force=force)
+    assert (tmp_path / "pipe").is_fifo()

@@ -8,6 +8,7 @@ from drive_profiles import journal
 from drive_profiles.cia301 import encode
 from drive_profiles.errors import DriveProfileError
 from drive_profiles.parameter import place_of
+from drive_profiles.parameters import Item, ParameterSet
 from tests.drive_profiles import upload_rig as rig
 
 CLEAN = rig.node()
@@ -151,3 +152,50 @@ def test_a_link_that_is_cut_leaves_what_was_touched_unknown_and_says_so(after, t
             continue
         assert outcome.kind == "unknown"
         assert all(held[place] == BEFORE[place] for place in BEFORE if place not in unknown)
+
+
+ONE = ParameterSet(tuning={"p1": Item(value=101)})
+TWO = ParameterSet(tuning={"p1": Item(value=101), "p0": Item(value=100)})
+TEXT = ParameterSet(tuning={"text": Item(value="what it shall be from now on")})
+
+
+def truth(seed, parameter_set, folder, *, lost=0.0, refuses=None, store=False):
+    """An upload over answers that are late; what it states is what the node holds, in the end."""
+    slave = rig.node()
+    line = rig.Late(slave, seed, lost=lost)
+    if refuses is not None:
+        slave.dictionary.on_write(*refuses, lambda value: 0x0609_0030)
+    try:
+        made = rig.upload(slave, folder, parameter_set, line, store=store)
+        line.calm = 6 + seed % 4  # the last looks at what it holds, and all that follows
+        [outcome] = rig.fleet.run([made])
+    except DriveProfileError:
+        assert rig.contents(slave) == BEFORE
+        return "refused"
+    line.receive(10.0)
+    held = rig.contents(slave)
+    unknown = {place_of(text.split(" ")[0]) for text in outcome.unknown}
+    goal = {write.place: write.data for write in made.writes}
+    for place in BEFORE:
+        data = encode(slave.dictionary.cell(*place).entry.data_type, held[place])
+        if outcome.others == "new" and place in goal:
+            assert data == goal[place] or place in unknown, (seed, outcome)
+        else:
+            assert held[place] == BEFORE[place] or place in unknown, (seed, outcome)
+    if outcome.stored in {"yes", "no"}:
+        assert bool(slave.store.kept) == (outcome.stored == "yes"), (seed, outcome)
+    return outcome.kind
+
+
+@pytest.mark.parametrize(
+    ("parameter_set", "refuses", "store"),
+    [(ONE, None, False), (TWO, None, False), (TWO, (0x2000, 1), False), (TEXT, None, False), (ONE, None, True)],
+    ids=["one", "two", "two, one refused", "a text", "one, stored"],
+)
+@pytest.mark.parametrize("seeds", [pytest.param(6000, marks=pytest.mark.slow), 400])
+def test_answers_that_come_late_are_never_taken_for_those_of_later_requests(seeds, parameter_set, refuses, store, tmp_path):
+    kinds = []
+    for seed in range(seeds):
+        lost = (0.0, 0.05)[seed % 2]
+        kinds.append(truth(seed, parameter_set, tmp_path / str(seed), lost=lost, refuses=refuses, store=store))
+    assert ("done" if refuses is None else "rolled back") in kinds

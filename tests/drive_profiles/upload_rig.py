@@ -1,5 +1,6 @@
 """A real slave engine with 60 objects to write, and a line to it that loses, doubles, changes or aborts any single frame."""
 
+import random
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -196,12 +197,66 @@ class Line:
                 raise ValueError(kind)
 
 
+class Late(Line):
+    """After a while the node's answers are late, in order, by anything up to `longest_s`; some frames are lost.
+
+    To be late with a read of the old value is what makes it dangerous, so it begins near the first write.
+    """
+
+    def __init__(self, slave: Slave, seed: int, longest_s: float = 1.2, lost: float = 0.0) -> None:
+        super().__init__(slave)
+        self._random, self._longest_ns, self._lost = random.Random(seed), round(1e9 * longest_s), lost
+        self._coming: deque[tuple[int, bytes]] = deque()
+        self._late = self._random.choice((0.4, 0.7, 1.0))
+        self.calm = 1_000_000
+        """How many requests are answered at once first."""
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        end = self.now + round(1e9 * timeout_s)
+        if not self._answers and self._coming and self._coming[0][0] <= end:
+            self.now = max(self.now, self._coming[0][0])
+        if not self._arrived():
+            self.now = end
+            self._take(self.slave.advance(self.now))
+            self._arrived()
+        return self._answers.popleft() if self._answers else None
+
+    def clear(self) -> list[bytes]:
+        self._arrived()
+        return super().clear()
+
+    def _arrived(self) -> bool:
+        while self._coming and self._coming[0][0] <= self.now:
+            self._answers.append(self._coming.popleft()[1])
+        return bool(self._answers)
+
+    def _take(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            self.boots += frame.can_id == 0x700 + NODE and frame.data == b"\0"
+            if frame.can_id == 0x580 + NODE and not self._happens(self._lost):
+                due = self.now + (self._random.randrange(self._longest_ns) if self._happens(self._late) else 0)
+                self._coming.append((max([due, *(self._coming[-1][:1] if self._coming else ())]), frame.data))
+
+    def _through(self, data: bytes, *, is_answer: bool) -> list[bytes]:
+        self.calm -= 1
+        return [] if self._happens(self._lost) else [data]
+
+    def _happens(self, probability: float) -> bool:
+        return self.calm < 0 and self._random.random() < probability
+
+
+def upload(slave: Slave, folder: Path, parameter_set: ParameterSet, line: Line | None = None, **options: bool) -> Upload:
+    """An upload to it that is prepared."""
+    device = Device(SdoPort(NODE, Line(slave) if line is None else line, 0.5), Catalogue(PROFILE))
+    made = Upload(device, parameter_set, Options(journals=folder, **options))
+    fleet.prepare([made])
+    return made
+
+
 def transfer(
     slave: Slave, folder: Path, fault: Fault | None = None, *, store: bool = False, parameter_set: ParameterSet | None = None
 ) -> tuple[Line, Outcome | None]:
     """One upload; None where it was refused before anything was written, or killed."""
     line = Line(slave, fault)
-    device = Device(SdoPort(NODE, line, 0.5), Catalogue(PROFILE))
-    upload = Upload(device, wanted() if parameter_set is None else parameter_set, Options(store=store, journals=folder))
-    fleet.prepare([upload])
-    return line, fleet.run([upload])[0]
+    made = upload(slave, folder, wanted() if parameter_set is None else parameter_set, line, store=store)
+    return line, fleet.run([made])[0]

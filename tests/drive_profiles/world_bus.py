@@ -34,8 +34,12 @@ class WorldBus:
         self._sort(self.world.power_on())
 
     def device(self, node: int, profile: str) -> Device:
+        return Device(SdoPort(node, self.line(node), TIMEOUT_S), Catalogue(Profile.load(profile)), self.nmt)
+
+    def line(self, node: int) -> "Line":
+        """The SDO channel of a node."""
         self._answers[node] = deque()
-        return Device(SdoPort(node, _Line(self, node), TIMEOUT_S), Catalogue(Profile.load(profile)), self.nmt)
+        return Line(self, node)
 
     def nmt(self, command: NmtCommand, node: int) -> None:
         self.put(0, bytes((command, node)))
@@ -71,7 +75,7 @@ class WorldBus:
                 self._answers[node].append(frame.data)
 
 
-class _Line:
+class Line:
     def __init__(self, bus: WorldBus, node: int) -> None:
         self._bus, self._node = bus, node
 
