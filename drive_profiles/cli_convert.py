@@ -5,12 +5,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drive_profiles.cli_read import EdsOption, ProfileOption
 from drive_profiles.console import reported
+
+if TYPE_CHECKING:
+    from drive_profiles.catalogue import Catalogue
+    from drive_profiles.parameters import ParameterSet
+    from drive_profiles.units import Scaling
 
 
 def convert(
@@ -36,7 +41,6 @@ def convert(
     from drive_profiles import formats
     from drive_profiles.parameters import ParameterSet
     from drive_profiles.target import catalogue_of
-    from drive_profiles.units import Scaling
 
     with reported():
         if profile is None and formats.is_toml(file):
@@ -48,9 +52,26 @@ def convert(
         if formats.is_toml(out):
             parameter_set.save(out, force=force)
         else:
-            scaling = None
-            if counts_per_rev is not None or rated_torque_nm is not None:
-                scaling = Scaling(counts_per_rev or 1, rated_torque_nm or 1.0)
+            scaling = _scaling(parameter_set, known, counts_per_rev, rated_torque_nm)
             formats.write(out, parameter_set.writes(known, scaling), eds, node_id=node_id, force=force)
         count = sum(1 for _ in parameter_set.items())
     typer.echo(f"{count} values in {out}")
+
+
+def _scaling(wanted: ParameterSet, known: Catalogue, counts_per_rev: int | None, rated_torque_nm: float | None) -> Scaling:
+    """How the drive counts, as far as the set needs it; what is needed and was not given is named.
+
+    Raises:
+        RefusedError: It was not given.
+    """
+    from drive_profiles.errors import RefusedError
+    from drive_profiles.units import Scaling
+
+    named = {key for _, key, item in wanted.items() if item.type is None}
+    needed = {str(e.parameter.scale) for e in known if e.parameter is not None and e.needs_scaling and e.name in named}
+    given = {"counts": counts_per_rev, "per mille": rated_torque_nm}
+    options = {"counts": "--counts-per-rev", "per mille": "--rated-torque-nm"}
+    missing = [options[scale] for scale in sorted(needed) if given[scale] is None]
+    if missing:
+        raise RefusedError(f"values in rad or N·m depend on the drive: give {' and '.join(missing)}")
+    return Scaling(counts_per_rev or 1, rated_torque_nm or 1.0)

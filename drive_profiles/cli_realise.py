@@ -82,6 +82,9 @@ def _show(profile: Profile, found: Realisation) -> None:
     typer.echo(f"{found.profile}: {'exact' if found.is_exact else 'approximate'}, filter period {1e6 * found.period_s:g} us")
     for reason in found.reasons:
         typer.echo(f"  {reason}")
+    wanted_db, held_db = (shape.gain_db(target.zero_hz) for shape in (target.shape, held))
+    if held_db > 0.5 * wanted_db:
+        typer.echo(f"  the notch is as good as lost: {held_db:.1f} dB at its frequency instead of {wanted_db:.1f} dB")
     _doubt(profile.notch)
     rows = [
         ("zeros, Hz", f"{target.zero_hz:.4f}", f"{held.zero_hz:.4f}", f"{off.zero_hz:+z.4f}"),
@@ -200,5 +203,14 @@ def _refuse(error: NotRealisableError, *, as_json: bool) -> NoReturn:
     if as_json:
         print_json({"profile": error.profile, "reasons": error.reasons})
     else:
-        typer.echo("\n".join([f"{error.profile}: not realisable", *(f"  {reason}" for reason in error.reasons)]), err=True)
+        lines = [f"  {reason}{_option_for(reason)}" for reason in error.reasons]
+        typer.echo("\n".join([f"{error.profile}: not realisable", *lines]), err=True)
     raise typer.Exit(error.exit_code)
+
+
+def _option_for(reason: str) -> str:
+    """The option that answers a reason."""
+    for words, option in (("period at which its filter runs", "--period-us"), ("torque constant is needed", "--torque-constant")):
+        if words in reason:
+            return f" ({option})"
+    return ""

@@ -110,13 +110,13 @@ class Tolerance:
     def objections(self, target: Target, held: Shape) -> tuple[str, ...]:
         """What is beyond tolerance, in words with the numbers."""
         excess, f = self.excess(target, held), self.frequency_hz(target)
-        share = f"within {100 * self.damping_share:g} %"
+        share = f"tolerance {100 * self.damping_share:g} %"
         said = {
-            "zero_hz": f"zeros at {held.zero_hz:.2f} Hz instead of {target.zero_hz:.2f} (within {f:.2g} Hz)",
-            "pole_hz": f"poles at {held.pole_hz:.2f} Hz instead of {target.pole_hz:.2f} (within {f:.2g} Hz)",
+            "zero_hz": f"zeros at {held.zero_hz:.2f} Hz instead of {target.zero_hz:.2f} (tolerance {f:.2g} Hz)",
+            "pole_hz": f"poles at {held.pole_hz:.2f} Hz instead of {target.pole_hz:.2f} (tolerance {f:.2g} Hz)",
             "zeta_zero": f"damping of the zeros {held.zeta_zero:.4g} instead of {target.zeta_zero:g} ({share})",
             "zeta_pole": f"damping of the poles {held.zeta_pole:.4g} instead of {target.zeta_pole:g} ({share})",
-            "dc_gain": f"gain {held.dc_gain:.4f} at DC instead of 1 (within {self.dc_gain:g})",
+            "dc_gain": f"gain {held.dc_gain:.4f} at DC instead of 1 (tolerance {self.dc_gain:g})",
         }
         return tuple(text for name, text in said.items() if not excess[name] <= 1.0)
 

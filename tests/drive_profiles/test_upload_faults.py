@@ -192,7 +192,7 @@ def truth(seed, parameter_set, folder, *, lost=0.0, refuses=None, store=False):
     [(ONE, None, False), (TWO, None, False), (TWO, (0x2000, 1), False), (TEXT, None, False), (ONE, None, True)],
     ids=["one", "two", "two, one refused", "a text", "one, stored"],
 )
-@pytest.mark.parametrize("seeds", [pytest.param(6000, marks=pytest.mark.slow), 400])
+@pytest.mark.parametrize("seeds", [pytest.param(3000, marks=pytest.mark.slow), 120])
 def test_answers_that_come_late_are_never_taken_for_those_of_later_requests(seeds, parameter_set, refuses, store, tmp_path):
     kinds = []
     for seed in range(seeds):
