@@ -20,7 +20,7 @@ from drive_profiles.cia402 import State, state_of
 from hil.can.frame import Frame
 from hil.can.raw import RawChannel
 from hil.recording import Recording
-from tests.bench.conftest import Emulator
+from plant_emulator.pytest_plugin.served import ServedBus
 
 REFERENCE = (Path(__file__).parents[2] / "hil" / "benches" / "reference.toml").read_text()
 # 50 s of motion, over more turns than the reference bench allows: time to interfere
@@ -44,7 +44,7 @@ def hil(*arguments: str, **kwargs: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def run_arguments(bench: Path, emulator: Emulator, out: Path, *more: str) -> list[str]:
+def run_arguments(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> list[str]:
     return [
         "run",
         "constant-acceleration",
@@ -53,7 +53,7 @@ def run_arguments(bench: Path, emulator: Emulator, out: Path, *more: str) -> lis
         "--bench",
         str(bench),
         "--bus",
-        emulator.address,
+        local_bus.address,
         "--out",
         str(out),
         *more,
@@ -63,8 +63,8 @@ def run_arguments(bench: Path, emulator: Emulator, out: Path, *more: str) -> lis
 class Sniffer:
     """A python-can bus on the emulator's socket, read by a thread of its own; of the cyclic frames it keeps the count only."""
 
-    def __init__(self, emulator: Emulator) -> None:
-        self.bus = can.Bus(interface="hil_local", channel=str(emulator.socket))
+    def __init__(self, local_bus: ServedBus) -> None:
+        self.bus = can.Bus(interface="hil_local", channel=str(local_bus.socket))
         self.counts: Counter[int] = Counter()
         self.others: list[can.Message] = []
         self._end = False
@@ -116,9 +116,9 @@ class Sniffer:
         self.bus.shutdown()
 
 
-def start_run(bench: Path, emulator: Emulator, out: Path, *more: str) -> subprocess.Popen[str]:
+def start_run(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "hil.cli", *run_arguments(bench, emulator, out, *more)],
+        [sys.executable, "-m", "hil.cli", *run_arguments(bench, local_bus, out, *more)],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
@@ -126,9 +126,9 @@ def start_run(bench: Path, emulator: Emulator, out: Path, *more: str) -> subproc
 # -- a run on a real socket --------------------------------------------------------------------------------------------
 
 
-def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, emulator: Emulator) -> None:
+def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, local_bus: ServedBus) -> None:
     out = tmp_path / "out"
-    done = hil(*run_arguments(bench_file(tmp_path, QUICK), emulator, out, "--compensation", "notch", "--json"))
+    done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, out, "--compensation", "notch", "--json"))
     assert done.returncode in {0, 9}, done.stderr
     result = json.loads(done.stdout)
     assert result == json.loads((out / "result.json").read_text())
@@ -142,33 +142,33 @@ def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, emulator: 
     assert sum(message.arbitration_id == 0x80 for message in log) > run["cycles"]
 
 
-def test_same_seed_gives_the_same_frames_byte_for_byte(tmp_path: Path, start_emulator: Callable[..., Emulator]) -> None:
+def test_same_seed_gives_the_same_frames_byte_for_byte(tmp_path: Path, serve_local_bus: Callable[..., ServedBus]) -> None:
     bench, logs = bench_file(tmp_path, QUICK), []
     for i in range(2):
-        emulator = start_emulator(name=f"robot{i}.sock")
+        local_bus = serve_local_bus()
         time.sleep(0.3 * i)  # how long the world has run by itself makes no difference
-        done = hil(*run_arguments(bench, emulator, tmp_path / f"out{i}"))
+        done = hil(*run_arguments(bench, local_bus, tmp_path / f"out{i}"))
         assert done.returncode in {0, 9}, done.stderr
         logs.append((tmp_path / f"out{i}" / "bus.log").read_bytes())
     assert logs[0] == logs[1]
     assert len(logs[0]) > 100_000
 
 
-def test_another_seed_gives_other_noise_and_the_same_motion(tmp_path: Path, start_emulator: Callable[..., Emulator]) -> None:
+def test_another_seed_gives_other_noise_and_the_same_motion(tmp_path: Path, serve_local_bus: Callable[..., ServedBus]) -> None:
     bench, recordings = bench_file(tmp_path, QUICK), []
     for seed in ("1", "2"):
-        emulator = start_emulator("--seed", seed, name=f"robot{seed}.sock")
+        local_bus = serve_local_bus("--seed", seed)
         out = tmp_path / seed
-        assert hil(*run_arguments(bench, emulator, out)).returncode in {0, 9}
+        assert hil(*run_arguments(bench, local_bus, out)).returncode in {0, 9}
         recordings.append(Recording.load(next((out / "runs").glob("*.csv"))))
     first, second = recordings
     assert (first.axis(2, "position_rad") == second.axis(2, "position_rad")).all()
     assert (first.columns["tip_z_m_s2"] != second.columns["tip_z_m_s2"]).any()
 
 
-def test_a_stream_socket_carries_the_same_run(tmp_path: Path, start_emulator: Callable[..., Emulator]) -> None:
-    emulator = start_emulator("--stream")
-    done = hil(*run_arguments(bench_file(tmp_path, QUICK), emulator, tmp_path / "out"))
+def test_a_stream_socket_carries_the_same_run(tmp_path: Path, serve_local_bus: Callable[..., ServedBus]) -> None:
+    local_bus = serve_local_bus("--stream")
+    done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, tmp_path / "out"))
     assert done.returncode in {0, 9}, done.stderr
 
 
@@ -187,12 +187,12 @@ def test_a_stream_socket_carries_the_same_run(tmp_path: Path, start_emulator: Ca
     ids=["unknown key", "wrong unit", "unit in the value", "one node id twice", "no TOML"],
 )
 def test_a_bad_bench_file_is_located_and_no_frame_is_sent(
-    tmp_path: Path, emulator: Emulator, change: tuple[str, str], words: str
+    tmp_path: Path, local_bus: ServedBus, change: tuple[str, str], words: str
 ) -> None:
-    sniffer = Sniffer(emulator)
+    sniffer = Sniffer(local_bus)
     try:
         bench = bench_file(tmp_path, change)
-        done = hil(*run_arguments(bench, emulator, tmp_path / "out"))
+        done = hil(*run_arguments(bench, local_bus, tmp_path / "out"))
         time.sleep(0.2)
         assert done.returncode == 3
         assert f"{bench}:" in done.stderr
@@ -258,10 +258,10 @@ def assert_kept(out: Path, words: str) -> None:
     assert (out / "bus.log").stat().st_size > 0
 
 
-def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, emulator: Emulator) -> None:
-    sniffer, out = Sniffer(emulator), tmp_path / "out"
+def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, local_bus: ServedBus) -> None:
+    sniffer, out = Sniffer(local_bus), tmp_path / "out"
     try:
-        run = start_run(bench_file(tmp_path, *SLOW), emulator, out)
+        run = start_run(bench_file(tmp_path, *SLOW), local_bus, out)
         sniffer.wait_for_motion()
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=60)
@@ -273,12 +273,12 @@ def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, emul
         sniffer.close()
 
 
-def test_an_emulator_killed_in_motion_is_a_lost_bus(tmp_path: Path, emulator: Emulator) -> None:
-    sniffer, out = Sniffer(emulator), tmp_path / "out"
+def test_an_emulator_killed_in_motion_is_a_lost_bus(tmp_path: Path, local_bus: ServedBus) -> None:
+    sniffer, out = Sniffer(local_bus), tmp_path / "out"
     try:
-        run = start_run(bench_file(tmp_path, *SLOW), emulator, out)
+        run = start_run(bench_file(tmp_path, *SLOW), local_bus, out)
         sniffer.wait_for_motion()
-        emulator.process.kill()
+        local_bus.process.kill()
         _, errors = run.communicate(timeout=60)
         assert run.returncode == 8, errors
         assert "NOT every drive" in errors
@@ -287,10 +287,10 @@ def test_an_emulator_killed_in_motion_is_a_lost_bus(tmp_path: Path, emulator: Em
         sniffer.close()
 
 
-def test_a_master_killed_in_motion_leaves_drives_that_stop_by_themselves(tmp_path: Path, emulator: Emulator) -> None:
-    sniffer = Sniffer(emulator)
+def test_a_master_killed_in_motion_leaves_drives_that_stop_by_themselves(tmp_path: Path, local_bus: ServedBus) -> None:
+    sniffer = Sniffer(local_bus)
     try:
-        run = start_run(bench_file(tmp_path, *SLOW), emulator, tmp_path / "out")
+        run = start_run(bench_file(tmp_path, *SLOW), local_bus, tmp_path / "out")
         sniffer.wait_for_motion()
         os.kill(run.pid, signal.SIGKILL)
         run.communicate()
@@ -305,10 +305,10 @@ def test_a_master_killed_in_motion_leaves_drives_that_stop_by_themselves(tmp_pat
         sniffer.close()
 
 
-def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, emulator: Emulator) -> None:
-    sniffer, out = Sniffer(emulator), tmp_path / "out"
+def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, local_bus: ServedBus) -> None:
+    sniffer, out = Sniffer(local_bus), tmp_path / "out"
     try:
-        run = start_run(bench_file(tmp_path, *SLOW), emulator, out)
+        run = start_run(bench_file(tmp_path, *SLOW), local_bus, out)
         sniffer.wait_for_motion()
         sniffer.send(0x085, bytes.fromhex("1042020000000000"))
         _, errors = run.communicate(timeout=60)
@@ -319,8 +319,8 @@ def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, emulator: Emul
         sniffer.close()
 
 
-def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, emulator: Emulator) -> None:
-    sniffer = Sniffer(emulator)
+def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, local_bus: ServedBus) -> None:
+    sniffer = Sniffer(local_bus)
     try:
         sniffer.send(0x000, b"\x01\x03")
         for subindex, index, gain in ((1, 0x2100, 25.0), (1, 0x2101, 0.0905), (2, 0x2101, 1.81)):
@@ -329,18 +329,18 @@ def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, emulator: Emul
         for word in (0x06, 0x07, 0x0F):
             sniffer.send(0x603, bytes((0x2B, 0x40, 0x60, 0, word, 0, 0, 0)))
         sniffer.wait_for(lambda: sniffer.counts[0x583] >= 7, 5.0)
-        done = hil(*run_arguments(bench_file(tmp_path), emulator, tmp_path / "out"))
+        done = hil(*run_arguments(bench_file(tmp_path), local_bus, tmp_path / "out"))
         assert done.returncode == 5, done.stderr
         assert "operation enabled" in done.stderr
     finally:
         sniffer.close()
 
 
-def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, emulator: Emulator) -> None:
+def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, local_bus: ServedBus) -> None:
     """After an interrupted run the arm is elsewhere; the next line motion brings it home first."""
-    sniffer = Sniffer(emulator)
+    sniffer = Sniffer(local_bus)
     try:
-        run = start_run(bench_file(tmp_path, *SLOW), emulator, tmp_path / "first")
+        run = start_run(bench_file(tmp_path, *SLOW), local_bus, tmp_path / "first")
         sniffer.wait_for_motion()
         run.send_signal(signal.SIGINT)
         run.communicate(timeout=60)
@@ -353,7 +353,7 @@ def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, em
         "--bench",
         str(bench_file(tmp_path, *SLOW)),
         "--bus",
-        emulator.address,
+        local_bus.address,
         "--out",
         str(tmp_path / "second"),
     )
@@ -363,17 +363,17 @@ def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, em
 
 
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core: there is nothing to share")
-def test_both_ends_of_a_lock_step_bus_share_a_core_while_it_lasts(emulator: Emulator) -> None:
-    mine, its = os.sched_getaffinity(0), os.sched_getaffinity(emulator.process.pid)
-    channel = RawChannel(parse_address(emulator.address))
+def test_both_ends_of_a_lock_step_bus_share_a_core_while_it_lasts(local_bus: ServedBus) -> None:
+    mine, its = os.sched_getaffinity(0), os.sched_getaffinity(local_bus.process.pid)
+    channel = RawChannel(parse_address(local_bus.address))
     try:
-        assert os.sched_getaffinity(0) == os.sched_getaffinity(emulator.process.pid)
+        assert os.sched_getaffinity(0) == os.sched_getaffinity(local_bus.process.pid)
         assert len(os.sched_getaffinity(0)) == 1
         channel.send(Frame(0x80, b""))
     finally:
         channel.close()
     assert os.sched_getaffinity(0) == mine
     deadline = time.monotonic() + 5.0
-    while os.sched_getaffinity(emulator.process.pid) != its:
+    while os.sched_getaffinity(local_bus.process.pid) != its:
         assert time.monotonic() < deadline, "the emulator has its cores back when the lock-step client has gone"
         time.sleep(0.01)

@@ -1,0 +1,183 @@
+"""pytest plug-in: a test file that runs on the emulated robot with no set-up, and unchanged on a real bench; docs/testing.md.
+
+This package is the one place that may see both the world and the master. It is imported by every pytest of an environment in
+which we are installed, so this file imports nothing of ours before a fixture is used. Its modules must not have the names of
+fixtures: importing one would put it in the fixture's place.
+"""
+
+from collections.abc import Callable, Generator, Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from hil.master.bench import Bench
+    from plant_emulator.pytest_plugin.artefacts import Artefacts
+    from plant_emulator.pytest_plugin.emulated import EmulatedRobot
+    from plant_emulator.pytest_plugin.enabled_drive import EnabledDrive
+    from plant_emulator.pytest_plugin.injection import FaultInjection
+    from plant_emulator.pytest_plugin.master import BenchSession
+    from plant_emulator.pytest_plugin.readings import AccelerometerReadings
+    from plant_emulator.pytest_plugin.served import ServedBus
+    from plant_emulator.pytest_plugin.target import Target
+    from plant_emulator.robot import Robot
+
+_ARTEFACTS: pytest.StashKey["Artefacts"] = pytest.StashKey()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options of a bench."""
+    group = parser.getgroup("hil-bench", "robot bench (hil-bench)")
+    add = group.addoption
+    add(
+        "--bench",
+        dest="hil_bench",
+        metavar="FILE|NAME",
+        default="reference",
+        help="Bench: a file, on the bus that it names; or `reference`, on the emulated robot (default).",
+    )
+    add(
+        "--robot",
+        dest="hil_robot",
+        metavar="FILE|NAME",
+        help="Emulate this robot, whatever bus --bench names; without it `reference` where one is emulated.",
+    )
+    add("--axis", dest="hil_axis", type=int, metavar="N", help="Axis of the `drive` fixture; else the lowest of the bench.")
+    add("--bitrate", dest="hil_bitrate", metavar="RATE", help="Bit times on the emulated bus, such as 1M; none unless given.")
+    add(
+        "--allow-motion",
+        dest="hil_allow_motion",
+        action="store_true",
+        help="Let fixtures move a real robot; without it they skip.",
+    )
+    add(
+        "--require-hardware", dest="hil_require_hardware", action="store_true", help="Missing hardware fails instead of skipping."
+    )
+    add("--keep-traces", dest="hil_keep_traces", metavar="DIR",
+        help="Where failed tests leave trace and recordings; .hil-traces unless given.")  # fmt: skip
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Refuse several workers on one real bus."""
+    workers = getattr(config.option, "numprocesses", None) or 0
+    named = config.getoption("hil_bench") != "reference" and config.getoption("hil_robot") is None
+    if named and workers > 1:
+        raise pytest.UsageError(
+            f"--bench {config.getoption('hil_bench')} is one bus for one master; run with -n 0 instead of {workers}"
+        )
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Keep what a failed test saw of its bench, and say where; forget what the others saw."""
+    report = yield
+    artefacts = item.stash.get(_ARTEFACTS, None)
+    if artefacts is None:
+        return report
+    if report.failed:
+        report.sections.append(("hil-bench", artefacts.keep()))
+    elif artefacts.is_kept and report.when == "teardown":
+        artefacts.keep()  # once more: the teardown's frames belong to the story
+    if report.when == "teardown":
+        del item.stash[_ARTEFACTS]
+    return report
+
+
+# -- where the test runs -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def robot_model(pytestconfig: pytest.Config) -> "Robot":
+    """The robot file of the emulated robot: `--robot`, else the reference. Override it for a robot of your own."""
+    from plant_emulator.pytest_plugin.target import load_model  # noqa: PLC0415
+
+    return load_model(pytestconfig)
+
+
+@pytest.fixture
+def _hil_target(request: pytest.FixtureRequest) -> Iterator["Target"]:
+    """The emulated robot in this process, or the bus of the bench file."""
+    from plant_emulator.pytest_plugin.artefacts import Artefacts, directory_of  # noqa: PLC0415
+    from plant_emulator.pytest_plugin.target import open_target  # noqa: PLC0415
+
+    artefacts = Artefacts(directory_of(request.config, request.node.nodeid))
+    request.node.stash[_ARTEFACTS] = artefacts
+    target = open_target(request.config, lambda: request.getfixturevalue("robot_model"), artefacts)
+    yield target
+    target.close()
+
+
+@pytest.fixture
+def bench(_hil_target: "Target") -> "Bench":
+    """The bench file of `--bench`; on the emulated robot unless that is a file. Override it to change it."""
+    return _hil_target.bench
+
+
+@pytest.fixture
+def axis(pytestconfig: pytest.Config, bench: "Bench") -> int:
+    """Number of the axis under test: `--axis`, else the lowest of the bench; parametrise it to test several."""
+    number: int | None = pytestconfig.getoption("hil_axis")
+    return min(bench.axis) if number is None else number
+
+
+@pytest.fixture
+def robot(_hil_target: "Target") -> "EmulatedRobot":
+    """The emulated robot: world, channel, drives by axis, `advance()`; virtual time, equal seeds give equal frames."""
+    if _hil_target.robot is None:
+        pytest.skip(f"looks inside the emulated robot; {_hil_target.where} is none")
+    return _hil_target.robot
+
+
+@pytest.fixture
+def local_bus(serve_local_bus: Callable[..., "ServedBus"]) -> "ServedBus":
+    """An emulated robot as a process that serves a local bus of its own: `.address`, for other programs to join."""
+    return serve_local_bus()
+
+
+@pytest.fixture
+def serve_local_bus(pytestconfig: pytest.Config) -> Iterator[Callable[..., "ServedBus"]]:
+    """Starts such processes: `serve_local_bus("--seed", "2", robot="robot.toml")`, options as of `plant-emulator serve`."""
+    from plant_emulator.pytest_plugin.served import Served  # noqa: PLC0415
+
+    with Served(pytestconfig) as served:
+        yield served.start
+
+
+# -- the master --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def session(_hil_target: "Target", bench: "Bench") -> Iterator["BenchSession"]:
+    """A master on the bench; every node has been found and checked, nothing is enabled."""
+    from plant_emulator.pytest_plugin.master import open_session  # noqa: PLC0415
+
+    with open_session(_hil_target, bench) as opened:
+        yield opened
+
+
+@pytest.fixture
+def drive(session: "BenchSession", request: pytest.FixtureRequest) -> Iterator["EnabledDrive"]:
+    """One enabled drive that holds its position; disabled, and left as it was found, afterwards."""
+    from plant_emulator.pytest_plugin.enabled_drive import enabled  # noqa: PLC0415
+
+    number = getattr(request, "param", None)
+    with enabled(session, request.getfixturevalue("axis") if number is None else number) as held:
+        yield held
+
+
+@pytest.fixture
+def accelerometer(session: "BenchSession") -> "AccelerometerReadings":
+    """The sensor at the tip: `read()` gives X, Y, Z in m/s²."""
+    from plant_emulator.pytest_plugin.readings import AccelerometerReadings  # noqa: PLC0415
+
+    return AccelerometerReadings(session)
+
+
+@pytest.fixture
+def faults(_hil_target: "Target") -> "FaultInjection":
+    """What can go wrong: frames lost, delayed, doubled, corrupted; bus, heartbeats or nodes lost; strangers who interfere."""
+    from plant_emulator.pytest_plugin.injection import FaultInjection  # noqa: PLC0415
+
+    return FaultInjection(_hil_target)

@@ -1,0 +1,143 @@
+"""What a test leaves when it fails: every frame with its time, and the recordings of its runs."""
+
+import hashlib
+import json
+import re
+import shutil
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, CAN_SFF_MASK, Frame
+from hil.master.motion import RunResult
+from hil.recording import BusLog, LoggedFrame, Recording
+
+MAX_FRAMES = 100_000
+"""Of a test: the latest; some 4 MB of text."""
+MAX_RUNS = 20
+MAX_TESTS = 100
+"""Directories that one pytest process leaves."""
+MAX_NAME = 80
+
+Told = Callable[[], tuple[dict[str, Any], Recording]]
+"""Gives what a run was like, and its recording."""
+
+_kept: set[Path] = set()
+
+
+class Trace(BusLog):
+    """The latest frames of a bus, with the bench's time."""
+
+    def __init__(self) -> None:
+        """Nothing has been heard."""
+        super().__init__(None)
+        self.frames: deque[tuple[int, Frame]] = deque(maxlen=MAX_FRAMES)
+        self.heard_frames = 0
+
+    @property
+    def is_on(self) -> bool:
+        """Frames are wanted."""
+        return True
+
+    def add(self, frame: LoggedFrame) -> None:
+        """Keep a frame that the master has sent or received."""
+        self.hear(Frame(frame.can_id, frame.data), round(1e9 * frame.time_s))
+
+    def hear(self, frame: Frame, end_ns: int) -> None:
+        """Keep a frame of the bus and the time of its end."""
+        self.heard_frames += 1
+        self.frames.append((end_ns, frame))
+
+    def write(self) -> None:
+        """Nothing is written before a test fails."""
+
+    def save(self, path: Path) -> None:
+        """Write a candump log, in order of time."""
+        with path.open("w", encoding="ascii") as file:
+            for end_ns, frame in sorted(self.frames, key=lambda heard: heard[0]):
+                file.write(f"({end_ns // 10**9}.{end_ns % 10**9 // 1000:06d}) can0 {_candump(frame)}\n")
+
+
+def _candump(frame: Frame) -> str:
+    can_id, data = frame
+    name = f"{can_id & CAN_EFF_MASK:08X}" if can_id & CAN_EFF_FLAG else f"{can_id & CAN_SFF_MASK:03X}"
+    return f"{name}#R" if can_id & CAN_RTR_FLAG else f"{name}#{data.hex().upper()}"
+
+
+class Artefacts:
+    """Trace and runs of one test, in memory until it fails.
+
+    Attributes:
+        trace: Frames of its bus.
+        is_kept: Whether they are on disk.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        """Nothing is written."""
+        self.trace = Trace()
+        self.is_kept = False
+        self._directory = directory
+        self._runs: deque[tuple[str, Told]] = deque(maxlen=MAX_RUNS)
+        self._count = 0
+
+    def add_run(self, name: str, result: RunResult) -> None:
+        """A run has been made."""
+        told = {
+            "cycles": result.cycles,
+            "missed_cycles": result.missed_cycles,
+            "sensor_missed": result.sensor_missed,
+            "motion_s": result.motion_s,
+            "stopped": None if result.stopped is None else str(result.stopped),
+        }
+        self.add_live(name, lambda: (told, result.recording))
+
+    def add_live(self, name: str, tell: Told) -> None:
+        """Something moves; it is asked what it has done when the test has failed."""
+        self._count += 1
+        self._runs.append((f"{self._count:02d}-{name}", tell))
+
+    def keep(self) -> str:
+        """Write all, in place of what an earlier failure of this test left; what there is to see, in words."""
+        if self._directory not in _kept and len(_kept) >= MAX_TESTS:
+            return f"trace and runs are not kept: {MAX_TESTS} failed tests have left theirs below {self._directory.parent}"
+        try:
+            return self._write()
+        except OSError as error:
+            return f"trace and runs cannot be kept: {error}"
+
+    def _write(self) -> str:
+        root = self._directory.parent
+        root.mkdir(parents=True, exist_ok=True)
+        if not (root / ".gitignore").exists():
+            (root / ".gitignore").write_text("*\n", encoding="ascii")
+        shutil.rmtree(self._directory, ignore_errors=True)
+        self._directory.mkdir()
+        _kept.add(self._directory)
+        self.is_kept = True
+        self.trace.save(self._directory / "bus.log")
+        runs = []
+        for name, tell in self._runs:
+            told, recording = tell()
+            runs.append({"name": name, **told})
+            if len(recording.time_s):
+                recording.save(self._directory / f"{name}.csv")
+                runs[-1]["recording"] = f"{name}.csv"
+        (self._directory / "runs.json").write_text(json.dumps(runs, indent=2) + "\n", encoding="utf-8")
+        forgotten = self.trace.heard_frames - len(self.trace.frames)
+        older = f", {forgotten} older ones forgotten" if forgotten else ""
+        lines = [f"kept in {self._directory}", f"  bus.log: {len(self.trace.frames)} frames{older}"]
+        lines += [f"  {run.get('recording', run['name'])}: {run['stopped'] or 'not stopped'}" for run in runs]
+        return "\n".join(lines)
+
+
+def directory_of(config: pytest.Config, node_id: str) -> Path:
+    """The directory that is named after a test."""
+    given: str | None = config.getoption("hil_keep_traces")
+    root = config.invocation_params.dir / (".hil-traces" if given is None else given)
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", node_id).strip("-.")
+    if len(name) > MAX_NAME or name != node_id:  # names that differ stay different
+        name = f"{name[-MAX_NAME:].lstrip('-.')}-{hashlib.sha256(node_id.encode()).hexdigest()[:6]}"
+    return root / name

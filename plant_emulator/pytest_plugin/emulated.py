@@ -1,0 +1,128 @@
+"""The emulated robot in the test's own process: virtual time, and a channel in which frames can be interfered with."""
+
+from functools import partial
+from types import MappingProxyType
+
+from drive_profiles.address import LOCAL, Address
+from drive_profiles.cia301 import FunctionCode
+from hil.can.frame import Frame
+from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.bus.medium import Instant, Medium, Timed
+from plant_emulator.bus.timed import FIRST_CLIENT, Heard, TimedBus
+from plant_emulator.bus.wire import Wire
+from plant_emulator.drive import Drive
+from plant_emulator.motion import BRAKED
+from plant_emulator.pytest_plugin.interference import Interference, LiveFaults
+from plant_emulator.robot import Robot
+from plant_emulator.world import SECOND, World
+
+
+class EmulatedChannel(InProcessChannel):
+    """The bus in one process, with what is done to its frames between the bus and the master."""
+
+    def __init__(self, world: World, medium: Medium, bitrate: int | None, interference: Interference) -> None:
+        """Join; the nodes are switched on."""
+        super().__init__(world, medium)
+        self.address = Address(LOCAL, "in-process", bitrate)
+        self.interference = interference
+        interference.now_ns = lambda: world.now
+        interference.put = self.inject
+        interference.pull, interference.push = self._pull, self._push
+        self.heard = interference.trace.hear
+        for frame in self._queue:
+            self.heard(frame, world.now)
+
+    def send(self, frame: Frame) -> None:
+        """Put a frame on the bus, as the faults let it; a SYNC lets the world move on by its period, whatever becomes of it."""
+        if frame.can_id == FunctionCode.SYNC:
+            self.interference.run_due()
+        passages = self.interference.frames.apply(frame, FIRST_CLIENT, self.world.now)
+        if not passages and frame.can_id == FunctionCode.SYNC:
+            self.advance(self.world.period_ns)
+        for passage in passages:
+            if not passage.delay_ns:
+                super().send(passage.frame)
+            elif frame.can_id == FunctionCode.SYNC:
+                self.advance(passage.delay_ns)
+                super().send(passage.frame)
+            else:
+                self.interference.at(self.world.now + passage.delay_ns, partial(super().send, passage.frame))
+
+    def advance(self, duration_ns: int) -> None:
+        """Let time pass without a SYNC; what is due meanwhile happens at its instant."""
+        until = self.world.now + duration_ns
+        while True:
+            due = self.interference.due_ns
+            stop = until if due is None else max(self.world.now, min(until, due))
+            self._deliver(self.medium.free(stop))
+            self.interference.run_due()
+            if stop >= until:
+                return
+
+    def _pull(self) -> None:
+        self.lost = True
+
+    def _push(self) -> None:
+        self.lost = False
+
+    def _deliver(self, heard: list[Heard]) -> None:
+        for frame, port, end_ns in heard:
+            self.heard(frame, end_ns)
+            if port == FIRST_CLIENT or not self.passes(frame):
+                continue
+            for passage in self.interference.frames.apply(frame, port, end_ns):
+                if passage.delay_ns:
+                    self.interference.at(end_ns + passage.delay_ns, partial(self._queue.append, passage.frame))
+                else:
+                    self._queue.append(passage.frame)
+
+
+class EmulatedRobot:
+    """The world behind the bench, for a test to look at and to move on.
+
+    Attributes:
+        model: Its robot file.
+        world: All nodes and the mechanics.
+        channel: The bus.
+        drives: The emulated drives by axis number.
+    """
+
+    def __init__(self, model: Robot, bitrate: int | None, interference: Interference) -> None:
+        """Build it and switch it on."""
+        self.model = model
+        self.world = World(model)
+        interference.wire = None if bitrate is None else LiveFaults()
+        medium: Medium = Instant(self.world)
+        if bitrate is not None:
+            medium = Timed(TimedBus(self.world, Wire(bitrate, faults=interference.wire, now_ns=self.world.now)), wall=False)
+        interference.power_cycle = self._power_cycle
+        self.channel = EmulatedChannel(self.world, medium, bitrate, interference)
+        self.drives: MappingProxyType[int, Drive] = MappingProxyType(self.world.drives)
+
+    @property
+    def now_s(self) -> float:
+        """The robot's own time."""
+        return self.world.now / SECOND
+
+    def advance(self, duration_s: float) -> None:
+        """Let time pass without the master: no SYNC, no heartbeat.
+
+        Raises:
+            ValueError: Time does not go back.
+        """
+        if not duration_s >= 0.0:
+            raise ValueError(f"time does not pass by {duration_s} s")
+        self.channel.advance(round(SECOND * duration_s))
+
+    def is_braked(self, axis: int) -> bool:
+        """Whether the brake of an axis is closed."""
+        return bool(self.world.axes.motion["mode"][self.world.axes.row(axis)] == BRAKED)
+
+    def position_rev(self, axis: int) -> float:
+        """Where the motor of an axis is, as its encoder counts."""
+        axes = self.world.axes
+        return float(axes.counts(axes.row(axis))) / self.model.axis[axis].encoder_counts_per_rev
+
+    def _power_cycle(self, node_id: int) -> None:
+        for frame in self.world.power_cycle(node_id):
+            self.channel._deliver([Heard(frame, node_id, self.world.now)])

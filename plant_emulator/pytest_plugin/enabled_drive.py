@@ -1,0 +1,268 @@
+"""One enabled drive in the hands of a test."""
+
+import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drive_profiles.cia301 import DataType
+from drive_profiles.cia402 import Object, State, state_of
+from hil.can.channel import ChannelError
+from hil.control.trajectory import Smooth, sample_times
+from hil.errors import HilError, InterruptedRunError, NotPossibleError, SafetyStopError
+from hil.master.axis import DriveAxis
+from hil.master.bench import Limits
+from hil.master.cyclic import CyclicPlan
+from hil.master.request import check_motion
+from hil.master.run import APPROACH_RAMP_S, REST_S, SHUTDOWN, Motion, Run, StopRun
+from hil.recording import Recording
+from plant_emulator.pytest_plugin.keeper import Keeper, keeper_for
+from plant_emulator.pytest_plugin.master import BenchSession
+
+MAX_RECORDED = 1 << 15
+"""Cycles that are recorded for the case of a failure: the first 65 s at 2 ms."""
+
+
+class HeldRun(Run):
+    """A run that does what it is told, cycle by cycle, instead of a motion."""
+
+    def enable(self) -> None:
+        """Up to operation enabled."""
+        self._enable()
+
+    def step(self, reference: float) -> None:
+        """One cycle with a set-point."""
+        row = self.rows if self.rows < MAX_RECORDED else None
+        self._step([reference], row)
+
+    def stop(self, reason: str) -> SafetyStopError:
+        """Quick-stop, until it is disabled."""
+        return self._stop(reason)
+
+    def disable(self) -> bool:
+        """Out of operation; whether the drive has confirmed it."""
+        return self._disable(SHUTDOWN)
+
+
+class EnabledDrive:
+    """A drive that holds its position under the limits of the bench file, until it is told to move or something stops it.
+
+    Positions are the motor's, in revolutions. What the master watches in a run it watches here.
+
+    Attributes:
+        number: Of its axis.
+        axis: The drive as the master sees it.
+        limits: What the bench file allows.
+    """
+
+    def __init__(self, session: BenchSession, axis: DriveAxis, plan: CyclicPlan, run: HeldRun, keeper: Keeper) -> None:
+        """It is not enabled yet."""
+        self.number, self.axis = axis.number, axis
+        self.limits: Limits = axis.table.limits
+        self._session, self._plan, self._run, self._keeper = session, plan, run, keeper
+        self._slot = plan.slots[0]
+        self._reference = run.starts[0]
+        self._stopped: SafetyStopError | None = None
+        self._is_seen = False
+
+    # -- what it is doing ----------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> State | None:
+        """Of the state machine: as of the last cycle, or, when it has been stopped, as it says itself; None if it does not."""
+        return state_of(self._slot.status_word) if self._stopped is None else self._keeper.call(self._ask_state)
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether it is in operation; see `state`."""
+        return self.state is State.OPERATION_ENABLED
+
+    @property
+    def position_rev(self) -> float:
+        """As of the last cycle."""
+        return self.axis.scaling.position_rad(self._slot.position_counts) / math.tau
+
+    @property
+    def torque_nm(self) -> float:
+        """As of the last cycle."""
+        return self.axis.scaling.torque_nm(self._slot.torque_per_mille)
+
+    @property
+    def stopped(self) -> SafetyStopError | None:
+        """Why it was stopped, or None. A stop that nobody looks at fails the test in the end."""
+        self._is_seen = True
+        return self._stopped
+
+    # -- what it is to do ----------------------------------------------------------------------------------------------
+
+    def hold(self, duration_s: float) -> None:
+        """Stay for a time of the bench, cycle by cycle.
+
+        Raises:
+            SafetyStopError: Something stops it; it is disabled.
+        """
+        self._follow([self._reference] * max(1, round(duration_s / self._run.period)))
+
+    def move_to(self, position_rev: float) -> None:
+        """Go there at the bench file's `approach_rps`, and come to rest.
+
+        Raises:
+            UnsafeRequestError: It would leave a limit; it stays where it is.
+            SafetyStopError: Something stops it on the way; it is disabled.
+        """
+        distance = math.tau * position_rev - self._reference
+        period = self._run.period
+        duration = abs(distance) / math.tau / self._session.bench.approach_rps + APPROACH_RAMP_S
+        smooth = Smooth(max(duration, 2.0 * APPROACH_RAMP_S), APPROACH_RAMP_S)
+        times = sample_times(smooth.duration_s, period)
+        angles = distance * np.asarray(smooth.position(times))
+        motion = Motion((self.number,), times, angles[:, np.newaxis], starts_at_home=False)
+        check_motion(motion, [self.axis], [self._reference])
+        self._follow([self._reference + angle for angle in angles.tolist()])
+        self.hold(REST_S)
+
+    def move_by(self, distance_rev: float) -> None:
+        """Go so far from the present set-point; see `move_to`."""
+        self.move_to(self._reference / math.tau + distance_rev)
+
+    def wait_for_stop(self, within_s: float) -> SafetyStopError:
+        """Hold until something stops it, and give the reason; the test fails if nothing does in time."""
+        try:
+            self.hold(within_s)
+        except SafetyStopError as stop:
+            return stop
+        pytest.fail(f"axis {self.number} is still enabled after {within_s:g} s")
+
+    def read(self, name: str) -> float:
+        """A parameter of its profile, in the profile's unit.
+
+        Raises:
+            DriveProfileError: The profile does not have it.
+            HilError: The drive does not give it.
+        """
+        parameter = self.axis.profile.parameter(name)
+        kind = DataType[parameter.data_type]
+        raw = self._keeper.call(
+            lambda: self._session.network.read(self.axis.node, parameter.index, parameter.subindex, kind, name)
+        )
+        return float(parameter.value(raw, self.axis.scaling))
+
+    def write(self, name: str, value: float) -> None:
+        """Write a parameter of its profile; what it held comes back after the test.
+
+        Raises:
+            DriveProfileError: The profile does not have it, or the object cannot hold the value.
+            HilError: The drive refuses.
+        """
+        self._keeper.call(lambda: self.axis.write_parameter(name, value))
+
+    # -- how -----------------------------------------------------------------------------------------------------------
+
+    def _ask_state(self) -> State | None:
+        """By SDO: a drive that has lost its master sends no more PDOs."""
+        try:
+            word = self._session.network.read(self.axis.node, Object.STATUS_WORD, 0, DataType.UNSIGNED16, "status word")
+        except (HilError, ChannelError):
+            return None
+        return state_of(word)
+
+    def _follow(self, references: list[float]) -> None:
+        with self._session.moving():  # Ctrl-C ends a motion by a ramp, and then the tests
+            self._keeper.call(lambda: self._cycles(references))
+        if self._stopped is not None:
+            self._is_seen = True
+            if isinstance(self._stopped, InterruptedRunError):
+                raise KeyboardInterrupt
+            raise self._stopped
+
+    def _cycles(self, references: list[float]) -> None:
+        """Cycle by cycle, in the thread that owns the bus; a stop is kept, for the test to meet."""
+        if self._stopped is not None:
+            return
+        try:
+            for reference in references:
+                self._reference = reference
+                self._run.step(reference)
+        except StopRun as stop:
+            self._stopped = self._run.stop(stop.reason)
+        except ChannelError as error:
+            self._stopped = SafetyStopError(str(error), all_disabled=False)
+        except BaseException:
+            self._stopped = self._run.stop("an error in the master")
+            raise
+
+    def idle(self) -> bool:
+        """One cycle where it is, while the test thinks; whether another one makes sense."""
+        self._cycles([self._reference])
+        return self._stopped is None
+
+    def enable(self) -> None:
+        """Up to operation enabled."""
+        try:
+            self._run.enable()
+        except StopRun as stop:
+            raise self._run.stop(stop.reason) from None
+        except BaseException:
+            self._run.stop("an error in the master")
+            raise
+        self._reference = self._run.starts[0] = self.axis.scaling.position_rad(self._slot.position_counts)
+
+    def end(self) -> str | None:
+        """Disable; what is wrong, in words."""
+        if self._stopped is None:
+            return None if self._run.disable() else f"axis {self.number} has not confirmed that it is disabled"
+        return None if self._is_seen else f"nobody asked why, but axis {self.number} was {self._stopped}"
+
+    def recorded(self) -> tuple[dict[str, Any], Recording]:
+        """What it has done, for the case of a failure."""
+        told = {"cycles": self._run.rows, "stopped": None if self._stopped is None else str(self._stopped)}
+        return told, self._run.recording()
+
+
+@contextmanager
+def enabled(session: BenchSession, number: int) -> Iterator[EnabledDrive]:
+    """A drive that is enabled meanwhile."""
+    session.target.check_motion_is_allowed()
+    if number not in session.axes:
+        pytest.fail(f"the bench has no axis {number}; it has {', '.join(map(str, session.axes))}", pytrace=False)
+    if session.held is not None:
+        raise NotPossibleError("one drive is enabled already")
+    keeper = keeper_for(is_lock_step=session.network.channel.is_lock_step)
+    bus = ExitStack()  # what only the thread that owns the bus may undo
+    problems: list[str | None] = []
+    try:
+        held = keeper.call(lambda: _enable(session, number, keeper, bus))
+        keeper.idle = held.idle
+        try:
+            yield held
+        finally:
+            keeper.idle = None
+            session.target.interference.end()
+            problems.append(keeper.call(held.end))
+    finally:
+        session.held = None
+        keeper.idle = None
+        session.target.interference.end()
+        keeper.call(bus.close)
+        keeper.close()
+    for problem in filter(None, problems):
+        pytest.fail(problem, pytrace=False)
+
+
+def _enable(session: BenchSession, number: int, keeper: Keeper, bus: ExitStack) -> EnabledDrive:
+    """Set it up and enable it; `bus` puts all back."""
+    period = session.network.period_s = session.bench.bus.sync_period_s
+    axis = session.axes[number]
+    axis.identify()
+    plan = session.plan(axis, period)
+    rest = Motion((number,), sample_times((MAX_RECORDED - 1) * period, period), np.zeros((MAX_RECORDED, 1)), starts_at_home=False)
+    run = HeldRun(session, rest, [axis], plan, [], period, [axis.position_rad()])
+    held = EnabledDrive(session, axis, plan, run, keeper)
+    session.prepare(axis, plan, period, bus)
+    session.held = plan
+    session.target.artefacts.add_live(f"axis-{number}-held", held.recorded)
+    held.enable()
+    return held

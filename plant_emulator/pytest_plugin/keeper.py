@@ -1,0 +1,103 @@
+"""Who sends the cycles of an enabled drive: the test itself in virtual time, a thread of its own by the wall clock."""
+
+import queue
+import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, Protocol, TypeVar
+
+T = TypeVar("T")
+
+SWITCH_INTERVAL_S = 0.2e-3
+"""How long a computing test may keep the thread that owes a cycle; Python's own 5 ms are cycles."""
+END_TIMEOUT_S = 30.0
+
+
+class Keeper(Protocol):
+    """Runs what uses the bus, one at a time; between that `idle`, for as long as it gives true."""
+
+    idle: Callable[[], bool] | None
+
+    def call(self, action: Callable[[], T]) -> T:
+        """Do something on the bus and wait for it."""
+        ...
+
+    def close(self) -> None:
+        """No more is done."""
+        ...
+
+
+class VirtualKeeper:
+    """Virtual time passes by cycles only, so nothing is to be done between them."""
+
+    def __init__(self) -> None:
+        """Nothing is done."""
+        self.idle: Callable[[], bool] | None = None
+
+    def call(self, action: Callable[[], T]) -> T:
+        """Do it."""
+        return action()
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class WallKeeper:
+    """A thread that owns the bus: a drive whose master is silent stops, whatever the test is thinking about."""
+
+    def __init__(self) -> None:
+        """Start it."""
+        self.idle: Callable[[], bool] | None = None
+        self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]] | None] = queue.SimpleQueue()
+        self._error: BaseException | None = None
+        self._before_s = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        self._thread = threading.Thread(target=self._work, name="hil-bench", daemon=True)
+        self._thread.start()
+
+    def call(self, action: Callable[[], T]) -> T:
+        """Do it between two cycles, and wait for it.
+
+        Raises:
+            BaseException: What the action raises, or what an idle cycle has raised before.
+        """
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+        done: Future[T] = Future()
+        self._jobs.put((action, done))
+        return done.result()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._jobs.put(None)
+        self._thread.join(END_TIMEOUT_S)
+        sys.setswitchinterval(self._before_s)
+
+    def _work(self) -> None:
+        while True:
+            try:
+                job = self._jobs.get(block=self.idle is None)
+            except queue.Empty:
+                self._idle()
+                continue
+            if job is None:
+                return
+            action, done = job
+            try:
+                done.set_result(action())
+            except BaseException as error:  # noqa: BLE001 - whoever waits for it gets it
+                done.set_exception(error)
+
+    def _idle(self) -> None:
+        try:
+            if self.idle is not None and not self.idle():
+                self.idle = None
+        except BaseException as error:  # noqa: BLE001 - the next call gets it
+            self.idle, self._error = None, error
+
+
+def keeper_for(*, is_lock_step: bool) -> Keeper:
+    """The one that a bus needs."""
+    return VirtualKeeper() if is_lock_step else WallKeeper()

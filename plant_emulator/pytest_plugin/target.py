@@ -1,0 +1,161 @@
+"""Where a test runs: on the emulated robot in its own process, or on the bus that a bench file names."""
+
+import time
+from collections.abc import Callable
+from typing import NoReturn
+
+import pytest
+
+from drive_profiles.address import LOCAL, AddressError, parse_address
+from drive_profiles.errors import DriveProfileError
+from hil.can.channel import BusLostError, BusUnavailableError, Channel, open_channel
+from hil.can.frame import Frame
+from hil.master.bench import Bench, load_bench
+from hil.recording import BusLog
+from plant_emulator.pytest_plugin.artefacts import Artefacts
+from plant_emulator.pytest_plugin.emulated import EmulatedRobot
+from plant_emulator.pytest_plugin.interference import Interference
+from plant_emulator.robot import Robot, load_robot
+
+EMULATED_ANSWER_TIMEOUT_S = 0.05
+"""In one process an answer is there at once, or never."""
+PORT_OF_THE_BUS, PORT_OF_THE_MASTER = 0, 1000
+
+
+class RealChannel:
+    """A bus that others keep, with frames lost between it and the master where a test wants that."""
+
+    def __init__(self, inner: Channel, interference: Interference) -> None:
+        """Look at an open bus."""
+        self._inner = inner
+        self.interference = interference
+        self.address = inner.address
+        self.is_lock_step = inner.is_lock_step
+        self.lost = False
+        interference.now_ns = time.monotonic_ns
+        interference.put = inner.send
+        interference.pull, interference.push = self._pull, self._push
+
+    @property
+    def overflows(self) -> int | None:
+        """Received frames that were lost for want of room; None where nobody counts them."""
+        return self._inner.overflows
+
+    def send(self, frame: Frame) -> None:
+        """Put a frame on the bus, unless it is to be lost."""
+        self._check()
+        self.interference.run_due()
+        self._check()
+        if self.interference.frames.apply(frame, PORT_OF_THE_MASTER, time.monotonic_ns()):
+            self._inner.send(frame)
+
+    def receive(self, timeout_s: float) -> Frame | None:
+        """The next frame that is not to be lost, or None when none came in time."""
+        self._check()
+        deadline = time.monotonic() + timeout_s
+        while True:
+            frame = self._inner.receive(max(0.0, deadline - time.monotonic()))
+            if frame is None or self.interference.frames.apply(frame, PORT_OF_THE_BUS, time.monotonic_ns()):
+                return frame
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._inner.close()
+
+    def _pull(self) -> None:
+        self.lost = True
+
+    def _push(self) -> None:
+        self.lost = False
+
+    def _check(self) -> None:
+        if self.lost:
+            raise BusLostError(self.address, "pulled")
+
+
+class Target:
+    """What the fixtures of one test share.
+
+    Attributes:
+        bench: The bench file, with the address at which the robot is.
+        artefacts: What is kept if the test fails.
+        interference: What is done to the bus.
+        robot: The emulated robot, or None on another bus.
+        where: The bus in words.
+    """
+
+    def __init__(self, config: pytest.Config, bench: Bench, artefacts: Artefacts, robot: EmulatedRobot | None = None) -> None:
+        """Nothing is opened but the emulated robot."""
+        self.config, self.bench, self.artefacts, self.robot = config, bench, artefacts, robot
+        self.interference = Interference(artefacts.trace) if robot is None else robot.channel.interference
+        self.where = "the emulated robot" if robot is not None else f"the bus {bench.bus.address} of --bench"
+        self._opened: Channel | None = None
+
+    @property
+    def log(self) -> BusLog:
+        """Where the master writes its frames: the emulated bus hears more than its master does, and traces itself."""
+        return self.artefacts.trace if self.robot is None else BusLog(None)
+
+    def channel(self) -> Channel:
+        """The bus; opened when it is asked for the first time."""
+        if self.robot is not None:
+            return self.robot.channel
+        if self._opened is None:
+            try:
+                self._opened = RealChannel(open_channel(parse_address(self.bench.bus.address)), self.interference)
+            except BusUnavailableError as error:
+                self.is_missing(str(error))
+        assert self._opened is not None  # noqa: S101 - a missing bus has ended the test
+        return self._opened
+
+    def is_missing(self, what: str) -> NoReturn:
+        """Skip, or fail with `--require-hardware`, because hardware is not there."""
+        if self.config.getoption("hil_require_hardware"):
+            pytest.fail(f"--require-hardware: {what}", pytrace=False)
+        pytest.skip(what)
+
+    def check_motion_is_allowed(self) -> None:
+        """Skip where a real robot would move and nobody has allowed it."""
+        is_real = self.robot is None and parse_address(self.bench.bus.address).interface != LOCAL
+        if is_real and not self.config.getoption("hil_allow_motion"):
+            pytest.skip(f"moves the robot on {self.bench.bus.address}; --allow-motion lets it")
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._opened is not None:
+            self._opened.close()
+
+
+def load_model(config: pytest.Config) -> Robot:
+    """The robot file of `--robot`, else the reference."""
+    try:
+        return load_robot(config.getoption("hil_robot") or "reference")
+    except DriveProfileError as error:
+        pytest.fail(f"--robot: {error}", pytrace=False)
+
+
+def open_target(config: pytest.Config, model: Callable[[], Robot], artefacts: Artefacts) -> Target:
+    """Where `--bench` and `--robot` say that the test is to run."""
+    name: str = config.getoption("hil_bench")
+    try:
+        bench = load_bench(name)
+    except DriveProfileError as error:
+        pytest.fail(f"--bench: {error}", pytrace=False)
+    if name != "reference" and config.getoption("hil_robot") is None:
+        return Target(config, bench, artefacts)
+    bitrate = bit_rate(config)
+    robot = EmulatedRobot(model(), bitrate, Interference(artefacts.trace))
+    changes = {"address": str(robot.channel.address), "answer_timeout_s": EMULATED_ANSWER_TIMEOUT_S}
+    bus = bench.bus.model_copy(update=changes)
+    return Target(config, bench.model_copy(update={"bus": bus}), artefacts, robot)
+
+
+def bit_rate(config: pytest.Config) -> int | None:
+    """`--bitrate` in bit/s, spelled as in an address."""
+    text: str | None = config.getoption("hil_bitrate")
+    if text is None:
+        return None
+    try:
+        return parse_address(f"{LOCAL}:bus@{text}").bitrate
+    except AddressError:
+        pytest.fail(f"--bitrate {text}: a rate such as 1M, 500k or 125000 is wanted", pytrace=False)

@@ -1,0 +1,433 @@
+"""The plug-in as its user has it: test files of their own, run by a pytest of their own."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import can
+import pytest
+
+import plant_emulator.pytest_plugin.enabled_drive
+import plant_emulator.pytest_plugin.injection
+import plant_emulator.pytest_plugin.readings  # noqa: F401 - see `everything_is_loaded`
+from hil.experiments.motions import constant_acceleration
+from hil.master.bench import load_bench
+from hil.master.session import Session
+from hil.recording import BusLog
+from plant_emulator.pytest_plugin.artefacts import Trace
+from plant_emulator.pytest_plugin.emulated import EmulatedRobot
+from plant_emulator.pytest_plugin.interference import Interference
+from plant_emulator.pytest_plugin.served import ServedBus
+from plant_emulator.robot import load_robot
+
+pytest_plugins = ["pytester"]
+
+Run = Callable[..., pytest.RunResult]
+
+ROOT = Path(__file__).parents[2]
+REFERENCE = (ROOT / "hil" / "benches" / "reference.toml").read_text()
+PASSES = "def test_it(drive):\n    drive.hold(0.1)\n    assert drive.is_enabled\n"
+FAILS = "def test_it(drive):\n    drive.hold(0.1)\n    assert not drive.is_enabled\n"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def everything_is_loaded() -> None:
+    """By use: pytester forgets modules that an inner pytest has loaded, and numba, which loads some late, cannot stand that."""
+    robot, bench = EmulatedRobot(load_robot("reference"), 1_000_000, Interference(Trace())), load_bench("reference")
+    with Session(bench, robot.channel, BusLog(None)) as session:
+        session.bring_up()
+        assert session.run(constant_acceleration(bench, 2, 0.004), "none", "drive").stopped is None
+    assert robot.position_rev(2) == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.fixture
+def run(pytester: pytest.Pytester) -> Run:
+    def run(source: str, *options: str) -> pytest.RunResult:
+        pytester.makepyfile(source)
+        return pytester.runpytest_inprocess("-p", "no:cacheprovider", "-W", "error", "-rs", *options)
+
+    return run
+
+
+def bench_file(pytester: pytest.Pytester, address: str) -> Path:
+    return pytester.path.joinpath("real.toml").write_text(REFERENCE.replace("local:/tmp/robot.sock", address)) and Path(
+        "real.toml"
+    )
+
+
+# -- the page ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_example_of_the_page_holds_as_it_stands(run: Run, pytester: pytest.Pytester) -> None:
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "testing.md").read_text(), re.DOTALL)
+    run(example).assert_outcomes(passed=3)
+    assert not (pytester.path / ".hil-traces").exists(), "what passes leaves nothing"
+
+
+def test_the_example_holds_on_a_bus_with_bit_times(run: Run) -> None:
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "testing.md").read_text(), re.DOTALL)
+    run(example, "--bitrate", "1M", "--axis", "3").assert_outcomes(passed=3)
+
+
+def test_the_page_names_every_option_and_every_fixture(run: Run) -> None:
+    page = (ROOT / "docs" / "testing.md").read_text()
+    told = run("", "--help").stdout.str()
+    group = told[told.index("robot bench (hil-bench)") :].split("\n\n", 1)[0]
+    options = re.findall(r"^  (--[a-z-]+)", group, re.MULTILINE)
+    assert len(options) == 7
+    assert [option for option in options if f"| `{option}" not in page] == []
+    fixtures = re.findall(r"^(\w+)(?: \[\w+ scope\])? -- .*pytest_plugin", run("", "--fixtures").stdout.str(), re.MULTILINE)
+    assert len(fixtures) == 10
+    assert [name for name in fixtures if f"`{name}" not in page] == []
+
+
+def test_the_same_file_runs_on_another_bus_and_says_what_it_cannot_do_there(
+    run: Run, pytester: pytest.Pytester, local_bus: ServedBus
+) -> None:
+    """A served bus stands for the real one: the plug-in knows no more of either."""
+    source = PASSES + (
+        "def test_inside(robot): pass\n"
+        "def test_wrong_set_points(faults): faults.delay(0x202, 0.01)\n"
+        "def test_lost(drive, faults, bench):\n"
+        "    faults.stop_heartbeat(bench.bus.master_node_id)\n"
+        "    assert '8130h' in str(drive.wait_for_stop(1.0))\n"
+        "def test_after(drive, accelerometer):\n"
+        "    drive.hold(0.1)\n"
+        "    assert len(accelerometer.read()) == 3\n"
+    )
+    result = run(source, f"--bench={bench_file(pytester, local_bus.address)}")
+    result.assert_outcomes(passed=3, skipped=2)
+    result.stdout.fnmatch_lines(["*looks inside the emulated robot*", "*delayed set-points would reach a real robot*"])
+
+
+def test_by_the_wall_clock_the_drive_is_held_while_the_test_thinks(
+    run: Run, pytester: pytest.Pytester, serve_local_bus: Callable[..., ServedBus]
+) -> None:
+    source = (
+        "import time\n"
+        "def test_it(drive):\n"
+        "    time.sleep(0.5)\n"  # five heartbeats
+        "    drive.hold(0.05)\n"
+        "    assert drive.is_enabled\n"
+    )
+    bench = REFERENCE.replace("local:/tmp/robot.sock", serve_local_bus("--wall").address)
+    bench = bench.replace("sync_period_s = 0.002 ", "sync_period_s = 0.01 ").replace("missing_limit = 3 ", "missing_limit = 50 ")
+    pytester.path.joinpath("wall.toml").write_text(bench.replace("heartbeat_s = 0.1 ", "heartbeat_s = 0.2 "))
+    run(source, "--bench=wall.toml").assert_outcomes(passed=1)
+
+
+# -- hardware ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("option", "outcome"), [([], "skipped"), (["--require-hardware"], "errors")])
+def test_a_bus_that_is_not_there_skips_or_fails_as_asked(
+    run: Run, pytester: pytest.Pytester, option: list[str], outcome: str
+) -> None:
+    bench = bench_file(pytester, "local:/nowhere/robot.sock")
+    result = run("def test_it(session): pass\n", f"--bench={bench}", *option)
+    result.assert_outcomes(**{outcome: 1})
+    result.stdout.fnmatch_lines(["*no bus at local:/nowhere/robot.sock*"])
+
+
+def test_a_real_robot_does_not_move_unless_that_is_allowed(
+    run, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its channel is an emulated one here, under the address of a real one."""
+    pytester.makeconftest(REAL_IN_DISGUISE)
+    bench = bench_file(pytester, "socketcan:can7")
+    source = (
+        PASSES
+        + "def test_run(session, bench):\n"
+        + "    from hil.experiments.motions import constant_acceleration\n"
+        + "    session.run(constant_acceleration(bench, 2, 0.002))\n"
+        + "def test_reading(accelerometer):\n"
+        + "    assert len(accelerometer.read()) == 3\n"
+    )
+    result = run(source, f"--bench={bench}")
+    result.assert_outcomes(passed=1, skipped=2)
+    result.stdout.fnmatch_lines(["*moves the robot on socketcan:can7; --allow-motion lets it"])
+    run(source, f"--bench={bench}", "--allow-motion").assert_outcomes(passed=3)
+
+
+REAL_IN_DISGUISE = """
+import pytest
+from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.pytest_plugin import target
+from plant_emulator.robot import load_robot
+from plant_emulator.world import World
+
+@pytest.fixture(autouse=True)
+def _no_bus(monkeypatch):
+    monkeypatch.setattr(target, "open_channel", lambda address: InProcessChannel(World(load_robot("reference"))))
+"""
+
+
+def test_a_silent_node_is_missing_hardware(run: Run, pytester: pytest.Pytester) -> None:
+    pytester.makeconftest(REAL_IN_DISGUISE)
+    text = REFERENCE.replace("local:/tmp/robot.sock", "socketcan:can7").replace(
+        "answer_timeout_s = 1.0", "answer_timeout_s = 0.1"
+    )
+    pytester.path.joinpath("real.toml").write_text(text.replace("node_id = 5", "node_id = 6"))
+    result = run("def test_it(session): pass\n", "--bench=real.toml")
+    result.assert_outcomes(skipped=1)
+    result.stdout.fnmatch_lines(["*node 6: no answer*"])
+
+
+def test_a_bench_file_runs_on_an_emulated_robot_where_one_is_named(run: Run, pytester: pytest.Pytester) -> None:
+    run(PASSES, f"--bench={bench_file(pytester, 'socketcan:can7')}", "--robot", "reference").assert_outcomes(passed=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--bench=nowhere.toml"], "--bench: nowhere.toml"),
+        (["--robot", "nowhere.toml"], "--robot: nowhere.toml"),
+        (["--axis", "4"], "the bench has no axis 4; it has 2, 3, 5"),
+        (["--bitrate", "fast"], "--bitrate fast"),
+    ],
+)
+def test_a_wrong_option_is_named_without_a_traceback(run: Run, options: list[str], words: str) -> None:
+    result = run(PASSES, *options)
+    result.assert_outcomes(errors=1)
+    assert words in result.stdout.str()
+    assert "Traceback" not in result.stdout.str()
+    assert "pytest_plugin/" not in result.stdout.str()
+
+
+# -- fixtures ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_axis_can_be_parametrised(run: Run) -> None:
+    run(
+        "import pytest\n"
+        "@pytest.mark.parametrize('axis', [2, 3])\n"
+        "def test_by_name(drive, axis): assert drive.number == axis\n"
+        "@pytest.mark.parametrize('drive', [5], indirect=True)\n"
+        "def test_by_drive(drive): assert drive.number == 5\n"
+    ).assert_outcomes(passed=3)
+
+
+def test_bench_and_robot_can_be_changed_by_their_user(run: Run, pytester: pytest.Pytester) -> None:
+    pytester.makeconftest(
+        "import pytest\n"
+        "@pytest.fixture\n"
+        "def bench(bench): return bench.model_copy(update={'approach_rps': 3.0})\n"
+        "@pytest.fixture\n"
+        "def robot_model(robot_model): return robot_model.model_copy(update={'name': 'mine'})\n"
+    )
+    run(
+        "def test_it(robot, session):\n    assert robot.model.name == 'mine'\n    assert session.bench.approach_rps == 3.0\n"
+    ).assert_outcomes(passed=1)
+
+
+def test_a_test_leaves_its_drive_disabled_and_as_it_was(run: Run, pytester: pytest.Pytester) -> None:
+    pytester.makeconftest(
+        "import pytest\n"
+        "def kept(entry): return 0x1003 < entry.index < 0x6000 or entry.index in (0x6065, 0x6066, 0x6072, 0x607D)\n"
+        "@pytest.fixture(autouse=True)\n"
+        "def _after(robot):\n"
+        "    drive = robot.drives[2].slave.dictionary\n"
+        "    before = {(e.index, e.subindex): drive.get(e.index, e.subindex) for e in drive if kept(e)}\n"
+        "    yield\n"
+        "    assert before == {key: drive.get(*key) for key in before}\n"
+        "    assert robot.is_braked(2)\n"
+    )
+    run(
+        "def test_it(drive, robot):\n"
+        "    drive.write('following_error_timeout_s', 0.25)\n"
+        "    assert drive.read('following_error_timeout_s') == 0.25\n"
+        "    assert not robot.is_braked(2)\n"
+        "def test_that_fails(drive): assert 0\n"
+        "def test_whose_drive_has_stopped(drive, faults):\n"
+        "    faults.lose_bus(after_s=0.1)\n"
+        "    assert 'pulled' in str(drive.wait_for_stop(1.0))\n"
+    ).assert_outcomes(passed=2, failed=1)
+
+
+def test_a_stop_that_nobody_asks_about_fails_the_test(run: Run) -> None:
+    result = run(
+        "import contextlib\n"
+        "def test_it(drive, faults, robot):\n"
+        "    faults.emergency(5, 0x4210)\n"
+        "    drive._keeper.call(drive.idle)\n"
+    )
+    result.assert_outcomes(passed=1, errors=1)
+    result.stdout.fnmatch_lines(["*nobody asked why, but axis 2 was stopped: node 5 reports emergency 4210h*"])
+
+
+FAULTS = """
+import pytest
+from drive_profiles.cia301 import NmtCommand
+from hil.can.frame import Frame
+
+@pytest.mark.parametrize(("fault", "words"), [
+    (lambda f: f.lose(0x182, after_s=0.1), "not answered"),
+    (lambda f: f.delay(0x182, 0.1, after_s=0.1), "not answered"),
+    (lambda f: f.corrupt(0x182, bits=(3,), after_s=0.1), "left operation enabled"),
+    (lambda f: f.stop_heartbeat(2, after_s=0.1), "node 2 has lost its heartbeat"),
+    (lambda f: f.stop_heartbeat(127, after_s=0.1), "8130h"),
+    (lambda f: f.lose_bus(after_s=0.1), "pulled"),
+    (lambda f: f.lose_bus(), "pulled"),
+    (lambda f: f.reset_node(2, after_s=0.1), "has been reset"),
+    (lambda f: f.nmt(NmtCommand.RESET_NODE, 2, after_s=0.1), "has been reset"),
+    (lambda f: f.nmt(NmtCommand.ENTER_PRE_OPERATIONAL, after_s=0.1), "not answered"),
+    (lambda f: f.emergency(5, 0x4210, after_s=0.1), "4210h"),
+    (lambda f: f.send(Frame(0x82, bytes.fromhex("1181200000000000"))), "8111h"),
+])
+def test_it_stops(drive, faults, fault, words, robot):
+    drive.hold(0.1)
+    fault(faults)
+    before = robot.now_s
+    assert words in str(drive.wait_for_stop(1.0))
+    robot.advance(3.0)
+    assert robot.is_braked(2)
+
+@pytest.mark.parametrize("fault", [
+    lambda f: f.lose(0x182, every=10),
+    lambda f: f.lose(0x182, count=2),
+    lambda f: f.lose(0x182, after_s=0.1, for_s=0.004),
+    lambda f: f.delay(0x182, 0.003, count=2),
+    lambda f: f.duplicate(0x182, 2, every=3),
+    lambda f: f.duplicate(0x202, every=3),
+])
+def test_it_goes_on(drive, faults, fault):
+    hits = fault(faults).hits
+    drive.hold(0.5)
+    assert drive.is_enabled
+    assert hits[0] > 0
+
+def test_noticed(drive, faults):
+    again = faults.corrupt(0x182, noticed=True, every=5)
+    drive.hold(0.2)
+    assert again.hits[0] > 5
+"""
+
+
+def test_every_fault_does_what_it_says(run: Run) -> None:
+    run(FAULTS).assert_outcomes(passed=18, skipped=1)
+
+
+def test_a_crc_is_noticed_where_bits_have_times(run: Run) -> None:
+    run(FAULTS, "--bitrate", "1M", "-k", "test_noticed or test_it_goes_on").assert_outcomes(passed=7, deselected=12)
+
+
+# -- what is left ------------------------------------------------------------------------------------------------------
+
+
+def kept(result: pytest.RunResult) -> list[Path]:
+    return [Path(path) for path in re.findall(r"^kept in (.*)$", result.stdout.str(), re.MULTILINE)]
+
+
+def test_a_failure_keeps_trace_and_recording_and_says_where(run: Run, pytester: pytest.Pytester) -> None:
+    result = run(FAILS, "--keep-traces", "traces")
+    result.assert_outcomes(failed=1)
+    (directory,) = kept(result)
+    assert directory.parent == pytester.path / "traces"
+    assert "test_it" in directory.name
+    assert sorted(path.name for path in directory.iterdir()) == ["01-axis-2-held.csv", "bus.log", "runs.json"]
+    log = list(can.LogReader(directory / "bus.log"))
+    ids = [message.arbitration_id for message in log]
+    assert ids[:4] == [0x702, 0x703, 0x705, 0x710], "from the boot-up messages …"
+    assert ids.index(0x202) < len(ids) - 1 - ids[::-1].index(0x602), "… to the end of the teardown"
+    times = [message.timestamp for message in log]
+    assert times == sorted(times)
+    syncs = [message.timestamp for message in log if message.arbitration_id == 0x80]
+    assert syncs[30] - syncs[20] == pytest.approx(0.02), "in the bench's time"
+    assert (directory.parent / ".gitignore").read_text() == "*\n"
+
+
+def test_equal_tests_leave_equal_traces(run: Run) -> None:
+    logs = [(kept(run(FAILS, "--keep-traces", name))[0] / "bus.log").read_bytes() for name in "ab"]
+    assert logs[0] == logs[1]
+    assert len(logs[0]) > 1000
+
+
+def test_a_run_is_kept_with_its_recording(run: Run) -> None:
+    result = run(
+        "from hil.experiments.motions import constant_acceleration\n"
+        "def test_it(session, bench):\n"
+        "    result = session.run(constant_acceleration(bench, 2, 0.002))\n"
+        "    assert result.stopped is not None\n"
+    )
+    (directory,) = kept(result)
+    assert (directory / "01-axis-2-drive-none.csv").stat().st_size > 10_000
+
+
+def test_a_failed_set_up_keeps_what_led_to_it(run: Run) -> None:
+    result = run("import pytest\n@pytest.fixture\ndef bad(session): assert 0\ndef test_it(bad): pass\n")
+    result.assert_outcomes(errors=1)
+    assert (kept(result)[0] / "bus.log").stat().st_size > 1000
+
+
+def test_no_more_is_kept_than_is_bounded(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    from plant_emulator.pytest_plugin import artefacts  # noqa: PLC0415
+
+    monkeypatch.setattr(artefacts, "_kept", set())
+    monkeypatch.setattr(artefacts, "MAX_TESTS", 1)
+    monkeypatch.setattr(artefacts, "MAX_FRAMES", 50)
+    result = run("def test_a(session): assert 0\ndef test_b(session): assert 0\n")
+    result.assert_outcomes(failed=2)
+    (directory,) = kept(result)
+    assert len((directory / "bus.log").read_text().splitlines()) == 50
+    result.stdout.fnmatch_lines(["*older ones forgotten*", "*not kept: 1 failed tests have left theirs*"])
+
+
+# -- its neighbours ----------------------------------------------------------------------------------------------------
+
+
+def test_it_costs_next_to_nothing_until_it_is_used() -> None:
+    code = (
+        "import sys, time, pytest; before = set(sys.modules); began = time.process_time(); "
+        "import plant_emulator.pytest_plugin; print(time.process_time() - began); print(*sorted(set(sys.modules) - before))"
+    )
+    cost, loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()
+    assert loaded.split() == ["plant_emulator", "plant_emulator.pytest_plugin"]
+    assert float(cost) < 0.05
+
+
+def test_it_can_be_switched_off(run: Run) -> None:
+    result = run("def test_it(drive): pass\n", "-p", "no:hil-bench")
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["*fixture 'drive' not found*"])
+
+
+def test_workers_have_a_robot_each(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(PASSES + "def test_again(drive): drive.move_by(0.5)\ndef test_bad(drive): assert 0\n")
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider", "-n", "2", "-W", "error")
+    result.assert_outcomes(passed=2, failed=1)
+    assert len(kept(result)) == 1
+
+
+def test_workers_do_not_share_a_real_bench(run: Run, pytester: pytest.Pytester) -> None:
+    result = run(PASSES, "-n", "2", f"--bench={bench_file(pytester, 'socketcan:can7')}")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    assert "one bus for one master" in result.stderr.str()
+
+
+def test_the_options_of_pytest_benchmark_stand_beside_it(run: Run, pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        neighbour="def pytest_addoption(parser):\n    parser.addoption('--benchmark-only', action='store_true')\n"
+        "    parser.addoption('--benchmark-name')\n"
+    )
+    pytester.syspathinsert()
+    run(PASSES, "-p", "neighbour", "--benchmark-only", "--bench", "reference").assert_outcomes(passed=1)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_in_a_motion_ends_it_by_a_ramp_and_then_the_tests(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        "import os, signal\n"
+        "def test_it(drive, robot):\n"
+        "    robot.channel.on_sync = lambda n: os.kill(os.getpid(), signal.SIGINT) if n == 600 else None\n"
+        "    try:\n"
+        "        drive.move_to(10.0)\n"
+        "    finally:\n"
+        "        print('braked', robot.is_braked(2), 'at', 0.0 < robot.position_rev(2) < 10.0)\n"
+        "def test_not_reached(): pass\n"
+    )
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider", "-s")
+    assert result.ret == pytest.ExitCode.INTERRUPTED
+    result.stdout.fnmatch_lines(["*braked True at True*"])
