@@ -35,6 +35,18 @@ def motor_speed_rps(recording: Recording, axis: int) -> Real:
     return np.asarray(signal.sosfiltfilt(signal.butter(2, corner, fs=1.0 / period, output="sos"), speed))
 
 
+def band_passed(acceleration_m_s2: Real, period_s: float) -> Real:
+    """The part of a vertical acceleration from 6 to 25 Hz (2nd-order Butterworth, forward and backward); shape (n,).
+
+    Raises:
+        ValueError: The sampling period is too long for 25 Hz.
+    """
+    if 0.5 / period_s <= TIP_BAND_HZ[1]:
+        raise ValueError(f"samples every {1e3 * period_s:g} ms do not show vibrations up to {TIP_BAND_HZ[1]:g} Hz")
+    band = signal.butter(2, TIP_BAND_HZ, "bandpass", fs=1.0 / period_s, output="sos")
+    return np.asarray(signal.sosfiltfilt(band, acceleration_m_s2))
+
+
 def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, f_al_hz: float) -> Real:
     """The paper's equivalent displacement of the tip, in mm.
 
@@ -46,8 +58,7 @@ def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, f_al_hz: float
         period_s: Its sampling period.
         f_al_hz: Peak frequency of |G_al|.
     """
-    band = signal.butter(2, TIP_BAND_HZ, "bandpass", fs=1.0 / period_s, output="sos")
-    return np.asarray(1e3 * signal.sosfiltfilt(band, acceleration_m_s2) / (2.0 * math.pi * f_al_hz) ** 2)
+    return np.asarray(1e3 * band_passed(acceleration_m_s2, period_s) / (2.0 * math.pi * f_al_hz) ** 2)
 
 
 def speed_window(recording: Recording, axis: int, order: int) -> NDArray[np.bool_]:

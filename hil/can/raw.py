@@ -256,7 +256,7 @@ class RawChannel:
         return self._noted(frame) if frame.can_id & CAN_ERR_FLAG else frame
 
     def _ask_for_the_clock(self) -> None:
-        """Ask the local bus whether it counts time in SYNCs, and at which bit rate it is; one that does not answer does, at none."""
+        """Ask the local bus whether it counts time in SYNCs, and its bit rate; one that does not answer does, and has none."""
         self._socket.send(pack(clock.question()))
         deadline = time.monotonic() + _ANSWER_S
         while (left := deadline - time.monotonic()) > 0.0:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from drive_profiles.address import parse_address
+from hil.analysis import TIP_BAND_HZ
 from hil.can.channel import Channel, open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.plan import Experiment, claims, comparisons, entries
@@ -86,6 +87,7 @@ def run_experiments(
     started = datetime.datetime.now(datetime.UTC)
     try:
         _check_clock(channel, clock)
+        _check_band(motions)
         if not overload:
             for experiment, motion in motions:
                 _check_load(bench, channel, experiment, motion)
@@ -140,6 +142,17 @@ def _check_clock(channel: Channel, wanted: ClockName | None) -> None:
             f"time on {channel.address} is the wall clock's, so --clock lock-step is not possible there: what is on it "
             "does not wait for SYNC"
         )
+
+
+def _check_band(motions: list[tuple[Experiment, Motion]]) -> None:
+    """Refuse a SYNC period at which the vibration could not be judged afterwards."""
+    for experiment, motion in motions:
+        period_s = float(motion.time_s[1] - motion.time_s[0])
+        if 0.5 / period_s <= TIP_BAND_HZ[1]:
+            raise NotPossibleError(
+                f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms: vibrations up to {TIP_BAND_HZ[1]:g} Hz need less than "
+                f"{500.0 / TIP_BAND_HZ[1]:g} ms"
+            )
 
 
 def _check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: Motion) -> None:

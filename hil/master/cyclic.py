@@ -119,6 +119,7 @@ class CyclicPlan:
         self._acceleration_scale = 1.0
         self._sets: list[PdoSet] = []
         self._expected: frozenset[int] = frozenset()
+        self._may_be_behind = False
         self._acceleration_id = 0
         self._by_id: dict[int, Slot] = {}
 
@@ -197,10 +198,17 @@ class CyclicPlan:
             frame = network.receive(network.timeout_s)
             if frame is None:
                 break
+            if frame[0] in self._expected and frame[0] > min(pending):
+                self._may_be_behind = True  # the lowest identifier leaves first: this one is of an earlier cycle
             if not self._take(frame, pending):
                 network.dispatch(frame)
                 if time.monotonic() > deadline:
                     break  # others talk, and what is waited for does not come
+        if pending or self._may_be_behind:
+            # An answer that came late, or twice, would be taken for that of every cycle to come, one behind for good: from now
+            # on all that is there is taken, and the newest value wins. A run in which nothing is lost never gets here.
+            self._may_be_behind = True
+            self._drain(pending)
         self._count(pending)
 
     def _exchange_on_the_beat(self) -> None:
@@ -248,7 +256,7 @@ class CyclicPlan:
             self._take_or_dispatch(frame, pending)
 
     def _take_or_dispatch(self, frame: Frame, pending: set[int]) -> None:
-        self.beat.saw(frame)
+        self.saw(frame)
         if self._take(frame, pending):
             self.beat.answered()
         else:

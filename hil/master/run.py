@@ -109,7 +109,7 @@ class Run:
             if fault is not None:
                 raise StopRun(self._own_fault() or fault)
             for slot in self.plan.slots:
-                if slot.missing > self.session.bench.bus.missing_limit:
+                if slot.missing >= self.session.bench.bus.missing_limit:
                     raise StopRun(f"axis {slot.axis.number} does not answer")
             if all(state_of(slot.status_word) is goal for slot in self.plan.slots):
                 return

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from scipy import fft, signal
 
-from hil.analysis import TIP_BAND_HZ, motor_speed_rps, speed_window
+from hil.analysis import band_passed, motor_speed_rps, speed_window
 from hil.recording import Recording
 from hil.report import style
 from hil.report.material import Material, Run, finite
@@ -38,9 +38,7 @@ def make_trace(material: Material, run: Run | None, label: str, look: style.Line
 
 def draw_vibration(panel: Axes, trace: Trace, *, with_peak: bool = True) -> None:
     """The band-passed vertical acceleration over time."""
-    period = trace.recording.period_s
-    band = signal.butter(2, TIP_BAND_HZ, "bandpass", fs=1.0 / period, output="sos")
-    vibration = signal.sosfiltfilt(band, trace.recording.columns["tip_z_m_s2"])
+    vibration = band_passed(trace.recording.columns["tip_z_m_s2"], trace.recording.period_s)
     label = trace.label + (number_or_nothing(trace.run.tip_peak_mm, ": peak {:.3f} mm") if with_peak else "")
     panel.plot(*style.thin(trace.recording.time_s, vibration), label=label, **trace.look)
 
