@@ -1,102 +1,114 @@
-"""`python -m benchmarks`: how much faster than life the lock-step bench is, and where its time goes."""
+"""`python -m benchmarks [group ...]`: speed, as ratios of two things measured in turn in one run.
+
+Groups: master, bench, plant, sdo, startup, growth, memory, runs; all of them unless some are named.
+"""
 
 import argparse
-import os
-import platform
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+from benchmarks import demo_runs, plant, whole_bench
+from benchmarks.master_path import master_path
+from benchmarks.measure import machine, progress
+from benchmarks.memory import memory
+from benchmarks.sdo import sdo
+from benchmarks.startup import startup
 from benchmarks.upload import upload
-from hil.can.frame import Frame
-from hil.emulator import EmulatedRobot
-from hil.experiments.plan import demo_experiments
-from hil.experiments.runner import run_experiments
-from hil.master.bench import load_bench
-from plant_emulator.axes import Axes
-from plant_emulator.motion import POSITION
-from plant_emulator.robot import load_robot
-from plant_emulator.world import World
 
-SYNC = Frame(0x80, b"")
+Section = tuple[str, str, Callable[[], list[str]]]
+"""Title, what is to be known about it, and what gives its table."""
 
 
-def best_of(function: Callable[[], None], repeats: int = 5) -> float:
-    """Seconds of the fastest of some calls: the one that the rest of the machine disturbed least."""
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - begin)
-    return min(times)
-
-
-def lock_step() -> list[str]:
-    """Motion time over wall time of every run of the demo; above 1 is faster than life."""
-    bench = load_bench("reference")
-    with EmulatedRobot("reference") as emulator, tempfile.TemporaryDirectory() as out:
-        bench = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": str(emulator.address)})})
-        result = run_experiments(bench, demo_experiments(bench), Path(out)).result
-    lines = ["| run | SYNC period | cycles recorded | motion s | wall s | motion / wall |", "|---|---|---|---|---|---|"]
-    for run in result["runs"]:
-        if run["order"] == 4:
-            continue
-        axis = "2, 3, 5" if run["axis"] is None else run["axis"]
-        name = f"{run['experiment']}, axis {axis}, {run['loop']}-closed, {run['compensation']}"
-        motion, wall, period = run["motion_s"], run["wall_s"], 1e3 * run["sync_period_s"]
-        cells = (name, f"{period:g} ms", run["cycles"], f"{motion:.2f}", f"{wall:.2f}", f"{motion / wall:.1f}")
-        lines.append(f"| {' | '.join(map(str, cells))} |")
-    return lines
-
-
-def world() -> list[str]:
-    """A SYNC of the whole world (nodes and plant) over the plant alone, in one process."""
-    robot = load_robot("reference")
-    lines = ["| SYNC period | world µs | plant and law alone µs | world / plant |", "|---|---|---|---|"]
-    for period_us in (250, 1000, 2000):
-        whole = World(robot.model_copy(update={"sync_period_s": 1e-6 * period_us}))
-        whole.power_on()
-        whole.receive(Frame(0, b"\x01\x00"))
-        axes = Axes(robot)
-        for row in range(len(axes.numbers)):
-            whole.axes.energise(row, POSITION, period_us // 250)
-            axes.energise(row, POSITION, period_us // 250)
-
-        def cycles(whole: World = whole) -> None:
-            for _ in range(500):
-                whole.receive(SYNC)
-                whole.settle()
-
-        def plant(axes: Axes = axes, ticks: int = period_us // 250) -> None:
-            for _ in range(500):
-                axes.advance(ticks)
-
-        cycle_us, plant_us = 2e3 * best_of(cycles), 2e3 * best_of(plant)
-        lines.append(f"| {period_us / 1000:g} ms | {cycle_us:.0f} | {plant_us:.0f} | {cycle_us / plant_us:.1f} |")
-    return lines
+def groups(minutes: int) -> dict[str, list[Section]]:
+    """All sections by group, in the order of the page."""
+    return {
+        "master": [(
+            "The master's path",
+            "SYNC, N answers of 8 bytes, the servo law, N set-points: cycles per second against N nodes that only echo, a "
+            "process of their own on the same core. Ours is `CyclicPlan.exchange`, the law, and the scaling on either side of "
+            "it. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, threads of one process. Bare: the "
+            "same records written and read on the same kind of socket, packed beforehand, nothing looked at, no law: no master "
+            "in Python on this path can be faster.",
+            master_path,
+        )],
+        "bench": [(
+            "The whole bench",
+            "A run as `hil run` does it (session, guards, recording; set-up and way back not counted) against the emulated "
+            "robot: drives, accelerometer, physics. Every axis swings by a revolution of its motor, at 0.5 Hz.",
+            whole_bench.whole_bench,
+        )],
+        "plant": [(
+            "The closed loop without a bus",
+            "The servo law every 250 µs and four Runge-Kutta steps of the plant in each, set-points every 2 ms. C is a port of "
+            "the same stepping, compiled now. The general solvers integrate each control period alone, with the law in Python "
+            "between: their difference to ours is the truncation error of our fixed steps, friction near rest most of all.",
+            plant.plant,
+        )],
+        "sdo": [
+            ("SDO round trips", "One client, one node, one object at a time.", sdo),
+            (
+                "Upload of 200 objects: snapshot, write, read back",
+                "Tool and emulated node in one process; each frame is held for its own bits.",
+                upload,
+            ),
+        ],
+        "startup": [("Start-up", "", startup)],
+        "growth": [
+            ("Growth: the whole bench", "Drive-closed, SYNC every 1 ms, one process, no bit times.", whole_bench.growth),
+            ("Growth: the closed loop without a bus", "", plant.growth),
+        ],
+        "memory": [(
+            "Memory of a long run",
+            "Three axes, SYNC every 1 ms, 1 Mbit/s with bit times, everything in one process, one session, runs of a minute.",
+            lambda: memory(minutes),
+        )],
+        "runs": [
+            (
+                "The runs of the demo, lock-step over the local bus, two processes",
+                "Wall time is that of the whole run: set-up over SDO, settling, the motion, the way back, restoration.",
+                demo_runs.lock_step,
+            ),
+            ("One SYNC of the emulated robot, three axes energised, in one process", "", demo_runs.world),
+        ],
+    }  # fmt: skip
 
 
 def main() -> None:
-    """Print both tables; `--out` also writes them to a file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Measure, print the page; `--out` also writes it to a file."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("group", nargs="*", help="what to measure; all unless named")
     parser.add_argument("--out", type=Path, help="Markdown file to write")
+    parser.add_argument("--hour", action="store_true", help="an hour of bus time for the memory, instead of ten minutes")
     arguments = parser.parse_args()
-    text = "\n".join([
-        "# Performance", "",
-        f"`make bench`; Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores.", "",
-        "## Lock-step runs over the local bus, two processes", "",
-        "Wall time is that of the whole run: set-up over SDO, settling, the motion, the way back, restoration.", "",
-        *lock_step(), "",
-        "## One SYNC of the emulated robot, three axes energised, in one process", "", *world(), "",
-        "## Upload of 200 objects: snapshot, write, read back", "",
-        "Tool and emulated node in one process; each frame is held for its own bits.", "", *upload(), "",
-    ])  # fmt: skip
+    known = groups(60 if arguments.hour else 10)
+    unknown = [name for name in arguments.group if name not in known]
+    if unknown:
+        parser.error(f"no group {unknown[0]!r}; there are {', '.join(known)}")
+    chosen = arguments.group or list(known)
+    begin = time.monotonic()
+    lines = [
+        "# Performance",
+        "",
+        f"`make bench`, or `python -m benchmarks {' '.join(arguments.group) or '[group ...]'}`. {NOTE}",
+        "",
+    ]
+    lines += machine()
+    for name in chosen:
+        for title, said, measure in known[name]:
+            lines += ["", f"## {title}", "", *([said, ""] if said else []), *measure()]
+    text = "\n".join(lines) + "\n"
+    progress(f"done in {time.monotonic() - begin:.0f} s")
     sys.stdout.write(text)
     if arguments.out is not None:
         arguments.out.write_text(text, encoding="utf-8")
 
+
+NOTE = (
+    "Times are those of one machine at one hour; the ratios are what to read: each is of two things measured in turn in the same "
+    "run, medians of their turns."
+)
 
 if __name__ == "__main__":
     main()

@@ -11,6 +11,7 @@ from plant_emulator.axes import Axes
 from plant_emulator.drive import Drive
 from plant_emulator.physics.tip import Sensor
 from plant_emulator.robot import Robot
+from plant_emulator.slave.node import Slave
 
 SECOND = 1_000_000_000
 FREE_STEP_NS = 1_000_000
@@ -43,6 +44,7 @@ class World:
         self.accelerometer = Accelerometer(setting.node_id, self._measure, setting.range_m_s2)
         nodes: list[Node] = [*self.drives.values(), self.accelerometer]
         self._nodes = sorted(nodes, key=lambda node: node.node_id)
+        self._slaves = [node.slave for node in self._nodes]
         self._periods = [node.slave.dictionary.cell(0x1006) for node in self._nodes]
         self._tick_ns = round(1e9 * robot.control_period_s)
         self._mechanics_ns = 0
@@ -107,9 +109,10 @@ class World:
     def due(self) -> int | None:
         """The next instant at which a node does something by itself; None where only a frame or a motion can wake one."""
         if not self._due_is_known:
-            dues = [due for node in self._nodes if (due := node.slave.due) is not None]
+            dues = [due for slave in self._slaves if (due := slave.due) is not None]
             self._due, self._due_is_known = min(dues, default=None), True
-        return None if self._due is None else max(self.now, self._due)
+        due = self._due
+        return due if due is None or due > self.now else self.now
 
     def move(self, until: int) -> list[tuple[int, Frame]]:
         """Let time pass to an instant that is not beyond `due`; what the nodes send then, each with its node-ID.
@@ -129,7 +132,7 @@ class World:
             self.axes.advance(ticks)
             self._mechanics_ns += ticks * self._tick_ns
             frames = [(node.node_id, frame) for node in self._nodes for frame in node.update()]
-        late = [node for node in self._nodes if _is_due(node, until)]
+        late = [node for node in self._nodes if _is_due(node.slave, until)]
         if late:
             # lowest identifier first, as a bus would let them pass
             frames += sorted(
@@ -163,10 +166,10 @@ class World:
         return self._sensor.sample(self.axes.tip_acceleration())
 
 
-def _is_due(node: Node, now: int) -> bool:
+def _is_due(slave: Slave, now: int) -> bool:
     """Whether a node is to be asked: a timer has run out, or it watches objects that may have changed."""
-    due = node.slave.due
-    return (due is not None and due <= now) or node.slave.waits_for_changes
+    due = slave.due
+    return (due is not None and due <= now) or slave.waits_for_changes
 
 
 def _by_priority(frames: Iterable[Frame]) -> list[Frame]:

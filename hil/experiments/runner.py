@@ -149,10 +149,8 @@ def _check_band(motions: list[tuple[Experiment, Motion]]) -> None:
     for experiment, motion in motions:
         period_s = float(motion.time_s[1] - motion.time_s[0])
         if 0.5 / period_s <= TIP_BAND_HZ[1]:
-            raise NotPossibleError(
-                f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms: vibrations up to {TIP_BAND_HZ[1]:g} Hz need less than "
-                f"{500.0 / TIP_BAND_HZ[1]:g} ms"
-            )
+            what = f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms"
+            raise NotPossibleError(f"{what}: vibrations up to {TIP_BAND_HZ[1]:g} Hz need less than {500.0 / TIP_BAND_HZ[1]:g} ms")
 
 
 def _check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: Motion) -> None:

@@ -63,27 +63,32 @@ class TimedBus:
         with contextlib.suppress(ValueError):
             self.wire.offer(port, frame, self.world.now + self._latency_ns)
 
-    def run(self, until: int, stop: Callable[[], bool] = lambda: False) -> list[Heard]:
+    def run(self, until: int, stop: Callable[[], bool] | None = None) -> list[Heard]:
         """Let time pass; what has been heard, in the order in which it ended.
 
         Args:
             until: In the world's time.
             stop: Asked after each event; where it holds, time stops there.
         """
+        world, wire = self.world, self.wire
         heard: list[Heard] = []
         while True:
-            due = self.due
-            instant = until if due is None else max(self.world.now, min(until, due))
-            for port, frame in self.world.move(instant):
-                self.wire.offer(port, frame, instant)
-            for frame, port, _, end_ns in self.wire.advance(instant):
+            wire_due, world_due = wire.due, world.due
+            instant = until if wire_due is None or until <= wire_due else wire_due
+            if world_due is not None and world_due < instant:
+                instant = world_due
+            if instant < world.now:
+                instant = world.now
+            for port, frame in world.move(instant):
+                wire.offer(port, frame, instant)
+            for frame, port, _, end_ns in wire.advance(instant):
                 heard.append(Heard(frame, port, end_ns))
                 if port >= FIRST_CLIENT:
-                    for node, answer in self.world.hear(frame):
-                        self.wire.offer(node, answer, instant)
-            if stop():
+                    for node, answer in world.hear(frame):
+                        wire.offer(node, answer, instant)
+            if stop is not None and stop():
                 return heard
-            if instant >= until and (self.wire.due is None or self.wire.due > until):
+            if instant >= until and ((due := wire.due) is None or due > until):
                 return heard
 
     def free(self, until: int) -> list[Heard]:

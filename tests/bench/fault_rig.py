@@ -15,7 +15,7 @@ from hil.master.bench import Bench, load_bench
 from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
-from plant_emulator.bus.faults import Fault, Faults
+from plant_emulator.bus.faults import Event, Fault, Faults
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.bus.timed import FIRST_CLIENT
@@ -41,7 +41,7 @@ def bench() -> Bench:
     assert line is not None
     short = {"end_m": line.end_m.model_copy(update={"x": 0.60}), "duration_s": _DURATION_S, "ramp_s": _RAMP_S}
     line = line.model_copy(update={**short, "dwell_s": _DWELL_S, "tail_s": 0.05})
-    bus = whole.bus.model_copy(update={"sync_period_s": T_S, "answer_timeout_s": 0.02})
+    bus = whole.bus.model_copy(update={"sync_period_s": T_S, "answer_timeout_s": 0.25})
     return whole.model_copy(update={"line_motion": line, "settle_s": 0.1, "bus": bus})
 
 
@@ -55,6 +55,7 @@ class Tape:
         torque_nm: Of the same.
         words: Control words sent: number of the SYNC that follows, node, word.
         heard: The frame of each identifier heard last, by number of the SYNC before it.
+        left: Which drive's state machine left operation enabled, and when.
         moving: The shares of the motion that the session has told, each with the SYNCs so far.
     """
 
@@ -63,6 +64,7 @@ class Tape:
     torque_nm: list[tuple[float, ...]] = field(default_factory=lambda: [(0.0, 0.0, 0.0)])
     words: list[tuple[int, int, int]] = field(default_factory=list)
     heard: dict[int, dict[int, bytes]] = field(default_factory=dict)
+    left: list[tuple[int, int]] = field(default_factory=list)
     moving: list[tuple[float, int]] = field(default_factory=list)
 
 
@@ -93,16 +95,8 @@ class Outcome:
         return next((number for number, _, word in self.tape.words if number >= self.at and word in (QUICK_STOP, 0x00)), None)
 
     def left_operation_at_ns(self, node: int) -> int | None:
-        """When a drive was first seen out of operation from the fault on, having been in it before."""
-        column = NODES.index(node)
-        states = self.tape.states
-        was = [number for number in range(1, len(states)) if states[number][column] is State.OPERATION_ENABLED]
-        if not was:
-            return None
-        return next(
-            (self.tape.now_ns[n] for n in range(max(self.at, was[0]), len(states))
-             if states[n][column] is not State.OPERATION_ENABLED), None,
-        )  # fmt: skip
+        """When a drive left operation, from the fault on."""
+        return next((at_ns for who, at_ns in self.tape.left if who == node and at_ns >= self.tape.now_ns[self.at]), None)
 
 
 def everything(world: World) -> dict[int, dict[tuple[int, int], object]]:
@@ -141,6 +135,8 @@ class Rig:
         self.session = Session(self.bench, self.channel, BusLog(None), self._progress, clock)
         self.channel.on_sync = self._on_sync
         self.channel.heard = self._heard
+        for node in NODES:
+            self._watch(node)
         send = self.channel.send
 
         def watched(frame: Frame) -> None:
@@ -150,6 +146,17 @@ class Rig:
             send(frame)
 
         self.channel.send = watched  # type: ignore[method-assign]
+
+    def _watch(self, node: int) -> None:
+        drive = self.world.drives[node]
+        enter = drive._enter
+
+        def entered(state: State) -> None:
+            if drive.state is State.OPERATION_ENABLED and state is not State.OPERATION_ENABLED:
+                self.tape.left.append((node, self.world.now))
+            enter(state)
+
+        drive._enter = entered  # type: ignore[method-assign]
 
     def run(self) -> Outcome:
         """Bring up, run the line without the notch, and leave."""
@@ -169,6 +176,11 @@ class Rig:
             heard = self.channel.medium.free(min(end, self.world.now + 2_000_000))
             self.channel._deliver(heard)
             self._look()
+
+    def disturb(self, kind: str, port: int, frame: Frame | None = None) -> None:
+        """Let something happen to a port of the wire now; scheduled beforehand it would keep the set-up waiting."""
+        bus = self.channel.medium._bus  # type: ignore[attr-defined]
+        bus.wire._put_off(self.world.now, Event(self.world.now, kind, port, None, frame))
 
     def _on_sync(self, number: int) -> None:
         self._look()
@@ -213,6 +225,17 @@ def cycle_of(phase: str, bitrate: int | None) -> int:
     return halfway[phase]
 
 
+def fastest_rps(at: int, bitrate: int | None) -> float:
+    """The highest speed of a motor around a cycle of the undisturbed run, from what was on the bus."""
+    tape = undisturbed(bitrate).tape
+    speeds = [0.0]
+    for node in NODES:
+        before, after = (tape.heard[n][0x180 + node] for n in (at - 3, at + 3))
+        counts = int.from_bytes(after[2:6], "little", signed=True) - int.from_bytes(before[2:6], "little", signed=True)
+        speeds.append(abs(counts) / 131072 / (6 * T_S))
+    return max(speeds)
+
+
 def window(bitrate: int | None, at: int, cycles: int | None) -> dict[str, float]:
     """From and to of a fault of the wire that befalls so many whole cycles; None: all that follow."""
     begin = 1e-9 * undisturbed(bitrate).tape.now_ns[at] - 0.1 * T_S
@@ -255,11 +278,14 @@ def fresh_rows(outcome: Outcome, begin: int) -> tuple[int, int]:
     assert outcome.result is not None
     recording, tape = outcome.result.recording, outcome.tape
     first = tape.moving[0][1]
-    rows = range(max(0, begin - first), outcome.result.rows if hasattr(outcome.result, "rows") else len(recording.time_s))
+    rows = range(max(0, begin - first), len(recording.time_s))
     good = 0
     for row in rows:
         heard = tape.heard.get(first + row, {})
         tip = np.frombuffer(heard.get(0x190, b"\0" * 6), "<i2") * 1e-3
         shown = [recording.columns[f"tip_{axis}_m_s2"][row] for axis in "xyz"]
-        good += bool(np.allclose(tip, shown, atol=1e-6))
+        counts = [int.from_bytes(heard.get(0x180 + node, b"")[2:6], "little", signed=True) for node in NODES]
+        angles = [recording.axis(node, "position_rad")[row] for node in NODES]
+        is_fresh = np.allclose(tip, shown, atol=1e-6) and np.allclose(np.array(counts) * 2.0 * np.pi / 131072, angles, atol=1e-6)
+        good += bool(is_fresh)
     return len(rows), good

@@ -36,6 +36,7 @@ from tests.bench.fault_rig import (
     bench,
     check_the_end,
     cycle_of,
+    fastest_rps,
     fresh_rows,
     on_the_wire,
     undisturbed,
@@ -59,6 +60,10 @@ class Case:
         words: What the reason says.
         check: What else holds.
         loose: Phases in which the reaction may also be none, the fault then having met nothing that counts.
+        pretends: An old answer behind a new one looks like a jump, and the run may stop for its speed.
+        skips: Cycles in a row for which a drive has no new set-point. The next one is then further away, and where that is
+            further than 6080h allows, the drive refuses it with a fault of its own, and everything stops.
+        lasts: Cycles of the fault, where that may happen in any of them.
     """
 
     name: str
@@ -68,6 +73,9 @@ class Case:
     words: str = ""
     check: Callable[[Rig, Outcome, str], None] = lambda rig, outcome, phase: None
     loose: tuple[str, ...] = ()
+    pretends: bool = False
+    skips: int = 0
+    lasts: int = 1
 
     @property
     def bitrate(self) -> int | None:
@@ -174,6 +182,19 @@ def lose_the_bus(rig: Rig) -> None:
     rig.channel.lost = True
 
 
+def babble(rig: Rig) -> None:
+    """The accelerometer's controller sends a frame of the highest priority but one, without end."""
+    rig.disturb("babble", 16, Frame(0x001, bytes(8)))
+
+
+def bus_off(rig: Rig, number: int) -> None:
+    """The master's controller is bus-off, and comes back after half a second."""
+    if number == rig.at:
+        rig.disturb("bus_off", MASTER)
+    elif number == rig.at + 250:
+        rig.disturb("restart", MASTER)
+
+
 def bus_comes_back(rig: Rig, outcome: Outcome, phase: str) -> None:
     """The drives have stopped by themselves, and nothing is sent into the bus that is there again."""
     drives_stop_by_themselves(rig, outcome, phase)
@@ -191,7 +212,7 @@ def not_confirmed(rig: Rig, outcome: Outcome, phase: str) -> None:
 def deaf_axis_is_named(rig: Rig, outcome: Outcome, phase: str) -> None:
     """The drive hears no set-point any more: at the latest when it is to be disabled, the run says so."""
     assert outcome.stopped is not None
-    assert not outcome.stopped.all_disabled
+    assert phase == "enable" or not outcome.stopped.all_disabled
     assert rig.world.drives[2].state is not State.OPERATION_ENABLED, "SDO and NMT have done it"
     assert abs(outcome.tape.torque_nm[-1][0]) < rig.bench.axis[2].limits.torque_nm
 
@@ -203,28 +224,32 @@ def others_have_stopped(rig: Rig, outcome: Outcome, phase: str) -> None:
 
 LOST_RPDO, LOST_TPDO = {"kind": "drop", "can_id": 0x202, "port": MASTER}, {"kind": "drop", "can_id": 0x182, "port": 2}
 SYNC_LOST = {"kind": "drop", "can_id": 0x080, "port": MASTER}
-BABBLE = {"kind": "babble", "port": 16, "can_id": 0x001, "data": b"\0\0\0\0\0\0\0\0"}
 WILD = {"kind": "corrupt", "crc": False, "bits": (46,)}
 """Bit 30 of the position behind a word of 16 bits: 8192 revolutions."""
 
 CASES = [
-    Case("01 one RPDO lost", wire(1, LOST_RPDO), check=counted(0)),
+    Case("01 one RPDO lost", wire(1, LOST_RPDO), check=counted(0), skips=1),
     Case("02 RPDOs of one axis lost", wire(None, LOST_RPDO), within=2300, words="confirmed|not all drives|behind|8400h|8612h",
          check=deaf_axis_is_named),
     Case("03 one TPDO lost", wire(1, LOST_TPDO), check=counted(1)),
     Case("04 TPDOs of one axis lost", wire(None, LOST_TPDO), within=3, words="axis 2 (has not answered|does not answer)",
          check=others_have_stopped),
-    Case("05 SYNC lost once", wire(1, SYNC_LOST), check=counted(1)),
+    Case("05 SYNC lost once", wire(1, SYNC_LOST), check=counted(1), skips=1),
     Case("05 SYNC lost for good", wire(None, SYNC_LOST), within=3, words="answer", check=others_have_stopped),
-    Case("06 frames of all twice", wire(4, {"kind": "duplicate"}), check=counted(0)),
+    Case("06 answers twice", wire(2, {"kind": "duplicate", "can_id": 0x180, "mask": 0x780}), check=counted(0)),
+    Case("06 set-points twice", wire(3, {"kind": "duplicate", "can_id": 0x200, "mask": 0x780, "port": MASTER}), check=counted(0)),
     Case("06 sensor's frame twice", wire(1, {"kind": "duplicate", "can_id": 0x190}), check=counted(0)),
-    Case("06 answer late by more than T", wire(1, {**LOST_TPDO, "kind": "delay", "delay_ns": 2_200_000}), check=counted(1)),
+    Case("06 answer late by more than T", wire(1, {**LOST_TPDO, "kind": "delay", "delay_ns": 2_200_000}), check=counted(1),
+         pretends=True),
     Case("06 all answers late by more than T", wire(1, {"kind": "delay", "can_id": 0x180, "mask": 0x780, "delay_ns": 2_200_000}),
-         check=counted(1)),
-    Case("06 answer late by more than half of T", wire(1, {**LOST_TPDO, "kind": "delay", "delay_ns": 1_200_000}), check=counted(0)),
-    Case("06 set-point late by more than T", wire(1, {**LOST_RPDO, "kind": "delay", "delay_ns": 2_200_000}), check=counted(0)),
+         check=counted(1), pretends=True),
+    Case("06 answer late by more than half of T", wire(1, {**LOST_TPDO, "kind": "delay", "delay_ns": 1_050_000}),
+         check=counted(0)),
+    Case("06 set-point late by more than T", wire(1, {**LOST_RPDO, "kind": "delay", "delay_ns": 2_200_000}),
+         check=counted(0), skips=1),
     Case("06 set-points out of order", wire(3, {"kind": "reorder", "can_id": 0x200, "mask": 0x780, "port": MASTER,
-                                                "delay_ns": 300_000}), check=counted(0)),
+                                                "delay_ns": 300_000}),
+         check=counted(0), skips=1, lasts=3),
     Case("07 answer corrupted", wire(1, {**WILD, "can_id": 0x182, "port": 2}), within=3, words="axis 2|node 2", loose=("enable",),
          check=no_wild_torque),
     Case("07 set-point corrupted", wire(1, {**WILD, "can_id": 0x202, "port": MASTER}), within=3, words="node 2 reports",
@@ -240,15 +265,19 @@ CASES = [
     Case("11 all stopped by a stranger", None, inject(0x000, "0200"), within=3, words="axis|node"),
     Case("12 emergency", None, inject(0x083, "1042020000000000"), within=1, words="node 3 reports emergency 4210h"),
     Case("12 drive fault", None, once(fault_of_a_drive), within=2, words="node 3 reports emergency 8400h"),
-    Case("13 babbling idiot", wire(None, BABBLE), within=4, words="answer", check=not_confirmed),
+    Case("13 babbling idiot", wire(None), once(babble), within=4, words="answer", check=not_confirmed),
     Case("14 bus lost", None, once(lose_the_bus), words="pulled", within=0, check=bus_comes_back),
-    Case("14 master bus-off for half a second", wire(250, {"kind": "bus_off", "port": MASTER}), within=4, words="answer",
+    Case("14 master bus-off for half a second", wire(None), bus_off, within=4, words="answer",
          check=drives_stop_by_themselves),
     Case("16 accelerometer silent", wire(None, {"kind": "drop", "can_id": 0x190}), check=recording_is_invalid),
 ]  # fmt: skip
 
-EVERYDAY = {name: (PHASES[(index + 2) % 6], PHASES[(index + 5) % 6]) for index, name in enumerate(case.name for case in CASES)}
-"""Two phases for each fault every day, all of them over the list; the others in the slow run."""
+FIRST = {case.name[:2]: case.name for case in reversed(CASES)}
+EVERYDAY = {
+    case.name: (PHASES[(index + 2) % 6], *([PHASES[(index + 5) % 6]] if case.name in FIRST.values() else []))
+    for index, case in enumerate(CASES)
+}
+"""Two phases for each fault every day, one for its variants, all of them over the list; the others in the slow run."""
 
 
 def cells() -> Iterator[object]:
@@ -265,7 +294,20 @@ def test_a_fault_is_answered_in_time_and_leaves_no_torque(case: Case, phase: str
     rig = Rig(bitrate=case.bitrate, faults=case.faults(at) if case.faults else None, at=at, act=case.act)
     outcome = rig.run()
     assert outcome.error is None
-    if case.within is None or (outcome.stopped is None and phase in case.loose):
+    if case.skips and outcome.stopped is not None:
+        # the step of the set-point is (1 + skips) T of travel; a tick of 250 µs may be missing where SYNC shakes
+        assert (1 + case.skips) * fastest_rps(at, RATE) > 0.85 * rig.bench.axis[2].limits.speed_rps
+        assert "8612h" in outcome.stopped.reason
+        assert outcome.stop_word_at is not None
+        assert outcome.stop_word_at - at <= case.skips + case.lasts + 1
+        others_have_stopped(rig, outcome, phase)
+        check_the_end(rig, outcome)
+        return
+    if case.pretends and outcome.stopped is not None:
+        assert "turns at" in outcome.stopped.reason
+        assert outcome.stop_word_at is not None
+        assert outcome.stop_word_at - at <= 4
+    elif case.within is None or (outcome.stopped is None and phase in case.loose):
         assert outcome.stopped is None, outcome.stopped
     else:
         assert outcome.stopped is not None
@@ -273,7 +315,8 @@ def test_a_fault_is_answered_in_time_and_leaves_no_torque(case: Case, phase: str
         if case.within:  # 0: there is no bus to command a stop on
             assert outcome.stop_word_at is not None
             assert outcome.stop_word_at - at <= case.within, outcome.stopped.reason
-    case.check(rig, outcome, phase)
+    if not (case.pretends and outcome.stopped is not None):
+        case.check(rig, outcome, phase)
     check_the_end(rig, outcome)
 
 
@@ -309,7 +352,8 @@ def test_a_noisy_speed_switches_the_notch_at_most_twice_a_crossing() -> None:
             result = session.run(constant_acceleration(motion, 2, T_S), "notch", "drive")
         assert result.stopped is None
         active = result.recording.axis(2, "notch_hz") > 0.0
-        found.append((int(np.sum(np.diff(active.astype(int)) != 0)), np.abs(np.diff(result.recording.axis(2, "torque_nm"))).max()))
+        step = float(np.abs(np.diff(result.recording.axis(2, "torque_nm"))).max())
+        found.append((int(np.sum(np.diff(active.astype(int)) != 0)), step))
     (_, quiet_step), (switches, noisy_step) = found
     assert 2 <= switches <= 4
     assert noisy_step <= 3.0 * quiet_step + 0.02 * motion.axis[2].limits.torque_nm
@@ -369,7 +413,7 @@ ANSWERS = {
 }
 
 
-@pytest.mark.parametrize("after", [0, 5, 40, pytest.param(80, marks=pytest.mark.slow), pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("after", [0, 40, *(pytest.param(n, marks=pytest.mark.slow) for n in (5, 20, 80))])
 @pytest.mark.parametrize("answer", ANSWERS)
 def test_an_sdo_server_that_fails_in_bring_up_is_a_clear_error_and_nothing_is_enabled(answer: str, after: int) -> None:
     """19: from the n-th answer of node 3 on."""
