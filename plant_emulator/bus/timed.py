@@ -77,8 +77,7 @@ class TimedBus:
             instant = until if wire_due is None or until <= wire_due else wire_due
             if world_due is not None and world_due < instant:
                 instant = world_due
-            if instant < world.now:
-                instant = world.now
+            instant = max(instant, world.now)
             for port, frame in world.move(instant):
                 wire.offer(port, frame, instant)
             for frame, port, _, end_ns in wire.advance(instant):

@@ -1,0 +1,94 @@
+"""Two things measured in turn in one run, tables of them, and the facts of the machine on which they were."""
+
+import importlib.metadata
+import os
+import platform
+import re
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+Row = tuple[object, ...]
+
+
+def progress(text: str) -> None:
+    """Tell on standard error what is being measured."""
+    print(f"{time.strftime('%H:%M:%S')}  {text}", file=sys.stderr, flush=True)  # noqa: T201 - a program's own word
+
+
+def in_turn(contenders: Mapping[str, Callable[[], float]], rounds: int = 5) -> dict[str, float]:
+    """The median rate of each contender, measured A, B, A, B, … so that all of them meet the same moods of the machine.
+
+    Args:
+        contenders: Each gives a rate, of so many per second.
+        rounds: How often each has its turn; one more, the first, is not counted.
+    """
+    found: dict[str, list[float]] = {name: [] for name in contenders}
+    for turn in range(rounds + 1):
+        for name, measure in contenders.items():
+            rate = measure()
+            if turn:
+                found[name].append(rate)
+    return {name: statistics.median(rates) for name, rates in found.items()}
+
+
+def seconds(function: Callable[[], object]) -> float:
+    """How long a call takes."""
+    begin = time.perf_counter()
+    function()
+    return time.perf_counter() - begin
+
+
+def best_of(function: Callable[[], object], repeats: int = 5) -> float:
+    """Seconds of the fastest of some calls: the one that the rest of the machine disturbed least."""
+    return min(seconds(function) for _ in range(repeats))
+
+
+def table(heads: Iterable[str], rows: Iterable[Row]) -> list[str]:
+    """A Markdown table; numbers with three significant digits."""
+    heads = list(heads)
+    lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+    lines += [f"| {' | '.join(shown(cell) for cell in row)} |" for row in rows]
+    return lines
+
+
+def shown(cell: object) -> str:
+    """A cell: text as it is, a number with three significant digits, nothing as a dash."""
+    if cell is None:
+        return "–"
+    if not isinstance(cell, float):
+        return str(cell)
+    if abs(cell) >= 1000.0:
+        return f"{cell:,.0f}".replace(",", " ")
+    return f"{cell:.3g}"
+
+
+def machine() -> list[str]:
+    """What this was measured on, as a Markdown list."""
+    load = " ".join(f"{value:.2f}" for value in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown"
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    versions = [f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "numba", "scipy", "canopen", "python-can")]
+    facts = {
+        "Processor": f"{_processor()}, {usable} of {os.cpu_count()} cores usable, governor {_governor()}",
+        "System": f"{platform.system()} {platform.release()}, {platform.machine()}",
+        "Python": f"{platform.python_implementation()} {platform.python_version()}; {', '.join(versions)}",
+        "Load average before the run": f"{load} (1, 5, 15 minutes); well below the number of cores on a quiet machine",
+    }
+    return [f"- {name}: {value}" for name, value in facts.items()]
+
+
+def _processor() -> str:
+    try:
+        found = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    except OSError:
+        found = None
+    return found.group(1) if found else platform.processor() or "unknown processor"
+
+
+def _governor() -> str:
+    try:
+        return Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").read_text().strip()
+    except OSError:
+        return "not readable"

@@ -1,0 +1,140 @@
+"""The whole bench, physics at the other end: how much faster than life a run is."""
+
+import contextlib
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from benchmarks.measure import Row, in_turn, progress, shown, table
+from benchmarks.robots import Loop, bench_of, robot_of, swing
+from drive_profiles.address import LOCAL, Address
+from hil.can.channel import BusUnavailableError, Channel
+from hil.can.raw import RawChannel, connect_local
+from hil.master.session import Session
+from hil.recording import BusLog
+from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.bus.medium import medium_for
+from plant_emulator.world import World
+
+BITRATE = 1_000_000
+
+
+@contextlib.contextmanager
+def emulator(count: int, period_s: float, bitrate: int | None) -> Iterator[Address]:
+    """The emulated robot of so many axes as a process, as `plant-emulator serve` runs it."""
+    with tempfile.TemporaryDirectory(prefix="bench-") as folder:
+        address = Address(LOCAL, str(Path(folder) / "robot.sock"))
+        command = [sys.executable, "-m", "benchmarks.emulator", address.channel, str(count), str(period_s), str(bitrate or 0)]
+        process = subprocess.Popen(command, stdin=subprocess.PIPE)  # noqa: S603 - our own interpreter and module
+        try:
+            wait_for(address, process)
+            yield address
+        finally:
+            if process.stdin is not None:
+                process.stdin.close()
+            process.wait(10.0)
+
+
+def wait_for(address: Address, process: subprocess.Popen[bytes], timeout_s: float = 60.0) -> None:
+    """Wait until a process serves.
+
+    Raises:
+        RuntimeError: It has ended, or does not in time.
+    """
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline and process.poll() is None:
+        with contextlib.suppress(BusUnavailableError):
+            connect_local(address).close()
+            return
+        time.sleep(0.02)
+    raise RuntimeError(f"nobody serves at {address}")
+
+
+class Clocked:
+    """Notes when a session's motion begins and ends: set-up, approach and restoration do not count."""
+
+    def __init__(self) -> None:
+        self.begin = self.end = self.share = 0.0
+
+    def __call__(self, share: float) -> None:
+        """Called by the session, at each 256th cycle and at the end."""
+        if share == 0.0:
+            self.begin = time.perf_counter()
+        elif share < 1.0:
+            self.end, self.share = time.perf_counter(), share
+
+
+def run(channel: Channel, count: int, period_s: float, loop: Loop, duration_s: float) -> float:
+    """One run of a session on a channel: motion time over wall time.
+
+    Raises:
+        RuntimeError: It was stopped, or an answer is missing.
+    """
+    bench, clocked = bench_of(count, sync_period_s=period_s), Clocked()
+    with Session(bench, channel, BusLog(None), clocked) as session:
+        session.bring_up()
+        result = session.run(swing(count, period_s, duration_s), "none", loop)
+    if result.stopped is not None or result.missed_cycles or result.sensor_missed:
+        raise RuntimeError(f"{count} axes: {result.stopped}, {result.missed_cycles} cycles missed")
+    return clocked.share * result.motion_s / (clocked.end - clocked.begin)
+
+
+Case = tuple[int, float, Loop, int | None, float]
+"""Axes, SYNC period, where the loop is closed, bit rate, duration of the motion."""
+
+
+def in_process(case: Case) -> Callable[[], float]:
+    """A run with everything in one process, to be repeated."""
+    count, period_s, loop, bitrate, duration_s = case
+    world = World(robot_of(count, period_s))
+    channel = InProcessChannel(world, medium_for(world, bitrate))
+    return lambda: run(channel, count, period_s, loop, duration_s)
+
+
+@contextlib.contextmanager
+def as_processes(case: Case) -> Iterator[Callable[[], float]]:
+    """The same over the local bus, the emulator a process."""
+    count, period_s, loop, bitrate, duration_s = case
+    with emulator(count, period_s, bitrate) as address:
+        channel = RawChannel(address)
+        try:
+            yield lambda: run(channel, count, period_s, loop, duration_s)
+        finally:
+            channel.close()
+
+
+def whole_bench(rounds: int = 3) -> list[str]:
+    """The cases that matter: the loop closed over the bus at 250 µs, and drive-closed at 1 ms with bit times and without."""
+    cases: list[Case] = [
+        (6, 250e-6, "host", None, 0.75),
+        (3, 250e-6, "host", None, 0.75),
+        (3, 1e-3, "drive", None, 3.0),
+        (3, 1e-3, "drive", BITRATE, 3.0),
+    ]
+    rows: list[Row] = []
+    for case in cases:
+        count, period_s, loop, bitrate, _ = case
+        progress(f"bench: {count} axes, {1e3 * period_s:g} ms, {loop}-closed, {'no' if bitrate is None else bitrate} bit times")
+        with as_processes(case) as apart:
+            found = in_turn({"one": in_process(case), "two": apart}, rounds)
+        cycle_us = 1e6 * period_s
+        times = [value for factor in found.values() for value in (factor, cycle_us / factor)]
+        rows.append((count, f"{cycle_us:g} µs", f"{loop}-closed", "without" if bitrate is None else "1 Mbit/s", *times))
+    heads = ("axes", "SYNC", "loop", "bit times", "one process: × real time", "µs per cycle")
+    return table((*heads, "two processes: × real time", "µs per cycle"), rows)
+
+
+def growth(counts: tuple[int, ...] = (1, 3, 6, 12, 20, 30)) -> list[str]:
+    """A cycle of the whole bench at 1 ms, in one process, from one axis to thirty."""
+    rows: list[Row] = []
+    first = 0.0
+    for count in counts:
+        progress(f"growth: {count} axes")
+        factor = in_turn({"ours": in_process((count, 1e-3, "drive", None, 1.0))}, 3)["ours"]
+        cycle_us = 1e3 / factor
+        first = first or cycle_us
+        rows.append((count, factor, cycle_us, f"{shown(cycle_us / first)}"))
+    return table(("axes", "× real time", "µs per cycle", "of one axis'"), rows)
