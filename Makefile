@@ -18,7 +18,7 @@ fi
 endef
 
 # The slow tests take minutes: always in CI, elsewhere by `make test CI=1`.
-SELECT := $(if $(CI),,-m "not slow")
+SELECT := $(if $(CI),-m "not vm",-m "not slow")
 
 .PHONY: demo test bench lint format lock clean
 
@@ -27,6 +27,9 @@ demo: $(INSTALLED)
 
 test: lint
 	$(BIN)/python -m pytest -n 2 $(SELECT)
+ifdef CI
+	$(BIN)/python -m pytest -m vm
+endif
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks --out docs/performance.md

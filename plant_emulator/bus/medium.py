@@ -10,8 +10,8 @@ from plant_emulator.bus.timed import Heard, TimedBus
 from plant_emulator.bus.wire import Wire
 from plant_emulator.world import SECOND, World
 
-_PROCESS_DATA = range(0x180, 0x580)
-"""Identifiers of PDOs in the predefined connection set (CiA 301, 7.3.3)."""
+_UNANSWERED = (range(0x180, 0x580), range(0x700, 0x780))
+"""Identifiers of PDOs and heartbeats in the predefined connection set (CiA 301, 7.3.3)."""
 NODES = 0
 """Port of all nodes together, where nobody counts bits."""
 
@@ -161,11 +161,12 @@ class Timed:
     def frame(self, port: int, frame: Frame) -> list[Heard]:
         """It is queued; in lock-step time passes until it, and what it causes, has ended.
 
-        Process data wait for the SYNC behind them: they leave at the same beat, one after the other.
+        What is not answered, process data and heartbeats, waits for the SYNC behind it: all leave at the same beat, one after the
+        other, and the beats stay where they are.
         """
         self._bus.offer(port, frame)
         self._is_idle = False
-        if self.clock == clock.WALL or frame.can_id in _PROCESS_DATA:
+        if self.clock == clock.WALL or any(frame.can_id in identifiers for identifiers in _UNANSWERED):
             return []
         return self.idle()
 

@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -23,23 +24,34 @@ def reason_to_skip() -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(LIMIT_S + 60.0)
+@pytest.mark.vm
+@pytest.mark.timeout(2.0 * LIMIT_S + 60.0)
 @pytest.mark.skipif(bool(reason_to_skip()), reason=reason_to_skip())
 def test_all_tests_on_vcan_pass_in_a_virtual_machine(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    root = Path(__file__).parents[2]
-    results = tmp_path / "results.xml"
+    done, failed = session(tmp_path / "results.xml", ["tests/vcan"])
+    with capfd.disabled():  # the result of the session inside
+        print(f"\n{done.stdout.splitlines()[-1] if done.stdout else 'no output'} (in a virtual machine)")  # noqa: T201
+    if failed:
+        # their clock is that of a virtual machine on a machine that others use: what fails alone as well has failed
+        with capfd.disabled():
+            print(f"once more, alone: {', '.join(failed)}")  # noqa: T201
+        done, failed = session(tmp_path / "again.xml", failed)
+    assert not failed, f"{done.stdout}\n{done.stderr}"
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+
+
+def session(results: Path, what: list[str]) -> tuple[subprocess.CompletedProcess[str], list[str]]:
+    """Run tests in the machine; what pytest said, and which failed."""
     done = subprocess.run(
         [sys.executable, str(MACHINE), "--limit-s", str(LIMIT_S), "--",
          sys.executable, "-m", "pytest", "-m", "vcan", "-p", "no:cacheprovider", "-p", "no:xdist", "-rs", "--durations=8",
-         "-o", "timeout=300", f"--junit-xml={results}", "tests/vcan"],
-        cwd=root, capture_output=True, text=True, check=False,
+         "-o", "timeout=300", f"--junit-xml={results}", *what],
+        cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False,
     )  # fmt: skip
-    with capfd.disabled():  # the result of the session inside
-        print(  # noqa: T201
-            f"\n{done.stdout.splitlines()[-1] if done.stdout else 'no output'} (in a virtual machine)"
-        )
-    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
-    assert results.exists()
+    assert results.exists(), f"{done.stdout}\n{done.stderr}"
+    cases = ElementTree.parse(results).iter("testcase")  # noqa: S314 - written by our own pytest
+    failed = [case for case in cases if case.find("failure") is not None or case.find("error") is not None]
+    return done, [f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}" for case in failed]
 
 
 def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

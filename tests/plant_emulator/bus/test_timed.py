@@ -148,3 +148,17 @@ def test_equal_worlds_behind_equal_wires_hear_equal_frames_at_equal_instants():
         return [h for _ in range(100) for h in made.cycle(CLIENT, SYNC, 1_000_000)]
 
     assert history() == history()
+
+
+def test_a_heartbeat_of_the_client_leaves_with_its_next_sync_and_does_not_move_the_beat():
+    made = bus()
+    medium = Timed(made, wall=False)
+    for node in made.world._nodes:
+        node.slave.dictionary.set(0x1006, 0, 2000)
+    list(medium.cycle(CLIENT, SYNC))
+    beat = made.world.now
+    assert medium.frame(CLIENT, Frame(0x701, b"\5")) == []
+    assert made.world.now == beat
+    [heard] = medium.cycle(CLIENT, SYNC)
+    assert [h.frame.can_id for h in heard[:2]] == [0x701, 0x80]
+    assert made.world.now == beat + 2_000_000
