@@ -21,6 +21,8 @@ from drive_profiles.parameters import ParameterSet
 from drive_profiles.sdo import SdoPort
 from drive_profiles.target import device_at
 
+pytestmark = pytest.mark.timeout(900)  # minutes on a machine that does other things as well
+
 runner = CliRunner()
 START_TIMEOUT_S = 120.0
 

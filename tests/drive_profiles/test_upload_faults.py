@@ -11,6 +11,8 @@ from drive_profiles.parameter import place_of
 from drive_profiles.parameters import Item, ParameterSet
 from tests.drive_profiles import upload_rig as rig
 
+pytestmark = pytest.mark.timeout(900)  # minutes on a machine that does other things as well
+
 CLEAN = rig.node()
 BEFORE = rig.contents(CLEAN)
 

@@ -23,6 +23,8 @@ from plant_emulator.pytest_plugin.interference import Interference
 from plant_emulator.pytest_plugin.served import ServedBus
 from plant_emulator.robot import load_robot
 
+pytestmark = pytest.mark.timeout(900)  # minutes on a machine that does other things as well
+
 pytest_plugins = ["pytester"]
 
 Run = Callable[..., pytest.RunResult]
