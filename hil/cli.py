@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hil import cli_plan
+from hil.cli_plan import PlanCompensation, PlanLoop
 
 if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
     from hil.experiments.plan import Experiment
@@ -41,20 +42,6 @@ class ExperimentName(StrEnum):
 
     CONSTANT_ACCELERATION = "constant-acceleration"
     LINE_MOTION = "line-motion"
-
-
-class CompensationName(StrEnum):
-    """What acts against the transmission error."""
-
-    NONE = "none"
-    NOTCH = "notch"
-
-
-class LoopName(StrEnum):
-    """Where the loop is closed."""
-
-    DRIVE = "drive"
-    HOST = "host"
 
 
 class ClockName(StrEnum):
@@ -258,8 +245,8 @@ def run(
     experiment: Annotated[ExperimentName, typer.Argument(help="What is asked of the robot.")],
     bench_file: Annotated[str, typer.Option("--bench", help="Bench file (TOML), or `reference`.")],
     axis: Annotated[int | None, typer.Option("--axis", help="Axis of a constant-acceleration run.")] = None,
-    compensation: Annotated[CompensationName, typer.Option(help="What acts against it.")] = CompensationName.NONE,
-    loop: Annotated[LoopName, typer.Option(help="Where the loop is closed.")] = LoopName.DRIVE,
+    compensation: Annotated[PlanCompensation, typer.Option(help="What acts against it.")] = PlanCompensation.NONE,
+    loop: Annotated[PlanLoop, typer.Option(help="Where the loop is closed.")] = PlanLoop.DRIVE,
     bus: Annotated[str | None, typer.Option("--bus", help="Bus address instead of the bench file's.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Directory; left out: a new one in bench-out.")] = None,
     as_json: JsonOption = False,

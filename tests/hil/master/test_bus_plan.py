@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drive_profiles.cia301 import FunctionCode
 from hil.can.bits import FD_LENGTHS, fd_bits
 from hil.errors import NotPossibleError
 from hil.experiments.motions import constant_acceleration
@@ -19,9 +20,9 @@ from hil.master.session import MAX_SENSITIVITY as SESSION_MAX_SENSITIVITY
 from hil.master.session import Session
 from hil.master.wire import Wire, fd_worst_bits
 from hil.recording import BusLog
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robot import load_robot
 from plant_emulator.world import World
-from tests.bench.world_channel import SYNC_ID, WorldChannel
 
 MEGABIT = Wire(1_000_000)
 BENCH = load_bench("reference")
@@ -230,7 +231,7 @@ def test_the_plan_is_what_the_master_sends(loop, compensation):
     """Every cyclic frame of a run, by identifier and length."""
     motion = BENCH.constant_acceleration.model_copy(update={"acceleration_rps_s": 8.0, "end_rps": 1.0, "tail_s": 0.05})
     bench = with_bus(answer_timeout_s=0.05).model_copy(update={"constant_acceleration": motion})
-    channel = WorldChannel(World(load_robot("reference")))
+    channel = InProcessChannel(World(load_robot("reference")))
     seen = []
 
     def keep(frame):
@@ -238,14 +239,14 @@ def test_the_plan_is_what_the_master_sends(loop, compensation):
             seen[-1].add((frame.can_id, len(frame.data)))
         return True
 
-    channel.on_sync = lambda number: seen.append({(f.can_id, len(f.data)) for f in channel.sent[-2:-1] if f.can_id < 0x580})
-    channel.filter = lambda frame: not seen or keep(frame)
+    channel.on_sync = lambda number: seen.append({(f.can_id, len(f.data)) for f in [*channel.sent][-2:-1] if f.can_id < 0x580})
+    channel.passes = lambda frame: not seen or keep(frame)
     period = 250e-6 if loop == "host" else 1e-3
     with Session(bench, channel, BusLog(None)) as session:
         session.bring_up()
         session.run(constant_acceleration(bench, 2, period), compensation, loop)
     plan = plan_cycle(bench, (2,), loop, period, notch_state=loop == "drive" and compensation == "notch")
-    expected = {(frame.can_id, frame.length) for frame in plan.frames if frame.can_id != SYNC_ID}
+    expected = {(frame.can_id, frame.length) for frame in plan.frames if frame.can_id != FunctionCode.SYNC}
     middle = seen[len(seen) // 2]
     assert middle == expected
     assert [frame.kind for frame in plan.frames[:2]] == ["command", "sync"]

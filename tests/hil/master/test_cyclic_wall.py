@@ -23,10 +23,10 @@ from hil.master.bench import Bench, RealTimeTable, load_bench
 from hil.master.run import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
+from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.motion import BRAKED
 from plant_emulator.robot import load_robot
 from plant_emulator.world import World
-from tests.bench.world_channel import WorldChannel
 from tests.hil.master.virtual_time import NS, VirtualBus, VirtualClock
 
 PERIOD_S = 0.02
@@ -241,7 +241,7 @@ def test_a_limit_beyond_the_period_is_refused() -> None:
 
 
 def test_in_lock_step_there_is_no_timing() -> None:
-    session = Session(BENCH, WorldChannel(World(ROBOT)), BusLog(None))
+    session = Session(BENCH, InProcessChannel(World(ROBOT)), BusLog(None))
     with session:
         session.bring_up()
         result = session.run(constant_acceleration(BENCH, 2, PERIOD_S), "none", "drive")
@@ -255,7 +255,7 @@ def test_in_lock_step_there_is_no_timing() -> None:
 def test_another_clock_than_the_bus_has_is_refused(
     wanted: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    channel = WorldChannel(World(ROBOT)) if wanted == "wall" else VirtualBus(World(ROBOT), VirtualClock())
+    channel = InProcessChannel(World(ROBOT)) if wanted == "wall" else VirtualBus(World(ROBOT), VirtualClock())
     monkeypatch.setattr("hil.experiments.runner.open_channel", lambda address: channel)
     with pytest.raises(NotPossibleError, match=words) as error:
         run_experiments(BENCH, [Experiment("constant-acceleration", 2, "none")], tmp_path, clock=wanted)  # type: ignore[arg-type]
