@@ -43,7 +43,7 @@ class IdentifiedPlant(Table):
     """
 
     values: PlantTable
-    standard_error: Errors = {}
+    standard_error: Errors = Field(default_factory=dict)
     antiresonance_hz: Positive
     resonance_hz: Positive
     damping: Positive
@@ -67,7 +67,7 @@ class IdentifiedError(Table):
     """
 
     values: TransmissionError
-    standard_error: Errors = {}
+    standard_error: Errors = Field(default_factory=dict)
     arm_hz: Positive | None = None
     damping: Positive | None = None
     accelerometer_delay_s: float = 0.0
@@ -91,7 +91,7 @@ class Identified(Table):
     """
 
     robot: str
-    axis: dict[Annotated[int, Field(ge=1, le=6)], IdentifiedAxis] = {}
+    axis: dict[Annotated[int, Field(ge=1, le=6)], IdentifiedAxis] = Field(default_factory=dict)
 
     def with_part(self, number: int, part: IdentifiedPlant | IdentifiedError) -> "Identified":
         """The file with one part of one axis put in, or in the place of an older one."""

@@ -75,7 +75,8 @@ def test_the_bench_takes_what_was_identified_and_keeps_the_rest() -> None:
     bench = load_bench("reference")
     taken = with_identified(bench, Identified(robot="reference").with_part(2, PLANT).with_part(3, ERROR))
     two, three, five = taken.axis[2].model, taken.axis[3].model, taken.axis[5]
-    assert two is not None and three is not None
+    assert two is not None
+    assert three is not None
     assert two.gear_stiffness_nm_rad == 48000.0
     assert two.ate == bench.axis[2].model.ate  # type: ignore[union-attr]
     assert three.ate == ERROR.values
