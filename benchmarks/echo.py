@@ -23,22 +23,27 @@ def feedback_ids(count: int) -> list[int]:
 def serve(sock: socket.socket, count: int, *, until_peer_leaves: bool) -> None:
     """Answer each SYNC with a TPDO per node, whose position is what its RPDO has brought last."""
     answers = {can_id + 0x80: pack(Frame(can_id, PATTERN)) for can_id in feedback_ids(count)}
+    together = False
     while True:
-        record = sock.recv(RECORD.size)
-        if not record:
+        message = sock.recv(clock.MAX_RECORDS * RECORD.size)
+        if not message:
             if until_peer_leaves:
                 return
             continue
-        if record[:4] == SYNC_HEAD:
-            for answer in answers.values():
-                sock.send(answer)
-            continue
-        can_id = int.from_bytes(record[:4], sys.byteorder)
-        old = answers.get(can_id)
-        if old is not None:
-            answers[can_id] = old[:10] + record[10:14] + old[14:]
-        elif can_id == clock.CLOCK_ID and (frame := unpack(record)) is not None and clock.read_question(frame.data):
-            sock.send(pack(clock.answer(clock.LOCK_STEP, None)))
+        for begin in range(0, len(message), RECORD.size):
+            record = message[begin : begin + RECORD.size]
+            if record[:4] == SYNC_HEAD:
+                for answer in (b"".join(answers.values()),) if together else answers.values():
+                    sock.send(answer)
+                continue
+            can_id = int.from_bytes(record[:4], sys.byteorder)
+            old = answers.get(can_id)
+            if old is not None:
+                answers[can_id] = old[:10] + record[10:14] + old[14:]
+            elif can_id == clock.CLOCK_ID and (frame := unpack(record)) is not None:
+                asked = clock.read_question(frame.data)
+                together = asked is not None and asked.several
+                sock.send(pack(clock.answer(clock.LOCK_STEP, None, several=together)))
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.echo import feedback_ids
@@ -17,10 +17,12 @@ from benchmarks.stranger import Master, Nodes
 from benchmarks.whole_bench import wait_for
 from drive_profiles.address import LOCAL, SOCKETCAN, Address
 from drive_profiles.cia402 import Mode
+from hil.can import clock
 from hil.can.channel import Channel
 from hil.can.frame import RECORD, Frame, pack
 from hil.can.raw import RawChannel, connect_local, share_core
 from hil.control.servo import Servo, ServoConfig
+from hil.control.servo_bank import ServoBank
 from hil.master.axis import DriveAxis
 from hil.master.cyclic import CyclicPlan
 from hil.master.network import Network
@@ -39,8 +41,8 @@ class EchoPlan(CyclicPlan):
         """Take the identifiers; nothing is sent."""
         for slot, can_id in zip(self.slots, feedback_ids(len(self.slots)), strict=True):
             slot._command_id, slot.feedback_id, slot.control_word = can_id + 0x80, can_id, 0x0F
-            self._by_id[can_id] = slot
-        self._expected = frozenset(self._by_id)
+            self._takers[can_id] = slot.take_feedback
+        self.expect(set(self._takers))
 
 
 def laws(count: int) -> list[Servo]:
@@ -66,14 +68,15 @@ def ours(channel: Channel, count: int) -> Callable[[], None]:
     axes = [DriveAxis(network, n + 1, bench.axis[SINGLE]) for n in range(count)]
     plan = EchoPlan(network, axes, 0, PERIOD_S, mode=Mode.CSP, with_notch_state=False, max_lateness_s=1.0)
     plan.configure()
-    servos = laws(count)
+    configs = [law.config for law in laws(count)]
+    bank, references = ServoBank(configs, PERIOD_S), [0.0] * count
 
     def cycle() -> None:
         plan.exchange()
         if plan.missing_answers:
             raise RuntimeError("a node has not answered")
-        for slot, servo in zip(plan.slots, servos, strict=True):
-            torque = servo.step(0.0, slot.axis.scaling.position_rad(slot.position_counts))
+        torques = bank.step(references, [slot.position_rad for slot in plan.slots])
+        for slot, torque in zip(plan.slots, torques, strict=True):
             slot.target = slot.axis.scaling.torque_per_mille(torque)
 
     return cycle
@@ -102,13 +105,20 @@ class _Nowhere:
         """Nothing comes."""
         return None
 
+    def send_all(self, frames: Sequence[Frame]) -> None:
+        """Forget them."""
+
+    def receive_all(self, timeout_s: float) -> list[Frame]:
+        """Nothing comes."""
+        return []
+
     def close(self) -> None:
         """Leave."""
 
 
 def bare(sock: socket.socket, count: int) -> Callable[[], None]:
-    """The same frames and nothing else: no master in Python on this path can be faster."""
-    commands = [pack(Frame(can_id + 0x80, b"\x0f\x00\x01\x00\x00\x00")) for can_id in feedback_ids(count)]
+    """The same frames, one message each, and nothing else."""
+    commands = _commands(count)
     sync, size = pack(Frame(0x80, b"")), RECORD.size
     send, recv = sock.send, sock.recv
 
@@ -120,6 +130,26 @@ def bare(sock: socket.socket, count: int) -> Callable[[], None]:
             recv(size)
 
     return cycle
+
+
+def bare_together(sock: socket.socket, count: int) -> Callable[[], None]:
+    """The same frames in one message each way, and nothing else: no master in Python on this path can be faster."""
+    message = b"".join(_commands(count)) + pack(Frame(0x80, b""))
+    size = count * RECORD.size
+    sock.send(pack(clock.question(several=True)))
+    sock.recv(size)
+    send, recv = sock.send, sock.recv
+
+    def cycle() -> None:
+        send(message)
+        if len(recv(size)) != size:
+            raise RuntimeError("not all answers came together")
+
+    return cycle
+
+
+def _commands(count: int) -> list[bytes]:
+    return [pack(Frame(can_id + 0x80, b"\x0f\x00\x01\x00\x00\x00")) for can_id in feedback_ids(count)]
 
 
 @contextlib.contextmanager
@@ -155,8 +185,8 @@ def _on_vcan(count: int) -> float | None:
 def _contend(count: int) -> dict[str, float]:
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench-")))
-        first, second = Address(LOCAL, str(folder / "a")), Address(LOCAL, str(folder / "b"))
-        for address in (first, second):
+        first, second, third = (Address(LOCAL, str(folder / name)) for name in "abc")
+        for address in (first, second, third):
             stack.enter_context(echo(address, count))
         stack.enter_context(Nodes(f"bench-{count}", count))
         master = Master(f"bench-{count}", count)
@@ -164,11 +194,13 @@ def _contend(count: int) -> dict[str, float]:
         whole = os.sched_getaffinity(0)
         channel = RawChannel(first)
         stack.callback(channel.close)
-        sock = stack.enter_context(connect_local(second))
+        sock, together = (stack.enter_context(connect_local(address)) for address in (second, third))
         os.sched_setaffinity(0, whole)
         share_core(sock)
+        os.sched_setaffinity(0, whole)
+        share_core(together)
         cores = os.sched_getaffinity(0)
-        cycles = {"ours": ours(channel, count), "bare": bare(sock, count)}
+        cycles = {"ours": ours(channel, count), "bare": bare(sock, count), "together": bare_together(together, count)}
         library = theirs(master, count)
 
         def on(cpus: set[int], cycle: Callable[[], None]) -> float:
@@ -188,7 +220,9 @@ def master_path(counts: tuple[int, ...] = (1, 3, 6)) -> list[str]:
         library = max(found["canopen"], found["canopen, free"])
         mine, limit = found["ours"], found["bare"]
         vcan = _on_vcan(count)
-        rows.append((count, mine, vcan, library, limit, mine / library, mine / limit))
-    heads = ("axes", "ours, local bus, cycles/s", "ours, vcan0", "`canopen` on `virtual`", "bare ping-pong", "ours / `canopen`")
+        together = found["together"]
+        rows.append((count, mine, vcan, library, limit, together, mine / library, mine / limit, mine / together))
+    heads = ("axes", "ours, local bus, cycles/s", "ours, vcan0", "`canopen` on `virtual`", "bare, a message per frame",
+             "bare, a message each way", "ours / `canopen`", "ours / bare, per frame")  # fmt: skip
     note = "" if Path("/sys/class/net", VCAN).exists() else f" There is no {VCAN} here, so SocketCAN was not measured."
-    return [*table((*heads, "ours / bare"), rows), "", f"`canopen` on one core or free, whichever was faster.{note}"]
+    return [*table((*heads, "ours / bare, each way"), rows), "", f"`canopen` on one core or free, whichever was faster.{note}"]

@@ -49,6 +49,8 @@ def to_integer(value: Any, limits: tuple[int, int], what: str, unit: str, factor
         OutOfRangeError: Outside the limits, or not finite; of an array, the worst element is named.
     """
     low, high = limits
+    if type(value) is float and low <= (product := value * factor) <= high:
+        return round(product)  # every set-point of every cycle passes here
     if isinstance(value, np.ndarray):
         scaled = np.rint(np.asarray(value, dtype=np.float64) * factor)
         outside = ~((scaled >= low) & (scaled <= high))  # true for NaN as well

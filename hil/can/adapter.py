@@ -1,6 +1,8 @@
 """A channel on any python-can bus."""
 
+import contextlib
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import can
@@ -60,13 +62,24 @@ class AdapterChannel:
             if not message.is_fd:
                 return _frame(message)
 
+    def send_all(self, frames: Sequence[Frame]) -> None:
+        """Put frames on the bus, one after the other."""
+        for frame in frames:
+            self.send(frame)
+
+    def receive_all(self, timeout_s: float) -> list[Frame]:
+        """The next frame by itself."""
+        frame = self.receive(timeout_s)
+        return [] if frame is None else [frame]
+
     def _lose(self, error: Exception) -> BusLostError:
         self._lost = BusLostError(self.address, str(error))
         return self._lost
 
     def close(self) -> None:
-        """Leave the bus."""
-        self._bus.shutdown()
+        """Leave the bus; a port that has gone has left by itself."""
+        with contextlib.suppress(can.CanError, OSError):
+            self._bus.shutdown()
 
 
 def _frame(message: can.Message) -> Frame:

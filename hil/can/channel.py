@@ -1,5 +1,6 @@
 """What the master asks of a bus: send a frame, receive one by an instant."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from drive_profiles.address import LOCAL, SOCKETCAN, Address
@@ -56,6 +57,22 @@ class Channel(Protocol):
 
     def receive(self, timeout_s: float) -> Frame | None:
         """The next frame, or None when none came in time.
+
+        Raises:
+            BusLostError: The bus is gone.
+        """
+        ...
+
+    def send_all(self, frames: Sequence[Frame]) -> None:
+        """Put frames on the bus, one after the other; in one piece where the bus takes that.
+
+        Raises:
+            BusLostError: One cannot be sent; neither can those behind it.
+        """
+        ...
+
+    def receive_all(self, timeout_s: float) -> list[Frame]:
+        """The next frame and those that have come in one piece with it; empty when none came in time.
 
         Raises:
             BusLostError: The bus is gone.

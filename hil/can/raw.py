@@ -16,7 +16,7 @@ from drive_profiles.address import LOCAL, Address
 from hil.can import clock
 from hil.can.channel import BusLostError, BusUnavailableError
 from hil.can.errors_frame import ALL_CLASSES, decode
-from hil.can.frame import CAN_ERR_FLAG, RECORD, Frame, pack, unpack
+from hil.can.frame import CAN_ERR_FLAG, CAN_SFF_MASK, MAX_DATA_LENGTH, RECORD, Frame, pack, unpack
 
 # <linux/can/raw.h> and <asm/socket.h>; the socket module does not give them everywhere
 _SOL_CAN_RAW, _CAN_RAW_FILTER, _CAN_RAW_ERR_FILTER = 101, 1, 2
@@ -35,6 +35,7 @@ _LOST_WORDS = {
 _SENSIBLE_SEND_S = 1.0
 _SYNC = 0x80
 _ANSWER_S = 2.0
+_MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size
 MAX_EARLY = 256
 """Frames that are kept while the local bus is asked for its clock."""
 _TIMEVAL = struct.Struct("@ll")
@@ -179,7 +180,9 @@ class RawChannel:
         self.is_lock_step = self._is_local
         self.lag_ns = 0
         self._syncs = 0
-        self._early: deque[Frame] = deque(maxlen=MAX_EARLY)
+        self._takes_several = False
+        self._early: deque[Frame] = deque()  # bounded by a message
+        self._is_over = False
         self.overflows = 0
         self.error_warnings = 0
         self.told: deque[str] = deque(maxlen=MAX_TOLD)
@@ -198,6 +201,7 @@ class RawChannel:
         if self._lost is not None:
             raise self._lost
         record = pack(frame)
+        self._is_over = False
         if frame[0] == _SYNC:
             self._syncs += 1
         try:
@@ -206,6 +210,41 @@ class RawChannel:
             self._send_when_free(record)
         except OSError as error:
             raise self._lose(error) from error
+
+    def send_all(self, frames: Sequence[Frame]) -> None:
+        """Put frames on the bus, in one message where the local bus takes that."""
+        if not self._takes_several or len(frames) > clock.MAX_RECORDS:
+            for frame in frames:
+                self.send(frame)
+            return
+        if self._lost is not None:
+            raise self._lost
+        record = RECORD.pack
+        records = b"".join(
+            [
+                record(can_id, len(data), data)
+                if 0 <= can_id <= CAN_SFF_MASK and len(data) <= MAX_DATA_LENGTH
+                else pack(Frame(can_id, data))
+                for can_id, data in frames
+            ]
+        )
+        self._is_over = False
+        self._syncs += sum([frame[0] == _SYNC for frame in frames])
+        try:
+            self._socket.send(records, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            self._send_when_free(records)
+        except OSError as error:
+            raise self._lose(error) from error
+
+    def receive_all(self, timeout_s: float) -> list[Frame]:
+        """The frames of the next message, or none when none came in time."""
+        frame = self.receive(timeout_s)
+        if frame is None:
+            return []
+        frames = [frame, *self._early]
+        self._early.clear()
+        return frames
 
     def _send_when_free(self, record: bytes) -> None:
         try:
@@ -224,6 +263,9 @@ class RawChannel:
             raise self._lost
         if self._early:
             return self._early.popleft()
+        if self._is_over:
+            self._is_over = False
+            return None
         if not self._is_local:
             return self._read_can(timeout_s)
         if not self.is_lock_step and timeout_s > 0.0:  # a socket's own time-out is counted in jiffies, up to 10 ms each
@@ -241,13 +283,21 @@ class RawChannel:
         frame = self._from_stream(b"") if self._buffer else None
         while frame is None:
             try:
-                record = self._socket.recv(4096 if self._is_stream else RECORD.size, flags)
+                record = self._socket.recv(_MESSAGE_BYTES if self._is_local else RECORD.size, flags)
             except BlockingIOError:
                 return None
             except OSError as error:
                 raise self._lose(error) from error
             if not record:
                 raise self._lose(OSError(errno.ECONNRESET, "the other end has closed it"))
+            if self._takes_several:
+                self._take_message(record)
+                if self._early:
+                    return self._early.popleft()
+                if self._is_over:
+                    self._is_over = False
+                    return None
+                continue
             frame = self._from_stream(record) if self._is_stream else unpack(record)
             if frame is not None and frame.can_id == clock.CLOCK_ID:
                 if self._is_period_over(frame.data):
@@ -255,23 +305,40 @@ class RawChannel:
                 frame = None
         return self._noted(frame) if frame.can_id & CAN_ERR_FLAG else frame
 
+    def _take_message(self, message: bytes) -> None:
+        """The records of a message, one behind the other; what is no frame is passed over."""
+        if len(message) % RECORD.size:
+            return
+        keep = self._early.append
+        for can_id, length, data in RECORD.iter_unpack(message):
+            if length > MAX_DATA_LENGTH:
+                continue
+            if not can_id & CAN_ERR_FLAG:
+                keep(Frame(can_id, data[:length]))
+            elif can_id != clock.CLOCK_ID:
+                keep(self._noted(Frame(can_id, data[:length])))
+            elif self._is_period_over(data[:length]):
+                self._is_over = True
+
     def _ask_for_the_clock(self) -> None:
         """Ask the local bus whether it counts time in SYNCs, and its bit rate; one that does not answer does, and has none."""
-        self._socket.send(pack(clock.question()))
+        self._socket.send(pack(clock.question(several=not self._is_stream)))
         deadline = time.monotonic() + _ANSWER_S
         while (left := deadline - time.monotonic()) > 0.0:
             if not self._buffer and not select.select([self._socket], [], [], left)[0]:
                 return
-            record = b"" if self._is_stream and len(self._buffer) >= RECORD.size else self._socket.recv(RECORD.size)
+            record = b"" if self._is_stream and len(self._buffer) >= RECORD.size else self._socket.recv(_MESSAGE_BYTES)
             frame = self._from_stream(record) if self._is_stream else unpack(record)
             if frame is None:
                 continue
             said = clock.read_answer(frame.data) if frame.can_id == clock.CLOCK_ID else None
             if said is not None:
-                self.is_lock_step = said[0] == clock.LOCK_STEP
-                self.address = replace(self.address, bitrate=said[1])
+                self.is_lock_step = said.clock == clock.LOCK_STEP
+                self.address = replace(self.address, bitrate=said.bitrate)
+                self._takes_several = said.several and not self._is_stream
                 return
-            self._early.append(frame)
+            if len(self._early) < MAX_EARLY:
+                self._early.append(frame)
 
     def _is_period_over(self, data: bytes) -> bool:
         """Whether this says that the period of our last SYNC is over: nothing more will come in it."""

@@ -3,6 +3,7 @@
 import math
 import struct
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from drive_profiles.cia301 import DataType
@@ -19,8 +20,9 @@ from hil.serial_accelerometer import SerialAccelerometer
 
 U8, U32 = DataType.UNSIGNED8, DataType.UNSIGNED32
 
-_POSITION_COMMAND = struct.Struct("<Hi")
-_TORQUE_COMMAND = struct.Struct("<Hh")
+POSITION_COMMAND = struct.Struct("<Hi")
+TORQUE_COMMAND = struct.Struct("<Hh")
+OFFSET_COMMAND = struct.Struct("<Hih")
 _FEEDBACK = struct.Struct("<Hih")
 _NOTCH = struct.Struct("<Bf")
 _ACCELERATION = struct.Struct("<hhh")
@@ -39,6 +41,7 @@ class Slot:
         axis: Whose.
         control_word: Sent with the next cycle.
         target: Sent with it: counts (CSP) or per mille of the rated torque (CST).
+        torque_offset: Sent with it in CSP where the plan has it: per mille of the rated torque.
         status_word: As received.
         position_counts: As received.
         torque_per_mille: As received.
@@ -49,6 +52,7 @@ class Slot:
     axis: DriveAxis
     control_word: int = 0
     target: int = 0
+    torque_offset: int = 0
     status_word: int = 0
     position_counts: int = 0
     torque_per_mille: int = 0
@@ -57,11 +61,44 @@ class Slot:
     feedback_id: int = 0
     notch_id: int = 0
     _command_id: int = 0
-    _packer: struct.Struct = field(default=_POSITION_COMMAND)
+    _packer: struct.Struct = field(default=POSITION_COMMAND)
+
+    def __post_init__(self) -> None:
+        """Keep the scale at hand."""
+        self._rad_per_count = self.axis.scaling.position_rad(1)
+        self._nm_per_mille = self.axis.scaling.torque_nm(1)
 
     def command(self) -> Frame:
         """The RPDO of this cycle."""
-        return Frame(self._command_id, self._packer.pack(self.control_word, self.target))
+        packer = self._packer
+        if packer is OFFSET_COMMAND:
+            return Frame(self._command_id, packer.pack(self.control_word, self.target, self.torque_offset))
+        return Frame(self._command_id, packer.pack(self.control_word, self.target))
+
+    def take_feedback(self, data: bytes) -> bool:
+        """What the first TPDO has brought; whether it is whole."""
+        if len(data) != _FEEDBACK.size:
+            return False
+        self.status_word, self.position_counts, self.torque_per_mille = _FEEDBACK.unpack(data)
+        return True
+
+    def take_notch(self, data: bytes) -> bool:
+        """What the second TPDO has brought; whether it is whole."""
+        if len(data) != _NOTCH.size:
+            return False
+        active, frequency = _NOTCH.unpack(data)
+        self.notch_hz = frequency if active and math.isfinite(frequency) else 0.0
+        return True
+
+    @property
+    def position_rad(self) -> float:
+        """Motor angle as received."""
+        return self.position_counts * self._rad_per_count
+
+    @property
+    def torque_nm(self) -> float:
+        """Torque as received."""
+        return self.torque_per_mille * self._nm_per_mille
 
 
 class CyclicPlan:
@@ -87,6 +124,7 @@ class CyclicPlan:
         *,
         mode: Mode,
         with_notch_state: bool,
+        with_torque_offset: bool = False,
         clock: Clock | None = None,
         max_lateness_s: float | None = None,
     ) -> None:
@@ -99,6 +137,7 @@ class CyclicPlan:
             period_s: SYNC period.
             mode: CSP (position set-points) or CST (torque set-points).
             with_notch_state: Let the drives tell what their first filter does, in a second TPDO.
+            with_torque_offset: Send a torque offset beside each position set-point.
             clock: The time of a bus that is not in lock-step; the monotonic clock unless it is given.
             max_lateness_s: How late a cycle is still sent on such a bus; half the period unless it is given.
         """
@@ -114,32 +153,35 @@ class CyclicPlan:
         self.was_dropped = False
         self.beat = Beat(clock or MonotonicClock(), period_s, 0.5 * period_s if max_lateness_s is None else max_lateness_s)
         self._with_notch_state = with_notch_state
+        self._with_torque_offset = with_torque_offset and mode is Mode.CSP
         self._accelerometer = accelerometer
         self._sync_s = 0.0
         self._acceleration_scale = 1.0
         self._sets: list[PdoSet] = []
         self._expected: frozenset[int] = frozenset()
+        self._order: list[int] = []
         self._may_be_behind = False
         self._acceleration_id = 0
-        self._by_id: dict[int, Slot] = {}
+        self._takers: dict[int, Callable[[bytes], bool]] = {}
 
     def configure(self) -> None:
         """Map the PDOs; the nodes are pre-operational."""
-        command = mapping.command(self.mode)
+        command = mapping.command(self.mode, with_torque_offset=self._with_torque_offset)
+        packer = POSITION_COMMAND if self.mode is Mode.CSP else TORQUE_COMMAND
         expected: set[int] = set()
         for slot in self.slots:
             pdos = PdoSet(self.network, slot.axis.node)
             self._sets.append(pdos)
             slot._command_id = pdos.rpdo(1, command)
-            slot._packer = _POSITION_COMMAND if self.mode is Mode.CSP else _TORQUE_COMMAND
+            slot._packer = OFFSET_COMMAND if self._with_torque_offset else packer
             slot.feedback_id = pdos.tpdo(1, mapping.FEEDBACK)
             expected.add(slot.feedback_id)
-            self._by_id[slot.feedback_id] = slot
+            self._takers[slot.feedback_id] = slot.take_feedback
             state = mapping.notch_state(slot.axis.profile) if self._with_notch_state else ()
             if state:
                 slot.notch_id = pdos.tpdo(2, state)
                 expected.add(slot.notch_id)
-                self._by_id[slot.notch_id] = slot
+                self._takers[slot.notch_id] = slot.take_notch
             else:
                 pdos.silence(0x1801)
         if isinstance(self._accelerometer, int):
@@ -147,8 +189,13 @@ class CyclicPlan:
             self._sets.append(pdos)
             self._acceleration_scale = self._read_acceleration_scale(self._accelerometer)
             self._acceleration_id = pdos.tpdo(1, mapping.ACCELERATION)
+            self._takers[self._acceleration_id] = self._take_acceleration
             expected.add(self._acceleration_id)
-        self._expected = frozenset(expected)
+        self.expect(expected)
+
+    def expect(self, identifiers: set[int]) -> None:
+        """Await these with every SYNC."""
+        self._expected, self._order = frozenset(identifiers), sorted(identifiers)
 
     def _read_acceleration_scale(self, node: int) -> float:
         """m/s² per step of the process values; all three channels must say the same."""
@@ -189,27 +236,35 @@ class CyclicPlan:
 
     def _exchange_in_lock_step(self) -> None:
         network = self.network
-        for slot in self.slots:
-            network.send(slot.command())
-        network.sync()
+        network.sync_with([slot.command() for slot in self.slots])
+        frames = network.receive_all(network.timeout_s)
+        if not self._may_be_behind and self._take_whole(frames):
+            return
         pending = set(self._expected)
         deadline = time.monotonic() + network.timeout_s
-        while pending:
-            frame = network.receive(network.timeout_s)
-            if frame is None:
-                break
-            if frame[0] in self._expected and frame[0] > min(pending):
-                self._may_be_behind = True  # the lowest identifier leaves first: this one is of an earlier cycle
-            if not self._take(frame, pending):
-                network.dispatch(frame)
-                if time.monotonic() > deadline:
-                    break  # others talk, and what is waited for does not come
+        while frames:
+            for frame in frames:
+                if frame[0] in self._expected and pending and frame[0] > min(pending):
+                    self._may_be_behind = True  # the lowest identifier leaves first: this one is of an earlier cycle
+                if not self._take(frame, pending):
+                    network.dispatch(frame)
+            if not pending or time.monotonic() > deadline:
+                break  # or others talk, and what is waited for does not come
+            frames = network.receive_all(network.timeout_s)
         if pending or self._may_be_behind:
             # An answer that came late, or twice, would be taken for that of every cycle to come, one behind for good: from now
             # on all that is there is taken, and the newest value wins. A run in which nothing is lost never gets here.
             self._may_be_behind = True
             self._drain(pending)
         self._count(pending)
+
+    def _take_whole(self, frames: list[Frame]) -> bool:
+        """Take a cycle's answers if these are exactly all of them, in their order, and whole; the rule, and quick."""
+        if [frame[0] for frame in frames] != self._order:
+            return False
+        takers = self._takers
+        self._count({can_id for can_id, data in frames if not takers[can_id](data)})
+        return True
 
     def _exchange_on_the_beat(self) -> None:
         beat = self.beat
@@ -264,25 +319,20 @@ class CyclicPlan:
 
     def _take(self, frame: Frame, pending: set[int]) -> bool:
         """Unpack a frame if it is one of ours; whether it was. A wrong length counts as missing."""
-        can_id, data = frame
-        if can_id not in self._expected:
+        taker = self._takers.get(frame[0])
+        if taker is None:
             return False
-        if can_id == self._acceleration_id:
-            if len(data) == _ACCELERATION.size:
-                scale = self._acceleration_scale
-                x, y, z = _ACCELERATION.unpack(data)
-                self.acceleration_m_s2 = (x * scale, y * scale, z * scale)
-                pending.discard(can_id)
-            return True
-        slot = self._by_id[can_id]
-        if can_id == slot.feedback_id:
-            if len(data) == _FEEDBACK.size:
-                slot.status_word, slot.position_counts, slot.torque_per_mille = _FEEDBACK.unpack(data)
-                pending.discard(can_id)
-        elif len(data) == _NOTCH.size:
-            active, frequency = _NOTCH.unpack(data)
-            slot.notch_hz = frequency if active and math.isfinite(frequency) else 0.0
-            pending.discard(can_id)
+        if taker(frame[1]):
+            pending.discard(frame[0])
+        return True
+
+    def _take_acceleration(self, data: bytes) -> bool:
+        """What the accelerometer has sent; whether it is whole."""
+        if len(data) != _ACCELERATION.size:
+            return False
+        scale = self._acceleration_scale
+        x, y, z = _ACCELERATION.unpack(data)
+        self.acceleration_m_s2 = (x * scale, y * scale, z * scale)
         return True
 
     def _count(self, pending: set[int]) -> None:

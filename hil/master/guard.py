@@ -1,69 +1,111 @@
 """What stops a run: the limits of the bench file and the health of drives, seen from the master. Pure: values in, reasons out."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from drive_profiles.cia402 import State, state_of
+from drive_profiles.cia402 import state_of
 from hil.master.bench import Axis as AxisTable
 from hil.master.bench import Bus
+
+WILD_LIMIT = 2
+"""Positions in a row further away than the motor can have turned; the first of them may be a frame that was damaged unseen."""
+
+_ENABLED_MASK, _ENABLED = 0x6F, 0x27
 
 
 @dataclass
 class AxisGuard:
-    """Watches one axis, cycle by cycle.
+    """Watches one axis, cycle by cycle: first `accepts`, then `check`.
 
     Attributes:
         number: Axis number.
         table: Its limits.
         bus: How many answers may be missing.
         period_s: SYNC period.
+        discarded: Positions that could not be, so far.
     """
 
     number: int
     table: AxisTable
     bus: Bus
     period_s: float
+    discarded: int = 0
     _last_rad: float | None = None
+    _cycles: int = 0
+    _may_be_late: int = 0
+    _wild: int = 0
+    _wild_rps: float = 0.0
     _beyond_s: float = 0.0
+    _reach_rad: float = field(init=False)
+    _low_rad: float = field(init=False)
+    _high_rad: float = field(init=False)
+    _torque_nm: float = field(init=False)
+    _window_rad: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Keep the limits at hand, in the units of what is measured."""
+        turn, limits = 2.0 * math.pi, self.table.limits
+        self._reach_rad = 1.1 * limits.speed_rps * turn * self.period_s
+        self._low_rad, self._high_rad = limits.position_min_rev * turn, limits.position_max_rev * turn
+        self._torque_nm = 1.02 * limits.torque_nm
+        self._window_rad = limits.following_error_rev * turn
+
+    def accepts(self, position_rad: float, missing: int) -> bool:
+        """Whether the axis can be there: within what the motor can turn, in the time since the last position.
+
+        Another position is to be forgotten, as if it had not come; the second in a row stops the run in `check`. An answer that
+        was missing may be the next one that comes, which is then a period older than it seems.
+        """
+        self._cycles += 1
+        if missing:
+            self._may_be_late = 2
+            return True
+        last = self._last_rad
+        if last is not None:
+            slack = 1 if self._may_be_late > 0 else 0
+            distance = abs(position_rad - last)
+            if distance > self._reach_rad * (self._cycles + slack):
+                self._wild += 1
+                self._wild_rps = distance / (self._cycles * self.period_s * 2.0 * math.pi)
+                self.discarded += 1
+                return False
+        self._last_rad, self._cycles, self._wild = position_rad, 0, 0
+        if self._may_be_late:
+            self._may_be_late -= 1
+        return True
 
     def check(self, status_word: int, position_rad: float, reference_rad: float, torque_nm: float, missing: int) -> str | None:
-        """The reason to stop, or None.
-
-        The speed is the difference of two positions, so an encoder value that jumps further than the motor can turn stops the
-        run as well.
-        """
+        """The reason to stop, or None."""
         name, limits = f"axis {self.number}", self.table.limits
         if missing:
-            self._last_rad = None
             return f"{name} has not answered for {missing} cycles" if missing >= self.bus.missing_limit else None
-        state = state_of(status_word)
-        if state is not State.OPERATION_ENABLED:
+        if status_word & _ENABLED_MASK != _ENABLED:
+            state = state_of(status_word)
             shown = "an unknown state" if state is None else state.value
             return f"{name} left operation enabled: {shown} (status word {status_word:04X}h)"
-        turn = 2.0 * math.pi
-        speed = 0.0 if self._last_rad is None else abs(position_rad - self._last_rad) / self.period_s / turn
-        self._last_rad = position_rad
-        if speed > 1.1 * limits.speed_rps:
-            return f"{name} turns at {speed:.2f} rps, the limit is {limits.speed_rps:g} rps"
-        revolutions = position_rad / turn
-        if not limits.position_min_rev <= revolutions <= limits.position_max_rev:
+        if self._wild >= WILD_LIMIT:
+            return f"{name} turns at {self._wild_rps:.2f} rps, the limit is {limits.speed_rps:g} rps"
+        if not self._low_rad <= position_rad <= self._high_rad:
             low, high = limits.position_min_rev, limits.position_max_rev
-            return f"{name} is at {revolutions:.3f} rev, the limits are {low:g} and {high:g} rev"
-        if abs(torque_nm) > 1.02 * limits.torque_nm:
+            return f"{name} is at {position_rad / (2.0 * math.pi):.3f} rev, the limits are {low:g} and {high:g} rev"
+        if abs(torque_nm) > self._torque_nm:
             return f"{name} gives {torque_nm:.3g} N·m, the limit is {limits.torque_nm:g} N·m"
-        return self._following(position_rad, reference_rad)
+        if abs(position_rad - reference_rad) > self._window_rad:
+            return self._following(abs(position_rad - reference_rad) / (2.0 * math.pi))
+        self._beyond_s = 0.0
+        return None
 
     def skip(self) -> None:
         """Nothing was measured in this cycle: the next position is not a period away from the last."""
         self._last_rad = None
 
-    def _following(self, position_rad: float, reference_rad: float) -> str | None:
-        error = abs(position_rad - reference_rad) / (2.0 * math.pi)
+    def _following(self, error_rev: float) -> str | None:
         limits = self.table.limits
-        self._beyond_s = self._beyond_s + self.period_s if error > limits.following_error_rev else 0.0
+        self._beyond_s += self.period_s
         # the drive watches the same window; the master is the second line and lets it speak first
         if self._beyond_s > limits.following_error_timeout_s + 2.0 * self.period_s:
-            return f"axis {self.number} is {error:.3f} rev behind its set-point, the limit is {limits.following_error_rev:g} rev"
+            behind, limit = f"{error_rev:.3f}", f"{limits.following_error_rev:g}"
+            return f"axis {self.number} is {behind} rev behind its set-point, the limit is {limit} rev"
         return None
 
 

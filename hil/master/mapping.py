@@ -19,10 +19,13 @@ ACCELERATION = tuple(MappedObject(ACCELERATION_OBJECT, sub, I16) for sub in (1, 
 """TPDO1 of the accelerometer."""
 
 
-def command(mode: Mode) -> tuple[MappedObject, ...]:
-    """RPDO1 of a drive: control word and set-point."""
-    position, torque = MappedObject(Object.TARGET_POSITION, 0, I32), MappedObject(Object.TARGET_TORQUE, 0, I16)
-    return MappedObject(Object.CONTROL_WORD, 0, U16), position if mode is Mode.CSP else torque
+def command(mode: Mode, *, with_torque_offset: bool = False) -> tuple[MappedObject, ...]:
+    """RPDO1 of a drive: control word and set-point, and in CSP the torque offset where it is wanted."""
+    control_word = MappedObject(Object.CONTROL_WORD, 0, U16)
+    if mode is not Mode.CSP:
+        return control_word, MappedObject(Object.TARGET_TORQUE, 0, I16)
+    offset = (MappedObject(Object.TORQUE_OFFSET, 0, I16),) if with_torque_offset else ()
+    return control_word, MappedObject(Object.TARGET_POSITION, 0, I32), *offset
 
 
 def notch_state(profile: Profile) -> tuple[MappedObject, ...]:

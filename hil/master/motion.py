@@ -21,12 +21,14 @@ class Motion:
         time_s: From 0, one row per SYNC; shape (n,).
         motor_angle_rad: Relative to where each axis starts; shape (n, axes).
         starts_at_home: The motion is one of the tool, so it begins where all motor angles are zero; else where the axis stands.
+        torque_offset_nm: Added to the torque of the loop that the drive closes (60B2h), shape (n, axes); None: nothing is mapped.
     """
 
     axes: tuple[int, ...]
     time_s: Real
     motor_angle_rad: Real
     starts_at_home: bool
+    torque_offset_nm: Real | None = None
 
     @property
     def period_s(self) -> float:

@@ -122,6 +122,25 @@ class Network:
         self.send(SYNC)
         self._lock_step_s += self.period_s
 
+    def sync_with(self, frames: list[Frame]) -> None:
+        """Send frames and SYNC behind them, in one piece where the bus takes that."""
+        together = [*frames, SYNC]
+        self.channel.send_all(together)
+        if self.log.is_on:
+            now = self.now()
+            for can_id, data in together:
+                self.log.add(LoggedFrame(now, can_id, data, False))
+        self._lock_step_s += self.period_s
+
+    def receive_all(self, timeout_s: float) -> list[Frame]:
+        """The next frame and those that have come with it, logged; empty when none came in time."""
+        frames = self.channel.receive_all(timeout_s)
+        if self.log.is_on:
+            now = self.now()
+            for can_id, data in frames:
+                self.log.add(LoggedFrame(now, can_id, data, True))
+        return frames
+
     def receive(self, timeout_s: float) -> Frame | None:
         """The next frame, logged; None when none came in time."""
         frame = self.channel.receive(timeout_s)

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from drive_profiles.units import interpolation_period
-from hil.control.servo import Servo, ServoConfig
+from hil.control.servo import ServoConfig
+from hil.control.servo_bank import ServoBank
 from hil.design.frequency import Loop as LoopModel
 from hil.design.frequency import margins
 from hil.errors import UnsafeRequestError
@@ -16,13 +17,13 @@ MAX_SENSITIVITY = 4.0
 """M_s up to which a host-closed loop is run: a quarter of the way from the edge is left."""
 
 
-def host_loops(axes: list[DriveAxis], period_s: float, *, with_notch: bool) -> list[Servo]:
+def host_loops(axes: list[DriveAxis], period_s: float, *, with_notch: bool) -> ServoBank:
     """The loops of axes that the host closes, ready for their first cycle.
 
     Raises:
         UnsafeRequestError: The model says that one is unstable, or at the edge of it.
     """
-    servos = []
+    configs = []
     for axis in axes:
         table = axis.table
         notches = tuple(notch.notch() for notch in table.notch) if with_notch else ()
@@ -30,10 +31,12 @@ def host_loops(axes: list[DriveAxis], period_s: float, *, with_notch: bool) -> l
         if model is not None:
             speeds = [speed for n in notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist()]
             _check_host_loop(axis, model, [0.0, *speeds])
-        config = ServoConfig(table.control.cascade(), table.limits.torque_nm, notches)
-        Servo(config, period_s).step(0.0, 0.0)  # compiled, or loaded, before the first cycle waits for it
-        servos.append(Servo(config, period_s))
-    return servos
+        configs.append(ServoConfig(table.control.cascade(), table.limits.torque_nm, notches))
+    rehearsal, still = ServoBank(configs, period_s), [0.0] * len(configs)
+    rehearsal.start(0, 0.0)
+    rehearsal.step(still, still)  # compiled, or loaded, before the first cycle waits for it
+    rehearsal.step_one(0, 0.0, 0.0)
+    return ServoBank(configs, period_s)
 
 
 def _check_host_loop(axis: DriveAxis, model: LoopModel, speeds_rps: list[float]) -> None:
@@ -79,3 +82,7 @@ def check_motion(motion: Motion, axes: list[DriveAxis], starts: list[float]) -> 
             raise UnsafeRequestError(f"the position of {name}", float(angle.max()), limits.position_max_rev, "rev")
         if float(angle.min()) < limits.position_min_rev:
             raise UnsafeRequestError(f"the position of {name}", float(angle.min()), limits.position_min_rev, "rev")
+        if motion.torque_offset_nm is not None:
+            torque = float(np.max(np.abs(motion.torque_offset_nm[:, column])))
+            if not torque <= limits.torque_nm:
+                raise UnsafeRequestError(f"the torque offset of {name}", torque, limits.torque_nm, "N·m")

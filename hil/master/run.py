@@ -8,10 +8,11 @@ import numpy as np
 
 from drive_profiles.cia402 import State, control_word_towards, state_of
 from hil.can.channel import ChannelError
-from hil.control.servo import Servo
+from hil.control.servo_bank import ServoBank
 from hil.control.trajectory import Smooth, sample_times
 from hil.errors import InterruptedRunError, SafetyStopError
 from hil.master.axis import DriveAxis
+from hil.master.correction import Corrector
 from hil.master.cyclic import CyclicPlan
 from hil.master.guard import AxisGuard
 from hil.master.lateness import duration_text
@@ -49,11 +50,13 @@ class Run:
         motion: Motion,
         axes: list[DriveAxis],
         plan: CyclicPlan,
-        servos: list[Servo],
+        bank: ServoBank | None,
         period: float,
         starts: list[float],
+        corrector: Corrector | None = None,
     ) -> None:
-        self.session, self.motion, self.axes, self.plan, self.servos = session, motion, axes, plan, servos
+        self.session, self.motion, self.axes, self.plan, self.bank = session, motion, axes, plan, bank
+        self.corrector = corrector
         self.period, self.starts = period, starts
         self.rows = 0
         self.missed = 0
@@ -61,6 +64,7 @@ class Run:
         self.dropped = 0
         self._guards = [AxisGuard(axis.number, axis.table, session.bench.bus, period) for axis in axes]
         self._holding: dict[int, float] = {}
+        self._trusted = [0] * len(axes)
         self._table = np.full((len(motion.time_s), 5 + 4 * len(axes)), 0.0)  # its pages are there before the motion needs them
 
     # -- the sequence --------------------------------------------------------------------------------------------------
@@ -69,7 +73,7 @@ class Run:
         """Enable, settle, move, return and disable; why it was stopped, or None."""
         try:
             self._enable()
-            here = [slot.axis.scaling.position_rad(slot.position_counts) for slot in self.plan.slots]
+            here = [slot.position_rad for slot in self.plan.slots]
             self._move(here, self.starts)
             self._hold(self.starts, self.session.bench.settle_s)
             self._record()
@@ -102,7 +106,7 @@ class Run:
                 state = state_of(slot.status_word) if self.plan.cycles else None
                 slot.control_word = self._word_towards(goal, state)
                 if state is not State.OPERATION_ENABLED:
-                    slot.target = 0 if self.servos else slot.position_counts
+                    slot.target = slot.position_counts if self.bank is None else 0
             self._cycle()
             self._take_over()
             fault = self.session.node_fault(self.axes)
@@ -128,14 +132,16 @@ class Run:
 
     def _take_over(self) -> None:
         """Host-closed, while drives are being enabled: hold each axis that is, where it was found."""
-        for i, (servo, slot) in enumerate(zip(self.servos, self.plan.slots, strict=False)):
+        if self.bank is None:
+            return
+        for i, slot in enumerate(self.plan.slots):
             if state_of(slot.status_word) is not State.OPERATION_ENABLED:
                 continue
-            angle = slot.axis.scaling.position_rad(slot.position_counts)
+            angle = slot.position_rad
             if i not in self._holding:
                 self._holding[i] = angle
-                servo.start(angle)
-            slot.target = slot.axis.scaling.torque_per_mille(servo.step(self._holding[i], angle))
+                self.bank.start(i, angle)
+            slot.target = slot.axis.scaling.torque_per_mille(self.bank.step_one(i, self._holding[i], angle))
 
     def _move(self, start: list[float], end: list[float]) -> None:
         """A smooth move from here to there, not recorded."""
@@ -171,15 +177,45 @@ class Run:
 
     def _step(self, references: list[float], row: int | None = None) -> None:
         """Set-points out, answers in, limits checked; recorded where a row is given."""
-        plan = self.plan
-        if not self.servos:
-            for slot, reference in zip(plan.slots, references, strict=True):
-                slot.target = slot.axis.scaling.position_counts(reference)
+        if self.bank is None:
+            self._set_points(references, row)
         self._cycle()
+        self._discard_wild()
         self._close_loops(references)
         if row is not None:
             self._keep(row, references)
         self._check(references)
+
+    def _set_points(self, references: list[float], row: int | None) -> None:
+        """Drive-closed: the set-points of the next cycle, with what corrects them, as the drives count.
+
+        Raises:
+            StopRun: A torque offset beyond the axis' limit.
+        """
+        motion, slots = self.motion, self.plan.slots
+        offsets = motion.torque_offset_nm
+        torques = [0.0] * len(slots) if offsets is None or row is None else offsets[row].tolist()
+        if self.corrector is not None:
+            deltas, more = self.corrector.step(references, [slot.position_rad for slot in slots])
+            references = [reference + delta for reference, delta in zip(references, deltas, strict=True)]
+            torques = [torque + added for torque, added in zip(torques, more, strict=True)]
+        for slot, reference, torque in zip(slots, references, torques, strict=True):
+            slot.target = slot.axis.scaling.position_counts(reference)
+            if torque or slot.torque_offset:
+                limit = slot.axis.table.limits.torque_nm
+                if not abs(torque) <= limit:
+                    raise StopRun(f"axis {slot.axis.number}: a torque offset of {torque:.3g} N·m, the limit is {limit:g} N·m")
+                slot.torque_offset = slot.axis.scaling.torque_per_mille(torque)
+
+    def _discard_wild(self) -> None:
+        """A position that cannot be is forgotten: the last one stays, as if no answer had come."""
+        if self.plan.was_dropped:
+            return
+        for i, (guard, slot) in enumerate(zip(self._guards, self.plan.slots, strict=True)):
+            if guard.accepts(slot.position_rad, slot.missing):
+                self._trusted[i] = slot.position_counts
+            else:
+                slot.position_counts = self._trusted[i]
 
     def _cycle(self) -> None:
         """One cycle; a master that has come too late for too many in a row stops, and stays stopped."""
@@ -203,23 +239,20 @@ class Run:
 
     def _close_loops(self, references: list[float]) -> None:
         """Host-closed: the law on what has just been received; its torque leaves with the next cycle."""
-        for servo, slot, reference in zip(self.servos, self.plan.slots, references, strict=False):
-            scaling = slot.axis.scaling
-            torque = servo.step(reference, scaling.position_rad(slot.position_counts))
-            slot.target = scaling.torque_per_mille(torque)
+        if self.bank is None:
+            return
+        slots = self.plan.slots
+        torques = self.bank.step(references, [slot.position_rad for slot in slots])
+        for slot, torque in zip(slots, torques, strict=True):
+            slot.target = slot.axis.scaling.torque_per_mille(torque)
 
     def _keep(self, row: int, references: list[float]) -> None:
         plan = self.plan
-        values = [float(self.motion.time_s[row]), *plan.acceleration_m_s2, 0.0]
+        values = [self.motion.time_s[row], *plan.acceleration_m_s2, plan.missing_answers]
+        bank = self.bank
         for i, slot in enumerate(plan.slots):
-            scaling = slot.axis.scaling
-            frequency = slot.notch_hz
-            if self.servos:
-                state = self.servos[i].notch_state[0, 0]
-                frequency = float(state["frequency_hz"]) if state["active"] else 0.0
-            position, torque = scaling.position_rad(slot.position_counts), scaling.torque_nm(slot.torque_per_mille)
-            values += [references[i], position, torque, frequency]
-        values[4] = float(plan.missing_answers)
+            frequency = slot.notch_hz if bank is None else bank.notch_hz[i]
+            values += (references[i], slot.position_rad, slot.torque_nm, frequency)
         self._table[row] = values
         self.rows = row + 1
 
@@ -228,9 +261,7 @@ class Run:
             if self.plan.was_dropped:
                 guard.skip()
                 continue
-            scaling = slot.axis.scaling
-            position, torque = scaling.position_rad(slot.position_counts), scaling.torque_nm(slot.torque_per_mille)
-            reason = guard.check(slot.status_word, position, reference, torque, slot.missing)
+            reason = guard.check(slot.status_word, slot.position_rad, reference, slot.torque_nm, slot.missing)
             if reason is not None:
                 raise StopRun(self._own_fault() or self.session.node_fault(self.axes) or reason)
         reason = self.session.node_fault(self.axes)
@@ -246,6 +277,7 @@ class Run:
         for _ in range(math.ceil((ramp_s + STOP_TIMEOUT_S) / self.period)):
             for slot in self.plan.slots:
                 slot.control_word = word
+                slot.torque_offset = 0
             self.session.cycle(self.plan)
             states = [state_of(slot.status_word) for slot in self.plan.slots]
             if all(state in DISABLED and not slot.missing for state, slot in zip(states, self.plan.slots, strict=True)):

@@ -16,6 +16,7 @@ from hil.can.frame import Frame
 from hil.errors import HilError, InterruptedRunError, NodeError, NotPossibleError, UnsafeRequestError
 from hil.master.axis import DriveAxis, check_identity
 from hil.master.bench import Bench
+from hil.master.correction import Corrector
 from hil.master.cyclic import CyclicPlan
 from hil.master.guard import heartbeat_fault
 from hil.master.lateness import Timing
@@ -84,6 +85,7 @@ class Session:
         self._handlers: dict[int, object] = {}
         self._last_heartbeat_s = -math.inf
         self._supervised_since_s = 0.0
+        self._silent_until_s = -math.inf
 
     # -- context -------------------------------------------------------------------------------------------------------
 
@@ -142,8 +144,14 @@ class Session:
 
     # -- a run ---------------------------------------------------------------------------------------------------------
 
-    def run(self, motion: Motion, compensation: Compensation, loop: Loop) -> RunResult:
+    def run(self, motion: Motion, compensation: Compensation, loop: Loop, corrector: Corrector | None = None) -> RunResult:
         """One run: set up, enable, settle, move and record, return, disable, restore.
+
+        Args:
+            motion: What is asked of the axes.
+            compensation: Whether the drives' (or, host-closed, the host's) filters act.
+            loop: Where the loop is closed.
+            corrector: What is added to the set-points of a drive-closed run.
 
         Raises:
             UnsafeRequestError: The motion would leave a limit; nothing has been sent.
@@ -159,7 +167,10 @@ class Session:
             raise NotPossibleError(f"a run with the notch needs one: the bench file has no {names}")
         for axis in axes:
             axis.identify()
-        servos = host_loops(axes, period, with_notch=compensation == "notch") if loop == "host" else []
+        with_torque = motion.torque_offset_nm is not None or (corrector is not None and corrector.uses_torque)
+        if loop == "host" and (corrector is not None or with_torque):
+            raise NotPossibleError("set-points are corrected, and torques offset, where the drives close the loop (--loop drive)")
+        bank = host_loops(axes, period, with_notch=compensation == "notch") if loop == "host" else None
         mode = Mode.CST if loop == "host" else Mode.CSP
         plan = CyclicPlan(
             self.network,
@@ -168,13 +179,14 @@ class Session:
             period,
             mode=mode,
             with_notch_state=compensation == "notch" and loop == "drive",
+            with_torque_offset=with_torque,
             clock=self.clock,
             max_lateness_s=self.bench.bus.max_lateness_s,
         )
         starts = [0.0 if motion.starts_at_home else axis.position_rad() for axis in axes]
         check_motion(motion, axes, starts)
         self._check_lateness(period)
-        run = Run(self, motion, axes, plan, servos, period, starts)
+        run = Run(self, motion, axes, plan, bank, period, starts, corrector)
         control = period
         timing = None
         with ExitStack() as context:
@@ -183,6 +195,9 @@ class Session:
             if loop == "drive":
                 control = axes[0].control_period_s()
             self._set_up(axes, plan, compensation, loop, mode, period)
+            if with_torque:
+                for axis in axes:
+                    axis.snapshot.write(Object.TORQUE_OFFSET, 0, DataType.INTEGER16, 0, "torque offset")
             overflows = self._overflows()
             stopped = run.perform()
             if real_time is not None:
@@ -241,6 +256,7 @@ class Session:
         self.network.emergencies.clear()
         self.network.boots.clear()
         self._supervised_since_s = self.network.now()
+        self._silent_until_s = -math.inf
 
     def _nodes(self, axes: list[DriveAxis]) -> list[int]:
         """The nodes that these axes need, and the accelerometer where it is one."""
@@ -296,6 +312,8 @@ class Session:
     def node_fault(self, axes: list[DriveAxis]) -> str | None:
         """The reason to stop that the nodes themselves give: an emergency, a reset, a lost heartbeat."""
         network = self.network
+        if not network.emergencies and not network.boots and network.now() <= self._silent_until_s:
+            return self._interrupt
         while network.emergencies:
             emergency = network.emergencies.popleft()
             if emergency.code:
@@ -303,12 +321,14 @@ class Session:
         nodes = {axis.node for axis in axes}
         for node in network.boots & nodes:
             return f"node {node} has been reset"
-        now, period = network.now(), self.bench.bus.heartbeat_s
-        for node in nodes:
-            last = network.heartbeats.get(node)
-            fault = heartbeat_fault(node, None if last is None else last[0], now, self._supervised_since_s, period)
+        now, period, since = network.now(), self.bench.bus.heartbeat_s, self._supervised_since_s
+        heard = {node: network.heartbeats[node][0] if node in network.heartbeats else None for node in nodes}
+        for node, last in heard.items():
+            fault = heartbeat_fault(node, last, now, since, period)
             if fault is not None:
                 return fault
+        # what has been heard by now keeps until then, and what will be heard longer
+        self._silent_until_s = min((since if last is None else max(last, since)) for last in heard.values()) + 3.0 * period
         if self._interrupt is not None:
             return self._interrupt
         return None

@@ -1,7 +1,7 @@
 """The bus in one process: a channel straight into a medium, without socket or thread, so that its user owns every cycle."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from drive_profiles.address import LOCAL, Address
 from drive_profiles.cia301 import FunctionCode
@@ -87,6 +87,20 @@ class InProcessChannel:
         if not self._queue:
             self._deliver(self.medium.idle())
         return self._queue.popleft() if self._queue else None
+
+    def send_all(self, frames: Sequence[Frame]) -> None:
+        """Put frames on the bus, one after the other."""
+        for frame in frames:
+            self.send(frame)
+
+    def receive_all(self, timeout_s: float) -> list[Frame]:
+        """All frames that are there."""
+        frame = self.receive(timeout_s)
+        if frame is None:
+            return []
+        frames = [frame, *self._queue]
+        self._queue.clear()
+        return frames
 
     def close(self) -> None:
         """Leave; the next SYNC takes the clock anew. Again is allowed."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drive_profiles.cia301 import FunctionCode
 from hil.can import clock
-from hil.can.frame import RECORD, Frame, pack, unpack
+from hil.can.frame import MAX_DATA_LENGTH, RECORD, Frame, pack, unpack
 from hil.can.raw import wait_at_most
 from plant_emulator.bus.medium import Instant, Medium
 from plant_emulator.bus.timed import FIRST_CLIENT, Heard
@@ -23,6 +23,7 @@ CLOCK_WAIT_S = 0.001
 """How long the lock-step client may be silent before the others are looked at."""
 TURN_FRAMES = 64
 """Frames of the lock-step client after which the others are looked at."""
+_MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size + 1  # a longer message shows itself by its last byte
 MAX_CLIENTS = 32
 STREAM_BACKLOG_BYTES = 1 << 20
 
@@ -47,7 +48,7 @@ class Client:
             port: Its number on the bus.
         """
         self.port = port
-        self.knows_clock = self.wants_stamps = False
+        self.knows_clock = self.wants_stamps = self.takes_several = False
         self.may_be_clock = True
         self.syncs = 0
         sock.setblocking(True)
@@ -58,16 +59,25 @@ class Client:
         self._received, self._backlog = b"", bytearray()
 
     def send(self, record: bytes) -> None:
-        """Deliver a record, or drop it where the client's queue is full."""
+        """Deliver a message, or drop it where the client's queue is full."""
         try:
             if self._is_stream:
                 self._send_stream(record)
             else:
                 self.socket.send(record, socket.MSG_DONTWAIT)
         except BlockingIOError:
-            self.dropped += 1
+            self.dropped += len(record) // RECORD.size
         except OSError:
             pass  # it has gone; the next read says so
+
+    def send_all(self, records: list[bytes]) -> None:
+        """Deliver records, several in one message where the client understands that."""
+        if not self.takes_several or len(records) == 1:
+            for record in records:
+                self.send(record)
+            return
+        for begin in range(0, len(records), clock.MAX_RECORDS):
+            self.send(b"".join(records[begin : begin + clock.MAX_RECORDS]))
 
     def _send_stream(self, record: bytes) -> None:
         """A stream must not lose half a record: what does not fit waits, up to a bound."""
@@ -96,7 +106,7 @@ class Client:
             wait: Wait for the first one, up to `CLOCK_WAIT_S`.
         """
         try:
-            data = self.socket.recv(65536 if self._is_stream else 64, 0 if wait else socket.MSG_DONTWAIT)
+            data = self.socket.recv(65536 if self._is_stream else _MESSAGE_BYTES, 0 if wait else socket.MSG_DONTWAIT)
         except BlockingIOError:
             return []
         except OSError:
@@ -104,13 +114,14 @@ class Client:
         if not data:
             return None
         if not self._is_stream:
+            if len(data) != RECORD.size:
+                return _frames(data) if len(data) % RECORD.size == 0 else []
             frame = unpack(data)
             return [] if frame is None else [frame]
         self._received += data
         whole = len(self._received) - len(self._received) % RECORD.size
         records, self._received = self._received[:whole], self._received[whole:]
-        frames = (unpack(records[i : i + RECORD.size]) for i in range(0, whole, RECORD.size))
-        return [frame for frame in frames if frame is not None]
+        return _frames(records)
 
 
 class Server:
@@ -254,29 +265,37 @@ class Server:
             if self._clock is None:
                 self._deliver(self.medium.begin_cycles())
             self._clock = sender
-        for heard in self.medium.cycle(sender.port, frame):
-            self._deliver(heard)
         sender.syncs += 1
-        if sender.knows_clock and self.medium.bitrate is not None:
-            sender.send(pack(clock.period_over(sender.syncs, self.medium.lag_ns)))
+        for heard in self.medium.cycle(sender.port, frame):
+            is_told = sender.knows_clock and self.medium.bitrate is not None
+            over = pack(clock.period_over(sender.syncs, self.medium.lag_ns)) if is_told else b""
+            self._deliver(heard, sender, over)
 
     def _on_question(self, frame: Frame, sender: Client) -> None:
         """Tell a client which clock the bus has."""
         asked = clock.read_question(frame.data)
         if asked is not None:
             sender.knows_clock = True
-            sender.wants_stamps = asked[0]
-            sender.may_be_clock = not asked[1]
-            sender.send(pack(clock.answer(self.medium.clock, self.medium.bitrate)))
+            sender.wants_stamps = asked.stamps
+            sender.takes_several = asked.several
+            sender.may_be_clock = not asked.follows
+            sender.send(pack(clock.answer(self.medium.clock, self.medium.bitrate, several=True)))
 
-    def _deliver(self, heard: Iterable[Heard]) -> None:
-        for frame, port, end_ns in heard:
-            record = pack(frame)
-            for client in self._clients.values():
-                if client.port != port:
+    def _deliver(self, heard: Iterable[Heard], waiting: Client | None = None, last: bytes = b"") -> None:
+        """Give everyone what others have sent, and behind it a last record to the one who waits for it."""
+        sent = [(pack(frame), port, end_ns) for frame, port, end_ns in heard]
+        if not sent and not last:
+            return
+        for client in self._clients.values():
+            records = []
+            for record, port, end_ns in sent:
+                if port != client.port:
                     if client.wants_stamps:
-                        client.send(pack(clock.stamp(end_ns)))
-                    client.send(record)
+                        records.append(pack(clock.stamp(end_ns)))
+                    records.append(record)
+            if client is waiting and last:
+                records.append(last)
+            client.send_all(records)
 
     def _drop(self, descriptor: int) -> None:
         client = self._clients.pop(descriptor)
@@ -298,6 +317,11 @@ class Server:
         with contextlib.suppress(OSError):
             if Path(self.path).stat().st_ino == self._inode:
                 Path(self.path).unlink()
+
+
+def _frames(records: bytes) -> list[Frame]:
+    """The frames of whole records; what is none is passed over."""
+    return [Frame(can_id, data[:length]) for can_id, length, data in RECORD.iter_unpack(records) if length <= MAX_DATA_LENGTH]
 
 
 def _listen(path: str, *, stream: bool) -> socket.socket:

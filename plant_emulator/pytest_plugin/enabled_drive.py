@@ -259,7 +259,7 @@ def _enable(session: BenchSession, number: int, keeper: Keeper, bus: ExitStack) 
     axis.identify()
     plan = session.plan(axis, period)
     rest = Motion((number,), sample_times((MAX_RECORDED - 1) * period, period), np.zeros((MAX_RECORDED, 1)), starts_at_home=False)
-    run = HeldRun(session, rest, [axis], plan, [], period, [axis.position_rad()])
+    run = HeldRun(session, rest, [axis], plan, None, period, [axis.position_rad()])
     held = EnabledDrive(session, axis, plan, run, keeper)
     session.prepare(axis, plan, period, bus)
     session.held = plan

@@ -11,6 +11,7 @@ from drive_profiles.cia402 import Mode
 from hil.errors import InterruptedRunError, NoAnswerError, NotPossibleError
 from hil.master.axis import DriveAxis
 from hil.master.bench import Bench
+from hil.master.correction import Corrector
 from hil.master.cyclic import CyclicPlan
 from hil.master.motion import Motion, RunResult
 from hil.master.session import Compensation, Loop, Session
@@ -53,7 +54,9 @@ class BenchSession(Session):
                 signal.signal(number, handler)  # type: ignore[arg-type]
             self._handlers.clear()
 
-    def run(self, motion: Motion, compensation: Compensation = "none", loop: Loop = "drive") -> RunResult:
+    def run(
+        self, motion: Motion, compensation: Compensation = "none", loop: Loop = "drive", corrector: Corrector | None = None
+    ) -> RunResult:
         """One run, as `hil.master.session.Session.run` has it; what it gives is kept if the test fails.
 
         Raises:
@@ -63,7 +66,7 @@ class BenchSession(Session):
         if self.held is not None:
             raise NotPossibleError("the drive fixture holds its drive enabled; a run needs it disabled")
         with self.moving():
-            result = super().run(motion, compensation, loop)
+            result = super().run(motion, compensation, loop, corrector)
         axes = "-".join(map(str, motion.axes))
         self.target.artefacts.add_run(f"axis-{axes}-{loop}-{compensation}", result)
         if isinstance(result.stopped, InterruptedRunError):

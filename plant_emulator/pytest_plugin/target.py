@@ -1,7 +1,7 @@
 """Where a test runs: on the emulated robot in its own process, or on the bus that a bench file names."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 import pytest
@@ -57,6 +57,16 @@ class RealChannel:
             frame = self._inner.receive(max(0.0, deadline - time.monotonic()))
             if frame is None or self.interference.frames.apply(frame, PORT_OF_THE_BUS, time.monotonic_ns()):
                 return frame
+
+    def send_all(self, frames: Sequence[Frame]) -> None:
+        """Put frames on the bus, one after the other."""
+        for frame in frames:
+            self.send(frame)
+
+    def receive_all(self, timeout_s: float) -> list[Frame]:
+        """The next frame by itself."""
+        frame = self.receive(timeout_s)
+        return [] if frame is None else [frame]
 
     def close(self) -> None:
         """Leave the bus."""

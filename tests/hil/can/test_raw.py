@@ -20,25 +20,26 @@ from hil.can.raw import RawChannel
 KINDS = {"seqpacket": socket.SOCK_SEQPACKET, "stream": socket.SOCK_STREAM}
 
 
-def answered(listener, kind=clock.LOCK_STEP, bitrate=None):
+def answered(listener, kind=clock.LOCK_STEP, bitrate=None, several=False):
     """The next connection, its question about the clock answered."""
     sock, _ = listener.accept()
     sock.settimeout(5.0)
-    assert sock.recv(16) == pack(clock.question())
-    sock.send(pack(clock.answer(kind, bitrate)))
+    is_stream = sock.type == socket.SOCK_STREAM
+    assert sock.recv(16) == pack(clock.question(several=not is_stream))
+    sock.send(pack(clock.answer(kind, bitrate, several=several)))
     return sock
 
 
 class Peer:
     """A listening socket, and the connection that the channel made."""
 
-    def __init__(self, path, kind):
+    def __init__(self, path, kind, **says):
         self.address = Address("local", str(path))
         self.listener = socket.socket(socket.AF_UNIX, kind)
         self.listener.bind(str(path))
         self.listener.listen(4)
         accepted = []
-        welcome = threading.Thread(target=lambda: accepted.append(answered(self.listener)))
+        welcome = threading.Thread(target=lambda: accepted.append(answered(self.listener, **says)))
         welcome.start()
         self.channel = RawChannel(self.address)
         welcome.join()
@@ -63,6 +64,84 @@ def peer(request, tmp_path):
 def packets(tmp_path):
     with contextlib.closing(Peer(tmp_path / "bus.sock", socket.SOCK_SEQPACKET)) as peer:
         yield peer
+
+
+@pytest.fixture
+def lumps(tmp_path):
+    """A bus that understands messages of several records."""
+    with contextlib.closing(Peer(tmp_path / "bus.sock", socket.SOCK_SEQPACKET, several=True)) as peer:
+        yield peer
+
+
+# -- several records in one message ------------------------------------------------------------------------------------
+
+THREE = [Frame(0x201, b"\1"), Frame(0x202 | CAN_RTR_FLAG, b""), Frame(0x80, b"")]
+
+
+def message(*frames):
+    return b"".join(pack(frame) for frame in frames)
+
+
+def test_frames_that_are_sent_together_go_out_as_one_message(lumps):
+    lumps.channel.send_all(THREE)
+    assert lumps.socket.recv(1024) == message(*THREE)
+
+
+def test_a_bus_that_does_not_say_so_is_sent_a_message_per_frame(packets):
+    packets.channel.send_all(THREE)
+    assert [packets.socket.recv(1024) for _ in THREE] == [pack(frame) for frame in THREE]
+
+
+def test_more_than_a_message_holds_is_sent_one_by_one(lumps):
+    many = [Frame(0x100 + i, b"") for i in range(clock.MAX_RECORDS + 1)]
+    lumps.channel.send_all(many)
+    assert [lumps.socket.recv(2048) for _ in many] == [pack(frame) for frame in many]
+
+
+def test_a_frame_that_cannot_be_spoils_the_whole_message_before_it_is_sent(lumps):
+    with pytest.raises(ValueError, match="8 bytes"):
+        lumps.channel.send_all([THREE[0], Frame(0x123, bytes(9))])
+    lumps.channel.send(THREE[2])
+    assert lumps.socket.recv(1024) == pack(THREE[2])
+
+
+def test_the_frames_of_a_message_come_together_or_one_by_one(lumps):
+    lumps.socket.send(message(*THREE))
+    assert lumps.channel.receive_all(1.0) == THREE
+    lumps.socket.send(message(*THREE))
+    assert [lumps.channel.receive(1.0) for _ in THREE] == THREE
+    assert lumps.channel.receive_all(0.0) == []
+
+
+def test_of_a_message_only_the_records_that_are_frames_are_taken(lumps):
+    lumps.socket.send(pack(THREE[0]) + struct.pack("=IB3x8s", 0x123, 9, bytes(8)) + pack(THREE[1]))
+    assert lumps.channel.receive_all(1.0) == THREE[:2]
+    lumps.socket.send(message(*THREE) + b"\0")
+    lumps.socket.send(pack(THREE[2]))
+    assert lumps.channel.receive_all(1.0) == [THREE[2]]
+
+
+def test_the_end_of_a_period_is_told_once_and_behind_its_frames(lumps):
+    lumps.channel.send_all(THREE)
+    lumps.socket.send(message(THREE[0], clock.period_over(1, 20_000)))
+    assert lumps.channel.receive(5.0) == THREE[0]
+    begin = time.monotonic()
+    assert lumps.channel.receive(5.0) is None
+    assert time.monotonic() - begin < 2.0
+    assert lumps.channel.lag_ns == 20_000
+    lumps.socket.send(pack(THREE[1]))
+    assert lumps.channel.receive(5.0) == THREE[1]
+
+
+def test_the_end_of_a_period_that_nobody_waited_for_does_not_end_the_next(lumps):
+    lumps.channel.send_all(THREE)
+    lumps.socket.send(message(THREE[0], clock.period_over(1, 0)))
+    assert lumps.channel.receive_all(5.0) == [THREE[0]]
+    lumps.channel.send_all(THREE)
+    answer = threading.Timer(0.05, lambda: lumps.socket.send(pack(THREE[1])))
+    answer.start()
+    assert lumps.channel.receive_all(5.0) == [THREE[1]]
+    answer.join()
 
 
 # -- frames ------------------------------------------------------------------------------------------------------------

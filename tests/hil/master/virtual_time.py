@@ -1,6 +1,7 @@
 """A clock that a test owns, and a bus on which time is this clock's: the real nodes and the real plant, no lock-step."""
 
 from collections import deque
+from collections.abc import Sequence
 
 from drive_profiles.address import Address
 from hil.can.frame import Frame
@@ -76,6 +77,14 @@ class VirtualBus:
             if self._queue:
                 wanted = min(wanted, self._queue[0][0])
             self.clock.sleep_until(wanted)
+
+    def send_all(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            self.send(frame)
+
+    def receive_all(self, timeout_s: float) -> list[Frame]:
+        frame = self.receive(timeout_s)
+        return [] if frame is None else [frame]
 
     def close(self) -> None:
         pass
