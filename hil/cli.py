@@ -203,6 +203,11 @@ def _summary(outcome: "Outcome", say: Callable[[str], None]) -> None:
         order = "-" if run["order"] is None else str(run["order"])
         verdict = "yes" if run["within_spec"] else "no"
         say(f"{run['experiment']:<24}{axis:<6}{run['loop']:<7}{run['compensation']:<8}{order:<7}{peak:<13}{verdict}")
+    for run in {run["recording"]: run for run in outcome.result["runs"]}.values():
+        for words, number in run.get("bus_errors", {}).items():
+            say(f"{run['recording']}: on the bus: {words} ({number} times)")
+        if "discarded_positions" in run:
+            say(f"{run['recording']}: {run['discarded_positions']} positions that cannot be were forgotten")
     for timing in {run["recording"]: run["timing"] for run in outcome.result["runs"] if "timing" in run}.values():
         for line in timing_lines(timing):
             say(line)

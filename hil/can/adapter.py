@@ -9,6 +9,7 @@ import can
 
 from drive_profiles.address import Address
 from hil.can.channel import BusLostError, BusUnavailableError
+from hil.can.errors_frame import decode
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 
 
@@ -59,8 +60,13 @@ class AdapterChannel:
                 raise self._lose(error) from error
             if message is None:
                 return None
-            if not message.is_fd:
-                return _frame(message)
+            if message.is_fd:
+                continue
+            frame = _frame(message)
+            event = decode(frame)
+            if event is not None and event.is_lost:
+                raise self._lose(OSError(event.words))
+            return frame
 
     def send_all(self, frames: Sequence[Frame]) -> None:
         """Put frames on the bus, one after the other."""

@@ -12,6 +12,7 @@ from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION, constant
 from hil.master.bench import Bench
 from hil.master.run import Motion, RunResult
 from hil.master.session import Compensation, Loop
+from hil.recording import Recording
 
 F_AL_DEFAULT_HZ = 12.0
 """Peak of |G_al| where the bench file has no model: the paper's "around 12 Hz"."""
@@ -93,6 +94,10 @@ def entries(bench: Bench, experiment: Experiment, result: RunResult, recording: 
         "motion_s": round(result.motion_s, 6),
         "recording": recording,
     }
+    if result.bus_errors:
+        tail["bus_errors"] = result.bus_errors
+    if result.discarded:
+        tail["discarded_positions"] = result.discarded
     if result.timing is not None:
         tail["timing"] = {"dropped_cycles": result.dropped_cycles, **asdict(result.timing)}
     if result.stopped is not None:
@@ -104,6 +109,8 @@ def entries(bench: Bench, experiment: Experiment, result: RunResult, recording: 
 
 MAX_SENSOR_MISSED = 0.005
 """Share of a motion's cycles that may lack the accelerometer; beyond it the run is not judged."""
+AT_RANGE = 0.998
+"""Share of its range from which a sensor counts as saturated: a step of its resolution below."""
 MAX_LATE = 0.005
 """Share of a motion's cycles on the wall clock that may have been dropped, late, or without an answer; beyond it the same."""
 
@@ -118,10 +125,30 @@ def _judged(bench: Bench, experiment: Experiment, result: RunResult, order: int 
             )
         if result.sensor_missed > MAX_SENSOR_MISSED * result.cycles:
             raise ValueError(f"the accelerometer was missing in {result.sensor_missed} of {result.cycles} cycles")
+        check_range(bench, result.recording)
         metrics = _metrics(bench, experiment, result, order)
     except ValueError as error:
         return {**dict.fromkeys(Metrics.__dataclass_fields__), "within_spec": False, "invalid": str(error)}
     return {**vars(metrics), "within_spec": bool(metrics.tip_peak_mm <= bench.specification.tip_mm)}
+
+
+def check_range(bench: Bench, recording: Recording) -> None:
+    """Refuse a recording in which the accelerometer was at the end of its range.
+
+    Raises:
+        ValueError: It was, in so many samples.
+    """
+    limit = bench.accelerometer.range_m_s2
+    if limit is None:
+        return
+    for name in ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2"):
+        values = np.abs(recording.columns[name])
+        count = int(np.count_nonzero(values >= AT_RANGE * limit))
+        if count:
+            raise ValueError(
+                f"the accelerometer was at the end of its range of {limit:g} m/s² in {count} samples of {name}: "
+                "move more slowly, or take one with a wider range"
+            )
 
 
 def _metrics(bench: Bench, experiment: Experiment, result: RunResult, order: int | None) -> Metrics:

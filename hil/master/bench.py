@@ -174,11 +174,13 @@ class Accelerometer(Table):
         node_id: Of the node; None for a sensor on a serial port.
         profile: Of the node; a sensor on a serial port has none.
         serial: The serial port and what comes from it; None for a node.
+        range_m_s2: What the sensor can measure; a run in which it reaches that is not judged. None where nobody knows.
     """
 
     node_id: NodeId | None = None
     profile: str = "emulated_accelerometer"
     serial: SerialTable | None = None
+    range_m_s2: Positive | None = None
 
     @model_validator(mode="after")
     def _one_of_both(self) -> "Accelerometer":

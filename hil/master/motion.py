@@ -1,6 +1,6 @@
 """What is asked of the robot in one run, and what the run left."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,8 @@ class RunResult:
         stopped: Why it was stopped, or None.
         dropped_cycles: Cycles of the motion whose set-points were not sent in time: none in lock-step.
         timing: How well the beat of the wall clock was kept in the whole run; None in lock-step, where there is none.
+        bus_errors: What the controller has told of errors on the bus meanwhile, in words, and how often.
+        discarded: Positions that could not be, and were forgotten.
     """
 
     recording: Recording
@@ -63,3 +65,5 @@ class RunResult:
     stopped: SafetyStopError | None
     dropped_cycles: int = 0
     timing: Timing | None = None
+    bus_errors: dict[str, int] = field(default_factory=dict)
+    discarded: int = 0

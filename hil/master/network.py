@@ -1,7 +1,7 @@
 """The master's side of CANopen on one channel: SDO, NMT, SYNC, heartbeats and emergencies, in one thread."""
 
 import struct
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,8 @@ from drive_profiles import errors
 from drive_profiles.cia301 import DataType, FunctionCode, NmtCommand, decode, encode
 from drive_profiles.sdo import SdoPort
 from hil.can.channel import Channel
-from hil.can.frame import Frame
+from hil.can.errors_frame import decode as decode_error
+from hil.can.frame import CAN_ERR_FLAG, Frame
 from hil.errors import NoAnswerError, ReadBackError, SdoAbortedError
 from hil.realtime import Clock, MonotonicClock
 from hil.recording import BusLog, LoggedFrame
@@ -42,6 +43,7 @@ class _Line:
     def __init__(self, network: "Network") -> None:
         self._network = network
         self.answers: deque[bytes] = deque(maxlen=MAX_EVENTS)
+        self.unasked = 0
         self.boots = 0  # the network itself watches for them
 
     def send(self, can_id: int, data: bytes) -> None:
@@ -59,6 +61,7 @@ class _Line:
     def clear(self) -> list[bytes]:
         """Forget what has come and was not received, and give it."""
         old = list(self.answers)
+        self.unasked += len(old)
         self.answers.clear()
         return old
 
@@ -85,6 +88,7 @@ class Network:
         canopen: canopen's network; it gets every frame that is not cyclic.
         emergencies: What nodes have reported and nobody has taken yet, bounded.
         heartbeats: Time and NMT state of the last heartbeat of each node.
+        bus_errors: What the controller has told of errors on the bus, in words, and how often; the first `MAX_EVENTS` kinds.
         foreign_sync: Whether somebody else's SYNC has been seen.
         boots: Nodes whose boot-up message has come since it was last cleared.
         period_s: What one SYNC is worth on a lock-step bus.
@@ -101,7 +105,9 @@ class Network:
         self.emergencies: deque[Emergency] = deque(maxlen=MAX_EVENTS)
         self.heartbeats: dict[int, tuple[float, int]] = {}
         self.boots: set[int] = set()
+        self.bus_errors: Counter[str] = Counter()
         self.foreign_sync = False
+        self._lines: dict[int, _Line] = {}
         self._ports: dict[int, SdoPort] = {}
         self._lock_step_s = 0.0
         self._clock = clock or MonotonicClock()
@@ -151,6 +157,9 @@ class Network:
     def dispatch(self, frame: Frame) -> None:
         """Give a frame that is not cyclic to whom it concerns; no bytes make this raise."""
         can_id, data = frame
+        if can_id & CAN_ERR_FLAG:
+            self._note_error(frame)
+            return
         function, node = can_id & 0x780, can_id & 0x7F
         if function == FunctionCode.HEARTBEAT and can_id <= 0x7FF and len(data) == 1:
             self.heartbeats[node] = (self.now(), data[0] & 0x7F)
@@ -162,6 +171,16 @@ class Network:
             code, register, vendor = _EMERGENCY.unpack(data.ljust(_EMERGENCY.size, b"\0")[: _EMERGENCY.size])
             self.emergencies.append(Emergency(node, code, register, vendor))
         self.canopen.notify(can_id, bytearray(data), self.now())
+
+    def _note_error(self, frame: Frame) -> None:
+        event = decode_error(frame)
+        if event is not None and (event.words in self.bus_errors or len(self.bus_errors) < MAX_EVENTS):
+            self.bus_errors[event.words] += 1
+
+    def answers_twice(self, node: int) -> bool:
+        """Whether this node's SDO server has answered more often than it was asked: two nodes may have its id."""
+        line = self._lines.get(node)
+        return line is not None and line.unasked + len(line.answers) > 0
 
     def pump_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Read and dispatch frames until something holds, or the time is up; whether it holds."""
@@ -183,7 +202,7 @@ class Network:
 
     def _port(self, node: int) -> SdoPort:
         if node not in self._ports:
-            line = _Line(self)
+            line = self._lines[node] = _Line(self)
             port = self._ports[node] = SdoPort(node, line, self.timeout_s)
             self.canopen.subscribe(port.tx_cobid, line.on_response)
         return self._ports[node]

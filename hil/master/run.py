@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,6 +66,7 @@ class Run:
         self._guards = [AxisGuard(axis.number, axis.table, session.bench.bus, period) for axis in axes]
         self._holding: dict[int, float] = {}
         self._trusted = [0] * len(axes)
+        self._bus_errors = Counter(session.network.bus_errors)
         self._table = np.full((len(motion.time_s), 5 + 4 * len(axes)), 0.0)  # its pages are there before the motion needs them
 
     # -- the sequence --------------------------------------------------------------------------------------------------
@@ -233,6 +235,11 @@ class Run:
         return f"the master was late: {late}; see docs/realtime.md"
 
     @property
+    def discarded(self) -> int:
+        """Positions that could not be, and were forgotten."""
+        return sum(guard.discarded for guard in self._guards)
+
+    @property
     def _late(self) -> int:
         """Cycles that did not leave in time so far."""
         return self.plan.beat.dropped + self.plan.beat.late
@@ -263,10 +270,16 @@ class Run:
                 continue
             reason = guard.check(slot.status_word, slot.position_rad, reference, slot.torque_nm, slot.missing)
             if reason is not None:
-                raise StopRun(self._own_fault() or self.session.node_fault(self.axes) or reason)
+                raise StopRun(self._own_fault() or self.session.node_fault(self.axes) or self._with_bus_errors(reason))
         reason = self.session.node_fault(self.axes)
         if reason is not None:
             raise StopRun(self._own_fault() or reason)
+
+    def _with_bus_errors(self, reason: str) -> str:
+        """A reason, and what the controller has told of the bus meanwhile."""
+        errors = self.session.network.bus_errors - self._bus_errors
+        told = ", ".join(f"{words} ({number} times)" for words, number in errors.most_common(3))
+        return f"{reason}; on the bus: {told}" if told else reason
 
     # -- the end -------------------------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 import math
 import signal
 import threading
+from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from types import FrameType
@@ -33,6 +34,8 @@ __all__ = ["MAX_SENSITIVITY", "Compensation", "Loop", "Session"]
 Loop = Literal["drive", "host"]
 Compensation = Literal["none", "notch"]
 
+TWICE_S = 0.05
+"""How long a second answer to the last question is waited for."""
 LISTEN_S = 0.1
 """How long the bus is listened to before the first frame is sent."""
 
@@ -134,6 +137,10 @@ class Session:
             check_identity(self.network, self._accelerometer, self._accelerometer_profile)
         else:
             self._accelerometer.open(is_lock_step=self.network.channel.is_lock_step)
+        self.network.pump_until(lambda: False, 0.0 if self.network.channel.is_lock_step else TWICE_S)
+        for node in self._nodes(list(self.axes.values())):
+            if self.network.answers_twice(node):
+                raise NodeError(node, "answers more often than it is asked", "do two nodes have this id?")
 
     def _reset_fault(self, axis: DriveAxis) -> None:
         """The rising edge of bit 7, by SDO; never further than switch on disabled."""
@@ -198,16 +205,18 @@ class Session:
             if with_torque:
                 for axis in axes:
                     axis.snapshot.write(Object.TORQUE_OFFSET, 0, DataType.INTEGER16, 0, "torque offset")
-            overflows = self._overflows()
+            overflows, errors = self._overflows(), Counter(self.network.bus_errors)
             stopped = run.perform()
+            errors = self.network.bus_errors - errors
             if real_time is not None:
                 timing = self._timing(plan, real_time, overflows)
         wall_s = self.clock.now() - began
         self.log.write()
         duration = float(motion.time_s[-1])
         return RunResult(
-            run.recording(), run.rows, run.missed, run.sensor_missed, wall_s, duration, control, stopped, run.dropped, timing
-        )
+            run.recording(), run.rows, run.missed, run.sensor_missed, wall_s, duration, control, stopped, run.dropped, timing,
+            dict(errors), run.discarded,
+        )  # fmt: skip
 
     def _check_lateness(self, period: float) -> None:
         limit = self.bench.bus.max_lateness_s

@@ -3,6 +3,7 @@
 import math
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from drive_profiles.cia301 import DataType, FunctionCode
 from drive_profiles.cia402 import Object, State
 from drive_profiles.profile import Profile
-from hil.can.frame import Frame
+from hil.can.frame import CAN_ERR_FLAG, Frame
 from hil.errors import (
     AlreadyMovingError,
     NoAnswerError,
@@ -589,3 +590,126 @@ def test_a_bus_that_another_master_synchronises_is_left_alone(short_bench: Bench
     with session, pytest.raises(NodeError, match="another master"):
         session.bring_up()
     assert not channel.sent
+
+
+# -- what is added to the set-points -----------------------------------------------------------------------------------
+
+
+class Shift:
+    """Adds an angle and a torque to every set-point."""
+
+    uses_torque = True
+
+    def __init__(self, rad: float, torque_nm: float) -> None:
+        self.rad, self.torque_nm = rad, torque_nm
+        self.seen: list[tuple[float, float]] = []
+
+    def step(self, references_rad, positions_rad):  # type: ignore[no-untyped-def]
+        self.seen.append((references_rad[0], positions_rad[0]))
+        return [self.rad] * len(references_rad), [self.torque_nm] * len(references_rad)
+
+
+def test_a_torque_offset_of_the_motion_reaches_the_motor_and_is_taken_back(session: BenchSession, robot: EmulatedRobot) -> None:
+    bench = session.bench
+    motion = constant_acceleration(bench, 2, bench.bus.sync_period_s)
+    offset = np.zeros_like(motion.motor_angle_rad)
+    offset[100:130] = 0.5
+    held: list[float] = []
+    channel = robot.channel
+    before = channel.heard
+    row = robot.world.axes.row(2)
+    channel.heard = lambda frame, end: (held.append(float(robot.world.axes.motion[row]["torque_offset_nm"])), before(frame, end))[
+        1
+    ]  # type: ignore[assignment,func-returns-value]
+    result = session.run(replace(motion, torque_offset_nm=offset))
+    channel.heard = before
+    assert result.stopped is None
+    assert max(held) == pytest.approx(0.5, abs=0.01)
+    assert robot.world.axes.motion[row]["torque_offset_nm"] == 0.0
+    assert robot.world.drives[2].slave.dictionary.get(Object.TORQUE_OFFSET) == 0
+    torque = result.recording.axis(2, "torque_nm")
+    assert torque[105:130].mean() > torque[60:95].mean() + 0.1
+
+
+def test_a_torque_offset_beyond_the_axis_limit_is_refused_before_anything_is_sent(session: BenchSession) -> None:
+    bench = session.bench
+    motion = constant_acceleration(bench, 2, bench.bus.sync_period_s)
+    with pytest.raises(UnsafeRequestError, match="torque offset of axis 2"):
+        session.run(replace(motion, torque_offset_nm=np.full_like(motion.motor_angle_rad, 7.2)))
+
+
+def test_a_corrector_sees_where_the_motor_is_and_moves_the_set_points(session: BenchSession) -> None:
+    bench = session.bench
+    motion = constant_acceleration(bench, 2, bench.bus.sync_period_s)
+    plain = session.run(motion)
+    shift = Shift(0.02, 0.1)
+    result = session.run(motion, corrector=shift)
+    assert result.stopped is None
+    assert len(shift.seen) > len(motion.time_s)
+    moved = result.recording.axis(2, "position_rad") - plain.recording.axis(2, "position_rad")
+    assert np.median(moved) == pytest.approx(0.02, abs=0.006)
+    np.testing.assert_allclose(
+        result.recording.axis(2, "reference_rad") - plain.recording.axis(2, "reference_rad"), 0.0, atol=0.01
+    )
+
+
+def test_a_corrector_that_asks_for_too_much_torque_stops_the_run(session: BenchSession) -> None:
+    bench = session.bench
+    motion = constant_acceleration(bench, 2, bench.bus.sync_period_s)
+    result = session.run(motion, corrector=Shift(0.0, 7.5))
+    assert result.stopped is not None
+    assert "a torque offset of 7.5 N·m, the limit is 7.1 N·m" in str(result.stopped)
+    assert result.stopped.all_disabled
+
+
+def test_set_points_are_not_corrected_where_the_host_closes_the_loop(session: BenchSession) -> None:
+    bench = session.bench
+    motion = constant_acceleration(bench, 2, bench.bus.host_sync_period_s)
+    with pytest.raises(NotPossibleError, match="--loop drive"):
+        session.run(motion, "none", "host", Shift(0.0, 0.0))
+
+
+# -- what the bus tells ------------------------------------------------------------------------------------------------
+
+
+def test_what_the_controller_tells_of_the_bus_is_in_the_result_and_in_the_reason(
+    session: BenchSession, robot: EmulatedRobot
+) -> None:
+    bench = session.bench
+    warning = Frame(CAN_ERR_FLAG | 0x004, bytes((0, 0x08, 0, 0, 0, 0, 0, 0)))
+
+    def tell(number: int) -> None:
+        if number % 50 == 0:
+            robot.channel._queue.append(warning)
+
+    robot.channel.on_sync = tell
+    result = session.run(constant_acceleration(bench, 2, bench.bus.sync_period_s))
+    assert result.stopped is None
+    assert result.bus_errors == {"error-warning level of sent frames": pytest.approx(25, abs=20)}
+    [entry, _] = entries(bench, demo_experiments(bench)[0], result, "x.csv")
+    assert entry["bus_errors"] == result.bus_errors
+
+
+def test_two_nodes_with_one_id_are_found_before_anything_moves(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+    deliver = channel._deliver
+    channel._deliver = lambda heard: deliver(
+        [each for one in heard for each in ([one] * 2 if one.frame.can_id == 0x583 else [one])]
+    )  # type: ignore[method-assign]
+    with session, pytest.raises(NodeError, match=r"node 3.*answers more often than it is asked.*two nodes"):
+        session.bring_up()
+    assert all_braked(channel.world)
+
+
+def test_an_accelerometer_at_the_end_of_its_range_is_not_judged(reference_bench: Bench, reference_robot: Robot) -> None:
+    sensor = reference_robot.accelerometer.model_copy(update={"range_m_s2": 0.5})
+    narrow = reference_bench.accelerometer.model_copy(update={"range_m_s2": 0.5})
+    bench = reference_bench.model_copy(update={"accelerometer": narrow})
+    session, _ = session_of(bench, reference_robot.model_copy(update={"accelerometer": sensor}))
+    experiment = demo_experiments(bench)[0]
+    with session:
+        session.bring_up()
+        result = session.run(experiment.motion(bench), "none", "drive")
+    for entry in entries(bench, experiment, result, "x.csv"):
+        assert "at the end of its range of 0.5 m/s²" in entry["invalid"]
+        assert not entry["within_spec"]
