@@ -20,6 +20,7 @@ DIGITS = 3
 """Values are in mm/s²: 3 decimal digits of m/s²."""
 
 _LIMIT = 2**15 - 1
+_PER_UNIT = 10**DIGITS
 _CHANNELS = ("X", "Y", "Z")
 
 
@@ -77,8 +78,7 @@ class Accelerometer:
         self._range_m_s2 = range_m_s2
         dictionary = Dictionary(accelerometer_entries(node_id))
         self.slave = Slave(node_id, dictionary)
-        self._values = [dictionary.cell(PROCESS_VALUE, sub) for sub in (1, 2, 3)]
-        self._status = [dictionary.cell(STATUS, sub) for sub in (1, 2, 3)]
+        self._channels = [(dictionary.cell(PROCESS_VALUE, sub), dictionary.cell(STATUS, sub)) for sub in (1, 2, 3)]
 
     @property
     def node_id(self) -> int:
@@ -96,9 +96,11 @@ class Accelerometer:
 
     def sample(self) -> None:
         """Measure: CiA 404 status bit 0 is "not valid", here a channel at the end of its range."""
-        for value, status, acceleration in zip(self._values, self._status, self._measure(), strict=True):
-            value.value = max(-_LIMIT, min(_LIMIT, round(acceleration * 10**DIGITS)))
-            status.value = int(abs(acceleration) >= self._range_m_s2)
+        reach = self._range_m_s2
+        for (value, status), acceleration in zip(self._channels, self._measure(), strict=True):
+            steps = round(acceleration * _PER_UNIT)
+            value.value = steps if -_LIMIT <= steps <= _LIMIT else max(-_LIMIT, min(_LIMIT, steps))
+            status.value = 0 if -reach < acceleration < reach else 1
 
     def receive(self, frame: Frame, now: int) -> list[Frame]:
         """Take any frame from the bus; what the node answers."""
@@ -107,7 +109,3 @@ class Accelerometer:
     def advance(self, now: int) -> list[Frame]:
         """Let time pass up to now."""
         return self.slave.advance(now)
-
-    def update(self) -> list[Frame]:
-        """Nothing happens between samples."""
-        return []

@@ -1,17 +1,26 @@
 """All axes of a robot as arrays: what the compiled period works on, and what the tip feels."""
 
 import math
+from typing import Any
 
 import numpy as np
 
 from hil.control.cascade import CASCADE_CONFIG, CASCADE_STATE
 from hil.control.notch import NO_NOTCH, NOTCH_CONFIG, NOTCH_STATE, NOTCHES
-from plant_emulator.motion import BRAKED, MOTION, SET_POINT_RANGE, SET_POINT_STEP, advance, measured_counts
+from plant_emulator.motion import BRAKED, MOTION, SET_POINT_RANGE, SET_POINT_STEP, advance
 from plant_emulator.physics.axis import PLANT, PLANT_STATE, settle
 from plant_emulator.physics.tip import chain_acceleration, lever_acceleration
 from plant_emulator.robot import CHAIN_AXES, Robot
 
 NEVER = 1 << 60
+
+
+def live(array: Any, field: str) -> Any:
+    """One field of all rows, live: reads and writes are the array's own, and give and take plain numbers.
+
+    A record's field costs 370 ns to read and 410 ns to write, an element of this view 26 ns and 49 ns (CPython 3.11).
+    """
+    return memoryview(array[field])
 
 
 class Axes:
@@ -61,20 +70,20 @@ class Axes:
         self._home = None if home is None else home.tolist()
         self._chain_rows = [] if home is None else [self.row(number) for number in CHAIN_AXES]
         self._levers = [robot.axis[number].tip_lever_m for number in self.numbers]
-        # views that are read at every sample of the tip
-        self._modes = self.motion["mode"]
-        self._arm_angle = self.plant_state["arm_angle"]
-        self._arm_speed = self.plant_state["arm_speed"]
-        self._arm_acceleration = self.plant_state["arm_acceleration"]
+        self._bind()
 
-    def row(self, number: int) -> int:
-        """Row of an axis."""
-        return self.numbers.index(number)
-
-    def advance(self, ticks: int) -> None:
-        """Advance everything by some control periods."""
-        advance(
-            ticks,
+    def _bind(self) -> None:
+        """Take hold of what every SYNC reads and writes."""
+        motion, state = self.motion, self.plant_state
+        self._mode, self._trip = live(motion, "mode"), live(motion, "trip")
+        self._counts_per_rad, self._max_speed = live(motion, "counts_per_rad"), live(motion, "max_speed_rad_s")
+        self._previous, self._target = live(motion, "previous_counts"), live(motion, "target_counts")
+        self._tick, self._span = live(motion, "tick"), live(motion, "ticks_per_set_point")
+        self._low, self._high = live(motion, "low_counts"), live(motion, "high_counts")
+        self._motor_angle, self._arm_angle = live(state, "motor_angle"), live(state, "arm_angle")
+        self._arm_speed, self._arm_acceleration = live(state, "arm_speed"), live(state, "arm_acceleration")
+        self._control_period_s = self.robot.control_period_s
+        self._all = (
             self.robot.control_period_s,
             self.robot.plant_substeps,
             self.plant,
@@ -86,9 +95,19 @@ class Axes:
             self.notch_state,
         )
 
+    def row(self, number: int) -> int:
+        """Row of an axis."""
+        return self.numbers.index(number)
+
+    def advance(self, ticks: int) -> None:
+        """Advance everything by some control periods."""
+        advance(ticks, *self._all)
+
     def counts(self, row: int) -> int:
         """What the encoder of an axis shows now."""
-        return int(measured_counts(self.plant_state[row]["motor_angle"], self.motion[row]["counts_per_rad"]))
+        # `measured_counts` of `plant_emulator.motion`, whose call costs more than the arithmetic
+        counts: int = math.floor(self._motor_angle[row] * self._counts_per_rad[row] + 0.5)
+        return counts
 
     def energise(self, row: int, mode: int, ticks_per_set_point: int = 1) -> int:
         """Open the brake of an axis in a mode of `plant_emulator.motion`; the set-point is where the motor stands, in counts."""
@@ -104,22 +123,22 @@ class Axes:
     def set_point(self, row: int, target_counts: int) -> None:
         """Give an axis in cyclic position mode its next set-point; it goes there from where it is, in one interpolation period.
 
-        One outside the position limits, or faster than the motor may turn, trips the axis and is not followed.
+        One outside the position limits, or faster than the motor may turn, trips the axis and is not followed. A SYNC that falls a
+        control period early, as those of a busy bus do, finds the axis that much behind the last set-point: it is no faster for it.
         """
-        motion = self.motion[row]
-        span = int(motion["ticks_per_set_point"])
-        share = min(1.0, int(motion["tick"]) / span)
-        start = float(motion["previous_counts"])
-        start += (float(motion["target_counts"]) - start) * share
+        span = self._span[row]
+        share = self._tick[row] / span
+        start = self._previous[row]
+        start += (self._target[row] - start) * (share if share < 1.0 else 1.0)
         target = float(target_counts)
-        reach = float(motion["max_speed_rad_s"]) * float(motion["counts_per_rad"]) * span * self.robot.control_period_s
-        if not motion["low_counts"] <= target <= motion["high_counts"]:
-            motion["trip"] = int(motion["trip"]) | SET_POINT_RANGE
+        reach = self._max_speed[row] * self._counts_per_rad[row] * (span + 1) * self._control_period_s
+        if not self._low[row] <= target <= self._high[row]:
+            self._trip[row] |= SET_POINT_RANGE
             target = start
         elif abs(target - start) > reach + 1.0:
-            motion["trip"] = int(motion["trip"]) | SET_POINT_STEP
+            self._trip[row] |= SET_POINT_STEP
             target = start
-        motion["previous_counts"], motion["target_counts"], motion["tick"] = start, target, 0
+        self._previous[row], self._target[row], self._tick[row] = start, target, 0
 
     def tip_acceleration(self) -> tuple[float, float, float]:
         """True acceleration (X, Y, Z) of the tip in m/s², gravity left out.
@@ -127,15 +146,16 @@ class Axes:
         While a single brake is open the sensor sits on that axis' lever, as in the single-axis experiments: Z is L θ̈_l, X points
         inwards. Otherwise the planar chain of axes 2, 3 and 5 moves it; a robot without a geometry adds the levers up.
         """
-        open_rows = [row for row, mode in enumerate(self._modes.tolist()) if mode != BRAKED]
+        modes = self._mode.tolist()
         speeds, accelerations = self._arm_speed.tolist(), self._arm_acceleration.tolist()
-        if len(open_rows) == 1:
-            row = open_rows[0]
+        if len(modes) - modes.count(BRAKED) == 1:
+            row = next(row for row, mode in enumerate(modes) if mode != BRAKED)
             return lever_acceleration(self._levers[row], speeds[row], accelerations[row])
         if self._chain is None or self._home is None:
             x = -sum(lever * speed * speed for lever, speed in zip(self._levers, speeds, strict=True))
             return x, 0.0, sum(lever * a for lever, a in zip(self._levers, accelerations, strict=True))
-        rows = self._chain_rows
-        bent = self._arm_angle.tolist()
-        angles = [home + bent[row] for home, row in zip(self._home, rows, strict=True)]
-        return chain_acceleration(self._chain, angles, [speeds[row] for row in rows], [accelerations[row] for row in rows])
+        (i, j, k), (home_i, home_j, home_k), bent = self._chain_rows, self._home, self._arm_angle
+        angles = home_i + bent[i], home_j + bent[j], home_k + bent[k]
+        return chain_acceleration(
+            self._chain, angles, (speeds[i], speeds[j], speeds[k]), (accelerations[i], accelerations[j], accelerations[k])
+        )

@@ -24,7 +24,7 @@ from drive_profiles.cia402 import (
 from drive_profiles.units import Scaling
 from hil.can.frame import Frame
 from plant_emulator import motion as law
-from plant_emulator.axes import Axes
+from plant_emulator.axes import Axes, live
 from plant_emulator.drive_data import DriveData, clip
 from plant_emulator.personalities import personality_of
 from plant_emulator.personality import Personality
@@ -47,9 +47,11 @@ STOP_PATIENCE_S = 0.5
 RELATIVE = 1 << 6
 """Control word in profile position: the new set-point counts from the last one."""
 
+_FOLLOWING_MODES = (law.POSITION, law.TORQUE)
 _CONNECTION = "connection"
 _MOTION_OF_MODE = {Mode.PP: law.PROFILE, Mode.CSP: law.POSITION, Mode.CST: law.TORQUE}
-_POWERED = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
+_STOPPING = {State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
+_POWERED = {State.OPERATION_ENABLED, *_STOPPING}
 
 
 class Drive:
@@ -59,7 +61,7 @@ class Drive:
         slave: The CANopen engine underneath.
         data: The process data, between the dictionary and the axis.
         personality: The drive's manufacturer: which drive it is, and what of it is not emulated.
-        state: State of the power drive system.
+        stops: Whether a ramp to rest is to be watched by `update`.
     """
 
     def __init__(self, axes: Axes, number: int, personality: Personality | None = None) -> None:
@@ -75,8 +77,11 @@ class Drive:
             ValueError: The profile is no drive's.
         """
         self.axes, self.row = axes, axes.row(number)
-        self.state = State.NOT_READY_TO_SWITCH_ON
         self._motion = axes.motion[self.row]
+        self._mode, self._trip = live(axes.motion, "mode"), live(axes.motion, "trip")
+        self._torque, self._torque_limit = live(axes.motion, "torque_nm"), live(axes.motion, "torque_limit_nm")
+        self._following_count = live(axes.motion, "following_count")
+        self._stand_in(State.NOT_READY_TO_SWITCH_ON)
         self._control_period_s = axes.robot.control_period_s
         self._previous_control_word = 0
         self._acknowledged = False
@@ -109,8 +114,20 @@ class Drive:
         """How the drive counts."""
         return self.data.scaling
 
+    @property
+    def state(self) -> State:
+        """State of the power drive system."""
+        return self._state
+
+    def _stand_in(self, state: State) -> None:
+        """Be in a state, with what every SYNC asks of it: to look a state up costs more than the rest of a status word."""
+        self._state = state
+        self._has_power = state in _POWERED
+        self.stops = state in _STOPPING
+        self._plain_status_word = status_bits(state) | REMOTE | VOLTAGE_ENABLED
+
     def _is_powered(self) -> bool:
-        return self.state in _POWERED
+        return self._has_power
 
     # -- the node, for the world ---------------------------------------------------------------------------------------
 
@@ -139,39 +156,38 @@ class Drive:
 
     def update(self) -> list[Frame]:
         """Look at what the axis has done since the last call: broken limits, finished ramps. After each advance of the axes."""
-        motion = self._motion
-        trip = int(motion["trip"])
+        trip = self._trip[self.row]
         if trip:
-            motion["trip"] = 0
+            self._trip[self.row] = 0
             for bit, cause, code in FAULTS:
                 if trip & bit:
                     self._fault(cause, code)
-        if self.state in {State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE} and self._stop_is_over():
+        if self.stops and self._stop_is_over():
             self._stopped()
         return self.slave.take_frames()
 
     # -- status and mode -----------------------------------------------------------------------------------------------
 
     def _status_word(self) -> int:
-        word = status_bits(self.state) | REMOTE | VOLTAGE_ENABLED
-        motion = self._motion
-        if motion["mode"] in {law.POSITION, law.TORQUE}:
+        word, row = self._plain_status_word, self.row
+        mode = self._mode[row]
+        if mode in _FOLLOWING_MODES:
             word |= FOLLOWS_COMMAND
-        if motion["mode"] == law.PROFILE:
+        elif mode == law.PROFILE:
             if self.data.is_target_reached:
                 word |= TARGET_REACHED
             if self._acknowledged:
                 word |= SET_POINT_ACKNOWLEDGE
-        if self.state in _POWERED and abs(motion["torque_nm"]) >= motion["torque_limit_nm"]:
+        if self._has_power and abs(self._torque[row]) >= self._torque_limit[row]:
             word |= INTERNAL_LIMIT
-        if motion["following_count"] > 0:
+        if self._following_count[row] > 0:
             word |= FOLLOWING_ERROR
         return word
 
     def _write_mode(self, value: int) -> SdoAbortCode | None:
         if value and value not in self.personality.modes:
             return SdoAbortCode.INVALID_VALUE
-        if self.state in _POWERED and value != self._value(Object.MODES_OF_OPERATION):
+        if self._has_power and value != self._value(Object.MODES_OF_OPERATION):
             return SdoAbortCode.DEVICE_STATE
         return None
 
@@ -180,7 +196,7 @@ class Drive:
     def _write_control_word(self, word: int) -> SdoAbortCode | None:
         """Run the state machine on a control word until it stands; the fault reset acts on the edge only."""
         previous, self._previous_control_word = self._previous_control_word, word
-        if word == previous and self.state is State.OPERATION_ENABLED:
+        if word == previous and self._state is State.OPERATION_ENABLED:
             return None
         option = self._value(Object.QUICK_STOP_OPTION)
         for _ in range(4):
@@ -212,7 +228,8 @@ class Drive:
         return True
 
     def _enter(self, state: State) -> None:
-        before, self.state = self.state, state
+        before = self._state
+        self._stand_in(state)
         if state is State.OPERATION_ENABLED:
             self._energise()
         elif state is State.QUICK_STOP_ACTIVE:
@@ -287,7 +304,7 @@ class Drive:
 
     def _on_sync(self, now: int) -> None:
         """With SYNC the newest set-point comes into force: the drive goes there in one interpolation period."""
-        if self._motion["mode"] == law.POSITION:
+        if self._mode[self.row] == law.POSITION:
             self.axes.set_point(self.row, self.data.cyclic_target_counts())
 
     def _profile_command(self, word: int) -> None:
@@ -345,5 +362,5 @@ class Drive:
         self._motion["trip"] = 0  # what a set-point before the reset has broken is not the new start's fault
         self._previous_control_word = 0
         self.data.halted = self._acknowledged = False
-        self.state = state_after(State.NOT_READY_TO_SWITCH_ON, Event.INITIALISED)
+        self._stand_in(state_after(State.NOT_READY_TO_SWITCH_ON, Event.INITIALISED))
         self.data.apply()

@@ -9,7 +9,7 @@ from drive_profiles.cia301 import SdoAbortCode
 from drive_profiles.cia402 import Object
 from drive_profiles.units import Scaling
 from plant_emulator import motion as law
-from plant_emulator.axes import Axes
+from plant_emulator.axes import Axes, live
 from plant_emulator.personality import Personality
 
 _INT16, _INT32 = 2**15 - 1, 2**31 - 1
@@ -49,7 +49,8 @@ _SI: dict[int, Callable[[Scaling, Any], float]] = {
 
 def clip(value: float, limit: int = _INT32) -> int:
     """The nearest whole number within ±limit: what an object can hold."""
-    return int(max(-limit, min(limit, round(value))))
+    nearest = round(value)
+    return nearest if -limit <= nearest <= limit else int(max(-limit, min(limit, nearest)))
 
 
 class DriveData:
@@ -82,6 +83,9 @@ class DriveData:
         self._rated_place, self._rated_step_nm = personality.rated_torque
         self._is_rated_fixed = not self._dictionary.cell(*self._rated_place).entry.access.is_writable
         self.motion["counts_per_rad"] = self.scaling.counts_per_rad
+        self._speeds, self._torques = live(axes.cascade_state, "speed_rad_s"), live(axes.motion, "torque_nm")
+        self._following_errors = live(axes.motion, "following_error_rad")
+        self._target, self._offset = (self._dictionary.cell(index) for index in (Object.TARGET_POSITION, Object.POSITION_OFFSET))
         self._bind_values()
         self._bind_writers()
 
@@ -101,7 +105,7 @@ class DriveData:
 
     def _bind_values(self) -> None:
         read: dict[tuple[int, int], Callable[[], Any]] = {
-            (Object.POSITION_ACTUAL, 0): lambda: clip(self.axes.counts(self.row)),
+            (Object.POSITION_ACTUAL, 0): self._position_counts,
             (Object.VELOCITY_ACTUAL, 0): lambda: clip(self.speed_rad_s * self.scaling.counts_per_rad),
             (Object.TORQUE_ACTUAL, 0): self._torque_per_mille,
             (Object.FOLLOWING_ERROR_ACTUAL, 0): self._following_error_counts,
@@ -112,13 +116,16 @@ class DriveData:
     @property
     def speed_rad_s(self) -> float:
         """Motor speed as the law sees it."""
-        return float(self.axes.cascade_state[self.row]["speed_rad_s"])
+        return float(self._speeds[self.row])
+
+    def _position_counts(self) -> int:
+        return clip(self.axes.counts(self.row))
 
     def _torque_per_mille(self) -> int:
-        return clip(1000.0 * float(self.motion["torque_nm"]) / self.scaling.rated_torque_nm, _INT16)
+        return clip(1000.0 * self._torques[self.row] / self.scaling.rated_torque_nm, _INT16)
 
     def _following_error_counts(self) -> int:
-        return clip(float(self.motion["following_error_rad"]) * self.scaling.counts_per_rad)
+        return clip(self._following_errors[self.row] * self.scaling.counts_per_rad)
 
     @property
     def is_target_reached(self) -> bool:
@@ -139,7 +146,7 @@ class DriveData:
 
     def cyclic_target_counts(self) -> int:
         """Where cyclic position mode shall go: 607Ah + 60B0h (CiA 402: the offset is added to the target)."""
-        return int(self.value(Object.TARGET_POSITION) + self.value(Object.POSITION_OFFSET))
+        return int(self._target.value + self._offset.value)  # type: ignore[operator]
 
     # -- what is written -----------------------------------------------------------------------------------------------
 
@@ -190,8 +197,10 @@ class DriveData:
         return write
 
     def _set_point_writer(self, field: str, convert: Callable[[int], float]) -> Callable[[int], SdoAbortCode | None]:
+        place, row = live(self.axes.motion, field), self.row
+
         def write(value: int) -> SdoAbortCode | None:
-            self.motion[field] = convert(value)
+            place[row] = convert(value)
             return None
 
         return write

@@ -10,7 +10,7 @@ from drive_profiles.cia402 import Mode, Object
 from drive_profiles.units import Scaling
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
 from plant_emulator import drive_objects as objects
-from plant_emulator.axes import Axes
+from plant_emulator.axes import Axes, live
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.store import Place, StoreCommand, standard_commands
 
@@ -66,12 +66,8 @@ class Personality(ABC):
         """Put all entries into force, after a reset."""
 
 
-def _is_active(state: Any) -> int:
-    return int(state["active"])
-
-
-def _while_active(state: Any, field: str) -> float:
-    return float(state[field]) if state["active"] else 0.0
+def _while_active(active: Any, values: Any, column: int) -> float:
+    return float(values[column]) if active[column] else 0.0
 
 
 class OwnPersonality(Personality):
@@ -94,12 +90,11 @@ class OwnPersonality(Personality):
             for sub, parameter in enumerate(objects.NOTCH_PARAMETERS, start=1):
                 on_write(index, sub, self._notch_writer(column, parameter[0]))
         for column, index in enumerate(objects.NOTCH_STATE_OBJECTS):
-            state = axes.notch_state[row, column]
-            on_read(index, 1, partial(_is_active, state))
-            on_read(index, 2, partial(_while_active, state, "frequency_hz"))
-            on_read(index, 3, partial(_while_active, state, "zeta_rd"))
-        motion = axes.motion[row]
-        on_read(objects.TORQUE_COMMAND, 0, lambda: float(motion["torque_nm"]))
+            active = live(axes.notch_state[row], "active")
+            on_read(index, 1, partial(active.__getitem__, column))
+            on_read(index, 2, partial(_while_active, active, live(axes.notch_state[row], "frequency_hz"), column))
+            on_read(index, 3, partial(_while_active, active, live(axes.notch_state[row], "zeta_rd"), column))
+        on_read(objects.TORQUE_COMMAND, 0, partial(live(axes.motion, "torque_nm").__getitem__, row))
 
     def _gain_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
         def write(value: float) -> SdoAbortCode | None:

@@ -1,13 +1,15 @@
 """The world: drives, accelerometer, axes and one clock. Sans IO: frames and time in, frames out."""
 
 from collections.abc import Iterable
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
 
 from drive_profiles.cia301 import FunctionCode
 from hil.can.frame import Frame
 from plant_emulator.accelerometer import Accelerometer
-from plant_emulator.axes import Axes
+from plant_emulator.axes import Axes, live
 from plant_emulator.drive import Drive
 from plant_emulator.physics.tip import Sensor
 from plant_emulator.robot import Robot
@@ -18,6 +20,12 @@ FREE_STEP_NS = 1_000_000
 """How often a world that runs by itself looks at its drives."""
 
 Node = Drive | Accelerometer
+
+_SYNC = int(FunctionCode.SYNC)
+_IDENTIFIER = itemgetter(0)
+"""Of a frame."""
+_UNKNOWN, _NEVER = -1, 1 << 63
+"""In the place of an instant."""
 
 
 class World:
@@ -44,17 +52,31 @@ class World:
         self.accelerometer = Accelerometer(setting.node_id, self._measure, setting.range_m_s2)
         nodes: list[Node] = [*self.drives.values(), self.accelerometer]
         self._nodes = sorted(nodes, key=lambda node: node.node_id)
+        self._drives = sorted(self.drives.values(), key=lambda drive: drive.node_id)
         self._slaves = [node.slave for node in self._nodes]
         self._periods = [node.slave.dictionary.cell(0x1006) for node in self._nodes]
         self._tick_ns = round(1e9 * robot.control_period_s)
         self._mechanics_ns = 0
-        self._due: int | None = None
-        self._due_is_known = False
+        self._period_ns = round(1e9 * robot.sync_period_s)
+        self._trips = live(self.axes.motion, "trip")
+        self._wakes_at = _UNKNOWN
         self._owed_ns = 0
+        self._all = [(slave.node_id, slave) for slave in self._slaves]
+        self._listeners: dict[int, list[tuple[int, Slave]]] = {}
+        self._watches = False
+        for slave in self._slaves:
+            slave.on_routes, slave.on_due = self._forget_listeners, self._forget_due
+
+    def _forget_due(self) -> None:
+        self._wakes_at = _UNKNOWN
+
+    def _forget_listeners(self) -> None:
+        self._listeners.clear()
+        self._watches = any(slave.waits_for_changes for slave in self._slaves)
 
     def power_on(self) -> list[Frame]:
         """Start all nodes; their boot-up frames."""
-        self._due_is_known = False
+        self._wakes_at = _UNKNOWN
         return _by_priority(frame for node in self._nodes for frame in node.power_on(self.now))
 
     def power_cycle(self, node_id: int) -> list[Frame]:
@@ -63,7 +85,7 @@ class World:
         Raises:
             ValueError: There is no such node.
         """
-        self._due_is_known = False
+        self._wakes_at = _UNKNOWN
         for node in self._nodes:
             if node.node_id == node_id:
                 return node.power_on(self.now)
@@ -77,8 +99,12 @@ class World:
     @property
     def period_ns(self) -> int:
         """What one SYNC is worth: the shortest 1006h that a node has been given, else the robot file's period."""
-        told = [int(cell.value) for cell in self._periods if cell.value]
-        return 1000 * min(told) if told else round(1e9 * self.robot.sync_period_s)
+        shortest = 0
+        for cell in self._periods:
+            told: Any = cell.value
+            if told and (not shortest or told < shortest):
+                shortest = told
+        return 1000 * shortest or self._period_ns
 
     def begin_lock_step(self) -> list[Frame]:
         """Go on to the next whole second, so that every run finds the clock's phase the same."""
@@ -86,17 +112,36 @@ class World:
 
     def hear(self, frame: Frame) -> list[tuple[int, Frame]]:
         """What the nodes answer at this instant, each with its node-ID; no time is owed for it."""
-        self._due_is_known = False
-        if frame.can_id == FunctionCode.SYNC:
+        can_id, now = frame.can_id, self.now
+        if can_id == _SYNC:
             self.accelerometer.sample()
-        return [(node.node_id, answer) for node in self._nodes for answer in node.receive(frame, self.now)]
+        return [(node_id, answer) for node_id, slave in self._hearers(can_id) for answer in slave.receive(frame, now)]
+
+    def _hearers(self, can_id: int) -> list[tuple[int, Slave]]:
+        """To whom a frame is given: to who listens; to everyone when a deadline has come, which is served before it."""
+        due = self.due
+        if due is not None and due <= self.now:
+            self._wakes_at = _UNKNOWN
+            return self._all
+        found = self._listeners.get(can_id)
+        if found is None:
+            found = [(node_id, slave) for node_id, slave in self._all if slave.listens(can_id)]
+            if found:  # else whoever sends enough identifiers fills the memory
+                self._listeners[can_id] = found
+        return found
 
     def receive(self, frame: Frame) -> list[Frame]:
         """What the nodes answer at this instant; a SYNC then owes the world a period."""
         if self._owed_ns:
             return self.settle() + self.receive(frame)
-        answers = [answer for _, answer in self.hear(frame)]
-        if frame.can_id == FunctionCode.SYNC:
+        can_id, now = frame.can_id, self.now
+        if can_id == _SYNC:
+            self.accelerometer.sample()
+        hearers = self._listeners.get(can_id) if now < self._wakes_at else None
+        answers: list[Frame] = []
+        for _, slave in self._hearers(can_id) if hearers is None else hearers:
+            answers += slave.receive(frame, now)
+        if can_id == _SYNC:
             self._owed_ns = self.period_ns
         return _by_priority(answers) if len(answers) > 1 else answers
 
@@ -108,11 +153,13 @@ class World:
     @property
     def due(self) -> int | None:
         """The next instant at which a node does something by itself; None where only a frame or a motion can wake one."""
-        if not self._due_is_known:
-            dues = [due for slave in self._slaves if (due := slave.due) is not None]
-            self._due, self._due_is_known = min(dues, default=None), True
-        due = self._due
-        return due if due is None or due > self.now else self.now
+        wakes_at = self._wakes_at
+        if wakes_at == _UNKNOWN:
+            wakes_at = min((due for slave in self._slaves if (due := slave.due) is not None), default=_NEVER)
+            self._wakes_at = wakes_at
+        if wakes_at == _NEVER:
+            return None
+        return wakes_at if wakes_at > self.now else self.now
 
     def move(self, until: int) -> list[tuple[int, Frame]]:
         """Let time pass to an instant that is not beyond `due`; what the nodes send then, each with its node-ID.
@@ -125,21 +172,29 @@ class World:
         ticks = (until - self._mechanics_ns) // self._tick_ns
         due = self.due
         self.now = until
-        if ticks <= 0 and (due is None or until < due):
+        is_due = due is not None and due <= until
+        if ticks <= 0 and not is_due:
             return []  # nothing has moved, and no drive has anything new to look at
         frames: list[tuple[int, Frame]] = []
         if ticks > 0:
             self.axes.advance(ticks)
             self._mechanics_ns += ticks * self._tick_ns
-            frames = [(node.node_id, frame) for node in self._nodes for frame in node.update()]
-        late = [node for node in self._nodes if _is_due(node.slave, until)]
-        if late:
-            # lowest identifier first, as a bus would let them pass
-            frames += sorted(
-                ((node.node_id, frame) for node in late for frame in node.advance(until)), key=lambda sent: sent[1].can_id
-            )
-        self._due_is_known = False
+            frames = self._update()
+        if is_due or self._watches or self._wakes_at == _UNKNOWN:
+            late = [node for node in self._nodes if _is_due(node.slave, until)]
+            if late:
+                # lowest identifier first, as a bus would let them pass
+                frames += sorted(
+                    ((node.node_id, frame) for node in late for frame in node.advance(until)), key=lambda sent: sent[1].can_id
+                )
+            self._wakes_at = _UNKNOWN
         return frames
+
+    def _update(self) -> list[tuple[int, Frame]]:
+        """Let the drives look at their axes, those that have something to see: a broken limit or a ramp to rest."""
+        trips = self._trips.tolist()
+        waiting = [drive for drive in self._drives if trips[drive.row] or drive.stops]
+        return [(drive.node_id, frame) for drive in waiting for frame in drive.update()]
 
     def advance(self, until: int) -> list[Frame]:
         """Let time pass; what the nodes send meanwhile, in order of time.
@@ -150,7 +205,7 @@ class World:
         frames: list[Frame] = []
         while True:
             due = self.due
-            stop = until if due is None else min(until, due)
+            stop = until if due is None or due > until else due
             frames += [frame for _, frame in self.move(stop)]
             if stop >= until:
                 return frames
@@ -174,4 +229,4 @@ def _is_due(slave: Slave, now: int) -> bool:
 
 def _by_priority(frames: Iterable[Frame]) -> list[Frame]:
     """Frames of one instant in the order in which a bus would let them pass: lowest identifier first."""
-    return sorted(frames, key=lambda frame: frame.can_id)
+    return sorted(frames, key=_IDENTIFIER)

@@ -185,12 +185,13 @@ class Cell:
 
     Attributes:
         entry: What it describes.
+        is_guarded: Whether the entry refuses some values of its type.
         value: What it holds; the owner may set it directly, unchecked. With a read hook it is not asked.
         read_hook: Gives the live value.
         write_hook: Checks and applies a value from the bus before it is stored.
     """
 
-    __slots__ = ("_guarded", "_packer", "entry", "read_hook", "value", "write_hook")
+    __slots__ = ("_packer", "entry", "is_guarded", "read_hook", "value", "write_hook")
 
     def __init__(self, entry: Entry) -> None:
         self.entry = entry
@@ -198,7 +199,7 @@ class Cell:
         self.read_hook: ReadHook | None = None
         self.write_hook: WriteHook | None = None
         self._packer: struct.Struct | None = PACKERS.get(entry.data_type)
-        self._guarded = entry.data_type.is_real or entry.low is not None or entry.high is not None
+        self.is_guarded = entry.data_type.is_real or entry.low is not None or entry.high is not None
 
     def current(self) -> Value:
         """Give the value of this instant."""
@@ -216,7 +217,7 @@ class Cell:
 
     def assign(self, value: Value) -> int | None:
         """Write a value of the right type from the bus; tell why it was refused, with nothing changed, or None."""
-        if self._guarded:
+        if self.is_guarded:
             code: int | None = self.entry.refusal(value)
             if code is not None:
                 return code

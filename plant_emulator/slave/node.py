@@ -28,7 +28,7 @@ from plant_emulator.slave.nmt import (
 )
 from plant_emulator.slave.objects import ERROR_BEHAVIOUR as ERROR_BEHAVIOUR_OBJECT
 from plant_emulator.slave.objects import SYNC_COB_ID
-from plant_emulator.slave.pdo import PdoEngine
+from plant_emulator.slave.pdo import PdoEngine, Tpdo
 from plant_emulator.slave.sdo import SdoServer
 from plant_emulator.slave.store import ParameterStore, StoreCommand, standard_commands
 
@@ -62,6 +62,8 @@ class Slave:
 
     Attributes:
         store: What survives a loss of power.
+        on_routes: Called when the node may listen to other identifiers than before, or no longer.
+        on_due: Called when `due` may be another than before.
 
     Raises:
         ValueError: No such node-ID, or the dictionary describes an impossible PDO.
@@ -90,13 +92,17 @@ class Slave:
         self.on_nmt = on_nmt
         self.on_heartbeat_lost = on_heartbeat_lost
         self.on_reset = on_reset
+        self.on_routes: Callable[[], None] = _nothing
+        self.on_due: Callable[[], None] = _nothing
         self._state = NmtState.INITIALISING
         self._now: int | None = None
         self._due = _NEVER
         self._out: list[Frame] = []
+        self._event_driven: list[Tpdo] = []
+        self._has_long_sync = False
         self._routes: dict[int, Callable[[bytes, int], None]] = {}
         self._sdo = SdoServer(dictionary, node_id, max_bytes=sdo_max_bytes, timeout_ns=sdo_timeout_ns)
-        self._emergency = EmergencyProducer(dictionary, self._out.append)
+        self._emergency = EmergencyProducer(dictionary, self._send)
         self._producer = HeartbeatProducer(dictionary, lambda: self._now or 0)
         self._consumer = HeartbeatConsumer(dictionary, self._lose, self._find, self._route)
         self.store = ParameterStore(dictionary, store_commands, store_time_ns)
@@ -135,6 +141,10 @@ class Slave:
         """Whether there are event-driven TPDOs: `advance` must then be called when the owner may have changed an object."""
         return bool(self._pdo.event_driven)
 
+    def listens(self, can_id: int) -> bool:
+        """Tell whether the node does anything with frames of this identifier; the others need not be given to it before `due`."""
+        return can_id in self._routes
+
     def power_on(self, now: int) -> list[Frame]:
         """Start, or start again after a loss of power: reset to what is kept, boot-up message, pre-operational."""
         self._set_time(now)
@@ -148,17 +158,24 @@ class Slave:
         Raises:
             ValueError: `now` lies before the time of the last call.
         """
-        self._set_time(now)
+        if self._now is not None and now < self._now:
+            raise self._backwards(now)
+        self._now = now
         if now >= self._due:
             self._run_timers(now)
+        can_id, data = frame
         # Flags of remote, error and extended frames make other numbers than any of these.
-        route = self._routes.get(frame.can_id)
+        route = self._routes.get(can_id)
         if route is not None:
-            route(frame.data, now)
-            if self._pdo.event_driven:
+            route(data, now)
+            if self._event_driven:
                 self._pdo.poll(now, self._out)
                 self._reschedule()
-        return self.take_frames() if self._out else []
+        frames = self._out
+        if frames:
+            self._out = []
+            return frames
+        return []
 
     def advance(self, now: int) -> list[Frame]:
         """Give what time makes the node send, and the event-driven TPDOs whose objects the owner has changed.
@@ -172,8 +189,7 @@ class Slave:
 
     def take_frames(self) -> list[Frame]:
         """Give what waits to be sent; `receive` and `advance` do it by themselves."""
-        frames = self._out[:]
-        self._out.clear()
+        frames, self._out = self._out, []
         return frames
 
     def raise_emergency(
@@ -188,8 +204,15 @@ class Slave:
 
     def _set_time(self, now: int) -> None:
         if self._now is not None and now < self._now:
-            raise ValueError(f"time went back from {self._now} ns to {now} ns")
+            raise self._backwards(now)
         self._now = now
+
+    def _backwards(self, now: int) -> ValueError:
+        return ValueError(f"time went back from {self._now} ns to {now} ns")
+
+    def _send(self, frame: Frame) -> None:
+        self._out.append(frame)
+        self.on_due()
 
     def _finish(self) -> list[Frame]:
         self._reschedule()
@@ -197,7 +220,10 @@ class Slave:
 
     def _reschedule(self) -> None:
         times = (self._producer.due, self._consumer.due, self._sdo.due, self._pdo.due)
-        self._due = min((time for time in times if time is not None), default=_NEVER)
+        due = min((time for time in times if time is not None), default=_NEVER)
+        if due != self._due:
+            self._due = due
+            self.on_due()
 
     def _run_timers(self, now: int) -> None:
         if self._state is NmtState.INITIALISING:
@@ -227,8 +253,11 @@ class Slave:
     def _on_sync(self, data: bytes, now: int) -> None:
         if len(data) > 1:  # it comes with or without the counter of 1019h
             self._emergency.raise_cause(_SYNC_CAUSE, EmergencyCode.SYNC_LENGTH, ErrorRegister.COMMUNICATION)
+            self._has_long_sync = True
             return
-        self._emergency.clear_cause(_SYNC_CAUSE)
+        if self._has_long_sync:
+            self._has_long_sync = False
+            self._emergency.clear_cause(_SYNC_CAUSE)
         self._pdo.synchronise(self._out)
         self.on_sync(now)
 
@@ -300,6 +329,7 @@ class Slave:
     def _route(self) -> None:
         """Look up which identifiers concern the node now; what comes later here wins."""
         services = SERVICES[self._state]
+        self._event_driven = self._pdo.event_driven
         routes: dict[int, Callable[[bytes, int], None]] = {}
         if self._state is not NmtState.INITIALISING:
             routes |= self._pdo.listeners
@@ -311,3 +341,5 @@ class Slave:
                 routes[FunctionCode.SDO_REQUEST + self.node_id] = self._on_sdo
             routes[FunctionCode.NMT] = self._on_command
         self._routes = routes
+        self.on_routes()
+        self.on_due()

@@ -279,6 +279,16 @@ def test_a_set_point_too_far_away_trips_at_once_and_is_not_followed(jump_rev):
     comes_to_rest(axes)
 
 
+def test_a_sync_that_falls_a_control_period_early_at_the_greatest_speed_does_not_trip():
+    axes = energised()
+    axes.motion[0]["max_speed_rad_s"] = 2.0 * math.pi * 12.0
+    step = math.floor(12.0 * 8 * T * COUNTS_PER_REV)
+    for number, ticks in enumerate([8, 8, 7, 9, 7, 8], start=1):
+        axes.set_point(0, number * step)
+        axes.advance(ticks)
+    assert not axes.motion[0]["trip"] & SET_POINT_STEP
+
+
 def test_a_set_point_at_the_greatest_speed_does_not_trip():
     axes = energised()
     axes.motion[0]["max_speed_rad_s"] = 2.0 * math.pi * 12.0

@@ -2,12 +2,15 @@
 
 import random
 import struct
+import tracemalloc
 
 import pytest
 
 from drive_profiles.cia402 import Mode, Object, State
 from hil.can.frame import Frame
+from plant_emulator.motion import measured_counts
 from plant_emulator.robot import load_robot
+from plant_emulator.slave.node import Slave
 from plant_emulator.world import World
 from tests.plant_emulator.rig import CONTROL, COUNTS_PER_REV, GAINS, MS, POSITION, STATUS, TARGET, TORQUE, Rig
 
@@ -250,3 +253,186 @@ def test_no_frame_makes_the_world_raise(can_id, data):
     world.receive(Frame(can_id, data))
     world.settle()
     world.free_step(world.now + 20 * MS)
+
+
+# -- who hears a frame -------------------------------------------------------------------------------------------------
+
+
+def read(world, node, index, sub=0):
+    answers = world.receive(Frame(0x600 + node, struct.pack("<BHBI", 0x40, index, sub, 0)))
+    return next(f.data[4:] for f in answers if f.can_id == 0x580 + node)
+
+
+def test_a_frame_reaches_a_node_at_the_identifier_that_it_has_been_given_last():
+    world = started()
+    world.receive(Frame(0, b"\x01\x00"))
+    world.receive(Frame(0x203, b"\x06\x00"))
+    assert world.drives[3].state is State.READY_TO_SWITCH_ON
+    world.receive(Frame(0x333, b"\x07\x00"))  # nobody's
+    write(world, 3, 0x1400, 1, struct.pack("<I", 0x8000_0203))
+    write(world, 3, 0x1400, 1, struct.pack("<I", 0x333))
+    world.receive(Frame(0x203, b"\x07\x00"))
+    assert world.drives[3].state is State.READY_TO_SWITCH_ON
+    world.receive(Frame(0x333, b"\x07\x00"))
+    assert world.drives[3].state is State.SWITCHED_ON
+    # two nodes at one identifier hear both
+    write(world, 5, 0x1400, 1, struct.pack("<I", 0x8000_0205))
+    write(world, 5, 0x1400, 1, struct.pack("<I", 0x333))
+    world.receive(Frame(0x333, b"\x06\x00"))
+    assert [world.drives[n].state for n in (2, 3, 5)] == [State.SWITCH_ON_DISABLED, *[State.READY_TO_SWITCH_ON] * 2]
+
+
+def test_a_node_that_stops_and_one_that_starts_again_hear_what_their_state_lets_them():
+    world = started()
+    world.receive(Frame(0, b"\x01\x00"))
+    for _ in range(2):
+        world.receive(Frame(0, b"\x02\x03"))
+        assert world.receive(Frame(0x603, bytes(8))) == []  # stopped: no SDO
+        world.receive(Frame(0, b"\x01\x03"))
+        assert len(world.receive(Frame(0x603, b"\x40\x00\x10\0\0\0\0\0"))) == 1
+        assert world.power_cycle(3) == [Frame(0x703, b"\0")]
+        world.receive(Frame(0x203, b"\x06\x00"))
+        assert world.drives[3].state is State.SWITCH_ON_DISABLED  # pre-operational: no PDO
+        world.receive(Frame(0, b"\x01\x03"))
+        world.receive(Frame(0x203, b"\x06\x00"))
+        assert world.drives[3].state is State.READY_TO_SWITCH_ON
+        world.receive(Frame(0x203, b"\x00\x00"))
+
+
+def test_a_deadline_of_another_node_is_served_before_the_frame_that_comes_after_it():
+    world = started()
+    write(world, 2, 0x1017, 0, struct.pack("<H", 100))
+    world.now += 150 * MS  # the caller comes late
+    assert world.hear(Frame(0x605, b"\x40\x00\x10\0\0\0\0\0")) == [
+        (2, Frame(0x702, b"\x7f")),
+        (5, Frame(0x585, b"\x43\x00\x10\x00\x92\x01\x02\x00")),
+    ]
+    assert world.due == 200 * MS
+
+
+def test_what_a_node_has_to_say_leaves_with_the_next_frame_whomever_that_is_for():
+    world = started()
+    assert world.due is None
+    world.drives[3].slave.raise_emergency("owner", 0x5000)
+    assert world.due == world.now
+    assert [(node, frame.can_id) for node, frame in world.hear(Frame(0x605, bytes(8)))] == [(3, 0x083), (5, 0x585)]
+    assert world.due is None
+    world.drives[3].slave.clear_emergency("owner")
+    assert [frame.can_id for frame in world.advance(world.now + 10 * MS)] == [0x083]
+    assert world.due is None
+
+
+def test_a_due_that_changes_is_known_at_once():
+    world = started()
+    assert world.due is None
+    write(world, 2, 0x1017, 0, struct.pack("<H", 100))
+    assert world.due == 100 * MS
+    write(world, 3, 0x1017, 0, struct.pack("<H", 30))
+    assert world.due == 30 * MS
+    write(world, 3, 0x1017, 0, struct.pack("<H", 0))
+    assert world.due == 100 * MS
+    world.receive(Frame(0, b"\x81\x02"))
+    assert world.due is None
+
+
+def test_identifiers_that_nobody_listens_to_leave_nothing_behind():
+    world = started()
+    world.receive(Frame(0x7FF, b""))
+    tracemalloc.start()
+    try:
+        for can_id in range(0x8000_0000, 0x8000_4000):
+            world.receive(Frame(can_id, b""))
+        left, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert left < 10_000
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_world_in_which_every_node_is_given_every_frame_is_no_other(seed, monkeypatch):
+    rng = random.Random(seed)
+    frames = [rng.choice(STIMULI)(rng, rng.choice((2, 3, 5, ACCELEROMETER))) for _ in range(1500)]
+
+    def run():
+        world, said = started(WITH_GAINS), []
+        for number, frame in enumerate(frames):
+            said.append(world.hear(frame) if number % 7 == 0 else world.receive(frame))
+            if number % 11 == 0:
+                said.append(world.free_step(world.now + number * 1000))
+        return said, world.axes.motion.tobytes(), world.axes.plant_state.tobytes()
+
+    routed = run()
+    monkeypatch.setattr(Slave, "listens", lambda self, can_id: True)
+    assert run() == routed
+    assert sum(map(len, routed[0])) > 500
+
+
+def _sdo(rng, node):
+    index, sub, layout, value = rng.choice(
+        (
+            (0x1017, 0, "H", rng.choice((0, 7, 20))),
+            (0x1016, 1, "I", rng.choice((0, 0x7F_0014))),
+            (0x1400, 1, "I", rng.choice((0x8000_0200, 0x200, 0x310)) + node),
+            (0x1800, 1, "I", rng.choice((0x8000_0180, 0x180)) + node),
+            (0x1800, 2, "B", rng.choice((0, 1, 3, 255))),
+            (0x1005, 0, "I", rng.choice((0x80, 0x80, 0x81))),
+            (0x6060, 0, "b", rng.choice((1, 8, 10))),
+            (0x6040, 0, "H", rng.choice((6, 7, 15))),
+        )
+    )
+    return expedited(node, index, sub, struct.pack("<" + layout, value))
+
+
+STIMULI = (
+    lambda rng, node: SYNC,
+    lambda rng, node: SYNC,
+    lambda rng, node: Frame(0x200 + node, struct.pack("<H", rng.choice((0, 6, 7, 15, 15, 2, 128)))),
+    lambda rng, node: Frame(rng.choice((0x310, 0x81, 0x77F)) + rng.choice((0, node)), b"\x06\x00"),
+    lambda rng, node: Frame(0x77F, b"\x05"),
+    lambda rng, node: Frame(0, bytes((rng.choice((1, 1, 1, 1, 2, 128, 129, 130)), rng.choice((0, node))))),
+    _sdo,
+    _sdo,
+)
+
+
+# -- what is read is what is there -------------------------------------------------------------------------------------
+
+
+def test_what_a_drive_shows_is_what_the_arrays_hold_at_that_instant():
+    world = started(WITH_GAINS)
+    drive, axes = world.drives[3], world.axes
+    row = drive.row
+    for counts in (0, -7, 123_456):
+        axes.plant_state["motor_angle"][row] = counts / axes.motion["counts_per_rad"][row]
+        assert read(world, 3, Object.POSITION_ACTUAL) == struct.pack("<i", counts)
+    for torque in (0.0, 1.25, -2.5):
+        axes.motion[row]["torque_nm"] = torque
+        assert read(world, 3, 0x2130) == struct.pack("<f", torque)
+        assert read(world, 3, Object.TORQUE_ACTUAL)[:2] == struct.pack("<h", round(1000 * torque / drive.scaling.rated_torque_nm))
+    for column in (0, 1):
+        state = axes.notch_state[row, column]
+        state["frequency_hz"], state["zeta_rd"] = 12.5, 0.25
+        for active in (0, 1):
+            state["active"] = active
+            shown = [read(world, 3, 0x2112 + column, sub) for sub in (1, 2, 3)]
+            assert shown[0][0] == active
+            assert shown[1:] == [struct.pack("<f", active * 12.5), struct.pack("<f", active * 0.25)]
+    axes.motion[row]["following_count"] = 3
+    assert read(world, 3, Object.STATUS_WORD)[1] & 0x20
+    axes.motion[row]["following_count"] = 0
+    assert not read(world, 3, Object.STATUS_WORD)[1] & 0x20
+
+
+def test_a_limit_that_breaks_is_seen_in_the_same_step():
+    world = started(WITH_GAINS)
+    world.axes.motion[1]["trip"] = 1
+    assert [frame.can_id for frame in world.free_step(world.now + MS)] == [0x083]
+    assert world.drives[3].state is State.FAULT
+    assert not world.axes.motion["trip"].any()
+
+
+def test_the_encoder_shows_the_counts_that_the_law_works_with():
+    axes, rng = started().axes, random.Random(1)
+    for _ in range(300):
+        axes.plant_state["motor_angle"][1] = angle = rng.choice((1e-5, 1.0, 1e4)) * rng.uniform(-1.0, 1.0)
+        assert axes.counts(1) == measured_counts(angle, axes.motion["counts_per_rad"][1])

@@ -71,3 +71,31 @@ def test_equal_seeds_give_equal_samples_and_different_ones_do_not():
 
     assert run(7) == run(7)
     assert run(7) != run(8)
+
+
+def test_the_chain_is_the_sum_over_its_links():
+    """a = Σ (α̈_i ŷ×r_i − α̇_i² r_i), link after link, in the same order of the arithmetic: the same bits."""
+    rng = np.random.default_rng(1)
+    links = ((CHAIN.upper_arm_m, 0.0), CHAIN.forearm_m, (CHAIN.tool_m, 0.0))
+    for _ in range(200):
+        q, w, a = (rng.uniform(-3.0, 3.0, 3).tolist() for _ in range(3))
+        x = z = rate = change = 0.0
+        alpha = 0.5 * math.pi
+        for (length, width), sign, i in zip(links, (-1.0, 1.0, 1.0), range(3), strict=True):
+            alpha, rate, change = alpha + sign * q[i], rate + sign * w[i], change + sign * a[i]
+            cos, sin = math.cos(alpha), math.sin(alpha)
+            link_x, link_z = length * cos - width * sin, length * sin + width * cos
+            x += -change * link_z - rate * rate * link_x
+            z += change * link_x - rate * rate * link_z
+        assert chain_acceleration(CHAIN, q, w, a) == (x, 0.0, z)
+
+
+@pytest.mark.parametrize(("noise", "resolution", "reach"), [(0.02, 0.00981, 19.62), (0.3, 0.0, 1.0), (0.0, 0.5, 0.7)])
+def test_each_value_of_a_sample_is_its_own_draw_rounded_and_limited(noise, resolution, reach):
+    one, draws = sensor(noise, resolution, reach, seed=3), np.random.default_rng(3).standard_normal((600, 3))
+    for i, draw in enumerate(draws.tolist()):
+        true = (math.sin(i), 0.9 * math.cos(i), 0.01 * i)
+        values = [value + noise * number for value, number in zip(true, draw, strict=True)]
+        if resolution:
+            values = [resolution * math.floor(value / resolution + 0.5) for value in values]
+        assert one.sample(true) == tuple(min(reach, max(-reach, value)) for value in values)

@@ -155,3 +155,55 @@ def test_the_bounds_of_the_sdo_server_are_the_owners(make_bench):
     assert bench.write(0x2004, 0, bytes(11)).name == "OUT_OF_MEMORY"
     bench.request(0x40, 0x08, 0x10, 0)
     assert [(time, frame.data[:1]) for time, frame in bench.wait(10)] == [(7 * MS, b"\x80")]
+
+
+# -- what a caller may rely on who does not give it every frame --------------------------------------------------------
+
+
+def told(slave):
+    calls = []
+    slave.on_routes, slave.on_due = (lambda: calls.append("routes")), (lambda: calls.append("due"))
+    return calls
+
+
+def test_it_listens_to_what_its_state_and_its_parameters_say(make_bench):
+    bench = make_bench(**PDOS)
+    slave = bench.slave
+    assert [can_id for can_id in range(0x800) if slave.listens(can_id)] == [0x000, 0x080, 0x605]
+    calls = told(slave)
+    slave.receive(Frame(0, b"\x01\x00"), slave.due or 0)
+    assert "routes" in calls
+    assert [can_id for can_id in range(0x800) if slave.listens(can_id)] == [0x000, 0x080, 0x205, 0x305, 0x605]
+    calls.clear()
+    for cob_id in (0x8000_0205, 0x234):
+        slave.receive(Frame(0x605, b"\x23\x00\x14\x01" + cob_id.to_bytes(4, "little")), 0)
+    assert "routes" in calls
+    assert slave.listens(0x234)
+    assert not slave.listens(0x205)
+    calls.clear()
+    slave.receive(Frame(0, b"\x02\x00"), 0)
+    assert "routes" in calls
+    assert [can_id for can_id in range(0x800) if slave.listens(can_id)] == [0x000]
+
+
+def test_it_tells_when_its_due_is_another(make_bench):
+    slave = make_bench().slave
+    calls = told(slave)
+    slave.receive(Frame(0x605, b"\x2b\x17\x10\x00\x64\0\0\0"), 0)
+    assert calls == ["due"]
+    assert slave.due == 100 * MS
+    calls.clear()
+    slave.receive(Frame(0x605, b"\x40\x17\x10\x00\0\0\0\0"), 1)
+    slave.receive(Frame(0x080, b""), 2)
+    assert calls == []
+    slave.raise_emergency("owner", 0x5000)
+    assert calls == ["due"]
+    assert slave.due == 2
+
+
+def test_a_list_of_answers_is_the_callers(make_bench):
+    slave = make_bench().slave
+    first = slave.receive(Frame(0x605, b"\x40\x00\x10\x00\0\0\0\0"), 0)
+    kept = list(first)
+    slave.receive(Frame(0x605, b"\x40\x17\x10\x00\0\0\0\0"), 0)
+    assert first == kept
