@@ -5,13 +5,14 @@ Clauses of ISO 11898-1:2015: 10.4 (frames), 10.7 (arbitration), 10.9 (error fram
 
 import heapq
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
-from hil.can.bits import TAIL_BITS, arbitration_key, frame_bits, sent_bits
+from hil.can.bits import TAIL_BITS, arbitration_key, frame_bits
 from hil.can.frame import Frame
 from plant_emulator.bus.confinement import Controller, ErrorState
+from plant_emulator.bus.rates import INTERMISSION_BITS, Rates
 
-FLAG_BITS, DELIMITER_BITS, INTERMISSION_BITS = 6, 8, 3
+FLAG_BITS, DELIMITER_BITS = 6, 8
 AFTER_ACK_BITS = TAIL_BITS - 2
 """Bits of a frame that follow its ACK slot."""
 
@@ -19,26 +20,34 @@ AFTER_ACK_BITS = TAIL_BITS - 2
 class Entry:
     """A frame that waits at a port; the lower one goes first where a port has mailboxes."""
 
-    __slots__ = ("at", "bits", "destroyed", "frame", "is_babble", "key", "order", "port", "was_overtaken")
+    __slots__ = (
+        "at", "bits", "destroyed", "fast_bits", "frame", "is_babble", "is_late", "key", "order", "port", "was_overtaken",
+    )  # fmt: skip
 
-    def __init__(self, frame: Frame, port: "Port", at: int, destroyed: int = 0, *, timed: bool = True) -> None:
+    def __init__(self, frame: Frame, port: "Port", at: int, rates: Rates, destroyed: int = 0, *, is_late: bool = False) -> None:
         """Take a frame.
 
         Args:
             frame: As it will be received.
             port: Whose it is.
             at: From when it may be sent.
+            rates: Of the bus.
             destroyed: How many attempts are to fail.
-            timed: Whether its stuff bits matter.
+            is_late: A fault keeps it from its queue for a while.
 
         Raises:
             ValueError: This is no frame that can be on the wire.
         """
-        self.frame, self.port, self.at, self.destroyed = frame, port, at, destroyed
-        self.bits = frame_bits(frame, stuffed=timed)
+        self.frame, self.port, self.at, self.destroyed, self.is_late = frame, port, at, destroyed, is_late
+        slow, self.fast_bits = rates.bits(frame)
+        self.bits = slow + self.fast_bits
         self.key = arbitration_key(frame.can_id)
         self.order = 0
         self.is_babble = self.was_overtaken = False
+
+    def ns(self, rates: Rates, without: int = 0) -> int:
+        """How long it takes, intermission included, without so many bits of its end."""
+        return rates.ns(self.bits - self.fast_bits - without, self.fast_bits)
 
     def __lt__(self, other: "Entry") -> bool:
         return (self.key, self.order) < (other.key, other.order)
@@ -71,6 +80,14 @@ class Port:
     def is_silent(self) -> bool:
         """Whether it neither sends nor acknowledges."""
         return self.is_muted or self.is_gone or self.controller.state is ErrorState.OFF
+
+    @property
+    def is_calm(self) -> bool:
+        """Whether it sends frame after frame from a queue, and has no error to count."""
+        if self.is_muted or self.is_gone or self.babble is not None or self.held or isinstance(self.queue, list):
+            return False
+        controller = self.controller
+        return controller.state is ErrorState.ACTIVE and not controller.tec and not controller.rec
 
     def push(self, entry: Entry) -> None:
         """Queue a frame."""
@@ -161,26 +178,26 @@ def contend(waiting: Iterable[Port], idle: int) -> Attempt | None:
     return Attempt(start, senders)
 
 
-def settle(attempt: Attempt, ports: Iterable[Port], ns: Callable[[int], int]) -> None:
+def settle(attempt: Attempt, ports: Iterable[Port], rates: Rates) -> None:
     """Work out how an attempt ends.
 
     Args:
         attempt: With its senders; all the rest is filled in.
         ports: All of the bus.
-        ns: Time that so many bits take.
+        rates: Of the bus.
     """
     first = attempt.senders[0]
     if len(attempt.senders) > 1 or first.destroyed or not _is_heard(first.port, ports):
         senders = {entry.port for entry in attempt.senders}
         others = [port for port in ports if port not in senders and not port.is_silent]
-        _collide(attempt, others, ns)
+        _collide(attempt, others, rates)
         if attempt.winners:
-            _acknowledge(attempt, others, ns)
+            _acknowledge(attempt, others, rates)
         if not attempt.winners:
             return
         first = attempt.winners[0]
-    attempt.end = attempt.start + ns(first.bits - INTERMISSION_BITS)
-    attempt.idle = attempt.start + ns(first.bits)
+    attempt.end = attempt.start + first.ns(rates, INTERMISSION_BITS)
+    attempt.idle = attempt.start + first.ns(rates)
 
 
 def _is_heard(sender: Port, ports: Iterable[Port]) -> bool:
@@ -190,7 +207,7 @@ def _is_heard(sender: Port, ports: Iterable[Port]) -> bool:
     return False
 
 
-def _acknowledge(attempt: Attempt, others: list[Port], ns: Callable[[int], int]) -> None:
+def _acknowledge(attempt: Attempt, others: list[Port], rates: Rates) -> None:
     """See whether somebody acknowledges: somebody is there, and not all have seen a wrong CRC.
 
     Otherwise the sender's error flag begins with the ACK delimiter, and those who listen answer it one bit later.
@@ -201,23 +218,26 @@ def _acknowledge(attempt: Attempt, others: list[Port], ns: Callable[[int], int])
     echo = any(not port.controller.is_passive for port in others)
     # 12.1.4.2 rule c, exception 1: an error-passive sender that sees no dominant bit during its flag does not count it
     attempt.failed += tuple(entry for entry in winners if echo or not entry.port.controller.is_passive)
-    _fail(attempt, winners[0].bits - AFTER_ACK_BITS, echo, ns)
+    first = winners[0]
+    _fail(attempt, (first.bits - first.fast_bits - AFTER_ACK_BITS + echo, first.fast_bits), rates)
 
 
-def _fail(attempt: Attempt, sent: int, echo: int, ns: Callable[[int], int]) -> None:
-    """So many bits, then an error frame."""
-    bits = sent + FLAG_BITS + echo + DELIMITER_BITS
+def _fail(attempt: Attempt, sent: tuple[int, int], rates: Rates) -> None:
+    """So many bits at either rate, what the echo adds included, then an error frame."""
+    slow, fast = sent
+    slow += FLAG_BITS + DELIMITER_BITS
     attempt.winners = ()
-    attempt.end, attempt.idle = attempt.start + ns(bits), attempt.start + ns(bits + INTERMISSION_BITS)
+    attempt.end, attempt.idle = attempt.start + rates.ns(slow, fast), attempt.start + rates.ns(slow + INTERMISSION_BITS, fast)
 
 
-def _collide(attempt: Attempt, others: list[Port], ns: Callable[[int], int]) -> None:
+def _collide(attempt: Attempt, others: list[Port], rates: Rates) -> None:
     """Several with one arbitration field: those who send the same bits to the end win, or an error frame ends it.
 
     Who sends a recessive bit and sees a dominant one has a bit error. Its flag, if it is error-active, ends the frame for all: a
     receiver sees the sixth equal bit, a sender one of its own that is overwritten. An error-passive one drops out unheard.
+    In a CAN FD frame the flag itself goes at the slow rate, and who has not seen the error yet still samples at the fast one.
     """
-    alive = {entry: sent_bits(entry.frame) for entry in attempt.senders}
+    alive = {entry: rates.sent_bits(entry.frame) for entry in attempt.senders}
     while True:
         at = _first_difference(list(alive.values()))
         if at is None:
@@ -228,7 +248,8 @@ def _collide(attempt: Attempt, others: list[Port], ns: Callable[[int], int]) -> 
         alive = {entry: text for entry, text in alive.items() if text[at] == "0"}
         if not all(entry.port.controller.is_passive for entry in losers):
             attempt.failed += tuple(alive)
-            _fail(attempt, at + 1, _echo(at, alive, others), ns)
+            echo = _echo(at, alive, others)
+            _fail(attempt, rates.split(losers[0].frame, at + 1 + echo), rates)
             return
         attempt.dropped_out += losers
     attempt.winners = tuple(alive)

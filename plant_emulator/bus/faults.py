@@ -69,6 +69,11 @@ class Passage(NamedTuple):
     destroyed: int = 0
     overtaken: bool = False
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether it gets into the queue at once and is sent as any other."""
+        return not (self.delay_ns or self.destroyed or self.overtaken)
+
 
 class Event(NamedTuple):
     """Something that happens to a port or to the bus at an instant.

@@ -10,8 +10,8 @@ from plant_emulator.bus.timed import Heard, TimedBus
 from plant_emulator.bus.wire import Wire
 from plant_emulator.world import SECOND, World
 
-_UNANSWERED = (range(0x180, 0x580), range(0x700, 0x780))
-"""Identifiers of PDOs and heartbeats in the predefined connection set (CiA 301, 7.3.3)."""
+_PDOS, _HEARTBEATS = (0x180, 0x580), (0x700, 0x780)
+"""Identifiers in the predefined connection set (CiA 301, 7.3.3), the last one excluded: nobody answers these."""
 NODES = 0
 """Port of all nodes together, where nobody counts bits."""
 
@@ -164,18 +164,22 @@ class Timed:
         What is not answered, process data and heartbeats, waits for the SYNC behind it: all leave at the same beat, one after the
         other, and the beats stay where they are.
         """
+        mark = self._bus.wire.mark
         self._bus.offer(port, frame)
         self._is_idle = False
-        if self.clock == clock.WALL or any(frame.can_id in identifiers for identifiers in _UNANSWERED):
-            return []
-        return self.idle()
+        can_id = frame[0]
+        is_answered = not (_PDOS[0] <= can_id < _PDOS[1] or _HEARTBEATS[0] <= can_id < _HEARTBEATS[1])
+        return self._settled(mark) if is_answered else []
 
     def idle(self) -> list[Heard]:
         """Time passes until everything that waits has been sent, answers included."""
+        return self._settled(self._bus.wire.mark)
+
+    def _settled(self, mark: int) -> list[Heard]:
         if self._is_idle or self.clock == clock.WALL:
             return []
         self._is_idle = True
-        return self._bus.settle()
+        return self._bus.settle(mark)
 
     def cycle(self, port: int, sync: Frame) -> Iterator[list[Heard]]:
         """Up to the next beat."""
@@ -184,18 +188,29 @@ class Timed:
 
 
 def medium_for(
-    world: World, bitrate: int | None, *, wall: bool = False, host_latency_s: float = 0.0, faults: Faults | None = None
+    world: World,
+    bitrate: int | None,
+    data_bitrate: int | None = None,
+    *,
+    wall: bool = False,
+    host_latency_s: float = 0.0,
+    faults: Faults | None = None,
 ) -> Medium:
     """The simplest medium that does what is asked for.
 
     Args:
         world: What is behind it.
         bitrate: In bit/s; None: no bit times.
+        data_bitrate: In bit/s; given, every data frame goes as a CAN FD frame of the same contents, these at this rate. That
+            is what CAN FD brings to PDOs of up to 8 bytes; larger ones, which `hil plan` counts, are another matter.
         wall: Time follows the wall clock; else SYNC.
         host_latency_s: How long a client's frame takes from its program to its controller, in the time of the bus.
         faults: What goes wrong on the wire.
+
+    Raises:
+        ValueError: No bit rate, or a data bit rate below it or alone.
     """
-    if bitrate is None and not wall and faults is None and not host_latency_s:
+    if bitrate is None and data_bitrate is None and not wall and faults is None and not host_latency_s:
         return Instant(world)
-    wire = Wire(bitrate, faults=faults, now_ns=world.now)
+    wire = Wire(bitrate, data_bitrate, faults=faults, now_ns=world.now)
     return Timed(TimedBus(world, wire, round(1e9 * host_latency_s)), wall=wall)

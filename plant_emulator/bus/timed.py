@@ -66,6 +66,8 @@ class TimedBus:
     def run(self, until: int, stop: Callable[[], bool] | None = None) -> list[Heard]:
         """Let time pass; what has been heard, in the order in which it ended.
 
+        The nodes are asked where a client's frame has ended, where one of them wakes, and at the end: none hears the others.
+
         Args:
             until: In the world's time.
             stop: Asked after each event; where it holds, time stops there.
@@ -73,21 +75,23 @@ class TimedBus:
         world, wire = self.world, self.wire
         heard: list[Heard] = []
         while True:
-            wire_due, world_due = wire.due, world.due
-            instant = until if wire_due is None or until <= wire_due else wire_due
-            if world_due is not None and world_due < instant:
-                instant = world_due
-            instant = max(instant, world.now)
-            for port, frame in world.move(instant):
-                wire.offer(port, frame, instant)
-            for frame, port, _, end_ns in wire.advance(instant):
+            limit, due = until, world.due
+            if due is not None and due < limit:
+                limit = due
+            if stop is not None and (due := wire.due) is not None and due < limit:
+                limit = due
+            passed = wire.listen(max(limit, world.now), FIRST_CLIENT)
+            instant = wire.now
+            sent = world.move(instant)
+            for frame, port, _, end_ns, *_ in passed:
                 heard.append(Heard(frame, port, end_ns))
                 if port >= FIRST_CLIENT:
-                    for node, answer in world.hear(frame):
-                        wire.offer(node, answer, instant)
+                    sent += world.hear(frame)
+            for node, frame in sent:
+                wire.offer(node, frame, instant)
             if stop is not None and stop():
                 return heard
-            if instant >= until and ((due := wire.due) is None or due > until):
+            if instant >= until and not sent:
                 return heard
 
     def free(self, until: int) -> list[Heard]:
@@ -97,9 +101,15 @@ class TimedBus:
             heard += self.run(min(until, self.world.now + FREE_STEP_NS))
         return heard
 
-    def settle(self) -> list[Heard]:
-        """Let time pass until everything that waits has been sent, answers included."""
-        return self.run(self.world.now + SETTLE_NS, lambda: self.wire.due is None)
+    def settle(self, mark: int | None = None) -> list[Heard]:
+        """Let time pass until everything that waits has been sent, answers included.
+
+        Args:
+            mark: Of the wire, before what is asked now was offered: that is waited for although a fault delays it. What a fault
+                had delayed before, and a fault that is to come, are not.
+        """
+        mark = self.wire.mark if mark is None else mark
+        return self.run(self.world.now + SETTLE_NS, lambda: not self.wire.is_waiting(mark))
 
     def begin_cycles(self) -> None:
         """The next SYNC of the client that holds the clock begins a beat of its own."""

@@ -26,6 +26,10 @@ class Delivered(NamedTuple):
     end_ns: int
 
 
+Passed = tuple[Frame, int, int, int, int, int]
+"""A frame that has passed, in the making: frame, port, SOF, end of EOF, bits, from when it has waited."""
+
+
 class Report(NamedTuple):
     """An error message of a port's controller, for that port alone."""
 
@@ -75,8 +79,17 @@ class Traffic:
         self.counts = Statistics()
         self._intervals: deque[list[int]] = deque(maxlen=MAX_INTERVALS)  # from, to
 
+    def passed(self, frames: int, bits: int, longest_ns: int) -> None:
+        """Count frames that were delivered, with their bits, and the longest time that one of them waited."""
+        counts = self.counts
+        counts.frames += frames
+        counts.bits += bits
+        counts.longest_wait_ns = max(counts.longest_wait_ns, longest_ns)
+
     def occupy(self, begin: int, end: int) -> None:
         """The bus is busy for a while; stretches that touch are one."""
+        if end <= begin:
+            return
         intervals = self._intervals
         if intervals and intervals[-1][1] >= begin:
             last = intervals[-1]

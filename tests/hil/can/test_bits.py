@@ -16,8 +16,11 @@ from hil.can.bits import (
     crc_fd,
     duration_ns,
     fd_bits,
+    fd_duration_ns,
     fd_duration_s,
+    fd_head,
     fd_sent_bits,
+    fd_stuffed_by,
     frame_bits,
     sent_bits,
     stuff_bits,
@@ -299,3 +302,21 @@ def test_a_can_fd_frame_lasts_its_bits_at_their_rates():
 def test_what_can_fd_cannot_send_has_no_length(can_id, data, is_extended):
     with pytest.raises(ValueError, match=r"identifier|bytes"):
         fd_bits(can_id, data, is_extended)
+
+
+@given(st.integers(0, 0x7FF), st.binary(max_size=8))
+def test_a_short_fd_frame_counted_by_its_head_and_contents_is_as_long_as_counted_whole(can_id, data):
+    known, found = fd_head(can_id, len(data)), fd_bits(can_id, data)
+    fast = known.fast_bits + fd_stuffed_by(known, data)
+    assert (known.bits + known.inserted - known.fast_bits, fast) == found
+
+
+def test_the_head_of_a_longer_fd_frame_is_refused():
+    with pytest.raises(ValueError, match="up to 8 bytes"):
+        fd_head(0x181, 12)
+
+
+def test_a_fd_duration_is_rounded_up_to_whole_nanoseconds():
+    nominal, fast = fd_bits(0x181, bytes(8))
+    assert fd_duration_ns(0x181, bytes(8), bitrate=1_000_000, data_bitrate=5_000_000) == 1000 * nominal + 200 * fast
+    assert fd_duration_ns(0x181, bytes(8), bitrate=1_000_000, data_bitrate=3_000_000) == 1000 * nominal - (-fast * 1000 // 3)

@@ -162,3 +162,56 @@ def test_a_heartbeat_of_the_client_leaves_with_its_next_sync_and_does_not_move_t
     [heard] = medium.cycle(CLIENT, SYNC)
     assert [h.frame.can_id for h in heard[:2]] == [0x701, 0x80]
     assert made.world.now == beat + 2_000_000
+
+
+def test_a_fault_that_is_to_come_keeps_nobody_waiting():
+    ends = []
+    for faults in (None, Faults([Fault("mute", port=5, from_s=5.0)])):
+        made = bus(faults=faults)
+        made.offer(CLIENT, SDO_READ_TYPE)
+        made.settle()
+        ends.append(made.world.now)
+    assert ends[0] == ends[1]
+
+
+def test_what_was_delayed_before_does_not_stretch_the_beats_and_what_is_asked_is_waited_for():
+    made = bus(
+        faults=Faults([Fault("delay", can_id=0x182, delay_ns=40_000_000), Fault("delay", can_id=0x583, delay_ns=3_000_000)])
+    )
+    medium = Timed(made, wall=False)
+    list(medium.cycle(CLIENT, SYNC))
+    beat = made.world.now
+    heard = medium.frame(CLIENT, SDO_READ_TYPE)
+    assert [h.frame.can_id for h in heard] == [0x602, 0x582]
+    assert made.world.now < beat + 1_000_000
+    heard = medium.frame(CLIENT, Frame(0x603, SDO_READ_TYPE.data))
+    assert [h.frame.can_id for h in heard] == [0x603, 0x583]
+    assert beat + 3_000_000 < made.world.now < beat + 4_000_000
+    late = made.free(beat + 50_000_000)
+    assert 0x182 in [h.frame.can_id for h in late]
+
+
+def test_on_a_fd_bus_a_cycle_takes_less_time_than_on_a_classic_one():
+    ends = []
+    for rates in ((1_000_000, None), (1_000_000, 5_000_000)):
+        world = World(ROBOT)
+        medium = medium_for(world, *rates)
+        medium.join(CLIENT)
+        world.power_on()
+        for node in (2, 3, 5, 16):
+            dictionary = next(n for n in world._nodes if n.node_id == node).slave.dictionary
+            dictionary.write(0x1800, 1, (0x8000_0180 + node).to_bytes(4, "little"))
+            dictionary.write(0x1800, 2, b"\1")
+            dictionary.write(0x1800, 1, (0x180 + node).to_bytes(4, "little"))
+            medium.frame(CLIENT, Frame(0, bytes((NmtCommand.START, node))))
+        medium.begin_cycles()
+        began = world.now
+        [heard] = medium.cycle(CLIENT, SYNC)
+        assert [h.frame.can_id for h in heard] == [0x80, 0x182, 0x183, 0x185, 0x190]
+        ends.append(heard[-1].end_ns - began)
+    assert ends[1] < 0.65 * ends[0]
+
+
+def test_a_data_bit_rate_alone_is_refused():
+    with pytest.raises(ValueError, match="data bit rate"):
+        medium_for(World(ROBOT), None, 5_000_000)

@@ -1,0 +1,78 @@
+"""The bit rates of a bus: how long bits and frames take. Integer nanoseconds, rounded up."""
+
+from hil.can.bits import TAIL_BITS, fd_bits, fd_sent_bits, frame_bits, sent_bits
+from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, Frame
+
+SECOND = 1_000_000_000
+INTERMISSION_BITS = 3
+
+
+class Rates:
+    """One bit rate, or two.
+
+    With a data bit rate every data frame goes as a CAN FD frame with bit rate switching, of the same identifier and the same 0 to
+    8 bytes; CAN FD has no remote frames, so those stay classic. What an error-passive sender says of itself (ESI) is left out:
+    it is sent as error-active, which changes no length by more than a stuff bit. Source: ISO 11898-1:2015, 10.4.
+
+    Attributes:
+        bitrate: Of classic frames, and of the arbitration and the end of CAN FD frames, in bit/s; None: no bit times.
+        data_bitrate: Of what CAN FD frames carry, in bit/s; None: classic CAN.
+        bit_ns: One bit, where that is a whole number of nanoseconds; else 0.
+        fast_bit_ns: The same at the data bit rate; 0 without.
+    """
+
+    __slots__ = ("bit_ns", "bitrate", "data_bitrate", "fast_bit_ns")
+
+    def __init__(self, bitrate: int | None, data_bitrate: int | None = None) -> None:
+        """Take the rates.
+
+        Raises:
+            ValueError: No bit rate, or a data bit rate that is lower than the other one or alone.
+        """
+        if bitrate is not None and bitrate <= 0:
+            raise ValueError(f"no bit rate: {bitrate} bit/s")
+        if data_bitrate is not None and (bitrate is None or data_bitrate < bitrate):
+            raise ValueError(f"no data bit rate above {bitrate} bit/s: {data_bitrate} bit/s")
+        self.bitrate, self.data_bitrate = bitrate, data_bitrate
+        self.bit_ns = SECOND // bitrate if bitrate and SECOND % bitrate == 0 else 0
+        self.fast_bit_ns = SECOND // data_bitrate if data_bitrate and SECOND % data_bitrate == 0 else 0
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether all bits take whole nanoseconds."""
+        return bool(self.bit_ns) and (self.data_bitrate is None or bool(self.fast_bit_ns))
+
+    def is_fd(self, can_id: int) -> bool:
+        """Whether such a frame goes as a CAN FD frame."""
+        return self.data_bitrate is not None and not can_id & CAN_RTR_FLAG
+
+    def ns(self, bits: int, fast_bits: int = 0) -> int:
+        """How long so many bits take, some at the one rate and some at the other."""
+        if self.is_exact:
+            return bits * self.bit_ns + fast_bits * self.fast_bit_ns
+        bitrate, data_bitrate = self.bitrate or SECOND, self.data_bitrate or 1
+        return -(-(bits * data_bitrate + fast_bits * bitrate) * SECOND // (bitrate * data_bitrate))
+
+    def bits(self, frame: Frame) -> tuple[int, int]:
+        """Bits of a frame at either rate, intermission included; without bit times no stuff bits are counted.
+
+        Raises:
+            ValueError: As `hil.can.bits.frame_bits` does.
+        """
+        if not self.is_fd(frame.can_id):
+            return frame_bits(frame, stuffed=self.bitrate is not None), 0
+        frame_bits(frame, stuffed=False)  # refuses what is no frame
+        return fd_bits(frame.can_id & CAN_EFF_MASK, frame.data, bool(frame.can_id & CAN_EFF_FLAG))
+
+    def sent_bits(self, frame: Frame) -> str:
+        """The bits of a frame from SOF to the last of the CRC as they are sent, dominant as "0"."""
+        if not self.is_fd(frame.can_id):
+            return sent_bits(frame)
+        return fd_sent_bits(frame.can_id & CAN_EFF_MASK, frame.data, bool(frame.can_id & CAN_EFF_FLAG))
+
+    def split(self, frame: Frame, count: int) -> tuple[int, int]:
+        """The first so many bits of a frame, up to the end of its CRC, at either rate."""
+        if not self.is_fd(frame.can_id):
+            return count, 0
+        slow = self.bits(frame)[0] - (TAIL_BITS - 1)  # the delimiter of the CRC is a fast one
+        return min(count, slow), max(count - slow, 0)
