@@ -62,6 +62,7 @@ class IdentifiedError(Table):
         arm_hz: ω/2π of the arm on its gear, refined by the fit.
         damping: ζ likewise.
         accelerometer_delay_s: By how much the accelerometer lags the motor angle.
+        set_point_delay_s: By how much the motor follows its set-points later than SYNC period and interpolation explain.
         learnt_by: `identify` or `adaptive`.
         note: Date, load, temperature.
     """
@@ -71,6 +72,7 @@ class IdentifiedError(Table):
     arm_hz: Positive | None = None
     damping: Positive | None = None
     accelerometer_delay_s: float = 0.0
+    set_point_delay_s: float = 0.0
     learnt_by: str = "identify"
     note: str = ""
 

@@ -110,6 +110,7 @@ class Run:
                 if state is not State.OPERATION_ENABLED:
                     slot.target = slot.position_counts if self.bank is None else 0
             self._cycle()
+            self._discard_wild()
             self._take_over()
             fault = self.session.node_fault(self.axes)
             if fault is not None:

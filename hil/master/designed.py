@@ -1,0 +1,131 @@
+"""The design file: filters that have been designed for a robot, with what they promise, in place of the bench file's."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from drive_profiles.files import Table, load
+from drive_profiles.safefile import write_atomically
+from hil.control.notch import NOTCH_TRAPEZOID, NOTCHES, Notch
+from hil.errors import NotPossibleError
+from hil.master.bench import Bench, NotchTable, NotNegative, Positive
+
+
+class DesignedAxis(Table):
+    """The filters of one axis.
+
+    Attributes:
+        notch: As in a bench file.
+        tip_peak_mm: Predicted for the believed plant on the bench file's ramp, by order.
+        worst_tip_peak_mm: For the worst of the plants, up or down the ramp.
+        sensitivity_peak: Largest M_s of all speeds and plants.
+        phase_margin_deg: Smallest.
+        gain_margin_db: Smallest.
+        period_s: Sampling time of the loop that this was computed for.
+        delay_samples: Its delay.
+        note: Where the plant is from.
+    """
+
+    notch: Annotated[tuple[NotchTable, ...], Field(min_length=1, max_length=NOTCHES)]
+    tip_peak_mm: dict[str, NotNegative] = Field(default_factory=dict)
+    worst_tip_peak_mm: dict[str, NotNegative] = Field(default_factory=dict)
+    sensitivity_peak: Positive
+    phase_margin_deg: NotNegative
+    gain_margin_db: NotNegative
+    period_s: Positive
+    delay_samples: Annotated[int, Field(ge=0)] = 0
+    note: str = ""
+
+
+class Designs(Table):
+    """A design file.
+
+    Attributes:
+        robot: Name of the bench that it was made for.
+        axis: By number.
+    """
+
+    robot: str
+    axis: dict[Annotated[int, Field(ge=1, le=6)], DesignedAxis] = Field(default_factory=dict)
+
+    def dumps(self) -> str:
+        """The file as TOML; `[[axis.N.notch]]` is what a bench file takes too."""
+        lines = [f"robot = {_toml(self.robot)}"]
+        for number, axis in sorted(self.axis.items()):
+            lines += ["", f"[axis.{number}]"]
+            plain = axis.model_dump(exclude={"notch"})
+            lines += [f"{key} = {_toml(value)}" for key, value in plain.items()]
+            lines += ["", *snippet(number, axis.notch)]
+        return "\n".join(lines) + "\n"
+
+    def save(self, path: Path) -> None:
+        """Write it whole or not at all; what is there is replaced.
+
+        Raises:
+            FileError: It cannot be written.
+        """
+        write_atomically(path, self.dumps().encode(), force=True)
+
+
+def load_designs(path: Path) -> Designs:
+    """Read a design file.
+
+    Raises:
+        FileError: With every problem, by line.
+    """
+    return load(path, Designs)
+
+
+def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> Designs:
+    """Put one axis into a design file, which need not be there yet.
+
+    Raises:
+        FileError: It is no design file, or cannot be written.
+        NotPossibleError: It is another robot's.
+    """
+    known = load_designs(path) if path.exists() else Designs(robot=robot)
+    if known.robot != robot:
+        raise NotPossibleError(f"{path} holds filters of {known.robot!r}, this is {robot!r}: choose another file")
+    updated = known.model_copy(update={"axis": {**known.axis, number: axis}})
+    updated.save(path)
+    return updated
+
+
+def with_designs(bench: Bench, designs: Designs) -> Bench:
+    """The bench with its axes' filters replaced by those that have been designed for them.
+
+    Raises:
+        NotPossibleError: The file is another robot's, or names an axis that the bench has not.
+    """
+    if designs.robot != bench.name:
+        raise NotPossibleError(f"the design file is of {designs.robot!r}, this bench is {bench.name!r}")
+    if foreign := sorted(set(designs.axis) - set(bench.axis)):
+        raise NotPossibleError(f"the design file has filters of axis {foreign[0]}, which bench {bench.name!r} has not")
+    changed = {number: bench.axis[number].model_copy(update={"notch": found.notch}) for number, found in designs.axis.items()}
+    return bench.model_copy(update={"axis": {**bench.axis, **changed}})
+
+
+def notch_table(notch: Notch) -> NotchTable:
+    """A filter as a bench file writes it."""
+    values = {name: value for name, value in vars(notch).items() if name != "mode"}
+    return NotchTable(shape="trapezoid" if notch.mode == NOTCH_TRAPEZOID else "switched", **values)
+
+
+def snippet(number: int, tables: tuple[NotchTable, ...]) -> list[str]:
+    """Lines for a bench file or a design file."""
+    lines: list[str] = []
+    for table in tables:
+        lines += ["" for _ in lines[:1]]
+        lines += [f"[[axis.{number}.notch]]", *(f"{key} = {_toml(value)}" for key, value in table.model_dump().items())]
+    return lines
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, dict):
+        inside = ", ".join(f"{json.dumps(key)} = {_toml(each)}" for key, each in value.items())
+        return f"{{ {inside} }}" if inside else "{}"
+    if isinstance(value, float):
+        return repr(value)
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")  # JSON lets it stand, TOML does not

@@ -1,0 +1,182 @@
+"""The transmission error over CAN, of a robot of which nothing is known: friction, gravity, encoder, a noisy accelerometer."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.errors import NotPossibleError
+from hil.experiments.ate_checks import NotIdentifiedError
+from hil.experiments.identify_ate import Goal, Identification, Request, identify_ate, identify_on, what_is_known
+from hil.master.bench import Bench
+from hil.master.session import Session
+from hil.recording import BusLog
+from hil.report.page_ate import write_ate_report
+from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.robot import Robot
+from plant_emulator.world import World
+
+TRUTH = {2: (5.0, 222.0, 3.0, 126.0), 3: (10.0, 262.0, 5.0, 306.0)}
+ASKED = (2.0, 2.0, 3.0, 3.0)
+"""A_2 in %, φ_2 in degrees, A_4 in %, φ_4 in degrees."""
+ONE_PASS = Goal({2: 1.0, 4: 1.0}, {2: 90.0, 4: 90.0})
+
+
+def noisy(robot: Robot, period_s: float, seed: int, **sensor: float) -> Robot:
+    changes = {"noise_m_s2": 0.05, "resolution_m_s2": 0.01} | sensor
+    accelerometer = robot.accelerometer.model_copy(update=changes)
+    return robot.model_copy(update={"accelerometer": accelerometer, "seed": seed, "sync_period_s": period_s})
+
+
+def ignorant(bench: Bench, period_s: float = 0.002) -> Bench:
+    """The bench without any model of its axes."""
+    axes = {number: table.model_copy(update={"model": None, "notch": ()}) for number, table in bench.axis.items()}
+    bus = bench.bus.model_copy(update={"sync_period_s": period_s, "answer_timeout_s": 0.05})
+    return bench.model_copy(update={"axis": axes, "bus": bus})
+
+
+def identified(
+    bench: Bench,
+    robot: Robot,
+    request: Request,
+    prepare: Callable[[InProcessChannel], None] = lambda channel: None,
+) -> Identification:
+    channel = InProcessChannel(World(robot))
+    prepare(channel)
+    with Session(bench, channel, BusLog(None)) as session:
+        session.bring_up()
+        known = what_is_known(bench, request.axis, None, sensorless=request.sensorless)
+        return identify_on(session, request, known)
+
+
+def off(found: Identification, axis: int) -> list[float]:
+    """How far from the truth, in the units of ASKED."""
+    error, (a2, phi2, a4, phi4) = found.estimate.error, TRUTH[axis]
+    turns = [(error.phase_deg[k] - phi + 180.0) % 360.0 - 180.0 for k, phi in ((2, phi2), (4, phi4))]
+    sizes = [100.0 * (error.amplitude_arcsec[k] / a - 1.0) for k, a in ((2, a2), (4, a4))]
+    return [sizes[0], turns[0], sizes[1], turns[1]]
+
+
+def late_by(channel: InProcessChannel, cycles: float) -> None:
+    """Put the accelerometer's output off by so many SYNCs, between two of them by interpolation."""
+    sensor = channel.world.accelerometer
+    measure, history = sensor._measure, [(0.0, 0.0, 0.0)] * (int(cycles) + 2)
+
+    def delayed() -> tuple[float, float, float]:
+        history.append(measure())
+        history.pop(0)
+        share = cycles - int(cycles)
+        first, second = history[-1 - int(cycles)], history[-2 - int(cycles)]
+        x, y, z = ((1.0 - share) * a + share * b for a, b in zip(first, second, strict=True))
+        return x, y, z
+
+    sensor._measure = delayed
+
+
+# -- what is reached ---------------------------------------------------------------------------------------------------
+
+
+def test_everything_is_kept_of_an_identification(reference_bench: Bench, reference_robot: Robot, tmp_path: Path) -> None:
+    bench = ignorant(reference_bench)
+    channel = InProcessChannel(World(noisy(reference_robot, 0.002, 5)))
+    outcome = identify_ate(bench, Request(3), tmp_path, channel=channel)
+    assert outcome.failure is None
+    assert outcome.not_restored == []
+    kept = json.loads((tmp_path / "result.json").read_text())
+    assert kept["is_within_goal"]
+    assert kept["known_before"]["source"] == "nothing"
+    for entry in kept["passes"]:
+        assert (tmp_path / entry["recording"]).is_file()
+    part = outcome.part
+    assert part is not None
+    assert part.learnt_by == "identify"
+    assert part.values.a2_arcsec == pytest.approx(10.0, rel=0.02)
+    assert part.values.phi4_deg == pytest.approx(306.0, abs=3.0)
+    assert abs(part.accelerometer_delay_s) < 3e-4
+    assert set(part.standard_error) == {
+        "a2_arcsec", "phi2_deg", "a4_arcsec", "phi4_deg", "arm_hz", "damping", "accelerometer_delay_s",
+    }  # fmt: skip
+    text = write_ate_report(tmp_path).read_text()
+    for words in ("Transmission error of axis 3", "is identified", "Table 2", "Fig. 5", "Fig. 8", "delay of the accelerometer"):
+        assert words in text
+
+
+def test_a_late_accelerometer_is_stated_and_does_no_harm(reference_bench: Bench, reference_robot: Robot) -> None:
+    bench, request = ignorant(reference_bench, 0.001), Request(2, goal=ONE_PASS)
+    found = identified(bench, noisy(reference_robot, 0.001, 4), request, lambda channel: late_by(channel, 3.7))
+    assert found.estimate.arm.delay_s == pytest.approx(3.7e-3, abs=3e-4)
+    assert np.all(np.abs(off(found, 2)) < 1.5 * np.array(ASKED))
+
+
+def test_without_an_accelerometer(reference_bench: Bench, reference_robot: Robot) -> None:
+    bench = reference_bench.model_copy(update={"bus": reference_bench.bus.model_copy(update={"answer_timeout_s": 0.05})})
+    found = identified(bench, noisy(reference_robot, 0.002, 4), Request(2, sensorless=True, goal=ONE_PASS))
+    assert np.all(np.abs(off(found, 2)) < 1.5 * np.array(ASKED))
+    assert "sensorless: A_k is as wrong as J_l from the bench file" in found.notes[0]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("axis", [2, 3])
+@pytest.mark.parametrize("period_s", [0.001, 0.002])
+def test_twenty_seeds_keep_what_is_asked(reference_bench: Bench, reference_robot: Robot, axis: int, period_s: float) -> None:
+    bench = ignorant(reference_bench, period_s)
+    found = [identified(bench, noisy(reference_robot, period_s, seed), Request(axis)) for seed in range(1, 21)]
+    assert all(not each.missed for each in found), "the standard errors asked for are reached"
+    away = np.array([off(each, axis) for each in found])
+    assert np.all(np.abs(away) < ASKED), away
+    assert max(abs(each.estimate.arm.delay_s) for each in found) < 3e-4
+    claimed = np.mean([each.estimate.phase_error_deg[2] for each in found])
+    assert 0.5 < claimed / np.std(away[:, 1]) < 2.0, "the standard errors are what they say"
+
+
+# -- what is refused, with its number ----------------------------------------------------------------------------------
+
+
+def test_a_silent_accelerometer(reference_bench: Bench, reference_robot: Robot, tmp_path: Path) -> None:
+    channel = InProcessChannel(World(noisy(reference_robot, 0.002, 1)))
+    channel.passes = lambda frame: frame.can_id != 0x190
+    outcome = identify_ate(ignorant(reference_bench), Request(2), tmp_path, channel=channel)
+    assert isinstance(outcome.failure, NotIdentifiedError)
+    assert outcome.part is None
+    assert "without the accelerometer" in outcome.result["not_identified"]
+    assert "was not identified" in write_ate_report(tmp_path).read_text()
+
+
+def test_a_saturated_accelerometer(reference_bench: Bench, reference_robot: Robot) -> None:
+    with pytest.raises(NotIdentifiedError, match=r"stays at -0\.25 m/s², the end of its range"):
+        identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, range_m_s2=0.25), Request(2))
+
+
+def test_another_axis_moves(reference_bench: Bench, reference_robot: Robot) -> None:
+    bench = ignorant(reference_bench)
+    # the drive at axis 2's place is that of axis 3
+    wrong = bench.axis[3].model_copy(update={"reduction_ratio": 120.0, "tip_lever_m": 0.7})
+    bench = bench.model_copy(update={"axis": {2: wrong, 5: bench.axis[5]}})
+    with pytest.raises(NotIdentifiedError, match=r"is this the axis that moved\? the factor is 0\.6"):
+        identified(bench, noisy(reference_robot, 0.002, 1), Request(2))
+
+
+def test_noise_that_hides_everything(reference_bench: Bench, reference_robot: Robot) -> None:
+    with pytest.raises(NotIdentifiedError, match="at least"):
+        identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, noise_m_s2=5.0), Request(2))
+
+
+def test_a_ramp_that_ends_before_the_resonance(reference_bench: Bench, reference_robot: Robot) -> None:
+    bench = ignorant(reference_bench)
+    table = bench.axis[2]
+    narrow = table.model_copy(
+        update={"limits": table.limits.model_copy(update={"position_min_rev": -2.5, "position_max_rev": 2.5})}
+    )
+    bench = bench.model_copy(update={"axis": {**bench.axis, 2: narrow}})
+    with pytest.raises(NotIdentifiedError, match=r"rps, at least 7\.\d+ rps is needed; .* between its position limits are 4\.0"):
+        identified(bench, noisy(reference_robot, 0.002, 1), Request(2))
+
+
+def test_without_a_plant_there_is_no_sensorless_result(reference_bench: Bench) -> None:
+    with pytest.raises(NotPossibleError, match="hil identify plant finds them"):
+        what_is_known(ignorant(reference_bench), 2, None, sensorless=True)
+    with pytest.raises(NotPossibleError, match="has no axis 4"):
+        what_is_known(reference_bench, 4, None, sensorless=False)
