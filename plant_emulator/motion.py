@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from hil.control.cascade import cascade_start
-from hil.control.compiled import compiled
+from hil.control.compiled import compiled, inlined
 from hil.control.servo import servo_step
-from plant_emulator.physics.axis import plant_step
+from plant_emulator.physics.axis import arm_acceleration, constants, nearby, plant_period
 
 BRAKED, POSITION, TORQUE, PROFILE, STOPPING = 0, 1, 2, 3, 4
 """What the power stage does: brake closed and no torque; cyclic position; cyclic torque; profile position; ramp to rest."""
@@ -40,13 +40,13 @@ MOTION = np.dtype([
 """A drive's process data, between its object dictionary and the compiled period."""
 
 
-@compiled
+@inlined
 def measured_counts(motor_angle: float, counts_per_rad: float) -> float:
     """What the encoder shows: the motor angle rounded to whole counts."""
     return math.floor(motor_angle * counts_per_rad + 0.5)
 
 
-@compiled
+@inlined
 def _interpolated(m: Any) -> float:
     """The cyclic set-point in this period: straight from the last to the newest, which is reached with the last period."""
     share = min(1.0, (m.tick + 1.0) / m.ticks_per_set_point)
@@ -129,6 +129,70 @@ def begin_stop(
     m.mode = STOPPING
 
 
+@inlined
+def _command(
+    motion: Any,
+    row: int,
+    motor_angle: float,
+    period_s: float,
+    cascade_config: Any,
+    cascade_state: Any,
+    notch_config: Any,
+    notch_state: Any,
+) -> float:
+    """What a drive makes of a control period: measure, set-point, law, limits; the torque in N·m, 0 behind a closed brake."""
+    m = motion[row]
+    counts = measured_counts(motor_angle, m.counts_per_rad)
+    angle = counts / m.counts_per_rad
+    if m.mode == BRAKED:
+        cascade_start(cascade_state, row, angle, 0.0, 0.0)
+        for column in range(notch_state.shape[1]):
+            notch_state[row, column].active = 0
+            notch_state[row, column].speed_rps = 0.0
+            notch_state[row, column].mean_nm = 0.0
+        m.torque_nm, m.following_error_rad = 0.0, 0.0
+        return 0.0
+    before = m.mode
+    position, velocity_offset, torque_offset = angle, 0.0, m.torque_offset_nm
+    if m.mode == POSITION:
+        position = _interpolated(m) / m.counts_per_rad
+        velocity_offset = m.velocity_offset_rad_s
+        m.tick += 1
+    elif m.mode == PROFILE:
+        _profile(m, m.target_counts / m.counts_per_rad, period_s)
+        position = m.reference_rad
+    elif m.mode == STOPPING:
+        _ramp_down(m, period_s)
+        position, torque_offset = m.reference_rad, 0.0
+    # the law runs in torque mode too: it keeps the speed estimate, and its torque is passed over
+    torque = servo_step(
+        cascade_config,
+        cascade_state,
+        notch_config,
+        notch_state,
+        row,
+        period_s,
+        m.torque_limit_nm,
+        position,
+        velocity_offset,
+        torque_offset,
+        angle,
+    )
+    speed = cascade_state[row].speed_rad_s
+    if m.mode == TORQUE:
+        wanted = m.target_torque_nm + m.torque_offset_nm
+        torque = min(m.torque_limit_nm, max(-m.torque_limit_nm, wanted))
+    m.torque_nm, m.following_error_rad = torque, position - angle
+    if m.mode == STOPPING:
+        if m.reference_speed_rad_s == 0.0 and abs(speed) < STOPPED_RAD_S:
+            m.stopped = 1
+    else:
+        _watch(m, speed, counts)
+        if m.trip != 0 and before != STOPPING:
+            begin_stop(motion, cascade_config, cascade_state, notch_state, row, m.stop_deceleration_rad_s2)
+    return float(torque)
+
+
 @compiled
 def advance(
     ticks: int,
@@ -158,56 +222,13 @@ def advance(
         notch_config: `NOTCH_CONFIG` array, shape (n_axes, NOTCHES).
         notch_state: `NOTCH_STATE` array, shape (n_axes, NOTCHES).
     """
-    for _ in range(ticks):
-        for row in range(plant.shape[0]):
-            m = motion[row]
-            counts = measured_counts(plant_state[row].motor_angle, m.counts_per_rad)
-            angle = counts / m.counts_per_rad
-            if m.mode == BRAKED:
-                cascade_start(cascade_state, row, angle, 0.0, 0.0)
-                for column in range(notch_state.shape[1]):
-                    notch_state[row, column].active = 0
-                    notch_state[row, column].speed_rps = 0.0
-                    notch_state[row, column].mean_nm = 0.0
-                m.torque_nm, m.following_error_rad = 0.0, 0.0
-                plant_step(plant, plant_state, row, 0.0, True, period_s, substeps)
-                continue
-            before = m.mode
-            position, velocity_offset, torque_offset = angle, 0.0, m.torque_offset_nm
-            if m.mode == POSITION:
-                position = _interpolated(m) / m.counts_per_rad
-                velocity_offset = m.velocity_offset_rad_s
-                m.tick += 1
-            elif m.mode == PROFILE:
-                _profile(m, m.target_counts / m.counts_per_rad, period_s)
-                position = m.reference_rad
-            elif m.mode == STOPPING:
-                _ramp_down(m, period_s)
-                position, torque_offset = m.reference_rad, 0.0
-            # the law runs in torque mode too: it keeps the speed estimate, and its torque is passed over
-            torque = servo_step(
-                cascade_config,
-                cascade_state,
-                notch_config,
-                notch_state,
-                row,
-                period_s,
-                m.torque_limit_nm,
-                position,
-                velocity_offset,
-                torque_offset,
-                angle,
-            )
-            speed = cascade_state[row].speed_rad_s
-            if m.mode == TORQUE:
-                wanted = m.target_torque_nm + m.torque_offset_nm
-                torque = min(m.torque_limit_nm, max(-m.torque_limit_nm, wanted))
-            m.torque_nm, m.following_error_rad = torque, position - angle
-            if m.mode == STOPPING:
-                if m.reference_speed_rad_s == 0.0 and abs(speed) < STOPPED_RAD_S:
-                    m.stopped = 1
-            else:
-                _watch(m, speed, counts)
-                if m.trip != 0 and before != STOPPING:
-                    begin_stop(motion, cascade_config, cascade_state, notch_state, row, m.stop_deceleration_rad_s2)
-            plant_step(plant, plant_state, row, torque, False, period_s, substeps)
+    for row in range(plant.shape[0]):  # an axis feels nothing of the others: each goes its whole way alone
+        m, mechanics = motion[row], plant_state[row]
+        k = constants(plant[row])
+        near = nearby(k, mechanics.motor_angle, mechanics.arm_angle)
+        for _ in range(ticks):
+            angle = mechanics.motor_angle
+            torque = _command(motion, row, angle, period_s, cascade_config, cascade_state, notch_config, notch_state)
+            near = plant_period(k, near, mechanics, torque, m.mode == BRAKED, period_s, substeps)
+        if ticks > 0:
+            mechanics.arm_acceleration = arm_acceleration(k, mechanics)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.control.compiled import compiled
+from hil.control.compiled import inlined
 
 CASCADE_CONFIG = np.dtype([
     ("position_gain_per_s", np.float64),
@@ -59,7 +59,7 @@ class Cascade:
             row[field.name] = getattr(self, field.name)
 
 
-@compiled
+@inlined
 def cascade_start(state: Any, row: int, motor_angle: float, speed_rad_s: float, torque_nm: float) -> None:
     """Start without a bump: the speed is known, and the integrator holds the torque that is there already."""
     s = state[row]
@@ -69,7 +69,7 @@ def cascade_start(state: Any, row: int, motor_angle: float, speed_rad_s: float, 
     s.integral_nm = torque_nm
 
 
-@compiled
+@inlined
 def observe_speed(config: Any, state: Any, row: int, period_s: float, motor_angle: float) -> float:
     """v̂ = F_lp s θ_m, bilinear: the low-passed motor speed in rad/s. To be called once per sample."""
     s = state[row]
@@ -80,7 +80,7 @@ def observe_speed(config: Any, state: Any, row: int, period_s: float, motor_angl
     return float(s.speed_rad_s)
 
 
-@compiled
+@inlined
 def cascade_step(
     config: Any, state: Any, row: int, period_s: float, position: float, velocity_offset: float
 ) -> tuple[float, float]:
@@ -105,7 +105,7 @@ def cascade_step(
     return c.velocity_gain_nm_s_rad * error + s.integral_nm, before
 
 
-@compiled
+@inlined
 def hold_integrator(state: Any, row: int, before: float, excess_nm: float) -> None:
     """Anti-windup: where the torque was cut and the error would wind the integrator further, it stays where it was."""
     s = state[row]

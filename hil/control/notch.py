@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.control.compiled import compiled
+from hil.control.compiled import inlined
 
 NOTCH_OFF, NOTCH_SWITCHED, NOTCH_TRAPEZOID = 0, 1, 2
 """ζ_rd over the motor speed: no filter; ζ_rdth inside [f_s, f_e]; a trapezoid that rises and falls over `ramp_rps`."""
@@ -142,7 +142,7 @@ class FixedFilter:
             row[field.name] = getattr(self, field.name)
 
 
-@compiled
+@inlined
 def notch_coefficients(
     zero_hz: float, pole_hz: float, zeta_rn: float, zeta_rd: float, period_s: float
 ) -> tuple[float, float, float, float, float]:
@@ -176,7 +176,7 @@ def notch_coefficients(
     )
 
 
-@compiled
+@inlined
 def notch_weight(mode: int, speed_rps: float, start_rps: float, end_rps: float, ramp_rps: float) -> float:
     """How far the filter is on at a speed: 1 where it switches, the trapezoid's height, 0 … 1, where it has slopes."""
     if mode != NOTCH_TRAPEZOID:
@@ -186,14 +186,14 @@ def notch_weight(mode: int, speed_rps: float, start_rps: float, end_rps: float, 
     return max(0.0, min(1.0, rise, fall))
 
 
-@compiled
+@inlined
 def lowpass_blend(corner_hz: float, period_s: float) -> float:
     """The share of the new sample in a first-order low-pass x += blend (u − x); 1 where the corner is beyond reach."""
     w = math.pi * corner_hz * period_s
     return min(1.0, 2.0 * w / (1.0 + w))
 
 
-@compiled
+@inlined
 def _fixed_step(c: Any, s: Any, u: float) -> float:
     """One sample of a fixed filter; it starts as if the low-passed torque ū had stood there for ever, ȳ = G(1) ū."""
     if s.active == 0:
@@ -207,7 +207,7 @@ def _fixed_step(c: Any, s: Any, u: float) -> float:
     return float(y)
 
 
-@compiled
+@inlined
 def notch_step(config: Any, state: Any, row: int, column: int, period_s: float, speed_rad_s: float, u: float) -> float:
     """One sample of the filter: follow the speed, switch with hysteresis, filter the torque command. A fixed one is always on.
 

@@ -15,11 +15,11 @@ from hil.control.cascade import (
     hold_integrator,
     observe_speed,
 )
-from hil.control.compiled import compiled
+from hil.control.compiled import inlined
 from hil.control.notch import NO_NOTCH, NOTCH_CONFIG, NOTCH_STATE, NOTCHES, FixedFilter, Notch, notch_step
 
 
-@compiled
+@inlined
 def servo_step(
     cascade_config: Any,
     cascade_state: Any,

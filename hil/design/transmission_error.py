@@ -107,7 +107,7 @@ class _Arm:
         return int(fft.next_fast_len(count + round(RING_DOWN / decay / period_s), real=True))
 
 
-def _acceleration_spectrum(angle_rad: Real, period_s: float, length: int) -> tuple[Real, Complex]:
+def acceleration_spectrum(angle_rad: Real, period_s: float, length: int) -> tuple[Real, Complex]:
     """Frequencies, and the transform of the second derivative of sampled angles; shapes (m,) and (..., m).
 
     The second difference of a sampled sine is its second derivative times (sin(ωT/2)/(ωT/2))²; the division by that makes it
@@ -151,7 +151,7 @@ def arm_response(
     angle = np.asarray(motor_angle_rad, dtype=np.float64)
     driven = angle / model.reduction_ratio + error.angle_rad(angle)
     length = arm.padded(len(angle), period_s)
-    frequency, spectrum = _acceleration_spectrum(driven, period_s, length)
+    frequency, spectrum = acceleration_spectrum(driven, period_s, length)
     return np.asarray(lever_m * fft.irfft(spectrum * arm.response(frequency), length)[: len(angle)])
 
 
@@ -167,7 +167,7 @@ class _Problem:
         waves = [angle / model.reduction_ratio]
         for order in orders:  # A cos(kθ + φ) = (A cos φ) cos kθ − (A sin φ) sin kθ
             waves += [np.cos(order * angle), -np.sin(order * angle)]
-        self._frequency, spectra = _acceleration_spectrum(np.stack(waves), period_s, self._length)
+        self._frequency, spectra = acceleration_spectrum(np.stack(waves), period_s, self._length)
         band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
         _, gain = signal.sosfreqz(band, self._frequency, fs=1.0 / period_s)
         weight = np.abs(gain) ** 2  # forward and backward: no phase

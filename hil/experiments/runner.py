@@ -90,8 +90,8 @@ def run_experiments(
         _check_band(motions)
         if not overload:
             for experiment, motion in motions:
-                _check_load(bench, channel, experiment, motion)
-        log = BusLog(out / "bus.log", _log_channel(channel))
+                check_load(bench, channel, experiment, motion)
+        log = BusLog(out / "bus.log", log_channel(channel))
         with Session(bench, channel, log, progress) as session:
             not_restored = session.not_restored
             session.bring_up(reset_faults=reset_faults)
@@ -116,7 +116,7 @@ def run_experiments(
     compared = comparisons(runs)
     kept: dict[str, Any] = {
         "schema": SCHEMA,
-        "bench": _bench(bench, started, lock_step=channel.is_lock_step),
+        "bench": bench_record(bench, started, lock_step=channel.is_lock_step),
         "runs": runs,
         "comparisons": compared,
         "paper": claims(bench, runs, compared, is_paper=is_paper) if stopped is None and failure is None else [],
@@ -153,8 +153,12 @@ def _check_band(motions: list[tuple[Experiment, Motion]]) -> None:
             raise NotPossibleError(f"{what}: vibrations up to {TIP_BAND_HZ[1]:g} Hz need less than {500.0 / TIP_BAND_HZ[1]:g} ms")
 
 
-def _check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: Motion) -> None:
-    """Refuse a run whose frames do not fit between two SYNCs, where the bit rate is known."""
+def check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: Motion) -> None:
+    """Refuse a run whose frames do not fit between two SYNCs, where the bit rate is known.
+
+    Raises:
+        NotPossibleError: They do not.
+    """
     if channel.address.bitrate is None:
         return
     from hil.master.plan_check import check  # noqa: PLC0415 - a bus without bit times does not need it
@@ -174,11 +178,13 @@ def _check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: 
         raise NotPossibleError(f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms: {verdict.sentence} (--overload)")
 
 
-def _log_channel(channel: Channel) -> str:
+def log_channel(channel: Channel) -> str:
+    """The bus' name in its log."""
     return channel.address.channel if channel.address.interface == "socketcan" else channel.address.interface
 
 
-def _bench(bench: Bench, started: datetime.datetime, *, lock_step: bool) -> dict[str, Any]:
+def bench_record(bench: Bench, started: datetime.datetime, *, lock_step: bool) -> dict[str, Any]:
+    """`bench` of result.json: which one, when, with what."""
     versions = {"python": platform.python_version()}
     for package in ("hil-bench", "python-can", "canopen", "numpy", "scipy", "numba"):
         try:

@@ -4,11 +4,14 @@ import math
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from numba.core import config as numba_config
+import pytest
 
+from hil.control import machine_code
+from hil.control.compiled import compiled
 from hil.control.notch import notch_coefficients
 
 ROOT = Path(__file__).parents[3]
@@ -24,20 +27,37 @@ def outer(x):
     return 10.0 * inner(x)
 
 
-print(outer(1.0), sum(outer.stats.cache_hits.values()))
+print(outer(1.0), outer.loaded)
 """
 
 
-def run_gadget(folder):
+SUMS = """
+import sys
+import numpy as np
+from hil.control.compiled import compiled
+
+
+@compiled
+def sums(values, start):
+    total = start
+    for value in values:
+        total += np.sqrt(value) / 3.0
+    return total, total * total
+
+
+found = [x.hex() for x in sums(np.arange(50.0), 0.1)]
+print("numba" in sys.modules, *found)
+"""
+
+
+def run(folder, module):
     path = os.pathsep.join([str(folder), str(ROOT)])
-    done = subprocess.run(
-        [sys.executable, "-m", "gadget.outer"],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    value, hits = done.stdout.split()
+    command, environment = [sys.executable, "-m", module], {**os.environ, "PYTHONPATH": path}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+
+
+def run_gadget(folder):
+    value, hits = run(folder, "gadget.outer").split()
     return float(value), int(hits)
 
 
@@ -64,5 +84,67 @@ def test_a_division_by_zero_is_a_number_of_ieee_and_no_exception():
     assert not all(math.isfinite(value) for value in notch_coefficients(0.0, 0.0, 0.1, 0.1, 250e-6))
 
 
-def test_other_users_of_numba_keep_their_own_cache_folder():
-    assert "compiled-" not in numba_config.CACHE_DIR
+def test_what_lies_on_disk_runs_without_numba_and_gives_the_same_bits(tmp_path):
+    (tmp_path / "gadget").mkdir()
+    (tmp_path / "gadget" / "sums.py").write_text(SUMS, encoding="utf-8")
+    said = [run(tmp_path, "gadget.sums") for _ in range(2)]
+    assert [line.split()[0] for line in said] == ["True", "False"]  # numba imported?
+    assert said[0].split()[1:] == said[1].split()[1:]
+
+
+@compiled
+def mixed(values, count, flag, share):
+    values[0].a = values[0].a + count
+    return share if flag else values[0].a, share * count
+
+
+def test_each_kind_of_arguments_has_its_own_machine_code_and_the_arrays_are_the_callers():
+    one, other = np.zeros(1, [("a", "<f8")]), np.zeros(2, [("b", "<f8"), ("a", "<f8")])
+    assert mixed(one, 3, False, 0.5) == (3.0, 1.5)
+    assert mixed(other, 4, True, 0.5) == (0.5, 2.0)
+    assert mixed(one, 3, False, 0.5) == (6.0, 1.5)
+    assert mixed(one, 2.5, False, 2.0) == (8.5, 5.0)
+    assert (one["a"][0], other["a"].tolist()) == (8.5, [4.0, 0.0])
+    assert mixed(other[1:], 1, False, 2.0) == (1.0, 2.0)
+
+
+@compiled
+def added(record, more):
+    record.a += more
+    return record.a
+
+
+def test_a_record_is_the_callers_too():
+    rows = np.zeros(2, [("b", "<f8"), ("a", "<f8")])
+    assert [added(rows[1], 2.0), added(rows[1], 2.0), added(rows[0], 1.0)] == [2.0, 4.0, 1.0]
+    assert rows["a"].tolist() == [1.0, 4.0]
+
+
+def test_what_is_not_in_one_piece_is_left_to_numba():
+    every_other = np.zeros(4, [("a", "<f8")])[::2]
+    assert mixed(every_other, 3, False, 0.5) == (3.0, 1.5)
+    assert mixed(every_other.copy(), 3, False, 0.5) == (6.0, 1.5)
+
+
+@pytest.mark.parametrize("arguments", [(), (1.0,), (np.zeros(1, [("a", "<f8")]), 1, True)])
+def test_too_few_arguments_are_refused(arguments):
+    mixed(np.zeros(1, [("a", "<f8")]), 3, False, 0.5)
+    with pytest.raises(TypeError):
+        mixed(*arguments)
+
+
+def test_threads_do_not_mix_their_arguments():
+    def work(share):
+        return all(notch_coefficients(10.0, 10.0 + share, 0.1, 0.2, 250e-6) == wanted[share] for _ in range(3000))
+
+    wanted = {share: notch_coefficients(10.0, 10.0 + share, 0.1, 0.2, 250e-6) for share in (0.5, 1.5, 2.5)}
+    with ThreadPoolExecutor(3) as pool:
+        assert all(pool.map(work, wanted))
+
+
+def test_a_broken_file_is_made_anew(tmp_path):
+    path = tmp_path / "code.o"
+    assert machine_code.load(path, ("d",)) is None
+    for content in (b"", b"{}\n", b'["x", "d", "0"]\nrubbish', b"[]\n"):
+        path.write_bytes(content)
+        assert machine_code.load(path, ("d",)) is None
