@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hil.control.cascade import cascade_start
+from hil.control.compensation import FADE_S, inner_compensation
 from hil.control.compiled import compiled, inlined
 from hil.control.servo import servo_step
 from plant_emulator.physics.axis import arm_acceleration, constants, nearby, plant_period
@@ -34,6 +35,10 @@ MOTION = np.dtype([
     # limits
     ("low_counts", np.float64), ("high_counts", np.float64), ("max_speed_rad_s", np.float64),
     ("following_window_rad", np.float64), ("following_ticks", np.int64), ("following_count", np.int64),
+    # cancellation of the transmission error: amplitudes N A_k at the motor, and how far it is faded in
+    ("cancel_mode", np.int64), ("cancel_share", np.float64),
+    ("cancel_a2_rad", np.float64), ("cancel_phi2_rad", np.float64), ("cancel_a4_rad", np.float64), ("cancel_phi4_rad", np.float64),
+    ("cancel_inertia_kg_m2", np.float64), ("cancel_damping_nm_s_rad", np.float64),
     # what comes out
     ("trip", np.int64), ("stopped", np.int64), ("torque_nm", np.float64), ("following_error_rad", np.float64),
 ])  # fmt: skip
@@ -150,7 +155,7 @@ def _command(
             notch_state[row, column].active = 0
             notch_state[row, column].speed_rps = 0.0
             notch_state[row, column].mean_nm = 0.0
-        m.torque_nm, m.following_error_rad = 0.0, 0.0
+        m.torque_nm, m.following_error_rad, m.cancel_share = 0.0, 0.0, 0.0
         return 0.0
     before = m.mode
     position, velocity_offset, torque_offset = angle, 0.0, m.torque_offset_nm
@@ -164,6 +169,24 @@ def _command(
     elif m.mode == STOPPING:
         _ramp_down(m, period_s)
         position, torque_offset = m.reference_rad, 0.0
+    if m.cancel_mode != 0 or m.cancel_share > 0.0:
+        m.cancel_share = min(1.0, max(0.0, m.cancel_share + math.copysign(period_s / FADE_S, m.cancel_mode - 0.5)))
+        if m.mode in (POSITION, PROFILE):
+            reference, rate, more = inner_compensation(
+                m.cancel_a2_rad,
+                m.cancel_phi2_rad,
+                m.cancel_a4_rad,
+                m.cancel_phi4_rad,
+                m.cancel_inertia_kg_m2,
+                m.cancel_damping_nm_s_rad,
+                cascade_config[row].lowpass_hz,
+                period_s,
+                angle,
+                cascade_state[row].speed_rad_s,
+            )
+            position += m.cancel_share * reference
+            velocity_offset += m.cancel_share * rate
+            torque_offset += m.cancel_share * more
     # the law runs in torque mode too: it keeps the speed estimate, and its torque is passed over
     torque = servo_step(
         cascade_config,

@@ -58,10 +58,17 @@ class Compiled(Generic[P, R]):
 
     @cached_property
     def dispatcher(self) -> Any:
-        """The function as numba has it."""
+        """The function as numba has it; what cannot run without numba, it keeps in the same folder."""
         import numba  # noqa: PLC0415 - a second or two, and not needed for what lies on disk
+        from numba.core import config  # noqa: PLC0415
 
-        return numba.njit(error_model="numpy", forceinline=self._inline)(self.py_func)
+        settings: Any = config  # its attributes come from the environment at run time
+        before = settings.CACHE_DIR
+        settings.CACHE_DIR = str(self._folder())
+        try:
+            return numba.njit(cache=not self._inline, error_model="numpy", forceinline=self._inline)(self.py_func)
+        finally:
+            settings.CACHE_DIR = before
 
     @property
     def _numba_type_(self) -> Any:
@@ -84,14 +91,24 @@ class Compiled(Generic[P, R]):
         if entry is not None:
             self.loaded += 1
             return entry
-        return machine_code.save(path, known, self._compile(arguments)) or self.dispatcher
+        fresh = self._compile(arguments)
+        return (fresh and self._saved(path, known, fresh)) or self.dispatcher
+
+    @staticmethod
+    def _saved(path: Path, kinds: tuple[str, ...], fresh: Any) -> Any:
+        """What runs without numba, or None: a numba whose insides are others only starts more slowly."""
+        try:
+            return machine_code.save(path, kinds, fresh)
+        except (AttributeError, KeyError, LookupError, RuntimeError, TypeError, ValueError):
+            return None
 
     def _compile(self, arguments: tuple[Any, ...]) -> Any:
+        """The result of numba, or None where it comes from numba's own files, which hold no more than it needs itself."""
         import numba  # noqa: PLC0415 - see `dispatcher`
 
         types = tuple(map(numba.typeof, arguments))
         self.dispatcher.compile(types)
-        return self.dispatcher.overloads[types]
+        return self.dispatcher.overloads[types] if types not in self.dispatcher.stats.cache_hits else None
 
     def __call__(self, *arguments: P.args, **named: P.kwargs) -> R:
         """Run it; arguments by position alone."""

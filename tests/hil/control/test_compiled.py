@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core import config as numba_config
 
 from hil.control import machine_code
 from hil.control.compiled import compiled
@@ -148,3 +149,49 @@ def test_a_broken_file_is_made_anew(tmp_path):
     for content in (b"", b"{}\n", b'["x", "d", "0"]\nrubbish', b"[]\n"):
         path.write_bytes(content)
         assert machine_code.load(path, ("d",)) is None
+
+
+@compiled
+def allocating(count):
+    return np.empty(count)
+
+
+def test_what_needs_numba_runs_with_it_and_other_users_of_numba_keep_their_own_cache_folder():
+    assert len(allocating(3)) == 3
+    assert allocating.dispatcher.overloads
+    assert "compiled-" not in numba_config.CACHE_DIR
+
+
+ALLOCATING = """
+import numpy as np
+from hil.control.compiled import compiled
+
+
+@compiled
+def squares(count):
+    return np.arange(count) ** 2
+
+
+print(squares(4).sum(), sum(squares.dispatcher.stats.cache_hits.values()))
+"""
+
+
+def test_what_needs_numba_is_kept_by_numba(tmp_path):
+    (tmp_path / "gadget").mkdir()
+    (tmp_path / "gadget" / "squares.py").write_text(ALLOCATING, encoding="utf-8")
+    assert [run(tmp_path, "gadget.squares").split() for _ in range(3)] == [["14", "0"], ["14", "1"], ["14", "1"]]
+
+
+def test_a_numba_with_other_insides_only_starts_more_slowly(tmp_path, monkeypatch):
+    def other(*_):
+        raise AttributeError("no attribute 'codegen'")
+
+    monkeypatch.setattr(machine_code, "save", other)
+
+    def twice(x):
+        return 2.0 * x
+
+    function = compiled(twice)
+    monkeypatch.setattr(function, "_folder", lambda: tmp_path)
+    assert function(21.0) == 42.0
+    assert function.loaded == 0

@@ -160,6 +160,24 @@ def by_hand(p, command):
     return rates
 
 
+@pytest.mark.parametrize("speed", [0.0, 1e-4, -0.4, 3.0, -60.0, 377.0, 2000.0])
+@pytest.mark.parametrize("angle", [0.0, 0.03125, -1.0, 400.0])
+def test_the_short_polynomials_change_nothing_near_or_far(speed, angle):
+    """One Runge-Kutta step with the library's sine, cosine and tanh; at 2000 rad/s the motor leaves the polynomials' range."""
+    axis = everything().at(angle, speed, angle / 120.0 + 2e-4, speed / 120.0 - 1e-3)
+    rates = by_hand({name: float(axis.plant[0][name]) for name in PLANT.names}, 1.5)
+    x = np.array([angle, speed, angle / 120.0 + 2e-4, speed / 120.0 - 1e-3, 0.0])
+    k1 = np.array(rates(0.0, x))
+    k2 = np.array(rates(0.0, x + 0.5 * T * k1))
+    k3 = np.array(rates(0.0, x + 0.5 * T * k2))
+    k4 = np.array(rates(0.0, x + T * k3))
+    want = x + T / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    axis.step(1.5, substeps=1)
+    got = [axis.motor_angle, axis.motor_speed, axis.arm_angle, axis.arm_speed, axis.torque_nm]
+    np.testing.assert_allclose(got, want, rtol=1e-12, atol=1e-12)
+    assert axis.arm_acceleration == pytest.approx(rates(0.0, want)[3], rel=1e-8, abs=1e-7)
+
+
 def test_with_every_nonlinearity_on_it_is_what_scipys_integrator_finds():
     axis = everything()
     p = {name: float(axis.plant[0][name]) for name in PLANT.names}
