@@ -1,0 +1,147 @@
+import math
+
+import numpy as np
+import pytest
+
+from hil.control.cascade import Cascade
+from hil.design.frequency import TwoInertia
+from hil.design.plant_identification import (
+    PlantEstimate,
+    Spectra,
+    Stretch,
+    Timing,
+    UnidentifiableError,
+    angle_response,
+    fit_plant,
+    spectra,
+    tip_response,
+)
+
+PLANT = TwoInertia(120.0, 2.6e-4, 8e-4, 8.0, 6.0, 48950.0, 42.0)
+LAW = Cascade(25.0, 0.196, 3.92, 300.0)
+FREQUENCY = np.arange(3.0, 60.5, 0.5)
+SYNC, AGE, LEVER = 0.002, 125e-6, 0.7
+
+
+def synthetic(seed: int, periods: int = 10, noise: float = 1e-5, amplitude: float = 0.1) -> Spectra:
+    """Spectra of a closed loop whose torque is reported AGE late, with white noise of the motor angle.
+
+    The law is the reference robot's: a feedback of position and speed alone cannot tell the age of the torque from J_m and D_m.
+    """
+    rng = np.random.default_rng(seed)
+    jw = 2j * math.pi * FREQUENCY
+
+    def white(size: float) -> np.ndarray:
+        shape = (periods, len(FREQUENCY))
+        return size * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+
+    motion = PLANT.motor_angle_per_torque(FREQUENCY)
+    hold = (1.0 - np.exp(-jw * SYNC)) / (jw * SYNC)
+    excitation = np.tile(amplitude * np.exp(2j * math.pi * rng.random(len(FREQUENCY))), (periods, 1))
+    disturbance, law = white(noise), (0.196 + 3.92 / jw) * (25.0 + jw / (1.0 + jw / (2.0 * math.pi * 300.0)))
+    torque = (excitation * hold - law * disturbance) / (1.0 + law * motion)
+    angle = motion * torque + disturbance
+    feedback = torque - excitation * hold
+    reported = excitation * np.exp(-jw * SYNC) + feedback * np.exp(-jw * AGE)
+    tip = tip_response(PLANT, FREQUENCY, 1.1 * LEVER, 1e-3) * (angle - disturbance) + white(0.01)
+    return Spectra(FREQUENCY, excitation, angle, reported, tip)
+
+
+def timing() -> Timing:
+    return Timing(SYNC, 2.0 * AGE, "torque", None)
+
+
+def test_the_plant_comes_back_from_a_closed_loop_with_noise() -> None:
+    found = fit_plant(synthetic(1), timing(), 120.0, LEVER)
+    assert found.plant.antiresonance_hz == pytest.approx(PLANT.antiresonance_hz, rel=1e-3)
+    assert found.plant.resonance_hz == pytest.approx(PLANT.resonance_hz, rel=2e-3)
+    assert found.plant.gear_stiffness_nm_rad == pytest.approx(PLANT.gear_stiffness_nm_rad, rel=5e-3)
+    assert found.parameters["lever_ratio"].value == pytest.approx(1.1, rel=5e-3)
+    assert found.misfit == pytest.approx(1.0, abs=0.25)
+
+
+def test_standard_errors_are_what_the_scatter_over_seeds_is() -> None:
+    truth = {
+        "gear_stiffness_nm_rad": PLANT.gear_stiffness_nm_rad,
+        "motor_inertia_kg_m2": PLANT.motor_inertia_kg_m2,
+        "arm_inertia_kg_m2": PLANT.arm_inertia_kg_m2,
+        "antiresonance_hz": PLANT.antiresonance_hz,
+        "resonance_hz": PLANT.resonance_hz,
+        "damping": 48.0 / (2.0 * math.sqrt(48950.0 * 8.0)),
+        "viscous_damping_nm_s_rad": 8e-4 + 6.0 / 120.0**2,
+        "torque_age_s": AGE,
+    }
+    away: dict[str, list[float]] = {name: [] for name in truth}
+    for seed in range(14):
+        found = fit_plant(synthetic(seed), timing(), 120.0, LEVER)
+        for name, true in truth.items():
+            parameter = found.parameters[name]
+            away[name].append((parameter.value - true) / parameter.standard_error)
+    for name, values in away.items():
+        assert 0.6 < math.sqrt(float(np.mean(np.square(values)))) < 1.6, name
+
+
+def test_without_the_accelerometer_it_says_less_but_nothing_else() -> None:
+    data = synthetic(3)
+    with_tip = fit_plant(data, timing(), 120.0, LEVER)
+    without = fit_plant(Spectra(data.frequency_hz, data.excitation, data.angle, data.torque, None), timing(), 120.0, LEVER)
+    assert without.tip is None
+    assert "lever_ratio" not in without.parameters
+    assert without.plant.antiresonance_hz == pytest.approx(with_tip.plant.antiresonance_hz, rel=3e-3)
+    assert without.parameters["antiresonance_hz"].standard_error > with_tip.parameters["antiresonance_hz"].standard_error
+
+
+def test_more_noise_means_less_coherence_and_larger_errors() -> None:
+    quiet, loud = (fit_plant(synthetic(4, noise=noise), timing(), 120.0, LEVER) for noise in (1e-5, 1e-4))
+    assert np.median(loud.response.coherence) < np.median(quiet.response.coherence)
+    assert loud.parameters["resonance_hz"].standard_error > 3.0 * quiet.parameters["resonance_hz"].standard_error
+
+
+def test_the_circle_of_confidence_holds_the_true_response() -> None:
+    inside = []
+    for seed in range(8):
+        response = fit_plant(synthetic(seed), timing(), 120.0, LEVER).response
+        inside.append(np.abs(response.value - PLANT.motor_angle_per_torque(FREQUENCY)) <= response.radius)
+    assert 0.9 < np.mean(inside) < 0.995
+
+
+def test_gravity_is_a_spring_on_the_arm() -> None:
+    assert np.allclose(angle_response(PLANT, FREQUENCY), PLANT.motor_angle_per_torque(FREQUENCY))
+    stiffer = np.abs(tip_response(PLANT, FREQUENCY, LEVER, gravity_nm_rad=-2000.0))
+    assert FREQUENCY[np.argmax(stiffer)] < FREQUENCY[np.argmax(np.abs(tip_response(PLANT, FREQUENCY, LEVER)))]
+
+
+@pytest.mark.parametrize(("periods", "lines", "what"), [(2, 115, "periods"), (5, 8, "lines")])
+def test_too_little_is_refused_with_the_number_needed(periods: int, lines: int, what: str) -> None:
+    data = synthetic(1, periods)
+    few = Spectra(*(getattr(data, name)[..., :lines] for name in ("frequency_hz", "excitation", "angle", "torque")), None)
+    with pytest.raises(UnidentifiableError, match=rf"{what}.*needed") as caught:
+        fit_plant(few, timing(), 120.0, LEVER)
+    assert caught.value.value < caught.value.needed
+
+
+# -- spectra -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_drift_is_removed_without_touching_the_signal() -> None:
+    samples, periods = 500, 5
+    time = np.arange(samples * periods) * SYNC
+    signal = 3.0 * np.cos(2.0 * math.pi * 3.0 * time) + 0.01 * np.sin(2.0 * math.pi * 40.0 * time)
+    drift = 5.0 * time - 2.0 * time**2 + 0.3 * time**3
+    stretch = Stretch(signal, signal + drift, signal - drift, None)
+    found = spectra([stretch], samples, np.array([3, 40]), SYNC)
+    assert np.allclose(found.angle, found.excitation, atol=1e-9)
+    assert np.allclose(found.torque[:, 1], -0.01j, atol=1e-9)
+
+
+def test_a_stretch_of_broken_periods_is_refused() -> None:
+    rows = np.zeros(750)
+    with pytest.raises(ValueError, match="no whole number of periods"):
+        spectra([Stretch(rows, rows, rows, None)], 500, np.array([3]), SYNC)
+
+
+def test_an_estimate_names_every_parameter_that_the_paper_needs() -> None:
+    found: PlantEstimate = fit_plant(synthetic(5), timing(), 120.0, LEVER)
+    names = {"gear_stiffness_nm_rad", "gear_damping_nm_s_rad", "motor_inertia_kg_m2", "arm_inertia_kg_m2"}
+    assert names | {"antiresonance_hz", "resonance_hz", "damping"} <= set(found.parameters)
+    assert all(parameter.standard_error > 0.0 for parameter in found.parameters.values())
