@@ -1,0 +1,155 @@
+"""Margins of a loop at many motor speeds and for many plants at once: what a search can ask ten thousand times."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.control.compiled import compiled
+from hil.control.notch import NOTCH_OFF, NOTCH_SWITCHED, Notch
+from hil.design.frequency import Loop
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+BAND_HZ = (4.0, 32.0)
+"""Where a filter of the 2nd or 4th order acts on a resonance near 12 Hz: looked at more finely than the rest."""
+
+
+@dataclass(frozen=True)
+class SpeedMargins:
+    """Margins over plants and speeds; every array has the shape (plants, speeds).
+
+    Attributes:
+        speeds_rps: Shape (speeds,).
+        sensitivity_peak: M_s.
+        gain_margin_db: Up or down; inf where the phase never crosses −180°.
+        phase_margin_deg: Either way; 180 where |L| never crosses 1.
+        turns: How often 1 + L turns round 0 against the loop without filters: not 0 where the filter has made a stable loop
+            unstable, since its own poles are stable.
+    """
+
+    speeds_rps: Real
+    sensitivity_peak: Real
+    gain_margin_db: Real
+    phase_margin_deg: Real
+    turns: Real
+
+
+@compiled
+def _scan(delay: Any, bare: Any, coefficients: Any, out: Any) -> None:
+    """M_s, gain margin, phase margin and turns of every plant at every speed.
+
+    Args:
+        delay: e^{−jωT}; shape (frequencies,).
+        bare: Open loops without filters; shape (plants, frequencies).
+        coefficients: b₀, b₁, b₂, a₁, a₂ of the filters in series; shape (speeds, filters, 5).
+        out: Shape (plants, speeds, 4).
+    """
+    plants, count = bare.shape
+    response = np.empty(count, dtype=np.complex128)
+    for s in range(coefficients.shape[0]):
+        for f in range(count):
+            z, value = delay[f], 1.0 + 0.0j
+            for i in range(coefficients.shape[1]):
+                b0, b1, b2, a1, a2 = coefficients[s, i]
+                value *= (b0 + z * (b1 + z * b2)) / (1.0 + z * (a1 + z * a2))
+            response[f] = value
+        for p in range(plants):
+            nearest, gain_db, phase, turned = math.inf, math.inf, math.pi, 0
+            last, last_power, last_side = 0.0j, 0.0, 0.0
+            for f in range(count):
+                here = bare[p, f] * response[f]
+                x, y = 1.0 + here.real, here.imag
+                power = here.real * here.real + y * y
+                nearest = min(nearest, x * x + y * y)
+                # (1 + L) over 1 + L without filters, but for a positive factor; it turns where it crosses the negative real axis
+                u, w = 1.0 + bare[p, f].real, bare[p, f].imag
+                side = y * u - x * w
+                if side * last_side < 0.0 and x * u + y * w < 0.0:
+                    turned += 1 if side < 0.0 else -1
+                if side != 0.0:
+                    last_side = side
+                if f > 0:
+                    if (power - 1.0) * (last_power - 1.0) <= 0.0 and power != last_power:
+                        share = (1.0 - last_power) / (power - last_power)
+                        at = last + share * (here - last)
+                        phase = min(phase, abs(math.atan2(-at.imag, -at.real)))
+                    if here.imag * last.imag < 0.0:
+                        share = last.imag / (last.imag - here.imag)
+                        real = last.real + share * (here.real - last.real)
+                        if real < 0.0:
+                            gain_db = min(gain_db, abs(20.0 * math.log10(-real)))
+                last, last_power = here, power
+            out[p, s, 0] = 1.0 / math.sqrt(nearest)
+            out[p, s, 1] = gain_db
+            out[p, s, 2] = math.degrees(phase)
+            out[p, s, 3] = turned
+
+
+def widened(notch: Notch) -> Notch:
+    """The filter with its hysteresis counted to its range: a switched one stays in that far beyond either end."""
+    if notch.mode != NOTCH_SWITCHED:
+        return notch
+    h = notch.hysteresis_rps
+    return replace(notch, start_rps=notch.start_rps - h, end_rps=notch.end_rps + h, hysteresis_rps=0.0)
+
+
+class LoopFamily:
+    """Loops with equal gains around several plants: what does not depend on the filters is computed once.
+
+    Attributes:
+        loops: Without filters, one per plant.
+    """
+
+    def __init__(self, loops: Sequence[Loop], step_hz: float = 0.04) -> None:
+        """Compute the open loops.
+
+        Args:
+            loops: One per plant.
+            step_hz: How finely the band of the filters is looked at; 0.04 Hz gives M_s to 0.005 and the phase margin to 0.5°.
+
+        Raises:
+            ValueError: No loop, or loops with different periods.
+        """
+        if not loops or len({loop.period_s for loop in loops}) != 1:
+            raise ValueError("a family needs loops, all of one sampling period")
+        self.loops = [replace(loop, notches=()) for loop in loops]
+        period = self.loops[0].period_s
+        fine = np.arange(BAND_HZ[0], min(BAND_HZ[1], 0.45 / period), step_hz)
+        frequency = np.unique(np.concatenate([np.geomspace(0.5, 0.49 / period, round(14.4 / step_hz)), fine]))
+        self._delay = np.exp(-2j * math.pi * frequency * period)
+        self._bare = np.array([loop.open_loop(frequency) for loop in self.loops])
+
+    def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
+        """Margins with the filters frozen at each speed; a switched one counts as in within its hysteresis too."""
+        filters = replace(self.loops[0], notches=tuple(widened(notch) for notch in notches if notch.mode != NOTCH_OFF))
+        width = max(1, len(filters.notches))
+        coefficients = np.zeros((len(speeds_rps), width, 5))
+        coefficients[:, :, 0] = 1.0  # no filter: y = u
+        for row, speed in enumerate(speeds_rps):
+            for place, values in enumerate(filters.filters(float(speed))):
+                coefficients[row, place] = values
+        out = np.zeros((len(self.loops), len(speeds_rps), 4))
+        _scan(self._delay, self._bare, coefficients, out)
+        return SpeedMargins(np.asarray(speeds_rps), out[:, :, 0], out[:, :, 1], out[:, :, 2], out[:, :, 3])
+
+    def gain_on_the_line(self, notches: Sequence[Notch], order: int, speeds_rps: Real) -> Real:
+        """|X| = |θ_l/θ_sync| at k f_m for every plant at every speed, filters frozen there; shape (plants, speeds)."""
+        line = order * np.asarray(speeds_rps, dtype=np.float64)
+        base = self.loops[0]
+        filters = replace(base, notches=tuple(widened(notch) for notch in notches if notch.mode != NOTCH_OFF))
+        law = base.controller(line)
+        if filters.notches:
+            law = law * np.array(
+                [filters.notch_response(np.array([f]), float(v))[0] for f, v in zip(line, speeds_rps, strict=True)]
+            )
+        gains = []
+        for loop in self.loops:
+            a, b, c = loop.plant.terms(2j * math.pi * line)
+            m = loop.plant.reduction_ratio**2 * (a + law)
+            gains.append(np.abs(c * m / (m * (b + c) + b * c)))
+        return np.array(gains)

@@ -1,0 +1,109 @@
+"""Plants that an axis might have: the believed one, and the corners of what is not known of it."""
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from hil.design.frequency import TwoInertia
+from hil.design.transmission_error import TransmissionError
+
+DEFAULT_PERCENT = 5.0
+"""Of gear stiffness and arm inertia where nobody has said how well they are known."""
+
+SIGMAS = 2.0
+"""How many standard errors make a corner."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """One plant of the set.
+
+    Attributes:
+        label: What is different in it; `nominal` for the believed one.
+        plant: The axis.
+        error: Its transmission error.
+    """
+
+    label: str
+    plant: TwoInertia
+    error: TransmissionError
+
+
+def around(
+    plant: TwoInertia,
+    error: TransmissionError,
+    *,
+    percent: float | None = None,
+    standard_error: Mapping[str, float] | None = None,
+    amplitude_error_arcsec: Mapping[int, float] | None = None,
+) -> tuple[Member, ...]:
+    """The believed plant, and four corners around it.
+
+    Without standard errors the corners are K_g and J_l, each by `percent` up or down. With them they are f_a and K_g by two
+    standard errors, J_l following from both: a frequency response tells f_a ten times better than either of its parts. The
+    corners have a gear damping and amplitudes two standard errors to the worse side.
+
+    Args:
+        plant: As believed.
+        error: As believed.
+        percent: Uncertainty of K_g and J_l; it wins over the standard errors where both are given. 0: only the believed plant.
+        standard_error: By the names of `TwoInertia`, and `antiresonance_hz`.
+        amplitude_error_arcsec: Standard errors of A_k.
+
+    Raises:
+        ValueError: A percentage that is not within 0 … 50.
+    """
+    nominal = Member("nominal", plant, error)
+    known = dict(standard_error or {})
+    if percent is None and not (known.keys() & {"gear_stiffness_nm_rad", "arm_inertia_kg_m2", "antiresonance_hz"}):
+        percent = DEFAULT_PERCENT
+    if percent is not None and not 0.0 <= percent <= 50.0:
+        raise ValueError(f"an uncertainty of {percent} % is not within 0 … 50 %")
+    amplitudes = {
+        order: amplitude + SIGMAS * (amplitude_error_arcsec or {}).get(order, 0.0)
+        for order, amplitude in error.amplitude_arcsec.items()
+    }
+    larger = TransmissionError(amplitudes, error.phase_deg)
+    damping = max(
+        0.3 * plant.gear_damping_nm_s_rad, plant.gear_damping_nm_s_rad - SIGMAS * known.get("gear_damping_nm_s_rad", 0.0)
+    )
+    worse = replace(plant, gear_damping_nm_s_rad=damping)
+    if percent is not None:
+        if percent == 0.0:
+            return (nominal,)
+        share = percent / 100.0
+        return (nominal, *(_by_parts(worse, larger, share, signs) for signs in itertools.product((-1.0, 1.0), repeat=2)))
+    return (nominal, *(_by_frequency(worse, larger, known, signs) for signs in itertools.product((-1.0, 1.0), repeat=2)))
+
+
+def _by_parts(plant: TwoInertia, error: TransmissionError, share: float, signs: tuple[float, ...]) -> Member:
+    stiffness, inertia = (1.0 + sign * share for sign in signs)
+    changed = replace(
+        plant,
+        gear_stiffness_nm_rad=plant.gear_stiffness_nm_rad * stiffness,
+        arm_inertia_kg_m2=plant.arm_inertia_kg_m2 * inertia,
+    )
+    return Member(f"K_g {_percent(stiffness)}, J_l {_percent(inertia)}", changed, error)
+
+
+def _by_frequency(plant: TwoInertia, error: TransmissionError, known: Mapping[str, float], signs: tuple[float, ...]) -> Member:
+    """f_a and K_g by two standard errors; where f_a has none, it follows from those of K_g and J_l."""
+    relative = {
+        name: known.get(name, 0.0) / getattr(plant, name)
+        for name in ("gear_stiffness_nm_rad", "arm_inertia_kg_m2", "antiresonance_hz")
+    }
+    part = 0.5 * math.hypot(relative["gear_stiffness_nm_rad"], relative["arm_inertia_kg_m2"])
+    frequency = 1.0 + signs[0] * SIGMAS * (relative["antiresonance_hz"] or part)
+    stiffness = 1.0 + signs[1] * SIGMAS * (relative["gear_stiffness_nm_rad"] or relative["arm_inertia_kg_m2"])
+    inertia = stiffness / frequency**2
+    changed = replace(
+        plant,
+        gear_stiffness_nm_rad=plant.gear_stiffness_nm_rad * stiffness,
+        arm_inertia_kg_m2=plant.arm_inertia_kg_m2 * inertia,
+    )
+    return Member(f"f_a {_percent(frequency)}, K_g {_percent(stiffness)}", changed, error)
+
+
+def _percent(factor: float) -> str:
+    return f"{100.0 * (factor - 1.0):+.2g} %".replace("-", "−")

@@ -1,0 +1,156 @@
+"""The inverse of the loop, against the very law that runs in a drive: a motor alone does exactly what cancels the error."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hil.control.cascade import Cascade
+from hil.control.compensation import Compensation
+from hil.control.notch import Notch
+from hil.control.servo import Servo, ServoConfig
+from hil.design.frequency import ARCSEC, Loop, TwoInertia
+from hil.design.inverse import CyclicTiming, InnerTiming, Way, correction, reference_per_motor_angle
+
+CONTROL_S = 250e-6
+Asked = Callable[[float], tuple[float, float]]
+PLANT = TwoInertia(120.0, 2.6e-4, 8e-4, 8.0, 6.0, 48950.0, 42.0)
+CASCADE = Cascade(25.0, 0.196, 3.92)
+LOOP = Loop(PLANT, CASCADE)
+AMPLITUDE, PHASE = {2: 5.0 * ARCSEC, 4: 3.0 * ARCSEC}, {2: math.radians(222.0), 4: math.radians(126.0)}
+
+
+def wanted(angle: np.ndarray, share: float = 1.0) -> np.ndarray:
+    waves = [share * AMPLITUDE[k] * np.cos(k * angle + PHASE[k]) for k in AMPLITUDE]
+    return -PLANT.reduction_ratio * np.sum(waves, axis=0)
+
+
+def motor(torque: float, state: tuple[float, float]) -> tuple[float, float]:
+    """A control period of a motor alone under a held torque, exactly."""
+    j, d = PLANT.motor_inertia_kg_m2, PLANT.motor_damping_nm_s_rad
+    angle, speed = state
+    end = torque / d
+    decay = math.exp(-d / j * CONTROL_S)
+    return angle + end * CONTROL_S + (speed - end) * (1.0 - decay) * j / d, end + (speed - end) * decay
+
+
+def turned(
+    speed_rps: float,
+    corrected: Asked,
+    ticks: int,
+    notches: tuple[Notch, ...] = (),
+    duration_s: float = 2.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Time and angle of a motor that turns at a constant speed; `corrected` is asked every so many ticks, one SYNC ahead.
+
+    With 0 ticks it is asked in every control period, and acts in it.
+    """
+    servo, rate = Servo(ServoConfig(CASCADE, 7.0, notches), CONTROL_S), 2.0 * math.pi * speed_rps
+    state = (0.0, rate)
+    servo.start(0.0, rate, PLANT.motor_damping_nm_s_rad * rate)
+    lag = rate / CASCADE.position_gain_per_s
+    coming, before, target, offset = (0.0, 0.0), 0.0, 0.0, 0.0
+    angles = []
+    for i in range(round(duration_s / CONTROL_S)):
+        angle = state[0]
+        angles.append(angle)
+        if ticks and i % ticks == 0:
+            before, (target, offset) = target, coming
+            coming = corrected(angle)
+        delta = before + (target - before) * (i % ticks + 1) / ticks if ticks else 0.0
+        if not ticks:
+            delta, offset = corrected(angle)
+        # the reference of a constant speed itself: reached at the end of each interpolation
+        state = motor(servo.step(lag + rate * i * CONTROL_S + delta, angle, 0.0, offset), state)
+    return np.arange(len(angles)) * CONTROL_S, np.array(angles)
+
+
+def ripple(time: np.ndarray, angle: np.ndarray, share: float = 1.0) -> float:
+    """What the motor does beside turning, less what it should, as a part of that; root mean squares of the last second."""
+    late = time > time[-1] - 1.0
+    asked, done = (
+        values - np.polynomial.Polynomial.fit(time[late], values, 1)(time[late])
+        for values in (wanted(angle[late], share), angle[late])
+    )
+    return float(np.sqrt(np.mean((done - asked) ** 2)) / np.sqrt(np.mean(asked**2)))
+
+
+def law_of(loop: Loop, timing: CyclicTiming | InnerTiming, period_s: float, way: Way = "reference", share: float = 1.0) -> Asked:
+    amplitude = {order: share * size for order, size in AMPLITUDE.items()}
+    law = Compensation([correction(loop, amplitude, PHASE, timing, 12.0, way)], period_s)
+
+    def corrected(angle: float) -> tuple[float, float]:
+        (reference,), (torque,) = law.step([angle])
+        return reference, torque
+
+    return corrected
+
+
+@pytest.mark.parametrize("way", ["reference", "torque"])
+@pytest.mark.parametrize(("sync_s", "speed_rps"), [(0.001, 6.0), (0.001, -5.0), (0.002, 2.95), (0.002, -6.0)])
+def test_over_the_bus_the_motor_makes_the_motion_that_cancels(speed_rps: float, sync_s: float, way: Way) -> None:
+    ticks = round(sync_s / CONTROL_S)
+    corrected = law_of(LOOP, CyclicTiming(sync_s, CONTROL_S), sync_s, way, 0.1)
+    assert ripple(*turned(speed_rps, corrected, ticks), 0.1) < 0.001
+
+
+def test_what_is_left_is_of_second_order() -> None:
+    """The motor's own correction turns the angle from which it is computed: k Δθ_m, and products of the orders' frequencies."""
+    left = [
+        ripple(*turned(6.0, law_of(LOOP, CyclicTiming(0.001, CONTROL_S), 0.001, share=share), 4), share) for share in (1.0, 0.1)
+    ]
+    assert left[0] < 0.007
+    assert left[1] == pytest.approx(0.1 * left[0], rel=0.1)
+
+
+def test_inside_the_drive_it_does_so_as_well() -> None:
+    corrected = law_of(LOOP, InnerTiming(CONTROL_S), CONTROL_S, share=0.1)
+    assert ripple(*turned(6.0, corrected, 0), 0.1) < 0.001
+
+
+def test_a_notch_on_the_torque_command_is_asked_for_more() -> None:
+    notch = Notch(zeta_rn=0.028)
+    loop = Loop(PLANT, CASCADE, (notch,))
+    corrected = law_of(loop, CyclicTiming(0.002, CONTROL_S), 0.002, share=0.1)
+    assert ripple(*turned(6.0, corrected, 8, (notch,), duration_s=4.0), 0.1) < 0.01
+    line = np.array([12.0])
+    more = reference_per_motor_angle(loop, line, "reference", 6.0) - reference_per_motor_angle(LOOP, line)
+    assert abs(more[0]) > 0.3
+
+
+def test_at_12_hz_a_set_point_is_three_times_the_motion_and_70_to_76_degrees_ahead() -> None:
+    ways: tuple[Way, ...] = ("reference", "torque")
+    for way in ways:
+        found = complex(reference_per_motor_angle(LOOP, np.array([12.0]), way)[0])
+        assert abs(found) == pytest.approx(3.1, abs=0.15)
+        assert math.degrees(math.atan2(found.imag, found.real)) == pytest.approx(73.0, abs=4.0)
+
+
+def test_at_rest_the_correction_is_the_error_itself_and_high_up_it_is_nothing() -> None:
+    table = correction(LOOP, AMPLITUDE, PHASE, CyclicTiming(0.001, CONTROL_S), 20.0)
+    assert table.reference[:, 0] == pytest.approx([-120.0 * AMPLITUDE[2], -120.0 * AMPLITUDE[4]], rel=1e-3)
+    assert np.all(table.reference[1, table.speeds_rps >= 15.0] == 0.0)
+    assert not np.any(table.torque)
+
+
+def test_a_delay_of_the_drive_is_a_phase_ahead() -> None:
+    plain, late = (
+        correction(LOOP, AMPLITUDE, PHASE, CyclicTiming(0.001, CONTROL_S, delay), 12.0).reference[0, 120]
+        for delay in (0.0, 0.001)
+    )
+    assert math.degrees(np.angle(late / plain)) == pytest.approx(4.32, abs=0.01)  # 12 Hz, 1 ms
+
+
+@pytest.mark.parametrize(
+    ("loop", "amplitude", "max_rps", "message"),
+    [
+        (Loop(PLANT, Cascade(0.0, 0.2, 3.0)), AMPLITUDE, 12.0, "without gain"),
+        (Loop(PLANT, Cascade(25.0, 0.0, 0.0)), AMPLITUDE, 12.0, "without gain"),
+        (LOOP, {}, 12.0, "nothing to correct"),
+        (LOOP, AMPLITUDE, 0.0, "nothing to correct"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(loop: Loop, amplitude: dict[int, float], max_rps: float, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        correction(loop, amplitude, PHASE, CyclicTiming(0.001, CONTROL_S), max_rps)

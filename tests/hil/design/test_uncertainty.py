@@ -1,0 +1,38 @@
+"""The set of plants: what is at its corners, by percent or by standard errors."""
+
+import pytest
+
+from hil.design.transmission_error import TransmissionError
+from hil.design.uncertainty import around
+from hil.master.bench import load_bench
+
+PLANT = load_bench("reference").axis[2].plant()
+ERROR = TransmissionError({2: 5.0, 4: 3.0}, {2: 222.0, 4: 126.0})
+
+
+def test_by_default_stiffness_and_inertia_by_5_percent_each():
+    nominal, *corners = around(PLANT, ERROR)
+    assert (nominal.label, nominal.plant, nominal.error) == ("nominal", PLANT, ERROR)
+    seen = {(round(c.plant.gear_stiffness_nm_rad / 48950.0, 6), round(c.plant.arm_inertia_kg_m2 / 8.0, 6)) for c in corners}
+    assert seen == {(a, b) for a in (0.95, 1.05) for b in (0.95, 1.05)}
+    assert {c.label for c in corners} >= {"K_g −5 %, J_l +5 %"}
+
+
+def test_with_standard_errors_the_frequency_is_as_sure_as_it_was_measured():
+    known = {"gear_stiffness_nm_rad": 0.03 * 48950.0, "arm_inertia_kg_m2": 0.03 * 8.0, "antiresonance_hz": 0.003 * 12.45,
+             "gear_damping_nm_s_rad": 4.2}  # fmt: skip
+    _, *corners = around(PLANT, ERROR, standard_error=known, amplitude_error_arcsec={2: 0.1})
+    for corner in corners:
+        assert abs(corner.plant.antiresonance_hz / PLANT.antiresonance_hz - 1.0) == pytest.approx(0.006, rel=0.01)
+        assert abs(corner.plant.gear_stiffness_nm_rad / 48950.0 - 1.0) == pytest.approx(0.06, rel=1e-6)
+        assert corner.plant.gear_damping_nm_s_rad == pytest.approx(42.0 - 8.4)
+        assert corner.error.amplitude_arcsec == {2: 5.2, 4: 3.0}
+
+
+def test_a_percentage_wins_and_none_at_all_leaves_the_believed_plant():
+    known = {"gear_stiffness_nm_rad": 5000.0}
+    assert "J_l" in around(PLANT, ERROR, percent=2.0, standard_error=known)[1].label
+    assert len(around(PLANT, ERROR, percent=0.0, standard_error=known)) == 1
+    for wrong in (-1.0, 51.0):
+        with pytest.raises(ValueError, match="is not within 0"):
+            around(PLANT, ERROR, percent=wrong)
