@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hil import cli_plan
-from hil.cli_plan import PlanCompensation, PlanLoop
+from hil import cli_design, cli_identify, cli_plan
+from hil.cli_plan import PlanLoop
 
 if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
     from hil.experiments.plan import Experiment
     from hil.experiments.runner import Outcome
+    from hil.experiments.treatment import Knowledge
     from hil.master.bench import Bench
 
 EXIT_INTERNAL, EXIT_USAGE, EXIT_FILE, EXIT_BUS = 1, 2, 3, 4
@@ -42,6 +43,19 @@ class ExperimentName(StrEnum):
 
     CONSTANT_ACCELERATION = "constant-acceleration"
     LINE_MOTION = "line-motion"
+
+
+class CompensationName(StrEnum):
+    """What can act against the transmission error; `hil.experiments.treatment` says what each is."""
+
+    NONE = "none"
+    NOTCH = "notch"
+    NOTCH_OPTIMISED = "notch-optimised"
+    ATE = "ate"
+    ATE_AND_NOTCH = "ate+notch"
+    ADAPTIVE = "adaptive"
+    FIXED_NOTCH = "fixed-notch"
+    LOW_GAINS = "low-gains"
 
 
 class ClockName(StrEnum):
@@ -150,6 +164,7 @@ def _run_and_report(
     reset_faults: bool = False,
     clock: ClockName | None = None,
     overload: bool = False,
+    known: "Knowledge | None" = None,
 ) -> None:
     """Run, write the report, say what came of it, and leave with the right status."""
     from drive_profiles.address import LOCAL, parse_address  # noqa: PLC0415
@@ -165,7 +180,9 @@ def _run_and_report(
             reset_faults=reset_faults,
             clock=None if clock is None else clock.value,
             overload=overload,
+            knowledge=known,
             announce=progress.announce,
+            tell=_say,
             progress=progress.share,
         )
     _say("writing the report")
@@ -195,14 +212,14 @@ def _summary(outcome: "Outcome", say: Callable[[str], None]) -> None:
     from hil.master.lateness import timing_lines  # noqa: PLC0415
 
     limit = outcome.result["bench"]["file"]["specification"]["tip_mm"]
-    say(f"{'experiment':<24}{'axis':<6}{'loop':<7}{'filter':<8}{'order':<7}{'tip peak mm':<13}within ±{limit:g} mm")
+    say(f"{'experiment':<24}{'axis':<6}{'loop':<7}{'compensation':<17}{'order':<7}{'tip peak mm':<13}within ±{limit:g} mm")
     for run in outcome.result["runs"]:
         axis = "2,3,5" if run["axis"] is None else str(run["axis"])
         without = "not judged" if "invalid" in run else "stopped"
         peak = without if run["tip_peak_mm"] is None else f"{run['tip_peak_mm']:.4f}"
         order = "-" if run["order"] is None else str(run["order"])
         verdict = "yes" if run["within_spec"] else "no"
-        say(f"{run['experiment']:<24}{axis:<6}{run['loop']:<7}{run['compensation']:<8}{order:<7}{peak:<13}{verdict}")
+        say(f"{run['experiment']:<24}{axis:<6}{run['loop']:<7}{run['compensation']:<17}{order:<7}{peak:<13}{verdict}")
     for run in {run["recording"]: run for run in outcome.result["runs"]}.values():
         for words, number in run.get("bus_errors", {}).items():
             say(f"{run['recording']}: on the bus: {words} ({number} times)")
@@ -213,8 +230,9 @@ def _summary(outcome: "Outcome", say: Callable[[str], None]) -> None:
             say(line)
     for pair in outcome.result["comparisons"]:
         axis = "axes 2, 3, 5" if pair["axis"] is None else f"axis {pair['axis']}"
-        peak, area = pair["tip_peak_reduction_pct"], pair["spectrum_area_reduction_pct"]
-        say(f"{pair['experiment']}, {axis}, {pair['loop']}-closed: tip peak −{peak:.1f} %, spectrum area −{area:.1f} %")
+        peak, area = -pair["tip_peak_reduction_pct"], -pair["spectrum_area_reduction_pct"]
+        text = f"tip peak {peak:+.1f} %, spectrum area {area:+.1f} %".replace("-", "−")
+        say(f"{pair['experiment']}, {axis}, {pair['loop']}-closed, {pair['compensation']}: {text}")
     if outcome.result["paper"]:
         held = sum(claim["holds"] for claim in outcome.result["paper"])
         say(f"{held} of {len(outcome.result['paper'])} claims of the paper hold")
@@ -250,7 +268,12 @@ def run(
     experiment: Annotated[ExperimentName, typer.Argument(help="What is asked of the robot.")],
     bench_file: Annotated[str, typer.Option("--bench", help="Bench file (TOML), or `reference`.")],
     axis: Annotated[int | None, typer.Option("--axis", help="Axis of a constant-acceleration run.")] = None,
-    compensation: Annotated[PlanCompensation, typer.Option(help="What acts against it.")] = PlanCompensation.NONE,
+    compensation: Annotated[CompensationName, typer.Option(help="What acts against it.")] = CompensationName.NONE,
+    model: Annotated[
+        Path | None, typer.Option(help="Model file of hil identify, for ate and ate+notch; left out: the bench file's model.")
+    ] = None,
+    design: Annotated[Path | None, typer.Option(help="Design file of hil design, for notch-optimised.")] = None,
+    learnt: Annotated[Path | None, typer.Option(help="Model file of hil learn, for adaptive.")] = None,
     loop: Annotated[PlanLoop, typer.Option(help="Where the loop is closed.")] = PlanLoop.DRIVE,
     bus: Annotated[str | None, typer.Option("--bus", help="Bus address instead of the bench file's.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Directory; left out: a new one in bench-out.")] = None,
@@ -285,7 +308,23 @@ def run(
         if parse_address(bench.bus.address).interface != LOCAL and not yes:
             _confirm(bench, plan)
         where = out or _new_directory(plan)
-        _run_and_report(bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload)
+        known = knowledge(model, design, learnt)
+        _run_and_report(
+            bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload, known=known
+        )
+
+
+def knowledge(model: Path | None, design: Path | None, learnt: Path | None) -> "Knowledge":
+    """What has been found out about the robot, from its files."""
+    from hil.experiments.treatment import Knowledge  # noqa: PLC0415
+    from hil.master.designed import load_designs  # noqa: PLC0415
+    from hil.master.identified import load_identified  # noqa: PLC0415
+
+    return Knowledge(
+        identified=None if model is None else load_identified(model),
+        designs=None if design is None else load_designs(design),
+        learnt=None if learnt is None else load_identified(learnt),
+    )
 
 
 def _new_directory(experiment: "Experiment") -> Path:
@@ -322,17 +361,34 @@ def report(
         if not (directory / "result.json").is_file():
             _say(f"{directory} has no result.json; it is not the directory of a demo or a run")
             raise typer.Exit(EXIT_FILE)
-        from hil.report.page import write_report  # noqa: PLC0415
-
         try:
-            path = write_report(directory)
+            path = _report_of(directory)
         except (ValueError, KeyError, OSError) as error:
             _say(f"{directory}: {error}")
             raise typer.Exit(EXIT_FILE) from None
         typer.echo(str(path))
 
 
+def _report_of(directory: Path) -> Path:
+    """The page of a directory, by the kind of what it holds."""
+    kept = json.loads((directory / "result.json").read_text(encoding="utf-8"))
+    kind = kept.get("kind") if isinstance(kept, dict) else None
+    if kind == "identify plant":
+        from hil.report.page_plant import write_plant_report  # noqa: PLC0415
+
+        return write_plant_report(directory)
+    if kind == "identify-ate":
+        from hil.report.page_ate import write_ate_report  # noqa: PLC0415
+
+        return write_ate_report(directory)
+    from hil.report.page import write_report  # noqa: PLC0415
+
+    return write_report(directory)
+
+
 cli_plan.mount(app)
+cli_identify.mount(app)
+cli_design.mount(app)
 
 
 def main() -> None:

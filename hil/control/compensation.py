@@ -160,9 +160,9 @@ def inner_compensation(
 ) -> tuple[float, float, float]:
     """One sample inside a drive, which has angle and speed at hand: Δθ_ref, Δθ̇_ff and Δτ, without a table.
 
-    With Δθ_m = −Σ a_k cos(k θ_m + φ_k), a_k = N A_k: the set-point moves by Δθ_m, so that the position loop sees nothing of it; the
-    velocity offset is F_lp s Δθ_m, as the loop measures it (F_lp as its delay, 1/2πf); the torque J_m Δθ̈_m + D_m Δθ̇_m, half of its
-    hold ahead. The acceleration's own part of Δθ̈_m, of the order θ̈_m/(k θ̇_m²), is left out.
+    With Δθ_m = −Σ a_k cos(k θ_m + φ_k), a_k = N A_k: the set-point moves by Δθ_m, so that the position loop sees nothing of it;
+    the velocity offset is F_lp s Δθ_m, as the loop measures it (F_lp as its delay, 1/2πf); the torque is J_m Δθ̈_m + D_m Δθ̇_m,
+    half a period ahead for its hold. What θ̈_m adds to Δθ̈_m, a share of θ̈_m/(k θ̇_m²), is left out.
 
     Args:
         a2_rad: N A_2, at the motor.

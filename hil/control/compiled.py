@@ -80,7 +80,8 @@ class Compiled(Generic[P, R]):
         """The function as part of its callers: without the entry points for Python and C, a quarter of the compiler's time."""
         import numba  # noqa: PLC0415 - see `dispatcher`
 
-        settings = {"error_model": "numpy", "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        settings: dict[str, Any] = {"error_model": "numpy", "forceinline": True}
+        settings |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
         return numba.njit(**settings)(self.py_func)
 
     def _entry(self, arguments: tuple[Any, ...]) -> Callable[..., R]:

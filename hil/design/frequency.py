@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import linalg, optimize
 
 from hil.control.cascade import Cascade
-from hil.control.notch import NOTCH_OFF, Notch, notch_coefficients, notch_weight
+from hil.control.notch import NOTCH_OFF, FixedFilter, Notch, notch_coefficients, notch_weight
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -89,6 +89,7 @@ class Loop:
         notches: The variable filters; which of them act depends on the speed.
         period_s: Sampling time of the loop.
         delay_samples: Whole samples between measurement and torque: 0 inside a drive, 1 over a bus.
+        fixed: Filters that act at every speed.
     """
 
     plant: TwoInertia
@@ -96,10 +97,11 @@ class Loop:
     notches: tuple[Notch, ...] = ()
     period_s: float = 250e-6
     delay_samples: int = 0
+    fixed: tuple[FixedFilter, ...] = ()
 
     def filters(self, speed_rps: float) -> list[tuple[float, float, float, float, float]]:
         """Coefficients (b₀, b₁, b₂, a₁, a₂) of the notches that act at a constant motor speed."""
-        acting = []
+        acting = [(each.b0, each.b1, each.b2, each.a1, each.a2) for each in self.fixed]
         for notch in self.notches:
             if notch.mode == NOTCH_OFF or not notch.start_rps <= speed_rps <= notch.end_rps:
                 continue

@@ -1,32 +1,24 @@
-"""Cancellation of the transmission error in a run: from the model file to a corrector, and its trial on the accelerometer.
+"""Cancellation of the transmission error in a run: from the model file to a corrector, or into drives that cancel by themselves.
 
-A correction that is wrong by more than 60° makes the vibration worse, so none is trusted before a trial: the motion without it,
-then with a small share of it, of all axes and of each. Where the vibration does not fall by at least half of what it should, the
-correction is refused, and the notch stays.
+The correction is bounded by its table, and checked with the motion against every limit before anything moves. None is trusted
+before its trial on the accelerometer: `hil.experiments.cancellation_trial`.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hil.analysis import LINE_WINDOW_S, WINDOWS_RPS, band_passed, motor_speed_rps
 from hil.control.compensation import Compensation, Correction
 from hil.design.frequency import ARCSEC
 from hil.design.inverse import CyclicTiming, Way, correction
-from hil.errors import HilError, NotPossibleError, UnsafeRequestError
+from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.bench import Bench, Model, TransmissionError
 from hil.master.identified import Identified, with_identified
-from hil.master.motion import Motion, RunResult
-from hil.master.session import Compensation as FilterChoice
+from hil.master.motion import Motion
 from hil.master.session import Session
-from hil.recording import Recording
-
-Real = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 
 CONTROL_PERIOD_S = 250e-6
 """T_c of a drive that does not state its own."""
@@ -34,26 +26,6 @@ MAX_REFERENCE_REV = 0.02
 """Largest correction of a set-point, motor side: 120″ on a gear of 120 at 12 Hz. What asks for more is no transmission error."""
 MAX_TORQUE_SHARE = 0.1
 """Of the torque limit, for torque offsets."""
-PROBE_GAIN = 0.3
-LEAST_SHARE = 0.5
-"""Of the fall that a right correction brings: 45° of phase error still pass, 60° do not."""
-WORSE = 0.02
-"""By how much one axis' share may seem to raise the vibration: noise of the sensor, on an axis that has little part in it."""
-
-
-class CancellationRefusedError(HilError):
-    """The trial on the accelerometer speaks against the correction: it is not used, and the notch stays."""
-
-    exit_code = 9
-
-    def __init__(self, what: str, fall: float, needed: float) -> None:
-        """Keep which correction, how far the vibration fell as a share, and how far it should have at least."""
-        self.what, self.fall, self.needed = what, fall, needed
-        change = f"fell by {100.0 * fall:.1f} %" if fall >= 0.0 else f"rose by {-100.0 * fall:.1f} %"
-        super().__init__(
-            f"cancellation refused: with {what} the vibration {change}, a fall of at least {100.0 * needed:.1f} % is needed; "
-            "the notch stays"
-        )
 
 
 @dataclass
@@ -295,149 +267,3 @@ def _phases_deg(ate: TransmissionError) -> dict[int, float]:
 def _nothing_known(axes: Sequence[int]) -> str:
     names = " or ".join(map(str, axes))
     return f"no transmission error, or no motor inertia, is known of axis {names}: hil identify, or a model in the bench file"
-
-
-# -- the trial -------------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One run of a trial against the run without correction.
-
-    Attributes:
-        what: What was corrected, in words.
-        rms_m_s2: Vibration of the tip in the window, 6 to 25 Hz.
-        fall: By which share it is below that of the run without.
-        needed: By which it had to be.
-    """
-
-    what: str
-    rms_m_s2: float
-    fall: float
-    needed: float
-
-    @property
-    def is_good(self) -> bool:
-        """Whether it fell far enough."""
-        return self.fall >= self.needed
-
-
-@dataclass(frozen=True)
-class Verification:
-    """What a trial gave.
-
-    Attributes:
-        before_m_s2: Vibration without the correction.
-        gain: Share of the correction that was tried.
-        trials: All axes, then each alone where there are several.
-        runs: Recordings by name.
-    """
-
-    before_m_s2: float
-    gain: float
-    trials: tuple[Trial, ...]
-    runs: Mapping[str, Recording]
-
-    @property
-    def is_good(self) -> bool:
-        """Whether the correction may be trusted."""
-        return all(trial.is_good for trial in self.trials)
-
-    def record(self) -> dict[str, Any]:
-        """As result.json holds it."""
-        trials = [{**vars(trial), "is_good": trial.is_good} for trial in self.trials]
-        return {"before_m_s2": self.before_m_s2, "gain": self.gain, "is_good": self.is_good, "trials": trials}
-
-    def demand(self) -> None:
-        """Go on only with a good one.
-
-        Raises:
-            CancellationRefusedError: A trial speaks against it.
-        """
-        for trial in self.trials:
-            if not trial.is_good:
-                raise CancellationRefusedError(trial.what, trial.fall, trial.needed)
-
-
-def judged_rows(bench: Bench, recording: Recording) -> Rows:
-    """Rows in which vibration is compared: the line motion's window, or a single axis' speeds at which an order excites the arm.
-
-    Raises:
-        NotPossibleError: The motion passes no such speed.
-    """
-    if len(recording.axes) > 1 and bench.line_motion is not None:
-        time, start = recording.time_s, bench.line_motion.dwell_s
-        return np.asarray((time >= start + LINE_WINDOW_S[0]) & (time <= start + LINE_WINDOW_S[1]))
-    speed = np.abs(motor_speed_rps(recording, recording.axes[0]))
-    rows = np.zeros(len(speed), dtype=np.bool_)
-    for low, high in WINDOWS_RPS.values():
-        rows |= (speed >= low) & (speed <= high)
-    if np.count_nonzero(rows) * recording.period_s < 0.1:
-        raise NotPossibleError("a motion that does not excite the arm tells nothing of a correction")
-    return rows
-
-
-def vibration_m_s2(recording: Recording, rows: Rows) -> float:
-    """Root mean square of the tip's vertical acceleration from 6 to 25 Hz in some rows."""
-    return float(np.sqrt(np.mean(band_passed(recording.columns["tip_z_m_s2"], recording.period_s)[rows] ** 2)))
-
-
-def verify(
-    session: Session,
-    cancellation: Cancellation,
-    motion: Motion,
-    compensation: FilterChoice = "none",
-    *,
-    gain: float = PROBE_GAIN,
-    announce: Callable[[str], None] = lambda text: None,
-) -> Verification:
-    """Try a small share of a correction on the robot: the motion without, with, and with each axis' alone.
-
-    Args:
-        session: Brought up.
-        cancellation: For the axes of the motion.
-        motion: One that excites the arm: the very motion that is to be run with it.
-        compensation: Whether the drives' filters act, in all of these runs.
-        gain: The share.
-        announce: Called before each run.
-
-    Raises:
-        NotPossibleError: The motion does not excite the arm.
-        SafetyStopError: A run was stopped.
-        HilError: Limits or nodes do not allow a run.
-    """
-    announce("trial of the cancellation: without")
-    first = _run(session, motion, compensation, None)
-    rows = judged_rows(session.bench, first)
-    before = vibration_m_s2(first, rows)
-    runs, trials = {"without": first}, []
-    several = len(cancellation.corrections) > 1
-    for only in (None, *(cancellation.corrections if several else ())):
-        what = f"{100.0 * gain:g} % of it" + ("" if only is None else f" on axis {only} alone")
-        announce(f"trial of the cancellation: {what}")
-        recording = _run(session, motion, compensation, cancellation.corrector(gain, only))
-        runs["all" if only is None else f"axis{only}"] = recording
-        found = vibration_m_s2(recording, rows[: len(recording.time_s)])
-        trials.append(Trial(what, found, 1.0 - found / max(before, 1e-30), LEAST_SHARE * gain if only is None else -WORSE))
-    return Verification(before, gain, tuple(trials), runs)
-
-
-def _run(session: Session, motion: Motion, compensation: FilterChoice, corrector: Canceller | None) -> Recording:
-    session.check_interrupt()
-    result: RunResult = session.run(motion, compensation, "drive", corrector)
-    if result.stopped is not None:
-        raise result.stopped
-    return result.recording
-
-
-def averaged(recordings: Sequence[Recording]) -> Recording:
-    """The mean of recordings of the same motion, row by row: the sensor's noise falls with the root of their number.
-
-    Raises:
-        ValueError: None, or not of the same motion.
-    """
-    shapes = {(tuple(recording.columns), len(recording.time_s)) for recording in recordings}
-    if len(shapes) != 1:
-        raise ValueError(f"{len(recordings)} recordings of {len(shapes)} kinds have no mean")
-    first = recordings[0].columns
-    return Recording({name: np.mean([recording.columns[name] for recording in recordings], axis=0) for name in first})

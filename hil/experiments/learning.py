@@ -28,7 +28,8 @@ from hil.design.inverse import Way
 from hil.errors import NotPossibleError
 from hil.experiments.ate_checks import check_estimate, check_run
 from hil.experiments.ate_motion import END_OVER_RESONANCE, Ramps, end_speed, ramps
-from hil.experiments.cancellation import CancellationRefusedError, cancellation_on, judged_rows, vibration_m_s2
+from hil.experiments.cancellation import cancellation_on
+from hil.experiments.cancellation_trial import CancellationRefusedError, judged_rows, vibration_m_s2
 from hil.experiments.identify_ate import sweep_of
 from hil.master.bench import TransmissionError
 from hil.master.identified import Identified, IdentifiedError, update_file
@@ -129,7 +130,7 @@ class Learnt:
         """
         return update_file(path, robot, self.axis, self.part(note, on))
 
-    def record(self) -> dict[str, Any]:
+    def record(self, note: str = "", on: datetime.date | None = None) -> dict[str, Any]:
         """As result.json holds it."""
         passes = [
             {
@@ -142,7 +143,7 @@ class Learnt:
             }
             for each in self.passes
         ]
-        return {"axis": self.axis, "fall": self.fall, "passes": passes, "ate": self.part().model_dump()}
+        return {"axis": self.axis, "fall": self.fall, "passes": passes, "ate": self.part(note, on).model_dump()}
 
 
 def learn(

@@ -13,9 +13,12 @@ from drive_profiles.address import parse_address
 from hil.analysis import TIP_BAND_HZ
 from hil.can.channel import Channel, open_channel
 from hil.errors import NotPossibleError, SafetyStopError
+from hil.experiments.cancellation import cancellation_on
+from hil.experiments.cancellation_trial import choose
 from hil.experiments.plan import Experiment, claims, comparisons, entries
+from hil.experiments.treatment import FILTERING, Knowledge, Treated, treated
 from hil.master.bench import Bench
-from hil.master.motion import Motion
+from hil.master.motion import Motion, RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
 
@@ -52,7 +55,9 @@ def run_experiments(
     reset_faults: bool = False,
     clock: ClockName | None = None,
     overload: bool = False,
+    knowledge: Knowledge | None = None,
     announce: Callable[[Experiment], None] = lambda experiment: None,
+    tell: Callable[[str], None] = lambda text: None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Outcome:
     """Run experiments one after the other on one bus.
@@ -68,15 +73,22 @@ def run_experiments(
         reset_faults: Reset drives that are in fault before anything else.
         clock: The clock that the bus must have; None for whichever it has.
         overload: Run even what does not fit on the bus.
+        knowledge: What some treatments need beside the bench file.
         announce: Called before each run.
+        tell: Called with each step of a trial.
         progress: Called with the share of the present run.
 
     Raises:
-        NotPossibleError: The bus has another clock, or does not carry a run; nothing has been sent.
+        NotPossibleError: The bus has another clock, or does not carry a run, or what a treatment needs is not known; nothing has
+            been sent.
         HilError: Nodes, limits or set-up do not allow a run; what was changed is put back, what earlier runs gave is kept.
         ChannelError: The bus is not there, or was lost before anything was enabled.
     """
     motions = [(experiment, experiment.motion(bench)) for experiment in experiments]
+    ways = [
+        treated(bench, experiment.compensation, knowledge or Knowledge(), motion.period_s, experiment.loop)
+        for experiment, motion in motions
+    ]
     (out / "runs").mkdir(parents=True, exist_ok=True)  # before anything moves: a recording needs a place
     address = parse_address(bench.bus.address)
     channel = open_channel(address)
@@ -95,13 +107,15 @@ def run_experiments(
         with Session(bench, channel, log, progress) as session:
             not_restored = session.not_restored
             session.bring_up(reset_faults=reset_faults)
-            for experiment, motion in motions:
+            for (experiment, motion), way in zip(motions, ways, strict=True):
                 announce(experiment)
                 session.check_interrupt()
-                result = session.run(motion, experiment.compensation, experiment.loop)
+                session.adopt(way.bench)
+                result, told = _run(session, experiment, motion, way, tell)
                 path = out / "runs" / experiment.file_name
                 result.recording.save(path)
-                runs += entries(bench, experiment, result, path.relative_to(out).as_posix())
+                found = entries(bench, experiment, result, path.relative_to(out).as_posix())
+                runs += [entry | told for entry in found]
                 if result.stopped is not None:
                     stopped = result.stopped
                     break
@@ -129,6 +143,22 @@ def run_experiments(
     if failure is not None:
         raise failure
     return Outcome(kept, stopped)
+
+
+def _run(
+    session: Session, experiment: Experiment, motion: Motion, way: Treated, tell: Callable[[str], None]
+) -> tuple[RunResult, dict[str, Any]]:
+    """A run as its treatment wants it; and what is to be told of a trial before it."""
+    if not way.is_cancelled:
+        return session.run(motion, way.filters, experiment.loop, None, way.fixed), {}
+    with_notch = way.filters == "notch"
+    cancellation = cancellation_on(session, way.cancel_with, motion, with_notch=with_notch)
+    choice = choose(session, cancellation, motion, with_notch=with_notch, announce=tell)
+    result = session.run(motion, choice.compensation, experiment.loop, choice.corrector)
+    told: dict[str, Any] = {"trial": choice.verification.record()}
+    if choice.refusal is not None:
+        told |= {"invalid": str(choice.refusal), "within_spec": False}
+    return result, told
 
 
 def _check_clock(channel: Channel, wanted: ClockName | None) -> None:
@@ -165,7 +195,7 @@ def check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: M
 
     where = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": str(channel.address)})})
     period_s = float(motion.time_s[1] - motion.time_s[0])
-    with_notch = experiment.compensation == "notch"
+    with_notch = experiment.compensation in FILTERING
     verdict = check(
         where,
         motion.axes,

@@ -1,10 +1,13 @@
 """What is asked of the robot against what it may do: refused before anything is sent."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from drive_profiles.units import interpolation_period
+from hil.control.notch import FixedFilter
 from hil.control.servo import ServoConfig
 from hil.control.servo_bank import ServoBank
 from hil.design.frequency import Loop as LoopModel
@@ -17,7 +20,9 @@ MAX_SENSITIVITY = 4.0
 """M_s up to which a host-closed loop is run: a quarter of the way from the edge is left."""
 
 
-def host_loops(axes: list[DriveAxis], period_s: float, *, with_notch: bool) -> ServoBank:
+def host_loops(
+    axes: list[DriveAxis], period_s: float, *, with_notch: bool, fixed: Mapping[int, FixedFilter] | None = None
+) -> ServoBank:
     """The loops of axes that the host closes, ready for their first cycle.
 
     Raises:
@@ -28,10 +33,14 @@ def host_loops(axes: list[DriveAxis], period_s: float, *, with_notch: bool) -> S
         table = axis.table
         notches = tuple(notch.notch() for notch in table.notch) if with_notch else ()
         model = table.loop(period_s, 1, with_notch=with_notch)
+        held = (fixed or {}).get(axis.number)
+        if model is not None and held is not None:
+            model = replace(model, fixed=(held,))
         if model is not None:
             speeds = [speed for n in notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist()]
             _check_host_loop(axis, model, [0.0, *speeds])
-        configs.append(ServoConfig(table.control.cascade(), table.limits.torque_nm, notches))
+        filters = notches if held is None else (held,)
+        configs.append(ServoConfig(table.control.cascade(), table.limits.torque_nm, filters))
     rehearsal, still = ServoBank(configs, period_s), [0.0] * len(configs)
     rehearsal.start(0, 0.0)
     rehearsal.step(still, still)  # compiled, or loaded, before the first cycle waits for it

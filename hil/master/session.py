@@ -4,7 +4,7 @@ import math
 import signal
 import threading
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from types import FrameType
 from typing import Literal, Self
@@ -14,6 +14,7 @@ from drive_profiles.cia402 import Mode, Object, State, state_of
 from drive_profiles.profile import Profile
 from hil.can.channel import Channel, ChannelError
 from hil.can.frame import Frame
+from hil.control.notch import FixedFilter
 from hil.errors import HilError, InterruptedRunError, NodeError, NotPossibleError, UnsafeRequestError
 from hil.master.axis import DriveAxis, check_identity
 from hil.master.bench import Bench
@@ -151,7 +152,28 @@ class Session:
 
     # -- a run ---------------------------------------------------------------------------------------------------------
 
-    def run(self, motion: Motion, compensation: Compensation, loop: Loop, corrector: Corrector | None = None) -> RunResult:
+    def adopt(self, bench: Bench) -> None:
+        """Take gains, filters, limits and whatever else of the same axes from another bench file, for the runs to come.
+
+        Raises:
+            ValueError: It has other axes, other nodes or other drives.
+        """
+        for number, axis in self.axes.items():
+            table = bench.axis.get(number)
+            if table is None or (table.node_id, table.profile) != (axis.node, axis.table.profile):
+                raise ValueError(f"axis {number} is not the same in bench {bench.name!r}")
+        for number, axis in self.axes.items():
+            axis.table = bench.axis[number]
+        self.bench = bench
+
+    def run(
+        self,
+        motion: Motion,
+        compensation: Compensation,
+        loop: Loop,
+        corrector: Corrector | None = None,
+        fixed: Mapping[int, FixedFilter] | None = None,
+    ) -> RunResult:
         """One run: set up, enable, settle, move and record, return, disable, restore.
 
         Args:
@@ -159,6 +181,7 @@ class Session:
             compensation: Whether the drives' (or, host-closed, the host's) filters act.
             loop: Where the loop is closed.
             corrector: What is added to the set-points of a drive-closed run.
+            fixed: Filters by axis in the place of the variable ones; host-closed only.
 
         Raises:
             UnsafeRequestError: The motion would leave a limit; nothing has been sent.
@@ -177,7 +200,9 @@ class Session:
         with_torque = motion.torque_offset_nm is not None or (corrector is not None and corrector.uses_torque)
         if loop == "host" and (corrector is not None or with_torque):
             raise NotPossibleError("set-points are corrected, and torques offset, where the drives close the loop (--loop drive)")
-        bank = host_loops(axes, period, with_notch=compensation == "notch") if loop == "host" else None
+        if loop == "drive" and fixed:
+            raise NotPossibleError("filters that do not follow the speed act where the host closes the loop (--loop host)")
+        bank = host_loops(axes, period, with_notch=compensation == "notch", fixed=fixed or {}) if loop == "host" else None
         mode = Mode.CST if loop == "host" else Mode.CSP
         plan = CyclicPlan(
             self.network,

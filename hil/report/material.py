@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from hil.analysis import motor_speed_rps
 from hil.design.frequency import Loop, Margins, margins
 from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate, fit_transmission_error
+from hil.experiments.treatment import TITLES
 from hil.master.bench import Bench
 from hil.recording import Recording
 
@@ -69,15 +70,17 @@ class Run(Entry):
     @property
     def compensation_name(self) -> str:
         """The compensation in words."""
-        return {"none": "no notch", "notch": "notch"}.get(self.compensation, self.compensation)
+        names: dict[str, str] = {**TITLES, "none": "no notch"}
+        return names.get(self.compensation, self.compensation)
 
 
 class Comparison(Entry):
-    """One line of `comparisons`: with the notch against without."""
+    """One line of `comparisons`: with a treatment against without."""
 
     experiment: str
     axis: int | None = None
     loop: str = "drive"
+    compensation: str = "notch"
     tip_peak_reduction_pct: float | None = None
     spectrum_area_reduction_pct: float | None = None
 
@@ -199,10 +202,13 @@ class Material:
                 return run
         return None
 
-    def comparison(self, experiment: str, axis: int | None, loop: str = "drive") -> Comparison | None:
-        """What the notch changed, or None."""
-        wanted = (experiment, axis, loop)
-        return next((c for c in self.result.comparisons if (c.experiment, c.axis, c.loop) == wanted), None)
+    def comparison(
+        self, experiment: str, axis: int | None, loop: str = "drive", compensation: str = "notch"
+    ) -> Comparison | None:
+        """What a treatment changed, or None."""
+        wanted = (experiment, axis, loop, compensation)
+        found = ((c.experiment, c.axis, c.loop, c.compensation) for c in self.result.comparisons)
+        return next((c for c, key in zip(self.result.comparisons, found, strict=True) if key == wanted), None)
 
     def recording(self, run: Run | None) -> Recording | None:
         """The recording of a run, or None where it is missing or too short; why is then among the notes."""

@@ -230,10 +230,12 @@ def cards(material: Material) -> list[Card]:
     for comparison in material.result.comparisons:
         order = 2 if comparison.experiment == CONSTANT_ACCELERATION else None
         without = material.find(comparison.experiment, comparison.axis, "none", comparison.loop, order)
-        with_notch = material.find(comparison.experiment, comparison.axis, "notch", comparison.loop, order)
+        with_notch = material.find(comparison.experiment, comparison.axis, comparison.compensation, comparison.loop, order)
         if without is None or with_notch is None:
             continue
         title = "Line motion" if comparison.experiment == LINE_MOTION else f"Axis {comparison.axis}, constant acceleration"
+        if comparison.compensation != "notch":
+            title += f", {with_notch.compensation_name}"
         area = comparison.spectrum_area_reduction_pct
         # the line motion is judged by its spectrum, as the paper does; the ramps by the tip's peak
         if order is None and area is not None and finite(area):

@@ -1,13 +1,14 @@
 """The master in a test: its runs are kept for the case of a failure, and Ctrl-C ends a motion by a ramp and then the tests."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from typing import Self
 
 import pytest
 
 from drive_profiles.cia402 import Mode
+from hil.control.notch import FixedFilter
 from hil.errors import InterruptedRunError, NoAnswerError, NotPossibleError
 from hil.master.axis import DriveAxis
 from hil.master.bench import Bench
@@ -55,7 +56,12 @@ class BenchSession(Session):
             self._handlers.clear()
 
     def run(
-        self, motion: Motion, compensation: Compensation = "none", loop: Loop = "drive", corrector: Corrector | None = None
+        self,
+        motion: Motion,
+        compensation: Compensation = "none",
+        loop: Loop = "drive",
+        corrector: Corrector | None = None,
+        fixed: Mapping[int, FixedFilter] | None = None,
     ) -> RunResult:
         """One run, as `hil.master.session.Session.run` has it; what it gives is kept if the test fails.
 
@@ -66,7 +72,7 @@ class BenchSession(Session):
         if self.held is not None:
             raise NotPossibleError("the drive fixture holds its drive enabled; a run needs it disabled")
         with self.moving():
-            result = super().run(motion, compensation, loop, corrector)
+            result = super().run(motion, compensation, loop, corrector, fixed)
         axes = "-".join(map(str, motion.axes))
         self.target.artefacts.add_run(f"axis-{axes}-{loop}-{compensation}", result)
         if isinstance(result.stopped, InterruptedRunError):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hil.control.compensation import Compensation, Correction
+from hil.control.compensation import Compensation, Correction, inner_compensation
 
 PERIOD_S = 0.001
 STEP_RPS = 0.05
@@ -109,6 +109,24 @@ def test_half_of_a_correction_is_half_of_it() -> None:
     half = table().scaled(0.5)
     assert half.largest_reference_rad() == pytest.approx(0.5 * table().largest_reference_rad())
     assert half.phase_rad == table().phase_rad
+
+
+@pytest.mark.parametrize("speed", [37.0, -20.0])
+def test_inside_a_drive_speed_and_torque_are_those_of_the_set_points_motion(speed: float) -> None:
+    """Rates by differences of the very set-points, at the instants at which the loop measures and the torque acts."""
+    lowpass_hz, period_s, inertia, damping = 300.0, 250e-6, 2.6e-4, 8e-4
+
+    def at(angle: float) -> tuple[float, float, float]:
+        return inner_compensation(3e-3, 1.0, 2e-3, -2.0, inertia, damping, lowpass_hz, period_s, angle, speed)
+
+    step = 1e-5
+    for angle in (0.0, 0.4, 2.0, -5.0):
+        late, ahead = angle - speed / (2.0 * math.pi * lowpass_hz), angle + 0.5 * period_s * speed
+        rate = (at(late + speed * step)[0] - at(late - speed * step)[0]) / (2.0 * step)
+        before, here, after = (at(ahead + side * speed * step)[0] for side in (-1, 0, 1))
+        torque = inertia * (after - 2.0 * here + before) / step**2 + damping * (after - before) / (2.0 * step)
+        assert at(angle)[1] == pytest.approx(rate, rel=1e-5, abs=1e-8)
+        assert at(angle)[2] == pytest.approx(torque, rel=1e-4, abs=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,8 @@ import numpy as np
 import pytest
 
 from hil.errors import NotPossibleError, UnsafeRequestError
-from hil.experiments.cancellation import (
-    CancellationRefusedError,
-    Trial,
-    Verification,
-    averaged,
-    cancellation_for,
-    corrector_for,
-    judged_rows,
-)
+from hil.experiments.cancellation import cancellation_for, corrector_for
+from hil.experiments.cancellation_trial import CancellationRefusedError, Trial, Verification, averaged, judged_rows
 from hil.experiments.motions import constant_acceleration, line_motion
 from hil.master.bench import Bench, TransmissionError, load_bench
 from hil.master.identified import Identified, IdentifiedError
