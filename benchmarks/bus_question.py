@@ -39,7 +39,8 @@ from plant_emulator.bus.medium import medium_for
 from plant_emulator.robot import load_robot
 from plant_emulator.world import World
 
-RATES: tuple[int | None, ...] = (125_000, 250_000, 500_000, 1_000_000, None)
+FAST = Wire(CLASSIC_MAX_BITRATE, FD_DATA_BITRATE)
+RATES: tuple[Wire | None, ...] = (Wire(125_000), Wire(250_000), Wire(500_000), Wire(1_000_000), FAST, None)
 PERIODS_S = (250e-6, 500e-6, 1e-3, 2e-3, 4e-3)
 LOOPS: tuple[LoopName, ...] = ("drive", "host")
 WAYS: tuple[Compensation, ...] = ("none", "notch")
@@ -59,14 +60,14 @@ class Cell:
         axis: Of the constant acceleration; None: the line of axes 2, 3 and 5.
         loop: Where it is closed.
         period_s: SYNC period.
-        bitrate: None: an ideal bus.
+        wire: None: an ideal bus.
         compensation: Without or with the notch.
     """
 
     axis: int | None
     loop: LoopName
     period_s: float
-    bitrate: int | None
+    wire: Wire | None
     compensation: Compensation
 
     @property
@@ -78,14 +79,16 @@ class Cell:
     def name(self) -> str:
         """For a file and for people."""
         motion = "line" if self.axis is None else f"axis{self.axis}"
-        rate = "ideal" if self.bitrate is None else f"{self.bitrate // 1000}k"
+        rate = "ideal" if self.wire is None else f"{self.wire.bitrate // 1000}k"
+        if self.wire is not None and self.wire.data_bitrate is not None:
+            rate += f"-fd{self.wire.data_bitrate // 1000}k"
         return f"{motion}-{self.loop}-{rate}-{1e6 * self.period_s:.0f}us-{self.compensation}"
 
     def fits(self, bench: Bench) -> bool:
         """What the master's own plan says of the bus."""
         state = self.compensation == "notch" and self.loop == "drive"
         cycle = plan_cycle(bench, self.axes, self.loop, self.period_s, notch_state=state)
-        return cycle.delay_periods(None if self.bitrate is None else Wire(self.bitrate)) == 1
+        return cycle.delay_periods(self.wire) == 1
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ _OVERLOADS: tuple[tuple[int | None, LoopName, float], ...] = (
     (None, "host", 500e-6),
     (None, "drive", 250e-6),
 )
-PROOFS = tuple(Cell(*overload, 1_000_000, way) for overload in _OVERLOADS for way in WAYS)
+PROOFS = tuple(Cell(*overload, Wire(1_000_000), way) for overload in _OVERLOADS for way in WAYS)
 """Cells that the plan refuses for their load, run all the same."""
 
 
@@ -132,7 +135,8 @@ def measure(cell: Cell) -> Found:
     period = {"sync_period_s": cell.period_s, "host_sync_period_s": cell.period_s, "answer_timeout_s": 0.05}
     bench = bench.model_copy(update={"bus": bench.bus.model_copy(update=period)})
     world = World(load_robot("reference"))
-    channel = InProcessChannel(world, medium_for(world, cell.bitrate))
+    rates = (None, None) if cell.wire is None else (cell.wire.bitrate, cell.wire.data_bitrate)
+    channel = InProcessChannel(world, medium_for(world, *rates))
     name = LINE_MOTION if cell.axis is None else CONSTANT_ACCELERATION
     experiment = Experiment(name, cell.axis, cell.compensation, cell.loop)
     try:
@@ -235,7 +239,7 @@ def elsewhere(bench: Bench) -> list[str]:
 # -- the page --------------------------------------------------------------------------------------------------------------
 
 
-def _pair(found: dict[Cell, Found], axis: int | None, loop: LoopName, period: float, rate: int | None) -> tuple[Found, Found]:
+def _pair(found: dict[Cell, Found], axis: int | None, loop: LoopName, period: float, rate: Wire | None) -> tuple[Found, Found]:
     without, with_ = (found[Cell(axis, loop, period, rate, way)] for way in WAYS)
     return without, with_
 
@@ -251,9 +255,15 @@ def _words(without: Found, with_: Found) -> str:
     return f"does not fit (run: {worse.words})"
 
 
+def _rate_name(rate: Wire | None) -> str:
+    if rate is None:
+        return "ideal bus"
+    return rate.name if rate.data_bitrate is None else f"FD, {rate.name}"
+
+
 def table(found: dict[Cell, Found], axis: int | None) -> list[str]:
     """Tip peak without and with the notch, by loop, period and bit rate."""
-    heads = ["ideal bus" if rate is None else rate_text(rate) for rate in RATES]
+    heads = [_rate_name(rate) for rate in RATES]
     lines = [f"| loop | SYNC period | {' | '.join(heads)} |", "|---|---|" + "---|" * len(heads)]
     for loop in LOOPS:
         for period in PERIODS_S:
@@ -262,7 +272,7 @@ def table(found: dict[Cell, Found], axis: int | None) -> list[str]:
     return lines
 
 
-def reduction_pct(found: dict[Cell, Found], axis: int | None, loop: LoopName, period: float, rate: int | None) -> float:
+def reduction_pct(found: dict[Cell, Found], axis: int | None, loop: LoopName, period: float, rate: Wire | None) -> float:
     """What the notch takes away: of the tip peak (one axis), of the spectrum's area (line); nan where there is no pair."""
     without, with_ = _pair(found, axis, loop, period, rate)
     name = "area" if axis is None else "tip_mm"
@@ -284,16 +294,17 @@ def figure(found: dict[Cell, Found], bench: Bench) -> str:
                 _panel(panels[row, column], found, bench, axis, loop)
         for panel in panels[-1]:
             panel.set_xlabel("SYNC period in ms")
-        style.legend_above(drawing, panels[0, 0], 5)
+        style.legend_above(drawing, panels[0, 0], 3)
         return style.to_svg(drawing, "bus")
 
 
-_LINES: dict[int | None, dict[str, Any]] = {
+_LINES: dict[Wire | None, dict[str, Any]] = {
+    FAST: {"color": style.ORANGE, "linestyle": (0, (3, 1)), "marker": "P", "markersize": 5.0},
     None: {"color": style.BLACK, "linestyle": "-", "marker": "o", "markerfacecolor": "white", "markersize": 6.0},
-    1_000_000: {"color": style.BLUE, "linestyle": (0, (5, 1.5)), "marker": "s"},
-    500_000: {"color": style.VERMILLION, "linestyle": (0, (5, 1.5, 1, 1.5)), "marker": "^", "markersize": 4.5},
-    250_000: {"color": style.GREEN, "linestyle": (0, (1, 1)), "marker": "D", "markersize": 4.5},
-    125_000: {"color": style.PURPLE, "linestyle": (0, (1, 2)), "marker": "v"},
+    Wire(1_000_000): {"color": style.BLUE, "linestyle": (0, (5, 1.5)), "marker": "s"},
+    Wire(500_000): {"color": style.VERMILLION, "linestyle": (0, (5, 1.5, 1, 1.5)), "marker": "^", "markersize": 4.5},
+    Wire(250_000): {"color": style.GREEN, "linestyle": (0, (1, 1)), "marker": "D", "markersize": 4.5},
+    Wire(125_000): {"color": style.PURPLE, "linestyle": (0, (1, 2)), "marker": "v"},
 }
 
 
@@ -301,19 +312,20 @@ def _panel(panel: Axes, found: dict[Cell, Found], bench: Bench, axis: int | None
     axes = CHAIN_AXES if axis is None else (axis,)
     for rate in reversed(RATES):
         values = [reduction_pct(found, axis, loop, period, rate) for period in PERIODS_S]
-        label = "ideal bus" if rate is None else rate_text(rate)
+        label = _rate_name(rate)
         panel.plot(1e3 * np.array(PERIODS_S), values, label=label, **_LINES[rate])
     panel.set_xscale("log")
     panel.set_xlim(0.2, 8.0)
     panel.set_xticks([1e3 * period for period in PERIODS_S], [f"{1e3 * period:g}" for period in PERIODS_S])
     panel.minorticks_off()
     for number, rate in enumerate(rate for rate in reversed(RATES) if rate is not None):
-        shortest = 1e3 * shortest_s(bench, axes, loop, Wire(rate))
+        shortest = 1e3 * shortest_s(bench, axes, loop, rate)
         panel.axvline(shortest, color=_LINES[rate]["color"], linestyle=_LINES[rate]["linestyle"], linewidth=0.9)
         if shortest < panel.get_xlim()[1]:
             side = "left" if shortest < 1.2 else "right"
             panel.annotate(
-                f"{rate_text(rate)} from {shortest:.2f} ms", (shortest, 0.30 - 0.075 * number),
+                f"{'FD' if rate.data_bitrate else rate_text(rate.bitrate)} from {shortest:.2f} ms",
+                (shortest, 0.36 - 0.075 * number),
                 xytext=(3 if side == "left" else -3, 0), ha=side,
                 xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=7.0, va="center",
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.4},
@@ -384,7 +396,7 @@ def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
     """Ten statements."""
     real, one, wire = tuple(rate for rate in RATES if rate is not None), (2,), Wire(CLASSIC_MAX_BITRATE)
 
-    def taken(axis: int | None, loop: LoopName, rates: tuple[int | None, ...]) -> str:
+    def taken(axis: int | None, loop: LoopName, rates: tuple[Wire | None, ...]) -> str:
         return _range(reduction_pct(found, axis, loop, period, rate) for period in PERIODS_S for rate in rates)
 
     def us(axes: tuple[int, ...], loop: LoopName) -> str:
@@ -392,7 +404,7 @@ def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
 
     stable, stable_line = (f"{1e6 * longest_stable_s(axes):.0f} µs" for axes in (one, CHAIN_AXES))
     limit = bench.specification.tip_mm
-    with_notch = [f for c, f in found.items() if c.axis == 2 and c.loop == "drive" and c.compensation == "notch" and c.bitrate]
+    with_notch = [f for c, f in found.items() if c.axis == 2 and c.loop == "drive" and c.compensation == "notch" and c.wire]
     peaks = [f.tip_mm for f in with_notch if f.tip_mm is not None]
     above = sum(peak > limit for peak in peaks)
     return [

@@ -123,19 +123,20 @@ class Axes:
     def set_point(self, row: int, target_counts: int) -> None:
         """Give an axis in cyclic position mode its next set-point; it goes there from where it is, in one interpolation period.
 
-        One outside the position limits, or faster than the motor may turn, trips the axis and is not followed. A SYNC that falls a
-        control period early, as those of a busy bus do, finds the axis that much behind the last set-point: it is no faster for it.
+        One outside the position limits, or faster than the motor may turn, trips the axis and is not followed. A SYNC that falls
+        a control period early, as those of a busy bus do, finds the axis that much behind its last set-point: what counts is
+        the step from that.
         """
-        span = self._span[row]
-        share = self._tick[row] / span
-        start = self._previous[row]
-        start += (self._target[row] - start) * (share if share < 1.0 else 1.0)
+        span, tick = self._span[row], self._tick[row]
+        share = tick / span
+        last, start = self._target[row], self._previous[row]
+        start += (last - start) * (share if share < 1.0 else 1.0)
         target = float(target_counts)
-        reach = self._max_speed[row] * self._counts_per_rad[row] * (span + 1) * self._control_period_s
+        reach = self._max_speed[row] * self._counts_per_rad[row] * span * self._control_period_s
         if not self._low[row] <= target <= self._high[row]:
             self._trip[row] |= SET_POINT_RANGE
             target = start
-        elif abs(target - start) > reach + 1.0:
+        elif abs(target - (last if tick >= span - 1 else start)) > reach + 1.0:
             self._trip[row] |= SET_POINT_STEP
             target = start
         self._previous[row], self._target[row], self._tick[row] = start, target, 0

@@ -17,6 +17,7 @@ DEVICE_TYPE = 0x00020192
 POSITION_LOOP, VELOCITY_LOOP, CONTROL_PERIOD, TORQUE_COMMAND = 0x2100, 0x2101, 0x2120, 0x2130
 NOTCH_OBJECTS = (0x2110, 0x2111)
 NOTCH_STATE_OBJECTS = (0x2112, 0x2113)
+CANCELLATION = 0x2114
 
 GAINS = {
     (POSITION_LOOP, 1): "position_gain_per_s",
@@ -41,6 +42,17 @@ NOTCH_PARAMETERS: tuple[tuple[str, str, DataType, float, float, float], ...] = (
     ("ramp_rps", "Slope of the trapezoid in rev/s", DataType.REAL32, 1.0, 0.01, 100.0),
 )
 """Field of `Notch`, name in the EDS, type, default, limits; sub-indices count from 1 in this order."""
+
+CANCELLATION_PARAMETERS: tuple[tuple[str, str, DataType, float, float, float], ...] = (
+    ("cancel_mode", "Mode (0 off, 1 on)", DataType.UNSIGNED8, 0, 0, 1),
+    ("cancel_a2_rad", "Amplitude of order 2 at the motor in rad", DataType.REAL32, 0.0, 0.0, 0.05),
+    ("cancel_phi2_rad", "Phase of order 2 in rad", DataType.REAL32, 0.0, -7.0, 7.0),
+    ("cancel_a4_rad", "Amplitude of order 4 at the motor in rad", DataType.REAL32, 0.0, 0.0, 0.05),
+    ("cancel_phi4_rad", "Phase of order 4 in rad", DataType.REAL32, 0.0, -7.0, 7.0),
+    ("cancel_inertia_kg_m2", "Motor inertia in kg m2", DataType.REAL32, 0.0, 0.0, 1.0),
+    ("cancel_damping_nm_s_rad", "Motor damping in N m s/rad", DataType.REAL32, 0.0, 0.0, 1.0),
+)
+"""Field of `MOTION`, name in the EDS, type, default, limits; sub-indices count from 1 in this order."""
 
 _I32 = (-(2**31), 2**31 - 1)
 
@@ -105,6 +117,9 @@ def _manufacturer(control_period_ns: int, gains: tuple[float, float, float, floa
         yield Entry(index, 1, "Active", DataType.UNSIGNED8, ro, 0, mappable=True, record_name=state)
         yield Entry(index, 2, "Zero frequency in Hz", real, ro, 0.0, mappable=True, record_name=state)
         yield Entry(index, 3, "Damping of the poles now", real, ro, 0.0, mappable=True, record_name=state)
+    for sub, (_, name, kind, default, low, high) in enumerate(CANCELLATION_PARAMETERS, start=1):
+        value = int(default) if kind is DataType.UNSIGNED8 else default
+        yield Entry(CANCELLATION, sub, name, kind, rw, value, low, high, record_name="Cancellation of the transmission error")
     yield Entry(CONTROL_PERIOD, 0, "Control period in ns", DataType.UNSIGNED32, Access.CONST, control_period_ns)
     yield Entry(TORQUE_COMMAND, 0, "Torque command in N m", real, ro, 0.0, mappable=True)
 

@@ -37,7 +37,8 @@ MOTION = np.dtype([
     ("following_window_rad", np.float64), ("following_ticks", np.int64), ("following_count", np.int64),
     # cancellation of the transmission error: amplitudes N A_k at the motor, and how far it is faded in
     ("cancel_mode", np.int64), ("cancel_share", np.float64),
-    ("cancel_a2_rad", np.float64), ("cancel_phi2_rad", np.float64), ("cancel_a4_rad", np.float64), ("cancel_phi4_rad", np.float64),
+    ("cancel_a2_rad", np.float64), ("cancel_phi2_rad", np.float64),
+    ("cancel_a4_rad", np.float64), ("cancel_phi4_rad", np.float64),
     ("cancel_inertia_kg_m2", np.float64), ("cancel_damping_nm_s_rad", np.float64),
     # what comes out
     ("trip", np.int64), ("stopped", np.int64), ("torque_nm", np.float64), ("following_error_rad", np.float64),
@@ -135,7 +136,7 @@ def begin_stop(
 
 
 @inlined
-def _command(
+def command(
     motion: Any,
     row: int,
     motor_angle: float,
@@ -251,7 +252,7 @@ def advance(
         near = nearby(k, mechanics.motor_angle, mechanics.arm_angle)
         for _ in range(ticks):
             angle = mechanics.motor_angle
-            torque = _command(motion, row, angle, period_s, cascade_config, cascade_state, notch_config, notch_state)
+            torque = command(motion, row, angle, period_s, cascade_config, cascade_state, notch_config, notch_state)
             near = plant_period(k, near, mechanics, torque, m.mode == BRAKED, period_s, substeps)
         if ticks > 0:
             mechanics.arm_acceleration = arm_acceleration(k, mechanics)

@@ -71,7 +71,7 @@ def _while_active(active: Any, values: Any, column: int) -> float:
 
 
 class OwnPersonality(Personality):
-    """The emulated drive itself: the P-PI gains (2100h, 2101h) and two variable notches (2110h, 2111h)."""
+    """The emulated drive itself: P-PI gains (2100h, 2101h), two variable notches (2110h, 2111h), a cancellation (2114h)."""
 
     profile = "emulated_drive"
     modes = objects.MODES
@@ -94,6 +94,8 @@ class OwnPersonality(Personality):
             on_read(index, 1, partial(active.__getitem__, column))
             on_read(index, 2, partial(_while_active, active, live(axes.notch_state[row], "frequency_hz"), column))
             on_read(index, 3, partial(_while_active, active, live(axes.notch_state[row], "zeta_rd"), column))
+        for sub, parameter in enumerate(objects.CANCELLATION_PARAMETERS, start=1):
+            on_write(objects.CANCELLATION, sub, self._cancellation_writer(parameter[0]))
         on_read(objects.TORQUE_COMMAND, 0, partial(live(axes.motion, "torque_nm").__getitem__, row))
 
     def _gain_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
@@ -101,6 +103,17 @@ class OwnPersonality(Personality):
             if self._is_powered():
                 return SdoAbortCode.DEVICE_STATE
             self._axes.cascade_config[self._row][field] = value
+            return None
+
+        return write
+
+    def _cancellation_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
+        """It may be switched on and off while the motor turns, and fades; its other parameters do not change meanwhile."""
+
+        def write(value: float) -> SdoAbortCode | None:
+            if self._is_powered() and field != "cancel_mode":
+                return SdoAbortCode.DEVICE_STATE
+            self._axes.motion[self._row][field] = value
             return None
 
         return write
@@ -131,3 +144,5 @@ class OwnPersonality(Personality):
         for column in range(NOTCHES):
             for sub, parameter in enumerate(objects.NOTCH_PARAMETERS, start=1):
                 self._axes.notch_config[self._row, column][parameter[0]] = self.acting((objects.NOTCH_OBJECTS[column], sub))
+        for sub, parameter in enumerate(objects.CANCELLATION_PARAMETERS, start=1):
+            self._axes.motion[self._row][parameter[0]] = self.acting((objects.CANCELLATION, sub))

@@ -1,6 +1,7 @@
 """Cancellation over CAN on the emulated robot: the figures it reaches, and what the trial on the accelerometer refuses."""
 
 import datetime
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,17 +10,12 @@ from pathlib import Path
 import pytest
 
 from hil.analysis import Metrics, line_motion_metrics
-from hil.experiments.cancellation import (
-    Cancellation,
-    CancellationRefusedError,
-    Canceller,
-    averaged,
-    cancel_inside,
-    cancellation_for,
-    cancellation_on,
-    verify,
-)
+from hil.errors import NotPossibleError
+from hil.experiments import learning
+from hil.experiments.cancellation import Cancellation, Canceller, cancel_inside, cancellation_for, cancellation_on
+from hil.experiments.cancellation_trial import CancellationRefusedError, averaged, choose, verify
 from hil.experiments.identify_ate import Known, Request, as_part, identify_on
+from hil.experiments.learn_run import LearnRequest, learn_on_bus, summary
 from hil.experiments.learning import learn
 from hil.experiments.motions import constant_acceleration, line_motion
 from hil.experiments.plan import peak_hz
@@ -128,6 +124,51 @@ def test_a_trial_accepts_what_is_right_and_refuses_a_wrong_sign_or_phase() -> No
         wrong = verify(session, turned(right, degrees), motion)
         with pytest.raises(CancellationRefusedError, match="the notch stays"):
             wrong.demand()
+
+
+def test_what_is_refused_leaves_the_notch() -> None:
+    session = session_of(robot_of(NOISY), 0.002)
+    session.bench = with_motion(session.bench, acceleration_rps_s=8.0, end_rps=8.0, tail_s=0.1)
+    motion = constant_acceleration(session.bench, 3, 0.002)
+    right = cancellation_on(session, None, motion)
+    good, bad = choose(session, right, motion), choose(session, turned(right, 180.0), motion)
+    assert good.refusal is None
+    assert good.corrector is not None
+    assert good.compensation == "none"
+    assert bad.corrector is None
+    assert bad.compensation == "notch"
+    assert bad.refusal is not None
+
+
+def test_learning_keeps_its_passes_and_stores_each_axis(tmp_path: Path) -> None:
+    world = World(robot_of(QUIET))
+    bench = without_ate(with_bus(load_bench("reference"), sync_period_s=0.002))
+    request = LearnRequest((3,), passes=2, acceleration_rps_s=8.0, note="no load")
+    outcome = learn_on_bus(bench, request, tmp_path / "out", tmp_path / "model.toml", channel=InProcessChannel(world))
+    assert outcome.failure is None
+    assert not outcome.not_restored
+    kept = load_identified(tmp_path / "model.toml").axis[3].ate
+    assert kept is not None
+    assert kept.note.endswith("2 passes; no load")
+    assert len(list((tmp_path / "out" / "runs").glob("learn-axis3-pass*.csv"))) == 2
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["learnt"][0]["ate"]["learnt_by"] == "adaptive"
+    assert "axis 3: A_2 = " in summary(outcome)[0]
+    other = bench.model_copy(update={"name": "other"})
+    for asked, of, message in (
+        (LearnRequest((4,)), bench, "has no axis 4"),
+        (LearnRequest((3,), passes=1), bench, "2 are needed"),
+        (request, other, "is of 'reference'"),
+    ):
+        with pytest.raises(NotPossibleError, match=message):
+            learn_on_bus(of, asked, tmp_path / "again", tmp_path / "model.toml", channel=InProcessChannel(world))
+
+
+def test_what_has_learnt_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drive that turns its corrections round: the second pass, with half of it, is worse than the first."""
+    session = session_of(robot_of(QUIET), 0.002)
+    monkeypatch.setattr(learning, "cancellation_on", lambda *args, **more: turned(cancellation_on(*args, **more), 180.0))
+    with pytest.raises(CancellationRefusedError, match="what pass 1 has learnt of axis 3 the vibration rose"):
+        learn(session, 3, passes=3, acceleration_rps_s=8.0)
 
 
 class Late:

@@ -1,6 +1,7 @@
 """The profiles of the package, and what a profile file may not say."""
 
 import json
+import math
 import tomllib
 from pathlib import Path
 from typing import get_args
@@ -117,7 +118,8 @@ def test_what_the_wire_holds_comes_back(name, wire):
     parameter = DRIVE.parameter(name)
     value = parameter.value(wire, SCALING)
     low = 0.0 if parameter.minimum is None else parameter.minimum
-    if value >= low:
+    high = math.inf if parameter.maximum is None else parameter.maximum
+    if low <= value <= high:
         assert parameter.raw(value, SCALING) == pytest.approx(wire, rel=1e-7)
 
 

@@ -281,7 +281,7 @@ def test_the_accelerometer_on_the_bus_differs_from_the_file_in_its_serial_number
         (Object.CONTROL_WORD, 0, b"\0\0\0", SdoAbortCode.TOO_LONG),
         (Object.TARGET_POSITION, 0, b"\0\0", SdoAbortCode.TOO_SHORT),
         (Object.TARGET_VELOCITY, 0, b"\0\0\0\0", SdoAbortCode.NO_OBJECT),
-        (0x2114, 1, b"\0", SdoAbortCode.NO_OBJECT),
+        (0x2115, 1, b"\0", SdoAbortCode.NO_OBJECT),
         (Object.CONTROL_WORD, 1, b"\0\0", SdoAbortCode.NO_SUBINDEX),
         (0x2110, 11, b"\0", SdoAbortCode.NO_SUBINDEX),
         (0x1006, 0, struct.pack("<I", 1001), SdoAbortCode.INVALID_VALUE),
