@@ -16,7 +16,9 @@ typedef struct {
     double profile_speed, profile_acceleration, profile_deceleration, stop_deceleration, reference, reference_speed;
     int64_t stop_ticks;
     double low, high, max_speed, window;
-    int64_t following_ticks, following_count, trip, stopped;
+    int64_t following_ticks, following_count, cancel_mode; /* no cancellation here: it is off */
+    double cancel[7];
+    int64_t trip, stopped;
     double torque, following_error;
 } Motion;
 typedef struct { double kpp, kvp, kvi, lowpass_hz; } Gains;

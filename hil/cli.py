@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hil import cli_design, cli_identify, cli_plan
+from hil import cli_design, cli_identify, cli_learn, cli_plan
 from hil.cli_plan import PlanLoop
 
 if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
@@ -165,6 +165,7 @@ def _run_and_report(
     clock: ClockName | None = None,
     overload: bool = False,
     known: "Knowledge | None" = None,
+    repeat: int = 1,
 ) -> None:
     """Run, write the report, say what came of it, and leave with the right status."""
     from drive_profiles.address import LOCAL, parse_address  # noqa: PLC0415
@@ -181,6 +182,7 @@ def _run_and_report(
             clock=None if clock is None else clock.value,
             overload=overload,
             knowledge=known,
+            repeat=repeat,
             announce=progress.announce,
             tell=_say,
             progress=progress.share,
@@ -274,6 +276,9 @@ def run(
     ] = None,
     design: Annotated[Path | None, typer.Option(help="Design file of hil design, for notch-optimised.")] = None,
     learnt: Annotated[Path | None, typer.Option(help="Model file of hil learn, for adaptive.")] = None,
+    repeat: Annotated[
+        int, typer.Option(min=1, max=100, help="Run it so often and judge the mean, in which the sensor's noise is less.")
+    ] = 1,
     loop: Annotated[PlanLoop, typer.Option(help="Where the loop is closed.")] = PlanLoop.DRIVE,
     bus: Annotated[str | None, typer.Option("--bus", help="Bus address instead of the bench file's.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Directory; left out: a new one in bench-out.")] = None,
@@ -310,8 +315,9 @@ def run(
         where = out or _new_directory(plan)
         known = knowledge(model, design, learnt)
         _run_and_report(
-            bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload, known=known
-        )
+            bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload, known=known,
+            repeat=repeat,
+        )  # fmt: skip
 
 
 def knowledge(model: Path | None, design: Path | None, learnt: Path | None) -> "Knowledge":
@@ -389,6 +395,7 @@ def _report_of(directory: Path) -> Path:
 cli_plan.mount(app)
 cli_identify.mount(app)
 cli_design.mount(app)
+cli_learn.mount(app)
 
 
 def main() -> None:

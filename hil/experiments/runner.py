@@ -5,6 +5,7 @@ import json
 import os
 import platform
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +15,7 @@ from hil.analysis import TIP_BAND_HZ
 from hil.can.channel import Channel, open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.cancellation import cancellation_on
-from hil.experiments.cancellation_trial import choose
+from hil.experiments.cancellation_trial import averaged, choose
 from hil.experiments.plan import Experiment, claims, comparisons, entries
 from hil.experiments.treatment import FILTERING, Knowledge, Treated, treated
 from hil.master.bench import Bench
@@ -56,6 +57,7 @@ def run_experiments(
     clock: ClockName | None = None,
     overload: bool = False,
     knowledge: Knowledge | None = None,
+    repeat: int = 1,
     announce: Callable[[Experiment], None] = lambda experiment: None,
     tell: Callable[[str], None] = lambda text: None,
     progress: Callable[[float], None] = lambda share: None,
@@ -74,6 +76,7 @@ def run_experiments(
         clock: The clock that the bus must have; None for whichever it has.
         overload: Run even what does not fit on the bus.
         knowledge: What some treatments need beside the bench file.
+        repeat: How often each motion is run; judged is the mean of the recordings, in which the sensor's noise is less.
         announce: Called before each run.
         tell: Called with each step of a trial.
         progress: Called with the share of the present run.
@@ -111,8 +114,14 @@ def run_experiments(
                 announce(experiment)
                 session.check_interrupt()
                 session.adopt(way.bench)
-                result, told = _run(session, experiment, motion, way, tell)
                 path = out / "runs" / experiment.file_name
+                results, told = _run(session, experiment, motion, way, repeat, tell)
+                result = results[0]
+                if len(results) > 1:
+                    for number, each in enumerate(results, start=1):
+                        each.recording.save(path.with_name(f"{path.stem}-{number}.csv"))
+                    result = mean_of(results)
+                    told["repeated"] = len(results)
                 result.recording.save(path)
                 found = entries(bench, experiment, result, path.relative_to(out).as_posix())
                 runs += [entry | told for entry in found]
@@ -146,19 +155,39 @@ def run_experiments(
 
 
 def _run(
-    session: Session, experiment: Experiment, motion: Motion, way: Treated, tell: Callable[[str], None]
-) -> tuple[RunResult, dict[str, Any]]:
-    """A run as its treatment wants it; and what is to be told of a trial before it."""
-    if not way.is_cancelled:
-        return session.run(motion, way.filters, experiment.loop, None, way.fixed), {}
-    with_notch = way.filters == "notch"
-    cancellation = cancellation_on(session, way.cancel_with, motion, with_notch=with_notch)
-    choice = choose(session, cancellation, motion, with_notch=with_notch, announce=tell)
-    result = session.run(motion, choice.compensation, experiment.loop, choice.corrector)
-    told: dict[str, Any] = {"trial": choice.verification.record()}
-    if choice.refusal is not None:
-        told |= {"invalid": str(choice.refusal), "within_spec": False}
-    return result, told
+    session: Session, experiment: Experiment, motion: Motion, way: Treated, repeat: int, tell: Callable[[str], None]
+) -> tuple[list[RunResult], dict[str, Any]]:
+    """Runs as their treatment wants them, up to the first that was stopped; and what is to be told of a trial before them."""
+    cancellation, filters, told = None, way.filters, dict[str, Any]()
+    if way.is_cancelled:
+        with_notch = way.filters == "notch"
+        cancellation = cancellation_on(session, way.cancel_with, motion, with_notch=with_notch)
+        choice = choose(session, cancellation, motion, with_notch=with_notch, announce=tell)
+        filters, told = choice.compensation, {"trial": choice.verification.record()}
+        if choice.refusal is not None:
+            cancellation, told = None, told | {"invalid": str(choice.refusal), "within_spec": False}
+    results: list[RunResult] = []
+    for number in range(1, repeat + 1):
+        if repeat > 1:
+            tell(f"run {number} of {repeat}")
+        corrector = None if cancellation is None else cancellation.corrector()
+        results.append(session.run(motion, filters, experiment.loop, corrector, way.fixed))
+        if results[-1].stopped is not None:
+            return [results[-1]], told
+        session.check_interrupt()
+    return results, told
+
+
+def mean_of(results: list[RunResult]) -> RunResult:
+    """One result of several runs of the same motion: the mean of the recordings, and the worst of what can go wrong."""
+    return replace(
+        results[-1],
+        recording=averaged([result.recording for result in results]),
+        missed_cycles=max(result.missed_cycles for result in results),
+        sensor_missed=max(result.sensor_missed for result in results),
+        dropped_cycles=max(result.dropped_cycles for result in results),
+        discarded=max(result.discarded for result in results),
+    )
 
 
 def _check_clock(channel: Channel, wanted: ClockName | None) -> None:
