@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from plant_emulator import cli_robustness
+
 if TYPE_CHECKING:  # --help must not wait for them
     from drive_profiles.address import Address
     from plant_emulator.bus.attach import Attachment
@@ -312,6 +314,9 @@ def eds(out: Annotated[Path, typer.Option("--out", help="Folder for the files; m
             typer.echo(path)
     except OSError as error:
         raise _fail(str(error), EXIT_FILE) from None
+
+
+cli_robustness.mount(app)
 
 
 def main() -> None:

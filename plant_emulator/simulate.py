@@ -99,7 +99,7 @@ def simulate(
         gains = {name: real32(value) for name, value in controls[number].model_dump().items()}
         Cascade(**gains).write(axes.cascade_config[row])
         for place, table in enumerate(notches.get(number, ())):
-            _as_uploaded(table.notch()).write(axes.notch_config[row, place])
+            as_uploaded(table.notch()).write(axes.notch_config[row, place])
         scaling = Scaling(robot.axis[number].encoder_counts_per_rev, robot.axis[number].rated_torque)
         targets[:, column] = scaling.position_counts(angles[:, column])
         axes.energise(row, POSITION, ticks)
@@ -121,7 +121,7 @@ def simulate(
     return Simulation(times, numbers, targets, position, arm, torque, tip)
 
 
-def _as_uploaded(notch: Notch) -> Notch:
+def as_uploaded(notch: Notch) -> Notch:
     """The filter that a drive holds after the parameters have crossed the bus as REAL32."""
     singles: dict[str, Any] = {name: real32(value) for name, value in vars(notch).items() if isinstance(value, float)}
     return replace(notch, **singles)

@@ -103,9 +103,8 @@ def run_experiments(
     try:
         _check_clock(channel, clock)
         _check_band(motions)
-        if not overload:
-            for experiment, motion in motions:
-                check_load(bench, channel, experiment, motion)
+        for experiment, motion in () if overload else motions:
+            check_load(bench, channel, experiment, motion)
         log = BusLog(out / "bus.log", log_channel(channel))
         with Session(bench, channel, log, progress) as session:
             not_restored = session.not_restored
@@ -114,17 +113,9 @@ def run_experiments(
                 announce(experiment)
                 session.check_interrupt()
                 session.adopt(way.bench)
-                path = out / "runs" / experiment.file_name
                 results, told = _run(session, experiment, motion, way, repeat, tell)
-                result = results[0]
-                if len(results) > 1:
-                    for number, each in enumerate(results, start=1):
-                        each.recording.save(path.with_name(f"{path.stem}-{number}.csv"))
-                    result = mean_of(results)
-                    told["repeated"] = len(results)
-                result.recording.save(path)
-                found = entries(bench, experiment, result, path.relative_to(out).as_posix())
-                runs += [entry | told for entry in found]
+                result, path = _save(results, out / "runs" / experiment.file_name)
+                runs += [entry | told for entry in entries(bench, experiment, result, path.relative_to(out).as_posix())]
                 if result.stopped is not None:
                     stopped = result.stopped
                     break
@@ -136,16 +127,17 @@ def run_experiments(
         failure = error  # raised again below, when what earlier runs gave is on disk
     finally:
         channel.close()
+    ended = stopped or failure
     compared = comparisons(runs)
     kept: dict[str, Any] = {
         "schema": SCHEMA,
         "bench": bench_record(bench, started, lock_step=channel.is_lock_step),
         "runs": runs,
         "comparisons": compared,
-        "paper": claims(bench, runs, compared, is_paper=is_paper) if stopped is None and failure is None else [],
+        "paper": claims(bench, runs, compared, is_paper=is_paper) if ended is None else [],
     }
-    if stopped is not None or failure is not None:
-        kept["stopped"] = str(stopped or failure)
+    if ended is not None:
+        kept["stopped"] = str(ended)
     if not_restored:
         kept["not_restored"] = not_restored
     write_json(out / "result.json", kept)
@@ -172,10 +164,21 @@ def _run(
             tell(f"run {number} of {repeat}")
         corrector = None if cancellation is None else cancellation.corrector()
         results.append(session.run(motion, filters, experiment.loop, corrector, way.fixed))
+        if number > 1:
+            told["repeated"] = number
         if results[-1].stopped is not None:
             return [results[-1]], told
         session.check_interrupt()
     return results, told
+
+
+def _save(results: list[RunResult], path: Path) -> tuple[RunResult, Path]:
+    """What is judged of the runs of one motion, and where it is; of several each is kept beside it."""
+    result = results[0] if len(results) == 1 else mean_of(results)
+    for number, each in enumerate(results if len(results) > 1 else (), start=1):
+        each.recording.save(path.with_name(f"{path.stem}-{number}.csv"))
+    result.recording.save(path)
+    return result, path
 
 
 def mean_of(results: list[RunResult]) -> RunResult:
