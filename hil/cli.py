@@ -3,7 +3,7 @@
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hil import cli_design, cli_identify, cli_learn, cli_plan
+from hil import cli_compare, cli_design, cli_identify, cli_learn, cli_plan
 from hil.cli_plan import PlanLoop
 
 if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
@@ -93,7 +93,7 @@ def exit_code_of(error: Exception) -> int:
 
 
 @contextmanager
-def _told() -> Iterator[None]:
+def told() -> Iterator[None]:
     """Turn errors into a message and an exit status; one that nobody expected keeps its traceback."""
     try:
         yield
@@ -115,7 +115,7 @@ def _told() -> Iterator[None]:
         raise typer.Exit(code) from None
 
 
-class _Progress:
+class RunProgress:
     """A bar on a terminal, a line per run elsewhere; on standard error, so that standard output stays for results.
 
     Not live, it has no thread, which would take the interpreter from a run in real time.
@@ -134,7 +134,7 @@ class _Progress:
         self._task: Any = None
         self._total, self._count = total, 0
 
-    def __enter__(self) -> "_Progress":
+    def __enter__(self) -> "RunProgress":
         self._bar.start()
         return self
 
@@ -142,6 +142,7 @@ class _Progress:
         self._bar.stop()
 
     def announce(self, experiment: "Experiment") -> None:
+        """A run begins."""
         self._count += 1
         label = f"[{self._count}/{self._total}] {experiment.title}"
         if self._is_live:
@@ -150,6 +151,7 @@ class _Progress:
             _say(label)
 
     def share(self, value: float) -> None:
+        """So much of it is done."""
         if self._task is not None:
             self._bar.update(self._task, completed=value)
 
@@ -172,7 +174,7 @@ def _run_and_report(
     from hil.experiments.runner import run_experiments  # noqa: PLC0415
 
     is_lock_step = parse_address(bench.bus.address).interface == LOCAL and clock is not ClockName.WALL
-    with _Progress(len(experiments), is_live=is_lock_step) as progress:
+    with RunProgress(len(experiments), is_live=is_lock_step) as progress:
         outcome = run_experiments(
             bench,
             experiments,
@@ -252,7 +254,7 @@ def demo(
 
     Example: hil demo --out demo
     """
-    with _told():
+    with told():
         from hil.emulator import EmulatedRobot  # noqa: PLC0415
 
         with EmulatedRobot(robot) as emulator:
@@ -296,7 +298,7 @@ def run(
 
     Example: hil run constant-acceleration --axis 2 --compensation notch --bench bench.toml
     """
-    with _told():
+    with told():
         from drive_profiles.address import LOCAL, parse_address  # noqa: PLC0415
         from hil.experiments.plan import Experiment  # noqa: PLC0415
         from hil.master.bench import load_bench  # noqa: PLC0415
@@ -311,7 +313,7 @@ def run(
             bench = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": bus})})
         plan = Experiment(experiment.value, axis, compensation.value, loop.value)
         if parse_address(bench.bus.address).interface != LOCAL and not yes:
-            _confirm(bench, plan)
+            confirm([(bench, plan)])
         where = out or _new_directory(plan)
         known = knowledge(model, design, learnt)
         _run_and_report(
@@ -341,16 +343,21 @@ def _new_directory(experiment: "Experiment") -> Path:
     return Path("bench-out") / f"{stamp}-{Path(experiment.file_name).stem}"
 
 
-def _confirm(bench: "Bench", experiment: "Experiment") -> None:
-    """A robot that is not emulated moves only when someone says so."""
-    motion = experiment.motion(bench)
-    _say(f"This moves {experiment.title} on {bench.bus.address}:")
-    for column, number in enumerate(motion.axes):
-        limits, angle = bench.axis[number].limits, motion.motor_angle_rad[:, column] / 6.283185307179586
-        _say(
-            f"  axis {number}: {angle.min():+.2f} … {angle.max():+.2f} motor revolutions, at most {limits.speed_rps:g} rps and "
-            f"{limits.torque_nm:g} N·m; positions {limits.position_min_rev:g} … {limits.position_max_rev:g} rev"
-        )
+def confirm(pairs: "Iterable[tuple[Bench, Experiment]]") -> None:
+    """A robot that is not emulated moves only when someone says so; asked once for all motions.
+
+    Raises:
+        typer.Exit: Nobody says so.
+    """
+    for bench, experiment in pairs:
+        motion = experiment.motion(bench)
+        _say(f"This moves {experiment.title} on {bench.bus.address}:")
+        for column, number in enumerate(motion.axes):
+            limits, angle = bench.axis[number].limits, motion.motor_angle_rad[:, column] / 6.283185307179586
+            _say(
+                f"  axis {number}: {angle.min():+.2f} … {angle.max():+.2f} motor revolutions, at most {limits.speed_rps:g} rps "
+                f"and {limits.torque_nm:g} N·m; positions {limits.position_min_rev:g} … {limits.position_max_rev:g} rev"
+            )
     if not sys.stdin.isatty():
         _say("nobody can be asked here; --yes moves it without asking")
         raise typer.Exit(EXIT_USAGE)
@@ -363,7 +370,7 @@ def report(
     directory: Annotated[Path, typer.Argument(help="Directory of a demo or a run.", exists=True, file_okay=False)],
 ) -> None:
     """Write report.html of a directory anew, from its result.json and recordings."""
-    with _told():
+    with told():
         if not (directory / "result.json").is_file():
             _say(f"{directory} has no result.json; it is not the directory of a demo or a run")
             raise typer.Exit(EXIT_FILE)
@@ -387,6 +394,10 @@ def _report_of(directory: Path) -> Path:
         from hil.report.page_ate import write_ate_report  # noqa: PLC0415
 
         return write_ate_report(directory)
+    if kind == "compare":
+        from hil.report.page_compare import write_compare_report  # noqa: PLC0415
+
+        return write_compare_report(directory)
     from hil.report.page import write_report  # noqa: PLC0415
 
     return write_report(directory)
@@ -396,6 +407,7 @@ cli_plan.mount(app)
 cli_identify.mount(app)
 cli_design.mount(app)
 cli_learn.mount(app)
+cli_compare.mount(app)
 
 
 def main() -> None:

@@ -133,6 +133,7 @@ def verify(
     compensation: Compensation = "none",
     *,
     gain: float = PROBE_GAIN,
+    shows_filter: bool = True,
     announce: Callable[[str], None] = lambda text: None,
 ) -> Verification:
     """Try a small share of a correction on the robot: the motion without, with, and with each axis' alone.
@@ -143,6 +144,7 @@ def verify(
         motion: One that excites the arm: the very motion that is to be run with it.
         compensation: Whether the drives' filters act, in all of these runs.
         gain: The share.
+        shows_filter: Whether the drives tell what their filters do.
         announce: Called before each run.
 
     Raises:
@@ -151,7 +153,7 @@ def verify(
         HilError: Limits or nodes do not allow a run.
     """
     announce("trial of the cancellation: without")
-    first = _run(session, motion, compensation, None)
+    first = _run(session, motion, compensation, None, shows_filter)
     rows = judged_rows(session.bench, first)
     before = vibration_m_s2(first, rows)
     runs, trials = {"without": first}, []
@@ -159,16 +161,18 @@ def verify(
     for only in (None, *(cancellation.corrections if several else ())):
         what = f"{100.0 * gain:g} % of it" + ("" if only is None else f" on axis {only} alone")
         announce(f"trial of the cancellation: {what}")
-        recording = _run(session, motion, compensation, cancellation.corrector(gain, only))
+        recording = _run(session, motion, compensation, cancellation.corrector(gain, only), shows_filter)
         runs["all" if only is None else f"axis{only}"] = recording
         found = vibration_m_s2(recording, rows[: len(recording.time_s)])
         trials.append(Trial(what, found, 1.0 - found / max(before, 1e-30), LEAST_SHARE * gain if only is None else -WORSE))
     return Verification(before, gain, tuple(trials), runs)
 
 
-def _run(session: Session, motion: Motion, compensation: Compensation, corrector: Canceller | None) -> Recording:
+def _run(
+    session: Session, motion: Motion, compensation: Compensation, corrector: Canceller | None, shows_filter: bool
+) -> Recording:
     session.check_interrupt()
-    result: RunResult = session.run(motion, compensation, "drive", corrector)
+    result: RunResult = session.run(motion, compensation, "drive", corrector, shows_filter=shows_filter)
     if result.stopped is not None:
         raise result.stopped
     return result.recording
@@ -211,6 +215,7 @@ def choose(
     *,
     with_notch: bool = False,
     gain: float = PROBE_GAIN,
+    shows_filter: bool = True,
     announce: Callable[[str], None] = lambda text: None,
 ) -> Choice:
     """Try a cancellation, and say what the motion is to be run with: the cancellation, or where it is refused the notch.
@@ -221,13 +226,14 @@ def choose(
         motion: The very motion that is to be run.
         with_notch: Whether the filters act beside it; a refused cancellation leaves them alone at work, where the bench has any.
         gain: Share that is tried.
+        shows_filter: Whether the drives tell what their filters do.
         announce: Called before each run.
 
     Raises:
         HilError: As `verify`.
     """
     compensation: Compensation = "notch" if with_notch else "none"
-    found = verify(session, cancellation, motion, compensation, gain=gain, announce=announce)
+    found = verify(session, cancellation, motion, compensation, gain=gain, shows_filter=shows_filter, announce=announce)
     try:
         found.demand()
     except CancellationRefusedError as refusal:

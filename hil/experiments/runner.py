@@ -102,18 +102,17 @@ def run_experiments(
     started = datetime.datetime.now(datetime.UTC)
     try:
         _check_clock(channel, clock)
-        _check_band(motions)
-        for experiment, motion in () if overload else motions:
-            check_load(bench, channel, experiment, motion)
+        check_band(motions)
+        rooms = [overload or check_load(bench, channel, experiment, motion) for experiment, motion in motions]
         log = BusLog(out / "bus.log", log_channel(channel))
         with Session(bench, channel, log, progress) as session:
             not_restored = session.not_restored
             session.bring_up(reset_faults=reset_faults)
-            for (experiment, motion), way in zip(motions, ways, strict=True):
+            for (experiment, motion), way, room in zip(motions, ways, rooms, strict=True):
                 announce(experiment)
                 session.check_interrupt()
                 session.adopt(way.bench)
-                results, told = _run(session, experiment, motion, way, repeat, tell)
+                results, told = _run(session, experiment, motion, replace(way, shows_filter=room), repeat, tell)
                 result, path = _save(results, out / "runs" / experiment.file_name)
                 runs += [entry | told for entry in entries(bench, experiment, result, path.relative_to(out).as_posix())]
                 if result.stopped is not None:
@@ -154,7 +153,7 @@ def _run(
     if way.is_cancelled:
         with_notch = way.filters == "notch"
         cancellation = cancellation_on(session, way.cancel_with, motion, with_notch=with_notch)
-        choice = choose(session, cancellation, motion, with_notch=with_notch, announce=tell)
+        choice = choose(session, cancellation, motion, with_notch=with_notch, shows_filter=way.shows_filter, announce=tell)
         filters, told = choice.compensation, {"trial": choice.verification.record()}
         if choice.refusal is not None:
             cancellation, told = None, told | {"invalid": str(choice.refusal), "within_spec": False}
@@ -163,7 +162,8 @@ def _run(
         if repeat > 1:
             tell(f"run {number} of {repeat}")
         corrector = None if cancellation is None else cancellation.corrector()
-        results.append(session.run(motion, filters, experiment.loop, corrector, way.fixed))
+        result = session.run(motion, filters, experiment.loop, corrector, way.fixed, shows_filter=way.shows_filter)
+        results.append(result)
         if number > 1:
             told["repeated"] = number
         if results[-1].stopped is not None:
@@ -206,7 +206,7 @@ def _check_clock(channel: Channel, wanted: ClockName | None) -> None:
         )
 
 
-def _check_band(motions: list[tuple[Experiment, Motion]]) -> None:
+def check_band(motions: list[tuple[Experiment, Motion]]) -> None:
     """Refuse a SYNC period at which the vibration could not be judged afterwards."""
     for experiment, motion in motions:
         period_s = float(motion.time_s[1] - motion.time_s[0])
@@ -215,29 +215,26 @@ def _check_band(motions: list[tuple[Experiment, Motion]]) -> None:
             raise NotPossibleError(f"{what}: vibrations up to {TIP_BAND_HZ[1]:g} Hz need less than {500.0 / TIP_BAND_HZ[1]:g} ms")
 
 
-def check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: Motion) -> None:
+def check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: Motion) -> bool:
     """Refuse a run whose frames do not fit between two SYNCs, where the bit rate is known.
+
+    Returns:
+        Whether there is room for what the drives tell of their filters as well.
 
     Raises:
         NotPossibleError: They do not.
     """
     if channel.address.bitrate is None:
-        return
+        return True
     from hil.master.plan_check import check  # noqa: PLC0415 - a bus without bit times does not need it
 
     where = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": str(channel.address)})})
-    period_s = float(motion.time_s[1] - motion.time_s[0])
-    with_notch = experiment.compensation in FILTERING
-    verdict = check(
-        where,
-        motion.axes,
-        experiment.loop,
-        period_s,
-        notch_state=with_notch and experiment.loop == "drive",
-        with_notch=with_notch,
-    )
-    if verdict.fits is False:
-        raise NotPossibleError(f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms: {verdict.sentence} (--overload)")
+    with_notch, period_s = experiment.compensation in FILTERING, motion.period_s
+    for shows in (True, False) if with_notch and experiment.loop == "drive" else (False,):
+        verdict = check(where, motion.axes, experiment.loop, period_s, notch_state=shows, with_notch=with_notch)
+        if verdict.fits is not False:
+            return shows
+    raise NotPossibleError(f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms: {verdict.sentence} (--overload)")
 
 
 def log_channel(channel: Channel) -> str:

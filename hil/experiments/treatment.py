@@ -62,6 +62,7 @@ class Treated:
         is_cancelled: Whether the set-points are corrected.
         cancel_with: What the correction is computed from; None: the bench file's model.
         fixed: Filters that do not follow the speed, by axis; host-closed only.
+        shows_filter: Whether the drives tell what their filters do; it takes room on the bus.
     """
 
     bench: Bench
@@ -69,6 +70,7 @@ class Treated:
     is_cancelled: bool = False
     cancel_with: Identified | None = None
     fixed: Mapping[int, FixedFilter] = field(default_factory=dict)
+    shows_filter: bool = True
 
 
 def treated(bench: Bench, name: TreatmentName, knowledge: Knowledge, period_s: float, loop: str) -> Treated:

@@ -164,6 +164,11 @@ class CyclicPlan:
         self._acceleration_id = 0
         self._takers: dict[int, Callable[[bytes], bool]] = {}
 
+    @property
+    def tells_filter(self) -> bool:
+        """Whether any drive tells what its first filter does."""
+        return any(slot.notch_id for slot in self.slots)
+
     def configure(self) -> None:
         """Map the PDOs; the nodes are pre-operational."""
         command = mapping.command(self.mode, with_torque_offset=self._with_torque_offset)

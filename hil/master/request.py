@@ -10,10 +10,10 @@ from drive_profiles.units import interpolation_period
 from hil.control.notch import FixedFilter
 from hil.control.servo import ServoConfig
 from hil.control.servo_bank import ServoBank
-from hil.design.frequency import Loop as LoopModel
 from hil.design.frequency import margins
 from hil.errors import UnsafeRequestError
 from hil.master.axis import DriveAxis
+from hil.master.bench import Axis as AxisTable
 from hil.master.motion import Motion
 
 MAX_SENSITIVITY = 4.0
@@ -32,13 +32,8 @@ def host_loops(
     for axis in axes:
         table = axis.table
         notches = tuple(notch.notch() for notch in table.notch) if with_notch else ()
-        model = table.loop(period_s, 1, with_notch=with_notch)
         held = (fixed or {}).get(axis.number)
-        if model is not None and held is not None:
-            model = replace(model, fixed=(held,))
-        if model is not None:
-            speeds = [speed for n in notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist()]
-            _check_host_loop(axis, model, [0.0, *speeds])
+        check_host_loop(axis.number, table, period_s, with_notch=with_notch, held=held)
         filters = notches if held is None else (held,)
         configs.append(ServoConfig(table.control.cascade(), table.limits.torque_nm, filters))
     rehearsal, still = ServoBank(configs, period_s), [0.0] * len(configs)
@@ -48,11 +43,27 @@ def host_loops(
     return ServoBank(configs, period_s)
 
 
-def _check_host_loop(axis: DriveAxis, model: LoopModel, speeds_rps: list[float]) -> None:
-    """Refuse a loop that the model shows unstable, or at the edge of it."""
-    where = f"axis {axis.number} closed over the bus at {1e3 * model.period_s:g} ms"
+def check_host_loop(number: int, table: AxisTable, period_s: float, *, with_notch: bool, held: FixedFilter | None = None) -> None:
+    """Refuse a loop over the bus that the model shows unstable, or at the edge of it; without a model nothing is known.
+
+    Args:
+        number: Of the axis.
+        table: Of the bench file.
+        period_s: SYNC period.
+        with_notch: Whether its variable filters act.
+        held: A filter that acts at every speed.
+
+    Raises:
+        UnsafeRequestError: With what is wrong and how much is allowed.
+    """
+    model = table.loop(period_s, 1, with_notch=with_notch)
+    if model is None:
+        return
+    if held is not None:
+        model = replace(model, fixed=(held,))
+    where = f"axis {number} closed over the bus at {1e3 * period_s:g} ms"
     remedy = "shorten bus.host_sync_period_s, lower the gains, or close the loop in the drive (--loop drive)"
-    for speed in speeds_rps:
+    for speed in (0.0, *(speed for n in model.notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist())):
         found = margins(model, speed)
         if not found.stable:
             raise UnsafeRequestError(f"{where} is unstable: its largest pole", found.pole_radius, 1.0, "", remedy)

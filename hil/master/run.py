@@ -315,7 +315,8 @@ class Run:
         table = self._table[: self.rows]
         columns = {"time_s": table[:, 0]}
         for i, axis in enumerate(self.axes):
-            for j, name in enumerate(("reference_rad", "position_rad", "torque_nm", "notch_hz")):
+            names = ("reference_rad", "position_rad", "torque_nm", "notch_hz")
+            for j, name in enumerate(names if self.plan.tells_filter or self.bank is not None else names[:3]):
                 columns[f"axis{axis.number}_{name}"] = table[:, 5 + 4 * i + j]
         for j, name in enumerate(("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2", "missing")):
             columns[name] = table[:, 1 + j]

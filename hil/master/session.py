@@ -173,6 +173,8 @@ class Session:
         loop: Loop,
         corrector: Corrector | None = None,
         fixed: Mapping[int, FixedFilter] | None = None,
+        *,
+        shows_filter: bool = True,
     ) -> RunResult:
         """One run: set up, enable, settle, move and record, return, disable, restore.
 
@@ -182,6 +184,8 @@ class Session:
             loop: Where the loop is closed.
             corrector: What is added to the set-points of a drive-closed run.
             fixed: Filters by axis in the place of the variable ones; host-closed only.
+            shows_filter: Let the drives tell what their first filter does, in a TPDO of its own; without it the recording has no
+                `notch_hz`.
 
         Raises:
             UnsafeRequestError: The motion would leave a limit; nothing has been sent.
@@ -210,7 +214,7 @@ class Session:
             self._accelerometer,
             period,
             mode=mode,
-            with_notch_state=compensation == "notch" and loop == "drive",
+            with_notch_state=shows_filter and compensation == "notch" and loop == "drive",
             with_torque_offset=with_torque,
             clock=self.clock,
             max_lateness_s=self.bench.bus.max_lateness_s,

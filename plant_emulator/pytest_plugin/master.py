@@ -62,6 +62,8 @@ class BenchSession(Session):
         loop: Loop = "drive",
         corrector: Corrector | None = None,
         fixed: Mapping[int, FixedFilter] | None = None,
+        *,
+        shows_filter: bool = True,
     ) -> RunResult:
         """One run, as `hil.master.session.Session.run` has it; what it gives is kept if the test fails.
 
@@ -72,7 +74,7 @@ class BenchSession(Session):
         if self.held is not None:
             raise NotPossibleError("the drive fixture holds its drive enabled; a run needs it disabled")
         with self.moving():
-            result = super().run(motion, compensation, loop, corrector, fixed)
+            result = super().run(motion, compensation, loop, corrector, fixed, shows_filter=shows_filter)
         axes = "-".join(map(str, motion.axes))
         self.target.artefacts.add_run(f"axis-{axes}-{loop}-{compensation}", result)
         if isinstance(result.stopped, InterruptedRunError):

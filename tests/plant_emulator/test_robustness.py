@@ -1,4 +1,4 @@
-"""plant-emulator robustness: the run is `simulate`'s, the metric the report's; equal seeds give equal files on any number of cores."""
+"""plant-emulator robustness: the run is `simulate`'s, the metric the report's; equal seeds give equal files on any cores."""
 
 import csv
 import dataclasses
@@ -147,7 +147,7 @@ def test_the_slowest_pole_is_the_designers(notches, gain):
 def test_soft_wind_up_hysteresis_and_a_slow_current_loop_count_at_the_poles():
     law = frozen_law(CONTROLS[2].cascade(), (), [0.0], 250e-6)
     bare = growth_per_s(ROBOT.axis[2], law)
-    slow = growth_per_s(ROBOT.axis[2].model_copy(update={"current_time_constant_s": 5e-3}), law)
+    slow = growth_per_s(ROBOT.axis[2].model_copy(update={"current_time_constant_s": 30e-3}), law)
     assert slow > 0.0 > bare
     soft = growth_per_s(ROBOT.axis[2].model_copy(update={"wind_up_softness": 0.9, "hysteresis_torque_nm": 20.0}), law)
     assert soft > bare
@@ -254,7 +254,7 @@ def test_what_cannot_be_run_is_refused(axis, controls, said):
 
 
 def fake(values, results):
-    return [Judged(i, row, result, result, None, 0.1, 0.0, -1.0, (), result <= 0.05) for i, (row, result) in
+    return [Judged(i, row, result, result, None, 0.1, 0.0, -1.0, (), bool(result <= 0.05)) for i, (row, result) in
             enumerate(zip(values, results, strict=True))]  # fmt: skip
 
 
@@ -304,7 +304,7 @@ def test_with_too_few_runs_nothing_is_said_about_influences():
     found = summarise(made, judged, made.judge(-1))
     assert found.influences == ()
     assert found.explained is None
-    assert "too few runs" not in draws_csv(found)
+    assert draws_csv(found).count("\n") == 4
     assert figure_svg([found]) == figure_svg([found])
 
 
@@ -365,26 +365,32 @@ def command(*arguments):
     return CliRunner().invoke(app, ["robustness", *map(str, arguments)])
 
 
-def test_the_command_leaves_json_draws_and_figure_and_the_same_whatever_the_jobs(tmp_path):
-    found = [command("--axis", "2,3", "--runs", 22, "--jobs", jobs, "--seed", 5, "--out", tmp_path / str(jobs), "--json")
-             for jobs in (1, 2)]  # fmt: skip
-    assert [each.exit_code for each in found] == [0, 0], found[0].output
-    assert found[0].stdout == found[1].stdout
-    whole = json.loads(found[0].stdout)
-    for name in ("robustness.json", "draws-axis2.csv", "draws-axis3.csv", "robustness.svg"):
-        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes(), name
-    assert json.loads((tmp_path / "1" / "robustness.json").read_text()) == whole
+def test_equal_seeds_give_equal_runs_whatever_the_number_of_processes():
+    studies = [study(axis, seed=5) for axis in (2, 3)]
+    told = []
+    spread_out = run_all(studies, 7, 2, told.append)
+    assert spread_out == [[one.judge(index) for index in range(7)] for one in studies]
+    assert spread_out == run_all(studies, 7)
+    assert sum(told) == 14
+    assert spread_out[0] != run_all([study(seed=6)], 7)[0]
+
+
+def test_the_command_leaves_json_draws_and_a_figure_and_the_worst_plant_can_be_run_again(tmp_path):
+    found = command("--axis", "2,3", "--runs", 20, "--jobs", 1, "--seed", 5, "--out", tmp_path, "--json")
+    assert found.exit_code == 0, found.output
+    whole = json.loads(found.stdout)
+    assert json.loads((tmp_path / "robustness.json").read_text()) == whole
     first = whole["studies"][0]
-    assert (first["axis"], first["runs"], first["stable"]["count"]) == (2, 22, 22)
+    assert (first["axis"], first["runs"], first["stable"]["count"]) == (2, 20, 20)
     assert len(first["influences"]) == len(AXIS_UNKNOWNS) + len(SENSOR_UNKNOWNS)
-    with (tmp_path / "1" / "draws-axis2.csv").open() as file:
+    with (tmp_path / "draws-axis2.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [int(row["index"]) for row in rows] == list(range(22))
+    assert [int(row["index"]) for row in rows] == list(range(20))
     assert sum(int(row["meets"]) for row in rows) == first["meeting"]["count"]
     worst = max(rows, key=lambda row: float(row["tip_peak_mm"]))
     assert int(worst["index"]) == first["worst"]["index"]
-    picture = (tmp_path / "1" / "robustness.svg").read_text()
-    assert picture.startswith("<?xml")
+    assert (tmp_path / "draws-axis3.csv").read_text().count("\n") == 21
+    assert (tmp_path / "robustness.svg").read_text().startswith("<?xml")
     again = command("--axis", 2, "--seed", 5, "--only", worst["index"], "--json", "--out", tmp_path)
     run = json.loads(again.stdout)["runs"][0]
     assert run["tip_peak_mm"] == first["worst"]["tip_peak_mm"]
@@ -468,7 +474,7 @@ def test_no_runs_and_no_processes_are_refused(runs, jobs):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="process groups are POSIX")
 def test_ctrl_c_ends_the_command_and_its_workers(tmp_path):
-    arguments = [sys.executable, "-m", "plant_emulator", "robustness", "--axis", "2", "--runs", "100000", "--jobs", "2"]
+    arguments = [sys.executable, "-m", "plant_emulator", "robustness", "--axis", "2", "--runs", "5000", "--jobs", "2"]
     started = subprocess.Popen(arguments, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         deadline = time.monotonic() + 60.0
@@ -483,6 +489,9 @@ def test_ctrl_c_ends_the_command_and_its_workers(tmp_path):
     assert started.returncode == 130, wrong
     assert wrong.strip() == "interrupted"
     assert said == ""
+    deadline = time.monotonic() + 10.0  # multiprocessing's tracker ends when it sees that its parent has gone
+    while members(started.pid) and time.monotonic() < deadline:
+        time.sleep(0.05)
     assert members(started.pid) == []
 
 

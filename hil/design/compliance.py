@@ -1,0 +1,58 @@
+"""What a disturbance does to a closed loop: how far the motor gives way to a torque, over the frequency."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.design.frequency import Complex, Loop
+
+Real = NDArray[np.float64]
+
+BAND_HZ = (0.1, 30.0)
+"""Where the largest is looked for: process forces and the resonances of the arm."""
+SLOW_HZ = 1.0
+"""Stands for what a process force does: the integral action is still at work there."""
+POINTS = 600
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """How far the motor gives way, in rad/(N·m) at the motor.
+
+    Attributes:
+        slow: At 1 Hz.
+        peak: The largest from 0.1 to 30 Hz.
+        peak_hz: Where.
+    """
+
+    slow: float
+    peak: float
+    peak_hz: float
+
+
+def motor_compliance(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
+    """θ_m/τ_d(jω) = P/(1 + P C): a torque τ_d beside the motor's own, the loop closed; rad/(N·m), shape of `frequency_hz`.
+
+    P is θ_m/τ of the plant, C the discrete law with its hold and delay (`Loop.controller`). Where |P C| is large this is 1/C, and
+    C → K_pp K_vi/s at low frequency: halving all three gains makes the motor four times as compliant there, and about twice where
+    K_vp rules.
+    """
+    plant = loop.plant.motor_angle_per_torque(frequency_hz)
+    return np.asarray(plant / (1.0 + plant * loop.controller(frequency_hz, speed_rps)))
+
+
+def compliance(loop: Loop, speeds_rps: Sequence[float] = (0.0,)) -> Compliance:
+    """The worst of some motor speeds: filters that follow the speed act at some of them only."""
+    grid = np.geomspace(*BAND_HZ, POINTS)
+    gains = np.array([np.abs(motor_compliance(loop, grid, speed)) for speed in speeds_rps])
+    slow = max(float(np.abs(motor_compliance(loop, np.array([SLOW_HZ]), speed))[0]) for speed in speeds_rps)
+    row, column = np.unravel_index(int(np.argmax(gains)), gains.shape)
+    return Compliance(slow, float(gains[row, column]), float(grid[column]))
+
+
+def judged_speeds(loop: Loop, count: int = 9) -> tuple[float, ...]:
+    """Rest, and speeds from end to end of each filter that follows the speed."""
+    inside = [speed for notch in loop.notches for speed in np.linspace(notch.start_rps, notch.end_rps, count).tolist()]
+    return (0.0, *inside)
