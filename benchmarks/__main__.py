@@ -1,6 +1,6 @@
 """`python -m benchmarks [group ...]`: speed, as ratios of two things measured in turn in one run.
 
-Groups: master, bench, plant, sdo, startup, growth, memory, runs; all of them unless some are named.
+Groups: master, bench, plant, sdo, robustness, startup, growth, memory, runs; all of them unless some are named.
 """
 
 import argparse
@@ -13,6 +13,7 @@ from benchmarks import demo_runs, plant, whole_bench
 from benchmarks.master_path import master_path
 from benchmarks.measure import machine, progress
 from benchmarks.memory import memory
+from benchmarks.robustness import robustness
 from benchmarks.sdo import sdo
 from benchmarks.startup import startup
 from benchmarks.upload import upload
@@ -54,6 +55,7 @@ def groups(minutes: int) -> dict[str, list[Section]]:
                 upload,
             ),
         ],
+        "robustness": [("Robustness: a thousand robots", "`plant-emulator robustness`, one axis, no bus.", robustness)],
         "startup": [("Start-up", "", startup)],
         "growth": [
             ("Growth: the whole bench", "Drive-closed, SYNC every 1 ms, one process, no bit times.", whole_bench.growth),
