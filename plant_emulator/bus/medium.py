@@ -98,8 +98,12 @@ class Instant:
 
     def frame(self, port: int, frame: Frame) -> list[Heard]:
         """It is heard, and answered, at once; a SYNC that does not move the clock is worth no time."""
-        answers = sorted((answer for _, answer in self._world.hear(frame)), key=lambda answer: answer.can_id)
-        return [Heard(frame, port, self._world.now), *self._heard(answers)]
+        answered = self._world.hear(frame)
+        heard = Heard(frame, port, self._world.now)
+        if not answered:
+            return [heard]
+        answers = sorted((answer for _, answer in answered), key=lambda answer: answer.can_id)
+        return [heard, *self._heard(answers)]
 
     def idle(self) -> list[Heard]:
         """Nothing is put off."""
@@ -112,7 +116,7 @@ class Instant:
 
     def _heard(self, frames: list[Frame]) -> list[Heard]:
         now = self._world.now
-        return [Heard(frame, NODES, now) for frame in frames]
+        return [Heard(frame, NODES, now) for frame in frames] if frames else []
 
 
 class Timed:
