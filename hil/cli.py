@@ -168,8 +168,8 @@ def _run_and_report(
     overload: bool = False,
     known: "Knowledge | None" = None,
     repeat: int = 1,
-) -> None:
-    """Run, write the report, say what came of it, and leave with the right status."""
+) -> int:
+    """Run, write the report, say what came of it; the exit status."""
     from drive_profiles.address import LOCAL, parse_address  # noqa: PLC0415
     from hil.experiments.runner import run_experiments  # noqa: PLC0415
 
@@ -198,17 +198,21 @@ def _run_and_report(
     else:
         _summary(outcome, typer.echo)
     _say(f"report: {report}")
+    return _status(outcome)
+
+
+def _status(outcome: "Outcome") -> int:
+    """The exit status of runs, and why."""
     for what in outcome.not_restored:
         _say(f"not put back as it was found: {what}")
     if outcome.stopped is not None:
         _say(str(outcome.stopped))
-        raise typer.Exit(outcome.stopped.exit_code)
+        return outcome.stopped.exit_code
     for reason in dict.fromkeys(outcome.invalid):
         _say(f"not judged: {reason}")
     if outcome.not_restored:
-        raise typer.Exit(EXIT_SDO)
-    if outcome.failed_claims or outcome.invalid:
-        raise typer.Exit(EXIT_CLAIM_FAILED)
+        return EXIT_SDO
+    return EXIT_CLAIM_FAILED if outcome.failed_claims or outcome.invalid else 0
 
 
 def _summary(outcome: "Outcome", say: Callable[[str], None]) -> None:
@@ -249,8 +253,14 @@ def demo(
     out: OutOption = Path("demo"),
     as_json: JsonOption = False,
     robot: Annotated[str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.")] = "reference",
+    no_story: Annotated[
+        bool, typer.Option("--no-story", help="Only the paper's experiments, without the story of a robot of one's own.")
+    ] = False,
 ) -> None:
-    """Start an emulated robot, run the paper's experiments over CAN, and write the report.
+    """Start an emulated robot, run the paper's experiments over CAN, and write the report; then the same for your own robot.
+
+    The second part takes the same robot as somebody meets it who knows nothing of it: identify, design, upload, and run with
+    nothing, the notch, the designed notch and cancellation side by side.
 
     Example: hil demo --out demo
     """
@@ -264,7 +274,36 @@ def demo(
             bench = load_bench("reference")
             bus = bench.bus.model_copy(update={"address": str(emulator.address)})
             bench = bench.model_copy(update={"bus": bus})
-            _run_and_report(bench, demo_experiments(bench), out, as_json=as_json, is_paper=True)
+            status = _run_and_report(bench, demo_experiments(bench), out, as_json=as_json, is_paper=True)
+            if not no_story and status in {0, EXIT_CLAIM_FAILED}:
+                status = _tell_story(str(emulator.address), out, as_json=as_json) or status
+        if status:
+            raise typer.Exit(status)
+
+
+def _tell_story(address: str, out: Path, *, as_json: bool) -> int:
+    """The demo's second part; the exit status. Whatever comes of it, the report of the first part stands, and links to it."""
+    from hil import story  # noqa: PLC0415
+    from hil.experiments.compare import summary  # noqa: PLC0415
+    from hil.report.page import write_report  # noqa: PLC0415
+    from hil.report.page_compare import write_compare_report  # noqa: PLC0415
+
+    _say("your own robot: of which nothing is known")
+    done = story.tell(address, out / "story", announce=_say, begins=lambda experiment: _say(experiment.title))
+    page = write_compare_report(out / "story")
+    write_report(out)
+    for line in summary(done.result):
+        typer.echo(line, err=as_json)
+    _say(f"your own robot: {page}")
+    for what in [] if done.compared is None else done.compared.unmet:
+        _say(f"not compared: {what}")
+    if done.failure is not None:
+        code = exit_code_of(done.failure)
+        if code == EXIT_INTERNAL:
+            raise done.failure
+        _say(f"your own robot: {done.failure}")
+        return code
+    return EXIT_CLAIM_FAILED if done.compared is not None and done.compared.unmet else 0
 
 
 @app.command(epilog=EXIT_STATUS)
@@ -316,10 +355,12 @@ def run(
             confirm([(bench, plan)])
         where = out or _new_directory(plan)
         known = knowledge(model, design, learnt)
-        _run_and_report(
+        status = _run_and_report(
             bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload, known=known,
             repeat=repeat,
         )  # fmt: skip
+        if status:
+            raise typer.Exit(status)
 
 
 def knowledge(model: Path | None, design: Path | None, learnt: Path | None) -> "Knowledge":

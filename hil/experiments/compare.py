@@ -153,7 +153,8 @@ def plan(robot: Robot, selection: Selection, *, channel: Channel | None = None, 
             try:
                 ways[experiment] = _way(robot, experiment, None if overload else bus)
             except (NotPossibleError, UnsafeRequestError, UnreachableError) as error:
-                left_out.append(LeftOut(experiment, str(error)))
+                if (experiment.compensation, experiment.loop) != ("none", "host"):  # it is there for the others' sake
+                    left_out.append(LeftOut(experiment, str(error)))
     finally:
         if channel is None:
             bus.close()

@@ -1,5 +1,7 @@
 """One self-contained HTML file out of a directory of results."""
 
+import datetime
+import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,7 +12,7 @@ import jinja2
 from markupsafe import Markup, escape
 
 from hil.master.bench import Bench
-from hil.report import figures_identification, figures_model, figures_notch, figures_suppression, style, tables
+from hil.report import figures_identification, figures_model, figures_notch, figures_suppression, style, tables, tables_compare
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, Run, finite
 from hil.report.style import Drawing
 from hil.report.tables import Mark, Table
@@ -151,10 +153,37 @@ def sections(material: Material) -> list[Section]:
                 *(figures_suppression.loop_places(material, axis) for axis in driven),
             ],
         ),
+        ("own-robot", "Your own robot", [_own_robot(material)]),
         ("all-runs", "Runs", [tables.runs(material), tables.motions(material), timing_table(material)]),
     ]
     found = [Section(key, title, tuple(_present(items))) for key, title, items in chapters]
     return [section for section in found if section.items]
+
+
+def _own_robot(material: Material) -> Table | None:
+    """What the second part of the demo has left below this directory; not that of an earlier demo."""
+    path = material.directory / "story" / "result.json"
+    if not path.is_file():
+        return None
+    told = json.loads(path.read_text(encoding="utf-8"))
+    started = material.result.bench.started_utc
+    if told.get("kind") != "compare" or (started and _moment(told["started_utc"]) < _moment(started)):
+        return None
+    link = Markup(
+        "The same robot as somebody meets it who knows nothing of it: identified, a notch designed and uploaded, and run side by "
+        "side. <a href='story/report.html'>The whole story</a>."
+    )
+    failure = told.get("story", {}).get("failure")
+    table = tables_compare.overview(told, "own-robot-table", link)
+    if failure is None and table is not None:
+        return table
+    rows: list[list[tables.Cell]] = [[step["name"], step["what"], Mark(step["holds"], "")] for step in told["story"]["steps"]]
+    return Table("own-robot-table", "It ended early", "", ("step", "what came", "done"), rows, frozenset({0, 1, 2}), link)
+
+
+def _moment(text: str) -> datetime.datetime:
+    found = datetime.datetime.fromisoformat(text)
+    return found if found.tzinfo is not None else found.replace(tzinfo=datetime.UTC)
 
 
 def _present(items: Iterable[Drawing | Table | None]) -> Iterable[Drawing | Table]:

@@ -25,7 +25,7 @@ RUN_KEYS = {
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     out = tmp_path_factory.mktemp("demo") / "out"
     done = subprocess.run(
-        [sys.executable, "-m", "hil.cli", "demo", "--out", str(out), "--json"],
+        [sys.executable, "-m", "hil.cli", "demo", "--no-story", "--out", str(out), "--json"],
         capture_output=True, text=True, timeout=110, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -56,7 +56,14 @@ def test_result_has_the_promised_shape(demo: tuple[Path, dict[str, Any]]) -> Non
         *(("line-motion", None, "drive", way, None) for way in ("none", "notch")),
     }
     for pair in result["comparisons"]:
-        assert set(pair) == {"experiment", "axis", "loop", "tip_peak_reduction_pct", "spectrum_area_reduction_pct"}
+        assert set(pair) == {
+            "experiment",
+            "axis",
+            "loop",
+            "compensation",
+            "tip_peak_reduction_pct",
+            "spectrum_area_reduction_pct",
+        }
     for claim in result["paper"]:
         assert set(claim) == {"claim", "source", "paper", "bench", "unit", "holds"}
 
