@@ -76,16 +76,15 @@ def compiled_c() -> Stepper | None:
     pointer = ctypes.c_void_p
     function.argtypes = [ctypes.c_int64, ctypes.c_int64, ctypes.c_double, ctypes.c_int64, *[pointer] * 7]
     function.restype = None
-    known: dict[int, tuple[object, ...]] = {}
+    known: dict[int, tuple[Axes, tuple[object, ...]]] = {}  # with the axes themselves: an identity may pass to others
 
     def advance(axes: Axes, ticks: int) -> None:
-        places = known.get(id(axes))
-        if places is None:
+        if id(axes) not in known:
             arrays = (axes.plant, axes.plant_state, axes.motion, axes.cascade_config, axes.cascade_state)
             places = tuple(array.ctypes.data for array in (*arrays, axes.notch_config, axes.notch_state))
             known.clear()
-            known[id(axes)] = places
-        function(len(axes.numbers), ticks, axes.robot.control_period_s, axes.robot.plant_substeps, *places)
+            known[id(axes)] = axes, places
+        function(len(axes.numbers), ticks, axes.robot.control_period_s, axes.robot.plant_substeps, *known[id(axes)][1])
 
     return advance
 
