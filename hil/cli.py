@@ -53,6 +53,7 @@ class CompensationName(StrEnum):
     NOTCH_OPTIMISED = "notch-optimised"
     ATE = "ate"
     ATE_AND_NOTCH = "ate+notch"
+    ATE_INSIDE = "ate-inside"
     ADAPTIVE = "adaptive"
     FIXED_NOTCH = "fixed-notch"
     LOW_GAINS = "low-gains"
@@ -313,7 +314,8 @@ def run(
     axis: Annotated[int | None, typer.Option("--axis", help="Axis of a constant-acceleration run.")] = None,
     compensation: Annotated[CompensationName, typer.Option(help="What acts against it.")] = CompensationName.NONE,
     model: Annotated[
-        Path | None, typer.Option(help="Model file of hil identify, for ate and ate+notch; left out: the bench file's model.")
+        Path | None,
+        typer.Option(help="Model file of hil identify, for ate, ate+notch, ate-inside; left out: the bench file's."),
     ] = None,
     design: Annotated[Path | None, typer.Option(help="Design file of hil design, for notch-optimised.")] = None,
     learnt: Annotated[Path | None, typer.Option(help="Model file of hil learn, for adaptive.")] = None,

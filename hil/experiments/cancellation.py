@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from drive_profiles.profile import Profile
 from hil.control.compensation import Compensation, Correction
 from hil.design.frequency import ARCSEC
 from hil.design.inverse import CyclicTiming, Way, correction
@@ -219,14 +220,9 @@ def cancel_inside(session: Session, identified: Identified | None, axes: Sequenc
         NotPossibleError: A drive that should cannot, a correction is beyond what it takes, or nothing is known of any axis.
         HilError: A drive does not answer, or refuses.
     """
-    found = []
-    for number in axes:
-        model = _model(session.bench, identified, number)
-        if model is None:
-            continue
+    models = inside_models(session.bench, identified, axes)
+    for number, model in models.items():
         axis, amplitudes = session.axes[number], _amplitudes(model.ate)
-        if "cancellation.mode" not in axis.profile.parameters:
-            raise NotPossibleError(f"axis {number}: drive family {axis.profile.name} cancels nothing by itself")
         motor = {f"a{order}_rad": gain * axis.table.reduction_ratio * size for order, size in amplitudes.items()}
         turns = {f"phi{order}_rad": math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
         values = {f"a{order}_rad": 0.0 for order in (2, 4)} | motor | turns
@@ -234,10 +230,23 @@ def cancel_inside(session: Session, identified: Identified | None, axes: Sequenc
         for name, value in values.items():
             axis.write_parameter(f"cancellation.{name}", value)
         axis.write_parameter("cancellation.mode", 1)
-        found.append(number)
+    return tuple(models)
+
+
+def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> dict[int, Model]:
+    """What is known of those of the axes whose drives are to cancel the error by themselves.
+
+    Raises:
+        NotPossibleError: A drive family that cannot, or nothing is known of any axis.
+    """
+    found = {number: model for number in axes if (model := _model(bench, identified, number)) is not None}
+    for number in found:
+        profile = Profile.load(bench.axis[number].profile)
+        if "cancellation.mode" not in profile.parameters:
+            raise NotPossibleError(f"axis {number}: drive family {profile.name} cancels nothing by itself")
     if not found:
         raise NotPossibleError(_nothing_known(axes))
-    return tuple(found)
+    return found
 
 
 def _model(bench: Bench, identified: Identified | None, number: int) -> Model | None:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from hil.analysis import LINE_WINDOW_S, WINDOWS_RPS, band_passed, motor_speed_rps
 from hil.errors import HilError, NotPossibleError
-from hil.experiments.cancellation import Cancellation, Canceller
+from hil.experiments.cancellation import Cancellation, Canceller, cancel_inside
 from hil.master.bench import Bench
+from hil.master.identified import Identified
 from hil.master.motion import Motion, RunResult
 from hil.master.session import Compensation, Session
 from hil.recording import Recording
@@ -240,3 +241,40 @@ def choose(
         has_notch = any(session.bench.axis[number].notch for number in motion.axes)
         return Choice(None, "notch" if has_notch else "none", found, refusal)
     return Choice(cancellation.corrector(), compensation, found, None)
+
+
+def choose_inside(
+    session: Session,
+    identified: Identified | None,
+    motion: Motion,
+    *,
+    gain: float = PROBE_GAIN,
+    announce: Callable[[str], None] = lambda text: None,
+) -> Choice:
+    """Try a cancellation inside the drives; where it is refused, the notch is what a motion is run with.
+
+    Args:
+        session: Brought up.
+        identified: The model file; None: what the bench file believes.
+        motion: The very motion that is to be run.
+        gain: Share that is tried.
+        announce: Called before each run.
+
+    Raises:
+        HilError: As `verify`, and as `cancel_inside`.
+    """
+    announce("trial of the cancellation in the drives: without")
+    first = _run(session, motion, "none", None, shows_filter=True)
+    rows = judged_rows(session.bench, first)
+    before, what = vibration_m_s2(first, rows), f"{100.0 * gain:g} % of it in the drives"
+    announce(f"trial of the cancellation: {what}")
+    cancel_inside(session, identified, motion.axes, gain)
+    second = _run(session, motion, "none", None, shows_filter=True)
+    found = vibration_m_s2(second, rows[: len(second.time_s)])
+    trial = Trial(what, found, 1.0 - found / max(before, 1e-30), LEAST_SHARE * gain)
+    verification = Verification(before, gain, (trial,), {"without": first, "all": second})
+    if trial.is_good:
+        return Choice(None, "none", verification, None)
+    has_notch = any(session.bench.axis[number].notch for number in motion.axes)
+    refusal = CancellationRefusedError(trial.what, trial.fall, trial.needed)
+    return Choice(None, "notch" if has_notch else "none", verification, refusal)

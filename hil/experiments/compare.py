@@ -17,7 +17,7 @@ from hil.can.channel import Channel, open_channel
 from hil.control.trajectory import UnreachableError
 from hil.design.compliance import Compliance, compliance, judged_speeds
 from hil.errors import NotPossibleError, SafetyStopError, UnsafeRequestError
-from hil.experiments.cancellation import cancellation_for
+from hil.experiments.cancellation import cancellation_for, inside_models
 from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION
 from hil.experiments.plan import Experiment
 from hil.experiments.runner import check_band, check_load, run_experiments, write_json
@@ -194,6 +194,8 @@ def _way(robot: Robot, experiment: Experiment, channel: Channel | None) -> Treat
     if way.is_cancelled:
         with_notch = way.filters == "notch"
         cancellation_for(way.bench, way.cancel_with, motion.axes, motion.period_s, with_notch=with_notch).check(way.bench, motion)
+    if way.is_inside:
+        inside_models(way.bench, way.cancel_with, motion.axes)
     if experiment.loop == "host":
         for number in motion.axes:
             table = way.bench.axis[number]
@@ -392,7 +394,7 @@ def _compliances(each: Plan, number: int, found: Mapping[Any, Mapping[str, Any]]
         moved = CHAIN_AXES if experiment.axis is None else (experiment.axis,)
         run = found.get((experiment.name, experiment.axis, experiment.compensation, experiment.loop))
         key = (experiment.compensation, experiment.loop)
-        if run is None or number not in moved or way.is_cancelled or key in told:
+        if run is None or number not in moved or way.is_cancelled or way.is_inside or key in told:
             continue
         one = _compliance(way.bench, number, way, run)
         if one is not None:

@@ -14,8 +14,8 @@ from drive_profiles.address import parse_address
 from hil.analysis import TIP_BAND_HZ
 from hil.can.channel import Channel, open_channel
 from hil.errors import NotPossibleError, SafetyStopError
-from hil.experiments.cancellation import cancellation_on
-from hil.experiments.cancellation_trial import averaged, choose
+from hil.experiments.cancellation import cancel_inside, cancellation_on
+from hil.experiments.cancellation_trial import averaged, choose, choose_inside
 from hil.experiments.plan import Experiment, claims, comparisons, entries
 from hil.experiments.treatment import FILTERING, Knowledge, Treated, treated
 from hil.master.bench import Bench
@@ -157,11 +157,19 @@ def _run(
         filters, told = choice.compensation, {"trial": choice.verification.record()}
         if choice.refusal is not None:
             cancellation, told = None, told | {"invalid": str(choice.refusal), "within_spec": False}
+    is_inside = way.is_inside
+    if is_inside:
+        choice = choose_inside(session, way.cancel_with, motion, announce=tell)
+        filters, told = choice.compensation, {"trial": choice.verification.record()}
+        if choice.refusal is not None:
+            is_inside, told = False, told | {"invalid": str(choice.refusal), "within_spec": False}
     results: list[RunResult] = []
     for number in range(1, repeat + 1):
         if repeat > 1:
             tell(f"run {number} of {repeat}")
         corrector = None if cancellation is None else cancellation.corrector()
+        if is_inside:
+            cancel_inside(session, way.cancel_with, motion.axes)
         result = session.run(motion, filters, experiment.loop, corrector, way.fixed, shows_filter=way.shows_filter)
         results.append(result)
         if number > 1:

@@ -11,7 +11,9 @@ from hil.master.designed import Designs, with_designs
 from hil.master.identified import Identified, with_identified
 from hil.master.session import Compensation
 
-TreatmentName = Literal["none", "low-gains", "fixed-notch", "notch", "notch-optimised", "ate", "ate+notch", "adaptive"]
+TreatmentName = Literal[
+    "none", "low-gains", "fixed-notch", "notch", "notch-optimised", "ate", "ate+notch", "ate-inside", "adaptive"
+]
 TREATMENTS: tuple[TreatmentName, ...] = get_args(TreatmentName)
 
 TITLES: dict[str, str] = {
@@ -22,6 +24,7 @@ TITLES: dict[str, str] = {
     "notch-optimised": "designed notch",
     "ate": "cancellation",
     "ate+notch": "cancellation and notch",
+    "ate-inside": "cancellation in the drives",
     "adaptive": "learnt cancellation",
 }
 
@@ -30,7 +33,7 @@ CANCELLING: frozenset[TreatmentName] = frozenset({"ate", "ate+notch", "adaptive"
 FILTERING: frozenset[TreatmentName] = frozenset({"notch", "notch-optimised", "ate+notch"})
 """Those in which the drives' variable filters act."""
 
-ASKED: frozenset[TreatmentName] = frozenset({"notch", "notch-optimised", "ate", "ate+notch", "adaptive"})
+ASKED: frozenset[TreatmentName] = frozenset({"notch", "notch-optimised", "ate", "ate+notch", "ate-inside", "adaptive"})
 """Those that are meant to keep the specification; the others are there to compare."""
 
 LOW_GAIN = 0.5
@@ -60,6 +63,7 @@ class Treated:
         bench: The bench file, with the gains and filters of this treatment.
         filters: Whether they act.
         is_cancelled: Whether the set-points are corrected.
+        is_inside: Whether the drives cancel the error in their own loops.
         cancel_with: What the correction is computed from; None: the bench file's model.
         fixed: Filters that do not follow the speed, by axis; host-closed only.
         shows_filter: Whether the drives tell what their filters do; it takes room on the bus.
@@ -68,6 +72,7 @@ class Treated:
     bench: Bench
     filters: Compensation = "none"
     is_cancelled: bool = False
+    is_inside: bool = False
     cancel_with: Identified | None = None
     fixed: Mapping[int, FixedFilter] = field(default_factory=dict)
     shows_filter: bool = True
@@ -86,8 +91,10 @@ def treated(bench: Bench, name: TreatmentName, knowledge: Knowledge, period_s: f
     Raises:
         NotPossibleError: What it needs is not known, is another robot's, or is not possible in this loop.
     """
-    if name in CANCELLING and loop == "host":
+    if name in {*CANCELLING, "ate-inside"} and loop == "host":
         raise NotPossibleError(f"{name}: set-points are corrected where the drives close the loop (--loop drive)")
+    if name == "ate-inside":
+        return Treated(bench, is_inside=True, cancel_with=knowledge.identified)
     if name == "none":
         return Treated(bench)
     if name == "notch":

@@ -42,6 +42,7 @@ def test_every_treatment_has_a_name_and_a_way() -> None:
     for name in TREATMENTS:
         found = way(name, loop="host" if name == "fixed-notch" else "drive")
         assert found.is_cancelled == (name in CANCELLING)
+        assert found.is_inside == (name == "ate-inside")
 
 
 def test_a_designed_filter_takes_the_place_of_the_benchs_own() -> None:
@@ -75,6 +76,7 @@ def test_a_fixed_notch_stands_where_the_arm_answers_most() -> None:
         ("notch-optimised", Knowledge(), "drive", "--design"),
         ("adaptive", Knowledge(), "drive", "--learnt"),
         ("ate", KNOWN, "host", "--loop drive"),
+        ("ate-inside", KNOWN, "host", "--loop drive"),
         ("fixed-notch", KNOWN, "drive", "--loop host"),
         ("notch-optimised", Knowledge(designs=DESIGNED.model_copy(update={"robot": "other"})), "drive", "'other'"),
     ],
@@ -91,7 +93,7 @@ def test_only_what_is_meant_to_keep_the_specification_is_held_against_it() -> No
 
     runs = [run(name, 0.07 if name in {"none", "low-gains", "fixed-notch"} else 0.03) for name in TREATMENTS]
     found = claims(BENCH, runs, [], is_paper=False)
-    assert len(found) == 5
+    assert len(found) == 6
     assert all(claim["holds"] for claim in found)
 
 
