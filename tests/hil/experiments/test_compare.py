@@ -39,7 +39,7 @@ def reasons(made):
 def test_all_that_the_files_allow_is_planned_and_the_rest_has_its_reason():
     made = plan(Robot(BENCH), Selection(), channel=IDEAL)
     drive = {each.compensation for each in made.experiments if each.loop == "drive"}
-    assert drive == {"none", "low-gains", "notch", "ate", "ate+notch"}
+    assert drive == {"none", "low-gains", "notch", "ate", "ate+notch", "ate-inside"}
     assert [each for each in made.experiments if each.loop == "host" and each.axis == 2] == [
         Experiment(RAMP, 2, "none", "host"), Experiment(RAMP, 2, "fixed-notch", "host"),
     ]  # fmt: skip
