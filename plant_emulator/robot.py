@@ -218,6 +218,14 @@ class Robot(Table):
             raise ValueError(f"node id {min(twice)} is given to two nodes of the bus")
         if self.geometry is not None and not set(CHAIN_AXES) <= set(self.axis):
             raise ValueError(f"a geometry needs axes {', '.join(map(str, CHAIN_AXES))}")
+        step_s = self.control_period_s / self.plant_substeps
+        for number, axis in self.axis.items():
+            lag_s = axis.current_time_constant_s
+            if 0.0 < lag_s < 0.5 * step_s:  # Runge-Kutta of 4th order diverges from 0.36 steps down
+                raise ValueError(
+                    f"axis {number}: current_time_constant_s {lag_s:g} is less than half of the solver's step of {step_s:g} s; "
+                    "0 is none, and plant_substeps makes the steps shorter"
+                )
         return self
 
     @property

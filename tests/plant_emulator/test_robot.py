@@ -112,6 +112,19 @@ def test_a_geometry_without_its_axes_is_refused():
 
 
 @pytest.mark.parametrize(
+    ("lag_s", "substeps", "is_taken"), [(0.0, 4, True), (20e-6, 4, False), (32e-6, 4, True), (20e-6, 8, True)]
+)
+def test_a_current_loop_that_the_solver_cannot_follow_is_refused(lag_s, substeps, is_taken):
+    axes = {number: {**axis, "current_time_constant_s": lag_s} for number, axis in values()["axis"].items()}
+    changed = values(axis=axes, plant_substeps=substeps)
+    if is_taken:
+        Robot.model_validate(changed)
+    else:
+        with pytest.raises(ValueError, match=r"axis 2: current_time_constant_s 2e-05 .*6\.25e-05 s"):
+            Robot.model_validate(changed)
+
+
+@pytest.mark.parametrize(
     ("key", "value"),
     [("reduction_ratio", "-120.0"), ("arm_inertia_kg_m2", "0.0"), ("encoder_counts_per_rev", "2"), ("torque_limit_nm", '"much"')],
 )
