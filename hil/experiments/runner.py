@@ -239,7 +239,10 @@ def check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: M
     where = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": str(channel.address)})})
     with_notch, period_s = experiment.compensation in FILTERING, motion.period_s
     for shows in (True, False) if with_notch and experiment.loop == "drive" else (False,):
-        verdict = check(where, motion.axes, experiment.loop, period_s, notch_state=shows, with_notch=with_notch)
+        offset = motion.torque_offset_nm is not None
+        verdict = check(
+            where, motion.axes, experiment.loop, period_s, notch_state=shows, with_notch=with_notch, torque_offset=offset
+        )
         if verdict.fits is not False:
             return shows
     raise NotPossibleError(f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms: {verdict.sentence} (--overload)")

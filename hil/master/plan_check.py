@@ -89,7 +89,15 @@ class Verdict:
 # -- the bus ---------------------------------------------------------------------------------------------------------------
 
 
-def plan_cycle(bench: Bench, axes: tuple[int, ...], loop: LoopName, period_s: float, *, notch_state: bool) -> Cycle:
+def plan_cycle(
+    bench: Bench,
+    axes: tuple[int, ...],
+    loop: LoopName,
+    period_s: float,
+    *,
+    notch_state: bool,
+    torque_offset: bool = False,
+) -> Cycle:
     """The frames of a cycle, as `hil.master.cyclic` maps them.
 
     Args:
@@ -98,6 +106,7 @@ def plan_cycle(bench: Bench, axes: tuple[int, ...], loop: LoopName, period_s: fl
         loop: Where it is closed: it decides between positions and torques.
         period_s: SYNC period.
         notch_state: Let the drives tell what their first filter does, in a second TPDO.
+        torque_offset: Send a torque offset (60B2h) beside each position.
 
     Raises:
         NotPossibleError: The bench has no such axis.
@@ -111,7 +120,8 @@ def plan_cycle(bench: Bench, axes: tuple[int, ...], loop: LoopName, period_s: fl
     for number in axes:
         table = bench.axis[number]
         node = table.node_id
-        commands.append(_frame("command", FunctionCode.RPDO1 + node, mapping.command(mode), number, table))
+        objects = mapping.command(mode, with_torque_offset=torque_offset)
+        commands.append(_frame("command", FunctionCode.RPDO1 + node, objects, number, table))
         answers.append(_frame("feedback", FunctionCode.TPDO1 + node, mapping.FEEDBACK, number, table))
         state = mapping.notch_state(Profile.load(table.profile)) if notch_state else ()
         if state:
@@ -221,6 +231,7 @@ def check(
     notch_state: bool = False,
     *,
     with_notch: bool = True,
+    torque_offset: bool = False,
     bitrate: int | None = None,
 ) -> Verdict:
     """Whether a run fits the bench's bus and its loops are stable at the delay that the bus gives them.
@@ -232,12 +243,13 @@ def check(
         period_s: SYNC period.
         notch_state: As the run maps it: with the notch, drive-closed.
         with_notch: Whether the filters act.
+        torque_offset: Send a torque offset (60B2h) beside each position.
         bitrate: Instead of the bus address'.
 
     Raises:
         NotPossibleError: The bench has no such axis.
     """
-    cycle = plan_cycle(bench, axes, loop, period_s, notch_state=notch_state)
+    cycle = plan_cycle(bench, axes, loop, period_s, notch_state=notch_state, torque_offset=torque_offset)
     wire = wire_of(bench, bitrate)
     fits: bool | None
     if wire is not None:

@@ -122,6 +122,15 @@ def test_what_the_drives_tell_of_their_filters_is_left_out_where_only_that_does_
     assert check_load(bench, on(bitrate), experiment, experiment.motion(bench)) is shows
 
 
+def test_torque_offsets_take_their_room_on_the_bus() -> None:
+    bench = BENCH.model_copy(update={"bus": BENCH.bus.model_copy(update={"sync_period_s": 0.001})})
+    experiment = Experiment(LINE_MOTION, None, "none")
+    motion = experiment.motion(bench)
+    check_load(bench, on(1_000_000), experiment, motion)
+    with pytest.raises(NotPossibleError, match=r"does not fit|Does not fit"):
+        check_load(bench, on(1_000_000), experiment, replace(motion, torque_offset_nm=np.zeros_like(motion.motor_angle_rad)))
+
+
 def test_what_does_not_fit_even_so_is_refused() -> None:
     bench = BENCH.model_copy(update={"bus": BENCH.bus.model_copy(update={"sync_period_s": 0.001})})
     experiment = Experiment(LINE_MOTION, None, "notch")
