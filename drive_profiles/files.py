@@ -120,6 +120,20 @@ def load(path: str | Path, model: type[M]) -> M:
     return loads(text, model, path)
 
 
+def toml_value(value: object, *, hexadecimal: bool = False) -> str:
+    """A value as TOML writes it; JSON's strings are TOML's basic strings."""
+    if isinstance(value, dict):
+        inside = ", ".join(f"{json.dumps(key)} = {toml_value(each)}" for key, each in value.items())
+        return f"{{ {inside} }}" if inside else "{}"
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(toml_value(each) for each in value) + "]"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"0x{value:X}" if hexadecimal and value >= 0 else str(value)
+    if isinstance(value, float):
+        return repr(value)
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")  # which JSON lets stand, and TOML does not
+
+
 def loads(text: str, model: type[M], path: str | Path = "<text>") -> M:
     """Validate the text of a TOML file; `load` without the reading.
 

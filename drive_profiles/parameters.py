@@ -19,7 +19,7 @@ import struct
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self, get_args
+from typing import Literal, NamedTuple, Self, get_args
 
 import pydantic
 
@@ -27,7 +27,7 @@ from drive_profiles import files
 from drive_profiles.catalogue import Catalogue, Entry, place_from
 from drive_profiles.cia301 import DataType, Value, encode
 from drive_profiles.errors import DriveProfileError, FileError, Problem, RefusedError
-from drive_profiles.files import Table
+from drive_profiles.files import Table, toml_value
 from drive_profiles.parameter import ParameterClass, Place, address_of
 from drive_profiles.safefile import write_atomically
 from drive_profiles.steps import pdo_of, steps, support
@@ -169,14 +169,14 @@ class ParameterSet(Table):
         lines = ["# Parameter set: one object per line. See docs/parameters.md.", "", "[header]"]
         header = self.header.model_copy(update={"hash": self.digest()})
         for key, value in header.model_dump(exclude_none=True, exclude_defaults=True, exclude={"format"}).items():
-            lines.append(f"{key} = {_toml(value, hexadecimal=key in {'vendor_id', 'product_code', 'revision'})}")
+            lines.append(f"{key} = {toml_value(value, hexadecimal=key in {'vendor_id', 'product_code', 'revision'})}")
         for name in CLASSES:
             table = getattr(self, name)
             lines += ["", f"[{name}]"] if table else []
             for key, item in table.items():
-                parts = [f"value = {_toml(item.value)}"]
-                parts += [f"{part} = {_toml(text)}" for part in ("unit", "type", "name") if (text := getattr(item, part))]
-                lines.append(f"{_toml(key)} = {{ {', '.join(parts)} }}")
+                parts = [f"value = {toml_value(item.value)}"]
+                parts += [f"{part} = {toml_value(text)}" for part in ("unit", "type", "name") if (text := getattr(item, part))]
+                lines.append(f"{toml_value(key)} = {{ {', '.join(parts)} }}")
         return "\n".join(lines) + "\n"
 
     def save(self, path: Path, *, force: bool = False) -> None:
@@ -363,14 +363,3 @@ def _as_on_the_wire(place: Place | None, known: Entry | None, item: Item, scalin
     if known.parameter is not None and (scaling is not None or not known.needs_scaling):
         known.encoded(known.decoded(raw.encoded(item.value), scaling), scaling)  # the profile's limits
     return raw
-
-
-def _toml(value: Any, *, hexadecimal: bool = False) -> str:
-    """A value as TOML writes it; JSON's strings are TOML's basic strings."""
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(_toml(each) for each in value) + "]"
-    if isinstance(value, int) and not isinstance(value, bool):
-        return f"0x{value:X}" if hexadecimal and value >= 0 else str(value)
-    if isinstance(value, float):
-        return repr(value)
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")  # which JSON lets stand, and TOML does not

@@ -1,12 +1,11 @@
 """The design file: filters that have been designed for a robot, with what they promise, in place of the bench file's."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
-from drive_profiles.files import Table, load
+from drive_profiles.files import Table, load, toml_value
 from drive_profiles.safefile import write_atomically
 from hil.control.notch import NOTCH_TRAPEZOID, NOTCHES, Notch
 from hil.errors import NotPossibleError
@@ -52,11 +51,11 @@ class Designs(Table):
 
     def dumps(self) -> str:
         """The file as TOML; `[[axis.N.notch]]` is what a bench file takes too."""
-        lines = [f"robot = {_toml(self.robot)}"]
+        lines = [f"robot = {toml_value(self.robot)}"]
         for number, axis in sorted(self.axis.items()):
             lines += ["", f"[axis.{number}]"]
             plain = axis.model_dump(exclude={"notch"})
-            lines += [f"{key} = {_toml(value)}" for key, value in plain.items()]
+            lines += [f"{key} = {toml_value(value)}" for key, value in plain.items()]
             lines += ["", *snippet(number, axis.notch)]
         return "\n".join(lines) + "\n"
 
@@ -118,14 +117,5 @@ def snippet(number: int, tables: tuple[NotchTable, ...]) -> list[str]:
     lines: list[str] = []
     for table in tables:
         lines += ["" for _ in lines[:1]]
-        lines += [f"[[axis.{number}.notch]]", *(f"{key} = {_toml(value)}" for key, value in table.model_dump().items())]
+        lines += [f"[[axis.{number}.notch]]", *(f"{key} = {toml_value(value)}" for key, value in table.model_dump().items())]
     return lines
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, dict):
-        inside = ", ".join(f"{json.dumps(key)} = {_toml(each)}" for key, each in value.items())
-        return f"{{ {inside} }}" if inside else "{}"
-    if isinstance(value, float):
-        return repr(value)
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")  # JSON lets it stand, TOML does not

@@ -1,13 +1,12 @@
 """The model file: what has been identified of a robot, each number with its standard error, and whatever else was learnt."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
 
-from drive_profiles.files import Table, load
+from drive_profiles.files import Table, load, toml_value
 from drive_profiles.safefile import write_atomically
 from hil.errors import NotPossibleError
 from hil.master.bench import Bench, Model, NotNegative, Positive, TransmissionError
@@ -103,7 +102,7 @@ class Identified(Table):
 
     def dumps(self) -> str:
         """The file as TOML; `loads` of it gives the same."""
-        lines = [f"robot = {_toml(self.robot)}"]
+        lines = [f"robot = {toml_value(self.robot)}"]
         for number, axis in self.axis.items():
             for name in ("plant", "ate"):
                 part = getattr(axis, name)
@@ -171,16 +170,8 @@ def with_identified(bench: Bench, identified: Identified) -> Bench:
 def _table(name: str, values: Mapping[str, Any]) -> list[str]:
     """A table with its plain values first, then its tables."""
     lines = [f"[{name}]"]
-    lines += [f"{key} = {_toml(value)}" for key, value in values.items() if not isinstance(value, dict)]
+    lines += [f"{key} = {toml_value(value)}" for key, value in values.items() if not isinstance(value, dict)]
     for key, value in values.items():
         if isinstance(value, dict) and value:
             lines += ["", *_table(f"{name}.{key}", value)]
     return lines
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(_toml(each) for each in value) + "]"
-    if isinstance(value, float):
-        return repr(value)
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")  # JSON lets it stand, TOML does not
