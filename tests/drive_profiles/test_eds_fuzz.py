@@ -30,7 +30,8 @@ INSERTS = (
     b"0xFE\nCompactSubObj=0xFE\n",
 )
 HEADS = (b"0", b"F", b"sub", b"]", b"zz", b"1016Value]\n[", b"[")
-LONGEST_S = 1.0
+LONGEST_S = 30.0
+"""No measure of speed, but the end of a reader that has lost its way: damage must not make the work grow without bound."""
 LINES = (
     "[1000]", "[1000sub1]", "[1000sub0]", "[1000Value]", "[1000Name]", "[A0]", "[00A0sub1]", "[MandatoryObjects]",
     "[DummyUsage]", "[DeviceInfo]", "ObjectType=8", "ObjectType=7", "ObjectType=9", "DataType=2", "DataType=0x1000",
