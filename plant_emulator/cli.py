@@ -94,6 +94,12 @@ def serve(
     slcan: Annotated[
         str | None, typer.Option("--slcan", metavar="PATH", help="Also be a serial CAN adapter (slcan) at this path.")
     ] = None,
+    virtualcan: Annotated[
+        str | None,
+        typer.Option(
+            "--virtualcan", metavar="[HOST:]PORT", help="Also serve the bus over TCP, on this machine only (virtualcan)."
+        ),
+    ] = None,
     serial_accelerometer: Annotated[
         str | None,
         typer.Option("--serial-accelerometer", metavar="PATH", help="Also send the tip's acceleration on a serial port here."),
@@ -120,20 +126,17 @@ def serve(
 
         plant-emulator serve --slcan /tmp/robot.tty --serial-accelerometer /tmp/acc.tty
 
+        plant-emulator serve --virtualcan 18000
+
         can_viewer -i hil_local -c /tmp/robot.sock
     """
-    from drive_profiles.address import LOCAL, AddressError, parse_address  # noqa: PLC0415
     from drive_profiles.errors import DriveProfileError  # noqa: PLC0415 - --help must not wait for the compiler
     from plant_emulator.robot import load_robot, with_drives  # noqa: PLC0415
 
     drives, sheets = _by_axis("--drive", drive), _by_axis("--eds", eds)
+    address, endpoint = _places(bus, slcan, virtualcan)
     try:
-        address = parse_address(bus)
-        if address.interface != LOCAL and slcan is not None:
-            raise _fail(f"--slcan: an adapter joins a bus local:PATH, not {bus}", EXIT_USAGE)
         model = load_robot(robot)
-    except AddressError as error:
-        raise _fail(f"--bus {error}", EXIT_USAGE) from None
     except DriveProfileError as error:
         raise _fail(str(error), EXIT_FILE) from None
     try:
@@ -164,11 +167,31 @@ def serve(
     with contextlib.ExitStack() as ports:
         ports.callback(server.close)
         _open_ports(ports, address, slcan, serial_accelerometer, sensor)
+        _open_virtualcan(server, endpoint)
         sys.stdout.flush()
         try:
             server.run()
         except BusLostError as error:
             raise _fail(str(error), EXIT_BUS) from None
+
+
+def _places(bus: str, slcan: str | None, virtualcan: str | None) -> "tuple[Address, tuple[str, int] | None]":
+    """Where to serve: the bus, and the TCP port beside it."""
+    from drive_profiles.address import LOCAL, AddressError, parse_address  # noqa: PLC0415
+    from plant_emulator.bus.virtualcan import EndpointError, parse_endpoint  # noqa: PLC0415
+
+    try:
+        address = parse_address(bus)
+    except AddressError as error:
+        raise _fail(f"--bus {error}", EXIT_USAGE) from None
+    if address.interface != LOCAL and slcan is not None:
+        raise _fail(f"--slcan: an adapter joins a bus local:PATH, not {bus}", EXIT_USAGE)
+    if address.interface != LOCAL and virtualcan is not None:
+        raise _fail(f"--virtualcan: over TCP a bus local:PATH is served, not {bus}", EXIT_USAGE)
+    try:
+        return address, None if virtualcan is None else parse_endpoint(virtualcan)
+    except EndpointError as error:
+        raise _fail(f"--virtualcan {error}", EXIT_USAGE) from None
 
 
 class _Wire(NamedTuple):
@@ -248,6 +271,22 @@ def _open_ports(
             typer.echo(f"serial accelerometer at {accelerometer}")
     except (PathTakenError, ImportError, AttributeError, OSError) as error:
         raise _fail(f"no serial port: {error}", EXIT_BUS) from None
+
+
+def _open_virtualcan(server: "Server | Attachment", endpoint: tuple[str, int] | None) -> None:
+    """The bus over TCP, where that is asked for; the server closes it."""
+    from plant_emulator.bus.server import Server  # noqa: PLC0415
+    from plant_emulator.bus.virtualcan import VirtualcanDoor  # noqa: PLC0415
+
+    if endpoint is None or not isinstance(server, Server):
+        return
+    host, port = endpoint
+    try:
+        door = VirtualcanDoor(host, port, lambda line: typer.echo(line, err=True))
+    except OSError as error:
+        raise _fail(f"--virtualcan {host}:{port}: {error.strerror or error}", EXIT_BUS) from None
+    server.open(door)
+    typer.echo(f"virtualcan: {door}")
 
 
 @app.command()

@@ -6,6 +6,10 @@ from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.eds import DeviceInfo, write_eds
 
 VENDOR = "hil-bench"
+GRANULARITY = 8
+"""Bits of the smallest thing that a PDO of the slave engine carries."""
+LSS_SUPPORTED = False
+"""Whether the slave engine is an LSS slave."""
 
 
 def data_sheets() -> dict[str, str]:
@@ -14,11 +18,26 @@ def data_sheets() -> dict[str, str]:
     A data sheet is of a kind of device, not of one: its serial number is 0, and what depends on the motor (encoder, torques,
     and the speeds that count in encoder counts) is that of the default drive.
     """
-    sheets = {}
-    for name, product, entries in (
-        ("emulated_drive.eds", "Emulated servo drive", drive_entries(serial_number=0)),
-        ("emulated_accelerometer.eds", "Emulated accelerometer", accelerometer_entries(serial_number=0)),
-    ):
-        info = DeviceInfo(name, VENDOR, product, product.replace(" ", "-").lower(), f"{product}, written by plant-emulator eds")
-        sheets[name] = write_eds(Dictionary(entries), info)
-    return sheets
+    return {
+        name: data_sheet_of(Dictionary(entries), name, product)
+        for name, product, entries in (
+            ("emulated_drive.eds", "Emulated servo drive", drive_entries(serial_number=0)),
+            ("emulated_accelerometer.eds", "Emulated accelerometer", accelerometer_entries(serial_number=0)),
+        )
+    }
+
+
+def data_sheet_of(dictionary: Dictionary, file_name: str, product: str) -> str:
+    """The EDS of one node, with the serial number and the motor that its dictionary states.
+
+    Args:
+        dictionary: Of any emulated node, also of a vendor's drive.
+        file_name: Name that the file will have.
+        product: Name of the product.
+
+    Raises:
+        ValueError: A default or a name cannot stand in an INI file.
+    """
+    order_code, description = product.replace(" ", "-").lower(), f"{product}, written by plant-emulator eds"
+    info = DeviceInfo(file_name, VENDOR, product, order_code, description, granularity=GRANULARITY, lss_supported=LSS_SUPPORTED)
+    return write_eds(dictionary, info)

@@ -34,6 +34,9 @@ SI_PER_STEP_UNITS: dict[int, str] = {
 }
 """Objects whose scale may be the manufacturer's, and the unit in which a profile must give it."""
 
+OPTION_CODES = frozenset({0x6007, *range(0x605A, 0x605F)})
+"""What a drive does on loss of connection, quick stop, shutdown, disable operation, halt and fault (CiA 402-2, option codes)."""
+
 _TYPES = frozenset(DataType)
 
 
@@ -51,6 +54,9 @@ def parameter_entry(name: str, parameter: Parameter, scaling: Scaling, default: 
     if base is not None and access is Access.RW and base.access in {Access.RWW, Access.RWR}:
         access = base.access
     low, high = _raw_limits(parameter, scaling)
+    if base is not None and parameter.index in OPTION_CODES:
+        # a profile that states no limits would let values in that mean nothing to the state machine
+        low, high = base.low if low is None else low, base.high if high is None else high
     kind = parameter.type
     value = _nearest(kind, _zero(kind) if default is None else default, low, high)
     mappable = kind.size is not None and (parameter.mappable or (base is not None and base.mappable))

@@ -274,7 +274,7 @@ def _real(text: str, width: int) -> Reading:
         content = struct.unpack(">f" if width == 32 else ">d", pattern)[0]
         if not math.isfinite(content):
             return Reading(None, "the bit pattern of no finite number; dropped")
-        return Reading(content, _joined(remark, f"read as the bit pattern of {content!r}" if content else ""))
+        return Reading(content, remark, hexadecimal=True)
     if len(body) > MAX_NUMBER or not _REAL.fullmatch(body):
         return Reading(None, "not a number; dropped")
     content = float(body)

@@ -12,6 +12,9 @@ from hil.can.channel import BusUnavailableError
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, RECORD, Frame, pack, unpack
 from hil.can.raw import connect_local
 
+SEND_PATIENCE_S = 10.0
+"""How long a message without a time-out waits for room: a cyclic task of python-can ends with the first that finds none."""
+
 
 class LocalBus(can.BusABC):
     """A python-can bus on the emulator's socket.
@@ -45,7 +48,7 @@ class LocalBus(can.BusABC):
         return self._socket.fileno()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Put a message on the bus; waits up to the time-out for room."""
+        """Put a message on the bus; waits up to the time-out for room, without one `SEND_PATIENCE_S`."""
         can_id = msg.arbitration_id
         can_id |= CAN_EFF_FLAG if msg.is_extended_id else 0
         can_id |= CAN_RTR_FLAG if msg.is_remote_frame else 0
@@ -53,9 +56,12 @@ class LocalBus(can.BusABC):
         try:
             # of a remote request the length is all there is
             record = pack(Frame(can_id, bytes(msg.dlc) if msg.is_remote_frame else bytes(msg.data)))
-            if not select.select([], [self._socket], [], 0.0 if timeout is None else timeout)[1]:
-                raise can.CanOperationError("the local bus takes no more frames")
-            self._socket.send(record)
+            try:
+                self._socket.send(record)
+            except BlockingIOError:
+                if not select.select([], [self._socket], [], SEND_PATIENCE_S if timeout is None else timeout)[1]:
+                    raise can.CanOperationError("the local bus takes no more frames") from None
+                self._socket.send(record)
         except (OSError, ValueError) as error:
             raise can.CanOperationError(f"cannot send on the local bus: {error}") from error
 

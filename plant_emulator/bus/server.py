@@ -25,6 +25,9 @@ TURN_FRAMES = 64
 """Frames of the lock-step client after which the others are looked at."""
 _MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size + 1  # a longer message shows itself by its last byte
 MAX_CLIENTS = 32
+SEND_BUFFER_BYTES = 1 << 20
+"""Of a client's socket, as far as the system allows: its own 208 KiB hold 277 records, and the 127 segments of an SDO block, each
+with its time stamp, are 254."""
 STREAM_BACKLOG_BYTES = 1 << 20
 
 
@@ -38,7 +41,11 @@ class AddressInUseError(Exception):
 
 
 class Client:
-    """One participant of the bus. What it does not read in time is dropped and counted, never waited for."""
+    """One participant of the bus. What it does not read in time is dropped and counted, never waited for.
+
+    Attributes:
+        is_over: Whether the server is to drop it, though it is still connected.
+    """
 
     def __init__(self, sock: socket.socket, port: int) -> None:
         """Take over a connected socket.
@@ -50,8 +57,10 @@ class Client:
         self.port = port
         self.knows_clock = self.wants_stamps = self.takes_several = False
         self.may_be_clock = True
+        self.is_over = False
         self.syncs = 0
         sock.setblocking(True)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         wait_at_most(sock, CLOCK_WAIT_S)
         self.socket = sock
         self.dropped = 0
@@ -124,6 +133,23 @@ class Client:
         return _frames(records)
 
 
+class Door:
+    """A listening socket, and what becomes of those who come through it."""
+
+    def __init__(self, listener: socket.socket) -> None:
+        """Take over a listening socket."""
+        self.listener = listener
+        listener.setblocking(False)
+
+    def admit(self, sock: socket.socket, port: int) -> Client:
+        """Make a participant of one who has come."""
+        return Client(sock, port)
+
+    def turn_away(self, sock: socket.socket) -> None:
+        """Close one for whom there is no place."""
+        sock.close()
+
+
 class Server:
     """Serves a world at a path.
 
@@ -146,8 +172,8 @@ class Server:
         """
         self.world = world
         self.path = path
-        self._listener = _listen(path, stream=stream)
-        self._listener.setblocking(False)
+        self._doors: dict[int, Door] = {}
+        listener = _listen(path, stream=stream)
         self._inode = Path(path).stat().st_ino
         self._clients: dict[int, Client] = {}
         self.medium: Medium = Instant(world) if medium is None else medium
@@ -155,12 +181,17 @@ class Server:
         # epoll counts in milliseconds, select in microseconds
         self._selector = selectors.SelectSelector() if self._is_wall else selectors.DefaultSelector()
         self._ports = itertools.count(FIRST_CLIENT)
-        self._selector.register(self._listener, selectors.EVENT_READ)
+        self.open(Door(listener))
         self._clock: Client | None = None
         self._epoch_ns = time.monotonic_ns() - world.now
         self._stop = False
         self._cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
         world.power_on()
+
+    def open(self, door: Door) -> None:
+        """Take participants through one more listening socket; `close` closes it."""
+        self._doors[door.listener.fileno()] = door
+        self._selector.register(door.listener, selectors.EVENT_READ)
 
     def watch(self, descriptor: int) -> None:
         """Stop when this descriptor is closed at its other end: the server then lives as long as the one who started it."""
@@ -180,8 +211,10 @@ class Server:
                 if self._clock is not None:
                     self._serve_clock(self._clock)
                 self._serve(self._wait())
-                for client in self._clients.values():
+                for descriptor, client in tuple(self._clients.items()):
                     client.flush()
+                    if client.is_over:
+                        self._drop(descriptor)
                 if self._clock is None:
                     self._deliver(self.medium.free(self._wall_ns()))
         finally:
@@ -218,8 +251,8 @@ class Server:
 
     def _serve(self, descriptors: Iterable[int]) -> None:
         for descriptor in descriptors:
-            if descriptor == self._listener.fileno():
-                self._accept()
+            if descriptor in self._doors:
+                self._accept(self._doors[descriptor])
             elif descriptor in self._clients:
                 self._read(descriptor)
             else:
@@ -228,15 +261,22 @@ class Server:
                 except OSError:
                     self._stop = True
 
-    def _accept(self) -> None:
-        with contextlib.suppress(OSError):
-            sock, _ = self._listener.accept()
-            if len(self._clients) >= MAX_CLIENTS:
-                sock.close()
-                return
-            client = self._clients[sock.fileno()] = Client(sock, next(self._ports))
-            self.medium.join(client.port)
-            self._selector.register(sock, selectors.EVENT_READ)
+    def _accept(self, door: Door) -> None:
+        try:
+            sock, _ = door.listener.accept()
+        except OSError:
+            return
+        if len(self._clients) >= MAX_CLIENTS:
+            door.turn_away(sock)
+            return
+        try:
+            client = door.admit(sock, next(self._ports))
+        except OSError:  # it has gone already
+            sock.close()
+            return
+        self._clients[sock.fileno()] = client
+        self.medium.join(client.port)
+        self._selector.register(sock, selectors.EVENT_READ)
 
     def _read(self, descriptor: int) -> None:
         client = self._clients[descriptor]
@@ -316,7 +356,8 @@ class Server:
         for descriptor in list(self._clients):
             self._drop(descriptor)
         self._selector.close()
-        self._listener.close()
+        for door in self._doors.values():
+            door.listener.close()
         with contextlib.suppress(OSError):
             if Path(self.path).stat().st_ino == self._inode:
                 Path(self.path).unlink()

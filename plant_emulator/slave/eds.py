@@ -1,4 +1,10 @@
-"""The electronic data sheet of an emulated node, written from its dictionary (CiA 306-1)."""
+"""The electronic data sheet of an emulated node, written from its dictionary (CiA 306-1).
+
+Real numbers: CiA 306-1 does not say how they are spelled, and readers differ. dcf-tools and Lely take bit patterns, so that
+``1`` is 1.4E-45 to them; the canopen package takes decimals, drops a bit pattern in a default and reads one in a limit as a
+whole number. Hence a default is a bit pattern, which nobody takes for another number; limits other than 0 are not stated, since
+no spelling of them is safe; and the comments, which no tool interprets, say both in decimals.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,7 +14,8 @@ from drive_profiles.cia301 import DataType, Value, encode
 from plant_emulator.slave.dictionary import Dictionary, Entry, ObjectType
 from plant_emulator.slave.pdo_setup import RPDO_COMMUNICATION, TPDO_COMMUNICATION
 
-_BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
+BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
+"""In kbit/s, all for which an EDS has a key."""
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _MANUFACTURER = range(0x2000, 0x6000)
 _DUMMIES = range(1, 8)
@@ -25,6 +32,10 @@ class DeviceInfo:
         product_name: Product.
         order_code: Code by which it is ordered.
         description: One line for the head of the file.
+        bit_rates: In kbit/s, those that the device supports.
+        granularity: Bits of the smallest thing that a PDO may carry; 1 also means that BOOLEAN may stand as a place holder.
+        lss_supported: Whether it is an LSS slave (CiA 305).
+        simple_boot_up_slave: Whether it enters Pre-operational by itself and waits there for its master.
     """
 
     file_name: str
@@ -32,6 +43,18 @@ class DeviceInfo:
     product_name: str
     order_code: str = ""
     description: str = ""
+    bit_rates: tuple[int, ...] = BIT_RATES
+    granularity: int = 8
+    lss_supported: bool = False
+    simple_boot_up_slave: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse what an EDS has no key for."""
+        unknown = sorted(set(self.bit_rates) - set(BIT_RATES))
+        if unknown:
+            raise ValueError(f"bit rates {unknown} kbit/s are not among {BIT_RATES}")
+        if not 1 <= self.granularity <= 64:
+            raise ValueError(f"a granularity of {self.granularity} bits is not in 1 to 64")
 
 
 def write_eds(dictionary: Dictionary, info: DeviceInfo) -> str:
@@ -41,7 +64,7 @@ def write_eds(dictionary: Dictionary, info: DeviceInfo) -> str:
         ValueError: A default or a name cannot stand in an INI file.
     """
     objects = {index: list(entries) for index, entries in groupby(dictionary, key=lambda entry: entry.index)}
-    lines = [*_file_info(info), *_device_info(dictionary, info), *_dummy_usage(), *_section("Comments", {"Lines": 0})]
+    lines = [*_file_info(info), *_device_info(dictionary, info), *_dummy_usage(info.granularity), *_comments(dictionary)]
     lines += _object_list("MandatoryObjects", [i for i in objects if i in _MANDATORY])
     lines += _object_list("OptionalObjects", [i for i in objects if i not in _MANDATORY and i not in _MANUFACTURER])
     lines += _object_list("ManufacturerObjects", [i for i in objects if i in _MANUFACTURER])
@@ -91,15 +114,16 @@ def _device_info(dictionary: Dictionary, info: DeviceInfo) -> Iterator[str]:
             "ProductNumber": f"0x{product:08X}",
             "RevisionNumber": f"0x{revision:08X}",
             "OrderCode": info.order_code,
-            **{f"BaudRate_{rate}": 1 for rate in _BIT_RATES},
+            **{f"BaudRate_{rate}": int(rate in info.bit_rates) for rate in BIT_RATES},
             "SimpleBootUpMaster": 0,
-            "SimpleBootUpSlave": 1,
-            "Granularity": 8,
+            "SimpleBootUpSlave": int(info.simple_boot_up_slave),
+            "Granularity": info.granularity,
             "DynamicChannelsSupported": 0,
             "GroupMessaging": 0,
             "NrOfRXPDO": _count(dictionary, RPDO_COMMUNICATION),
             "NrOfTXPDO": _count(dictionary, TPDO_COMMUNICATION),
-            "LSS_Supported": 0,
+            "LSS_Supported": int(info.lss_supported),
+            "CompactPDO": 0,
         },
     )
 
@@ -108,9 +132,26 @@ def _count(dictionary: Dictionary, first: int) -> int:
     return sum(first <= entry.index < first + 0x200 and entry.subindex == 1 for entry in dictionary)
 
 
-def _dummy_usage() -> Iterator[str]:
-    # BOOLEAN is one bit wide; PDOs here are made of whole bytes.
-    return _section("DummyUsage", {f"Dummy{i:04X}": int(i != DataType.BOOLEAN) for i in _DUMMIES})
+def _dummy_usage(granularity: int) -> Iterator[str]:
+    # BOOLEAN is one bit wide: it can be a place holder where PDOs are not made of whole bytes.
+    return _section("DummyUsage", {f"Dummy{i:04X}": int(i != DataType.BOOLEAN or granularity == 1) for i in _DUMMIES})
+
+
+def _comments(dictionary: Dictionary) -> Iterator[str]:
+    reals = [entry for entry in dictionary if entry.data_type.is_real]
+    lines = ["Defaults of real numbers are bit patterns. In decimals:"] if reals else []
+    lines += [f"{_section_name(entry)} {entry.name}: {_in_words(entry)}" for entry in reals]
+    return _section("Comments", {"Lines": len(lines), **{f"Line{number}": line for number, line in enumerate(lines, 1)}})
+
+
+def _in_words(entry: Entry) -> str:
+    words = _decimal(entry, entry.default)
+    words += "" if entry.low is None else f", at least {_decimal(entry, entry.low)}"
+    return words + ("" if entry.high is None else f", at most {_decimal(entry, entry.high)}")
+
+
+def _section_name(entry: Entry) -> str:
+    return f"{entry.index:04X}sub{entry.subindex:X}" if entry.subindex or entry.record_name else f"{entry.index:04X}"
 
 
 def _object_list(name: str, indices: list[int]) -> Iterator[str]:
@@ -137,10 +178,9 @@ def _entry(section: str, entry: Entry) -> Iterator[str]:
         "DataType": f"0x{entry.data_type:04X}",
         "AccessType": entry.access.value,
     }
-    if entry.low is not None:
-        options["LowLimit"] = _number(entry, entry.low)
-    if entry.high is not None:
-        options["HighLimit"] = _number(entry, entry.high)
+    for key, limit in (("LowLimit", entry.low), ("HighLimit", entry.high)):
+        if limit is not None and (limit == 0 or not entry.data_type.is_real):
+            options[key] = int(limit)
     options["DefaultValue"] = _default(entry)
     options["PDOMapping"] = int(entry.mappable)
     return _section(section, options)
@@ -151,7 +191,8 @@ def _default(entry: Entry) -> str:
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, float):
-        return _number(entry, value)
+        pattern = encode(entry.data_type, value)[::-1].hex().upper()
+        return f"0x{pattern}" if pattern.strip("0") else "0"
     if isinstance(value, str):
         return value
     digits = 2 * (entry.data_type.size or 0)
@@ -159,10 +200,9 @@ def _default(entry: Entry) -> str:
     return f"$NODEID+{text}" if entry.node_relative else text
 
 
-def _number(entry: Entry, value: float) -> str:
+def _decimal(entry: Entry, value: Value) -> str:
     """Give the shortest text that reads back as the same value of the entry's type."""
-    if isinstance(value, int):
-        return str(value)
-    texts = (f"{value:.{digits}g}" for digits in range(1, 17))
-    exact = encode(entry.data_type, value)
-    return next((text for text in texts if encode(entry.data_type, float(text)) == exact), repr(value))
+    exact, number = encode(entry.data_type, value), float(value)
+    texts = (f"{number:.{digits}g}" for digits in range(1, 17))
+    short = next((float(text) for text in texts if encode(entry.data_type, float(text)) == exact), number)
+    return f"{short:.17g}" if short != float(f"{short:.15g}") else f"{short:.15g}"

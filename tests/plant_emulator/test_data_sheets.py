@@ -44,6 +44,14 @@ def variables(od):
             yield from [thing] if isinstance(thing, ODVariable) else thing.values()
 
 
+def default_bytes(variable):
+    """The default as the node holds it; a bit pattern is no number to the stranger, who keeps its text."""
+    default = variable.default
+    if default is None:
+        return bytes.fromhex(variable.default_raw.removeprefix("0x"))[::-1]
+    return encode(DataType(variable.data_type), default)
+
+
 class Bare:
     """A node made of the factory's entries, and raw SDO to it."""
 
@@ -145,7 +153,7 @@ def test_every_entry_of_the_file_is_in_the_node_with_its_type_length_access_and_
             assert held.decode() == variable.default
         else:
             assert len(held) == kind.size
-            assert held == encode(kind, variable.default), entry
+            assert held == default_bytes(variable), entry
     assert checked == len(node.dictionary)
 
 
@@ -184,7 +192,7 @@ def test_a_value_of_the_wrong_length_is_refused(name):
 
 
 def limits_in(name):
-    """(index, sub, type, key, value) of every limit that the file states; the stranger drops those of real numbers."""
+    """(index, sub, type, key, value) of every limit that the file states; of real numbers in its comments."""
     parser = RawConfigParser()
     parser.read(VENDORS / name)
     for section in parser.sections():
@@ -192,8 +200,18 @@ def limits_in(name):
             if key in parser[section]:
                 index, _, sub = section.partition("sub")
                 kind = DataType(int(parser[section]["DataType"], 16))
-                text = parser[section][key]
-                yield int(index, 16), int(sub or "0", 16), kind, key, float(text) if kind.is_real else int(text, 0)
+                limit = int(parser[section][key], 0)
+                if kind.is_real:
+                    assert limit == 0, section  # any other spelling is misread by somebody
+                else:
+                    yield int(index, 16), int(sub or "0", 16), kind, key, limit
+    for line in list(parser["Comments"].values())[2:]:
+        place, _, words = line.partition(" ")
+        index, _, sub = place.partition("sub")
+        kind = DataType(int(parser[place]["DataType"], 16))
+        for part in words.rpartition(": ")[2].split(", ")[1:]:
+            key = {"at least": "LowLimit", "at most": "HighLimit"}[part.rpartition(" ")[0]]
+            yield int(index, 16), int(sub or "0", 16), kind, key, float(part.rpartition(" ")[2])
 
 
 def test_each_limit_of_the_file_is_that_of_the_node_and_is_held():
@@ -247,7 +265,7 @@ def test_a_drive_in_a_robot_differs_from_the_file_in_its_motor_only():
     for variable in variables(od):
         entry = dictionary.cell(variable.index, variable.subindex).entry
         assert (variable.data_type, variable.access_type) == (entry.data_type, entry.access.value)
-        if encode(entry.data_type, entry.default_for(3)) != encode(entry.data_type, variable.default):
+        if encode(entry.data_type, entry.default_for(3)) != default_bytes(variable):
             differing.add((variable.index, variable.subindex))
     assert differing <= OF_THE_MOTOR
     assert len(list(variables(od))) == len(dictionary)

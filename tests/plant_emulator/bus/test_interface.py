@@ -1,8 +1,10 @@
 """python-can and the canopen package on the local bus, by the plug-in's name: strangers that know nothing of this project."""
 
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -99,6 +101,25 @@ def test_a_server_that_ends_is_an_error_to_all_who_joined(either, bus):
         bus.recv(5.0)
     with pytest.raises(can.CanOperationError):
         bus.send(READ_STATUS)
+
+
+def test_a_message_waits_for_room_as_long_as_its_time_out_says(tmp_path):
+    path = str(tmp_path / "busy.sock")
+
+    def fill(bus):
+        for _ in range(100_000):  # nobody reads them
+            bus.send(READ_STATUS, timeout=0.0)
+
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        listener.bind(path)
+        listener.listen()
+        with can.Bus(interface="hil_local", channel=path) as bus, listener.accept()[0] as server:
+            with pytest.raises(can.CanOperationError, match="takes no more frames"):
+                fill(bus)
+            late = threading.Timer(0.05, lambda: [server.recv(16) for _ in range(250)])
+            late.start()
+            bus.send(READ_STATUS)
+            late.join()
 
 
 def test_where_nobody_serves_python_can_is_told_what_to_do(tmp_path):

@@ -160,7 +160,9 @@ def numbers(records):
     return [struct.unpack_from("<I", data, 8)[0] for data in records if data[:4] == struct.pack("<I", 0x123)]
 
 
-def test_a_client_that_does_not_read_loses_frames_and_hurts_nobody(running):
+def test_a_client_that_does_not_read_loses_frames_and_hurts_nobody(start_server, monkeypatch):
+    monkeypatch.setattr(server_module, "SEND_BUFFER_BYTES", 1 << 16)
+    running = start_server()
     slow, fast, watcher = running.plug(), running.join(), running.join()
     client = next(iter(running.server._clients.values()))  # the first that joined
     for i in range(500):

@@ -215,3 +215,13 @@ def test_on_a_fd_bus_a_cycle_takes_less_time_than_on_a_classic_one():
 def test_a_data_bit_rate_alone_is_refused():
     with pytest.raises(ValueError, match="data bit rate"):
         medium_for(World(ROBOT), None, 5_000_000)
+
+
+def test_an_sdo_block_sent_at_once_finds_room_on_a_slow_bus():
+    medium = medium_for(World(ROBOT), 125_000)
+    medium.join(CLIENT)
+    heard = []
+    for number in range(127):  # the most segments of a block (CiA 301, 7.2.4.3.9)
+        heard += medium.frame(CLIENT, Frame(0x1FF, bytes((number,))))
+    heard += medium.idle()
+    assert [frame.data[0] for frame, port, _ in heard if port == CLIENT] == list(range(127))

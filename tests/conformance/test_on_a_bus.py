@@ -1,0 +1,46 @@
+"""The suite against a node that it cannot look into: a served bus, python-can, the clock on the wall."""
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.conformance.emulated import AXIS, emulated_device, robot_of
+
+EVERYTHING = ("--alone", "--factory", "--allow-manufacturer", "--allow-store", "--allow-motion", "--allow-lss")
+
+
+def suite(bus, eds, *options):
+    return subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "tests/conformance", "--bus", bus,
+         "--node", str(robot_of("drive").node_ids[AXIS]), "--eds", str(eds), *options],
+        capture_output=True, text=True, timeout=600, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def eds(tmp_path, pytestconfig):
+    if pytestconfig.getoption("conformance_bus", None):
+        pytest.skip("this is such a run")
+    path = tmp_path / "drive.eds"
+    path.write_text(emulated_device("drive").eds_text, encoding="latin-1")
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [(), EVERYTHING], ids=["nothing allowed", "everything allowed"])
+def test_the_whole_suite_passes_on_a_served_bus(serve_local_bus, eds, options):
+    done = suite(serve_local_bus("--wall").address, eds, "--answer-timeout", "6", *options)
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert " passed" in done.stdout
+    assert "not put back" not in done.stdout
+
+
+def test_a_bus_without_a_node_or_an_eds_is_a_mistake_of_the_caller(eds):
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist",
+         "tests/conformance/test_nmt.py", "--bus", "virtual:nowhere", "--node", "0"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 4
+    assert "--node" in done.stdout + done.stderr
