@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
-from drive_profiles.cia301 import DataType, Value, encode
+from drive_profiles.cia301 import Value, encode
 from plant_emulator.slave.dictionary import Dictionary, Entry, ObjectType
 from plant_emulator.slave.pdo_setup import RPDO_COMMUNICATION, TPDO_COMMUNICATION
 
@@ -94,12 +94,12 @@ def _device_info(dictionary: Dictionary, info: DeviceInfo) -> Iterator[str]:
             **{f"BaudRate_{rate}": 1 for rate in _BIT_RATES},
             "SimpleBootUpMaster": 0,
             "SimpleBootUpSlave": 1,
-            "Granularity": 8,
+            "Granularity": 1,
             "DynamicChannelsSupported": 0,
             "GroupMessaging": 0,
             "NrOfRXPDO": _count(dictionary, RPDO_COMMUNICATION),
             "NrOfTXPDO": _count(dictionary, TPDO_COMMUNICATION),
-            "LSS_Supported": 0,
+            "LSS_Supported": 1,
         },
     )
 
@@ -109,8 +109,7 @@ def _count(dictionary: Dictionary, first: int) -> int:
 
 
 def _dummy_usage() -> Iterator[str]:
-    # BOOLEAN is one bit wide; PDOs here are made of whole bytes.
-    return _section("DummyUsage", {f"Dummy{i:04X}": int(i != DataType.BOOLEAN) for i in _DUMMIES})
+    return _section("DummyUsage", {f"Dummy{i:04X}": 1 for i in _DUMMIES})
 
 
 def _object_list(name: str, indices: list[int]) -> Iterator[str]:
