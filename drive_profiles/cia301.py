@@ -52,14 +52,18 @@ def is_restricted(can_id: int) -> bool:
 
 
 class CobIdBit(IntEnum):
-    """Bits above the identifier in the COB-ID objects (CiA 301, 7.5.2.5, 7.5.2.17, 7.5.2.35 and 7.5.2.37)."""
+    """Bits above the identifier in the COB-ID objects (CiA 301, 7.5.2.5, 7.5.2.15, 7.5.2.17, 7.5.2.35 and 7.5.2.37)."""
 
     INVALID = 1 << 31
     """PDO and EMCY: the object does not exist."""
     NO_RTR = 1 << 30
     """TPDO: remote requests are not answered."""
     GENERATE = 1 << 30
-    """SYNC: this node sends it."""
+    """SYNC and TIME: this node sends it."""
+    DYNAMIC = 1 << 30
+    """SDO: assigned for the time being."""
+    CONSUME = 1 << 31
+    """TIME: this node listens to it."""
     EXTENDED = 1 << 29
     """29-bit identifier."""
 

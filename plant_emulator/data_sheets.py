@@ -6,9 +6,9 @@ from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.eds import DeviceInfo, write_eds
 
 VENDOR = "hil-bench"
-GRANULARITY = 8
+GRANULARITY = 1
 """Bits of the smallest thing that a PDO of the slave engine carries."""
-LSS_SUPPORTED = False
+LSS_SUPPORTED = True
 """Whether the slave engine is an LSS slave."""
 
 

@@ -18,6 +18,7 @@ POSITION_LOOP, VELOCITY_LOOP, CONTROL_PERIOD, TORQUE_COMMAND = 0x2100, 0x2101, 0
 NOTCH_OBJECTS = (0x2110, 0x2111)
 NOTCH_STATE_OBJECTS = (0x2112, 0x2113)
 CANCELLATION = 0x2114
+USER_TEXT = 0x2FF0
 
 GAINS = {
     (POSITION_LOOP, 1): "position_gain_per_s",
@@ -122,6 +123,7 @@ def _manufacturer(control_period_ns: int, gains: tuple[float, float, float, floa
         yield Entry(CANCELLATION, sub, name, kind, rw, value, low, high, record_name="Cancellation of the transmission error")
     yield Entry(CONTROL_PERIOD, 0, "Control period in ns", DataType.UNSIGNED32, Access.CONST, control_period_ns)
     yield Entry(TORQUE_COMMAND, 0, "Torque command in N m", real, ro, 0.0, mappable=True)
+    yield Entry(USER_TEXT, 0, "User text", DataType.VISIBLE_STRING, rw, "")
 
 
 def cia402_entries(

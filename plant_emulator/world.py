@@ -1,6 +1,6 @@
 """The world: drives, accelerometer, axes and one clock. Sans IO: frames and time in, frames out."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from operator import itemgetter
 from typing import Any
 
@@ -13,6 +13,7 @@ from plant_emulator.axes import Axes, live
 from plant_emulator.drive import Drive
 from plant_emulator.physics.tip import Sensor
 from plant_emulator.robot import Robot
+from plant_emulator.slave.lss import UNCONFIGURED
 from plant_emulator.slave.node import Slave
 
 SECOND = 1_000_000_000
@@ -34,6 +35,9 @@ class World:
     In lock-step every SYNC owes the world one period: `receive` gives the answers of that instant, `settle` then lets the
     period pass. Without SYNC `advance` lets any time pass.
 
+    Frames of different nodes are told apart by the node-ID that the robot file gives each, its port: that stays, whatever
+    node-ID an LSS master gives the node.
+
     Attributes:
         now: The world's time in ns.
         axes: The mechanics.
@@ -41,8 +45,16 @@ class World:
         accelerometer: The node at the tip.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        """Build the nodes; `power_on` starts them."""
+    def __init__(self, robot: Robot, *, unconfigured: Collection[int] = ()) -> None:
+        """Build the nodes; `power_on` starts them.
+
+        Args:
+            robot: The robot file.
+            unconfigured: Ports of nodes that have left the factory without a node-ID: an LSS master must give them one.
+
+        Raises:
+            ValueError: There is no such node.
+        """
         self.robot = robot
         self.now = 0
         self.axes = Axes(robot)
@@ -52,7 +64,10 @@ class World:
         self.accelerometer = Accelerometer(setting.node_id, self._measure, setting.range_m_s2)
         nodes: list[Node] = [*self.drives.values(), self.accelerometer]
         self._nodes = sorted(nodes, key=lambda node: node.node_id)
-        self._drives = sorted(self.drives.values(), key=lambda drive: drive.node_id)
+        self._ports = {node.node_id: node for node in self._nodes}
+        self._drives = [(node.node_id, node) for node in self._nodes if isinstance(node, Drive)]
+        for port in unconfigured:
+            self._node(port).slave.lss.stored = UNCONFIGURED
         self._slaves = [node.slave for node in self._nodes]
         self._periods = [node.slave.dictionary.cell(0x1006) for node in self._nodes]
         self._tick_ns = round(1e9 * robot.control_period_s)
@@ -82,19 +97,27 @@ class World:
     def power_cycle(self, node_id: int) -> list[Frame]:
         """Take the supply of one node away and give it back: what it has not stored is lost; its boot-up frame.
 
+        Args:
+            node_id: The one that the node has now, or its port where no node has this node-ID.
+
         Raises:
             ValueError: There is no such node.
         """
         self._wakes_at = _UNKNOWN
+        return self._node(node_id).power_on(self.now)
+
+    def _node(self, node_id: int) -> Node:
         for node in self._nodes:
             if node.node_id == node_id:
-                return node.power_on(self.now)
+                return node
+        if node_id in self._ports:
+            return self._ports[node_id]
         raise ValueError(f"there is no node {node_id}")
 
     @property
     def node_ids(self) -> list[int]:
-        """All nodes, in rising order."""
-        return [node.node_id for node in self._nodes]
+        """The ports of all nodes, in rising order."""
+        return list(self._ports)
 
     @property
     def period_ns(self) -> int:
@@ -111,7 +134,7 @@ class World:
         return self.free_step(-(-self.now // SECOND) * SECOND)
 
     def hear(self, frame: Frame) -> list[tuple[int, Frame]]:
-        """What the nodes answer at this instant, each with its node-ID; no time is owed for it."""
+        """What the nodes answer at this instant, each with its port; no time is owed for it."""
         can_id, now = frame.can_id, self.now
         if can_id == _SYNC:
             self.accelerometer.sample()
@@ -162,7 +185,7 @@ class World:
         return wakes_at if wakes_at > self.now else self.now
 
     def move(self, until: int) -> list[tuple[int, Frame]]:
-        """Let time pass to an instant that is not beyond `due`; what the nodes send then, each with its node-ID.
+        """Let time pass to an instant that is not beyond `due`; what the nodes send then, each with its port.
 
         Raises:
             ValueError: `until` lies before now.
@@ -181,11 +204,11 @@ class World:
             self._mechanics_ns += ticks * self._tick_ns
             frames = self._update()
         if is_due or self._watches or self._wakes_at == _UNKNOWN:
-            late = [node for node in self._nodes if _is_due(node.slave, until)]
+            late = [(port, node) for port, node in self._ports.items() if _is_due(node.slave, until)]
             if late:
                 # lowest identifier first, as a bus would let them pass
                 frames += sorted(
-                    ((node.node_id, frame) for node in late for frame in node.advance(until)), key=lambda sent: sent[1].can_id
+                    ((port, frame) for port, node in late for frame in node.advance(until)), key=lambda sent: sent[1].can_id
                 )
             self._wakes_at = _UNKNOWN
         return frames
@@ -193,8 +216,8 @@ class World:
     def _update(self) -> list[tuple[int, Frame]]:
         """Let the drives look at their axes, those that have something to see: a broken limit or a ramp to rest."""
         trips = self._trips.tolist()
-        waiting = [drive for drive in self._drives if trips[drive.row] or drive.stops]
-        return [(drive.node_id, frame) for drive in waiting for frame in drive.update()]
+        waiting = [(port, drive) for port, drive in self._drives if trips[drive.row] or drive.stops]
+        return [(port, frame) for port, drive in waiting for frame in drive.update()]
 
     def advance(self, until: int) -> list[Frame]:
         """Let time pass; what the nodes send meanwhile, in order of time.

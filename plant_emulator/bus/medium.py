@@ -14,8 +14,6 @@ _PDOS, _HEARTBEATS = (0x180, 0x580), (0x700, 0x780)
 """Identifiers in the predefined connection set (CiA 301, 7.3.3), the last one excluded: nobody answers these."""
 NODES = 0
 """Port of all nodes together, where nobody counts bits."""
-QUEUE_FRAMES = 256
-"""Room of every participant: the 127 segments that an SDO block sends at once (CiA 301, 7.2.4.3), and as much again."""
 
 
 class Medium(Protocol):
@@ -218,5 +216,5 @@ def medium_for(
     """
     if bitrate is None and data_bitrate is None and not wall and faults is None and not host_latency_s:
         return Instant(world)
-    wire = Wire(bitrate, data_bitrate, queue_frames=QUEUE_FRAMES, faults=faults, now_ns=world.now)
+    wire = Wire(bitrate, data_bitrate, faults=faults, now_ns=world.now)
     return Timed(TimedBus(world, wire, round(1e9 * host_latency_s)), wall=wall)

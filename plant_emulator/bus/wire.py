@@ -28,8 +28,9 @@ from plant_emulator.bus.traffic import Delivered, Passed, Report, Statistics, Tr
 
 __all__ = ["Delivered", "Report", "Statistics", "Wire"]
 
-QUEUE_FRAMES = 100
-"""Room of a port unless told; a SocketCAN interface has 10 unless told (txqueuelen)."""
+QUEUE_FRAMES = 256
+"""Room of a port unless told: for the 127 frames that an SDO block transfer sends at once, and the PDOs that go meanwhile. A
+SocketCAN interface has 10 unless told (txqueuelen), and lets its writer wait."""
 PATIENCE_NS = 20_000_000
 """A frame that waits longer means that the bus is overloaded."""
 MAX_PORTS = 1024

@@ -7,7 +7,7 @@ from drive_profiles.address import LOCAL, Address
 from drive_profiles.cia301 import FunctionCode
 from hil.can.frame import Frame
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.bus.medium import QUEUE_FRAMES, Instant, Medium, Timed
+from plant_emulator.bus.medium import Instant, Medium, Timed
 from plant_emulator.bus.timed import FIRST_CLIENT, Heard, TimedBus
 from plant_emulator.bus.wire import Wire
 from plant_emulator.drive import Drive
@@ -94,7 +94,7 @@ class EmulatedRobot:
         interference.wire = None if bitrate is None else LiveFaults()
         medium: Medium = Instant(self.world)
         if bitrate is not None:
-            wire = Wire(bitrate, queue_frames=QUEUE_FRAMES, faults=interference.wire, now_ns=self.world.now)
+            wire = Wire(bitrate, faults=interference.wire, now_ns=self.world.now)
             medium = Timed(TimedBus(self.world, wire), wall=False)
         interference.power_cycle = self._power_cycle
         self.channel = EmulatedChannel(self.world, medium, bitrate, interference)

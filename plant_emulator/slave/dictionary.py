@@ -9,9 +9,15 @@ from typing import Any
 
 from drive_profiles.cia301 import MAX_NODE_ID, PACKERS, DataType, SdoAbortCode, Value, abort_text, decode, encode
 
+_CAN_ID = 0x7FF
+
 ReadHook = Callable[[], Value]
 WriteHook = Callable[[Any], int | None]
 """Gives the abort code that refuses a value, the standard's or a vendor's own, or None."""
+
+
+def _nothing(_: object) -> None:
+    """Stand in for a hook that the owner does not set."""
 
 
 class SdoAbort(Exception):  # noqa: N818 - the standard's word: an abort, of which not each is an error
@@ -239,7 +245,9 @@ class Dictionary:
         node_id: Added to the defaults that depend on it; the `Slave` sets it.
 
     Attributes:
+        node_id: Of the node that has the dictionary.
         kept: By place, what a reset puts back in the place of the default; see `ParameterStore`.
+        on_change: Called with the entry that an SDO has given another value; PDOs pass it by.
 
     Raises:
         ValueError: Two entries have one place.
@@ -248,6 +256,7 @@ class Dictionary:
     def __init__(self, entries: Iterable[Entry], node_id: int = 0) -> None:
         self.node_id = node_id
         self.kept: dict[tuple[int, int], Value] = {}
+        self.on_change: Callable[[Entry], None] = _nothing
         self._cells: dict[tuple[int, int], Cell] = {}
         self._highest: dict[int, int] = {}
         for entry in sorted(entries, key=lambda entry: (entry.index, entry.subindex)):
@@ -330,6 +339,29 @@ class Dictionary:
         """Let the owner check and apply what the bus writes; a code that it returns refuses it, and nothing changes."""
         self.cell(index, subindex).write_hook = hook
 
+    def renumber(self, node_id: int) -> None:
+        """Take another node-ID, in force with the next reset.
+
+        Of what is kept, a COB-ID whose CAN-ID is the default of the old node-ID becomes that of the new one: else two nodes that
+        swap their node-IDs would go on with each other's identifiers.
+        """
+        old, self.node_id = self.node_id, node_id
+        for place, value in self.kept.items():
+            entry = self._cells[place].entry
+            default = entry.default_for(old)
+            if entry.node_relative and isinstance(value, int) and isinstance(default, int) and not (value ^ default) & _CAN_ID:
+                self.kept[place] = value - old + node_id
+
+    def load(self, index: int, subindex: int = 0) -> None:
+        """Give a value that a reset has put back to the write hook of its owner, by the same rules as from the bus.
+
+        A kept value that the owner refuses is not in force: the default takes its place.
+        """
+        cell = self.cell(index, subindex)
+        if cell.write_hook is not None and cell.write_hook(cell.value) is not None:
+            cell.value = cell.entry.default_for(self.node_id)
+            cell.write_hook(cell.value)
+
     def reset(self, kind: ResetKind) -> None:
         """Put back what is kept, else the defaults, without asking the write hooks."""
         for place, cell in self._cells.items():
@@ -366,7 +398,10 @@ class Dictionary:
         """Write the bytes of an SDO download; `SdoAbort`, and nothing changed, where length, limits or owner refuse."""
         cell = self.find_writable(index, subindex)
         code: int | None = cell.length_refusal(len(data))
+        before = cell.value
         if code is None:
             code = cell.assign(decode(cell.entry.data_type, data))
         if code is not None:
             raise SdoAbort(code)
+        if cell.value != before:
+            self.on_change(cell.entry)

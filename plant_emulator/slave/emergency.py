@@ -13,9 +13,14 @@ from plant_emulator.slave.dictionary import Dictionary, ResetKind, SdoAbort
 ERROR_REGISTER = 0x1001
 HISTORY = 0x1003
 COB_ID = 0x1014
+INHIBIT_TIME = 0x1015
+MAX_WAITING = 8
+"""Emergencies that wait for the end of the inhibit time; of more the oldest are dropped, since the newest state must be heard."""
 
 _LAYOUT = struct.Struct("<HB5s")
 _VENDOR_LENGTH = 5
+_INHIBIT_UNIT_NS = 100_000
+_LONG_AGO = -(1 << 63)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,26 +33,58 @@ class EmergencyProducer:
     """Keeps the causes that are active, and sends a frame when one arises and when the last has gone.
 
     Args:
-        dictionary: Brings 1001h, 1003h with as many sub-indices as the history is long, and 1014h.
+        dictionary: Brings 1001h, 1003h with as many sub-indices as the history is long, 1014h and 1015h.
         send: Takes each frame.
-
-    Attributes:
-        enabled: Whether frames may be sent; register and history are kept in any case.
+        clock: Gives the node's time.
+        changed: Called when `due` has become another.
     """
 
-    def __init__(self, dictionary: Dictionary, send: Callable[[Frame], None]) -> None:
-        self.enabled = False
+    def __init__(
+        self,
+        dictionary: Dictionary,
+        send: Callable[[Frame], None],
+        clock: Callable[[], int],
+        changed: Callable[[], None],
+    ) -> None:
+        self._is_enabled = False
         self._send = send
+        self._clock = clock
+        self._changed = changed
+        self._inhibit_ns = 0
+        self._sent_at = _LONG_AGO
+        self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)
         self._active: dict[str, _Error] = {}
         depth = sum(entry.index == HISTORY and entry.subindex > 0 for entry in dictionary)
         self._history: deque[int] = deque(maxlen=depth)
         self._dictionary = dictionary
         dictionary.on_write(COB_ID, 0, self._check_cob_id)
+        dictionary.on_write(INHIBIT_TIME, 0, self._set_inhibit_time)
         dictionary.on_read(ERROR_REGISTER, 0, lambda: int(self.register))
         dictionary.on_read(HISTORY, 0, lambda: len(self._history))
         dictionary.on_write(HISTORY, 0, self._clear_history)
         for subindex in range(1, depth + 1):
             dictionary.on_read(HISTORY, subindex, partial(self._past, subindex))
+
+    def load(self) -> None:
+        """Take the parameters from the dictionary, after a reset."""
+        self._dictionary.load(COB_ID)
+        self._dictionary.load(INHIBIT_TIME)
+
+    def enable(self, is_enabled: bool) -> None:
+        """Let frames out, or not; register and history are kept in any case. What waits is dropped with the permission."""
+        self._is_enabled = is_enabled
+        if not is_enabled:
+            self._waiting.clear()
+
+    @property
+    def due(self) -> int | None:
+        """When the inhibit time lets the next frame go, or None where none waits."""
+        return self._sent_at + self._inhibit_ns if self._waiting else None
+
+    def advance(self, now: int) -> None:
+        """Send what has waited for the end of the inhibit time."""
+        while self._waiting and now >= self._sent_at + self._inhibit_ns:
+            self._transmit(self._waiting.popleft(), now)
 
     @property
     def register(self) -> ErrorRegister:
@@ -84,7 +121,9 @@ class EmergencyProducer:
             self._emit(EmergencyCode.NO_ERROR, b"")
 
     def reset(self, kind: ResetKind) -> None:
-        """Forget, without a frame: all causes and the history, or only those of communication."""
+        """Forget, without a frame: all causes and the history, or only those of communication; and what waits."""
+        self._waiting.clear()
+        self._sent_at = _LONG_AGO
         if kind is ResetKind.NODE:
             self._active.clear()
             self._history.clear()
@@ -93,9 +132,20 @@ class EmergencyProducer:
             self._active = kept
 
     def _emit(self, code: int, vendor: bytes) -> None:
+        if not self._is_enabled:
+            return
+        data, now = _LAYOUT.pack(code, self.register, vendor), self._clock()
+        if self._waiting or now < self._sent_at + self._inhibit_ns:
+            self._waiting.append(data)
+            self._changed()
+        else:
+            self._transmit(data, now)
+
+    def _transmit(self, data: bytes, now: int) -> None:
         cob_id = self._dictionary.get_int(COB_ID)
-        if self.enabled and not cob_id & CobIdBit.INVALID:
-            self._send(Frame(cob_id & CAN_SFF_MASK, _LAYOUT.pack(code, self.register, vendor)))
+        if not cob_id & CobIdBit.INVALID:
+            self._sent_at = now
+            self._send(Frame(cob_id & CAN_SFF_MASK, data))
 
     def _past(self, subindex: int) -> Value:
         if subindex > len(self._history):
@@ -107,6 +157,9 @@ class EmergencyProducer:
             return SdoAbortCode.INVALID_VALUE
         self._history.clear()
         return None
+
+    def _set_inhibit_time(self, multiple_of_100us: int) -> None:
+        self._inhibit_ns = multiple_of_100us * _INHIBIT_UNIT_NS
 
     def _check_cob_id(self, new: int) -> SdoAbortCode | None:
         # CiA 301, 7.5.2.17: bits 0 to 29 do not change while the object exists. Only 11-bit identifiers are known here.

@@ -20,15 +20,22 @@ class Service(Flag):
     SYNC = auto()
     EMERGENCY = auto()
     PDO = auto()
+    TIME = auto()
+    LSS = auto()
 
 
 SERVICES = {
-    NmtState.INITIALISING: Service(0),
-    NmtState.PRE_OPERATIONAL: Service.SDO | Service.SYNC | Service.EMERGENCY,
-    NmtState.OPERATIONAL: Service.SDO | Service.SYNC | Service.EMERGENCY | Service.PDO,
-    NmtState.STOPPED: Service(0),
+    NmtState.INITIALISING: Service.LSS,
+    NmtState.PRE_OPERATIONAL: Service.SDO | Service.SYNC | Service.TIME | Service.EMERGENCY | Service.LSS,
+    NmtState.OPERATIONAL: Service.SDO | Service.SYNC | Service.TIME | Service.EMERGENCY | Service.PDO,
+    NmtState.STOPPED: Service.LSS,
 }
-"""CiA 301, 7.3.2.2.5; node control and error control (heartbeat) work in every state but initialisation."""
+"""CiA 301, 7.3.2.2.5; node control and error control (heartbeat, node guarding) work in every state but initialisation.
+
+LSS is not among the standard's services of a state. Here it works in every state but operational: an LSS master finds nodes that
+have just booted as well as stopped ones, and cannot take the bit rate or the name from a node that is at work. Initialising, only
+a node without a node-ID waits for it.
+"""
 
 _LISTENING = (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL, NmtState.STOPPED)
 _TARGETS = {
@@ -43,8 +50,12 @@ TRANSITIONS = {(state, command): target for state in _LISTENING for command, tar
 
 RESETS = {NmtCommand.RESET_NODE: ResetKind.NODE, NmtCommand.RESET_COMMUNICATION: ResetKind.COMMUNICATION}
 
-ERROR_BEHAVIOUR = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
-"""Where a communication error leads an operational node, by the value of 1029h:01h; 1 leaves it (CiA 301, 7.5.2.32)."""
+ERROR_BEHAVIOUR = {
+    (NmtState.OPERATIONAL, 0): NmtState.PRE_OPERATIONAL,
+    (NmtState.OPERATIONAL, 2): NmtState.STOPPED,
+    (NmtState.PRE_OPERATIONAL, 2): NmtState.STOPPED,
+}
+"""Where a communication error leads, by state and value of 1029h:01h; else the state stays (CiA 301, 7.5.2.32)."""
 
 
 class HeartbeatProducer:
@@ -53,10 +64,12 @@ class HeartbeatProducer:
     Args:
         dictionary: Brings 1017h.
         clock: Gives the node's time.
+        changed: Called when heartbeats may begin or end.
     """
 
-    def __init__(self, dictionary: Dictionary, clock: Callable[[], int]) -> None:
+    def __init__(self, dictionary: Dictionary, clock: Callable[[], int], changed: Callable[[], None]) -> None:
         self.due: int | None = None
+        self._changed = changed
         self._clock = clock
         self._dictionary = dictionary
         dictionary.on_write(PRODUCER_TIME, 0, self._set_period)
@@ -75,6 +88,7 @@ class HeartbeatProducer:
     def _set_period(self, period_ms: int) -> SdoAbortCode | None:
         self._period = period_ms * _NS_PER_MS
         self.due = self._next(self._clock()) if self._period else None
+        self._changed()
         return None
 
     def _next(self, now: int) -> int:
@@ -122,7 +136,7 @@ class HeartbeatConsumer:
         """Take the watches from the dictionary, all of them waiting for a first heartbeat."""
         self._watches = {}
         for subindex in self._subindices:
-            self._configure(subindex, self._dictionary.get_int(CONSUMER_TIME, subindex))
+            self._dictionary.load(CONSUMER_TIME, subindex)
 
     @property
     def nodes(self) -> Iterable[int]:

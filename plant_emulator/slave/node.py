@@ -11,30 +11,31 @@ from drive_profiles.cia301 import (
     FunctionCode,
     NmtCommand,
     NmtState,
-    SdoAbortCode,
-    is_restricted,
 )
-from hil.can.frame import CAN_SFF_MASK, Frame
+from hil.can.frame import Frame
 from plant_emulator.slave.dictionary import Dictionary, ResetKind
 from plant_emulator.slave.emergency import EmergencyProducer
+from plant_emulator.slave.error_control import MASTER, ErrorControl
+from plant_emulator.slave.lss import REQUEST_ID, RESPONSE_ID, UNCONFIGURED, LssSlave
 from plant_emulator.slave.nmt import (
     ERROR_BEHAVIOUR,
     RESETS,
     SERVICES,
     TRANSITIONS,
-    HeartbeatConsumer,
-    HeartbeatProducer,
     Service,
 )
 from plant_emulator.slave.objects import ERROR_BEHAVIOUR as ERROR_BEHAVIOUR_OBJECT
-from plant_emulator.slave.objects import SYNC_COB_ID
-from plant_emulator.slave.pdo import PdoEngine, Tpdo
-from plant_emulator.slave.sdo import SdoServer
+from plant_emulator.slave.pdo import PdoEngine
+from plant_emulator.slave.sdo import DEFAULT_BLOCK_SIZE, SdoServer
+from plant_emulator.slave.sdo_channels import SdoChannels
 from plant_emulator.slave.store import ParameterStore, StoreCommand, standard_commands
+from plant_emulator.slave.sync import SyncConsumer
+from plant_emulator.slave.time_of_day import TimeConsumer
+from plant_emulator.slave.tpdo import Tpdo
 
 _NEVER = 1 << 63
 _NMT_LENGTH = 2
-_SYNC_CAUSE = "SYNC length"
+_BUS_OFF = "bus-off"
 _COMMANDS = {int(command): command for command in NmtCommand}
 
 
@@ -43,25 +44,31 @@ def _nothing(*_: object) -> None:
 
 
 class Slave:
-    """One node: dictionary, SDO server, PDOs, NMT, SYNC, heartbeats and emergencies, put together.
+    """One node: dictionary, SDO server, PDOs, NMT, SYNC, TIME, LSS, error control and emergencies, put together.
 
-    No frame makes it raise, whatever its bytes; remote requests, error frames and 29-bit frames are ignored. Time is in
-    ns and never goes back. A deadline that has passed is served before the frame that comes after it.
+    No frame makes it raise, whatever its bytes; error frames and 29-bit frames are ignored, and remote requests but those for
+    its TPDOs and, while it sends no heartbeats, for its NMT state (node guarding). Time is in ns and never goes back. A
+    deadline that has passed is served before the frame that comes after it.
 
     Args:
-        node_id: 1 to 127.
+        node_id: 1 to 127, or `UNCONFIGURED`: then it stays initialising until an LSS master gives it one.
         dictionary: Brings at least the `communication_entries`; the node sets its node-ID and puts its defaults back.
         on_sync: Called with the time of each SYNC, when the TPDOs have been sampled and the RPDOs are in force.
         on_nmt: Called with the old and the new state.
-        on_heartbeat_lost: Called with the number of a watched node.
+        on_heartbeat_lost: Called with the number of a watched node; with 0 where the NMT master, by life guarding, or the whole
+            bus is lost.
+        on_rpdo_timeout: Called with the number of an RPDO, 1 for the first, that has not come within its event timer.
         on_reset: Called when the dictionary has its stored values or defaults again and the boot-up message is about to be sent.
         sdo_max_bytes: The longest value that a client may write.
         sdo_timeout_ns: A client's silence that ends its transfer.
+        sdo_block_size: Segments of a block download between two acknowledgements.
         store_commands: Entries that store or restore; those that the dictionary does not have are left out.
         store_time_ns: How long storing takes.
+        autostart: The node becomes operational by itself after its boot-up message.
 
     Attributes:
         store: What survives a loss of power.
+        lss: What an LSS master has configured.
         on_routes: Called when the node may listen to other identifiers than before, or no longer.
         on_due: Called when `due` may be another than before.
 
@@ -78,44 +85,80 @@ class Slave:
         on_sync: Callable[[int], None] = _nothing,
         on_nmt: Callable[[NmtState, NmtState], None] = _nothing,
         on_heartbeat_lost: Callable[[int], None] = _nothing,
+        on_rpdo_timeout: Callable[[int], None] = _nothing,
         on_reset: Callable[[ResetKind], None] = _nothing,
         sdo_max_bytes: int = 1024,
         sdo_timeout_ns: int = 5_000_000_000,
+        sdo_block_size: int = DEFAULT_BLOCK_SIZE,
         store_commands: Sequence[StoreCommand] = standard_commands(),
         store_time_ns: int = 0,
+        autostart: bool = False,
     ) -> None:
-        if not 1 <= node_id <= MAX_NODE_ID:
+        if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
             raise ValueError(f"node-ID {node_id} is not in 1 to {MAX_NODE_ID}")
-        self.node_id = node_id
         self.dictionary = dictionary
         self.on_sync = on_sync
         self.on_nmt = on_nmt
         self.on_heartbeat_lost = on_heartbeat_lost
+        self.on_rpdo_timeout = on_rpdo_timeout
         self.on_reset = on_reset
         self.on_routes: Callable[[], None] = _nothing
         self.on_due: Callable[[], None] = _nothing
+        self._autostart = autostart
         self._state = NmtState.INITIALISING
         self._now: int | None = None
         self._due = _NEVER
         self._out: list[Frame] = []
         self._event_driven: list[Tpdo] = []
-        self._has_long_sync = False
         self._routes: dict[int, Callable[[bytes, int], None]] = {}
-        self._sdo = SdoServer(dictionary, node_id, max_bytes=sdo_max_bytes, timeout_ns=sdo_timeout_ns)
-        self._emergency = EmergencyProducer(dictionary, self._send)
-        self._producer = HeartbeatProducer(dictionary, lambda: self._now or 0)
-        self._consumer = HeartbeatConsumer(dictionary, self._lose, self._find, self._route)
+        make_server = partial(
+            SdoServer, dictionary, max_bytes=sdo_max_bytes, timeout_ns=sdo_timeout_ns, block_size=sdo_block_size
+        )
+        self._sdo = SdoChannels(dictionary, make_server, self._route)
+        self.lss = LssSlave(dictionary, node_id, lambda: not self.store.fails, self._start_configured)
+        self._emergency = EmergencyProducer(dictionary, self._send, self._clock, self._reschedule)
+        self._error_control = ErrorControl(
+            dictionary,
+            self._emergency,
+            send=self._send,
+            clock=self._clock,
+            state=lambda: self._state,
+            lost=self._lose,
+            rerouted=self._route,
+            rescheduled=self._reschedule,
+        )
+        self._time = TimeConsumer(dictionary, self._route)
         self.store = ParameterStore(dictionary, store_commands, store_time_ns)
-        self._pdo = PdoEngine(dictionary, self._emergency, self._route)
-        dictionary.on_write(SYNC_COB_ID, 0, self._set_sync)
-        dictionary.node_id = node_id
+        self._sync = SyncConsumer(dictionary, self._emergency, self._resort)
+        self._pdo = PdoEngine(
+            dictionary,
+            emergency=self._emergency,
+            sync=self._sync,
+            changed=self._route,
+            send=self._send,
+            on_started=self._reschedule,
+            on_missing=self._miss,
+        )
+        if node_id == UNCONFIGURED:
+            return
+        dictionary.renumber(node_id)
         dictionary.reset(ResetKind.NODE)
         self._load()
+
+    @property
+    def node_id(self) -> int:
+        """The node-ID in force; an LSS master may change it, with a reset of communication."""
+        return self.lss.active
 
     @property
     def nmt_state(self) -> NmtState:
         """The NMT state."""
         return self._state
+
+    @property
+    def time_of_day(self) -> int | None:
+        """What the network says that the time is, in ns since 1984-01-01 00:00; None before the first TIME message."""
+        return self._time.at(self._clock())
 
     @property
     def emergency_causes(self) -> tuple[str, ...]:
@@ -126,6 +169,11 @@ class Slave:
     def rejected_values(self) -> int:
         """Values of RPDOs that were not written, being out of range or refused by the owner."""
         return self._pdo.rejected
+
+    @property
+    def late_frames(self) -> int:
+        """Frames of RPDOs that were dropped, having come after the synchronous window 1007h."""
+        return self._pdo.late
 
     @property
     def due(self) -> int | None:
@@ -202,6 +250,19 @@ class Slave:
         """Withdraw an error; when it was the last, the master is told so."""
         self._emergency.clear_cause(cause)
 
+    def bus_off(self) -> None:
+        """Take note that the controller has left the bus: a communication error, on which 1029h decides."""
+        self._lose(MASTER)
+        self._reschedule()
+
+    def bus_recovered(self) -> None:
+        """Take note that the controller is back; the master is told so, by an error that is over at once."""
+        self._emergency.raise_cause(_BUS_OFF, EmergencyCode.BUS_OFF_RECOVERED, ErrorRegister.COMMUNICATION)
+        self._emergency.clear_cause(_BUS_OFF)
+
+    def _clock(self) -> int:
+        return self._now or 0
+
     def _set_time(self, now: int) -> None:
         if self._now is not None and now < self._now:
             raise self._backwards(now)
@@ -219,7 +280,7 @@ class Slave:
         return self.take_frames()
 
     def _reschedule(self) -> None:
-        times = (self._producer.due, self._consumer.due, self._sdo.due, self._pdo.due)
+        times = (self._error_control.due, self._emergency.due, self._sdo.due, self._pdo.due)
         due = min((time for time in times if time is not None), default=_NEVER)
         if due != self._due:
             self._due = due
@@ -228,11 +289,11 @@ class Slave:
     def _run_timers(self, now: int) -> None:
         if self._state is NmtState.INITIALISING:
             return
-        self._consumer.advance(now)
+        self._emergency.advance(now)
+        self._error_control.advance(now)
         self._out += self._sdo.advance(now)
+        self._pdo.check_deadlines(now)
         self._pdo.poll(now, self._out)
-        if self._producer.is_due(now):
-            self._out.append(Frame(FunctionCode.HEARTBEAT + self.node_id, bytes((self._state,))))
         self._reschedule()
 
     # Services
@@ -251,55 +312,70 @@ class Slave:
         self._reschedule()
 
     def _on_sync(self, data: bytes, now: int) -> None:
-        if len(data) > 1:  # it comes with or without the counter of 1019h
-            self._emergency.raise_cause(_SYNC_CAUSE, EmergencyCode.SYNC_LENGTH, ErrorRegister.COMMUNICATION)
-            self._has_long_sync = True
+        sync = self._sync
+        if (data or not sync.is_plain) and not sync.accepts(data, now):
             return
-        if self._has_long_sync:
-            self._has_long_sync = False
-            self._emergency.clear_cause(_SYNC_CAUSE)
         self._pdo.synchronise(self._out)
         self.on_sync(now)
 
-    def _on_sdo(self, data: bytes, now: int) -> None:
-        self._out += self._sdo.receive(data, now)
+    def _on_sdo(self, server: SdoServer, data: bytes, now: int) -> None:
+        self._out += self._sdo.receive(server, data, now)
         self._reschedule()
 
-    def _on_heartbeat(self, node_id: int, data: bytes, now: int) -> None:
-        self._consumer.receive(node_id, data, now)
+    def _on_lss(self, data: bytes, _now: int) -> None:
+        answer = self.lss.receive(data)
+        if answer is not None:
+            self._out.append(Frame(RESPONSE_ID, answer))
+
+    def _start_configured(self) -> None:
+        self._reset(ResetKind.COMMUNICATION)
         self._reschedule()
 
     def _lose(self, node_id: int) -> None:
-        self._emergency.raise_cause(f"heartbeat {node_id}", EmergencyCode.HEARTBEAT, ErrorRegister.COMMUNICATION)
         self.on_heartbeat_lost(node_id)
         # CiA 301, 7.5.2.32, and its default where the object is absent.
         place = ERROR_BEHAVIOUR_OBJECT, 1
         behaviour = self.dictionary.get_int(*place) if place in self.dictionary else 0
-        target = ERROR_BEHAVIOUR.get(behaviour)
-        if self._state is NmtState.OPERATIONAL and target is not None:
+        target = ERROR_BEHAVIOUR.get((self._state, behaviour))
+        if target is not None:
             self._change(target)
 
-    def _find(self, node_id: int) -> None:
-        self._emergency.clear_cause(f"heartbeat {node_id}")
+    def _miss(self, number: int) -> None:
+        self.on_rpdo_timeout(number)
 
     # State
 
     def _reset(self, kind: ResetKind) -> None:
         self._change(NmtState.INITIALISING)
+        if kind is ResetKind.NODE:
+            self.lss.reload()
+            self._time.forget()
+        self.lss.activate()
+        has_node_id = self.node_id != UNCONFIGURED
+        if has_node_id:
+            self.dictionary.renumber(self.node_id)
         self.dictionary.reset(kind)
         self._emergency.reset(kind)
-        self._load()
+        if has_node_id:
+            self._load()
         # An error that the owner still has is told after the boot-up message, before which a node is silent.
         place = len(self._out)
-        self._emergency.enabled = True
+        self._emergency.enable(has_node_id)
         self.on_reset(kind)
-        self._out.insert(place, Frame(FunctionCode.HEARTBEAT + self.node_id, bytes((NmtState.INITIALISING,))))
+        if not has_node_id:
+            self._route()
+            return
+        self._out.insert(place, self._error_control.boot_up())
         self._change(NmtState.PRE_OPERATIONAL)
+        if self._autostart:
+            self._change(NmtState.OPERATIONAL)
 
     def _load(self) -> None:
-        self._sync_id = self.dictionary.get_int(SYNC_COB_ID) & CAN_SFF_MASK
-        self._producer.load()
-        self._consumer.load()
+        self._emergency.load()
+        self._error_control.load(self.node_id)
+        self._time.load()
+        self._sync.load()
+        self._sdo.load()
         self._pdo.load()
 
     def _change(self, new: NmtState) -> None:
@@ -307,7 +383,9 @@ class Slave:
         if old is new:
             return
         services = SERVICES[new]
-        self._emergency.enabled = Service.EMERGENCY in services
+        self._emergency.enable(Service.EMERGENCY in services)
+        if Service.LSS not in services:
+            self.lss.wait()
         if Service.SDO not in services:
             self._sdo.reset()
         if Service.PDO in services:
@@ -317,28 +395,25 @@ class Slave:
         self._route()
         self.on_nmt(old, new)
 
-    def _set_sync(self, cob_id: int) -> SdoAbortCode | None:
-        # CiA 301, 7.5.2.5: bit 31 does not care; bit 30, to generate SYNC, and 29-bit identifiers are not supported.
-        can_id = cob_id & 0x7FFF_FFFF
-        if can_id > CAN_SFF_MASK or is_restricted(can_id):
-            return SdoAbortCode.INVALID_VALUE
-        self._sync_id = can_id
-        self._route()
-        return None
+    def _resort(self) -> None:
+        self._pdo.sort()
 
     def _route(self) -> None:
         """Look up which identifiers concern the node now; what comes later here wins."""
         services = SERVICES[self._state]
         self._event_driven = self._pdo.event_driven
         routes: dict[int, Callable[[bytes, int], None]] = {}
+        if Service.LSS in services and (self._state is not NmtState.INITIALISING or self.node_id == UNCONFIGURED):
+            routes[REQUEST_ID] = self._on_lss
         if self._state is not NmtState.INITIALISING:
             routes |= self._pdo.listeners
-            if Service.SYNC in services:
-                routes[self._sync_id] = self._on_sync
-            for node_id in self._consumer.nodes:
-                routes[FunctionCode.HEARTBEAT + node_id] = partial(self._on_heartbeat, node_id)
             if Service.SDO in services:
-                routes[FunctionCode.SDO_REQUEST + self.node_id] = self._on_sdo
+                routes |= {can_id: partial(self._on_sdo, server) for can_id, server in self._sdo.servers.items()}
+            if Service.TIME in services and self._time.can_id is not None:
+                routes[self._time.can_id] = self._time.receive
+            if Service.SYNC in services:
+                routes[self._sync.can_id] = self._on_sync
+            routes |= self._error_control.routes
             routes[FunctionCode.NMT] = self._on_command
         self._routes = routes
         self.on_routes()

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from drive_profiles.cia301 import RPDO_BASES, TPDO_BASES, CobIdBit, DataType, FunctionCode
-from plant_emulator.slave import emergency, nmt
+from plant_emulator.slave import emergency, guarding, nmt, store, sync, time_of_day
 from plant_emulator.slave.dictionary import Access, Entry, ObjectType
 from plant_emulator.slave.pdo_setup import (
     MAX_MAPPED,
@@ -14,8 +14,8 @@ from plant_emulator.slave.pdo_setup import (
     TPDO_MAPPING,
     Mapped,
 )
+from plant_emulator.slave.sdo_channels import channel_entries
 
-SYNC_COB_ID = 0x1005
 ERROR_BEHAVIOUR = 0x1029
 HISTORY_LENGTH = 8
 WATCHED_NODES = 4
@@ -51,24 +51,31 @@ def communication_entries(
         error_behaviour: Default of 1029h:01h, what a lost heartbeat does: 0 pre-operational, 1 nothing, 2 stopped.
     """
     ro, rw, const, text = Access.RO, Access.RW, Access.CONST, DataType.VISIBLE_STRING
-    sync = int(FunctionCode.SYNC)
     emcy = int(FunctionCode.EMERGENCY)
     return [
         Entry(0x1000, 0, "Device type", U32, ro, device_type),
         Entry(emergency.ERROR_REGISTER, 0, "Error register", U8, ro, 0, mappable=True),
         *_history(),
-        Entry(SYNC_COB_ID, 0, "COB-ID SYNC", U32, rw, sync),
+        Entry(sync.COB_ID, 0, "COB-ID SYNC", U32, rw, int(FunctionCode.SYNC)),
+        Entry(sync.WINDOW, 0, "Synchronous window length", U32, rw, 0),
         Entry(0x1008, 0, "Manufacturer device name", text, const, name),
         Entry(0x1009, 0, "Manufacturer hardware version", text, const, hardware_version),
         Entry(0x100A, 0, "Manufacturer software version", text, const, software_version),
+        Entry(guarding.GUARD_TIME, 0, "Guard time", U16, rw, 0),
+        Entry(guarding.LIFE_TIME_FACTOR, 0, "Life time factor", U8, rw, 0),
+        Entry(time_of_day.COB_ID, 0, "COB-ID TIME", U32, rw, CobIdBit.CONSUME | int(FunctionCode.TIME)),
         Entry(emergency.COB_ID, 0, "COB-ID EMCY", U32, rw, emcy, node_relative=True),
+        Entry(emergency.INHIBIT_TIME, 0, "Inhibit time EMCY", U16, rw, 0),
         *_array(nmt.CONSUMER_TIME, "Consumer heartbeat time", rw, WATCHED_NODES),
         Entry(nmt.PRODUCER_TIME, 0, "Producer heartbeat time", U16, rw, heartbeat_ms),
         *_identity(vendor_id, product_code, revision, serial_number),
+        Entry(sync.COUNTER_OVERFLOW, 0, "Synchronous counter overflow value", U8, rw, 0),
+        *_verify_configuration(),
         Entry(
             ERROR_BEHAVIOUR, 1, "Communication error", U8, rw, error_behaviour, 0, 2,
             record_name="Error behaviour", object_type=ObjectType.ARRAY,
         ),
+        *channel_entries(),
     ]  # fmt: skip
 
 
@@ -80,7 +87,7 @@ class PdoDefault:
         mapped: The objects that it carries: index, sub-index, length in bits.
         transmission_type: 255 is event-driven, 1 each SYNC.
         inhibit_time: Of a TPDO, in multiples of 100 µs.
-        event_timer_ms: Of a TPDO.
+        event_timer_ms: Of a TPDO the longest silence, of an RPDO its deadline; 0 is none.
         is_valid: Whether it exists; left out, PDO 1 and 2 do.
     """
 
@@ -104,6 +111,7 @@ def pdo_entries(rpdos: Sequence[PdoDefault] = (), tpdos: Sequence[PdoDefault] = 
         rpdo = rpdos[number] if number < len(rpdos) else PdoDefault()
         tpdo = tpdos[number] if number < len(tpdos) else PdoDefault()
         entries += _communication(RPDO_COMMUNICATION + number, "RPDO communication parameter", rpdo, rpdo_base)
+        entries += _event_timer(RPDO_COMMUNICATION + number, "RPDO communication parameter", rpdo)
         entries += _mapping(RPDO_MAPPING + number, "RPDO mapping parameter", rpdo)
         entries += _communication(TPDO_COMMUNICATION + number, "TPDO communication parameter", tpdo, tpdo_base)
         entries += _transmission_times(TPDO_COMMUNICATION + number, "TPDO communication parameter", tpdo)
@@ -121,6 +129,11 @@ def _communication(index: int, name: str, pdo: PdoDefault, base: FunctionCode) -
 
 def _transmission_times(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
     yield Entry(index, 3, "Inhibit time", U16, Access.RW, pdo.inhibit_time, record_name=name)
+    yield from _event_timer(index, name, pdo)
+    yield Entry(index, 6, "SYNC start value", U8, Access.RW, 0, record_name=name)
+
+
+def _event_timer(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
     yield Entry(index, 5, "Event timer", U16, Access.RW, pdo.event_timer_ms, record_name=name)
 
 
@@ -136,6 +149,13 @@ def _history() -> Iterator[Entry]:
     array = ObjectType.ARRAY
     yield Entry(emergency.HISTORY, 0, "Number of errors", U8, Access.RW, 0, record_name=name, object_type=array)
     yield from _array(emergency.HISTORY, name, Access.RO, HISTORY_LENGTH)
+
+
+def _verify_configuration() -> Iterator[Entry]:
+    for subindex, name in enumerate(("Configuration date", "Configuration time"), 1):
+        yield Entry(
+            store.VERIFY, subindex, name, U32, Access.RW, 0, record_name="Verify configuration", object_type=ObjectType.ARRAY
+        )
 
 
 def _array(index: int, name: str, access: Access, length: int) -> Iterator[Entry]:

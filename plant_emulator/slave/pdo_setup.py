@@ -7,20 +7,20 @@ from functools import partial
 
 from drive_profiles.cia301 import CobIdBit, DataType, SdoAbortCode, is_restricted
 from hil.can.frame import CAN_SFF_MASK
+from plant_emulator.slave.bit_packer import BitPacker, Field, bits_of
 from plant_emulator.slave.dictionary import Cell, Dictionary
 
 RPDO_COMMUNICATION, RPDO_MAPPING = 0x1400, 0x1600
 TPDO_COMMUNICATION, TPDO_MAPPING = 0x1800, 0x1A00
 MAX_MAPPED = 8
+"""Objects of one PDO; the standard allows up to 64, of a bit each. A higher number is refused with 0604 0042h."""
 MAX_BITS = 64
 MAX_SYNCHRONOUS = 240
+SYNCHRONOUS_ON_REQUEST, ON_REQUEST = 252, 253
+"""Transmission types of a TPDO that only a remote request lets go: sampled at SYNC, or when it is asked for."""
 EVENT_DRIVEN = (254, 255)
 
-_DUMMIES = {
-    data_type: data_type.size * 8
-    for data_type in DataType
-    if DataType.INTEGER8 <= data_type <= DataType.UNSIGNED32 and data_type.size
-}
+_DUMMIES = {data_type: bits_of(data_type) for data_type in DataType if data_type <= DataType.UNSIGNED32}
 """Data types that an RPDO may name as place holders, with their bits (CiA 301, 7.4.7.1)."""
 
 
@@ -67,6 +67,8 @@ class PdoSetup:
         event_timer_ns: Sub-index 5, or 0.
         cells: The mapped objects, without place holders.
         packer: Layout of the frame.
+        start_value: Sub-index 6: counter of the SYNC that is taken as the first, or 0.
+        allows_requests: Bit 30 of the COB-ID is clear: remote requests are answered.
     """
 
     def __init__(self, dictionary: Dictionary, number: int, *, is_transmit: bool, changed: Callable[[], None]) -> None:
@@ -75,9 +77,10 @@ class PdoSetup:
         self._changed = changed
         self._communication = (TPDO_COMMUNICATION if is_transmit else RPDO_COMMUNICATION) + number
         self._mapping = (TPDO_MAPPING if is_transmit else RPDO_MAPPING) + number
-        self.can_id = self.transmission_type = self.inhibit_ns = self.event_timer_ns = 0
+        self.can_id = self.transmission_type = self.inhibit_ns = self.event_timer_ns = self.start_value = 0
+        self.allows_requests = False
         self.cells: tuple[Cell, ...] = ()
-        self.packer = struct.Struct("<")
+        self.packer: struct.Struct | BitPacker = struct.Struct("<")
         self._is_valid = False
         self._count = 0
         self._mapped = [Mapped(0, 0, 0)] * MAX_MAPPED
@@ -88,6 +91,7 @@ class PdoSetup:
             (self._communication, 2): self._set_transmission_type,
             (self._communication, 3): self._set_inhibit_time,
             (self._communication, 5): self._set_event_timer,
+            (self._communication, 6): self._set_start_value,
             (self._communication, 1): self._set_cob_id,
         }
         for (index, subindex), hook in self._hooks.items():
@@ -107,29 +111,50 @@ class PdoSetup:
     def start(self) -> None:
         """Begin anew; nothing of what came or went before may reach into what follows."""
 
+    def restart_timer(self) -> None:
+        """Begin anew with the event timer, which has been written."""
+
     def load(self) -> None:
         """Take everything from the dictionary, by the same rules as from the bus.
+
+        A kept value that these rules refuse gives way to the default, a mapping to an empty one, and the PDO does not exist,
+        as its COB-ID then says: what a memory holds must not keep a node from starting.
 
         Raises:
             ValueError: The defaults of the dictionary are not a possible PDO.
         """
         self._is_valid = False
         self._count = 0
-        for place, hook in self._hooks.items():
-            if place not in self._dictionary:
-                continue
+        places = [place for place in self._hooks if place in self._dictionary]
+        is_kept = any(place in self._dictionary.kept for place in places)
+        is_broken = False
+        for place in places:
+            hook, cell = self._hooks[place], self._dictionary.cell(*place)
             value = self._dictionary.get_int(*place)
+            if is_broken and place == (self._communication, 1):
+                cell.value = value = value | CobIdBit.INVALID
             code = hook(value)
-            if code is not None:
+            if code is None:
+                continue
+            if not is_kept:
                 raise ValueError(f"PDO parameter {place[0]:04X}h:{place[1]:02X}h = {value!r}: {code.text}")
+            is_broken = True
+            cell.value = value = self._substitute(place)
+            hook(value)
+
+    def _substitute(self, place: tuple[int, int]) -> int:
+        if place[0] == self._mapping:
+            return 0
+        default = int(self._dictionary.cell(*place).entry.default_for(self._dictionary.node_id))
+        return default | CobIdBit.INVALID if place[1] == 1 else default
 
     def _restart(self) -> None:
         self.start()
         self._changed()
 
     def _set_cob_id(self, cob_id: int) -> SdoAbortCode | None:
-        # Bit 30 is "do not care" in an RPDO; in a TPDO it is kept as written, since a remote request is never answered
-        # and masters of both habits exist. 29-bit identifiers are not supported: bit 29, and bits 28 to 11 without it.
+        # Bit 30 is "do not care" in an RPDO; in a TPDO it may change at any time, since masters of both habits exist.
+        # 29-bit identifiers are not supported: bit 29, and bits 28 to 11 without it.
         is_valid = not cob_id & CobIdBit.INVALID
         can_id = cob_id & ~(CobIdBit.INVALID | CobIdBit.NO_RTR)
         if can_id > CAN_SFF_MASK or (is_valid and is_restricted(can_id)):
@@ -137,12 +162,14 @@ class PdoSetup:
         if is_valid and self._is_valid and can_id != self.can_id:
             return SdoAbortCode.INVALID_VALUE  # bits 0 to 29 do not change while the PDO exists
         self.can_id, self._is_valid = can_id, is_valid
+        self.allows_requests = not cob_id & CobIdBit.NO_RTR
         self._restart()
         return None
 
     def _set_transmission_type(self, transmission_type: int) -> SdoAbortCode | None:
-        # 241 to 251 are reserved, 252 and 253 wait for remote requests, which this node does not answer.
-        if transmission_type > MAX_SYNCHRONOUS and transmission_type not in EVENT_DRIVEN:
+        # 241 to 251 are reserved; 252 and 253 wait for remote requests, which only a TPDO answers.
+        is_on_request = transmission_type in {SYNCHRONOUS_ON_REQUEST, ON_REQUEST} and self._is_transmit
+        if transmission_type > MAX_SYNCHRONOUS and transmission_type not in EVENT_DRIVEN and not is_on_request:
             return SdoAbortCode.INVALID_VALUE
         self.transmission_type = transmission_type
         self._restart()
@@ -156,7 +183,14 @@ class PdoSetup:
 
     def _set_event_timer(self, milliseconds: int) -> SdoAbortCode | None:
         self.event_timer_ns = milliseconds * 1_000_000
+        self.restart_timer()
         self._changed()
+        return None
+
+    def _set_start_value(self, counter: int) -> SdoAbortCode | None:
+        if counter > MAX_SYNCHRONOUS or (self._is_valid and counter != self.start_value):
+            return SdoAbortCode.INVALID_VALUE  # not to be changed while the PDO exists
+        self.start_value = counter
         return None
 
     def _set_count(self, count: int) -> SdoAbortCode | None:
@@ -188,27 +222,37 @@ class PdoSetup:
 
     def _refusal(self, mapped: Mapped) -> SdoAbortCode | None:
         """Tell why an object cannot be mapped, or None where it can."""
-        is_whole = mapped.bits > 0 and mapped.bits % 8 == 0
+        # CiA 301, 7.5.2.36 names two codes only: an object is mapped whole, so other bits than its own are "not mappable" too.
         if mapped.is_dummy:
-            if self._is_transmit or not is_whole:
-                return SdoAbortCode.NOT_MAPPABLE
-            return None if _DUMMIES[DataType(mapped.index)] == mapped.bits else SdoAbortCode.LENGTH_MISMATCH
-        if (mapped.index, mapped.subindex) not in self._dictionary:
+            is_mappable, data_type = not self._is_transmit, DataType(mapped.index)
+        elif (mapped.index, mapped.subindex) in self._dictionary:
+            entry = self._dictionary.cell(mapped.index, mapped.subindex).entry
+            is_mappable = entry.is_tpdo_mappable if self._is_transmit else entry.is_rpdo_mappable
+            data_type = entry.data_type
+        else:
             return SdoAbortCode.NO_OBJECT
-        entry = self._dictionary.cell(mapped.index, mapped.subindex).entry
-        if not is_whole or not (entry.is_tpdo_mappable if self._is_transmit else entry.is_rpdo_mappable):
-            return SdoAbortCode.NOT_MAPPABLE
-        return None if entry.data_type.size == mapped.bits // 8 else SdoAbortCode.LENGTH_MISMATCH
+        return None if is_mappable and mapped.bits == bits_of(data_type) else SdoAbortCode.NOT_MAPPABLE
 
     def _compile(self, mapped: list[Mapped]) -> None:
-        layout = "<"
+        fields: list[Field] = []
         cells = []
         for place in mapped:
             if place.is_dummy:
-                layout += f"{place.bits // 8}x"
+                fields.append((None, place.bits))
             else:
                 cell = self._dictionary.cell(place.index, place.subindex)
-                layout += cell.entry.data_type.struct_format or ""
+                fields.append((cell.entry.data_type, place.bits))
                 cells.append(cell)
         self.cells = tuple(cells)
-        self.packer = struct.Struct(layout)
+        self.packer = _packer(fields)
+
+
+def _packer(fields: list[Field]) -> struct.Struct | BitPacker:
+    """Give the fast packer where all fields are whole bytes that it knows, else the general one."""
+    layout = "<"
+    for data_type, bits in fields:
+        character = f"{bits // 8}x" if data_type is None else data_type.struct_format
+        if bits % 8 or character is None:
+            return BitPacker(fields)
+        layout += character
+    return struct.Struct(layout)

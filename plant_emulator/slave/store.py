@@ -8,6 +8,7 @@ from drive_profiles.cia301 import DataType, SdoAbortCode, Value
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry, ObjectType, Postponed, WriteHook
 
 STORE, RESTORE = 0x1010, 0x1011
+VERIFY = 0x1020
 SAVE, LOAD = 0x6576_6173, 0x6461_6F6C
 """The signatures "save" and "load", least significant byte first."""
 
@@ -84,6 +85,10 @@ class ParameterStore:
     What is kept changes in one step at the end of the storing: a loss of power or a reset before it leaves the old values.
     "load" drops what is kept, so that the next reset puts the factory's defaults back; until then nothing changes.
 
+    1020h, where it is there, tells a configuration tool that the node is still configured as it was when the tool left its
+    date: once an SDO changes anything that would be kept, or "load" what is kept, it is 0 (CiA 301, 7.5.2.23). A tool
+    therefore writes it last.
+
     Args:
         dictionary: Brings the entries of the commands.
         commands: Those whose entries the dictionary does not have are left out.
@@ -111,6 +116,8 @@ class ParameterStore:
         self._dictionary = dictionary
         present = [command for command in commands if command.place in dictionary]
         self._volatile = volatile | {command.place[0] for command in present}
+        self._verify = [(VERIFY, subindex) for subindex in (1, 2) if (VERIFY, subindex) in dictionary]
+        dictionary.on_change = self._doubt
         for command in present:
             dictionary.on_read(*command.place, lambda: ON_COMMAND)
             dictionary.on_write(*command.place, self._writer(command))
@@ -134,7 +141,7 @@ class ParameterStore:
             if command.is_restore:
                 self._forget(command.indices)
                 return None
-            raise Postponed(self.time_ns, partial(self._keep, self._values(command.indices)))
+            raise Postponed(self.time_ns, partial(self._keep, self._values(command.indices), self._is_doubted))
 
         return write
 
@@ -142,11 +149,28 @@ class ParameterStore:
         concerned = (entry for entry in self._dictionary if entry.index in indices and self.is_kept(entry))
         return {(e.index, e.subindex): self._dictionary.cell(e.index, e.subindex).value for e in concerned}
 
-    def _keep(self, values: dict[Place, Value]) -> SdoAbortCode | None:
+    def _keep(self, values: dict[Place, Value], is_doubted: bool) -> SdoAbortCode | None:
         if self.fails:
             return SdoAbortCode.HARDWARE
-        self._dictionary.kept = {**self._dictionary.kept, **values}
+        kept = {**self._dictionary.kept, **values}
+        if is_doubted:  # a group without 1020h must not leave the date of another configuration
+            kept |= {place: 0 for place in self._verify if place in kept}
+        self._dictionary.kept = kept
         return None
 
     def _forget(self, indices: range) -> None:
-        self._dictionary.kept = {place: v for place, v in self._dictionary.kept.items() if place[0] not in indices}
+        kept = self._dictionary.kept
+        self._dictionary.kept = {place: v for place, v in kept.items() if place[0] not in indices and place not in self._verify}
+        self._clear_verify()
+
+    @property
+    def _is_doubted(self) -> bool:
+        return not any(self._dictionary.cell(*place).value for place in self._verify)
+
+    def _doubt(self, entry: Entry) -> None:
+        if entry.index != VERIFY and self.is_kept(entry):
+            self._clear_verify()
+
+    def _clear_verify(self) -> None:
+        for place in self._verify:
+            self._dictionary.cell(*place).value = 0

@@ -265,7 +265,8 @@ def possible(draw):
         goal[record, 2] = word(draw(st.sampled_from([0, 1, 240, 254, 255])), 1)
         if is_transmit:
             goal[record, 3] = word(draw(st.integers(0, 3)), 2)
-            goal[record, 5] = word(draw(st.integers(0, 3)), 2)
+            goal[record, 6] = word(draw(st.integers(0, 3)), 1)
+        goal[record, 5] = word(draw(st.integers(0, 3)), 2)
         goal[record + 0x200, 0] = word(len(mapped), 1)
         values = [*mapped, *[unused] * (8 - len(mapped))]
         goal |= {(record + 0x200, position): word(value) for position, value in enumerate(values, 1)}

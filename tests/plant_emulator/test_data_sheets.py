@@ -185,6 +185,8 @@ def test_a_value_of_the_wrong_length_is_refused(name):
         if variable.writable:
             size = DataType(variable.data_type).size
             place = variable.index, variable.subindex
+            if size is None:
+                continue  # a text is as long as it is
             if size > 1:
                 assert node.write(*place, bytes(size - 1)) is SdoAbortCode.TOO_SHORT, variable.qualname
             if size < 4:

@@ -3,7 +3,9 @@
 import random
 import struct
 import tracemalloc
+from types import SimpleNamespace
 
+import canopen.lss
 import pytest
 
 from drive_profiles.cia402 import Mode, Object, State
@@ -12,7 +14,7 @@ from plant_emulator.motion import measured_counts
 from plant_emulator.robot import load_robot
 from plant_emulator.slave.node import Slave
 from plant_emulator.world import World
-from tests.plant_emulator.rig import CONTROL, COUNTS_PER_REV, GAINS, MS, POSITION, STATUS, TARGET, TORQUE, Rig
+from tests.plant_emulator.rig import CONTROL, COUNTS_PER_REV, GAINS, MS, POSITION, STATUS, TARGET, TORQUE, Rig, Stranger
 
 REFERENCE = load_robot("reference")
 WITH_GAINS = REFERENCE.model_copy(
@@ -436,3 +438,82 @@ def test_the_encoder_shows_the_counts_that_the_law_works_with():
     for _ in range(300):
         axes.plant_state["motor_angle"][1] = angle = rng.choice((1e-5, 1.0, 1e4)) * rng.uniform(-1.0, 1.0)
         assert axes.counts(1) == measured_counts(angle, axes.motion["counts_per_rad"][1])
+
+
+# -- node-IDs that an LSS master gives ---------------------------------------------------------------------------------
+
+
+def lss(world, *data):
+    return world.receive(Frame(0x7E5, bytes(data).ljust(8, b"\0")))
+
+
+def give(world, serial_number, node_id):
+    """Select an emulated drive by its identity, give it a node-ID, store it; what comes when it goes back to waiting."""
+    for service, value in zip((0x40, 0x41, 0x42, 0x43), (0x48494C01, 0x402, 1, serial_number), strict=True):
+        answers = lss(world, service, *struct.pack("<I", value))
+    assert [frame.data[0] for frame in answers] == [0x44]
+    assert lss(world, 0x11, node_id) == [Frame(0x7E4, b"\x11" + bytes(7))]
+    assert lss(world, 0x17) == [Frame(0x7E4, b"\x17" + bytes(7))]
+    return lss(world, 0x04, 0)
+
+
+def test_nodes_without_a_node_id_are_silent_until_an_lss_master_gives_them_one():
+    world = World(REFERENCE, unconfigured=(3, 5))
+    assert [frame.can_id for frame in world.power_on()] == [0x702, 0x700 + ACCELEROMETER]
+    assert lss(world, 0x4C) == [Frame(0x7E4, b"\x50" + bytes(7))] * 2  # on a bus the two are one frame
+    assert world.receive(Frame(0x000, b"\x82\x00")) == [Frame(0x702, b"\0"), Frame(0x700 + ACCELEROMETER, b"\0")]
+    assert give(world, 3, 40) == [Frame(0x728, b"\0")]
+    assert give(world, 5, 41) == [Frame(0x729, b"\0")]
+    assert lss(world, 0x4C) == []
+    assert read(world, 40, 0x1014) == struct.pack("<I", 0x80 + 40)
+    assert world.drives[3].node_id == 40
+    assert world.power_cycle(41) == [Frame(0x729, b"\0")]
+    assert world.power_cycle(5) == [Frame(0x729, b"\0")]  # by its port
+    world.receive(Frame(0, b"\x01\x00"))
+    world.receive(Frame(0x228, b"\x06\x00"))
+    assert world.drives[3].state is State.READY_TO_SWITCH_ON
+
+
+def test_two_nodes_swap_their_node_ids_and_keep_their_ports():
+    world = started()
+    for serial, node_id in ((2, 3), (3, 2)):
+        assert give(world, serial, node_id) == []
+    assert world.receive(Frame(0x000, b"\x82\x00")) == [Frame(0x700 + node, b"\0") for node in (2, 3, 5, ACCELEROMETER)]
+    assert (world.drives[2].node_id, world.drives[3].node_id) == (3, 2)
+    assert world.node_ids == [2, 3, 5, ACCELEROMETER]
+    request = Frame(0x603, b"\x40\x18\x10\x04\0\0\0\0")
+    assert world.hear(request) == [(2, Frame(0x583, b"\x43\x18\x10\x04\x02\0\0\0"))]
+    write(world, 3, 0x1017, 0, struct.pack("<H", 10))
+    world.advance(9 * MS)
+    assert world.move(10 * MS) == [(2, Frame(0x703, b"\x7f"))]
+
+
+def test_who_is_not_there_cannot_be_without_a_node_id_or_lose_its_supply():
+    with pytest.raises(ValueError, match="no node 99"):
+        World(REFERENCE, unconfigured=(99,))
+    with pytest.raises(ValueError, match="no node 99"):
+        started().power_cycle(99)
+
+
+def test_every_node_has_an_identity_of_its_own():
+    slaves = [drive.slave for drive in started().drives.values()] + [started().accelerometer.slave]
+    assert len({tuple(slave.lss.address) for slave in slaves}) == len(slaves) == 4
+
+
+def test_a_stranger_finds_all_unconfigured_nodes_by_fast_scan(monkeypatch):
+    monkeypatch.setattr(canopen.lss, "time", SimpleNamespace(sleep=lambda seconds: None))
+    monkeypatch.setattr(canopen.lss.LssMaster, "RESPONSE_TIMEOUT", 0)
+    rig = Rig(WITH_GAINS)
+    rig.world = World(WITH_GAINS, unconfigured=(2, 3, 5, ACCELEROMETER))
+    assert rig.world.power_on() == []
+    network, found = Stranger(rig), []
+    for node_id in (11, 12, 13, 14):
+        is_found, identity = network.lss.fast_scan()
+        assert is_found
+        found.append(identity)
+        network.lss.configure_node_id(node_id)
+        network.lss.send_switch_state_global(network.lss.WAITING_STATE)
+    assert found == sorted(found)  # of those that remain the one with the smallest address answers to the end
+    assert network.lss.fast_scan() == (False, None)
+    assert sorted(drive.node_id for drive in rig.world.drives.values()) == [11, 12, 13]
+    assert rig.world.accelerometer.node_id == 14

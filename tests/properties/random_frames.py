@@ -85,7 +85,9 @@ class RandomFrames:
         yield Frame(can_id, (word + self._bytes(6))[: self._chance.choice((0, 1, 2, 6, 6, 8, 8))])
 
     def _sync(self, _node: int) -> Iterator[Frame]:
-        yield from [Frame(SYNC, self._bytes(self._chance.choice((0, 0, 0, 0, 0, 0, 0, 1, 2))))] * self._chance.choice((1, 1, 5, 20))
+        yield from [Frame(SYNC, self._bytes(self._chance.choice((0, 0, 0, 0, 0, 0, 0, 1, 2))))] * self._chance.choice(
+            (1, 1, 5, 20)
+        )
 
     def _nmt(self, node: int) -> Iterator[Frame]:
         command = self._chance.choice((1, 1, 1, 1, 2, 128, 129, 130, self._chance.getrandbits(8)))
@@ -100,7 +102,9 @@ class RandomFrames:
             yield self._write(node, (Object.CONTROL_WORD, 0), struct.pack("<H", word))
 
     def _lss(self, _node: int) -> Iterator[Frame]:
-        service = self._chance.choice((0x04, 0x11, 0x13, 0x15, 0x17, 0x40, 0x43, 0x4C, 0x51, 0x5A, 0x5E, self._chance.getrandbits(8)))
+        service = self._chance.choice(
+            (0x04, 0x11, 0x13, 0x15, 0x17, 0x40, 0x43, 0x4C, 0x51, 0x5A, 0x5E, self._chance.getrandbits(8))
+        )
         # never into the configuration state for long: a node with a new number would be out of reach
         yield Frame(LSS, bytes((service,)) + self._number() + self._bytes(3))
         yield Frame(LSS, bytes(8).replace(b"\0", b"\4", 1))
@@ -108,7 +112,9 @@ class RandomFrames:
     def _error_control(self, node: int) -> Iterator[Frame]:
         remote = self._chance.random() < 0.3
         number = self._chance.choice((node, 127, self._chance.randrange(128)))
-        yield Frame(0x700 + number | (CAN_RTR_FLAG if remote else 0), b"" if remote else self._bytes(self._chance.choice((0, 1, 1, 1, 2))))
+        yield Frame(
+            0x700 + number | (CAN_RTR_FLAG if remote else 0), b"" if remote else self._bytes(self._chance.choice((0, 1, 1, 1, 2)))
+        )
 
     def _time(self, _node: int) -> Iterator[Frame]:
         yield Frame(TIME, self._bytes(self._chance.choice((5, 6, 6, 8))))

@@ -10,7 +10,7 @@ from hil.can.bits import arbitration_key, duration_ns, frame_bits
 from hil.can.frame import CAN_EFF_FLAG, CAN_RTR_FLAG, Frame
 from plant_emulator.bus.confinement import ErrorState
 from plant_emulator.bus.faults import Fault, Faults
-from plant_emulator.bus.wire import Wire
+from plant_emulator.bus.wire import QUEUE_FRAMES, Wire
 
 MEGABIT = 1_000_000
 BIT = 1_000
@@ -411,7 +411,7 @@ def test_at_105_percent_overload_is_reported_within_a_second():
     assert overload_ns is not None
     assert overload_ns < 1_000_000_000
     assert wire.load(500_000_000) > 0.999
-    assert wire.statistics.longest_queue <= 100
+    assert wire.statistics.longest_queue <= QUEUE_FRAMES
 
 
 @relaxed

@@ -22,7 +22,6 @@ from plant_emulator.world import World
 from tests.plant_emulator.bus.conftest import wait_for
 from tests.plant_emulator.rig import ONE_AXIS
 
-after_merge = pytest.mark.xfail(reason="the slave engine's next services", strict=False)
 NODE_FOLDER = Path(__file__).parent / "node"
 NODE_FILES = ("package.json", "package-lock.json", "crc/package.json", "crc/index.js")
 INSTALL_TIMEOUT_S = 60

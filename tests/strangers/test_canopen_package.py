@@ -15,7 +15,7 @@ from drive_profiles.profile import VENDORS, Profile
 from drive_profiles.units import Scaling
 from plant_emulator.data_sheets import data_sheets
 from tests.plant_emulator.bus.conftest import wait_for
-from tests.strangers.conftest import after_merge, forget_node_id
+from tests.strangers.conftest import forget_node_id
 
 NODE = 3
 LONG_TEXT = 0x2FF0
@@ -114,7 +114,6 @@ def test_what_cannot_be_written_is_aborted_with_the_standards_code(node):
         assert refused.value.code == code
 
 
-@after_merge
 @pytest.mark.parametrize("size", [1, 7, 889, 1000])
 def test_block_transfers_go_both_ways(node, size):
     text = b"0123456789abcdef" * 64
@@ -125,7 +124,6 @@ def test_block_transfers_go_both_ways(node, size):
     assert node.sdo.upload(LONG_TEXT, 0) == text[:size]
 
 
-@after_merge
 def test_a_block_upload_without_the_crc_is_given_too(node):
     with node.sdo.open(0x1008, 0, "rb", block_transfer=True, request_crc_support=False) as file:
         assert file.read() == b"Emulated servo drive"
@@ -143,7 +141,6 @@ def test_nmt_states_are_commanded_and_seen_in_the_heartbeat(node):
     assert node.sdo[0x1017].raw == 0
 
 
-@after_merge
 def test_node_guarding_is_answered_with_the_state_and_a_toggle(node, network):
     seen = []
     network.subscribe(0x700 + NODE, lambda _, data, __: seen.append(data[0]))
@@ -233,7 +230,6 @@ def test_a_dcf_of_ours_is_loaded_and_every_value_is_there(network, sheet, tmp_pa
         assert served.drive.slave.dictionary.read(*write.place) == write.data
 
 
-@after_merge
 def test_a_counted_sync_and_a_time_stamp_are_taken(node, network, served):
     node.sdo[0x1019].raw = 4
     node.nmt.state = "OPERATIONAL"
@@ -246,7 +242,6 @@ def test_a_counted_sync_and_a_time_stamp_are_taken(node, network, served):
     assert node.emcy.log == []
 
 
-@after_merge
 @pytest.mark.slow
 def test_its_fast_scan_finds_a_node_without_an_id(network, served):
     """128 questions, each zero bit answered, each one bit a time-out of the package."""
@@ -264,7 +259,6 @@ def test_its_fast_scan_finds_a_node_without_an_id(network, served):
     wait_for(lambda: served.drive.node_id == 0x21)
 
 
-@after_merge
 def test_a_node_selected_by_its_identity_is_asked_and_given_another_id(network, served):
     dictionary = served.drive.slave.dictionary
     identity = [dictionary.get(0x1018, subindex) for subindex in range(1, 5)]
@@ -305,9 +299,8 @@ def test_its_quick_stop_is_a_quick_stop(drive402, served):
 
 @pytest.mark.parametrize(
     "mode",
-    ["PROFILED POSITION", "CYCLIC SYNCHRONOUS POSITION", "CYCLIC SYNCHRONOUS TORQUE",
-     *(pytest.param(each, marks=after_merge) for each in (
-         "PROFILED VELOCITY", "PROFILED TORQUE", "HOMING", "INTERPOLATED POSITION", "CYCLIC SYNCHRONOUS VELOCITY"))],
+    ["PROFILED POSITION", "PROFILED VELOCITY", "PROFILED TORQUE", "HOMING", "INTERPOLATED POSITION",
+     "CYCLIC SYNCHRONOUS POSITION", "CYCLIC SYNCHRONOUS VELOCITY", "CYCLIC SYNCHRONOUS TORQUE"],
 )  # fmt: skip
 def test_every_mode_is_told_supported_set_and_shown(drive402, served, mode):
     assert drive402.is_op_mode_supported(mode)
@@ -331,7 +324,6 @@ def test_a_fault_is_seen_and_reset(drive402, network, served):
     assert served.drive.state is State.OPERATION_ENABLED
 
 
-@after_merge
 def test_its_homing_is_carried_out(drive402):
     drive402.op_mode = "PROFILED POSITION"
     drive402.sdo[0x6098].raw = 37  # where it stands
@@ -341,7 +333,6 @@ def test_its_homing_is_carried_out(drive402):
     wait_for(lambda: abs(drive402.tpdo[2][0x6064].raw - 50_000) < 2_000)
 
 
-@after_merge
 def test_a_velocity_is_reached_in_profile_velocity(drive402):
     drive402.op_mode = "PROFILED VELOCITY"
     drive402.state = "OPERATION ENABLED"

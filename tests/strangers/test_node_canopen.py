@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from drive_profiles.cia301 import SdoAbortCode
-from tests.strangers.conftest import after_merge, forget_node_id
+from tests.strangers.conftest import forget_node_id
 
 LONG_TEXT = 0x2FF0
 """The drive's rewritable text, the one object that takes a long transfer in both directions."""
@@ -27,14 +27,12 @@ def test_it_reads_by_segments(master):
     assert master("segmented") == [{"name": "Emulated servo drive"}]
 
 
-@after_merge
 def test_it_writes_by_segments(master, served):
     text = "a text of more than seven bytes, and not a multiple of them"
     assert values(master("segmented", index=LONG_TEXT, text=text), "text") == [text]
     assert served.drive.slave.dictionary.get(LONG_TEXT) == text
 
 
-@after_merge
 def test_it_reads_and_writes_by_blocks_of_every_kind_of_length(master):
     sizes = [
         1,
@@ -64,7 +62,6 @@ def test_it_enables_the_drive_and_hears_it_by_pdo(master, served):
     assert served.drive.slave.nmt_state.name == "OPERATIONAL"
 
 
-@after_merge
 def test_its_counted_syncs_are_obeyed(master):
     found = master("sync")
     [counters], [pdos], [syncs] = values(found, "counters"), values(found, "pdos"), values(found, "syncs")
@@ -80,14 +77,12 @@ def test_it_is_told_of_an_emergency(master):
     assert values(found, "history") == [0x8210]
 
 
-@after_merge
 def test_its_time_is_taken(master, served):
     master("time", time="2026-01-02T03:04:05.678Z")
     since_1984_s = served.drive.slave.time_of_day / 1e9
     assert since_1984_s == pytest.approx(1_325_559_845.678, abs=5.0)
 
 
-@after_merge
 def test_its_fast_scan_finds_a_node_without_an_id_and_gives_it_one(master, served):
     """Without the package's search for the vendor, which would take seconds of time-outs."""
     drive = served.drive

@@ -10,7 +10,7 @@ import canopen
 import pytest
 
 from drive_profiles.cia301 import DataType, NmtCommand, SdoAbortCode
-from hil.can.frame import Frame
+from hil.can.frame import CAN_RTR_FLAG, Frame
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
 from plant_emulator.slave.eds import DeviceInfo, write_eds
 from plant_emulator.slave.node import Slave
@@ -142,8 +142,8 @@ class PumpedNetwork(canopen.Network):
         self.bench = bench
 
     def send_message(self, can_id, data, remote=False):
-        if not remote:
-            self.deliver(self.bench.slave.receive(Frame(can_id, bytes(data)), self.bench.now))
+        flag = CAN_RTR_FLAG if remote else 0
+        self.deliver(self.bench.slave.receive(Frame(can_id | flag, bytes(data)), self.bench.now))
 
     def deliver(self, frames):
         for frame in frames:

@@ -226,3 +226,53 @@ def test_a_node_relative_default_follows_the_node_id(dictionary):
 
 def test_an_abort_carries_the_standards_words():
     assert str(SdoAbort(SdoAbortCode.NO_OBJECT)) == "06020000h Object does not exist in the object dictionary"
+
+
+# -- what a reset puts back --------------------------------------------------------------------------------------------
+
+
+def numbered(default=0x85 - 5, **more):
+    return Entry(0x1014, 0, "COB-ID", DataType.UNSIGNED32, Access.RW, default, node_relative=True, **more)
+
+
+@pytest.mark.parametrize(
+    ("kept", "then"),
+    [(0x85, 0x89), (0x8000_0085, 0x8000_0089), (0x190, 0x190), (0x89, 0x89)],
+)
+def test_a_kept_cob_id_follows_the_node_id_where_it_is_the_nodes_own(kept, then):
+    dictionary = Dictionary([numbered(), Entry(0x2000, 0, "Other", DataType.UNSIGNED32, Access.RW, 0)], node_id=5)
+    dictionary.kept = {(0x1014, 0): kept, (0x2000, 0): 5}
+    dictionary.renumber(9)
+    dictionary.reset(ResetKind.NODE)
+    assert (dictionary.node_id, dictionary.get(0x1014), dictionary.get(0x2000)) == (9, then, 5)
+
+
+def test_a_value_that_its_owner_refuses_gives_way_to_the_default():
+    dictionary = Dictionary([Entry(0x2000, 0, "Even", DataType.UNSIGNED8, Access.RW, 2)])
+    given = []
+
+    def even(value):
+        given.append(value)
+        return SdoAbortCode.INVALID_VALUE if value % 2 else None
+
+    dictionary.load(0x2000)  # whom nobody owns, nobody refuses
+    dictionary.on_write(0x2000, 0, even)
+    for kept, value in ((4, 4), (5, 2)):
+        dictionary.kept = {(0x2000, 0): kept}
+        dictionary.reset(ResetKind.NODE)
+        dictionary.load(0x2000)
+        assert dictionary.get(0x2000) == value
+    assert given == [4, 5, 2]
+
+
+def test_the_owner_hears_of_what_an_sdo_changes_and_of_nothing_else():
+    dictionary = Dictionary([Entry(0x2000, 0, "Value", DataType.UNSIGNED8, Access.RW, 2, high=9)])
+    changed = []
+    dictionary.on_change = lambda entry: changed.append(entry.index)
+    dictionary.write(0x2000, 0, b"\x03")
+    dictionary.write(0x2000, 0, b"\x03")
+    dictionary.set(0x2000, 0, 4)
+    dictionary.cell(0x2000).assign(5)
+    with pytest.raises(SdoAbort):
+        dictionary.write(0x2000, 0, b"\x0a")
+    assert changed == [0x2000]

@@ -4,6 +4,7 @@ import pytest
 
 from drive_profiles.cia301 import ErrorRegister, NmtCommand, SdoAbortCode
 
+MS = 1_000_000
 CURRENT, PROFILE, TEMPERATURE = ErrorRegister.CURRENT, ErrorRegister.PROFILE, ErrorRegister.TEMPERATURE
 
 
@@ -138,6 +139,108 @@ def test_the_cob_id_decides_where_and_whether_frames_are_sent(bench):
     bench.write_value(0x1014, 0, 0x00000090)
     bench.slave.raise_emergency("b", 0x1000)
     assert [frame.can_id for frame in bench.slave.take_frames()] == [0x090]
+
+
+@pytest.mark.parametrize("kept", [0x2000_0085, 0x0000_0585])
+def test_a_kept_cob_id_that_could_not_be_written_is_not_in_force(bench, kept):
+    bench.dictionary.kept = {(0x1014, 0): kept}
+    bench.nmt(NmtCommand.RESET_COMMUNICATION)
+    assert bench.read(0x1014) == b"\x85\0\0\0"
+    bench.slave.raise_emergency("a", 0x1000)
+    assert [frame.can_id for frame in bench.slave.take_frames()] == [0x085]
+
+
+# -- inhibit time (CiA 301, 7.5.2.18) ----------------------------------------------------------------------------------
+
+
+def inhibited(bench, multiple_of_100us=100):
+    assert bench.write_value(0x1015, 0, multiple_of_100us) is None
+    return bench.slave
+
+
+def test_within_the_inhibit_time_emergencies_wait_and_none_is_lost(bench):
+    """Golden transcript: 1015h = 100, 10 ms; the register of a frame is that of its event."""
+    slave = inhibited(bench)
+    slave.raise_emergency("short", 0x2310, CURRENT)
+    slave.raise_emergency("hot", 0x4210, TEMPERATURE)
+    slave.clear_emergency("short")
+    slave.clear_emergency("hot")
+    assert slave.take_frames() == [(0x085, bytes.fromhex("1023 03 0000000000"))]
+    assert slave.due == bench.now + 10 * MS
+    assert bench.wait(30) == [
+        (10 * MS, (0x085, bytes.fromhex("1042 0b 0000000000"))),
+        (20 * MS, (0x085, bytes(8))),
+    ]
+    assert slave.due is None
+
+
+def test_an_emergency_after_the_inhibit_time_goes_at_once(bench):
+    slave = inhibited(bench)
+    slave.raise_emergency("a", 0x1000)
+    slave.take_frames()
+    bench.wait(10)
+    slave.advance(bench.now)
+    slave.raise_emergency("b", 0x1000)
+    assert len(slave.take_frames()) == 1
+
+
+def test_of_too_many_that_wait_the_newest_are_sent(bench):
+    slave = inhibited(bench)
+    for number in range(12):
+        slave.raise_emergency(f"cause {number}", 0xFF00 + number)
+    assert len(slave.take_frames()) == 1
+    codes = [frame.data[0] for _, frame in bench.wait(1000)]
+    assert codes == list(range(4, 12))
+    assert bench.read(0x1003, 0) == b"\x08"
+
+
+def test_a_caller_who_comes_late_gets_one_and_the_next_a_whole_inhibit_time_later(bench):
+    slave = inhibited(bench)
+    for cause in "abc":
+        slave.raise_emergency(cause, 0x1000)
+    slave.take_frames()
+    bench.now += 35 * MS
+    assert len(slave.advance(bench.now)) == 1
+    assert slave.due == 45 * MS
+
+
+def test_without_an_inhibit_time_what_waits_goes_at_once(bench):
+    slave = inhibited(bench)
+    for cause in "abcd":
+        slave.raise_emergency(cause, 0x1000)
+    slave.take_frames()
+    bench.write_value(0x1015, 0, 0)
+    assert len(bench.wait(0)) == 3
+
+
+def test_what_waits_while_the_object_does_not_exist_is_dropped(bench):
+    slave = inhibited(bench)
+    for cause in "abcd":
+        slave.raise_emergency(cause, 0x1000)
+    slave.take_frames()
+    bench.write_value(0x1014, 0, 0x8000_0085)
+    assert bench.wait(100) == []
+    assert slave.due is None
+
+
+@pytest.mark.parametrize("command", [NmtCommand.STOP, NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION])
+def test_what_waits_is_dropped_when_the_node_stops_or_is_reset(bench, command):
+    slave = inhibited(bench)
+    for cause in "ab":
+        slave.raise_emergency(cause, 0x1000)
+    slave.take_frames()
+    bench.nmt(command)
+    bench.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
+    assert bench.wait(100) == []
+
+
+def test_the_inhibit_time_is_stored_and_in_force_after_a_reset(bench):
+    bench.dictionary.kept = {(0x1015, 0): 50}
+    bench.nmt(NmtCommand.RESET_COMMUNICATION)
+    for cause in "ab":
+        bench.slave.raise_emergency(cause, 0x1000)
+    bench.slave.take_frames()
+    assert bench.slave.due == 5 * MS
 
 
 def test_a_stranger_hears_the_error_and_its_end(stranger, bench):

@@ -129,6 +129,23 @@ def test_stopping_ends_a_transfer_in_silence(running):
     assert running.wait(60_000) == []
 
 
+def test_a_reset_before_the_boot_up_message_was_taken_sends_one_of_its_own(bench):
+    """CiA 301, 7.3.2.2: each pass through initialising has its boot-up message, however fast they follow each other."""
+    bench.slave.raise_emergency("hot", 0x4210)
+    for _ in range(3):
+        assert [f for f in bench.nmt(NmtCommand.RESET_COMMUNICATION) if f.can_id == 0x705] == [BOOT]
+    assert bench.slave.take_frames() == []
+
+
+@pytest.mark.parametrize("command", list(RESETS))
+def test_a_reset_reloads_what_was_stored(bench, command):
+    bench.dictionary.kept = {(0x1017, 0): 10, (0x1016, 1): 0x0001_0064}
+    bench.nmt(command)
+    assert [time for time, _ in bench.wait(20)] == [10 * MS, 20 * MS]
+    bench.send(0x701, b"\x05")
+    assert bench.slave.listens(0x701)
+
+
 # Heartbeat producer
 
 
@@ -272,6 +289,37 @@ def test_one_node_cannot_be_watched_twice(bench):
     assert watch(bench, 1, 0, 2) is None
 
 
+def test_kept_watches_of_one_node_are_taken_once(bench, lost):
+    bench.dictionary.kept = {(0x1016, 1): 0x0001_0064, (0x1016, 2): 0x0001_0032, (0x1016, 3): 0xFF02_0032}
+    bench.nmt(NmtCommand.RESET_COMMUNICATION)
+    assert [bench.dictionary.get(0x1016, subindex) for subindex in (1, 2, 3)] == [0x0001_0064, 0, 0]
+    bench.send(0x701, b"\x05")
+    bench.wait(99)
+    assert lost == []
+    bench.wait(1)
+    assert lost == [1]
+
+
+def test_writing_a_watch_again_waits_for_a_first_heartbeat_anew(bench, lost):
+    watch(bench)
+    bench.send(0x701, b"\x05")
+    bench.wait(50)
+    watch(bench)
+    bench.wait(1000)
+    assert lost == []
+    bench.send(0x701, b"\x05")
+    bench.wait(100)
+    assert lost == [1]
+
+
+def test_a_watch_of_the_node_itself_never_starts(bench, lost):
+    """The standard does not forbid it; a node does not hear itself, and a watch begins with a first heartbeat."""
+    assert watch(bench, NODE) is None
+    bench.write_value(0x1017, 0, 10)
+    assert len(bench.wait(1000)) == 100
+    assert lost == []
+
+
 def test_reserved_bits_of_a_watch_are_refused(bench):
     assert bench.write_value(0x1016, 1, 0x01010064) is SdoAbortCode.INVALID_VALUE
 
@@ -303,6 +351,19 @@ def test_a_lost_heartbeat_leads_an_operational_node_where_1029h_says(bench, lost
     bench.wait(100)
     assert lost == [1]
     assert bench.slave.nmt_state is state
+
+
+@pytest.mark.parametrize(("behaviour", "state"), [(0, PRE), (1, PRE), (2, STOP)])
+def test_a_lost_heartbeat_stops_a_pre_operational_node_where_1029h_says_so(bench, lost, behaviour, state):
+    assert bench.write_value(0x1029, 1, behaviour) is None
+    watch(bench)
+    bench.send(0x701, b"\x05")
+    bench.wait(100)
+    assert bench.slave.nmt_state is state
+
+
+def test_1029h_knows_three_behaviours(bench):
+    assert bench.write_value(0x1029, 1, 3) is SdoAbortCode.VALUE_TOO_HIGH
 
 
 def test_a_watch_works_in_the_stopped_state(bench, lost):

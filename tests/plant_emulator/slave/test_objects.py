@@ -8,7 +8,11 @@ from plant_emulator.slave.objects import PdoDefault, communication_entries, pdo_
 
 
 @pytest.mark.parametrize(
-    "index", [0x1000, 0x1001, 0x1003, 0x1005, 0x1008, 0x1009, 0x100A, 0x1014, 0x1016, 0x1017, 0x1018, 0x1029]
+    "index",
+    [
+        *(0x1000, 0x1001, 0x1003, 0x1005, 0x1007, 0x1008, 0x1009, 0x100A, 0x100C, 0x100D, 0x1012),
+        *(0x1014, 0x1015, 0x1016, 0x1017, 0x1018, 0x1019, 0x1020, 0x1029, 0x1200, 0x1201),
+    ],
 )
 def test_the_objects_are_there(index):
     assert (index, 0) in Dictionary(communication_entries(device_type=0, name="x"))
@@ -56,3 +60,11 @@ def test_validity_can_be_chosen():
     entries = pdo_entries(tpdos=[PdoDefault(is_valid=False), PdoDefault(), PdoDefault(is_valid=True)])
     cob_ids = [entry.default for entry in entries if 0x1800 <= entry.index <= 0x1803 and entry.subindex == 1]
     assert cob_ids == [0x80000180, 0x280, 0x380, 0x80000480]
+
+
+def test_the_defaults_are_those_of_the_standard_where_it_has_some():
+    """CiA 301, 7.5.2: error control and inhibit times off, TIME heard at 100h, nothing verified."""
+    dictionary = Dictionary(communication_entries(device_type=0, name="x"), node_id=5)
+    expected = {(0x100C, 0): 0, (0x100D, 0): 0, (0x1012, 0): 0x8000_0100, (0x1015, 0): 0, (0x1020, 1): 0, (0x1020, 2): 0}
+    assert {place: dictionary.get(*place) for place in expected} == expected
+    assert dictionary.get(0x1020, 0) == 2

@@ -1,51 +1,19 @@
 """The SDO server byte by byte, then with the canopen package as its client."""
 
-import struct
-
 import canopen
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drive_profiles.cia301 import DataType, SdoAbortCode
-from plant_emulator.slave.dictionary import Access, Dictionary, Entry
-from plant_emulator.slave.sdo import Command, SdoServer, State
-
-NODE = 5
-SECOND = 1_000_000_000
-LABEL = (0x01, 0x20, 0x00)
-BLOB = (0x04, 0x20, 0x00)
-WIDE = (0x05, 0x20, 0x00)
-
-
-def make_server(**options):
-    text = DataType.VISIBLE_STRING
-    dictionary = Dictionary(
-        [
-            Entry(0x2000, 0, "Limited", DataType.INTEGER16, Access.RW, 10, low=-100, high=100),
-            Entry(0x2001, 0, "Label", text, Access.RW, "a label of 21 letters"),
-            Entry(0x2002, 0, "Status", DataType.UNSIGNED16, Access.RO, 1),
-            Entry(0x2003, 0, "Key", DataType.UNSIGNED16, Access.WO, 1),
-            Entry(0x2004, 0, "Blob", DataType.DOMAIN, Access.RW, b""),
-            Entry(0x2005, 0, "Wide", DataType.UNSIGNED64, Access.RW, 0x0102030405060708),
-        ]
-    )
-    return SdoServer(dictionary, NODE, **options), dictionary
+from drive_profiles.cia301 import SdoAbortCode
+from plant_emulator.slave.dictionary import Access
+from plant_emulator.slave.sdo import INITIATES, Service, State
+from tests.plant_emulator.slave.sdo_rig import BLOB, LABEL, SECOND, WIDE, abort, ask, make_server
 
 
 @pytest.fixture
 def server():
     return make_server()[0]
-
-
-def ask(server, *data, now=0):
-    frames = server.receive(bytes(data).ljust(8, b"\0"), now)
-    assert all(frame.can_id == 0x585 and len(frame.data) == 8 for frame in frames)
-    return frames[0].data if frames else None
-
-
-def abort(code, *place):
-    return struct.pack("<B3sI", 0x80, bytes(place or (0, 0, 0)), code)
 
 
 def test_a_short_value_is_uploaded_expedited(server):
@@ -117,40 +85,115 @@ def test_an_empty_value_can_be_downloaded():
         ((0x2B, 0x00, 0x20, 0, 101), SdoAbortCode.VALUE_TOO_HIGH),
         ((0x2B, 0x00, 0x20, 0, 0x9B, 0xFF), SdoAbortCode.VALUE_TOO_LOW),
         ((0x21, 0x01, 0x20, 0, 0x01, 0x04), SdoAbortCode.OUT_OF_MEMORY),
-        ((0xA4, 0x00, 0x20, 0), SdoAbortCode.UNKNOWN_COMMAND),
-        ((0xC6, 0x04, 0x20, 0), None),
+        ((0xE0, 0x00, 0x20, 0), SdoAbortCode.UNKNOWN_COMMAND),
     ],
 )
 def test_a_refused_initiate_is_answered_with_the_objects_place_and_the_code(server, request_, code):
-    if code is None:  # a block download's sub-command other than initiate names no object
-        assert ask(server, *request_) == abort(SdoAbortCode.UNKNOWN_COMMAND)
-    else:
-        assert ask(server, *request_) == abort(code, *request_[1:4])
+    assert ask(server, *request_) == abort(code, *request_[1:4])
     assert server.state is State.IDLE
     assert server.due is None
 
 
-@pytest.mark.parametrize("state", list(State))
-@pytest.mark.parametrize("command", list(Command))
-def test_every_command_in_every_state_gets_the_answer_of_the_table(server, state, command):
-    if state is State.UPLOADING:
-        ask(server, 0x40, *LABEL)
-    elif state is State.DOWNLOADING:
-        ask(server, 0x20, *LABEL)
-    answer = ask(server, command << 5, *LABEL)
-    known = {
-        (State.DOWNLOADING, Command.DOWNLOAD_SEGMENT): 0x20,
-        (State.UPLOADING, Command.UPLOAD_SEGMENT): 0x00,
-    } | {(s, c): r for s in State for c, r in ((Command.INITIATE_DOWNLOAD, 0x60), (Command.INITIATE_UPLOAD, 0x41))}
-    if command is Command.ABORT:
-        assert answer is None
-    elif (state, command) in known:
-        assert answer[0] == known[state, command]
+PATHS = {
+    State.IDLE: (),
+    State.DOWNLOADING: ((0x20, *LABEL),),
+    State.UPLOADING: ((0x40, *LABEL),),
+    State.BLOCK_DOWNLOADING: ((0xC0, *LABEL),),
+    State.BLOCK_DOWNLOAD_ENDING: ((0xC0, *LABEL), (0x81, *b"segment")),
+    State.BLOCK_UPLOAD_READY: ((0xA0, *LABEL, 127),),
+    State.BLOCK_UPLOADING: ((0xA0, *LABEL, 3), (0xA3,)),
+    State.BLOCK_UPLOAD_ENDING: ((0xA0, *LABEL, 3), (0xA3,), (0xA2, 3, 3)),
+}
+"""The requests that lead to each state but WAITING."""
+
+FIRST_BYTES = {
+    Service.DOWNLOAD_SEGMENT: 0x00,
+    Service.INITIATE_DOWNLOAD: 0x20,
+    Service.INITIATE_UPLOAD: 0x40,
+    Service.UPLOAD_SEGMENT: 0x60,
+    Service.ABORT: 0x80,
+    Service.INITIATE_BLOCK_UPLOAD: 0xA0,
+    Service.END_BLOCK_UPLOAD: 0xA1,
+    Service.ACKNOWLEDGE_BLOCK: 0xA2,
+    Service.START_BLOCK_UPLOAD: 0xA3,
+    Service.INITIATE_BLOCK_DOWNLOAD: 0xC0,
+    Service.END_BLOCK_DOWNLOAD: 0xC1,
+    Service.RESERVED: 0xE0,
+}
+
+ANSWERED = {
+    (State.DOWNLOADING, Service.DOWNLOAD_SEGMENT): [0x20],
+    (State.UPLOADING, Service.UPLOAD_SEGMENT): [0x00],
+    (State.BLOCK_UPLOAD_READY, Service.START_BLOCK_UPLOAD): [0x01, 0x02, 0x83],
+    (State.BLOCK_UPLOADING, Service.ACKNOWLEDGE_BLOCK): [0x01, 0x82],
+    (State.BLOCK_UPLOAD_ENDING, Service.END_BLOCK_UPLOAD): [],
+    (State.BLOCK_DOWNLOAD_ENDING, Service.END_BLOCK_DOWNLOAD): [0xA1],
+}
+"""The first bytes of the answers to what a state expects; the place of the label reads as "1 segment came, send 32"."""
+
+BEGUN = {
+    Service.INITIATE_DOWNLOAD: 0x60,
+    Service.INITIATE_UPLOAD: 0x41,
+    Service.INITIATE_BLOCK_DOWNLOAD: 0xA0,
+    Service.INITIATE_BLOCK_UPLOAD: 0xC2,
+}
+
+
+@pytest.fixture
+def brought_to():
+    def bring(state):
+        server, _ = make_server()
+        for request_ in PATHS[state]:
+            server.receive(bytes(request_).ljust(8, b"\0"), 0)
+        assert server.state is state
+        return server
+
+    return bring
+
+
+@pytest.mark.parametrize("state", list(PATHS))
+@pytest.mark.parametrize("service", list(Service))
+def test_every_service_in_every_state_gets_the_answer_of_the_table(brought_to, state, service):
+    server = brought_to(state)
+    data = bytes((FIRST_BYTES[service], *LABEL, 127, 0, 0, 0))
+    answers = [frame.data for frame in server.receive(data, 0)]
+    if service is Service.ABORT:
+        assert answers == []
+    elif service in INITIATES:
+        assert [answer[:4] for answer in answers] == [bytes((BEGUN[service], *LABEL))]
+        return
+    elif (state, service) in ANSWERED:
+        assert [answer[0] for answer in answers] == ANSWERED[state, service]
         return
     else:
-        assert answer[0] == 0x80
-        assert answer[4:] == struct.pack("<I", SdoAbortCode.UNKNOWN_COMMAND)
+        is_segment = state is State.BLOCK_DOWNLOADING
+        code = SdoAbortCode.INVALID_SEQUENCE_NUMBER if is_segment else SdoAbortCode.UNKNOWN_COMMAND
+        place = LABEL if service is Service.RESERVED or state is not State.IDLE else (0, 0, 0)
+        assert answers == [abort(code, *place)]
     assert server.state is State.IDLE
+    assert server.due is None
+
+
+@pytest.mark.parametrize("state", list(PATHS))
+def test_a_refused_initiate_in_any_state_ends_the_transfer(brought_to, state):
+    server = brought_to(state)
+    code = SdoAbortCode.INVALID_SEQUENCE_NUMBER if state is State.BLOCK_DOWNLOADING else SdoAbortCode.NO_OBJECT
+    place = LABEL if state is State.BLOCK_DOWNLOADING else (0xFF, 0x2F, 0)
+    assert ask(server, 0x40, 0xFF, 0x2F, 0) == abort(code, *place)
+    assert server.state is State.IDLE
+
+
+@pytest.mark.parametrize("state", list(PATHS))
+def test_a_client_that_falls_silent_is_aborted_and_the_server_is_free(brought_to, state):
+    server = brought_to(state)
+    if state is State.IDLE:
+        assert server.due is None
+        return
+    assert server.due == 5 * SECOND
+    assert server.advance(server.due - 1) == []
+    assert [frame.data for frame in server.advance(server.due)] == [abort(SdoAbortCode.TIMED_OUT, *LABEL)]
+    assert (server.state, server.due, server.kept_bytes) == (State.IDLE, None, 0)
+    assert ask(server, 0x40, *LABEL)[0] == 0x41
 
 
 @pytest.mark.parametrize(("first", "segment"), [(0x40, 0x70), (0x20, 0x10)])
@@ -193,10 +236,10 @@ def test_a_client_cannot_make_the_server_keep_more_than_its_bound(bound):
     toggle = 0
     for _ in range(bound // 7):
         assert ask(server, toggle, *bytes(7))[0] != 0x80
-        assert len(server._received) <= bound
+        assert server.kept_bytes <= bound
         toggle ^= 0x10
     assert ask(server, toggle, *bytes(7)) == abort(SdoAbortCode.OUT_OF_MEMORY, *BLOB)
-    assert len(server._received) == 0
+    assert server.kept_bytes == 0
 
 
 def test_a_new_initiate_forgets_the_old_transfer():
@@ -288,9 +331,3 @@ def test_a_stranger_hears_why_it_is_refused(stranger):
     assert code(stranger.sdo.download, 0x2000, 0, b"\x65\0") == SdoAbortCode.VALUE_TOO_HIGH
     # last: its writer may send a segment of what was refused when it is collected, and take the answer for the next one's
     assert code(stranger.sdo.download, 0x2004, 0, bytes(1025)) == SdoAbortCode.OUT_OF_MEMORY
-
-
-def test_a_stranger_hears_that_there_is_no_block_transfer(stranger):
-    with pytest.raises(canopen.SdoAbortedError) as caught:
-        stranger.sdo.open(0x2004, 0, "wb", size=100, block_transfer=True)
-    assert caught.value.code == SdoAbortCode.UNKNOWN_COMMAND

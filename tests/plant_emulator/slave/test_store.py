@@ -230,6 +230,88 @@ def test_a_memory_that_fails_says_so_after_its_time_and_keeps_what_it_had(bench)
     assert values(bench, LIMITED) == [1]
 
 
+# -- is the node as it was configured? (CiA 301, 7.5.2.23) ------------------------------------------------------------
+
+DATE, TIME = (0x1020, 1), (0x1020, 2)
+
+
+def date(bench):
+    write(bench, DATE, 15_000)
+    write(bench, TIME, 3_600_000)
+
+
+def test_the_date_of_the_configuration_survives_with_it(bench):
+    change_all(bench)
+    date(bench)
+    save(bench)
+    bench.slave.power_on(bench.now)
+    assert values(bench, DATE, TIME) == [15_000, 3_600_000]
+
+
+@pytest.mark.parametrize("place", [LIMITED, HEARTBEAT, OPTION, (0x1029, 1)])
+def test_a_change_of_anything_that_would_be_kept_takes_the_date_away(bench, place):
+    date(bench)
+    write(bench, place, 1)
+    assert values(bench, DATE, TIME) == [0, 0]
+
+
+@pytest.mark.parametrize(("place", "value"), [(LIMITED, 10), ((0x6040, 0), 15), ((0x607A, 0), 1000), (DATE, 15_000)])
+def test_what_changes_nothing_or_is_never_kept_leaves_the_date(bench, place, value):
+    date(bench)
+    write(bench, place, value)
+    assert values(bench, DATE, TIME) == [15_000, 3_600_000]
+
+
+def test_a_write_that_is_refused_leaves_the_date(bench):
+    date(bench)
+    assert bench.write_value(*LIMITED, 101) is SdoAbortCode.VALUE_TOO_HIGH
+    assert values(bench, DATE, TIME) == [15_000, 3_600_000]
+
+
+def test_a_pdo_leaves_the_date(bench):
+    date(bench)
+    bench.start()
+    bench.send(0x205, struct.pack("<Hi", 15, 77))
+    bench.sync()
+    assert values(bench, (0x607A, 0), DATE) == [77, 15_000]
+
+
+def test_a_change_that_was_not_stored_leaves_the_stored_date(bench):
+    date(bench)
+    save(bench)
+    write(bench, LIMITED, 1)
+    bench.slave.power_on(bench.now)
+    assert values(bench, LIMITED, DATE, TIME) == [10, 15_000, 3_600_000]
+
+
+@pytest.mark.parametrize("group", [ALL, COMMUNICATION_GROUP, APPLICATION_GROUP, MANUFACTURER_GROUP])
+def test_a_stored_change_leaves_no_date_of_the_configuration_before_it(bench, group):
+    date(bench)
+    save(bench)
+    change_all(bench)
+    save(bench, group)
+    bench.slave.power_on(bench.now)
+    assert values(bench, DATE, TIME) == [0, 0]
+
+
+@pytest.mark.parametrize("group", [ALL, COMMUNICATION_GROUP, APPLICATION_GROUP, MANUFACTURER_GROUP])
+def test_a_restored_group_takes_the_date_away(bench, group):
+    change_all(bench)
+    date(bench)
+    save(bench)
+    save(bench, group, LOAD_BYTES, RESTORE)
+    assert values(bench, DATE, TIME) == [0, 0]
+    bench.slave.power_on(bench.now)
+    assert values(bench, DATE, TIME) == [0, 0]
+
+
+def test_a_group_without_the_date_is_stored_without_it(bench):
+    date(bench)
+    save(bench, APPLICATION_GROUP)
+    bench.slave.power_on(bench.now)
+    assert values(bench, DATE, TIME) == [0, 0]
+
+
 # -- how long it takes -------------------------------------------------------------------------------------------------
 
 

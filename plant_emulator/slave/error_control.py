@@ -1,0 +1,117 @@
+"""Who notices whose failure: heartbeats sent and watched, or node guarding, both with one report (CiA 301, 7.2.8.2.2)."""
+
+from collections.abc import Callable
+from functools import partial
+
+from drive_profiles.cia301 import BROADCAST, EmergencyCode, ErrorRegister, FunctionCode, NmtState
+from hil.can.frame import CAN_RTR_FLAG, Frame
+from plant_emulator.slave.dictionary import Dictionary
+from plant_emulator.slave.emergency import EmergencyProducer
+from plant_emulator.slave.guarding import NodeGuarding
+from plant_emulator.slave.nmt import HeartbeatConsumer, HeartbeatProducer
+
+MASTER = BROADCAST
+"""In the place of a node-ID: the NMT master that guards this node."""
+LIFE_GUARDING = "life guarding"
+
+
+class ErrorControl:
+    """The error control services of a node. A node that sends heartbeats is not guarded.
+
+    Args:
+        dictionary: Brings 100Ch, 100Dh, 1016h and 1017h.
+        emergency: Hears of what is lost and found.
+        send: Takes each frame.
+        clock: Gives the node's time.
+        state: Gives the node's NMT state.
+        lost: Called with the number of a watched node, or `MASTER`.
+        rerouted: Called when `routes` has become another.
+        rescheduled: Called when `due` has become another by a frame.
+    """
+
+    def __init__(
+        self,
+        dictionary: Dictionary,
+        emergency: EmergencyProducer,
+        *,
+        send: Callable[[Frame], None],
+        clock: Callable[[], int],
+        state: Callable[[], NmtState],
+        lost: Callable[[int], None],
+        rerouted: Callable[[], None],
+        rescheduled: Callable[[], None],
+    ) -> None:
+        self._emergency = emergency
+        self._send = send
+        self._state = state
+        self._lost = lost
+        self._rerouted = rerouted
+        self._rescheduled = rescheduled
+        self._node_id = 0
+        self._is_guarded = True
+        self._guarding = NodeGuarding(dictionary, partial(self._lose, MASTER), partial(self._find, MASTER))
+        self._producer = HeartbeatProducer(dictionary, clock, self._choose)
+        self._consumer = HeartbeatConsumer(dictionary, self._lose, self._find, rerouted)
+
+    def load(self, node_id: int) -> None:
+        """Take the parameters from the dictionary after a reset, for a node of this number."""
+        self._node_id = node_id
+        self._guarding.load()
+        self._producer.load()
+        self._consumer.load()
+
+    @property
+    def due(self) -> int | None:
+        """When `advance` must be called, or None."""
+        times = (self._producer.due, self._consumer.due, self._guarding.due)
+        return min((time for time in times if time is not None), default=None)
+
+    @property
+    def routes(self) -> dict[int, Callable[[bytes, int], None]]:
+        """What takes the frame of each identifier that concerns error control."""
+        routes: dict[int, Callable[[bytes, int], None]] = {
+            FunctionCode.HEARTBEAT + node_id: partial(self._on_heartbeat, node_id) for node_id in self._consumer.nodes
+        }
+        if self._is_guarded:
+            routes[CAN_RTR_FLAG | FunctionCode.HEARTBEAT + self._node_id] = self._on_guarding
+        return routes
+
+    def advance(self, now: int) -> None:
+        """Report what is lost, and send the heartbeat that is due."""
+        self._consumer.advance(now)
+        self._guarding.advance(now)
+        if self._producer.is_due(now):
+            self._say(bytes((self._state(),)))
+
+    def boot_up(self) -> Frame:
+        """Give the boot-up message."""
+        return Frame(FunctionCode.HEARTBEAT + self._node_id, bytes((NmtState.INITIALISING,)))
+
+    def _say(self, data: bytes) -> None:
+        self._send(Frame(FunctionCode.HEARTBEAT + self._node_id, data))
+
+    def _on_heartbeat(self, node_id: int, data: bytes, now: int) -> None:
+        self._consumer.receive(node_id, data, now)
+        self._rescheduled()
+
+    def _on_guarding(self, _data: bytes, now: int) -> None:
+        self._say(self._guarding.answer(self._state(), now))
+        self._rescheduled()
+
+    def _choose(self) -> None:
+        if self._is_guarded is (self._producer.due is None):
+            return
+        self._is_guarded = not self._is_guarded
+        self._guarding.stop()
+        self._rerouted()
+
+    def _lose(self, node_id: int) -> None:
+        self._emergency.raise_cause(_cause(node_id), EmergencyCode.HEARTBEAT, ErrorRegister.COMMUNICATION)
+        self._lost(node_id)
+
+    def _find(self, node_id: int) -> None:
+        self._emergency.clear_cause(_cause(node_id))
+
+
+def _cause(node_id: int) -> str:
+    return LIFE_GUARDING if node_id == MASTER else f"heartbeat {node_id}"

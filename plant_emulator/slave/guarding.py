@@ -1,0 +1,73 @@
+"""Node guarding and life guarding: the older error control, in which the master asks (CiA 301, 7.2.8.2.2.1 and 7.2.8.2.2.2)."""
+
+from collections.abc import Callable
+
+from plant_emulator.slave.dictionary import Dictionary
+
+GUARD_TIME, LIFE_TIME_FACTOR = 0x100C, 0x100D
+_NS_PER_MS = 1_000_000
+_TOGGLE = 0x80
+
+
+class NodeGuarding:
+    """Answers the remote requests of the NMT master, and notices when they stay away.
+
+    Life guarding begins with the first request: a node that nobody guards misses nobody. It is in use while neither 100Ch nor
+    100Dh is 0; a change of either lets it wait for a first request anew.
+
+    Args:
+        dictionary: Brings 100Ch and 100Dh.
+        on_lost: Called once when no request has come for guard time × life time factor.
+        on_found: Called when one comes again, or when none is expected any more.
+
+    Attributes:
+        due: When the life time ends, or None.
+    """
+
+    def __init__(self, dictionary: Dictionary, on_lost: Callable[[], None], on_found: Callable[[], None]) -> None:
+        self.due: int | None = None
+        self._on_lost = on_lost
+        self._on_found = on_found
+        self._dictionary = dictionary
+        self._times = {GUARD_TIME: 0, LIFE_TIME_FACTOR: 0}
+        self._life_time = 0
+        self._toggle = 0
+        self._is_lost = False
+        dictionary.on_write(GUARD_TIME, 0, lambda time_ms: self._set(GUARD_TIME, time_ms))
+        dictionary.on_write(LIFE_TIME_FACTOR, 0, lambda factor: self._set(LIFE_TIME_FACTOR, factor))
+
+    def load(self) -> None:
+        """Take the times from the dictionary after a reset; the toggle bit of the next answer is 0."""
+        self._toggle = 0
+        for index in self._times:
+            self._set(index, self._dictionary.get_int(index))
+
+    def stop(self) -> None:
+        """Expect no request until the next one comes."""
+        self.due = None
+        if self._is_lost:
+            self._is_lost = False
+            self._on_found()
+
+    def answer(self, state: int, now: int) -> bytes:
+        """Give the answer to a request: the NMT state, and a bit that alternates."""
+        if self._life_time:
+            self.due = now + self._life_time
+        if self._is_lost:
+            self._is_lost = False
+            self._on_found()
+        data = bytes((self._toggle | state,))
+        self._toggle ^= _TOGGLE
+        return data
+
+    def advance(self, now: int) -> None:
+        """Report the master whose requests have failed to come."""
+        if self.due is not None and now >= self.due:
+            self.due = None
+            self._is_lost = True
+            self._on_lost()
+
+    def _set(self, index: int, value: int) -> None:
+        self._times[index] = value
+        self._life_time = self._times[GUARD_TIME] * self._times[LIFE_TIME_FACTOR] * _NS_PER_MS
+        self.stop()

@@ -1,0 +1,264 @@
+"""The LSS slave: node-ID and bit rate over the bus, for a node that is known by its identity alone (CiA 305)."""
+
+from collections.abc import Callable
+from enum import Enum, IntEnum
+
+from drive_profiles.cia301 import MAX_NODE_ID
+from plant_emulator.slave.dictionary import Dictionary
+
+REQUEST_ID, RESPONSE_ID = 0x7E5, 0x7E4
+"""CAN-IDs of what the LSS master sends and of what the slaves answer (CiA 305, 3.3)."""
+
+UNCONFIGURED = 0xFF
+"""In the place of a node-ID: the node has none, and does nothing but LSS."""
+
+BIT_RATES = {0: 1_000_000, 1: 800_000, 2: 500_000, 3: 250_000, 4: 125_000, 6: 50_000, 7: 20_000, 8: 10_000}
+"""CiA 305, standard table of the bit timings (selector 0) by index; 5 is reserved, 9 (find it out by itself) is not supported."""
+
+_LENGTH = 8
+_IDENTITY = 0x1018
+_PARTS = range(1, 5)
+"""Sub-indices of 1018h that make the LSS address: vendor-ID, product code, revision number, serial number."""
+_FAST_SCAN_BEGIN = 0x80
+
+
+class Service(IntEnum):
+    """Command specifiers (CiA 305, 3.9 to 3.11)."""
+
+    SWITCH_GLOBAL = 0x04
+    CONFIGURE_NODE_ID = 0x11
+    CONFIGURE_BIT_TIMING = 0x13
+    ACTIVATE_BIT_TIMING = 0x15
+    STORE = 0x17
+    SWITCH_VENDOR = 0x40
+    SWITCH_PRODUCT = 0x41
+    SWITCH_REVISION = 0x42
+    SWITCH_SERIAL = 0x43
+    SWITCHED = 0x44
+    IDENTIFY_VENDOR = 0x46
+    IDENTIFY_PRODUCT = 0x47
+    IDENTIFY_REVISION_LOW = 0x48
+    IDENTIFY_REVISION_HIGH = 0x49
+    IDENTIFY_SERIAL_LOW = 0x4A
+    IDENTIFY_SERIAL_HIGH = 0x4B
+    IDENTIFY_UNCONFIGURED = 0x4C
+    IDENTIFIED = 0x4F
+    IDENTIFIED_UNCONFIGURED = 0x50
+    FAST_SCAN = 0x51
+    INQUIRE_VENDOR = 0x5A
+    INQUIRE_PRODUCT = 0x5B
+    INQUIRE_REVISION = 0x5C
+    INQUIRE_SERIAL = 0x5D
+    INQUIRE_NODE_ID = 0x5E
+
+
+class Result(IntEnum):
+    """First byte of the answer to a configuration service."""
+
+    DONE = 0
+    REFUSED = 1
+    """Node-ID out of range, bit timing not supported."""
+    NOT_STORED = 2
+    """The memory failed."""
+
+
+class LssState(Enum):
+    """States of the LSS slave (CiA 305, 3.8)."""
+
+    WAITING = "waiting"
+    CONFIGURATION = "configuration"
+
+
+class LssSlave:
+    """Answers the LSS master: one frame in, at most one out.
+
+    Three node-IDs (CiA 305, 3.6): `stored` is what the node keeps without power; `pending` is what the master has configured,
+    and what NMT reset node takes from `stored`; `active`, the one of the identifiers on the bus, follows `pending` at each reset
+    of communication. Only frames of 8 bytes are LSS. What a state does not know is not answered: all slaves hear all requests.
+
+    Args:
+        dictionary: Brings 1018h; parts that are not there count as 0.
+        node_id: The stored one: 1 to 127, or `UNCONFIGURED`.
+        is_memory_good: Asked before the node-ID is stored.
+        on_configured: Called when an unconfigured node has been given a node-ID and shall start with it.
+
+    Attributes:
+        state: Waiting, or in configuration.
+        stored: Node-ID after the next loss of power.
+        pending: Node-ID after the next reset of communication.
+        active: Node-ID now.
+        bit_rate: Configured bit rate in bit/s, or None before any has been; no more than a wish: the wire is the owner's.
+        stored_bit_rate: The one that is kept.
+        on_bit_rate: Called with the bit rate to be activated and the switch delay in ms: that long the owner waits before he
+            changes over, and as long again before anyone sends.
+    """
+
+    def __init__(
+        self, dictionary: Dictionary, node_id: int, is_memory_good: Callable[[], bool], on_configured: Callable[[], None]
+    ) -> None:
+        self.stored = self.pending = self.active = node_id
+        self.bit_rate: int | None = None
+        self.stored_bit_rate: int | None = None
+        self.on_bit_rate: Callable[[int, int], None] = lambda bit_rate, delay_ms: None
+        self._dictionary = dictionary
+        self._is_memory_good = is_memory_good
+        self._on_configured = on_configured
+        self.wait()
+
+    def wait(self) -> None:
+        """Go to the waiting state; a selection or a scan that has begun is forgotten."""
+        self.state = LssState.WAITING
+        self._selection: list[int] = []
+        self._identification: list[int] = []
+        self._scanned = 0
+
+    def reload(self) -> None:
+        """Forget what has not been stored, as a loss of power and NMT reset node do."""
+        self.pending, self.bit_rate = self.stored, self.stored_bit_rate
+
+    def activate(self) -> None:
+        """Put the pending node-ID in force, at a reset of communication."""
+        self.active = self.pending
+        self.wait()
+
+    @property
+    def address(self) -> list[int]:
+        """Vendor-ID, product code, revision number and serial number."""
+        places = [(_IDENTITY, part) for part in _PARTS]
+        return [self._dictionary.get_int(*place) if place in self._dictionary else 0 for place in places]
+
+    def receive(self, data: bytes) -> bytes | None:
+        """Give the 8 bytes of the answer to a request, or None where there is none."""
+        if len(data) != _LENGTH:
+            return None
+        handler = _SERVICES[self.state].get(data[0])
+        answer = None if handler is None else handler(self, data)
+        return None if answer is None else bytes(answer).ljust(_LENGTH, b"\0")
+
+    # States
+
+    def _switch_global(self, data: bytes) -> None:
+        if data[1] == 1:
+            self.state = LssState.CONFIGURATION
+        elif data[1] == 0:
+            self.wait()
+            if self.active == UNCONFIGURED != self.pending:
+                self._on_configured()
+
+    def _switch_selective(self, data: bytes) -> tuple[int, ...] | None:
+        if _collect(self._selection, data, Service.SWITCH_VENDOR, Service.SWITCH_SERIAL) != self.address:
+            return None
+        self.state = LssState.CONFIGURATION
+        return (Service.SWITCHED,)
+
+    # Configuration
+
+    def _configure_node_id(self, data: bytes) -> tuple[int, ...]:
+        node_id = data[1]
+        if node_id != UNCONFIGURED and not 1 <= node_id <= MAX_NODE_ID:
+            return Service.CONFIGURE_NODE_ID, Result.REFUSED
+        self.pending = node_id
+        return Service.CONFIGURE_NODE_ID, Result.DONE
+
+    def _configure_bit_timing(self, data: bytes) -> tuple[int, ...]:
+        selector, index = data[1], data[2]
+        if selector != 0 or index not in BIT_RATES:
+            return Service.CONFIGURE_BIT_TIMING, Result.REFUSED
+        self.bit_rate = BIT_RATES[index]
+        return Service.CONFIGURE_BIT_TIMING, Result.DONE
+
+    def _activate_bit_timing(self, data: bytes) -> None:
+        if self.bit_rate is not None:
+            self.on_bit_rate(self.bit_rate, int.from_bytes(data[1:3], "little"))
+
+    def _store(self, _data: bytes) -> tuple[int, ...]:
+        if not self._is_memory_good():
+            return Service.STORE, Result.NOT_STORED
+        self.stored, self.stored_bit_rate = self.pending, self.bit_rate
+        return Service.STORE, Result.DONE
+
+    # Questions
+
+    def _inquire(self, data: bytes) -> tuple[int, ...]:
+        return data[0], *self.address[data[0] - Service.INQUIRE_VENDOR].to_bytes(4, "little")
+
+    def _inquire_node_id(self, _data: bytes) -> tuple[int, ...]:
+        return Service.INQUIRE_NODE_ID, self.active
+
+    def _identify(self, data: bytes) -> tuple[int, ...] | None:
+        asked = _collect(self._identification, data, Service.IDENTIFY_VENDOR, Service.IDENTIFY_SERIAL_HIGH)
+        if asked is None:
+            return None
+        vendor, product, revision, serial = self.address
+        is_meant = asked[:2] == [vendor, product] and asked[2] <= revision <= asked[3] and asked[4] <= serial <= asked[5]
+        return (Service.IDENTIFIED,) if is_meant else None
+
+    def _identify_unconfigured(self, _data: bytes) -> tuple[int, ...] | None:
+        return (Service.IDENTIFIED_UNCONFIGURED,) if self._is_unconfigured else None
+
+    def _fast_scan(self, data: bytes) -> tuple[int, ...] | None:
+        """Say whether the upper bits of one part of the address are those asked for (CiA 305, LSS fastscan).
+
+        Byte 5 is the lowest bit that is compared, byte 6 the part, byte 7 the part that comes next: with the last bit of a
+        part the slave goes on to it, and is selected where that part lies before this one.
+        """
+        if not self._is_unconfigured:
+            return None
+        bit, part, following = data[5:8]
+        if bit == _FAST_SCAN_BEGIN:
+            self._scanned = 0
+            return (Service.IDENTIFIED,)
+        if bit > 31 or following >= len(_PARTS) or part != self._scanned:
+            return None
+        if (self.address[part] ^ int.from_bytes(data[1:5], "little")) >> bit:
+            return None
+        if bit == 0:
+            self._scanned = following
+            if following < part:
+                self.state = LssState.CONFIGURATION
+        return (Service.IDENTIFIED,)
+
+    @property
+    def _is_unconfigured(self) -> bool:
+        return self.active == self.pending == UNCONFIGURED
+
+
+def _collect(values: list[int], data: bytes, first: Service, last: Service) -> list[int] | None:
+    """Keep one number of a service of several frames; give all of them with the last. Out of their order they mean nothing."""
+    if data[0] == first:
+        values.clear()
+    elif not values or data[0] != first + len(values):
+        values.clear()
+        return None
+    values.append(int.from_bytes(data[1:5], "little"))
+    if data[0] != last:
+        return None
+    collected = values[:]
+    values.clear()
+    return collected
+
+
+_Handler = Callable[[LssSlave, bytes], tuple[int, ...] | None]
+
+_IN_BOTH: dict[int, _Handler] = {
+    Service.SWITCH_GLOBAL: LssSlave._switch_global,
+    **dict.fromkeys(range(Service.IDENTIFY_VENDOR, Service.IDENTIFY_SERIAL_HIGH + 1), LssSlave._identify),
+    Service.IDENTIFY_UNCONFIGURED: LssSlave._identify_unconfigured,
+}
+_SERVICES: dict[LssState, dict[int, _Handler]] = {
+    LssState.WAITING: {
+        **_IN_BOTH,
+        **dict.fromkeys(range(Service.SWITCH_VENDOR, Service.SWITCH_SERIAL + 1), LssSlave._switch_selective),
+        Service.FAST_SCAN: LssSlave._fast_scan,
+    },
+    LssState.CONFIGURATION: {
+        **_IN_BOTH,
+        Service.CONFIGURE_NODE_ID: LssSlave._configure_node_id,
+        Service.CONFIGURE_BIT_TIMING: LssSlave._configure_bit_timing,
+        Service.ACTIVATE_BIT_TIMING: LssSlave._activate_bit_timing,
+        Service.STORE: LssSlave._store,
+        **dict.fromkeys(range(Service.INQUIRE_VENDOR, Service.INQUIRE_SERIAL + 1), LssSlave._inquire),
+        Service.INQUIRE_NODE_ID: LssSlave._inquire_node_id,
+    },
+}
+"""What each state answers; everything else is for other slaves."""

@@ -1,0 +1,120 @@
+"""What a node makes of SYNC: identifier, counter and window (CiA 301, 7.2.5; objects 1005h, 1007h and 1019h)."""
+
+from collections.abc import Callable
+from functools import partial
+
+from drive_profiles.cia301 import EmergencyCode, ErrorRegister, SdoAbortCode, is_restricted
+from hil.can.frame import CAN_SFF_MASK
+from plant_emulator.slave.dictionary import Dictionary
+from plant_emulator.slave.emergency import EmergencyProducer
+
+COB_ID = 0x1005
+CYCLE_PERIOD = 0x1006
+WINDOW = 0x1007
+COUNTER_OVERFLOW = 0x1019
+
+MAX_COUNTER = 240
+
+_CAUSE = "SYNC length"
+_DO_NOT_CARE = 1 << 31
+_NEVER = 1 << 63
+
+
+class SyncConsumer:
+    """Takes SYNC; the node does not produce it.
+
+    With 1019h = 0 a SYNC has no data (7.2.5.3), but masters that count all the same are heard: one byte is ignored. With
+    a counter the length is 1. Any other length is reported as emergency 8240h, which is withdrawn with the next right SYNC.
+    A SYNC that is too long is not acted upon; one that lacks the counter is, except by TPDOs that wait for a counter value.
+
+    The synchronous window 1007h acts on RPDOs: what comes after it waits for no SYNC, but is dropped. TPDOs need none: they
+    leave in the instant of SYNC, and what holds them back afterwards is the bus.
+
+    Args:
+        dictionary: Brings 1005h, 1007h and 1019h; 1006h where there is one.
+        emergency: Hears of a SYNC of the wrong length.
+        changed: Called when one of the objects has been written.
+
+    Attributes:
+        can_id: Identifier to listen to.
+        overflow: 1019h: highest value of the counter, or 0.
+        window_ns: 1007h, or 0.
+        counter: That of the last SYNC; None where it had none.
+        closes_at: End of the window that the last SYNC opened; far away where there is none.
+        is_plain: Whether a SYNC without data is right and opens no window, so that `accepts` need not be asked.
+    """
+
+    def __init__(self, dictionary: Dictionary, emergency: EmergencyProducer, changed: Callable[[], None]) -> None:
+        self._dictionary = dictionary
+        self._emergency = emergency
+        self._changed = changed
+        self._has_wrong_length = False
+        self._refusals = {COB_ID: _refuse_cob_id, COUNTER_OVERFLOW: _refuse_overflow}
+        self.can_id = self.overflow = self.window_ns = 0
+        self.counter: int | None = None
+        self.closes_at = _NEVER
+        self.is_plain = True
+        for index in (COB_ID, COUNTER_OVERFLOW, WINDOW):
+            dictionary.on_write(index, 0, partial(self._write, index))
+
+    def load(self) -> None:
+        """Take the objects from the dictionary; a value that could not have been written gives way to the default."""
+        for index, refusal in self._refusals.items():
+            cell = self._dictionary.cell(index)
+            if refusal(self._dictionary.get_int(index)) is not None:
+                cell.value = cell.entry.default_for(self._dictionary.node_id)
+        self._has_wrong_length = False
+        self._apply(*(self._dictionary.get_int(index) for index in (COB_ID, COUNTER_OVERFLOW, WINDOW)))
+
+    def accepts(self, data: bytes, now: int) -> bool:
+        """Take a SYNC, note its counter and open its window; tell whether to act on it."""
+        length = len(data)
+        is_right = length == 1 if self.overflow else length <= 1
+        if is_right == self._has_wrong_length:
+            self._report(is_right)
+        if length > 1:
+            return False
+        self.counter = data[0] if is_right and self.overflow else None
+        if self.window_ns:
+            self.closes_at = now + self.window_ns
+        return True
+
+    def _report(self, is_right: bool) -> None:
+        self._has_wrong_length = not is_right
+        self._judge()
+        if is_right:
+            self._emergency.clear_cause(_CAUSE)
+        else:
+            self._emergency.raise_cause(_CAUSE, EmergencyCode.SYNC_LENGTH, ErrorRegister.COMMUNICATION)
+
+    def _judge(self) -> None:
+        self.is_plain = not (self.overflow or self.window_ns or self._has_wrong_length)
+
+    def _apply(self, cob_id: int, overflow: int, window_us: int) -> None:
+        self.can_id, self.overflow, self.window_ns = cob_id & CAN_SFF_MASK, overflow, 1000 * window_us
+        self.counter, self.closes_at = None, _NEVER
+        self._judge()
+
+    def _write(self, index: int, value: int) -> SdoAbortCode | None:
+        refusal = self._refusals.get(index)
+        code = None if refusal is None else refusal(value)
+        if code is None and index == COUNTER_OVERFLOW and value != self.overflow and self._has_period():
+            code = SdoAbortCode.DEVICE_STATE  # CiA 301, 7.5.2.22: only while 1006h is 0
+        if code is None:
+            values = {place: self._dictionary.get_int(place) for place in (COB_ID, COUNTER_OVERFLOW, WINDOW)} | {index: value}
+            self._apply(values[COB_ID], values[COUNTER_OVERFLOW], values[WINDOW])
+            self._changed()
+        return code
+
+    def _has_period(self) -> bool:
+        return (CYCLE_PERIOD, 0) in self._dictionary and self._dictionary.get_int(CYCLE_PERIOD) != 0
+
+
+def _refuse_cob_id(cob_id: int) -> SdoAbortCode | None:
+    # CiA 301, 7.5.2.5: bit 31 does not care; bit 30, to generate SYNC, and 29-bit identifiers are not supported.
+    can_id = cob_id & ~_DO_NOT_CARE
+    return SdoAbortCode.INVALID_VALUE if can_id > CAN_SFF_MASK or is_restricted(can_id) else None
+
+
+def _refuse_overflow(overflow: int) -> SdoAbortCode | None:
+    return SdoAbortCode.INVALID_VALUE if overflow == 1 or overflow > MAX_COUNTER else None

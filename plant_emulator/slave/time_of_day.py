@@ -1,0 +1,72 @@
+"""The consumer of TIME: what time the network says it is (CiA 301, 7.2.6 and 7.5.2.15)."""
+
+import struct
+from collections.abc import Callable
+
+from drive_profiles.cia301 import CobIdBit, SdoAbortCode, is_restricted
+from hil.can.frame import CAN_SFF_MASK
+from plant_emulator.slave.dictionary import Dictionary
+
+COB_ID = 0x1012
+DAY_MS = 86_400_000
+
+_TIME_OF_DAY = struct.Struct("<IH")
+_MILLISECONDS = 0x0FFF_FFFF
+_NS_PER_MS = 1_000_000
+
+
+class TimeConsumer:
+    """Keeps the network's time from one TIME message to the next, by the node's own clock.
+
+    A message that is not 6 bytes long, or names a millisecond that no day has, is ignored. The time is in ns since
+    1984-01-01 00:00.
+
+    Args:
+        dictionary: Brings 1012h.
+        changed: Called when the identifier to listen to has changed.
+
+    Attributes:
+        can_id: Where TIME is heard, or None.
+    """
+
+    def __init__(self, dictionary: Dictionary, changed: Callable[[], None]) -> None:
+        self.can_id: int | None = None
+        self._dictionary = dictionary
+        self._changed = changed
+        self._offset: int | None = None
+        dictionary.on_write(COB_ID, 0, self._set_cob_id)
+
+    def load(self) -> None:
+        """Take the COB-ID from the dictionary, after a reset."""
+        self.can_id = None
+        self._dictionary.load(COB_ID)
+
+    def forget(self) -> None:
+        """Lose the time, as a loss of power does."""
+        self._offset = None
+
+    def at(self, now: int) -> int | None:
+        """Give the network's time at an instant of the node's, or None where no TIME has come."""
+        return None if self._offset is None else now + self._offset
+
+    def receive(self, data: bytes, now: int) -> None:
+        """Take a TIME message: TIME_OF_DAY, 28 bits of ms after midnight, 4 unused, 16 of days (CiA 301, 7.1.6.5)."""
+        if len(data) != _TIME_OF_DAY.size:
+            return
+        milliseconds, days = _TIME_OF_DAY.unpack(data)
+        milliseconds &= _MILLISECONDS
+        if milliseconds < DAY_MS:
+            self._offset = (days * DAY_MS + milliseconds) * _NS_PER_MS - now
+
+    def _set_cob_id(self, cob_id: int) -> SdoAbortCode | None:
+        # Bit 31 to consume, bit 30 to produce, which is not supported; 29-bit identifiers are neither. The CAN-ID does not
+        # change while the object is in use.
+        can_id = cob_id & ~CobIdBit.CONSUME
+        consumes = bool(cob_id & CobIdBit.CONSUME)
+        if can_id > CAN_SFF_MASK or is_restricted(can_id):
+            return SdoAbortCode.INVALID_VALUE
+        if consumes and self.can_id not in {None, can_id}:
+            return SdoAbortCode.INVALID_VALUE
+        self.can_id = can_id if consumes else None
+        self._changed()
+        return None
