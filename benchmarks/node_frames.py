@@ -1,5 +1,6 @@
-"""What a frame costs one emulated node, without a bus: the drive's services one by one, and `canopen`'s local node where it has them."""
+"""What a frame costs one emulated node, without a bus, service by service; and `canopen`'s local node where it has the service."""
 
+import binascii
 import itertools
 import struct
 import time
@@ -69,8 +70,6 @@ def _rate(give: Callable[[Frame], object], frames: Sequence[Frame]) -> float:
 
 def _block(length: int) -> list[Frame]:
     """A block download of the drive's text, its end included."""
-    import binascii
-
     data = bytes(48 + i % 10 for i in range(length))
     segments = [data[at : at + 7] for at in range(0, length, 7)]
     frames = [Frame(0x600 + NODE, struct.pack("<BHBI", 0xC6, 0x2FF0, 0, length))]
@@ -111,5 +110,6 @@ def node_frames() -> list[str]:
     rows: list[Row] = []
     for name in services:
         other = found.get(f"canopen {name}")
-        rows.append((name, 1e6 / found[name], None if other is None else 1e6 / other, None if other is None else found[name] / other))
+        theirs_us, ratio = (None, None) if other is None else (1e6 / other, found[name] / other)
+        rows.append((name, 1e6 / found[name], theirs_us, ratio))
     return table(("frame", "µs per frame, our drive", "µs, `canopen`'s local node", "ours / its"), rows)

@@ -25,18 +25,18 @@ def count_segments(length: int) -> int:
 class BlockDownload:
     """What a client has sent of a value, and what is still missing.
 
-    The size that is granted for a sub-block never exceeds what may still come. So a value that is too long is found out at
-    the end of a sub-block, where the client listens, and no segment of it can arrive after the abort and be mistaken for a
-    request.
+    A value that is too long is found out at the end of a sub-block, where the client listens: no segment of it can arrive after
+    the abort and be mistaken for a request. The size of the sub-blocks stays as it was granted first: the standard lets the
+    server change it, but clients exist that then put the segments in the wrong places.
 
     Args:
         announced: Length of the value, or None where the client does not tell.
-        max_bytes: The longest value; up to six bytes more are kept until its end tells how many of them are none.
+        max_bytes: The longest value; up to one sub-block more is kept until its end, where it is refused.
         max_block_size: At most so many segments are granted at once, 1 to 127.
         has_crc: Whether the end brings a checksum.
 
     Attributes:
-        block_size: Segments granted for this sub-block.
+        block_size: Segments granted for each sub-block.
         is_complete: Whether the last segment of the value is there.
         has_heard: Whether a segment of this sub-block has come, be it the right one or not.
     """
@@ -44,7 +44,6 @@ class BlockDownload:
     def __init__(self, announced: int | None, max_bytes: int, max_block_size: int, *, has_crc: bool) -> None:
         self._announced = announced
         self._limit = max_bytes if announced is None else announced
-        self._max_block_size = max_block_size
         self._has_crc = has_crc
         self._received = bytearray()
         self._accepted = 0
@@ -95,10 +94,8 @@ class BlockDownload:
             SdoAbort: All that may come is there, and the client has more.
         """
         accepted, self._accepted, self.has_heard = self._accepted, 0, False
-        missing = count_segments(self._limit) - len(self._received) // SEGMENT_DATA
-        if missing == 0 and not self.is_complete:
+        if len(self._received) >= SEGMENT_DATA * count_segments(self._limit) + self.is_complete:
             raise SdoAbort(SdoAbortCode.OUT_OF_MEMORY if self._announced is None else SdoAbortCode.TOO_LONG)
-        self.block_size = min(self._max_block_size, max(1, missing))
         return accepted, self.block_size
 
     def finish(self, unused: int, crc: int) -> bytes:

@@ -44,6 +44,14 @@ def pytest_generate_tests(metafunc):
         metafunc.parametrize("device_session", names, indirect=True, scope="session")
 
 
+def pytest_collection_modifyitems(config, items):
+    """Of a real device, only what looks at a device."""
+    if _option(config, "bus"):
+        others = [item for item in items if "device" not in getattr(item, "fixturenames", ())]
+        config.hook.pytest_deselected(items=others)
+        items[:] = [item for item in items if item not in others]
+
+
 @pytest.fixture(scope="session")
 def device_session(request):
     """The device, opened once; at the end it is as it was found, or the summary says what is not."""

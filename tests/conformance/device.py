@@ -1,5 +1,6 @@
 """The device under test: its services, what its EDS says, and the way back to how it was found."""
 
+import itertools
 from dataclasses import dataclass, field
 
 from canopen.objectdictionary import ODVariable
@@ -66,6 +67,17 @@ class Device:
     def tolerated(answer, codes):
         """Whether an answer is one of these aborts, where the standard leaves open which."""
         return isinstance(answer, Abort) and answer in codes
+
+    def is_about(self, count, expected):
+        """Whether so many frames are as many as expected: on a bus with a clock of its own one more or less, and a fifth."""
+        slack = 1 if self.is_emulated else 1 + expected // 5
+        return abs(count - expected) <= slack
+
+    def are_apart(self, frames, seconds):
+        """Whether frames keep a distance; when they are read from a real bus says little of one gap, but much of all."""
+        if self.is_emulated:
+            return all(b.at_s - a.at_s >= seconds for a, b in itertools.pairwise(frames))
+        return len(frames) < 2 or len(frames) - 1 <= (frames[-1].at_s - frames[0].at_s) / seconds * 1.1 + 1
 
     # -- the dictionary
 

@@ -27,8 +27,9 @@ class RandomFrames:
         self._places = places
         self._nodes = tuple(places)
         self._kinds = (
-            (self._sdo, 26), (self._written, 14), (self._block_download, 3), (self._block_upload, 3), (self._pdo, 14), (self._sync, 16),
-            (self._nmt, 4), (self._enable, 4), (self._lss, 3), (self._error_control, 5), (self._time, 1), (self._anything, 7),
+            (self._sdo, 26), (self._written, 14), (self._block_download, 3), (self._block_upload, 3), (self._pdo, 14),
+            (self._sync, 16), (self._nmt, 4), (self._enable, 4), (self._lss, 3), (self._error_control, 5), (self._time, 1),
+            (self._anything, 7),
         )  # fmt: skip
 
     def __iter__(self) -> Iterator[Frame]:
