@@ -1,4 +1,4 @@
-"""What a frame costs one emulated node, without a bus, service by service; and `canopen`'s local node where it has the service."""
+"""What a frame costs one emulated node, without a bus, by service; and `canopen`'s local node where it has the service."""
 
 import binascii
 import itertools

@@ -76,7 +76,7 @@ class Device:
     def are_apart(self, frames, seconds):
         """Whether frames keep a distance; when they are read from a real bus says little of one gap, but much of all."""
         if self.is_emulated:
-            return all(b.at_s - a.at_s >= seconds for a, b in itertools.pairwise(frames))
+            return all(b.at_s - a.at_s >= seconds - 1e-6 for a, b in itertools.pairwise(frames))
         return len(frames) < 2 or len(frames) - 1 <= (frames[-1].at_s - frames[0].at_s) / seconds * 1.1 + 1
 
     # -- the dictionary
@@ -141,10 +141,15 @@ class Device:
         self.set(0x1017, 0, period_ms)
 
     def state(self, beats=2):
-        """The NMT state, by a heartbeat that was sent after this call."""
-        heard = self.port.during((beats + 0.5) * BEAT_MS / 1000)
-        states = [frame.data[0] & 0x7F for frame in heard if frame.can_id == 0x700 + self.node_id]
-        return states[-1] if states else None
+        """The NMT state, by a heartbeat that was sent after this call: not the next, which may be on its way already."""
+        self.port.pump(0.0)
+        patience = (beats + 0.5 if self.is_emulated else 25) * BEAT_MS / 1000
+        heard, can_id, deadline = [], 0x700 + self.node_id, self.port.now_s + patience
+        mark = len(self.port.seen)
+        while len(heard) < beats and (left := deadline - self.port.now_s) > 0.0:
+            self.port.pump(left)
+            heard = [frame.data[0] & 0x7F for frame in self.port.seen[mark:] if frame.can_id == can_id]
+        return heard[-1] if heard else None
 
     def reset(self, command=RESET_NODE):
         """Reset, and wait for the boot-up message."""

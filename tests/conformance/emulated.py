@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drive_profiles import eds
 from plant_emulator.data_sheets import data_sheet_of
-from plant_emulator.robot import Robot, load_robot, with_drives
+from plant_emulator.robot import Control, Robot, load_robot, with_drives
 from plant_emulator.world import World
 from tests.conformance.device import Device
 from tests.conformance.ports import EmulatedPort
@@ -15,6 +15,8 @@ from tests.conformance.ports import EmulatedPort
 AXIS = 2
 VENDOR = "maxon_epos4"
 NAMES = ("drive", "accelerometer", VENDOR)
+GAINS = Control(position_gain_per_s=25.0, velocity_gain_nm_s_rad=0.196, velocity_integral_gain_nm_rad=3.92)
+"""A drive without gains does not enable."""
 
 
 @functools.cache
@@ -23,7 +25,7 @@ def robot_of(name):
     reference = load_robot("reference")
     if name == VENDOR:
         reference = with_drives(reference, {AXIS: VENDOR})
-    return Robot(axis={AXIS: reference.axis[AXIS]})
+    return Robot(axis={AXIS: reference.axis[AXIS].model_copy(update={"control": GAINS})})
 
 
 def emulated_device(name):

@@ -105,7 +105,8 @@ def test_halving_the_substep_leaves_the_motion_as_it_is(number, start, torques):
     for torque in (share * each for each in torques):
         plant_step(plant, coarse, 0, torque, False, T, 4)
         plant_step(plant, fine, 0, torque, False, T, 8)
-    for name, tolerance in (("motor_angle", 1e-4), ("motor_speed", 0.1), ("arm_angle", 1e-6), ("arm_speed", 1e-4)):
+    # the motor sticks a fraction of a substep earlier or later, at each reversal
+    for name, tolerance in (("motor_angle", 2e-4), ("motor_speed", 0.1), ("arm_angle", 1e-6), ("arm_speed", 1e-4)):
         assert abs(coarse[0][name] - fine[0][name]) <= tolerance, name
 
 
