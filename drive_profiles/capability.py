@@ -180,6 +180,9 @@ class Encoder(Fact):
         revolutions: 608Fh:2.
         gear_motor_revs: 6091h:1.
         gear_shaft_revs: 6091h:2.
+        feed: Position units per ``feed_shaft_revs`` revolutions of the shaft (6092h:1), where positions are counted by it.
+        feed_shaft_revs: 6092h:2.
+        zero: Objects that choose other units (607Eh, 60A8h to 60AAh): what the profile says of units holds while they are 0.
         counts_per_rev: Where no object says it.
         note: What else one must know.
     """
@@ -188,6 +191,9 @@ class Encoder(Fact):
     revolutions: ObjectAddress | None = None
     gear_motor_revs: ObjectAddress | None = None
     gear_shaft_revs: ObjectAddress | None = None
+    feed: ObjectAddress | None = None
+    feed_shaft_revs: ObjectAddress | None = None
+    zero: tuple[ObjectAddress, ...] = ()
     counts_per_rev: Annotated[int, pydantic.Field(gt=0)] | None = None
     note: str = ""
 

@@ -6,7 +6,7 @@ import contextlib
 import datetime
 import time
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from drive_profiles.catalogue import Catalogue, Entry
 from drive_profiles.cia301 import DataType, NmtCommand, SdoAbortCode, decode
@@ -75,6 +75,7 @@ class Device:
         self.catalogue = catalogue
         self._nmt = nmt
         self._counts: int | None = None
+        self._feed: dict[str, int] = {}
         self._torque_nm: float | None = None
 
     @property
@@ -199,17 +200,22 @@ class Device:
         if not needed:
             return None
         if "counts" in needed and self._counts is None:
-            self._counts = self._counts_per_rev()
+            self._counts, self._feed = self._counts_per_rev(), self._feed_constant()
         if "per mille" in needed and self._torque_nm is None:
             self._torque_nm = self._rated_torque_nm()
         # what is not needed gets a stand-in; what is needed and 0 is refused by the scaling itself
-        return Scaling(1 if self._counts is None else self._counts, 1.0 if self._torque_nm is None else self._torque_nm)
+        scaling = Scaling(1 if self._counts is None else self._counts, 1.0 if self._torque_nm is None else self._torque_nm)
+        return replace(scaling, **self._feed) if "counts" in needed else scaling
 
     def scaling_places(self) -> set[Place]:
         """The objects that decide what a step of others is worth."""
         encoder = self.profile.encoder if self.profile else None
         torque = self.profile.torque if self.profile else None
-        named = (encoder and encoder.increments, encoder and encoder.revolutions, torque and torque.rated_torque)
+        named = [torque.rated_torque] if torque else []
+        if encoder:
+            named += [encoder.increments, encoder.revolutions]
+            if encoder.feed:
+                named += [encoder.feed, encoder.feed_shaft_revs, encoder.gear_motor_revs, encoder.gear_shaft_revs, *encoder.zero]
         return {place_of(address) for address in named if address}
 
     def _scaling_for(self, entry: Entry) -> Scaling | None:
@@ -231,6 +237,22 @@ class Device:
             what = f"node {self.node}, {facts.increments}"
             raise OutOfRangeError(what, f"{increments}/{revolutions}", "counts/rev", "must be a whole number per revolution")
         return increments // revolutions
+
+    def _feed_constant(self) -> dict[str, int]:
+        """What of its scaling 6091h and 6092h decide, where the profile says that positions are counted by them."""
+        facts = self.profile.encoder if self.profile else None
+        if facts is None:
+            return {}
+        for address in facts.zero:
+            if self._number(address):
+                raise RefusedError(f"node {self.node} counts in units of its own: {address} is not 0")
+        named = {
+            "gear_motor_revs": facts.gear_motor_revs,
+            "gear_shaft_revs": facts.gear_shaft_revs,
+            "feed": facts.feed,
+            "feed_shaft_revs": facts.feed_shaft_revs,
+        }
+        return {name: self._number(address) for name, address in named.items() if address} if facts.feed else {}
 
     def _rated_torque_nm(self) -> float:
         facts = self.profile.torque if self.profile else None

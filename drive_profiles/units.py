@@ -4,19 +4,20 @@ Angles, speeds and torques are on the motor side; `Scaling.shaft_rad` and `Scali
 conversions take a number or a numpy array and give the same back. What the object cannot hold is refused with the
 values, never clamped or wrapped.
 
-Source: CiA 402-2, 608Fh, 6076h, 6091h and 60C2h.
+Source: CiA 402-2, 607Eh, 608Fh, 6076h, 6091h, 6092h, 60A8h to 60AAh and 60C2h.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drive_profiles import unit_codes
 from drive_profiles.errors import OutOfRangeError
 
 FloatArray = NDArray[np.float64]
@@ -67,36 +68,71 @@ def _outside(what: str, value: object, unit: str, integer: float, limits: tuple[
     return OutOfRangeError(what, value, unit, f"{integer:.10g} on the wire is outside {limits[0]} to {limits[1]}")
 
 
+POSITION_REVERSED, VELOCITY_REVERSED = 1 << 7, 1 << 6
+"""Bits of 607Eh."""
+
+
 @dataclass(frozen=True, slots=True)
 class Scaling:
     """How one drive counts.
+
+    Positions on the wire are in the user's unit, which is an increment of the encoder unless the feed constant or the units say
+    otherwise. Without a feed constant the gear ratio is for `shaft_rad` and `motor_rad` only: such drives count at the motor.
 
     Args:
         encoder_counts_per_rev: 608Fh, increments per motor revolution.
         rated_torque_nm: 6076h in N·m, motor side; torques on the wire are per mille of it.
         gear_motor_revs: 6091h sub 1.
         gear_shaft_revs: 6091h sub 2.
+        feed: 6092h sub 1, position units per `feed_shaft_revs` revolutions of the shaft; None: positions are increments.
+        feed_shaft_revs: 6092h sub 2.
+        polarity: 607Eh.
+        position_unit: 60A8h; an angle is counted as it says, whatever the feed constant.
+        velocity_unit: 60A9h; 0: position units per second.
+        acceleration_unit: 60AAh; 0: position units per second².
 
     Raises:
-        OutOfRangeError: One of them is not positive, or not finite.
+        OutOfRangeError: One of them is not positive, not finite, or a unit that is not known.
     """
 
     encoder_counts_per_rev: int
     rated_torque_nm: float
     gear_motor_revs: int = 1
     gear_shaft_revs: int = 1
+    feed: int | None = None
+    feed_shaft_revs: int = 1
+    polarity: int = 0
+    position_unit: int = 0
+    velocity_unit: int = 0
+    acceleration_unit: int = 0
+    _position: float = field(init=False, repr=False, compare=False)
+    _velocity: float = field(init=False, repr=False, compare=False)
+    _acceleration: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse a scale that has no inverse."""
+        """Refuse a scale that has no inverse, and keep the units per radian of the motor: every set-point asks for them."""
         for name, unit in (
             ("encoder_counts_per_rev", "counts"),
             ("rated_torque_nm", "N·m"),
             ("gear_motor_revs", "rev"),
             ("gear_shaft_revs", "rev"),
+            ("feed", "units"),
+            ("feed_shaft_revs", "rev"),
         ):
             value = getattr(self, name)
-            if not (value > 0 and math.isfinite(value)):
+            if value is not None and not (value > 0 and math.isfinite(value)):
                 raise OutOfRangeError(name, value, unit, "must be positive and finite")
+        if self.polarity & ~(POSITION_REVERSED | VELOCITY_REVERSED):
+            raise OutOfRangeError("607Eh", f"{self.polarity:02X}h", "", "bits 6 and 7 are known")
+        counts = float(self.encoder_counts_per_rev)
+        # the units of one revolution of the shaft, and those revolutions per revolution of the motor
+        feed = counts if self.feed is None else self.feed / self.feed_shaft_revs
+        gear = 1.0 if self.feed is None else self.gear_shaft_revs / self.gear_motor_revs
+        position = unit_codes.position_units(self.position_unit, feed)
+        velocity = unit_codes.velocity_units(self.velocity_unit, self.position_unit, feed)
+        acceleration = unit_codes.acceleration_units(self.acceleration_unit, self.position_unit, feed)
+        for name, units in (("_position", position), ("_velocity", velocity), ("_acceleration", acceleration)):
+            object.__setattr__(self, name, units * gear)
 
     @classmethod
     def from_objects(
@@ -106,8 +142,10 @@ class Scaling:
         rated_torque_mnm: int,
         gear_motor_revs: int = 1,
         gear_shaft_revs: int = 1,
+        feed: int | None = None,
+        feed_shaft_revs: int = 1,
     ) -> Scaling:
-        """The scaling that a drive's own objects state: 608Fh sub 1 and 2, 6076h (mN·m), 6091h sub 1 and 2.
+        """The scaling that a drive's own objects state: 608Fh, 6076h (mN·m), 6091h, and 6092h where positions go by it.
 
         Raises:
             OutOfRangeError: An object is zero, or the increments are no whole number per revolution.
@@ -116,12 +154,38 @@ class Scaling:
             raise OutOfRangeError(
                 "608Fh", f"{encoder_increments}/{encoder_revs}", "counts/rev", "must be a whole number per revolution"
             )
-        return cls(encoder_increments // encoder_revs, rated_torque_nm(rated_torque_mnm), gear_motor_revs, gear_shaft_revs)
+        torque_nm = rated_torque_nm(rated_torque_mnm)
+        return cls(encoder_increments // encoder_revs, torque_nm, gear_motor_revs, gear_shaft_revs, feed, feed_shaft_revs)
 
     @property
     def counts_per_rad(self) -> float:
-        """Increments per radian of the motor."""
+        """Position units on the wire per radian of the motor, without the sign of the polarity."""
+        return self._position / TWO_PI
+
+    @property
+    def encoder_counts_per_rad(self) -> float:
+        """Increments of the encoder per radian of the motor."""
         return self.encoder_counts_per_rev / TWO_PI
+
+    @property
+    def position_sign(self) -> int:
+        """-1 where 607Eh turns positions round."""
+        return -1 if self.polarity & POSITION_REVERSED else 1
+
+    @property
+    def velocity_sign(self) -> int:
+        """-1 where 607Eh turns velocities round."""
+        return -1 if self.polarity & VELOCITY_REVERSED else 1
+
+    @property
+    def speed_units_per_rad_s(self) -> float:
+        """Velocity units on the wire per rad/s of the motor, with the sign of the polarity."""
+        return self.velocity_sign * self._velocity / TWO_PI
+
+    @property
+    def counts_are_increments(self) -> bool:
+        """Whether a position on the wire is a number of increments of the encoder, counted the same way."""
+        return self._position == self.encoder_counts_per_rev and not self.polarity & POSITION_REVERSED
 
     @property
     def torque_quantum_nm(self) -> float:
@@ -138,7 +202,7 @@ class Scaling:
         Raises:
             OutOfRangeError: Outside INTEGER32.
         """
-        return to_integer(position_rad, INTEGER32, "position", "rad", self.counts_per_rad)
+        return to_integer(position_rad, INTEGER32, "position", "rad", self.position_sign * self._position / TWO_PI)
 
     @overload
     def position_rad(self, counts: int) -> float: ...
@@ -146,7 +210,7 @@ class Scaling:
     def position_rad(self, counts: IntArray) -> FloatArray: ...
     def position_rad(self, counts: Any) -> Any:
         """Motor angle in rad of counts."""
-        return counts * (TWO_PI / self.encoder_counts_per_rev)
+        return counts * (self.position_sign * TWO_PI / self._position)
 
     @overload
     def speed_counts_s(self, speed_rad_s: float) -> int: ...
@@ -158,7 +222,7 @@ class Scaling:
         Raises:
             OutOfRangeError: Outside INTEGER32.
         """
-        return to_integer(speed_rad_s, INTEGER32, "speed", "rad/s", self.counts_per_rad)
+        return to_integer(speed_rad_s, INTEGER32, "speed", "rad/s", self.speed_units_per_rad_s)
 
     @overload
     def speed_rad_s(self, counts_s: int) -> float: ...
@@ -166,7 +230,7 @@ class Scaling:
     def speed_rad_s(self, counts_s: IntArray) -> FloatArray: ...
     def speed_rad_s(self, counts_s: Any) -> Any:
         """Motor speed in rad/s of counts per second."""
-        return counts_s * (TWO_PI / self.encoder_counts_per_rev)
+        return counts_s * (self.velocity_sign * TWO_PI / self._velocity)
 
     @overload
     def acceleration_counts_s2(self, acceleration_rad_s2: float) -> int: ...
@@ -178,7 +242,7 @@ class Scaling:
         Raises:
             OutOfRangeError: Negative, or outside UNSIGNED32.
         """
-        return to_integer(acceleration_rad_s2, UNSIGNED32, "acceleration", "rad/s²", self.counts_per_rad)
+        return to_integer(acceleration_rad_s2, UNSIGNED32, "acceleration", "rad/s²", self._acceleration / TWO_PI)
 
     @overload
     def acceleration_rad_s2(self, counts_s2: int) -> float: ...
@@ -186,7 +250,7 @@ class Scaling:
     def acceleration_rad_s2(self, counts_s2: IntArray) -> FloatArray: ...
     def acceleration_rad_s2(self, counts_s2: Any) -> Any:
         """Motor acceleration in rad/s² of counts per second²."""
-        return counts_s2 * (TWO_PI / self.encoder_counts_per_rev)
+        return counts_s2 * (TWO_PI / self._acceleration)
 
     @overload
     def torque_per_mille(self, torque_nm: float) -> int: ...

@@ -7,12 +7,47 @@ import numpy as np
 
 from hil.control.cascade import CASCADE_CONFIG, CASCADE_STATE
 from hil.control.notch import NO_NOTCH, NOTCH_CONFIG, NOTCH_STATE, NOTCHES
-from plant_emulator.motion import BRAKED, MOTION, SET_POINT_RANGE, SET_POINT_STEP, advance
+from plant_emulator.motion import BRAKED, MOTION, NO_SET_POINT, SET_POINT_RANGE, SET_POINT_STEP, advance, begin_mode, begin_stop
 from plant_emulator.physics.axis import PLANT, PLANT_STATE, settle
 from plant_emulator.physics.tip import chain_acceleration, lever_acceleration
 from plant_emulator.robot import CHAIN_AXES, Robot
 
 NEVER = 1 << 60
+
+UNLIMITED = (
+    "high_counts",
+    "max_speed_rad_s",
+    "max_profile_speed_rad_s",
+    "max_acceleration_rad_s2",
+    "max_deceleration_rad_s2",
+    "torque_slope_nm_s",
+    "following_window_rad",
+    "position_window_rad",
+    "velocity_window_rad_s",
+    "velocity_threshold_rad_s",
+    "positive_switch_counts",
+)
+"""Fields of `MOTION` that are infinite until something limits them."""
+
+AT_REST = (
+    "previous_speed_rad_s",
+    "target_speed_rad_s",
+    "reference_speed_rad_s",
+    "demand_speed_rad_s",
+    "target_torque_nm",
+    "torque_demand_nm",
+    "following_count",
+    "position_window_count",
+    "velocity_window_count",
+    "velocity_threshold_count",
+    "stop_direction",
+    "late_ticks",
+    "limited",
+    "reached",
+    "trip",
+    "stopped",
+)
+"""Fields of `MOTION` that are 0 when a brake opens."""
 
 
 def live(array: Any, field: str) -> Any:
@@ -56,10 +91,15 @@ class Axes:
             motion = self.motion[row]
             motion["mode"] = BRAKED
             motion["counts_per_rad"] = axis.encoder_counts_per_rev / (2.0 * math.pi)
+            motion["counts_per_rev"] = axis.encoder_counts_per_rev
             motion["ticks_per_set_point"] = 1
-            motion["torque_limit_nm"] = axis.torque_limit_nm
-            motion["low_counts"], motion["high_counts"] = -math.inf, math.inf
-            motion["max_speed_rad_s"], motion["following_window_rad"] = math.inf, math.inf
+            motion["torque_limit_nm"] = motion["torque_high_nm"] = axis.torque_limit_nm
+            motion["torque_low_nm"] = -axis.torque_limit_nm
+            for field in UNLIMITED:
+                motion[field] = math.inf
+            motion["low_counts"] = motion["negative_switch_counts"] = -math.inf
+            for switch in ("home", "probe_1", "probe_2"):  # nowhere
+                motion[f"{switch}_low_counts"], motion[f"{switch}_high_counts"] = math.inf, -math.inf
             motion["following_ticks"] = NEVER
             if axis.control is not None:
                 axis.control.cascade().write(self.cascade_config[row])
@@ -79,6 +119,8 @@ class Axes:
         self._counts_per_rad, self._max_speed = live(motion, "counts_per_rad"), live(motion, "max_speed_rad_s")
         self._previous, self._target = live(motion, "previous_counts"), live(motion, "target_counts")
         self._tick, self._span = live(motion, "tick"), live(motion, "ticks_per_set_point")
+        self._extrapolate = live(motion, "extrapolate_ticks")
+        self._previous_speed, self._target_speed = live(motion, "previous_speed_rad_s"), live(motion, "target_speed_rad_s")
         self._low, self._high = live(motion, "low_counts"), live(motion, "high_counts")
         self._motor_angle, self._arm_angle = live(state, "motor_angle"), live(state, "arm_angle")
         self._arm_speed, self._arm_acceleration = live(state, "arm_speed"), live(state, "arm_acceleration")
@@ -113,12 +155,24 @@ class Axes:
         """Open the brake of an axis in a mode of `plant_emulator.motion`; the set-point is where the motor stands, in counts."""
         motion, counts = self.motion[row], self.counts(row)
         motion["previous_counts"] = motion["target_counts"] = counts
-        motion["tick"] = 0
+        motion["tick"] = NO_SET_POINT
         motion["ticks_per_set_point"] = ticks_per_set_point
-        motion["reference_rad"], motion["reference_speed_rad_s"] = counts / motion["counts_per_rad"], 0.0
-        motion["following_count"] = motion["trip"] = motion["stopped"] = 0
+        motion["reference_rad"] = motion["demand_rad"] = counts / motion["counts_per_rad"]
+        for field in AT_REST:
+            motion[field] = 0
         motion["mode"] = mode
         return counts
+
+    def change_mode(self, row: int, mode: int, ticks_per_set_point: int = 1) -> None:
+        """Turn an axis under torque to another mode of `plant_emulator.motion` without a jump, see `begin_mode`."""
+        if self._mode[row] == BRAKED:
+            raise ValueError(f"axis {self.numbers[row]} has its brake closed; energise opens it")
+        self.motion[row]["ticks_per_set_point"] = ticks_per_set_point
+        begin_mode(self.motion, self.cascade_config, self.cascade_state, self.notch_state, row, mode)
+
+    def stop(self, row: int, deceleration_rad_s2: float) -> None:
+        """Begin a ramp to rest; an infinite deceleration brakes with all the torque that the limits allow."""
+        begin_stop(self.motion, self.cascade_config, self.cascade_state, self.notch_state, row, float(deceleration_rad_s2))
 
     def set_point(self, row: int, target_counts: int) -> None:
         """Give an axis in cyclic position mode its next set-point; it goes there from where it is, in one interpolation period.
@@ -130,7 +184,10 @@ class Axes:
         span, tick = self._span[row], self._tick[row]
         share = tick / span
         last, start = self._target[row], self._previous[row]
-        start += (last - start) * (share if share < 1.0 else 1.0)
+        if share <= 1.0:
+            start += (last - start) * share
+        else:  # late: the set-point has been held, or led on
+            start += (last - start) * min(share, 1.0 + self._extrapolate[row] / span)
         target = float(target_counts)
         reach = self._max_speed[row] * self._counts_per_rad[row] * span * self._control_period_s
         if not self._low[row] <= target <= self._high[row]:
@@ -140,6 +197,13 @@ class Axes:
             self._trip[row] |= SET_POINT_STEP
             target = start
         self._previous[row], self._target[row], self._tick[row] = start, target, 0
+
+    def set_speed(self, row: int, speed_rad_s: float) -> None:
+        """Give an axis in cyclic velocity mode its next set-point; it goes there from the last, in one interpolation period."""
+        share = min(1.0, max(0.0, self._tick[row] / self._span[row]))
+        last, start = self._target_speed[row], self._previous_speed[row]
+        self._previous_speed[row] = start + (last - start) * share
+        self._target_speed[row], self._tick[row] = speed_rad_s, 0
 
     def tip_acceleration(self) -> tuple[float, float, float]:
         """True acceleration (X, Y, Z) of the tip in m/s², gravity left out.

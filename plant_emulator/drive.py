@@ -1,57 +1,51 @@
-"""The emulated servo drive: CANopen slave, CiA 402 state machine and the servo law, joined to one axis of the robot."""
+"""The emulated servo drive: CANopen slave, CiA 402 state machine, modes and servo law, joined to one axis of the robot."""
 
-from drive_profiles.cia301 import EmergencyCode, ErrorRegister, NmtState, SdoAbortCode
+from collections.abc import Callable
+
+from drive_profiles.cia301 import EmergencyCode, FunctionCode, NmtCommand, NmtState, SdoAbortCode
 from drive_profiles.cia402 import (
     FOLLOWING_ERROR,
-    FOLLOWS_COMMAND,
-    HALT,
     INTERNAL_LIMIT,
-    NEW_SET_POINT,
     REMOTE,
-    SET_POINT_ACKNOWLEDGE,
     TARGET_REACHED,
     VOLTAGE_ENABLED,
+    WARNING,
     AbortConnectionOption,
-    Event,
     Mode,
     Object,
-    QuickStopOption,
     State,
-    next_state,
-    state_after,
     status_bits,
 )
 from drive_profiles.units import Scaling
 from hil.can.frame import Frame
 from plant_emulator import motion as law
 from plant_emulator.axes import Axes, live
-from plant_emulator.drive_data import DriveData, clip
+from plant_emulator.delays import slave_with
+from plant_emulator.drive_data import DriveData
+from plant_emulator.faults import FAULTS, RPDO_TIMEOUT, TORQUE_OFF, TORQUE_OFF_FAULT, Faults
+from plant_emulator.inputs import DigitalInputs
+from plant_emulator.limit_switches import LimitSwitches
+from plant_emulator.mode_selection import ModeSelection
+from plant_emulator.modes.table import modes_of
+from plant_emulator.option_codes import OptionCodes
 from plant_emulator.personalities import personality_of
 from plant_emulator.personality import Personality
+from plant_emulator.power_stage import PowerStage
 from plant_emulator.slave.dictionary import ResetKind
 from plant_emulator.slave.node import Slave
-
-FAULTS: tuple[tuple[int, str, int], ...] = (
-    (law.FOLLOWING, "following error", 0x8611),
-    (law.OVERSPEED, "motor speed", 0x8400),
-    (law.OUT_OF_RANGE, "position limit", 0x8612),
-    (law.SET_POINT_RANGE, "set-point outside position limit", 0x8612),
-    (law.SET_POINT_STEP, "set-point faster than the motor", 0x8612),
+from plant_emulator.state_machine import (
+    POWERED,
+    Action,
+    Power,
+    Step,
+    commanded,
+    disconnected,
+    failed,
+    initialised,
+    stopped,
+    torque_lost,
 )
-"""Trip bit, cause and emergency code (CiA 402, error codes: 8400h velocity, 8611h following error, 8612h reference limit)."""
-
-PARAMETER_FAULT = 0x6320
-STOP_PATIENCE_S = 0.5
-"""How long beyond its ramp a stop may take before the brake is closed on the moving motor."""
-
-RELATIVE = 1 << 6
-"""Control word in profile position: the new set-point counts from the last one."""
-
-_FOLLOWING_MODES = (law.POSITION, law.TORQUE)
-_CONNECTION = "connection"
-_MOTION_OF_MODE = {Mode.PP: law.PROFILE, Mode.CSP: law.POSITION, Mode.CST: law.TORQUE}
-_STOPPING = {State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
-_POWERED = {State.OPERATION_ENABLED, *_STOPPING}
+from plant_emulator.touch_probe import TouchProbes
 
 
 class Drive:
@@ -60,8 +54,13 @@ class Drive:
     Attributes:
         slave: The CANopen engine underneath.
         data: The process data, between the dictionary and the axis.
+        stage: The power stage.
+        inputs: The digital inputs, safe torque off among them.
+        probes: The touch probes.
+        limit_switches: What the limit switches do to the motion.
         personality: The drive's manufacturer: which drive it is, and what of it is not emulated.
-        stops: Whether a ramp to rest is to be watched by `update`.
+        on_state: Called with the state before and the new one, before the power stage follows.
+        stops: Whether there is something to be watched by `update`: a stop, a set-point that waits, a homing run.
     """
 
     def __init__(self, axes: Axes, number: int, personality: Personality | None = None) -> None:
@@ -77,37 +76,60 @@ class Drive:
             ValueError: The profile is no drive's.
         """
         self.axes, self.row = axes, axes.row(number)
-        self._motion = axes.motion[self.row]
-        self._mode, self._trip = live(axes.motion, "mode"), live(axes.motion, "trip")
-        self._torque, self._torque_limit = live(axes.motion, "torque_nm"), live(axes.motion, "torque_limit_nm")
-        self._following_count = live(axes.motion, "following_count")
-        self._stand_in(State.NOT_READY_TO_SWITCH_ON)
-        self._control_period_s = axes.robot.control_period_s
-        self._previous_control_word = 0
-        self._acknowledged = False
+        self._trip, self._event, self._limited = (live(axes.motion, field) for field in ("trip", "event", "limited"))
+        self._stopped, self._following_count = live(axes.motion, "stopped"), live(axes.motion, "following_count")
+        self.behaviour = axes.robot.axis[number].behaviour
         self.personality = personality_of(axes.robot, number) if personality is None else personality
         dictionary = self.personality.dictionary
         store_time_s = min(axes.robot.axis[number].store_time_s, self.personality.store_limit_s)
-        self.slave = Slave(
+        self.slave: Slave = slave_with(
+            self.behaviour,
+            axes.robot.seed + number,
             axes.robot.node_ids[number],
             dictionary,
             store_commands=self.personality.store_commands,
             store_time_ns=round(1e9 * store_time_s),
         )
-        self.slave.on_sync = self._on_sync
-        self.slave.on_nmt = self._on_nmt
-        self.slave.on_heartbeat_lost = self._on_heartbeat_lost
-        self.slave.on_reset = self._on_reset
-        self.slave.store.may_store = lambda: SdoAbortCode.DEVICE_STATE if self._is_powered() else None
+        self._power, self._has_power, self.stops = Power(), False, False
+        self._has_torque_off = self._begins_operational = False
+        self.on_state: Callable[[State, State], None] = lambda before, after: None
+        self._held: Step | None = None
+        self._held_until: int | None = None
         self.data = DriveData(axes, number, self.personality, self._is_powered)
         self._value = self.data.value
-        dictionary.on_read(Object.STATUS_WORD, 0, self._status_word)
-        # while the power stage is off the mode that will act is the one that is set; while it is on, no other can be set
-        dictionary.on_read(Object.MODES_OF_OPERATION_DISPLAY, 0, lambda: self._value(Object.MODES_OF_OPERATION))
-        dictionary.on_write(Object.CONTROL_WORD, 0, self._write_control_word)
-        dictionary.on_write(Object.MODES_OF_OPERATION, 0, self._write_mode)
+        self.inputs = DigitalInputs(axes, number, dictionary)
+        self.stage = PowerStage(axes, self.row, self.data)
+        self.limit_switches = LimitSwitches(self.stage, self.inputs)
+        self.probes = TouchProbes(dictionary, self.inputs, self.data.shown_position)
+        self._faults = Faults(self.slave)
+        modes = modes_of(self.stage, self.inputs, self.behaviour)
+        self._modes = ModeSelection(
+            self.slave,
+            self.stage,
+            {number: modes[number] for number in self.personality.modes},
+            self._faults,
+            self.limit_switches,
+            power=lambda: self._power,
+            halt_blocks=self.behaviour.halt_blocks_mode_change,
+        )
+        self._options = OptionCodes(self.personality, self.behaviour)
+        self._bind()
+        self._faults.on_lack = self._set_plain_status_word
+        self._stand_in(Power())
         self.personality.bind(axes, self.row, self._is_powered)
         self.data.apply()
+
+    def _bind(self) -> None:
+        slave, dictionary = self.slave, self.slave.dictionary
+        self.inputs.on_sto = self._set_torque_off
+        slave.on_nmt = self._on_nmt
+        slave.on_heartbeat_lost = self._on_heartbeat_lost
+        slave.on_reset = self._on_reset
+        if hasattr(slave, "on_rpdo_timeout"):
+            slave.on_rpdo_timeout = self._on_rpdo_timeout
+        slave.store.may_store = lambda: SdoAbortCode.DEVICE_STATE if self._is_powered() else None
+        dictionary.on_read(Object.STATUS_WORD, 0, self._status_word)
+        dictionary.on_write(Object.CONTROL_WORD, 0, self._write_control_word)
 
     @property
     def scaling(self) -> Scaling:
@@ -117,14 +139,12 @@ class Drive:
     @property
     def state(self) -> State:
         """State of the power drive system."""
-        return self._state
+        return self._power.state
 
-    def _stand_in(self, state: State) -> None:
-        """Be in a state, with what every SYNC asks of it: to look a state up costs more than the rest of a status word."""
-        self._state = state
-        self._has_power = state in _POWERED
-        self.stops = state in _STOPPING
-        self._plain_status_word = status_bits(state) | REMOTE | VOLTAGE_ENABLED
+    @property
+    def mode(self) -> Mode | None:
+        """The mode that acts; None where there is no torque."""
+        return None if self._modes.acting is None else self._modes.acting.number
 
     def _is_powered(self) -> bool:
         return self._has_power
@@ -154,213 +174,219 @@ class Drive:
         """Let time pass up to now."""
         return self.slave.advance(now)
 
-    def update(self) -> list[Frame]:
-        """Look at what the axis has done since the last call: broken limits, finished ramps. After each advance of the axes."""
+    def update(self, now: int) -> list[Frame]:
+        """Look at what the axis has done since the last call: broken limits, finished stops, waiting set-points.
+
+        After each advance of the axes.
+
+        Args:
+            now: The time, in ns.
+        """
         trip = self._trip[self.row]
         if trip:
             self._trip[self.row] = 0
             for bit, cause, code in FAULTS:
                 if trip & bit:
                     self._fault(cause, code)
-        if self.stops and self._stop_is_over():
-            self._stopped()
-        return self.slave.take_frames()
+        if self._event[self.row]:
+            self.inputs.dispatch()
+        if self._held is not None:
+            self._wait_for_transition(now)
+        acting = self._modes.acting
+        if self._is_stopping:
+            if self.stage.is_stopped:
+                self._take(stopped(self._power, self._options.now()))
+        elif acting is not None:
+            if acting.watches:
+                acting.look()
+            if self.limit_switches.are_there:
+                self.limit_switches.look(acting)
+        frames = self._begin_operational(now) if self._begins_operational else []
+        self._mark()
+        return frames + self.slave.take_frames()
+
+    def _mark(self) -> None:
+        """Say whether `update` has something to watch."""
+        self.stops = (
+            self._is_stopping
+            or self._held is not None
+            or self._begins_operational
+            or (self._modes.acting is not None and (self._modes.acting.watches or self.limit_switches.are_there))
+        )
 
     # -- status and mode -----------------------------------------------------------------------------------------------
 
+    def _stand_in(self, power: Power) -> None:
+        """Be in a state, with what every SYNC asks of it: to look a state up costs more than the rest of a status word."""
+        before, state = self._power.state, power.state
+        self._power = power
+        self._has_power = state in POWERED
+        self._is_enabled = state is State.OPERATION_ENABLED
+        self._is_stopping = self._has_power and (not self._is_enabled or power.leaving is not None)
+        self._set_plain_status_word()
+        self._mark()
+        if state is not before:
+            self.on_state(before, state)
+
+    def _set_plain_status_word(self) -> None:
+        word = status_bits(self.state) | REMOTE
+        if not self._has_torque_off:
+            word |= VOLTAGE_ENABLED
+        if self._faults.is_lacking:
+            word |= WARNING
+        self._plain_status_word = word
+
     def _status_word(self) -> int:
         word, row = self._plain_status_word, self.row
-        mode = self._mode[row]
-        if mode in _FOLLOWING_MODES:
-            word |= FOLLOWS_COMMAND
-        elif mode == law.PROFILE:
-            if self.data.is_target_reached:
+        acting = self._modes.acting
+        if self._is_enabled and acting is not None:
+            word |= acting.status()
+        else:
+            if self._following_count[row] > 0:
+                word |= FOLLOWING_ERROR
+            if self._has_power and self._stopped[row]:
                 word |= TARGET_REACHED
-            if self._acknowledged:
-                word |= SET_POINT_ACKNOWLEDGE
-        if self._has_power and abs(self._torque[row]) >= self._torque_limit[row]:
+        if self._limited[row] or self.limit_switches.blocked:
             word |= INTERNAL_LIMIT
-        if self._following_count[row] > 0:
-            word |= FOLLOWING_ERROR
         return word
-
-    def _write_mode(self, value: int) -> SdoAbortCode | None:
-        if value and value not in self.personality.modes:
-            return SdoAbortCode.INVALID_VALUE
-        if self._has_power and value != self._value(Object.MODES_OF_OPERATION):
-            return SdoAbortCode.DEVICE_STATE
-        return None
 
     # -- state machine -------------------------------------------------------------------------------------------------
 
-    def _write_control_word(self, word: int) -> SdoAbortCode | None:
+    def _write_control_word(self, word: int) -> None:
         """Run the state machine on a control word until it stands; the fault reset acts on the edge only."""
-        previous, self._previous_control_word = self._previous_control_word, word
-        if word == previous and self._state is State.OPERATION_ENABLED:
-            return None
-        option = self._value(Object.QUICK_STOP_OPTION)
+        if word == self._power.control_word and self._is_enabled:
+            return
+        if self._held is not None:
+            self._latest = word
+            return
         for _ in range(4):
-            after = next_state(self.state, word, previous, option)
-            if after is self.state or (after is State.OPERATION_ENABLED and not self._may_enable()):
+            before = self._power
+            step = commanded(before, word, self._options.now())
+            if step.power.state is before.state and step.action is Action.NONE:
+                self._power = step.power
                 break
-            self._enter(after)
-            previous = word
-        if self.state is State.OPERATION_ENABLED and self._motion["mode"] == law.PROFILE:
-            self._profile_command(word)
-        return None
+            if not self._may_take(step):
+                self._power = before._replace(control_word=word)
+                break
+            if self.behaviour.transition_delay_ms and (step.action is Action.ENERGISE or not self._has_power):
+                self._held, self._held_until, self._latest = step, None, word
+                self._mark()
+                return
+            self._take(step)
+        if self._is_enabled and not self._is_stopping:
+            self._modes.command(word)
+            self._mark()
 
-    def _may_enable(self) -> bool:
-        """Whether the power stage may open the brake: NMT operational, a mode, gains, and a whole interpolation period."""
-        mode = self._value(Object.MODES_OF_OPERATION)
-        if self.slave.nmt_state is not NmtState.OPERATIONAL or mode not in self.personality.modes:
-            return False
-        ticks = self.data.interpolation_ticks()
-        if mode == Mode.CSP and (ticks < 1.0 - 1e-9 or abs(ticks - round(ticks)) > 1e-6):
-            self.slave.raise_emergency("interpolation period", PARAMETER_FAULT, ErrorRegister.PROFILE)
-            return False
-        self.slave.clear_emergency("interpolation period")
-        gains = self.axes.cascade_config[self.row]
-        if mode != Mode.CST and not (gains["position_gain_per_s"] > 0.0 and gains["velocity_gain_nm_s_rad"] > 0.0):
-            # a brake that opens on a loop without gains lets the arm fall
-            self.slave.raise_emergency("no gains", PARAMETER_FAULT, ErrorRegister.PROFILE)
-            return False
-        self.slave.clear_emergency("no gains")
-        return True
+    def _may_take(self, step: Step) -> bool:
+        if step.action is Action.ENERGISE:
+            return self.slave.nmt_state is NmtState.OPERATIONAL and self._modes.is_ready()
+        # without voltage nothing becomes ready; a fault may be reset
+        return not (self._has_torque_off and step.power.state is State.READY_TO_SWITCH_ON)
 
-    def _enter(self, state: State) -> None:
-        before = self._state
-        self._stand_in(state)
-        if state is State.OPERATION_ENABLED:
-            self._energise()
-        elif state is State.QUICK_STOP_ACTIVE:
-            self._begin_stop(self._value(Object.QUICK_STOP_OPTION))
-        elif state is State.FAULT_REACTION_ACTIVE:
-            if before in _POWERED:
-                self._begin_stop(self._value(Object.FAULT_REACTION_OPTION))
-            else:
-                self._enter(state_after(self.state, Event.FAULT_REACTION_COMPLETED))
-        else:
-            self._brake()
-            if before is State.FAULT and state is State.SWITCH_ON_DISABLED:
-                self._clear_faults()
+    def _wait_for_transition(self, now: int) -> None:
+        """A drive that takes its time for a transition: of the words that come meanwhile the last counts."""
+        if self._held_until is None:
+            self._held_until = now + round(1e6 * self.behaviour.transition_delay_ms)
+        if now >= self._held_until and self._held is not None:
+            step, self._held = self._held, None
+            now_commanded = commanded(self._power, self._latest, self._options.now())
+            # a transition that has begun is finished, but for the one that opens the brake: that must still be wanted
+            is_meant = step.action is not Action.ENERGISE or now_commanded.power.state is step.power.state
+            if is_meant and self._may_take(step):
+                self._take(step)
+            self._write_control_word(self._latest)
 
-    def _energise(self) -> None:
-        """Open the brake; the set-point is where the motor stands, whatever was written before."""
-        mode = Mode(self._value(Object.MODES_OF_OPERATION))
-        standing = self.axes.counts(self.row)
-        # less the offset, which cyclic position adds: else a 60B0h that is there already would make the motor jump
-        offset = self._value(Object.POSITION_OFFSET) if mode == Mode.CSP else 0
-        self.slave.dictionary.cell(Object.TARGET_POSITION).value = clip(standing - offset)
-        self.slave.dictionary.cell(Object.TARGET_TORQUE).value = 0
-        self.data.halted = self._acknowledged = False
-        self.data.apply_limits()
-        self.axes.energise(self.row, _MOTION_OF_MODE[mode], max(1, round(self.data.interpolation_ticks())))
-
-    def _brake(self) -> None:
-        """Close the brake: no torque, and the motor stands."""
-        motion = self._motion
-        motion["mode"] = law.BRAKED
-        motion["torque_nm"], motion["following_count"] = 0.0, 0
-
-    def _begin_stop(self, option: int) -> None:
-        """Brake as 605Ah or 605Eh says: at once, on the profile's ramp or on the quick-stop ramp."""
-        motion, axes = self._motion, self.axes
-        # a brake that is closed already (605Ah = 0, then a fault) stays closed
-        at_once = option == QuickStopOption.DISABLE or motion["mode"] == law.BRAKED
-        if at_once or not axes.cascade_config[self.row]["velocity_gain_nm_s_rad"] > 0.0:
-            motion["stopped"] = 1
-            self._brake()
+    def _take(self, step: Step) -> None:
+        """Go one step of the state machine, with what it asks of the power stage."""
+        if step.action is Action.NONE and step.power == self._power:
             return
-        slow = option in {QuickStopOption.SLOW_DOWN_RAMP, QuickStopOption.SLOW_DOWN_RAMP_AND_STAY}
-        ramp = Object.PROFILE_DECELERATION if slow else Object.QUICK_STOP_DECELERATION
-        law.begin_stop(axes.motion, axes.cascade_config, axes.cascade_state, axes.notch_state, self.row, self.data.si(ramp))
+        self._held = None
+        self._stand_in(step.power)
+        match step.action:
+            case Action.ENERGISE:
+                self.data.apply_limits()
+                self._modes.begin()
+            case Action.STOP:
+                self._modes.end()
+                self.stage.stop(step.stop)
+                self._stop_at_rest()
+            case Action.RELEASE | Action.CLEAR:
+                self._modes.release()
+                self.stage.release()
+                if step.action is Action.CLEAR:
+                    self._faults.clear()
+            case _:
+                pass
+        self._mark()
 
-    def _stop_is_over(self) -> bool:
-        motion = self._motion
-        return bool(motion["stopped"] or motion["stop_ticks"] * self._control_period_s > STOP_PATIENCE_S)
+    def _stop_at_rest(self) -> None:
+        """Disable operation and shutdown need no ramp where the motor stands; nor does a quick stop that ends by itself."""
+        ends = self._power.leaving is not None or (
+            self.state is State.QUICK_STOP_ACTIVE and self.behaviour.quick_stop_ends_disabled_at_once
+        )
+        if ends and (self.stage.law_mode == law.BRAKED or self.stage.stands):
+            self._take(stopped(self._power, self._options.now()))
 
-    def _stopped(self) -> None:
-        """The ramp has ended: quick stop leads to switch on disabled (or stays, 605Ah 5 and 6), fault reaction to fault."""
-        if self.state is State.FAULT_REACTION_ACTIVE:
-            self._enter(state_after(self.state, Event.FAULT_REACTION_COMPLETED))
-            return
-        after = state_after(self.state, Event.QUICK_STOP_COMPLETED, self._value(Object.QUICK_STOP_OPTION))
-        if after is not self.state:
-            self._enter(after)
+    def _fault(self, cause: str, code: int) -> None:
+        self._faults.report(cause, code)
+        self._take(failed(self._power, self._options.now()))
 
-    def _fault(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.PROFILE) -> None:
-        self.slave.dictionary.cell(Object.ERROR_CODE).value = code
-        self.slave.raise_emergency(cause, code, register)
-        if self.state not in {State.FAULT, State.FAULT_REACTION_ACTIVE}:
-            self._enter(state_after(self.state, Event.FAULT_DETECTED))
+    # -- safe torque off -----------------------------------------------------------------------------------------------
 
-    def _clear_faults(self) -> None:
-        self.slave.dictionary.cell(Object.ERROR_CODE).value = 0
-        for _, cause, _ in FAULTS:
-            self.slave.clear_emergency(cause)
-        self.slave.clear_emergency(_CONNECTION)
+    def _set_torque_off(self, active: bool) -> None:
+        """Take the torque away by the safe torque off input, or give the voltage back; see `torque_lost`.
 
-    # -- motion --------------------------------------------------------------------------------------------------------
-
-    def _on_sync(self, now: int) -> None:
-        """With SYNC the newest set-point comes into force: the drive goes there in one interpolation period."""
-        if self._mode[self.row] == law.POSITION:
-            self.axes.set_point(self.row, self.data.cyclic_target_counts())
-
-    def _profile_command(self, word: int) -> None:
-        """PP: bit 4 rising takes the set-point (bit 6: relative), bit 8 halts on the profile's ramp."""
-        motion = self._motion
-        if word & NEW_SET_POINT and not self._acknowledged:
-            target = int(self._value(Object.TARGET_POSITION))
-            if word & RELATIVE:
-                target += int(motion["target_counts"])
-            if motion["low_counts"] <= target <= motion["high_counts"]:
-                motion["target_counts"] = target
-            else:
-                motion["trip"] = int(motion["trip"]) | law.SET_POINT_RANGE
-            self._acknowledged = True
-        elif not word & NEW_SET_POINT:
-            self._acknowledged = False
-        self.data.halted = bool(word & HALT)
-        self.data.apply_profile_speed()
+        Under torque it is a fault without a ramp. While it is active the voltage is not enabled (bit 4), and the drive does not
+        become ready to switch on. Nothing comes back by itself: the master resets the fault and enables anew.
+        """
+        self._has_torque_off = active
+        self._set_plain_status_word()
+        if active:
+            if self._has_power:
+                self._faults.report(TORQUE_OFF, TORQUE_OFF_FAULT)
+            self._take(torque_lost(self._power))
 
     # -- connection ----------------------------------------------------------------------------------------------------
 
     def _on_nmt(self, old: NmtState, new: NmtState) -> None:
-        if old is NmtState.OPERATIONAL and self.state is State.OPERATION_ENABLED:
+        if old is NmtState.OPERATIONAL:
             self._connection_lost()
 
-    def _on_heartbeat_lost(self, node: int) -> None:
-        if self.state is State.OPERATION_ENABLED:
-            self._connection_lost()
+    def _on_heartbeat_lost(self, *_: object) -> None:
+        self._connection_lost()
 
-    def _connection_lost(self) -> None:
-        """React as 6007h says."""
-        match self._value(Object.ABORT_CONNECTION_OPTION):
-            case AbortConnectionOption.FAULT:
-                self._fault(_CONNECTION, EmergencyCode.HEARTBEAT, ErrorRegister.COMMUNICATION)
-            case AbortConnectionOption.DISABLE_VOLTAGE:
-                self._enter(State.SWITCH_ON_DISABLED)
-            case AbortConnectionOption.QUICK_STOP:
-                self._enter(State.QUICK_STOP_ACTIVE)
-            case _:
-                pass
+    def _on_rpdo_timeout(self, *_: object) -> None:
+        self._connection_lost(RPDO_TIMEOUT)
+
+    def _connection_lost(self, code: int = EmergencyCode.HEARTBEAT) -> None:
+        """React as 6007h says; a drive that does not move has nothing to abort."""
+        option = self._value(Object.ABORT_CONNECTION_OPTION)
+        step = disconnected(self._power, option, self._options.now())
+        if step.power == self._power:
+            return
+        if option == AbortConnectionOption.FAULT:
+            self._faults.report_connection(code)
+        self._take(step)
 
     def _on_reset(self, kind: ResetKind) -> None:
         """NMT reset: the node's own values are back at their defaults; a reset of the application closes the brake."""
+        self._begins_operational = self.behaviour.operational_at_boot
         if kind is ResetKind.NODE:
             self._restart()
             return
-        if self.state is State.OPERATION_ENABLED:
-            self._connection_lost()
-        if self.state in {State.FAULT, State.FAULT_REACTION_ACTIVE} and self._value(Object.ERROR_CODE) == EmergencyCode.HEARTBEAT:
-            # the node has forgotten its communication errors with the reset, but the drive is still in fault for this one
-            self.slave.raise_emergency(_CONNECTION, EmergencyCode.HEARTBEAT, ErrorRegister.COMMUNICATION)
+        self._connection_lost()
+        if self.state in {State.FAULT, State.FAULT_REACTION_ACTIVE}:
+            self._faults.repeat_connection()
+        self._set_plain_status_word()
+        self._mark()
+
+    def _begin_operational(self, now: int) -> list[Frame]:
+        self._begins_operational = False
+        return self.slave.receive(Frame(FunctionCode.NMT, bytes((NmtCommand.START, self.node_id))), now)
 
     def _restart(self) -> None:
-        self._brake()
-        self._motion["trip"] = 0  # what a set-point before the reset has broken is not the new start's fault
-        self._previous_control_word = 0
-        self.data.halted = self._acknowledged = False
-        self._stand_in(state_after(State.NOT_READY_TO_SWITCH_ON, Event.INITIALISED))
+        self._take(initialised(self._power))
+        self.stage.motion["trip"] = 0  # what a set-point before the reset has broken is not the new start's fault
+        self.data.halted = False
         self.data.apply()
+        self.probes.reset()

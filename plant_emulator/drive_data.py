@@ -1,8 +1,6 @@
 """A drive's process data: what the CiA 402 part of its dictionary says, in the units and arrays of its axis, and back."""
 
-import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from drive_profiles.cia301 import SdoAbortCode
@@ -10,41 +8,11 @@ from drive_profiles.cia402 import Object
 from drive_profiles.units import Scaling
 from plant_emulator import motion as law
 from plant_emulator.axes import Axes, live
+from plant_emulator.drive_limits import DC_LINK_MV, DriveLimits
 from plant_emulator.personality import Personality
+from plant_emulator.user_units import UserUnits
 
 _INT16, _INT32 = 2**15 - 1, 2**31 - 1
-
-TARGET_WINDOW_RAD = 2.0 * math.pi / 1000.0
-"""How near the motor must be to count as arrived; friction may leave it a few encoder counts away for a while."""
-
-_LIMITS = (
-    (Object.MAX_TORQUE, 0),
-    (Object.MAX_MOTOR_SPEED, 0),
-    (Object.SOFTWARE_POSITION_LIMIT, 1),
-    (Object.SOFTWARE_POSITION_LIMIT, 2),
-    (Object.FOLLOWING_ERROR_WINDOW, 0),
-    (Object.FOLLOWING_ERROR_TIMEOUT, 0),
-    (Object.PROFILE_VELOCITY, 0),
-    (Object.PROFILE_ACCELERATION, 0),
-    (Object.PROFILE_DECELERATION, 0),
-    (Object.QUICK_STOP_DECELERATION, 0),
-)
-
-
-_RAMPS = frozenset({Object.PROFILE_ACCELERATION, Object.PROFILE_DECELERATION, Object.QUICK_STOP_DECELERATION})
-
-_SI: dict[int, Callable[[Scaling, Any], float]] = {
-    Object.MAX_TORQUE: lambda scaling, value: float(value * scaling.torque_quantum_nm),
-    Object.MAX_MOTOR_SPEED: lambda _, value: float(value * 2.0 * math.pi / 60.0),
-    Object.SOFTWARE_POSITION_LIMIT: lambda scaling, value: scaling.position_rad(value),
-    Object.FOLLOWING_ERROR_WINDOW: lambda scaling, value: scaling.position_rad(value),
-    Object.FOLLOWING_ERROR_TIMEOUT: lambda _, value: float(1e-3 * value),
-    Object.PROFILE_VELOCITY: lambda scaling, value: scaling.speed_rad_s(value),
-    Object.PROFILE_ACCELERATION: lambda scaling, value: scaling.speed_rad_s(value),
-    Object.PROFILE_DECELERATION: lambda scaling, value: scaling.speed_rad_s(value),
-    Object.QUICK_STOP_DECELERATION: lambda scaling, value: scaling.speed_rad_s(value),
-}
-"""What the objects mean in SI units where the manufacturer does not say otherwise: counts, per mille, rev/min and ms."""
 
 
 def clip(value: float, limit: int = _INT32) -> int:
@@ -53,14 +21,8 @@ def clip(value: float, limit: int = _INT32) -> int:
     return nearest if -limit <= nearest <= limit else int(max(-limit, min(limit, nearest)))
 
 
-class DriveData:
-    """Ties the entries of a dictionary to one row of the axes: live values, and checks of what is written.
-
-    Attributes:
-        motion: The axis' row of process data.
-        scaling: How the drive counts.
-        halted: Whether the halt bit holds the profile at speed 0.
-    """
+class DriveData(DriveLimits):
+    """Ties the entries of a dictionary to one row of the axes: live values, and checks of what is written."""
 
     def __init__(self, axes: Axes, number: int, personality: Personality, is_powered: Callable[[], bool]) -> None:
         """Bind the dictionary.
@@ -71,47 +33,72 @@ class DriveData:
             personality: The drive's manufacturer, with the dictionary.
             is_powered: Whether the motor is, or may be, under torque.
         """
-        self.axes, self.row = axes, axes.row(number)
-        self.motion: Any = axes.motion[self.row]
-        self.scaling = personality.scaling
-        self.halted = False
-        self._personality = personality
-        self._dictionary = personality.dictionary
+        super().__init__(axes, number, personality)
         self._is_powered = is_powered
-        self._motor_limit_nm = axes.robot.axis[number].torque_limit_nm
-        self._control_period_s = axes.robot.control_period_s
         self._rated_place, self._rated_step_nm = personality.rated_torque
-        self._is_rated_fixed = not self._dictionary.cell(*self._rated_place).entry.access.is_writable
-        self.motion["counts_per_rad"] = self.scaling.counts_per_rad
+        self._is_rated_fixed = not self.dictionary.cell(*self._rated_place).entry.access.is_writable
+        self.motion["counts_per_rad"] = self.scaling.encoder_counts_per_rad
+        self.motion["counts_per_rev"] = self.scaling.encoder_counts_per_rev
         self._speeds, self._torques = live(axes.cascade_state, "speed_rad_s"), live(axes.motion, "torque_nm")
+        self._errors = live(axes.cascade_state, "error_rad_s")
         self._following_errors = live(axes.motion, "following_error_rad")
-        self._target, self._offset = (self._dictionary.cell(index) for index in (Object.TARGET_POSITION, Object.POSITION_OFFSET))
+        self._limited, self._reached = live(axes.motion, "limited"), live(axes.motion, "reached")
+        self._demands, self._demand_speeds = live(axes.motion, "demand_rad"), live(axes.motion, "demand_speed_rad_s")
+        self._torque_demands = live(axes.motion, "torque_demand_nm")
+        self._target, self._offset = (self.dictionary.cell(index) for index in (Object.TARGET_POSITION, Object.POSITION_OFFSET))
+        self._target_speed = self.dictionary.cell(Object.TARGET_VELOCITY)
+        self._units = None
+        if personality.has_user_units:
+            self._units = UserUnits(self.dictionary, is_powered, lambda: self.scaling, self._use_units)
         self._bind_values()
         self._bind_writers()
 
-    def value(self, index: int, subindex: int = 0) -> Any:
-        """What an entry holds."""
-        return self._dictionary.cell(index, subindex).value
+    # -- units ---------------------------------------------------------------------------------------------------------
 
-    def si(self, index: int, subindex: int = 0) -> float:
-        """What acts of a limit, a speed or a ramp, in SI units."""
-        place = index, subindex
-        value, step = self._personality.acting(place), self._personality.steps.get(place)
-        if index in _RAMPS and value <= 0:
-            value = 1  # a ramp of 0 would have no end
-        return _SI[index](self.scaling, value) if step is None else float(value * step)
+    def shown_position(self, counts: float) -> int:
+        """What the drive shows as its position at these counts of the encoder."""
+        if self._counts_as_encoder:
+            return clip(counts + self.offset_counts)
+        return clip((counts + self.offset_counts) * self._units_per_count)
+
+    def speed_of(self, value: Any) -> float:
+        """A speed of the bus in rad/s."""
+        return float(value * self._rad_s_per_unit)
+
+    def shown_speed(self, speed_rad_s: float) -> int:
+        """What the drive shows as this speed."""
+        return clip(speed_rad_s * self._units_per_rad_s)
+
+    def _use_units(self, scaling: Scaling) -> None:
+        self.use(scaling)
+        self.apply_limits()
+
+    def set_home(self, counts: float) -> None:
+        """From now on the drive shows 607Ch at these counts of the encoder; targets and limits move along."""
+        self.offset_counts = 0
+        self.offset_counts = clip(self.encoder_counts(self.value(Object.HOME_OFFSET)) - counts)
+        self.apply_limits()
 
     # -- what is read --------------------------------------------------------------------------------------------------
 
     def _bind_values(self) -> None:
-        read: dict[tuple[int, int], Callable[[], Any]] = {
-            (Object.POSITION_ACTUAL, 0): self._position_counts,
-            (Object.VELOCITY_ACTUAL, 0): lambda: clip(self.speed_rad_s * self.scaling.counts_per_rad),
-            (Object.TORQUE_ACTUAL, 0): self._torque_per_mille,
-            (Object.FOLLOWING_ERROR_ACTUAL, 0): self._following_error_counts,
+        read: dict[int, Callable[[], Any]] = {
+            Object.POSITION_DEMAND: self._demand_position,
+            Object.POSITION_ACTUAL_INTERNAL: lambda: clip(self.axes.counts(self.row)),
+            Object.POSITION_ACTUAL: self._position_counts,
+            Object.VELOCITY_SENSOR_ACTUAL: self._shown_actual_speed,
+            Object.VELOCITY_DEMAND: lambda: self.shown_speed(self._demand_speeds[self.row]),
+            Object.VELOCITY_ACTUAL: self._shown_actual_speed,
+            Object.TORQUE_DEMAND: lambda: self._per_mille(self._torque_demands[self.row]),
+            Object.TORQUE_ACTUAL: lambda: self._per_mille(self._torques[self.row]),
+            Object.CURRENT_ACTUAL: self._current_per_mille,
+            Object.DC_LINK_VOLTAGE: lambda: DC_LINK_MV,
+            Object.FOLLOWING_ERROR_ACTUAL: self._following_error_counts,
+            Object.CONTROL_EFFORT: lambda: self.shown_speed(self._errors[self.row] + self._speeds[self.row]),
+            Object.POSITION_DEMAND_INTERNAL: lambda: clip(self._demands[self.row] * self.scaling.encoder_counts_per_rad),
         }
-        for (index, sub), hook in read.items():
-            self._dictionary.on_read(index, sub, hook)
+        for index, hook in read.items():
+            self.dictionary.on_read(index, 0, hook)
 
     @property
     def speed_rad_s(self) -> float:
@@ -119,13 +106,33 @@ class DriveData:
         return float(self._speeds[self.row])
 
     def _position_counts(self) -> int:
-        return clip(self.axes.counts(self.row))
+        counts = self.axes.counts(self.row)
+        shown = counts + self.offset_counts
+        # every TPDO passes here: in increments and within its object the position is what it is
+        return shown if self._counts_as_encoder and -_INT32 <= shown <= _INT32 else self.shown_position(counts)
 
-    def _torque_per_mille(self) -> int:
-        return clip(1000.0 * self._torques[self.row] / self.scaling.rated_torque_nm, _INT16)
+    def _demand_position(self) -> int:
+        return self.shown_position(self._demands[self.row] * self.scaling.encoder_counts_per_rad)
+
+    def _shown_actual_speed(self) -> int:
+        return clip(self._speeds[self.row] * self._units_per_rad_s)
+
+    def _per_mille(self, torque_nm: float) -> int:
+        return clip(1000.0 * torque_nm / self.scaling.rated_torque_nm, _INT16)
+
+    def _current_per_mille(self) -> int:
+        """Of 6075h: the current is what the motor constant makes of the torque."""
+        rated_ma = self.value(Object.MOTOR_RATED_CURRENT)
+        current_ma = 1000.0 * self._torques[self.row] / self._torque_constant_nm_a
+        return clip(1000.0 * current_ma / rated_ma, _INT16) if rated_ma > 0 else 0
 
     def _following_error_counts(self) -> int:
-        return clip(self._following_errors[self.row] * self.scaling.counts_per_rad)
+        return clip(self._following_errors[self.row] * self.scaling.encoder_counts_per_rad * self._units_per_count)
+
+    @property
+    def is_limited(self) -> bool:
+        """Status word, bit 11: the torque stands at its limit, or the speed that is asked for is not allowed."""
+        return bool(self._limited[self.row])
 
     @property
     def is_target_reached(self) -> bool:
@@ -135,34 +142,29 @@ class DriveData:
             return False
         if self.halted:
             return abs(self.speed_rad_s) < law.STOPPED_RAD_S
-        window = max(TARGET_WINDOW_RAD, 1.0 / self.scaling.counts_per_rad)
         way_left = motion["target_counts"] / motion["counts_per_rad"] - motion["reference_rad"]
-        return bool(abs(way_left) < 1e-9 and abs(motion["following_error_rad"]) <= window)
-
-    def interpolation_ticks(self) -> float:
-        """Control periods per set-point, from 60C2h."""
-        value, index = self.value(Object.INTERPOLATION_PERIOD, 1), self.value(Object.INTERPOLATION_PERIOD, 2)
-        return float(value * 10.0**index / self._control_period_s)
+        return bool(abs(way_left) < 1e-9 and self._reached[self.row] & law.IN_POSITION)
 
     def cyclic_target_counts(self) -> int:
         """Where cyclic position mode shall go: 607Ah + 60B0h (CiA 402: the offset is added to the target)."""
-        return int(self._target.value + self._offset.value)  # type: ignore[operator]
+        target: Any = self._target.value
+        target += self._offset.value
+        return target - self.offset_counts if self._counts_as_encoder else self.encoder_counts(target)
+
+    def cyclic_target_speed_rad_s(self) -> float:
+        """How fast cyclic velocity mode shall go: 60FFh; 60B1h is added in the law."""
+        return self.speed_of(self._target_speed.value)
 
     # -- what is written -----------------------------------------------------------------------------------------------
 
     def _bind_writers(self) -> None:
-        on_write = self._dictionary.on_write
+        on_write = self.dictionary.on_write
         on_write(0x1006, 0, self._write_cycle_period)
-        for index, sub in _LIMITS:
-            on_write(index, sub, self._limit_writer(index, sub))
-        on_write(Object.VELOCITY_OFFSET, 0, self._set_point_writer("velocity_offset_rad_s", self._speed))
+        on_write(Object.VELOCITY_OFFSET, 0, self._set_point_writer("velocity_offset_rad_s", self.speed_of))
         on_write(Object.TORQUE_OFFSET, 0, self._set_point_writer("torque_offset_nm", self._torque))
         on_write(Object.TARGET_TORQUE, 0, self._set_point_writer("target_torque_nm", self._torque))
         if not self._is_rated_fixed:
             on_write(*self._rated_place, self._write_rated_torque)
-
-    def _speed(self, value: int) -> float:
-        return self.scaling.speed_rad_s(value)
 
     def _torque(self, value: int) -> float:
         return value * self.scaling.torque_quantum_nm
@@ -177,24 +179,14 @@ class DriveData:
             return SdoAbortCode.DEVICE_STATE
         if value <= 0:
             return SdoAbortCode.VALUE_TOO_LOW
-        self._dictionary.cell(*self._rated_place).value = value
+        self.dictionary.cell(*self._rated_place).value = value
         self._apply_rated_torque()
         self.apply_limits()
         return None
 
     def _apply_rated_torque(self) -> None:
         if not self._is_rated_fixed:
-            self.scaling = replace(self.scaling, rated_torque_nm=self.value(*self._rated_place) * self._rated_step_nm)
-
-    def _limit_writer(self, index: int, sub: int) -> Callable[[Any], SdoAbortCode | None]:
-        cell = self._dictionary.cell(index, sub)
-
-        def write(value: Any) -> SdoAbortCode | None:
-            cell.value = value
-            self.apply_limits()
-            return None
-
-        return write
+            self.set_rated_torque(self.value(*self._rated_place) * self._rated_step_nm)
 
     def _set_point_writer(self, field: str, convert: Callable[[int], float]) -> Callable[[int], SdoAbortCode | None]:
         place, row = live(self.axes.motion, field), self.row
@@ -206,39 +198,18 @@ class DriveData:
         return write
 
     def apply(self) -> None:
-        """Put the whole dictionary into force, after a reset."""
+        """Put the whole dictionary into force, after a reset; the zero that homing has found is lost with it."""
+        self.offset_counts = 0
         self._apply_rated_torque()
+        if self._units is not None:
+            self._units.apply()
         self._personality.apply()
         self.apply_limits()
 
     def apply_limits(self) -> None:
         """Put limits, ramps and set-points into force."""
+        super().apply_limits()
         motion = self.motion
-        motion["torque_limit_nm"] = min(self._motor_limit_nm, self.si(Object.MAX_TORQUE))
-        motion["max_speed_rad_s"] = self.si(Object.MAX_MOTOR_SPEED)
-        motion["low_counts"], motion["high_counts"] = self._limits_counts()
-        is_watched = self._personality.acting((Object.FOLLOWING_ERROR_WINDOW, 0)) not in self._personality.unwatched_windows
-        motion["following_window_rad"] = self.si(Object.FOLLOWING_ERROR_WINDOW) if is_watched else math.inf
-        motion["following_ticks"] = round(self.si(Object.FOLLOWING_ERROR_TIMEOUT) / self._control_period_s)
-        motion["profile_acceleration_rad_s2"] = self.si(Object.PROFILE_ACCELERATION)
-        motion["profile_deceleration_rad_s2"] = self.si(Object.PROFILE_DECELERATION)
-        self.apply_profile_speed()
-        if motion["mode"] != law.STOPPING:
-            motion["stop_deceleration_rad_s2"] = self.si(Object.QUICK_STOP_DECELERATION)
-        motion["velocity_offset_rad_s"] = self._speed(self.value(Object.VELOCITY_OFFSET))
+        motion["velocity_offset_rad_s"] = self.speed_of(self.value(Object.VELOCITY_OFFSET))
         motion["torque_offset_nm"] = self._torque(self.value(Object.TORQUE_OFFSET))
         motion["target_torque_nm"] = self._torque(self.value(Object.TARGET_TORQUE))
-
-    def _limits_counts(self) -> tuple[float, float]:
-        low, high = self._limit_counts(1), self._limit_counts(2)
-        return (-math.inf, math.inf) if low == high and self._personality.equal_limits_are_none else (low, high)
-
-    def _limit_counts(self, subindex: int) -> float:
-        place = Object.SOFTWARE_POSITION_LIMIT, subindex
-        if place in self._personality.steps:
-            return self.si(*place) * self.scaling.counts_per_rad
-        return float(self._personality.acting(place))
-
-    def apply_profile_speed(self) -> None:
-        """6081h, or 0 while the halt bit is set: a limit that is written meanwhile must not end the halt."""
-        self.motion["profile_speed_rad_s"] = 0.0 if self.halted else self.si(Object.PROFILE_VELOCITY)

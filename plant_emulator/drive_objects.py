@@ -1,9 +1,10 @@
 """The emulated drive's object dictionary, as one table: the node and its EDS are both made from it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from drive_profiles.cia301 import DataType
-from drive_profiles.cia402 import Mode, Object, supported_modes_bits
+from drive_profiles.cia402 import Mode, Object
+from plant_emulator.cia402_objects import cia402_entries
 from plant_emulator.slave.dictionary import Access, Entry
 from plant_emulator.slave.objects import PdoDefault, communication_entries, pdo_entries
 from plant_emulator.slave.store import store_entries
@@ -15,6 +16,8 @@ DEVICE_TYPE = 0x00020192
 """1000h: profile 402, servo drive."""
 
 POSITION_LOOP, VELOCITY_LOOP, CONTROL_PERIOD, TORQUE_COMMAND = 0x2100, 0x2101, 0x2120, 0x2130
+SET_POINT_TIMEOUT = 0x2131
+"""For how many interpolation periods a missing set-point is made up for before it is a fault; 0 waits for ever."""
 NOTCH_OBJECTS = (0x2110, 0x2111)
 NOTCH_STATE_OBJECTS = (0x2112, 0x2113)
 CANCELLATION = 0x2114
@@ -28,7 +31,7 @@ GAINS = {
 }
 """Field of `Cascade` that each of these entries holds."""
 
-MODES = (Mode.PP, Mode.CSP, Mode.CST)
+MODES = tuple(Mode)
 
 NOTCH_PARAMETERS: tuple[tuple[str, str, DataType, float, float, float], ...] = (
     ("mode", "Mode (0 off, 1 switched, 2 trapezoid)", DataType.UNSIGNED8, 0, 0, 2),
@@ -55,8 +58,6 @@ CANCELLATION_PARAMETERS: tuple[tuple[str, str, DataType, float, float, float], .
 )
 """Field of `MOTION`, name in the EDS, type, default, limits; sub-indices count from 1 in this order."""
 
-_I32 = (-(2**31), 2**31 - 1)
-
 
 def drive_entries(
     *,
@@ -66,6 +67,7 @@ def drive_entries(
     control_period_ns: int = 250_000,
     gains: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 300.0),
     serial_number: int = 1,
+    rated_current_ma: int = 1000,
 ) -> list[Entry]:
     """All entries of a drive with this motor; the defaults are what it leaves the factory with."""
     entries = list(
@@ -83,7 +85,7 @@ def drive_entries(
     entries += store_entries()
     entries += cycle_entries()
     entries += _manufacturer(control_period_ns, gains)
-    entries += cia402_entries(encoder_counts_per_rev, rated_torque_mnm, max_torque_per_mille)
+    entries += cia402_entries(encoder_counts_per_rev, rated_torque_mnm, max_torque_per_mille, MODES, rated_current_ma)
     return entries
 
 
@@ -124,50 +126,4 @@ def _manufacturer(control_period_ns: int, gains: tuple[float, float, float, floa
     yield Entry(CONTROL_PERIOD, 0, "Control period in ns", DataType.UNSIGNED32, Access.CONST, control_period_ns)
     yield Entry(TORQUE_COMMAND, 0, "Torque command in N m", real, ro, 0.0, mappable=True)
     yield Entry(USER_TEXT, 0, "User text", DataType.VISIBLE_STRING, rw, "")
-
-
-def cia402_entries(
-    encoder_counts_per_rev: int, rated_torque_mnm: int, max_torque_per_mille: int, modes: Sequence[Mode] = MODES
-) -> Iterator[Entry]:
-    """The objects of CiA 402 without which an emulated drive does not move."""
-    rw, ro, rww, const = Access.RW, Access.RO, Access.RWW, Access.CONST
-    u8, u16, u32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
-    i8, i16, i32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
-    yield Entry(Object.ABORT_CONNECTION_OPTION, 0, "Abort connection option code", i16, rw, 3, 0, 3)
-    yield Entry(Object.ERROR_CODE, 0, "Error code", u16, ro, 0, mappable=True)
-    yield Entry(Object.CONTROL_WORD, 0, "Control word", u16, rww, 0, mappable=True)
-    yield Entry(Object.STATUS_WORD, 0, "Status word", u16, ro, 0, mappable=True)
-    yield Entry(Object.QUICK_STOP_OPTION, 0, "Quick stop option code", i16, rw, 2, 0, 6)
-    yield Entry(Object.FAULT_REACTION_OPTION, 0, "Fault reaction option code", i16, rw, 2, 0, 2)
-    yield Entry(Object.MODES_OF_OPERATION, 0, "Modes of operation", i8, rww, 0, mappable=True)
-    yield Entry(Object.MODES_OF_OPERATION_DISPLAY, 0, "Modes of operation display", i8, ro, 0, mappable=True)
-    yield Entry(Object.POSITION_ACTUAL, 0, "Position actual value", i32, ro, 0, mappable=True)
-    yield Entry(Object.FOLLOWING_ERROR_WINDOW, 0, "Following error window", u32, rw, 4 * encoder_counts_per_rev)
-    yield Entry(Object.FOLLOWING_ERROR_TIMEOUT, 0, "Following error time out", u16, rw, 50)
-    yield Entry(Object.VELOCITY_ACTUAL, 0, "Velocity actual value", i32, ro, 0, mappable=True)
-    yield Entry(Object.TARGET_TORQUE, 0, "Target torque", i16, rww, 0, mappable=True)
-    yield Entry(Object.MAX_TORQUE, 0, "Max torque", u16, rww, max_torque_per_mille, mappable=True)
-    yield Entry(Object.MOTOR_RATED_TORQUE, 0, "Motor rated torque", u32, const, rated_torque_mnm)
-    yield Entry(Object.TORQUE_ACTUAL, 0, "Torque actual value", i16, ro, 0, mappable=True)
-    yield Entry(Object.TARGET_POSITION, 0, "Target position", i32, rww, 0, mappable=True)
-    limit = "Software position limit"
-    yield Entry(Object.SOFTWARE_POSITION_LIMIT, 1, "Min position limit", i32, rw, _I32[0], record_name=limit)
-    yield Entry(Object.SOFTWARE_POSITION_LIMIT, 2, "Max position limit", i32, rw, _I32[1], record_name=limit)
-    yield Entry(Object.MAX_MOTOR_SPEED, 0, "Max motor speed", u32, rw, 1200)
-    yield Entry(Object.PROFILE_VELOCITY, 0, "Profile velocity", u32, rww, 5 * encoder_counts_per_rev, mappable=True)
-    yield Entry(Object.PROFILE_ACCELERATION, 0, "Profile acceleration", u32, rw, 20 * encoder_counts_per_rev, low=1)
-    yield Entry(Object.PROFILE_DECELERATION, 0, "Profile deceleration", u32, rw, 20 * encoder_counts_per_rev, low=1)
-    yield Entry(Object.QUICK_STOP_DECELERATION, 0, "Quick stop deceleration", u32, rw, 50 * encoder_counts_per_rev, low=1)
-    resolution = "Position encoder resolution"
-    yield Entry(Object.ENCODER_RESOLUTION, 1, "Encoder increments", u32, const, encoder_counts_per_rev, record_name=resolution)
-    yield Entry(Object.ENCODER_RESOLUTION, 2, "Motor revolutions", u32, const, 1, record_name=resolution)
-    yield Entry(Object.GEAR_RATIO, 1, "Motor revolutions", u32, const, 1, record_name="Gear ratio")
-    yield Entry(Object.GEAR_RATIO, 2, "Shaft revolutions", u32, const, 1, record_name="Gear ratio")
-    yield Entry(Object.POSITION_OFFSET, 0, "Position offset", i32, rww, 0, mappable=True)
-    yield Entry(Object.VELOCITY_OFFSET, 0, "Velocity offset", i32, rww, 0, mappable=True)
-    yield Entry(Object.TORQUE_OFFSET, 0, "Torque offset", i16, rww, 0, mappable=True)
-    period = "Interpolation time period"
-    yield Entry(Object.INTERPOLATION_PERIOD, 1, "Interpolation time period value", u8, rw, 2, 1, record_name=period)
-    yield Entry(Object.INTERPOLATION_PERIOD, 2, "Interpolation time index", i8, rw, -3, -9, 0, record_name=period)
-    yield Entry(Object.FOLLOWING_ERROR_ACTUAL, 0, "Following error actual value", i32, ro, 0, mappable=True)
-    yield Entry(Object.SUPPORTED_MODES, 0, "Supported drive modes", u32, const, supported_modes_bits(modes))
+    yield Entry(SET_POINT_TIMEOUT, 0, "Set-point time-out in interpolation periods", DataType.UNSIGNED8, rw, 0)

@@ -3,95 +3,77 @@
 import math
 from typing import Any
 
-import numpy as np
-
-from hil.control.cascade import cascade_start
+from hil.control.cascade import cascade_start, hold_integrator
 from hil.control.compensation import FADE_S, inner_compensation
 from hil.control.compiled import compiled, inlined
 from hil.control.servo import servo_step
+from plant_emulator.motion_data import (
+    BRAKED,
+    EDGES,
+    FOLLOWING,
+    HOME_FALLING,
+    HOME_RISING,
+    HOME_SWITCH,
+    IN_POSITION,
+    IN_SPEED,
+    INDEX,
+    LIMITED_SPEED,
+    LIMITED_TORQUE,
+    MOTION,
+    MOVING,
+    NEGATIVE_FALLING,
+    NEGATIVE_RISING,
+    NEGATIVE_SWITCH,
+    NO_SET_POINT,
+    OUT_OF_RANGE,
+    OVERSHOOT,
+    OVERSPEED,
+    POSITION,
+    POSITIVE_FALLING,
+    POSITIVE_RISING,
+    POSITIVE_SWITCH,
+    PROBE_1,
+    PROBE_1_FALLING,
+    PROBE_1_RISING,
+    PROBE_2,
+    PROBE_2_FALLING,
+    PROBE_2_RISING,
+    PROFILE,
+    PROFILE_TORQUE,
+    PROFILE_VELOCITY,
+    SET_POINT_LATE,
+    SET_POINT_RANGE,
+    SET_POINT_STEP,
+    STOPPED_RAD_S,
+    STOPPING,
+    TORQUE,
+    VELOCITY,
+)
+from plant_emulator.motion_inputs import watch_inputs
+from plant_emulator.motion_references import (
+    interpolated_counts,
+    interpolated_speed,
+    profile_position,
+    profile_torque,
+    profile_velocity,
+    ramp_down,
+)
 from plant_emulator.physics.axis import arm_acceleration, constants, nearby, plant_period
 
-BRAKED, POSITION, TORQUE, PROFILE, STOPPING = 0, 1, 2, 3, 4
-"""What the power stage does: brake closed and no torque; cyclic position; cyclic torque; profile position; ramp to rest."""
-
-FOLLOWING, OVERSPEED, OUT_OF_RANGE, SET_POINT_RANGE, SET_POINT_STEP = 1, 2, 4, 8, 16
-"""Bits of `trip`: which limit has been broken since the trip was last cleared."""
-
-STOPPED_RAD_S = 0.5
-"""Below this speed a ramp to rest counts as done (0.08 motor revolutions per second)."""
-
-MOTION = np.dtype([
-    ("mode", np.int64),
-    ("counts_per_rad", np.float64),
-    # cyclic position: the last two set-points, and how far the way between them has been gone
-    ("previous_counts", np.float64), ("target_counts", np.float64),
-    ("tick", np.int64), ("ticks_per_set_point", np.int64),
-    ("velocity_offset_rad_s", np.float64), ("torque_offset_nm", np.float64),
-    ("target_torque_nm", np.float64), ("torque_limit_nm", np.float64),
-    # profile position and ramps
-    ("profile_speed_rad_s", np.float64), ("profile_acceleration_rad_s2", np.float64),
-    ("profile_deceleration_rad_s2", np.float64), ("stop_deceleration_rad_s2", np.float64),
-    ("reference_rad", np.float64), ("reference_speed_rad_s", np.float64), ("stop_ticks", np.int64),
-    # limits
-    ("low_counts", np.float64), ("high_counts", np.float64), ("max_speed_rad_s", np.float64),
-    ("following_window_rad", np.float64), ("following_ticks", np.int64), ("following_count", np.int64),
-    # cancellation of the transmission error: amplitudes N A_k at the motor, and how far it is faded in
-    ("cancel_mode", np.int64), ("cancel_share", np.float64),
-    ("cancel_a2_rad", np.float64), ("cancel_phi2_rad", np.float64),
-    ("cancel_a4_rad", np.float64), ("cancel_phi4_rad", np.float64),
-    ("cancel_inertia_kg_m2", np.float64), ("cancel_damping_nm_s_rad", np.float64),
-    # what comes out
-    ("trip", np.int64), ("stopped", np.int64), ("torque_nm", np.float64), ("following_error_rad", np.float64),
-])  # fmt: skip
-"""A drive's process data, between its object dictionary and the compiled period."""
+__all__ = [
+    "BRAKED", "EDGES", "FOLLOWING", "HOME_FALLING", "HOME_RISING", "HOME_SWITCH", "INDEX", "IN_POSITION", "IN_SPEED",
+    "LIMITED_SPEED", "LIMITED_TORQUE", "MOTION", "MOVING", "NEGATIVE_FALLING", "NEGATIVE_RISING", "NEGATIVE_SWITCH",
+    "NO_SET_POINT", "OUT_OF_RANGE", "OVERSPEED", "POSITION", "POSITIVE_FALLING", "POSITIVE_RISING", "POSITIVE_SWITCH", "PROBE_1",
+    "PROBE_1_FALLING", "PROBE_1_RISING", "PROBE_2", "PROBE_2_FALLING", "PROBE_2_RISING", "PROFILE", "PROFILE_TORQUE",
+    "PROFILE_VELOCITY", "SET_POINT_LATE", "SET_POINT_RANGE", "SET_POINT_STEP", "STOPPED_RAD_S", "STOPPING", "TORQUE", "VELOCITY",
+    "advance", "begin_mode", "begin_stop", "command", "measured_counts",
+]  # fmt: skip
 
 
 @inlined
 def measured_counts(motor_angle: float, counts_per_rad: float) -> float:
     """What the encoder shows: the motor angle rounded to whole counts."""
     return math.floor(motor_angle * counts_per_rad + 0.5)
-
-
-@inlined
-def _interpolated(m: Any) -> float:
-    """The cyclic set-point in this period: straight from the last to the newest, which is reached with the last period."""
-    share = min(1.0, (m.tick + 1.0) / m.ticks_per_set_point)
-    return float(m.previous_counts + (m.target_counts - m.previous_counts) * share)
-
-
-@compiled
-def _profile(m: Any, target_rad: float, period_s: float) -> None:
-    """One period of the trapezoidal profile towards a target: never faster than it can still brake from.
-
-    In whole periods T a stop from v takes v²/2a + v T/2: solved for v, so that the last step ends on the target. Where a new
-    target lies closer than that, the reference passes it and comes back.
-    """
-    distance = target_rad - m.reference_rad
-    loss = m.profile_deceleration_rad_s2 * period_s
-    braking = math.sqrt(0.25 * loss * loss + 2.0 * m.profile_deceleration_rad_s2 * abs(distance)) - 0.5 * loss
-    allowed = min(m.profile_speed_rad_s, braking)
-    wanted = math.copysign(allowed, distance)
-    slowing = abs(wanted) < abs(m.reference_speed_rad_s) or wanted * m.reference_speed_rad_s < 0.0
-    rate = m.profile_deceleration_rad_s2 if slowing else m.profile_acceleration_rad_s2
-    change = min(rate * period_s, max(-rate * period_s, wanted - m.reference_speed_rad_s))
-    m.reference_speed_rad_s += change
-    step = m.reference_speed_rad_s * period_s
-    arrives = abs(distance) <= abs(step) * (1.0 + 1e-9) or abs(distance) < 0.5 / m.counts_per_rad
-    if arrives and abs(m.reference_speed_rad_s) <= 1.5 * loss:
-        m.reference_rad, m.reference_speed_rad_s = target_rad, 0.0
-    else:
-        m.reference_rad += step
-
-
-@compiled
-def _ramp_down(m: Any, period_s: float) -> None:
-    """One period of the ramp to rest."""
-    drop = m.stop_deceleration_rad_s2 * period_s
-    speed = m.reference_speed_rad_s
-    m.reference_speed_rad_s = math.copysign(max(0.0, abs(speed) - drop), speed)
-    m.reference_rad += m.reference_speed_rad_s * period_s
-    if m.reference_speed_rad_s == 0.0:
-        m.stop_ticks += 1
 
 
 @compiled
@@ -104,9 +86,44 @@ def _watch(m: Any, speed: float, counts: float) -> None:
     else:
         m.following_count = 0
     if abs(speed) > m.max_speed_rad_s:
-        m.trip |= OVERSPEED
+        # where the drive itself holds the demand to this speed, the loop's overshoot is no overspeed
+        is_held = m.mode in (PROFILE, VELOCITY, PROFILE_VELOCITY)
+        if not is_held or abs(speed) > OVERSHOOT * m.max_speed_rad_s:
+            m.trip |= OVERSPEED
     if not m.low_counts <= counts <= m.high_counts:
         m.trip |= OUT_OF_RANGE
+
+
+@compiled
+def _windows(m: Any, speed: float, angle: float) -> None:
+    """Whether target and rest are reached, and have been for as long as 6068h, 606Eh and 6070h ask."""
+    reached = 0
+    target = m.target_counts / m.counts_per_rad
+    has_arrived = m.mode == PROFILE and m.reference_speed_rad_s == 0.0 and abs(target - m.reference_rad) < 1e-9
+    if has_arrived and abs(target - angle) <= m.position_window_rad:
+        reached |= IN_POSITION if m.position_window_count >= m.position_window_ticks else 0
+        m.position_window_count += 1
+    else:
+        m.position_window_count = 0
+    if m.mode == PROFILE_VELOCITY and abs(m.target_speed_rad_s - speed) <= m.velocity_window_rad_s:
+        reached |= IN_SPEED if m.velocity_window_count >= m.velocity_window_ticks else 0
+        m.velocity_window_count += 1
+    else:
+        m.velocity_window_count = 0
+    if abs(speed) > m.velocity_threshold_rad_s:
+        reached |= MOVING if m.velocity_threshold_count >= m.velocity_threshold_ticks else 0
+        m.velocity_threshold_count += 1
+    else:
+        m.velocity_threshold_count = 0
+    m.reached = reached
+
+
+@inlined
+def _forget_filters(notch_state: Any, row: int, torque_nm: float) -> None:
+    """Filters that have followed a torque which nobody used start anew, on the one that acts."""
+    for column in range(notch_state.shape[1]):
+        notch_state[row, column].active = 0
+        notch_state[row, column].mean_nm = torque_nm
 
 
 @compiled
@@ -116,23 +133,155 @@ def begin_stop(
     """Turn to a ramp to rest from the present speed, without a jump of the torque.
 
     The position loop runs v/K_pp behind its reference, so the ramp starts that far ahead of the motor. The integrator takes
-    over what comes from outside the law and ends with the stop: the torque offset, or the whole torque of a cyclic torque mode,
+    over what comes from outside the law and ends with the stop: the torque offset, or the whole torque of a torque mode,
     in which the filters have been following a torque that nobody used and start anew.
+
+    An infinite deceleration brakes with all the torque that the limits allow, and then holds the motor where it is; what the
+    integrator has learnt of the load it keeps until then, but for a torque mode's.
     """
     m, s = motion[row], cascade_state[row]
+    is_hard = math.isinf(deceleration_rad_s2)
     lag = s.speed_rad_s / max(1.0, cascade_config[row].position_gain_per_s)
-    m.reference_rad = s.motor_angle_rad + lag
-    m.reference_speed_rad_s = s.speed_rad_s
+    m.reference_rad = s.motor_angle_rad if is_hard else s.motor_angle_rad + lag
+    m.reference_speed_rad_s = 0.0 if is_hard else s.speed_rad_s
     m.stop_deceleration_rad_s2 = deceleration_rad_s2
+    m.stop_direction = math.copysign(1.0, s.speed_rad_s) if is_hard and abs(s.speed_rad_s) >= STOPPED_RAD_S else 0.0
+    m.slowest_rad_s = math.inf
     m.stop_ticks, m.stopped = 0, 0
-    if m.mode == TORQUE:
-        cascade_start(cascade_state, row, s.motor_angle_rad, s.speed_rad_s, m.torque_nm)
-        for column in range(notch_state.shape[1]):
-            notch_state[row, column].active = 0
-            notch_state[row, column].mean_nm = m.torque_nm
-    elif m.mode != STOPPING:  # a stop may begin twice: here when a limit breaks, and by the state machine's reaction to it
+    if m.mode in (TORQUE, PROFILE_TORQUE):
+        cascade_start(cascade_state, row, s.motor_angle_rad, s.speed_rad_s, 0.0 if is_hard else m.torque_nm)
+        _forget_filters(notch_state, row, m.torque_nm)
+    elif m.mode in (POSITION, PROFILE, VELOCITY):
+        # a stop may begin twice: here when a limit breaks, and by the state machine's reaction to it
         s.integral_nm += m.torque_offset_nm
     m.mode = STOPPING
+
+
+@compiled
+def begin_mode(motion: Any, cascade_config: Any, cascade_state: Any, notch_state: Any, row: int, mode: int) -> None:
+    """Turn from one mode to another while the motor is under torque, from its present motion and without a jump of the torque.
+
+    Profiles go on from the present demand, cyclic modes from what is measured. The targets become what the motor does now:
+    where it stands (POSITION), or can stop (PROFILE), its speed, its torque; the owner then gives new ones. The integrator takes
+    what the new law would have the torque jump by, and gives it up with its own time constant.
+
+    Args:
+        motion: `MOTION` array, shape (n_axes,).
+        cascade_config: `CASCADE_CONFIG` array, shape (n_axes,).
+        cascade_state: `CASCADE_STATE` array, shape (n_axes,).
+        notch_state: `NOTCH_STATE` array, shape (n_axes, NOTCHES).
+        row: Axis.
+        mode: Neither BRAKED, which `Axes.energise` leaves, nor STOPPING, which `begin_stop` enters.
+    """
+    m, s, c = motion[row], cascade_state[row], cascade_config[row]
+    speed, angle, torque = s.speed_rad_s, s.motor_angle_rad, m.torque_nm
+    is_unheard = m.mode in (TORQUE, PROFILE_TORQUE) or (m.mode == STOPPING and m.stop_direction != 0.0)
+    demand_speed = speed if is_unheard else m.demand_speed_rad_s
+    error, torque_offset = 0.0, m.torque_offset_nm
+    if mode == POSITION:
+        m.previous_counts = m.target_counts = math.floor(angle * m.counts_per_rad + 0.5)
+        error = m.velocity_offset_rad_s - speed
+    elif mode == VELOCITY:
+        m.previous_speed_rad_s = m.target_speed_rad_s = speed - m.velocity_offset_rad_s
+    elif mode == PROFILE_VELOCITY:
+        m.reference_speed_rad_s = m.target_speed_rad_s = demand_speed
+        error, torque_offset = demand_speed - speed, 0.0
+    elif mode == PROFILE:
+        has_position = m.mode in (POSITION, PROFILE, STOPPING) and not is_unheard
+        m.reference_rad = m.demand_rad if has_position else angle + speed / max(1.0, c.position_gain_per_s)
+        m.reference_speed_rad_s = demand_speed
+        down = min(m.profile_deceleration_rad_s2, m.max_deceleration_rad_s2)
+        way = 0.5 * demand_speed * abs(demand_speed) / down if down > 0.0 else 0.0
+        m.target_counts = math.floor((m.reference_rad + way) * m.counts_per_rad + 0.5)
+        error = c.position_gain_per_s * (m.reference_rad - angle) - speed
+    else:
+        m.torque_demand_nm = torque
+        m.target_torque_nm = torque - (torque_offset if mode == TORQUE else 0.0)
+    s.integral_nm = torque - torque_offset - c.velocity_gain_nm_s_rad * error
+    s.error_rad_s = error
+    if is_unheard:
+        _forget_filters(notch_state, row, torque)
+    m.tick, m.late_ticks = NO_SET_POINT, 0
+    m.demand_rad = m.reference_rad if mode == PROFILE else angle
+    m.following_count = m.position_window_count = m.velocity_window_count = m.reached = m.stopped = 0
+    m.stop_direction = 0.0
+    m.mode = mode
+
+
+@compiled
+def _brake_hard(m: Any, s: Any, notch_state: Any, row: int, kept_nm: float, angle: float) -> float:
+    """All the torque against the motion until it has ended, or turned round; the loop then holds the motor where it is.
+
+    `stop_ticks` counts the periods without progress: limits may leave too little torque for a stop.
+    """
+    s.integral_nm = kept_nm
+    speed = s.speed_rad_s * m.stop_direction
+    if speed < m.slowest_rad_s:
+        m.slowest_rad_s = speed
+    else:
+        m.stop_ticks += 1
+    torque = float(m.torque_low_nm if m.stop_direction > 0.0 else m.torque_high_nm)
+    if speed < STOPPED_RAD_S:
+        m.reference_rad, m.stop_direction = angle, 0.0
+        _forget_filters(notch_state, row, kept_nm)
+    return torque
+
+
+@inlined
+def _rest(m: Any, angle: float) -> None:
+    """What comes out behind a closed brake."""
+    m.torque_nm, m.following_error_rad, m.cancel_share = 0.0, 0.0, 0.0
+    m.demand_rad, m.demand_speed_rad_s, m.torque_demand_nm = angle, 0.0, 0.0
+    m.limited = m.reached = m.late_ticks = 0
+
+
+@inlined
+def _demand(m: Any, angle: float, period_s: float) -> tuple[float, float, float]:
+    """What the mode asks of the law in this period: position, velocity offset, torque offset."""
+    position, velocity_offset, torque_offset, demand_speed = angle, 0.0, m.torque_offset_nm, 0.0
+    if m.mode == POSITION:
+        position = interpolated_counts(m) / m.counts_per_rad
+        velocity_offset = m.velocity_offset_rad_s
+        demand_speed = (position - m.demand_rad) / period_s
+    elif m.mode == PROFILE:
+        profile_position(m, m.target_counts / m.counts_per_rad, period_s)
+        position, demand_speed = m.reference_rad, m.reference_speed_rad_s
+    elif m.mode == STOPPING:
+        torque_offset = 0.0
+        if m.stop_direction == 0.0:
+            ramp_down(m, period_s)
+            position, demand_speed = m.reference_rad, m.reference_speed_rad_s
+    elif m.mode == VELOCITY:
+        velocity_offset = demand_speed = interpolated_speed(m)
+    elif m.mode == PROFILE_VELOCITY:
+        velocity_offset = demand_speed = profile_velocity(m, period_s)
+        torque_offset = 0.0
+    m.demand_rad, m.demand_speed_rad_s = position, demand_speed
+    return position, velocity_offset, torque_offset
+
+
+@inlined
+def _used_torque(m: Any, s: Any, notch_state: Any, row: int, period_s: float, kept_nm: float, torque_nm: float) -> float:
+    """What the mode makes of the law's torque."""
+    if m.mode == TORQUE:
+        return float(m.target_torque_nm + m.torque_offset_nm)
+    if m.mode == PROFILE_TORQUE:
+        return profile_torque(m, period_s)
+    if m.mode == STOPPING and m.stop_direction != 0.0:
+        return _brake_hard(m, s, notch_state, row, kept_nm, s.motor_angle_rad)
+    return torque_nm
+
+
+@inlined
+def _limited_torque(m: Any, cascade_state: Any, row: int, kept_nm: float, torque_nm: float) -> float:
+    """The torque within its limits; where these cut it, the integrator does not wind up."""
+    if m.torque_low_nm < torque_nm < m.torque_high_nm:
+        return torque_nm
+    limited = float(min(m.torque_high_nm, max(m.torque_low_nm, torque_nm)))
+    if torque_nm != limited:
+        hold_integrator(cascade_state, row, kept_nm, torque_nm - limited)
+    m.limited |= LIMITED_TORQUE
+    return limited
 
 
 @inlined
@@ -150,26 +299,21 @@ def command(
     m = motion[row]
     counts = measured_counts(motor_angle, m.counts_per_rad)
     angle = counts / m.counts_per_rad
+    if m.input_mask != 0 or m.edge_mask != 0:
+        watch_inputs(m, counts)
+    elif m.is_watching != 0:
+        m.is_watching = 0
     if m.mode == BRAKED:
         cascade_start(cascade_state, row, angle, 0.0, 0.0)
         for column in range(notch_state.shape[1]):
             notch_state[row, column].active = 0
             notch_state[row, column].speed_rps = 0.0
             notch_state[row, column].mean_nm = 0.0
-        m.torque_nm, m.following_error_rad, m.cancel_share = 0.0, 0.0, 0.0
+        _rest(m, angle)
         return 0.0
     before = m.mode
-    position, velocity_offset, torque_offset = angle, 0.0, m.torque_offset_nm
-    if m.mode == POSITION:
-        position = _interpolated(m) / m.counts_per_rad
-        velocity_offset = m.velocity_offset_rad_s
-        m.tick += 1
-    elif m.mode == PROFILE:
-        _profile(m, m.target_counts / m.counts_per_rad, period_s)
-        position = m.reference_rad
-    elif m.mode == STOPPING:
-        _ramp_down(m, period_s)
-        position, torque_offset = m.reference_rad, 0.0
+    m.limited = 0
+    position, velocity_offset, torque_offset = _demand(m, angle, period_s)
     if m.cancel_mode != 0 or m.cancel_share > 0.0:
         m.cancel_share = min(1.0, max(0.0, m.cancel_share + math.copysign(period_s / FADE_S, m.cancel_mode - 0.5)))
         if m.mode in (POSITION, PROFILE):
@@ -188,7 +332,9 @@ def command(
             position += m.cancel_share * reference
             velocity_offset += m.cancel_share * rate
             torque_offset += m.cancel_share * more
-    # the law runs in torque mode too: it keeps the speed estimate, and its torque is passed over
+    s = cascade_state[row]
+    kept_nm = s.integral_nm
+    # the law runs in torque modes too: it keeps the speed estimate, and its torque is passed over
     torque = servo_step(
         cascade_config,
         cascade_state,
@@ -202,16 +348,15 @@ def command(
         torque_offset,
         angle,
     )
-    speed = cascade_state[row].speed_rad_s
-    if m.mode == TORQUE:
-        wanted = m.target_torque_nm + m.torque_offset_nm
-        torque = min(m.torque_limit_nm, max(-m.torque_limit_nm, wanted))
-    m.torque_nm, m.following_error_rad = torque, position - angle
+    torque = _limited_torque(m, cascade_state, row, kept_nm, _used_torque(m, s, notch_state, row, period_s, kept_nm, torque))
+    m.torque_nm, m.torque_demand_nm, m.following_error_rad = torque, torque, position - angle
+    if m.mode not in (POSITION, TORQUE, VELOCITY):
+        _windows(m, s.speed_rad_s, angle)
     if m.mode == STOPPING:
-        if m.reference_speed_rad_s == 0.0 and abs(speed) < STOPPED_RAD_S:
+        if m.reference_speed_rad_s == 0.0 and m.stop_direction == 0.0 and abs(s.speed_rad_s) < STOPPED_RAD_S:
             m.stopped = 1
     else:
-        _watch(m, speed, counts)
+        _watch(m, s.speed_rad_s, counts)
         if m.trip != 0 and before != STOPPING:
             begin_stop(motion, cascade_config, cascade_state, notch_state, row, m.stop_deceleration_rad_s2)
     return float(torque)
@@ -254,5 +399,9 @@ def advance(
             angle = mechanics.motor_angle
             torque = command(motion, row, angle, period_s, cascade_config, cascade_state, notch_config, notch_state)
             near = plant_period(k, near, mechanics, torque, m.mode == BRAKED, period_s, substeps)
+        if m.trip != 0 or m.event != 0:
+            m.wake = 1
+        else:
+            m.wake = 0
         if ticks > 0:
             mechanics.arm_acceleration = arm_acceleration(k, mechanics)

@@ -55,6 +55,7 @@ def _own_entries(robot: Robot, number: int) -> list[Entry]:
         control_period_ns=round(1e9 * robot.control_period_s),
         gains=gains,
         serial_number=number,
+        rated_current_ma=axis.rated_current_ma,
     )
 
 

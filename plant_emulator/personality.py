@@ -28,6 +28,8 @@ class Personality(ABC):
         steps: SI units per step of those CiA 402 objects that do not count as ours do.
         rated_torque: The object that torques are per mille of, and N·m per step of it.
         unwatched_windows: Values of 6065h with which the following error is not watched.
+        has_user_units: Whether the objects of the factor group act (6091h, 6092h, 607Eh, 60A8h to 60AAh).
+        set_point_timeout: The object that says for how many interpolation periods a set-point may be missing; None: it is held.
         equal_limits_are_none: Whether 607Dh with both limits equal, such as 0 and 0, means that there are none.
     """
 
@@ -40,7 +42,9 @@ class Personality(ABC):
     steps: Mapping[Place, float] = {}
     rated_torque: tuple[Place, float] = ((Object.MOTOR_RATED_TORQUE, 0), 0.001)
     unwatched_windows: frozenset[int] = frozenset({2**32 - 1})
+    set_point_timeout: Place | None = None
     equal_limits_are_none: bool = False
+    has_user_units: bool = False
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -50,6 +54,14 @@ class Personality(ABC):
     def acting(self, place: Place) -> Any:
         """The value that acts: what the entry holds, or held at the last reset where it acts after one only."""
         return self.dictionary.cell(*place).value
+
+    def is_scaled(self, place: Place) -> bool:
+        """Whether it is known what the numbers of a CiA 402 limit mean; one of unknown scale is held, and does not act."""
+        return True
+
+    def states(self, place: Place) -> bool:
+        """Whether the manufacturer says what an object of CiA 402 may hold: it may have option codes of its own."""
+        return False
 
     @abstractmethod
     def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
@@ -75,6 +87,8 @@ class OwnPersonality(Personality):
 
     profile = "emulated_drive"
     modes = objects.MODES
+    set_point_timeout = (objects.SET_POINT_TIMEOUT, 0)
+    has_user_units = True
 
     def __init__(self, dictionary: Dictionary, scaling: Scaling) -> None:
         self.dictionary = dictionary

@@ -66,6 +66,67 @@ class NotchTable(Table):
         return Notch(mode=NOTCH_SWITCHED if self.shape == "switched" else NOTCH_TRAPEZOID, **values)
 
 
+class Switches(Table):
+    """Where an axis' switches stand: angles of the joint, which is the motor angle by the reduction ratio.
+
+    What is not given is not there, and its input stays off. The index pulse comes once per motor revolution.
+
+    Attributes:
+        negative_limit_deg: Limit switch, active from here downwards.
+        positive_limit_deg: Limit switch, active from here upwards.
+        home_deg: Home switch, active between these two.
+        index_deg: Angle of the motor at which its encoder gives the index pulse.
+        probe_1_deg: What touch probe 1 sees as long as the joint is between these two.
+        probe_2_deg: The same of touch probe 2.
+    """
+
+    negative_limit_deg: float | None = None
+    positive_limit_deg: float | None = None
+    home_deg: tuple[float, float] | None = None
+    index_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 0.0
+    probe_1_deg: tuple[float, float] | None = None
+    probe_2_deg: tuple[float, float] | None = None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "Switches":
+        ways = {"home_deg": self.home_deg, "probe_1_deg": self.probe_1_deg, "probe_2_deg": self.probe_2_deg}
+        if self.negative_limit_deg is not None and self.positive_limit_deg is not None:
+            ways["negative_limit_deg to positive_limit_deg"] = (self.negative_limit_deg, self.positive_limit_deg)
+        for name, way in ways.items():
+            if way is not None and not way[0] < way[1]:
+                raise ValueError(f"{name} goes from {way[0]:g} to {way[1]:g}: the first must be the lower")
+        return self
+
+
+class Behaviour(Table):
+    """How this drive differs from one that does all at once: what masters meet in real drives. All is off unless given.
+
+    Attributes:
+        tpdo_delay_us: How long after their cause (a SYNC, an event) the TPDOs leave the node.
+        tpdo_jitter_us: Up to so much is added to each of these delays, drawn from the robot's seed.
+        sdo_delay_ms: How long an SDO answer takes.
+        transition_delay_ms: How long a transition of the state machine takes.
+        halt_blocks_mode_change: A new mode is not taken while the halt bit is set.
+        quick_stop_ends_disabled_at_once: Quick stop leads to switch on disabled, also with 605Ah from 5 to 8.
+        pp_handshake_cycles: SYNCs after which a set-point of profile position is acknowledged.
+        operational_at_boot: The node goes to NMT state operational by itself.
+    """
+
+    tpdo_delay_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    tpdo_jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    sdo_delay_ms: Annotated[float, Field(ge=0.0, le=10e3)] = 0.0
+    transition_delay_ms: Annotated[float, Field(ge=0.0, le=10e3)] = 0.0
+    halt_blocks_mode_change: bool = False
+    quick_stop_ends_disabled_at_once: bool = False
+    pp_handshake_cycles: Annotated[int, Field(ge=0, le=1000)] = 0
+    operational_at_boot: bool = False
+
+    @property
+    def delays_frames(self) -> bool:
+        """Whether any frame leaves the node later than its cause."""
+        return bool(self.tpdo_delay_us or self.tpdo_jitter_us or self.sdo_delay_ms)
+
+
 class Axis(Table):
     """One axis: motor, gearing, arm, encoder; the reference robot's keys, and options that are off unless given.
 
@@ -73,7 +134,9 @@ class Axis(Table):
         profile: The drive that moves it: a profile of the package by its name, or the path of a profile.
         eds: Path of the drive's EDS file; its objects that the profile does not state are there, but do nothing.
         store_time_s: How long the drive is silent on SDO while it stores.
-        torque_constant_nm_a: Assumed motor constant, for drives whose gains are in amperes.
+        torque_constant_nm_a: Assumed motor constant, for drives whose gains are in amperes, and for 6075h.
+        switches: Limit and home switches and what the touch probes see; left out, there are none.
+        behaviour: How the drive differs from one that does all at once.
     """
 
     node_id: Annotated[int, Field(ge=1, le=127)] | None = None
@@ -106,6 +169,8 @@ class Axis(Table):
     eds: str | None = None
     store_time_s: NotNegative = 0.4
     torque_constant_nm_a: Positive = 1.0
+    switches: Switches | None = None
+    behaviour: Behaviour = Behaviour()
 
     @property
     def rated_torque(self) -> float:
@@ -117,6 +182,11 @@ class Axis(Table):
     def rated_torque_mnm(self) -> int:
         """Rated motor torque in mN·m, as 6076h states it."""
         return round(1000.0 * self.rated_torque)
+
+    @property
+    def rated_current_ma(self) -> int:
+        """Rated motor current in mA, as 6075h states it: the rated torque by the motor constant."""
+        return min(2**32 - 1, max(1, round(1000.0 * self.rated_torque / self.torque_constant_nm_a)))
 
     @property
     def peak_per_mille(self) -> int:

@@ -8,6 +8,7 @@ from drive_profiles.parameter import LIMITS, Parameter, place_of
 from drive_profiles.profile import Profile
 from drive_profiles.units import Scaling
 from plant_emulator import drive_objects as objects
+from plant_emulator.cia402_objects import cia402_entries
 from plant_emulator.robot import Axis
 from plant_emulator.slave.dictionary import Access, Entry
 from plant_emulator.slave.objects import communication_entries
@@ -90,7 +91,8 @@ class VendorDictionary:
         entries += objects.cycle_entries()
         modes = tuple(mode for mode in self._facts.supported_modes if mode in objects.MODES)
         counts = self._scaling.encoder_counts_per_rev
-        entries += objects.cia402_entries(counts, self._axis.rated_torque_mnm, self._axis.peak_per_mille, modes)
+        axis = self._axis
+        entries += cia402_entries(counts, axis.rated_torque_mnm, axis.peak_per_mille, modes, axis.rated_current_ma)
         entries += (
             command_entry(command.place, "Restore default parameters" if command.is_restore else "Store parameters")
             for command in self.commands

@@ -18,6 +18,7 @@ from plant_emulator.personality import Personality
 from plant_emulator.robot import Robot
 from plant_emulator.slave.dictionary import Dictionary, WriteHook
 from plant_emulator.slave.store import Place
+from plant_emulator.user_units import hold_units
 from plant_emulator.vendor_dictionary import VendorDictionary
 from plant_emulator.vendor_gains import Gains
 from plant_emulator.vendor_objects import state_abort_code
@@ -143,6 +144,14 @@ class VendorPersonality(Personality):
             return self._latched[place]
         return self.dictionary.cell(*place).value
 
+    def is_scaled(self, place: Place) -> bool:
+        """Whether the profile gives the scale of an object, or does not state it at all: then it is the emulator's own."""
+        return place not in self._parameters or place in self.steps
+
+    def states(self, place: Place) -> bool:
+        """Whether the profile has the object."""
+        return place in self._parameters
+
     def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
         """Tie gains and filter to the axis, and let each parameter be written when the profile allows it."""
         self._axes, self._row, self._is_powered = axes, row, is_powered
@@ -161,6 +170,7 @@ class VendorPersonality(Personality):
                 cell.write_hook = self._writer(place, self._apply_gains if place in gains else self._apply_filters)
             if parameter.effective == "disabled":
                 cell.write_hook = self._guarded(cell.write_hook)
+        hold_units(self.dictionary, set(self._parameters))
 
     def _writer(self, place: Place, apply: Callable[[], None]) -> WriteHook:
         cell = self.dictionary.cell(*place)

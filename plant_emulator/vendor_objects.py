@@ -16,8 +16,13 @@ from plant_emulator.slave.store import Place
 ENGINE = frozenset({
     *range(0x1000, 0x1006), *range(0x1007, 0x1012), 0x1014, 0x1016, 0x1018, 0x1029, *range(0x1200, 0x1C00),
     Object.ERROR_CODE, Object.CONTROL_WORD, Object.STATUS_WORD, Object.MODES_OF_OPERATION, Object.MODES_OF_OPERATION_DISPLAY,
-    Object.POSITION_ACTUAL, Object.VELOCITY_ACTUAL, Object.TARGET_TORQUE, Object.TORQUE_ACTUAL, Object.TARGET_POSITION,
-    Object.POSITION_OFFSET, Object.VELOCITY_OFFSET, Object.TORQUE_OFFSET, Object.FOLLOWING_ERROR_ACTUAL, Object.SUPPORTED_MODES,
+    Object.POSITION_DEMAND, Object.POSITION_ACTUAL_INTERNAL, Object.POSITION_ACTUAL, Object.VELOCITY_SENSOR_ACTUAL,
+    Object.VELOCITY_DEMAND, Object.VELOCITY_ACTUAL, Object.TARGET_TORQUE, Object.TORQUE_DEMAND, Object.TORQUE_ACTUAL,
+    Object.CURRENT_ACTUAL, Object.DC_LINK_VOLTAGE, Object.TARGET_POSITION, Object.POSITION_OFFSET, Object.VELOCITY_OFFSET,
+    Object.TORQUE_OFFSET, Object.TOUCH_PROBE_FUNCTION, Object.TOUCH_PROBE_STATUS, Object.TOUCH_PROBE_1_POSITIVE,
+    Object.TOUCH_PROBE_1_NEGATIVE, Object.TOUCH_PROBE_2_POSITIVE, Object.TOUCH_PROBE_2_NEGATIVE, Object.INTERPOLATION_DATA,
+    Object.SUPPORTED_HOMING_METHODS, Object.FOLLOWING_ERROR_ACTUAL, Object.CONTROL_EFFORT, Object.POSITION_DEMAND_INTERNAL,
+    Object.DIGITAL_INPUTS, Object.TARGET_VELOCITY, Object.SUPPORTED_MODES,
 })  # fmt: skip
 """Objects that stay the emulator's own where a profile states them too: the slave engine and the state machine work by them."""
 
@@ -27,6 +32,15 @@ SI_PER_STEP_UNITS: dict[int, str] = {
     Object.SOFTWARE_POSITION_LIMIT: "rad",
     Object.FOLLOWING_ERROR_WINDOW: "rad",
     Object.FOLLOWING_ERROR_TIMEOUT: "s",
+    Object.POSITION_WINDOW: "rad",
+    Object.POSITION_WINDOW_TIME: "s",
+    Object.VELOCITY_WINDOW: "rad/s",
+    Object.VELOCITY_WINDOW_TIME: "s",
+    Object.VELOCITY_THRESHOLD: "rad/s",
+    Object.VELOCITY_THRESHOLD_TIME: "s",
+    Object.MAX_PROFILE_VELOCITY: "rad/s",
+    Object.MAX_ACCELERATION: "rad/s²",
+    Object.MAX_DECELERATION: "rad/s²",
     Object.PROFILE_VELOCITY: "rad/s",
     Object.PROFILE_ACCELERATION: "rad/s²",
     Object.PROFILE_DECELERATION: "rad/s²",

@@ -73,7 +73,7 @@ class World:
         self._tick_ns = round(1e9 * robot.control_period_s)
         self._mechanics_ns = 0
         self._period_ns = round(1e9 * robot.sync_period_s)
-        self._trips = live(self.axes.motion, "trip")
+        self._wakes = live(self.axes.motion, "wake")
         self._wakes_at = _UNKNOWN
         self._owed_ns = 0
         self._all = [(slave.node_id, slave) for slave in self._slaves]
@@ -214,10 +214,10 @@ class World:
         return frames
 
     def _update(self) -> list[tuple[int, Frame]]:
-        """Let the drives look at their axes, those that have something to see: a broken limit or a ramp to rest."""
-        trips = self._trips.tolist()
-        waiting = [(port, drive) for port, drive in self._drives if trips[drive.row] or drive.stops]
-        return [(port, frame) for port, drive in waiting for frame in drive.update()]
+        """Let the drives look at their axes, those that have something to see: a broken limit, an event or a ramp to rest."""
+        wakes = self._wakes.tolist()
+        waiting = [(port, drive) for port, drive in self._drives if wakes[drive.row] or drive.stops]
+        return [(port, frame) for port, drive in waiting for frame in drive.update(self.now)]
 
     def advance(self, until: int) -> list[Frame]:
         """Let time pass; what the nodes send meanwhile, in order of time.

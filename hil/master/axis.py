@@ -7,7 +7,7 @@ from typing import Any
 from drive_profiles.cia301 import DataType
 from drive_profiles.cia402 import Mode, Object, State, state_of
 from drive_profiles.errors import DriveProfileError, OutOfRangeError
-from drive_profiles.parameter import Parameter
+from drive_profiles.parameter import Parameter, place_of
 from drive_profiles.profile import Profile
 from drive_profiles.units import Scaling, interpolation_period
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
@@ -114,8 +114,9 @@ class DriveAxis:
         increments, revs = (read(node, Object.ENCODER_RESOLUTION, sub, U32) for sub in (1, 2))
         gear_motor, gear_shaft = (read(node, Object.GEAR_RATIO, sub, U32) for sub in (1, 2))
         rated_mnm = read(node, Object.MOTOR_RATED_TORQUE, 0, U32)
+        self._check_units()
         try:
-            self.scaling = Scaling.from_objects(increments, revs, rated_mnm, gear_motor, gear_shaft)
+            self.scaling = Scaling.from_objects(increments, revs, rated_mnm, gear_motor, gear_shaft, *self._feed())
         except DriveProfileError as error:
             raise NodeError(node, f"its units make no sense: {error}") from error
         speed = self.scaling.speed_rad_s(read(node, Object.VELOCITY_ACTUAL, 0, I32, "velocity actual value"))
@@ -124,6 +125,24 @@ class DriveAxis:
         if state is State.FAULT:
             code = read(node, Object.ERROR_CODE, 0, U16, "error code")
             raise NodeError(node, f"axis {self.number} is in fault, error code {code:04X}h", "reset it with --reset-faults")
+
+    def _check_units(self) -> None:
+        """Refuse units in which the profile's scales do not hold."""
+        encoder = self.profile.encoder
+        for index, subindex in map(place_of, () if encoder is None else encoder.zero):
+            value = int.from_bytes(self.network.read_raw(self.node, index, subindex), "little")
+            if value:
+                name = f"{index:04X}h:{subindex:02X}h"
+                raise NodeError(
+                    self.node, f"axis {self.number} counts in units of its own: {name} is {value:X}h", "write 0 to it"
+                )
+
+    def _feed(self) -> tuple[int, ...]:
+        """6092h, where the profile says that positions are counted by it."""
+        encoder = self.profile.encoder
+        if encoder is None or encoder.feed is None or encoder.feed_shaft_revs is None:
+            return ()
+        return tuple(self.network.read(self.node, *place_of(each), U32) for each in (encoder.feed, encoder.feed_shaft_revs))
 
     def position_rad(self) -> float:
         """The motor angle now, by SDO."""

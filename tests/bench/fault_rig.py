@@ -31,6 +31,7 @@ NODES = (2, 3, 5)
 OPERATE, QUICK_STOP = 0x0F, 0x02
 _DWELL_S, _RAMP_S, _DURATION_S = 0.05, 0.2, 0.8
 _MOVING = {0x6041, 0x6064, 0x606C, 0x6077, 0x60F4, 0x2130, 0x6040, 0x607A, 0x6071, 0x7130, 0x1001, 0x1003, 0x603F}
+_MOVING |= {0x6062, 0x6063, 0x6069, 0x606B, 0x6074, 0x6078, 0x60FA, 0x60FC}
 """Objects that are measured, commanded, or tell of faults: nobody puts them back."""
 
 
@@ -148,15 +149,11 @@ class Rig:
         self.channel.send = watched  # type: ignore[method-assign]
 
     def _watch(self, node: int) -> None:
-        drive = self.world.drives[node]
-        enter = drive._enter
-
-        def entered(state: State) -> None:
-            if drive.state is State.OPERATION_ENABLED and state is not State.OPERATION_ENABLED:
+        def entered(before: State, after: State) -> None:
+            if before is State.OPERATION_ENABLED:
                 self.tape.left.append((node, self.world.now))
-            enter(state)
 
-        drive._enter = entered  # type: ignore[method-assign]
+        self.world.drives[node].on_state = entered
 
     def run(self) -> Outcome:
         """Bring up, run the line without the notch, and leave."""

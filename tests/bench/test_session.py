@@ -59,6 +59,7 @@ def everything(world: World) -> dict[int, dict[tuple[int, int], object]]:
     nodes = {number: drive.slave.dictionary for number, drive in world.drives.items()}
     nodes[0] = world.accelerometer.slave.dictionary
     moving = {0x6041, 0x6064, 0x606C, 0x6077, 0x60F4, 0x2130, 0x6040, 0x607A, 0x6071, 0x7130, 0x1001, 0x1003}
+    moving |= {0x6062, 0x6063, 0x6069, 0x606B, 0x6074, 0x6078, 0x60FA, 0x60FC}
     return {
         number: {(e.index, e.subindex): dictionary.get(e.index, e.subindex) for e in dictionary if e.index not in moving}
         for number, dictionary in nodes.items()

@@ -40,7 +40,7 @@ def test_show_has_identity_reasons_objects_and_units():
     for words in (
         "0x00000402",
         "250 us",
-        "PP, CSP, CST",
+        "PP, PV, TQ, HM, IP, CSP, CSV, CST",
         "6072:0\tUNSIGNED16\tN·m\t1 ‰ of 6076h",
         "not a fit by depth",
     ):

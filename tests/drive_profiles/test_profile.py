@@ -185,7 +185,7 @@ def good():
         ('class = "tuning"', 'class = "tuned"', "found 'tuned'; expected one of 'tuning'"),
         ('evidence = "definition"', "", r"evidence: is missing; expected one of 'definition'"),
         ('evidence = "definition"', 'evidence = "hearsay"', "evidence: found 'hearsay'; expected one of 'definition'"),
-        ('names = ["PP", "CSP", "CST"]', 'names = ["CSX"]', r"modes\.names\[0\]: found 'CSX'"),
+        ('names = ["PP", "PV", "TQ", "HM", "IP", "CSP", "CSV", "CST"]', 'names = ["CSX"]', r"modes\.names\[0\]: found 'CSX'"),
     ],
 )
 def test_a_profile_that_contradicts_itself_is_refused_with_the_line(tmp_path, old, new, words):

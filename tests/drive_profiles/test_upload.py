@@ -5,12 +5,14 @@ import threading
 import pytest
 
 from drive_profiles import fleet, journal
+from drive_profiles.cia402 import State
 from drive_profiles.errors import DriveProfileError, NodeError, RefusedError
 from drive_profiles.outcome import Options
 from drive_profiles.parameters import Item, ParameterSet, is_command
 from drive_profiles.profile import Profile, available
 from drive_profiles.snapshot import as_set
 from drive_profiles.upload import Upload
+from plant_emulator.state_machine import Power
 from tests.drive_profiles.world_bus import WorldBus, robot_with
 
 DRIVES = [name for name in available() if Profile.load(name).kind == "drive"]
@@ -152,7 +154,7 @@ def test_a_slow_store_within_the_profiles_time_is_waited_for(bus, tmp_path):
 def test_an_enabled_drive_is_not_written_to(bus, tmp_path):
     device = bus.device(2, "emulated_drive")
     wanted = changed(device.pull(), **NOTCH)
-    bus.world.drives[2]._stand_in(type(bus.world.drives[2].state).OPERATION_ENABLED)
+    bus.world.drives[2]._stand_in(Power(State.OPERATION_ENABLED))
     with pytest.raises(NodeError, match=r"operation enabled.*disable it first"):
         upload(device, wanted, tmp_path)
     assert not (tmp_path / "journals").exists()
@@ -160,14 +162,14 @@ def test_an_enabled_drive_is_not_written_to(bus, tmp_path):
 
 def test_a_drive_that_is_enabled_meanwhile_does_not_store(bus, tmp_path):
     device = bus.device(2, "emulated_drive")
-    drive, states = bus.world.drives[2], type(bus.world.drives[2].state)
+    drive = bus.world.drives[2]
     made = Upload(device, changed(device.pull(), **NOTCH), Options(journals=tmp_path, store=True))
     fleet.prepare([made])
     before = made.verify
 
     def verify_then_enable(*arguments):
         before(*arguments)
-        drive._stand_in(states.OPERATION_ENABLED)
+        drive._stand_in(Power(State.OPERATION_ENABLED))
 
     made.verify = verify_then_enable
     [outcome] = fleet.run([made])

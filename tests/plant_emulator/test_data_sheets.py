@@ -27,7 +27,8 @@ DRIVE, ACCELEROMETER = "emulated_drive.eds", "emulated_accelerometer.eds"
 NAMES = (DRIVE, ACCELEROMETER)
 NODE = 9
 OF_THE_MOTOR = {
-    *((0x1018, 4), (Object.MAX_TORQUE, 0), (Object.MOTOR_RATED_TORQUE, 0), (Object.ENCODER_RESOLUTION, 1)),
+    *((0x1018, 4), (Object.MAX_TORQUE, 0), (Object.MOTOR_RATED_TORQUE, 0), (Object.MOTOR_RATED_CURRENT, 0)),
+    *((Object.ENCODER_RESOLUTION, 1),),
     *((0x2100, 1), (0x2101, 1), (0x2101, 2), (0x2101, 3)),
 }
 """What a drive in a robot holds of its own: serial number, motor and gains."""
@@ -292,20 +293,22 @@ def test_the_accelerometer_on_the_bus_differs_from_the_file_in_its_serial_number
         (Object.STATUS_WORD, 0, b"\0\0", SdoAbortCode.READ_ONLY),
         (Object.SUPPORTED_MODES, 0, b"\0\0\0\0", SdoAbortCode.READ_ONLY),
         (0x2112, 1, b"\0", SdoAbortCode.READ_ONLY),
-        (Object.QUICK_STOP_OPTION, 0, b"\x07\0", SdoAbortCode.VALUE_TOO_HIGH),
-        (Object.QUICK_STOP_OPTION, 0, b"\xff\xff", SdoAbortCode.VALUE_TOO_LOW),
+        (Object.QUICK_STOP_OPTION, 0, b"\x09\0", SdoAbortCode.INVALID_VALUE),
+        (Object.QUICK_STOP_OPTION, 0, b"\xff\xff", SdoAbortCode.INVALID_VALUE),
         (0x2100, 1, struct.pack("<f", 1e5), SdoAbortCode.VALUE_TOO_HIGH),
         (0x2101, 3, struct.pack("<f", 0.5), SdoAbortCode.VALUE_TOO_LOW),
         (0x2100, 1, struct.pack("<f", float("nan")), SdoAbortCode.INVALID_VALUE),
         (0x2101, 2, struct.pack("<f", float("inf")), SdoAbortCode.INVALID_VALUE),
         (Object.CONTROL_WORD, 0, b"\0\0\0", SdoAbortCode.TOO_LONG),
         (Object.TARGET_POSITION, 0, b"\0\0", SdoAbortCode.TOO_SHORT),
-        (Object.TARGET_VELOCITY, 0, b"\0\0\0\0", SdoAbortCode.NO_OBJECT),
+        (0x60F9, 1, b"\0\0", SdoAbortCode.NO_OBJECT),
         (0x2115, 1, b"\0", SdoAbortCode.NO_OBJECT),
         (Object.CONTROL_WORD, 1, b"\0\0", SdoAbortCode.NO_SUBINDEX),
         (0x2110, 11, b"\0", SdoAbortCode.NO_SUBINDEX),
         (0x1006, 0, struct.pack("<I", 1001), SdoAbortCode.INVALID_VALUE),
-        (Object.MODES_OF_OPERATION, 0, b"\x03", SdoAbortCode.INVALID_VALUE),
+        (Object.MODES_OF_OPERATION, 0, b"\x05", SdoAbortCode.INVALID_VALUE),
+        (Object.HOMING_METHOD, 0, b"\x0f", SdoAbortCode.INVALID_VALUE),
+        (Object.PROFILE_ACCELERATION, 0, b"\0\0\0\0", SdoAbortCode.VALUE_TOO_LOW),
     ],
 )
 def test_a_drive_refuses_with_the_standards_code_and_changes_nothing(index, sub, data, code):

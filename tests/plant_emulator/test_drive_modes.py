@@ -74,9 +74,9 @@ def profile(rig):
     return rig
 
 
-def go(rig, turns, relative=False):
+def go(rig, turns, relative=False, at_once=False):
     rig.set(Object.TARGET_POSITION, 0, revolutions(turns))
-    rig.word(0x5F if relative else 0x1F)
+    rig.word(0x1F | relative << 6 | at_once << 5)
 
 
 def test_a_profile_goes_where_it_is_told_at_its_speed_and_acceleration(profile):
@@ -176,7 +176,7 @@ def test_a_new_target_within_the_braking_distance_is_passed_and_come_back_to(pro
     target = float(profile.motion["reference_rad"]) / TURN + ahead_rev
     profile.word(0x0F)
     references = []
-    go(profile, target)
+    go(profile, target, at_once=True)
     for _ in range(1600):
         profile.world.axes.advance(1)
         references.append(float(profile.motion["reference_speed_rad_s"]) / TURN)

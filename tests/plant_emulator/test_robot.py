@@ -148,3 +148,34 @@ def test_a_missing_file_is_refused_by_name(tmp_path):
 def test_a_robot_without_geometry_has_no_home_joints():
     assert ROBOT.model_copy(update={"geometry": None}).home_joints() is None
     assert ROBOT.node_ids == {2: 2, 3: 3, 5: 5}
+
+
+def test_switches_and_behaviour_are_tables_of_an_axis(tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        REFERENCE.read_text(encoding="utf-8")
+        + """
+[axis.3.switches]
+negative_limit_deg = -90.0
+positive_limit_deg = 90.0
+home_deg = [-1.0, 1.0]
+index_deg = 180.0
+
+[axis.3.behaviour]
+tpdo_delay_us = 250.0
+pp_handshake_cycles = 3
+""",
+        encoding="utf-8",
+    )
+    axes = load_robot(path).axis
+    assert axes[3].switches.positive_limit_deg == 90.0
+    assert axes[3].switches.home_deg == (-1.0, 1.0)
+    assert (axes[3].behaviour.delays_frames, axes[3].behaviour.pp_handshake_cycles) == (True, 3)
+    assert axes[2].switches is None
+    assert not axes[2].behaviour.delays_frames
+
+
+def test_the_motor_constant_gives_the_rated_current():
+    axis = ROBOT.axis[3]
+    assert axis.rated_current_ma == axis.rated_torque_mnm
+    assert axis.model_copy(update={"torque_constant_nm_a": 0.1}).rated_current_ma == 10 * axis.rated_torque_mnm

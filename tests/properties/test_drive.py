@@ -22,7 +22,10 @@ SET_POINTS = [(Object.TARGET_POSITION, 0), (Object.TARGET_TORQUE, 0), (Object.MA
               (Object.VELOCITY_OFFSET, 0), (Object.POSITION_OFFSET, 0), (Object.QUICK_STOP_OPTION, 0),
               (Object.FAULT_REACTION_OPTION, 0), (Object.ABORT_CONNECTION_OPTION, 0), (Object.MAX_MOTOR_SPEED, 0),
               (Object.FOLLOWING_ERROR_WINDOW, 0), (Object.SOFTWARE_POSITION_LIMIT, 2), (Object.INTERPOLATION_PERIOD, 1),
-              (0x2100, 1), (0x2101, 1), (0x2110, 1), (0x2110, 4)]  # fmt: skip
+              (0x2100, 1), (0x2101, 1), (0x2110, 1), (0x2110, 4), (Object.TARGET_VELOCITY, 0), (Object.MODES_OF_OPERATION, 0),
+              (Object.HALT_OPTION, 0), (Object.SHUTDOWN_OPTION, 0), (Object.DISABLE_OPERATION_OPTION, 0),
+              (Object.HOMING_METHOD, 0), (Object.INTERPOLATION_DATA, 1), (Object.TORQUE_SLOPE, 0),
+              (Object.POSITIVE_TORQUE_LIMIT, 0), (Object.NEGATIVE_TORQUE_LIMIT, 0)]  # fmt: skip
 
 
 class Watched:
@@ -129,10 +132,12 @@ def enabling(mode):
     return [("frame", *sdo(Object.CONTROL_WORD, 0, b"\0\0")), set_mode, start, *map(word_by_sdo, (0x80, 0x06, 0x07, 0x0F))]
 
 
-WORDS = st.sampled_from([0x00, 0x02, 0x06, 0x07, 0x0F, 0x1F, 0x5F, 0x10F, 0x80, 0x86, 0x8F]) | st.integers(0, 0xFFFF)
+WORDS = st.sampled_from([0x00, 0x02, 0x06, 0x07, 0x0F, 0x1F, 0x3F, 0x5F, 0x21F, 0x10F, 0x11F, 0x80, 0x86, 0x8F]) | st.integers(
+    0, 0xFFFF
+)
 COUNTS = st.integers(-3000, 3000) | st.integers(-(2**31), 2**31 - 1)
 STEPS = st.one_of(
-    st.sampled_from([Mode.PP, Mode.CSP, Mode.CST]).map(enabling),
+    st.sampled_from(list(Mode)).map(enabling),
     WORDS.map(lambda word: [word_by_sdo(word)]),
     st.tuples(WORDS, COUNTS).map(lambda wt: [("frame", 0x200 + NODE, struct.pack("<Hi", *wt)), ("sync",)]),
     st.tuples(st.sampled_from([1, 1, 1, 2, 128, 129, 130]), st.sampled_from([0, NODE])).map(
@@ -181,7 +186,7 @@ def test_no_sequence_of_frames_breaks_a_promise(sequence):
 
 @settings(max_examples=40, deadline=None)
 @given(
-    st.sampled_from([Mode.CSP, Mode.CST, Mode.PP]),
+    st.sampled_from(list(Mode)),
     st.integers(0, 65535),
     st.lists(st.tuples(COUNTS, st.integers(-32768, 32767), st.integers(-32768, 32767)), min_size=1, max_size=15),
 )
@@ -196,6 +201,8 @@ def test_no_set_point_makes_more_torque_than_is_allowed(mode, limit, set_points)
                 ("frame", *sdo(Object.TARGET_TORQUE, 0, struct.pack("<h", torque))),
                 ("frame", *sdo(Object.TORQUE_OFFSET, 0, struct.pack("<h", offset))),
                 ("frame", *sdo(Object.VELOCITY_OFFSET, 0, struct.pack("<i", counts))),
+                ("frame", *sdo(Object.TARGET_VELOCITY, 0, struct.pack("<i", counts))),
+                ("frame", *sdo(Object.INTERPOLATION_DATA, 1, struct.pack("<i", counts))),
                 ("frame", 0x200 + NODE, struct.pack("<Hi", 0x1F, counts)),
                 ("sync",),
                 ("wait", 3),

@@ -1,0 +1,102 @@
+"""A node whose frames leave later than their cause, as those of real drives do: held here until their time, in their order."""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from drive_profiles.cia301 import FunctionCode
+from hil.can.frame import Frame
+from plant_emulator.robot import Behaviour
+from plant_emulator.slave.node import Slave
+
+MOST_HELD = 1024
+"""Frames of one kind that a node holds at most; what comes then is lost, as in a drive whose buffer is full."""
+
+
+class _Queue:
+    """Frames of one kind, each with its time; the times never go back."""
+
+    __slots__ = ("delay_ns", "frames", "jitter_ns", "lost")
+
+    def __init__(self, delay_ns: int, jitter_ns: int = 0) -> None:
+        self.delay_ns, self.jitter_ns = delay_ns, jitter_ns
+        self.frames: deque[tuple[int, Frame]] = deque()
+        self.lost = 0
+
+    def put(self, frame: Frame, now: int, dice: np.random.Generator) -> None:
+        if len(self.frames) >= MOST_HELD:
+            self.lost += 1
+            return
+        due = now + self.delay_ns + (int(dice.integers(self.jitter_ns, endpoint=True)) if self.jitter_ns else 0)
+        if self.frames:
+            due = max(due, self.frames[-1][0])
+        self.frames.append((due, frame))
+
+
+class DelayedSlave(Slave):
+    """A slave whose TPDOs and SDO answers wait; boot-up, heartbeats and emergencies do not.
+
+    Args:
+        behaviour: The delays.
+        seed: Of the jitter.
+        arguments: Of `Slave`.
+        options: Of `Slave`.
+    """
+
+    def __init__(self, behaviour: Behaviour, seed: int, *arguments: Any, **options: Any) -> None:
+        self._dice = np.random.default_rng(seed)
+        self._tpdos = _Queue(round(1e3 * behaviour.tpdo_delay_us), round(1e3 * behaviour.tpdo_jitter_us))
+        self._answers = _Queue(round(1e6 * behaviour.sdo_delay_ms))
+        super().__init__(*arguments, **options)
+
+    @property
+    def due(self) -> int | None:
+        """The next instant at which `advance` must be called: a timer, or a frame that has waited long enough."""
+        times = [queue.frames[0][0] for queue in (self._tpdos, self._answers) if queue.frames]
+        own = super().due
+        if own is not None:
+            times.append(own)
+        return min(times, default=None)
+
+    @property
+    def lost_frames(self) -> int:
+        """Frames that were more than a node can hold."""
+        return self._tpdos.lost + self._answers.lost
+
+    def power_on(self, now: int) -> list[Frame]:
+        """Start, or start again: what was held is lost."""
+        self._tpdos.frames.clear()
+        self._answers.frames.clear()
+        return super().power_on(now)
+
+    def receive(self, frame: Frame, now: int) -> list[Frame]:
+        """Give what is due, and hold the answers to a frame until they are."""
+        return self._pass(super().receive(frame, now), now)
+
+    def take_frames(self) -> list[Frame]:
+        """Give what waits to be sent, as far as it is due."""
+        return self._pass(super().take_frames(), self._now or 0)
+
+    def _pass(self, frames: list[Frame], now: int) -> list[Frame]:
+        released: list[Frame] = []
+        node_id = self.node_id
+        for frame in frames:
+            if frame.can_id in {FunctionCode.HEARTBEAT + node_id, FunctionCode.EMERGENCY + node_id}:
+                released.append(frame)
+            elif frame.can_id == FunctionCode.SDO_RESPONSE + node_id:
+                self._answers.put(frame, now, self._dice)
+            else:
+                self._tpdos.put(frame, now, self._dice)
+        for queue in (self._answers, self._tpdos):
+            while queue.frames and queue.frames[0][0] <= now:
+                released.append(queue.frames.popleft()[1])
+        self.on_due()
+        return released
+
+
+def slave_with(behaviour: Behaviour, seed: int, *arguments: Any, **options: Any) -> Slave:
+    """A slave that behaves so: one without delays costs nothing more than any."""
+    if behaviour.delays_frames:
+        return DelayedSlave(behaviour, seed, *arguments, **options)
+    return Slave(*arguments, **options)

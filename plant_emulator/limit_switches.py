@@ -1,0 +1,104 @@
+"""What limit switches do to the motion: into an active one there is none, out of it there is.
+
+CiA 402 leaves the reaction to the maker. Here a motion into the switch is brought to rest on the quick-stop ramp (6085h), the
+drive stays in Operation enabled and shows bit 11, internal limit active. It follows again as soon as what is asked of it does
+not lead into the switch any more; in profile position the set-point is given up, and the next one decides. In homing the
+switches are the method's.
+"""
+
+from typing import Any
+
+from drive_profiles.cia402 import Mode, Object
+from plant_emulator import motion as law
+from plant_emulator.inputs import DigitalInputs
+from plant_emulator.modes.mode import ModeOfOperation
+from plant_emulator.motion_data import NEGATIVE_SWITCH, POSITIVE_SWITCH
+from plant_emulator.power_stage import PowerStage
+from plant_emulator.state_machine import Stop
+
+_BITS = {+1: POSITIVE_SWITCH, -1: NEGATIVE_SWITCH}
+_TORQUE_LAWS = (law.TORQUE, law.PROFILE_TORQUE)
+
+
+def _sign(value: float) -> int:
+    return (value > 0) - (value < 0)
+
+
+class LimitSwitches:
+    """Watches the limit switches of an axis that has some.
+
+    Attributes:
+        blocked: The direction that a switch forbids and the motion was stopped in: +1, -1, or 0.
+        are_there: Whether there is anything to watch.
+    """
+
+    def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:
+        """Take hold of the axis."""
+        self._stage, self._inputs = stage, inputs
+        self.blocked, self._given_up = 0, 0.0
+
+    @property
+    def are_there(self) -> bool:
+        """Whether there is a limit switch, in the robot file or forced by a test."""
+        return bool(self._inputs.present & (NEGATIVE_SWITCH | POSITIVE_SWITCH))
+
+    def forget(self) -> None:
+        """Another mode acts, or none."""
+        self.blocked = 0
+
+    def look(self, mode: ModeOfOperation) -> None:
+        """See where the motion leads, after each advance of the axes in Operation enabled."""
+        if mode.number is Mode.HM or mode.is_halted:
+            return
+        if self.blocked and self._stage.law_mode == law.STOPPING:
+            if self._stage.is_stopped and self._asked(mode) != self.blocked:
+                self.blocked = 0
+                self._begin(mode)
+            return
+        self.blocked = 0  # the end of a halt, say, has set the motor going again
+        levels = self._inputs.levels
+        for direction, bit in _BITS.items():
+            if levels & bit and self._leads(mode) == direction:
+                self.blocked, self._given_up = direction, float(self._stage.motion["target_counts"])
+                self._stage.stop(Stop.QUICK_STOP_RAMP)
+                return
+
+    def _leads(self, mode: ModeOfOperation) -> int:
+        """The direction in which the motor is being moved."""
+        motion = self._stage.motion
+        if self._stage.law_mode in _TORQUE_LAWS:
+            return _sign(self._stage.data.speed_rad_s) if not self._stage.stands else self._asked(mode)
+        return _sign(float(motion["demand_speed_rad_s"]))
+
+    def _asked(self, mode: ModeOfOperation) -> int:
+        """The direction in which what the master has written last would move the motor from where it stands."""
+        stage, data = self._stage, self._stage.data
+        match mode.number:
+            case Mode.CSP:
+                return _sign(data.cyclic_target_counts() - stage.axes.counts(stage.row))
+            case Mode.IP:
+                return _sign(stage.targets.interpolated_counts() - stage.axes.counts(stage.row))
+            case Mode.CSV:
+                offset: Any = data.value(Object.VELOCITY_OFFSET)
+                return _sign(stage.targets.speed_rad_s() + data.speed_of(offset))
+            case Mode.PV:
+                return _sign(stage.targets.speed_rad_s())
+            case Mode.TQ:
+                return _sign(data.value(Object.TARGET_TORQUE))
+            case Mode.CST:
+                return _sign(data.value(Object.TARGET_TORQUE) + data.value(Object.TORQUE_OFFSET))
+            case _:
+                return 0
+
+    def _begin(self, mode: ModeOfOperation) -> None:
+        """Follow again. Cyclic targets are what the master has written: their `start` would write the motor's own."""
+        match mode.number:
+            case Mode.PP if self._stage.motion["target_counts"] != self._given_up:
+                mode.resume()
+            case Mode.PP | Mode.PV | Mode.TQ:
+                mode.start()
+            case Mode.CST:
+                self._stage.begin(mode.motion)
+                self._stage.motion["target_torque_nm"] = self._stage.targets.torque_nm()
+            case _:
+                self._stage.begin(mode.motion)

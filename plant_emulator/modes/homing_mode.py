@@ -1,0 +1,169 @@
+"""Homing mode: bit 4 starts the sequence of `plant_emulator.homing`; the axis is moved by its profiles."""
+
+import math
+from collections.abc import Sequence
+
+from drive_profiles.cia402 import HOMING_ATTAINED, HOMING_ERROR, HOMING_START, TARGET_REACHED, Mode, Object
+from plant_emulator import motion as law
+from plant_emulator.cia402_objects import HOMING_METHODS
+from plant_emulator.homing import Demand, Failed, Found, GoTo, Homing, Move, Step
+from plant_emulator.inputs import DigitalInputs
+from plant_emulator.modes.mode import ModeOfOperation
+from plant_emulator.motion_data import (
+    HOME_FALLING,
+    HOME_RISING,
+    INDEX,
+    NEGATIVE_FALLING,
+    NEGATIVE_RISING,
+    POSITIVE_FALLING,
+    POSITIVE_RISING,
+)
+from plant_emulator.power_stage import PowerStage
+
+TRAVEL_JOINT_TURNS = 2.0
+"""How far a search may lead without a switch, in turns of the joint."""
+
+_EDGES = sum(
+    1 << edge for edge in (HOME_RISING, HOME_FALLING, INDEX, NEGATIVE_RISING, NEGATIVE_FALLING, POSITIVE_RISING, POSITIVE_FALLING)
+)
+_LISTENER = "homing"
+_NOWHERE = (0.0,) * law.EDGES
+
+
+class HomingMode(ModeOfOperation):
+    """HM: 6098h at the speeds of 6099h and the acceleration of 609Ah; 607Ch is what the found place is called.
+
+    While it runs, software position limits do not act: they count from the zero that is being looked for. Bit 4 taken back, a
+    halt or another mode interrupt it; a halt goes on afterwards, the others do not.
+    """
+
+    number, motion = Mode.HM, law.PROFILE
+
+    def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:
+        """Take hold of the power stage and of the inputs."""
+        super().__init__(stage)
+        self._inputs = inputs
+        self._edges = 0
+        self._latches: Sequence[float] = _NOWHERE
+        self._homing: Homing | None = None
+        self._demand: Demand | None = None
+        self._is_attained = self._has_failed = False
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the sequence is under way."""
+        return self._homing is not None
+
+    def start(self) -> None:
+        """Come to rest from the present demand; from behind the brake, stay there."""
+        super().start()
+        self._is_attained = self._has_failed = False
+        self.data.halted = False
+        self.data.apply_profile_speed()
+
+    def end(self) -> None:
+        """What homing has borrowed is given back."""
+        self._finish()
+
+    def take(self, word: int, rising: int) -> None:
+        """Start with the rising edge of bit 4; the falling one interrupts."""
+        if rising & HOMING_START and not self.is_halted:
+            self._begin()
+        elif self.is_running and not word & HOMING_START:
+            self._finish()
+            self.stage.begin(law.PROFILE)
+
+    def _begin(self) -> None:
+        self._is_attained = self._has_failed = False
+        method = self.data.value(Object.HOMING_METHOD)
+        speeds = [self.data.si(Object.HOMING_SPEEDS, sub) for sub in (1, 2)]
+        # no method, one that is not known here (a vendor's entry holds it all the same), or none that would ever end
+        if method not in HOMING_METHODS or not min(speeds) > 0.0:
+            self._has_failed = True
+            return
+        motion, axes = self.stage.motion, self.stage.axes
+        axis = axes.robot.axis[axes.numbers[self.row]]
+        per_rev = float(motion["counts_per_rev"])
+        travel = TRAVEL_JOINT_TURNS * axis.reduction_ratio * per_rev
+        self._homing = Homing(method, self._inputs.present, per_rev, travel)
+        self._edges = 0
+        self._inputs.listen(_LISTENER, _EDGES, self._hear)
+        self.watches = True
+        self._do(self._homing.start(axes.counts(self.row)))
+
+    def look(self) -> None:
+        """Go on with what the inputs have seen."""
+        if self._homing is None or self.is_halted:
+            return
+        self._inputs.dispatch()
+        edges, self._edges = self._edges, 0
+        self._do(self._homing.step(self._inputs.levels, edges, self._latches, self.stage.axes.counts(self.row), self._stands()))
+
+    def _hear(self, edges: int, latches: Sequence[float]) -> None:
+        self._edges |= edges
+        self._latches = latches
+
+    def _stands(self) -> bool:
+        """Whether the motor is at rest where the last demand sends it."""
+        if isinstance(self._demand, GoTo):
+            return bool(self.data.is_target_reached)
+        return self.stage.motion["reference_speed_rad_s"] == 0.0 and self.stage.stands
+
+    def _do(self, step: Step) -> None:
+        match step:
+            case Found(counts):
+                self._finish()
+                self.data.set_home(counts)
+                self._is_attained = True
+                self.stage.begin(law.PROFILE)
+            case Failed():
+                self._has_failed = True
+                self._finish()
+                self.stage.begin(law.PROFILE)
+            case _:
+                self._move(step)
+
+    def _move(self, demand: Demand) -> None:
+        """Put a demand into force, and what a limit that was written meanwhile has changed."""
+        motion, is_new = self.stage.motion, demand != self._demand
+        self._demand = demand
+        acceleration = self.data.si(Object.HOMING_ACCELERATION)
+        motion["low_counts"], motion["high_counts"] = -math.inf, math.inf
+        motion["profile_acceleration_rad_s2"] = motion["profile_deceleration_rad_s2"] = acceleration
+        fast, slow = self.data.si(Object.HOMING_SPEEDS, 1), self.data.si(Object.HOMING_SPEEDS, 2)
+        wanted = law.PROFILE if isinstance(demand, GoTo) else law.PROFILE_VELOCITY
+        if self.stage.law_mode != wanted:
+            self.stage.begin(wanted)
+        match demand:
+            case Move(direction, is_fast):
+                motion["target_speed_rad_s"] = direction * (fast if is_fast else slow)
+            case GoTo(counts):
+                motion["profile_speed_rad_s"] = slow
+                if is_new:
+                    motion["target_counts"] = counts
+                    motion["reached"], motion["position_window_count"] = 0, 0
+
+    def _finish(self) -> None:
+        if self._homing is None:
+            return
+        self._homing, self._demand, self.watches = None, None, False
+        self._inputs.listen(_LISTENER, 0, self._hear)
+        self.data.apply_limits()
+
+    def resume(self) -> None:
+        """Go on with the demand in force, or stay where the motor stands."""
+        if self._demand is None:
+            self.stage.begin(law.PROFILE)
+        else:
+            demand, self._demand = self._demand, None
+            self._move(demand)
+
+    def status(self) -> int:
+        """Bits 13, 12 and 10 as the standard's table for homing has them."""
+        word = 0
+        if self._has_failed:
+            word |= HOMING_ERROR
+        elif self._is_attained:
+            word |= HOMING_ATTAINED
+        is_at_rest = self.stage.motion["demand_speed_rad_s"] == 0.0 and self.stage.stands
+        return word | TARGET_REACHED if is_at_rest and (self.is_halted or not self.is_running) else word
