@@ -6,13 +6,27 @@ Source: CiA 402-2 (IEC 61800-7-201), object dictionary.
 """
 
 from collections.abc import Iterator, Sequence
+from enum import IntEnum
 
 from drive_profiles.cia301 import DataType
-from drive_profiles.cia402 import Mode, Object, supported_modes_bits
+from drive_profiles.cia402 import (
+    AbortConnectionOption,
+    DisableOperationOption,
+    FaultReactionOption,
+    HaltOption,
+    Mode,
+    Object,
+    QuickStopOption,
+    ShutdownOption,
+    supported_modes_bits,
+)
 from plant_emulator.slave.dictionary import Access, Entry, ObjectType
 
 HOMING_METHODS = (*range(1, 15), *range(17, 31), 33, 34, 35, 37)
 """What 6098h may hold besides 0, no method; 60E3h lists them."""
+
+MAX_RELATIVE_OPTION = 2
+"""60F2h takes 0, 1 and 2, what a relative set-point counts from; its other fields are not supported."""
 
 SINUSOIDAL_PM_MOTOR = 10
 """6402h: permanent-magnet synchronous motor with sinusoidal current."""
@@ -43,17 +57,20 @@ def cia402_entries(
     yield from _inputs_and_outputs()
 
 
+def _option(index: Object, name: str, options: type[IntEnum], default: int) -> Entry:
+    return Entry(index, 0, f"{name} option code", _I16, _RW, default, min(options), max(options))
+
+
 def _device_control(modes: Sequence[Mode]) -> Iterator[Entry]:
-    # option codes have no limits here: which values they take, `option_codes` says, with 0609 0030h for the others
-    yield Entry(Object.ABORT_CONNECTION_OPTION, 0, "Abort connection option code", _I16, _RW, 3)
+    yield _option(Object.ABORT_CONNECTION_OPTION, "Abort connection", AbortConnectionOption, 3)
     yield Entry(Object.ERROR_CODE, 0, "Error code", _U16, _RO, 0, mappable=True)
     yield Entry(Object.CONTROL_WORD, 0, "Control word", _U16, _RWW, 0, mappable=True)
     yield Entry(Object.STATUS_WORD, 0, "Status word", _U16, _RO, 0, mappable=True)
-    yield Entry(Object.QUICK_STOP_OPTION, 0, "Quick stop option code", _I16, _RW, 2)
-    yield Entry(Object.SHUTDOWN_OPTION, 0, "Shutdown option code", _I16, _RW, 0)
-    yield Entry(Object.DISABLE_OPERATION_OPTION, 0, "Disable operation option code", _I16, _RW, 1)
-    yield Entry(Object.HALT_OPTION, 0, "Halt option code", _I16, _RW, 1)
-    yield Entry(Object.FAULT_REACTION_OPTION, 0, "Fault reaction option code", _I16, _RW, 2)
+    yield _option(Object.QUICK_STOP_OPTION, "Quick stop", QuickStopOption, 2)
+    yield _option(Object.SHUTDOWN_OPTION, "Shutdown", ShutdownOption, 0)
+    yield _option(Object.DISABLE_OPERATION_OPTION, "Disable operation", DisableOperationOption, 1)
+    yield _option(Object.HALT_OPTION, "Halt", HaltOption, 1)
+    yield _option(Object.FAULT_REACTION_OPTION, "Fault reaction", FaultReactionOption, 2)
     yield Entry(Object.MODES_OF_OPERATION, 0, "Modes of operation", _I8, _RWW, 0, mappable=True)
     yield Entry(Object.MODES_OF_OPERATION_DISPLAY, 0, "Modes of operation display", _I8, _RO, 0, mappable=True)
     yield Entry(Object.SUPPORTED_MODES, 0, "Supported drive modes", _U32, _CONST, supported_modes_bits(modes))
@@ -74,7 +91,7 @@ def _position(counts: int) -> Iterator[Entry]:
     limit = "Software position limit"
     yield Entry(Object.SOFTWARE_POSITION_LIMIT, 1, "Min position limit", _I32, _RW, _LOWEST, record_name=limit)
     yield Entry(Object.SOFTWARE_POSITION_LIMIT, 2, "Max position limit", _I32, _RW, _HIGHEST, record_name=limit)
-    yield Entry(Object.POSITIONING_OPTION, 0, "Positioning option code", _U16, _RW, 0)
+    yield Entry(Object.POSITIONING_OPTION, 0, "Positioning option code", _U16, _RW, 0, 0, MAX_RELATIVE_OPTION)
     yield Entry(Object.FOLLOWING_ERROR_ACTUAL, 0, "Following error actual value", _I32, _RO, 0, mappable=True)
     yield Entry(Object.CONTROL_EFFORT, 0, "Control effort", _I32, _RO, 0, mappable=True)
     yield Entry(Object.POSITION_DEMAND_INTERNAL, 0, "Position demand internal value", _I32, _RO, 0, mappable=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from drive_profiles.cia301 import EmergencyCode, FunctionCode, NmtCommand, NmtState, SdoAbortCode
+from drive_profiles.cia301 import EmergencyCode, NmtState, SdoAbortCode
 from drive_profiles.cia402 import (
     FOLLOWING_ERROR,
     INTERNAL_LIMIT,
@@ -89,9 +89,10 @@ class Drive:
             dictionary,
             store_commands=self.personality.store_commands,
             store_time_ns=round(1e9 * store_time_s),
+            autostart=self.behaviour.operational_at_boot,
         )
         self._power, self._has_power, self.stops = Power(), False, False
-        self._has_torque_off = self._begins_operational = False
+        self._has_torque_off = False
         self.on_state: Callable[[State, State], None] = lambda before, after: None
         self._held: Step | None = None
         self._held_until: int | None = None
@@ -125,8 +126,7 @@ class Drive:
         slave.on_nmt = self._on_nmt
         slave.on_heartbeat_lost = self._on_heartbeat_lost
         slave.on_reset = self._on_reset
-        if hasattr(slave, "on_rpdo_timeout"):
-            slave.on_rpdo_timeout = self._on_rpdo_timeout
+        slave.on_rpdo_timeout = self._on_rpdo_timeout
         slave.store.may_store = lambda: SdoAbortCode.DEVICE_STATE if self._is_powered() else None
         dictionary.on_read(Object.STATUS_WORD, 0, self._status_word)
         dictionary.on_write(Object.CONTROL_WORD, 0, self._write_control_word)
@@ -201,16 +201,14 @@ class Drive:
                 acting.look()
             if self.limit_switches.are_there:
                 self.limit_switches.look(acting)
-        frames = self._begin_operational(now) if self._begins_operational else []
         self._mark()
-        return frames + self.slave.take_frames()
+        return self.slave.take_frames()
 
     def _mark(self) -> None:
         """Say whether `update` has something to watch."""
         self.stops = (
             self._is_stopping
             or self._held is not None
-            or self._begins_operational
             or (self._modes.acting is not None and (self._modes.acting.watches or self.limit_switches.are_there))
         )
 
@@ -370,7 +368,6 @@ class Drive:
 
     def _on_reset(self, kind: ResetKind) -> None:
         """NMT reset: the node's own values are back at their defaults; a reset of the application closes the brake."""
-        self._begins_operational = self.behaviour.operational_at_boot
         if kind is ResetKind.NODE:
             self._restart()
             return
@@ -379,10 +376,6 @@ class Drive:
             self._faults.repeat_connection()
         self._set_plain_status_word()
         self._mark()
-
-    def _begin_operational(self, now: int) -> list[Frame]:
-        self._begins_operational = False
-        return self.slave.receive(Frame(FunctionCode.NMT, bytes((NmtCommand.START, self.node_id))), now)
 
     def _restart(self) -> None:
         self._take(initialised(self._power))

@@ -294,8 +294,12 @@ def test_safe_torque_off_without_torque_only_disables(rig):
 )
 def test_an_rpdo_that_is_missing_is_answered_as_6007h_says(rig, option, state):
     rig.set(Object.ABORT_CONNECTION_OPTION, 0, option)
+    rig.set(0x1400, 5, 20)
     moving(rig)
-    rig.drive._on_rpdo_timeout(1)  # what the engine calls
+    rig.send(0x200 + rig.node, b"\x0f\0" + bytes(4))
+    rig.wait(15)
+    assert rig.state is ENABLED
     rig.wait(500)
     assert rig.state is state
+    assert 0x8250 in rig.emergencies()
     assert rig.read(Object.ERROR_CODE) == (0x8250 if option == 1 else 0)

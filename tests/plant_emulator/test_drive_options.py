@@ -268,14 +268,15 @@ def test_a_drive_that_is_enabled_with_halt_set_does_not_move(rig):
         (Object.POSITIONING_OPTION, range(3)),
     ],
 )
-def test_an_option_that_is_not_supported_is_refused_with_0609_0030h(rig, option, supported):
+def test_an_option_that_is_not_supported_is_refused_as_beyond_its_limits(rig, option, supported):
     low = 0 if option is Object.POSITIONING_OPTION else -(2**15)
     for value in {low, *range(max(low, -2), 12), 2**15 - 1}:
         before = rig.read(option)
         if value in supported:
             rig.set(option, 0, value)
         else:
-            assert rig.write(option, 0, value) is SdoAbortCode.INVALID_VALUE == 0x0609_0030
+            refusal = SdoAbortCode.VALUE_TOO_LOW if value < min(supported) else SdoAbortCode.VALUE_TOO_HIGH
+            assert rig.write(option, 0, value) is refusal
             assert rig.read(option) == before
 
 
