@@ -1,5 +1,8 @@
 """Which drive moves an axis: our own, or one of any profile."""
 
+from dataclasses import replace
+from functools import lru_cache
+
 from drive_profiles import eds
 from drive_profiles.profile import Profile
 from drive_profiles.units import Scaling
@@ -48,14 +51,37 @@ def _own_entries(robot: Robot, number: int) -> list[Entry]:
             control.velocity_integral_gain_nm_rad,
             control.lowpass_hz,
         )
-    return objects.drive_entries(
-        encoder_counts_per_rev=axis.encoder_counts_per_rev,
-        rated_torque_mnm=axis.rated_torque_mnm,
-        max_torque_per_mille=axis.peak_per_mille,
-        control_period_ns=round(1e9 * robot.control_period_s),
-        gains=gains,
-        serial_number=number,
-        rated_current_ma=axis.rated_current_ma,
+    shared = _entries_of_a_kind(
+        axis.encoder_counts_per_rev,
+        axis.rated_torque_mnm,
+        axis.peak_per_mille,
+        round(1e9 * robot.control_period_s),
+        gains,
+        axis.rated_current_ma,
+    )
+    serial = (0x1018, 4)
+    return [replace(entry, default=number) if (entry.index, entry.subindex) == serial else entry for entry in shared]
+
+
+@lru_cache(maxsize=16)
+def _entries_of_a_kind(
+    encoder_counts_per_rev: int,
+    rated_torque_mnm: int,
+    max_torque_per_mille: int,
+    control_period_ns: int,
+    gains: tuple[float, float, float, float],
+    rated_current_ma: int,
+) -> tuple[Entry, ...]:
+    """The entries of all drives with one kind of motor; they never change, so that a hundred drives hold them once."""
+    return tuple(
+        objects.drive_entries(
+            encoder_counts_per_rev=encoder_counts_per_rev,
+            rated_torque_mnm=rated_torque_mnm,
+            max_torque_per_mille=max_torque_per_mille,
+            control_period_ns=control_period_ns,
+            gains=gains,
+            rated_current_ma=rated_current_ma,
+        )
     )
 
 

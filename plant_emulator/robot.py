@@ -20,6 +20,8 @@ from plant_emulator.physics.axis import PLANT
 ARCSEC = math.pi / 180.0 / 3600.0
 CHAIN_AXES = (2, 3, 5)
 """The axes that move the arm in its vertical plane."""
+MAX_AXES = 126
+"""As many drives as one bus has node-IDs for, beside the accelerometer (CiA 301, 7.2.8.2: 1 to 127)."""
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -110,6 +112,9 @@ class Behaviour(Table):
         quick_stop_ends_disabled_at_once: Quick stop leads to switch on disabled, also with 605Ah from 5 to 8.
         pp_handshake_cycles: SYNCs after which a set-point of profile position is acknowledged.
         operational_at_boot: The node goes to NMT state operational by itself.
+        unconfigured: It has left the factory without a node-ID, and does nothing but LSS until a master gives it one (CiA 305).
+        bus_off_restart_ms: How long after bus-off its controller restarts by itself; left out, it stays off until the fault or
+            its supply is over.
     """
 
     tpdo_delay_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
@@ -120,11 +125,18 @@ class Behaviour(Table):
     quick_stop_ends_disabled_at_once: bool = False
     pp_handshake_cycles: Annotated[int, Field(ge=0, le=1000)] = 0
     operational_at_boot: bool = False
+    unconfigured: bool = False
+    bus_off_restart_ms: Annotated[float, Field(ge=0.0, le=60e3)] | None = None
 
     @property
     def delays_frames(self) -> bool:
         """Whether any frame leaves the node later than its cause."""
         return bool(self.tpdo_delay_us or self.tpdo_jitter_us or self.sdo_delay_ms)
+
+    @property
+    def given(self) -> dict[str, float | bool]:
+        """What is not as it is unless given, by its key."""
+        return self.model_dump(exclude_defaults=True)
 
 
 class Axis(Table):
@@ -258,9 +270,10 @@ class ConstantAccelerationMotion(Table):
 
 
 class Accelerometer(Table):
-    """The sensor at the tip and its place on the bus."""
+    """The sensor at the tip and its place on the bus; `unconfigured` as in `Behaviour`."""
 
     node_id: Annotated[int, Field(ge=1, le=127)] = 16
+    unconfigured: bool = False
     noise_m_s2: NotNegative = 0.02
     resolution_m_s2: NotNegative = 0.00981
     range_m_s2: Annotated[float, Field(gt=0.0, le=32.0)] = 19.62
@@ -274,7 +287,7 @@ class Robot(Table):
     control_period_s: Annotated[float, Field(ge=10e-6, le=0.01)] = 250e-6
     plant_substeps: Annotated[int, Field(ge=2, le=64)] = 4
     sync_period_s: Positive = 0.002
-    axis: Annotated[dict[Annotated[int, Field(ge=1, le=6)], Axis], Field(min_length=1)]
+    axis: Annotated[dict[Annotated[int, Field(ge=1, le=MAX_AXES)], Axis], Field(min_length=1)]
     accelerometer: Accelerometer = Accelerometer()
     geometry: Geometry | None = None
     line_motion: LineMotion | None = None
@@ -282,10 +295,14 @@ class Robot(Table):
 
     @model_validator(mode="after")
     def _nodes_differ(self) -> "Robot":
-        nodes = [*self.node_ids.values(), self.accelerometer.node_id]
-        twice = {node for node in nodes if nodes.count(node) > 1}
+        holders: dict[int, list[str]] = {}
+        for number, node in self.node_ids.items():
+            holders.setdefault(node, []).append(f"axis {number}")
+        holders.setdefault(self.accelerometer.node_id, []).append("the accelerometer")
+        twice = [node for node in sorted(holders) if len(holders[node]) > 1]
         if twice:
-            raise ValueError(f"node id {min(twice)} is given to two nodes of the bus")
+            given = " and ".join(holders[twice[0]][:2])
+            raise ValueError(f"node id {twice[0]} is given to two nodes of the bus, {given}: node_id changes it")
         if self.geometry is not None and not set(CHAIN_AXES) <= set(self.axis):
             raise ValueError(f"a geometry needs axes {', '.join(map(str, CHAIN_AXES))}")
         step_s = self.control_period_s / self.plant_substeps
@@ -302,6 +319,12 @@ class Robot(Table):
     def node_ids(self) -> dict[int, int]:
         """Node id of each axis: the axis' number unless the file says otherwise."""
         return {number: axis.node_id or number for number, axis in self.axis.items()}
+
+    @property
+    def unconfigured(self) -> frozenset[int]:
+        """Of `node_ids` and the accelerometer's those that the nodes do not have, but wait for by LSS."""
+        axes = {self.node_ids[number] for number, axis in self.axis.items() if axis.behaviour.unconfigured}
+        return frozenset(axes | {self.accelerometer.node_id} if self.accelerometer.unconfigured else axes)
 
     def home_joints(self) -> NDArray[np.float64] | None:
         """q₂, q₃, q₅ in rad where all motor angles are zero: the start of the line motion; None without a geometry."""

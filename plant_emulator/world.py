@@ -1,6 +1,6 @@
 """The world: drives, accelerometer, axes and one clock. Sans IO: frames and time in, frames out."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from operator import itemgetter
 from typing import Any
 
@@ -38,11 +38,14 @@ class World:
     Frames of different nodes are told apart by the node-ID that the robot file gives each, its port: that stays, whatever
     node-ID an LSS master gives the node.
 
+    A node whose controller is bus-off neither hears nor is heard, until it has recovered or its supply has been taken away.
+
     Attributes:
         now: The world's time in ns.
         axes: The mechanics.
         drives: By axis number.
         accelerometer: The node at the tip.
+        on_power_cycle: Called with the port of a node that gets its supply back.
     """
 
     def __init__(self, robot: Robot, *, unconfigured: Collection[int] = ()) -> None:
@@ -50,7 +53,8 @@ class World:
 
         Args:
             robot: The robot file.
-            unconfigured: Ports of nodes that have left the factory without a node-ID: an LSS master must give them one.
+            unconfigured: Ports of nodes that have left the factory without a node-ID, beside those of the robot file: an LSS
+                master must give them one.
 
         Raises:
             ValueError: There is no such node.
@@ -66,8 +70,10 @@ class World:
         self._nodes = sorted(nodes, key=lambda node: node.node_id)
         self._ports = {node.node_id: node for node in self._nodes}
         self._drives = [(node.node_id, node) for node in self._nodes if isinstance(node, Drive)]
-        for port in unconfigured:
+        for port in {*unconfigured, *robot.unconfigured}:
             self._node(port).slave.lss.stored = UNCONFIGURED
+        self.on_power_cycle: Callable[[int], None] = lambda port: None
+        self._off: set[int] = set()
         self._slaves = [node.slave for node in self._nodes]
         self._periods = [node.slave.dictionary.cell(0x1006) for node in self._nodes]
         self._tick_ns = round(1e9 * robot.control_period_s)
@@ -76,7 +82,7 @@ class World:
         self._wakes = live(self.axes.motion, "wake")
         self._wakes_at = _UNKNOWN
         self._owed_ns = 0
-        self._all = [(slave.node_id, slave) for slave in self._slaves]
+        self._nodes_on: list[tuple[int, Slave]] = [(port, node.slave) for port, node in self._ports.items()]
         self._listeners: dict[int, list[tuple[int, Slave]]] = {}
         self._watches = False
         for slave in self._slaves:
@@ -104,7 +110,60 @@ class World:
             ValueError: There is no such node.
         """
         self._wakes_at = _UNKNOWN
-        return self._node(node_id).power_on(self.now)
+        node = self._node(node_id)
+        port = next(port for port, each in self._ports.items() if each is node)
+        self._switch(port, is_off=False)
+        self.on_power_cycle(port)
+        return node.power_on(self.now)
+
+    # -- bus-off ---------------------------------------------------------------------------------------------------------
+
+    def bus_off(self, port: int) -> None:
+        """A node's controller has left the bus: 1029h and 6007h say what the node does. Again has no effect.
+
+        Raises:
+            ValueError: There is no such port.
+        """
+        if port not in self._ports:
+            raise ValueError(f"there is no node at port {port}")
+        if port in self._off:
+            return
+        node = self._ports[port]
+        node.advance(self.now)
+        self._switch(port, is_off=True)
+        node.slave.bus_off()
+
+    def bus_recovered(self, port: int) -> list[tuple[int, Frame]]:
+        """A node's controller is back: what the node has to say, emergency 8140h first; nothing where it was not away.
+
+        Raises:
+            ValueError: There is no such port.
+        """
+        if port not in self._ports:
+            raise ValueError(f"there is no node at port {port}")
+        if port not in self._off:
+            return []
+        node = self._ports[port]
+        node.advance(self.now)  # what it would have said meanwhile is lost
+        self._switch(port, is_off=False)
+        node.slave.bus_recovered()
+        return [(port, frame) for frame in node.slave.take_frames()]
+
+    def bus_off_restart_ns(self, port: int) -> int | None:
+        """How long after bus-off a node restarts its controller by itself; None: it does not."""
+        node = self._ports.get(port)
+        if not isinstance(node, Drive) or node.behaviour.bus_off_restart_ms is None:
+            return None
+        return round(1e6 * node.behaviour.bus_off_restart_ms)
+
+    def _switch(self, port: int, *, is_off: bool) -> None:
+        """Let a node hear nothing, or everything again."""
+        (self._off.add if is_off else self._off.discard)(port)
+        self._nodes_on = [(each, node.slave) for each, node in self._ports.items() if each not in self._off]
+        self._forget_listeners()
+        self._forget_due()
+
+    # -- time and frames -------------------------------------------------------------------------------------------------
 
     def _node(self, node_id: int) -> Node:
         for node in self._nodes:
@@ -145,10 +204,10 @@ class World:
         due = self.due
         if due is not None and due <= self.now:
             self._wakes_at = _UNKNOWN
-            return self._all
+            return self._nodes_on
         found = self._listeners.get(can_id)
         if found is None:
-            found = [(node_id, slave) for node_id, slave in self._all if slave.listens(can_id)]
+            found = [(node_id, slave) for node_id, slave in self._nodes_on if slave.listens(can_id)]
             if found:  # else whoever sends enough identifiers fills the memory
                 self._listeners[can_id] = found
         return found
@@ -211,6 +270,8 @@ class World:
                     ((port, frame) for port, node in late for frame in node.advance(until)), key=lambda sent: sent[1].can_id
                 )
             self._wakes_at = _UNKNOWN
+        if self._off:
+            return [sent for sent in frames if sent[0] not in self._off]
         return frames
 
     def _update(self) -> list[tuple[int, Frame]]:

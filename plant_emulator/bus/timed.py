@@ -49,6 +49,8 @@ class TimedBus:
         self._waiting: deque[int] = deque()
         for node in world.node_ids:
             wire.attach(node)
+        self._nodes = frozenset(world.node_ids)
+        world.on_power_cycle = wire.restart
         self._latency_ns = host_latency_ns
         self._beat_ns: int | None = None
 
@@ -87,12 +89,30 @@ class TimedBus:
                 heard.append(Heard(frame, port, end_ns))
                 if port >= FIRST_CLIENT:
                     sent += world.hear(frame)
+            if wire.switched:
+                sent += self._switch(instant)
             for node, frame in sent:
                 wire.offer(node, frame, instant)
             if stop is not None and stop():
                 return heard
             if instant >= until and not sent:
                 return heard
+
+    def _switch(self, now: int) -> list[tuple[int, Frame]]:
+        """Tell the nodes whose controllers have gone bus-off, or are back; what they say."""
+        sent = []
+        while self.wire.switched:
+            port, is_off = self.wire.switched.popleft()
+            if port not in self._nodes:
+                continue
+            if not is_off:
+                sent += self.world.bus_recovered(port)
+                continue
+            self.world.bus_off(port)
+            restart_ns = self.world.bus_off_restart_ns(port)
+            if restart_ns is not None:
+                self.wire.restart(port, now + restart_ns)
+        return sent
 
     def free(self, until: int) -> list[Heard]:
         """Let time pass in short steps, so that drives see their limits and finished ramps in time."""

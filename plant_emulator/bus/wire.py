@@ -53,6 +53,7 @@ class Wire:
     Attributes:
         now: Up to where time has passed, in ns.
         rates: Its bit rates.
+        switched: Ports that went bus-off (True) or came back (False), in order, for the owner to take; the oldest are forgotten.
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class Wire:
         self._flight: Attempt | None = None
         self._troubled = False  # a counter may be above 0
         self._reports: deque[Report] = deque(maxlen=MAX_REPORTS)
+        self.switched: deque[tuple[int, bool]] = deque(maxlen=MAX_REPORTS)
         self._traffic = Traffic()
         self._counts = self._traffic.counts
         self._quiet = Calm(self._ports, self.rates, self._traffic, queue_frames) if self.rates.is_exact else None
@@ -151,13 +153,33 @@ class Wire:
         """
         return self._port(port).controller
 
-    def restart(self, port: int) -> None:
-        """Bring a port back that is bus-off; it takes part again after the bits that the standard asks for. Others: no effect.
+    def switch_off(self, port: int) -> None:
+        """Put a port bus-off at once.
 
         Raises:
             ValueError: There is no such port.
         """
-        self._restart(self._port(port), self.now)
+        participant = self._port(port)
+        self._stir()
+        self._report(participant, participant.controller.switch_off(), self.now)
+
+    def restart(self, port: int, at_ns: int | None = None) -> None:
+        """Bring a port back that is bus-off; it takes part again after the bits that the standard asks for. Others: no effect.
+
+        Args:
+            port: Which.
+            at_ns: When; None: now.
+
+        Raises:
+            ValueError: There is no such port, or `at_ns` lies in the past.
+        """
+        participant = self._port(port)
+        if at_ns is None:
+            self._restart(participant, self.now)
+        elif at_ns < self.now:
+            raise ValueError(f"the bus is at {self.now} ns and restarts nobody at {at_ns} ns")
+        else:
+            self._put_off(at_ns, Event(at_ns, "restart", port))
 
     def take_reports(self) -> list[Report]:
         """The error messages since the last call, in order; the oldest are forgotten where nobody takes them."""
@@ -233,6 +255,8 @@ class Wire:
     def listen(self, until_ns: int, stop_port: int = NOBODY) -> list[Passed]:
         """Let time pass, as `advance` does, but stop at the end of a frame of this port or one above; `now` tells where.
 
+        With a `stop_port` it also stops where a port is `switched`.
+
         Raises:
             ValueError: `until_ns` lies in the past.
         """
@@ -259,19 +283,24 @@ class Wire:
             attempt = self._flight or self._plan or self._planned()
             soon = until_ns + 1 if attempt is None else attempt.end if attempt is self._flight else attempt.start + 1
             if later and later[0][0] < soon:
-                if later[0][0] > until_ns:
+                at = later[0][0]
+                if at > until_ns:
                     break
                 self._release(delivered)
             elif soon > until_ns:
                 break
             elif attempt is not None:
                 if attempt is self._flight:
+                    at = attempt.end
                     self._land(attempt, delivered)
                 else:
                     self._take_off(attempt)
                     continue
             if delivered and delivered[-1][1] >= stop_port:
                 self.now = delivered[-1][3]
+                return
+            if self.switched and stop_port != NOBODY:
+                self.now = max(self.now, at)
                 return
         self.now = until_ns
 
@@ -352,6 +381,7 @@ class Wire:
     def _restart(self, port: Port, at: int) -> None:
         if port.controller.state is ErrorState.OFF:
             self._report(port, port.controller.restart(), at)
+            self.switched.append((port.number, False))
             port.not_before = at + self.rates.ns(RECOVERY_BITS)
             self._plan = None
 
@@ -497,6 +527,7 @@ class Wire:
             self._reports.append(Report(port.number, message, at))
         if port.controller.state is ErrorState.OFF:
             self._clear(port)
+            self.switched.append((port.number, True))
 
     def _release(self, delivered: list[Passed]) -> None:
         """What was put off is due: an event, or a frame that gets into its queue."""

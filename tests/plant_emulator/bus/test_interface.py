@@ -185,7 +185,7 @@ def test_a_canopen_network_reads_and_writes_the_drives_objects(network, running)
     node = network.add_node(3, str(EDS))
     assert node.sdo["Manufacturer device name"].raw == "Emulated servo drive"
     assert node.sdo["Identity object"]["Product code"].raw == 0x402
-    assert node.sdo[0x6502].raw == 1 << 0 | 1 << 7 | 1 << 9
+    assert node.sdo[0x6502].raw == sum(1 << (mode - 1) for mode in (1, 3, 4, 6, 7, 8, 9, 10))
     node.sdo["Notch filter 1"]["Harmonic order k"].raw = 4
     assert running.world.axes.notch_config[0, 0]["order"] == 4
     with pytest.raises(canopen.SdoAbortedError) as refused:
