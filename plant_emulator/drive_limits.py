@@ -86,36 +86,6 @@ _RAMPS = frozenset(
 )
 """Of these a value of 0 would have no end."""
 
-_TORQUE_LIMITS = (
-    (Object.MAX_TORQUE, 0),
-    (Object.MAX_CURRENT, 0),
-    (Object.POSITIVE_TORQUE_LIMIT, 0),
-    (Object.NEGATIVE_TORQUE_LIMIT, 0),
-)
-_PROFILE = (
-    (Object.MAX_PROFILE_VELOCITY, 0),
-    (Object.PROFILE_VELOCITY, 0),
-    (Object.PROFILE_ACCELERATION, 0),
-    (Object.PROFILE_DECELERATION, 0),
-    (Object.TORQUE_SLOPE, 0),
-)
-_OTHERS = (
-    (Object.MAX_MOTOR_SPEED, 0),
-    (Object.SOFTWARE_POSITION_LIMIT, 1),
-    (Object.SOFTWARE_POSITION_LIMIT, 2),
-    (Object.FOLLOWING_ERROR_WINDOW, 0),
-    (Object.FOLLOWING_ERROR_TIMEOUT, 0),
-    (Object.POSITION_WINDOW, 0),
-    (Object.POSITION_WINDOW_TIME, 0),
-    (Object.VELOCITY_WINDOW, 0),
-    (Object.VELOCITY_WINDOW_TIME, 0),
-    (Object.VELOCITY_THRESHOLD, 0),
-    (Object.VELOCITY_THRESHOLD_TIME, 0),
-    (Object.QUICK_STOP_DECELERATION, 0),
-    (Object.MAX_ACCELERATION, 0),
-    (Object.MAX_DECELERATION, 0),
-)
-
 
 class DriveLimits:
     """Puts what the dictionary says of limits into force, as it is written and after a reset.
@@ -148,15 +118,35 @@ class DriveLimits:
         self._motor_limit_nm = axes.robot.axis[number].torque_limit_nm
         self._torque_constant_nm_a = axes.robot.axis[number].torque_constant_nm_a
         self._control_period_s = axes.robot.control_period_s
-        timeout = personality.set_point_timeout
-        others = _OTHERS if timeout is None else (*_OTHERS, timeout)
-        for places, apply in (
-            (_TORQUE_LIMITS, self._apply_torque_limits),
-            (_PROFILE, self._apply_profile),
-            (others, self.apply_limits),
-        ):
-            for place in places:
-                self.dictionary.on_write(*place, self._limit_writer(place, apply))
+        for apply, *places in self._groups():
+            for index, subindex in places:
+                self.dictionary.on_write(index, subindex, self._limit_writer((index, subindex), apply))
+
+    def _groups(self) -> tuple[tuple[Any, ...], ...]:
+        """What puts which entries into force, each group by itself: a write by SDO or RPDO costs no more than it must."""
+        timeout = self._personality.set_point_timeout
+        return (
+            (
+                self._apply_torque_limits,
+                (Object.MAX_TORQUE, 0),
+                (Object.MAX_CURRENT, 0),
+                (Object.POSITIVE_TORQUE_LIMIT, 0),
+                (Object.NEGATIVE_TORQUE_LIMIT, 0),
+            ),
+            (self._apply_ramps, (Object.PROFILE_ACCELERATION, 0), (Object.PROFILE_DECELERATION, 0)),
+            (self.apply_profile_speed, (Object.PROFILE_VELOCITY, 0)),
+            (self._apply_greatest_profile_speed, (Object.MAX_PROFILE_VELOCITY, 0)),
+            (self._apply_torque_slope, (Object.TORQUE_SLOPE, 0)),
+            (self._apply_greatest_speed, (Object.MAX_MOTOR_SPEED, 0)),
+            (self._apply_greatest_accelerations, (Object.MAX_ACCELERATION, 0), (Object.MAX_DECELERATION, 0)),
+            (self._apply_stop, (Object.QUICK_STOP_DECELERATION, 0)),
+            (self._apply_position_limits, (Object.SOFTWARE_POSITION_LIMIT, 1), (Object.SOFTWARE_POSITION_LIMIT, 2)),
+            (self._apply_following, (Object.FOLLOWING_ERROR_WINDOW, 0), (Object.FOLLOWING_ERROR_TIMEOUT, 0)),
+            (self._apply_position_window, (Object.POSITION_WINDOW, 0), (Object.POSITION_WINDOW_TIME, 0)),
+            (self._apply_velocity_window, (Object.VELOCITY_WINDOW, 0), (Object.VELOCITY_WINDOW_TIME, 0)),
+            (self._apply_velocity_threshold, (Object.VELOCITY_THRESHOLD, 0), (Object.VELOCITY_THRESHOLD_TIME, 0)),
+            (self._apply_set_point_timeout, *(() if timeout is None else (timeout,))),
+        )
 
     def value(self, index: int, subindex: int = 0) -> Any:
         """What an entry holds."""
@@ -199,19 +189,27 @@ class DriveLimits:
 
     def apply_limits(self) -> None:
         """Put all limits, ramps and windows into force."""
-        motion = self.motion
-        self._apply_torque_limits()
-        self._apply_profile()
-        motion["max_speed_rad_s"] = self.si(Object.MAX_MOTOR_SPEED)
-        motion["max_acceleration_rad_s2"] = self._known(Object.MAX_ACCELERATION, math.inf)
-        motion["max_deceleration_rad_s2"] = self._known(Object.MAX_DECELERATION, math.inf)
-        motion["low_counts"], motion["high_counts"] = self._limits_counts()
+        for apply, *_ in self._groups():
+            apply()
+
+    def _apply_greatest_speed(self) -> None:
+        self.motion["max_speed_rad_s"] = self.si(Object.MAX_MOTOR_SPEED)
+
+    def _apply_greatest_accelerations(self) -> None:
+        self.motion["max_acceleration_rad_s2"] = self._known(Object.MAX_ACCELERATION, math.inf)
+        self.motion["max_deceleration_rad_s2"] = self._known(Object.MAX_DECELERATION, math.inf)
+
+    def _apply_position_limits(self) -> None:
+        self.motion["low_counts"], self.motion["high_counts"] = self._limits_counts()
+
+    def _apply_following(self) -> None:
         is_watched = self._personality.acting((Object.FOLLOWING_ERROR_WINDOW, 0)) not in self._personality.unwatched_windows
-        motion["following_window_rad"] = self.si(Object.FOLLOWING_ERROR_WINDOW) if is_watched else math.inf
-        motion["following_ticks"] = round(self.si(Object.FOLLOWING_ERROR_TIMEOUT) / self._control_period_s)
-        self._apply_windows()
-        if motion["mode"] != law.STOPPING:
-            motion["stop_deceleration_rad_s2"] = self.si(Object.QUICK_STOP_DECELERATION)
+        self.motion["following_window_rad"] = self.si(Object.FOLLOWING_ERROR_WINDOW) if is_watched else math.inf
+        self.motion["following_ticks"] = round(self.si(Object.FOLLOWING_ERROR_TIMEOUT) / self._control_period_s)
+
+    def _apply_stop(self) -> None:
+        if self.motion["mode"] != law.STOPPING:
+            self.motion["stop_deceleration_rad_s2"] = self.si(Object.QUICK_STOP_DECELERATION)
 
     def _apply_torque_limits(self) -> None:
         """6072h, 6073h, 60E0h, 60E1h and the motor: the least of them, either way."""
@@ -228,31 +226,37 @@ class DriveLimits:
             return math.inf
         return float(1e-6 * rated_ma * self._personality.acting((Object.MAX_CURRENT, 0)) * self._torque_constant_nm_a)
 
-    def _apply_profile(self) -> None:
-        motion = self.motion
-        motion["profile_acceleration_rad_s2"] = self.si(Object.PROFILE_ACCELERATION)
-        motion["profile_deceleration_rad_s2"] = self.si(Object.PROFILE_DECELERATION)
-        motion["max_profile_speed_rad_s"] = self._known(Object.MAX_PROFILE_VELOCITY, math.inf)
-        motion["torque_slope_nm_s"] = self._known(Object.TORQUE_SLOPE, 10.0 * self.scaling.rated_torque_nm)
-        self.apply_profile_speed()
+    def _apply_ramps(self) -> None:
+        self.motion["profile_acceleration_rad_s2"] = self.si(Object.PROFILE_ACCELERATION)
+        self.motion["profile_deceleration_rad_s2"] = self.si(Object.PROFILE_DECELERATION)
+
+    def _apply_greatest_profile_speed(self) -> None:
+        self.motion["max_profile_speed_rad_s"] = self._known(Object.MAX_PROFILE_VELOCITY, math.inf)
+
+    def _apply_torque_slope(self) -> None:
+        self.motion["torque_slope_nm_s"] = self._known(Object.TORQUE_SLOPE, 10.0 * self.scaling.rated_torque_nm)
 
     def apply_profile_speed(self) -> None:
         """6081h, or 0 while the halt bit is set: a limit that is written meanwhile must not end the halt."""
         self.motion["profile_speed_rad_s"] = 0.0 if self.halted else self.si(Object.PROFILE_VELOCITY)
 
-    def _apply_windows(self) -> None:
-        """6067h to 6070h, and how long a set-point may be missing."""
-        motion, one_count = self.motion, 1.0 / self.scaling.encoder_counts_per_rad
+    def _apply_position_window(self) -> None:
         window = self._known(Object.POSITION_WINDOW, TARGET_WINDOW_RAD, _UNWATCHED)
-        motion["position_window_rad"] = max(window, one_count)
-        motion["position_window_ticks"] = self._ticks(Object.POSITION_WINDOW_TIME)
-        motion["velocity_window_rad_s"] = self._known(Object.VELOCITY_WINDOW, SLOW_RAD_S)
-        motion["velocity_window_ticks"] = self._ticks(Object.VELOCITY_WINDOW_TIME)
-        motion["velocity_threshold_rad_s"] = self._known(Object.VELOCITY_THRESHOLD, SLOW_RAD_S)
-        motion["velocity_threshold_ticks"] = self._ticks(Object.VELOCITY_THRESHOLD_TIME)
+        self.motion["position_window_rad"] = max(window, 1.0 / self.scaling.encoder_counts_per_rad)
+        self.motion["position_window_ticks"] = self._ticks(Object.POSITION_WINDOW_TIME)
+
+    def _apply_velocity_window(self) -> None:
+        self.motion["velocity_window_rad_s"] = self._known(Object.VELOCITY_WINDOW, SLOW_RAD_S)
+        self.motion["velocity_window_ticks"] = self._ticks(Object.VELOCITY_WINDOW_TIME)
+
+    def _apply_velocity_threshold(self) -> None:
+        self.motion["velocity_threshold_rad_s"] = self._known(Object.VELOCITY_THRESHOLD, SLOW_RAD_S)
+        self.motion["velocity_threshold_ticks"] = self._ticks(Object.VELOCITY_THRESHOLD_TIME)
+
+    def _apply_set_point_timeout(self) -> None:
         timeout = self._personality.set_point_timeout
         periods = 0 if timeout is None else self.value(*timeout)
-        motion["extrapolate_ticks"] = periods * max(1, round(self.interpolation_ticks()))
+        self.motion["extrapolate_ticks"] = periods * max(1, round(self.interpolation_ticks()))
 
     def _limits_counts(self) -> tuple[float, float]:
         low, high = self._limit_counts(1), self._limit_counts(2)

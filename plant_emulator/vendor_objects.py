@@ -71,6 +71,8 @@ def parameter_entry(name: str, parameter: Parameter, scaling: Scaling, default: 
     if base is not None and parameter.index in OPTION_CODES:
         # a profile that states no limits would let values in that mean nothing to the state machine
         low, high = base.low if low is None else low, base.high if high is None else high
+        if isinstance(default, int) and low is not None and high is not None:
+            low, high = min(low, default), max(high, default)  # but for the vendor's own default
     kind = parameter.type
     value = _nearest(kind, _zero(kind) if default is None else default, low, high)
     mappable = kind.size is not None and (parameter.mappable or (base is not None and base.mappable))
