@@ -1,6 +1,6 @@
 """`python -m benchmarks [group ...]`: speed, as ratios of two things measured in turn in one run.
 
-Groups: master, bench, plant, sdo, robustness, startup, growth, memory, runs; all of them unless some are named.
+Groups: master, bench, plant, node, sdo, robustness, startup, growth, memory, runs; all of them unless some are named.
 """
 
 import argparse
@@ -13,6 +13,7 @@ from benchmarks import demo_runs, plant, whole_bench
 from benchmarks.master_path import master_path
 from benchmarks.measure import machine, progress
 from benchmarks.memory import memory
+from benchmarks.node_frames import node_frames
 from benchmarks.robustness import robustness
 from benchmarks.sdo import sdo
 from benchmarks.startup import startup
@@ -46,6 +47,11 @@ def groups(minutes: int) -> dict[str, list[Section]]:
             "the same stepping, compiled now. The general solvers integrate each control period alone, with the law in Python "
             "between: their difference to ours is the truncation error of our fixed steps, friction near rest most of all.",
             plant.plant,
+        )],
+        "node": [(
+            "What a frame costs one node",
+            "One operational drive without a bus: frames in, answers out. The physics is not counted.",
+            node_frames,
         )],
         "sdo": [
             ("SDO round trips", "One client, one node, one object at a time.", sdo),
