@@ -336,6 +336,7 @@ def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, local_bus: Ser
         sniffer.close()
 
 
+@pytest.mark.slow
 def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, local_bus: ServedBus) -> None:
     """After an interrupted run the arm is elsewhere; the next line motion brings it home first."""
     sniffer = Sniffer(local_bus)

@@ -472,6 +472,7 @@ def test_no_runs_and_no_processes_are_refused(runs, jobs):
         run_all([study()], runs, jobs)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="process groups are POSIX")
 def test_ctrl_c_ends_the_command_and_its_workers(tmp_path):
     arguments = [sys.executable, "-m", "plant_emulator", "robustness", "--axis", "2", "--runs", "5000", "--jobs", "2"]

@@ -145,7 +145,7 @@ def test_the_bench_comes_back_from_json(full_directory):
     assert set(bench.axis) == {2, 3, 5}
 
 
-@pytest.mark.parametrize("kept", [0, 4, 7])
+@pytest.mark.parametrize("kept", [0, *(pytest.param(kept, marks=pytest.mark.slow) for kept in (4, 7))])
 def test_one_motion_alone_gives_a_report(full_directory, tmp_path, kept):
     def change(result):
         recordings = list(dict.fromkeys(run["recording"] for run in result["runs"]))
@@ -196,7 +196,7 @@ def test_missing_recordings_are_said(full_directory, tmp_path):
     assert set(page.figures) == {"plants", "resonances", "transmission-errors", "schedules", "families", "nyquist", "margins"}
 
 
-@pytest.mark.parametrize("rows", [0, 1, 40, 200, 700])
+@pytest.mark.parametrize("rows", [40, *(pytest.param(rows, marks=pytest.mark.slow) for rows in (0, 1, 200, 700))])
 def test_a_run_that_was_stopped_early_says_so_at_the_top(full_directory, tmp_path, rows):
     name = "runs/constant-acceleration-2-none-drive.csv"
     shutil.copytree(full_directory / "runs", tmp_path / "runs")
