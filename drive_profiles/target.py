@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from drive_profiles import eds
@@ -9,14 +10,14 @@ from drive_profiles.bus import Bus
 from drive_profiles.catalogue import Catalogue
 from drive_profiles.device import Device, Found, found_at
 from drive_profiles.errors import NodeError
-from drive_profiles.profile import Profile, available
+from drive_profiles.profile import Identity, Profile, available
 
 
 def matching(found: Found) -> list[str]:
     """Profiles of the package that are of this device: by vendor and product; of the vendor alone where one knows no more."""
     exact, vendor = [], []
     for name in available():
-        identity = Profile.load(name).identity
+        identity = _identity(name)
         if identity.vendor_id != found.vendor_id:
             continue
         if found.product_code in identity.product_codes:
@@ -24,6 +25,12 @@ def matching(found: Found) -> list[str]:
         elif not identity.product_codes:
             vendor.append(name)
     return exact or vendor
+
+
+@cache
+def _identity(name: str) -> Identity:
+    """Of a profile of the package, which is read once: a scan asks for all of them at every node."""
+    return Profile.load(name).identity
 
 
 def catalogue_of(profile: str | None, eds_file: Path | None, node: int | None = None) -> Catalogue:

@@ -147,6 +147,7 @@ def serve(
         model = model.model_copy(update={"seed": seed})
 
     from hil.can.channel import BusLostError  # noqa: PLC0415
+    from plant_emulator.announcement import announced  # noqa: PLC0415
     from plant_emulator.serial_accelerometer import SerialAccelerometer  # noqa: PLC0415
 
     sensor = None if serial_accelerometer is None else SerialAccelerometer(model, serial_rate_hz, framing.value)
@@ -157,13 +158,8 @@ def serve(
         signal.signal(number, lambda *_: server.stop())
     if until_stdin_closes:
         server.watch(sys.stdin.fileno())
-    nodes = ", ".join(f"axis {axis} at node {node}" for axis, node in model.node_ids.items())
-    typer.echo(f"serving {model.name} on {address}: {nodes}, accelerometer at node {model.accelerometer.node_id}")
-    for axis, node in model.node_ids.items():
-        personality = world.drives[axis].personality
-        typer.echo(f"node {node}: {personality.profile}")
-        for note in personality.notes:
-            typer.echo(f"  {note}")
+    for line in announced(model, world, str(address)):
+        typer.echo(line)
     with contextlib.ExitStack() as ports:
         ports.callback(server.close)
         _open_ports(ports, address, slcan, serial_accelerometer, sensor)
@@ -338,21 +334,55 @@ def simulate(
 
 
 @app.command()
-def eds(out: Annotated[Path, typer.Option("--out", help="Folder for the files; made if it is not there.")]) -> None:
+def eds(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the files; made if it is not there.")],
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", help="One file for each node of this robot, a robot file or `reference`, instead of each kind."),
+    ] = None,
+    drive: Annotated[
+        list[str] | None,
+        typer.Option("--drive", metavar="AXIS=PROFILE", help="With --robot, as of `serve`; repeatable."),
+    ] = None,
+) -> None:
     """Write the EDS files of the emulated drive and accelerometer, for tools that configure CANopen nodes.
 
-    Exit status: 0 done, 2 usage, 3 the files cannot be written.
-    """
-    from plant_emulator.data_sheets import data_sheets  # noqa: PLC0415 - --help must not wait for the compiler
+    With --robot the file of every node: axis2.eds and so on, accelerometer.eds, each with its node's serial number, motor, gains
+    and, of a vendor's drive, the vendor's objects.
 
+    Exit status: 0 done, 2 usage, 3 a bad robot file, or the files cannot be written.
+
+    Examples:
+        plant-emulator eds --out eds
+
+        plant-emulator eds --robot robot.toml --drive 3=kollmorgen_akd --out eds
+    """
+    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415
+    from plant_emulator.data_sheets import data_sheets, data_sheets_of  # noqa: PLC0415 - --help must not wait for the compiler
+    from plant_emulator.robot import load_robot, with_drives  # noqa: PLC0415
+
+    drives = _by_axis("--drive", drive)
+    if drives and robot is None:
+        raise _fail("--drive says which drive an axis of --robot has: --robot is missing", EXIT_USAGE)
     try:
+        model = None if robot is None else load_robot(robot)
+    except DriveProfileError as error:
+        raise _fail(str(error), EXIT_FILE) from None
+    try:
+        model = None if model is None else with_drives(model, drives)
+    except ValueError as error:
+        raise _fail(str(error), EXIT_USAGE) from None
+    try:
+        sheets = data_sheets() if model is None else data_sheets_of(model)
         out.mkdir(parents=True, exist_ok=True)
-        for name, text in data_sheets().items():
+        for name, text in sheets.items():
             path = out / name
             path.write_text(text, encoding="ascii", newline="\n")
             typer.echo(path)
-    except OSError as error:
+    except (DriveProfileError, OSError) as error:
         raise _fail(str(error), EXIT_FILE) from None
+    except ValueError as error:
+        raise _fail(f"{robot}: {error}", EXIT_FILE) from None
 
 
 cli_robustness.mount(app)

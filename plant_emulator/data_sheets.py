@@ -2,6 +2,8 @@
 
 from plant_emulator.accelerometer import accelerometer_entries
 from plant_emulator.drive_objects import drive_entries
+from plant_emulator.personalities import personality_of
+from plant_emulator.robot import Robot
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.eds import DeviceInfo, write_eds
 
@@ -27,17 +29,36 @@ def data_sheets() -> dict[str, str]:
     }
 
 
-def data_sheet_of(dictionary: Dictionary, file_name: str, product: str) -> str:
+def data_sheets_of(robot: Robot) -> dict[str, str]:
+    """File name and text for each node of a robot: its own serial number, motor and gains, and the vendor's objects.
+
+    Raises:
+        DriveProfileError: There is no such profile, or its file or the EDS file has errors.
+        ValueError: A profile is no drive's, or a default or a name cannot stand in an INI file.
+    """
+    sheets = {}
+    for number in sorted(robot.axis):
+        personality, name = personality_of(robot, number), f"axis{number}.eds"
+        product = f"Emulated {personality.profile}, axis {number}"
+        sheets[name] = data_sheet_of(personality.dictionary, name, product, personality.profile)
+    name = "accelerometer.eds"
+    accelerometer = Dictionary(accelerometer_entries(robot.accelerometer.node_id))
+    return sheets | {name: data_sheet_of(accelerometer, name, "Emulated accelerometer")}
+
+
+def data_sheet_of(dictionary: Dictionary, file_name: str, product: str, order_code: str | None = None) -> str:
     """The EDS of one node, with the serial number and the motor that its dictionary states.
 
     Args:
         dictionary: Of any emulated node, also of a vendor's drive.
         file_name: Name that the file will have.
         product: Name of the product.
+        order_code: By which it is ordered; left out, the product's name.
 
     Raises:
         ValueError: A default or a name cannot stand in an INI file.
     """
-    order_code, description = product.replace(" ", "-").lower(), f"{product}, written by plant-emulator eds"
+    order_code = product.replace(" ", "-").lower() if order_code is None else order_code
+    description = f"{product}, written by plant-emulator eds"
     info = DeviceInfo(file_name, VENDOR, product, order_code, description, granularity=GRANULARITY, lss_supported=LSS_SUPPORTED)
     return write_eds(dictionary, info)

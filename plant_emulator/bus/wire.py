@@ -93,6 +93,7 @@ class Wire:
         self._troubled = False  # a counter may be above 0
         self._reports: deque[Report] = deque(maxlen=MAX_REPORTS)
         self.switched: deque[tuple[int, bool]] = deque(maxlen=MAX_REPORTS)
+        self._has_switched = False  # while time was let pass
         self._traffic = Traffic()
         self._counts = self._traffic.counts
         self._quiet = Calm(self._ports, self.rates, self._traffic, queue_frames) if self.rates.is_exact else None
@@ -278,7 +279,7 @@ class Wire:
 
     def _proceed(self, until_ns: int, stop_port: int, delivered: list[Passed]) -> None:
         """Let time pass by attempts."""
-        later = self._later
+        later, self._has_switched = self._later, False
         while True:
             attempt = self._flight or self._plan or self._planned()
             soon = until_ns + 1 if attempt is None else attempt.end if attempt is self._flight else attempt.start + 1
@@ -299,7 +300,7 @@ class Wire:
             if delivered and delivered[-1][1] >= stop_port:
                 self.now = delivered[-1][3]
                 return
-            if self.switched and stop_port != NOBODY:
+            if self._has_switched and stop_port != NOBODY:
                 self.now = max(self.now, at)
                 return
         self.now = until_ns
@@ -381,7 +382,7 @@ class Wire:
     def _restart(self, port: Port, at: int) -> None:
         if port.controller.state is ErrorState.OFF:
             self._report(port, port.controller.restart(), at)
-            self.switched.append((port.number, False))
+            self._switch(port, is_off=False)
             port.not_before = at + self.rates.ns(RECOVERY_BITS)
             self._plan = None
 
@@ -527,7 +528,11 @@ class Wire:
             self._reports.append(Report(port.number, message, at))
         if port.controller.state is ErrorState.OFF:
             self._clear(port)
-            self.switched.append((port.number, True))
+            self._switch(port, is_off=True)
+
+    def _switch(self, port: Port, *, is_off: bool) -> None:
+        self.switched.append((port.number, is_off))
+        self._has_switched = True
 
     def _release(self, delivered: list[Passed]) -> None:
         """What was put off is due: an event, or a frame that gets into its queue."""

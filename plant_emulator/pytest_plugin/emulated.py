@@ -93,10 +93,12 @@ class EmulatedRobot:
         self.world = World(model)
         interference.wire = None if bitrate is None else LiveFaults()
         medium: Medium = Instant(self.world)
+        self._wire: Wire | None = None
         if bitrate is not None:
-            wire = Wire(bitrate, faults=interference.wire, now_ns=self.world.now)
-            medium = Timed(TimedBus(self.world, wire), wall=False)
+            self._wire = Wire(bitrate, faults=interference.wire, now_ns=self.world.now)
+            medium = Timed(TimedBus(self.world, self._wire), wall=False)
         interference.power_cycle = self._power_cycle
+        interference.switch_bus_off = self._switch_bus_off
         self.channel = EmulatedChannel(self.world, medium, bitrate, interference)
         self.drives: MappingProxyType[int, Drive] = MappingProxyType(self.world.drives)
 
@@ -127,3 +129,12 @@ class EmulatedRobot:
     def _power_cycle(self, node_id: int) -> None:
         for frame in self.world.power_cycle(node_id):
             self.channel._deliver([Heard(frame, node_id, self.world.now)])
+
+    def _switch_bus_off(self, node_id: int, is_off: bool) -> None:
+        """On a wire the controller goes, and its node hears of it; where there is none the node goes at once."""
+        if self._wire is not None:
+            (self._wire.switch_off if is_off else self._wire.restart)(node_id)
+        elif is_off:
+            self.world.bus_off(node_id)
+        else:
+            self.channel._deliver([Heard(frame, port, self.world.now) for port, frame in self.world.bus_recovered(node_id)])

@@ -1,5 +1,6 @@
 """What can go wrong on a bench, for a test to make it happen, at once or after a time of the bench."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -7,10 +8,19 @@ import pytest
 from drive_profiles.cia301 import FunctionCode, NmtCommand
 from hil.can.frame import Frame
 from plant_emulator.bus.faults import Fault, Faults
+from plant_emulator.inputs import DigitalInputs
+from plant_emulator.motion_data import HOME_SWITCH, NEGATIVE_SWITCH, POSITIVE_SWITCH, PROBE_1, PROBE_2
 from plant_emulator.pytest_plugin.interference import Interference
 from plant_emulator.pytest_plugin.target import Target
 
 SECOND = 1_000_000_000
+INPUTS = {
+    "negative_limit": NEGATIVE_SWITCH,
+    "positive_limit": POSITIVE_SWITCH,
+    "home": HOME_SWITCH,
+    "probe_1": PROBE_1,
+    "probe_2": PROBE_2,
+}
 
 
 class FaultInjection:
@@ -96,6 +106,19 @@ class FaultInjection:
         interference.at(interference.now_ns() + round(SECOND * after_s), lambda: interference.power_cycle(node_id))
         self._at_once(after_s)
 
+    def bus_off(self, node_id: int, *, after_s: float = 0.0, for_s: float | None = None) -> None:
+        """A node's controller goes bus-off: the node neither hears nor is heard, and reacts as its 1029h and 6007h say.
+
+        Raises:
+            ValueError: The robot has no such node.
+        """
+        self._needs_emulation("nobody here can put a real controller bus-off")
+        robot = self._target.robot
+        if robot is not None and node_id not in robot.world.node_ids:
+            raise ValueError(f"the robot has no node {node_id}; it has {', '.join(map(str, robot.world.node_ids))}")
+        switch = self._interference.switch_bus_off
+        self._between(after_s, for_s, lambda: switch(node_id, True), lambda: switch(node_id, False))
+
     def nmt(self, command: NmtCommand, node_id: int = 0, *, after_s: float = 0.0) -> None:
         """A stranger sends an NMT command; node 0 means all."""
         self.send(Frame(FunctionCode.NMT, bytes((command, node_id))), after_s=after_s)
@@ -114,7 +137,49 @@ class FaultInjection:
         interference.at(interference.now_ns() + round(SECOND * after_s), lambda: interference.put(frame))
         self._at_once(after_s)
 
+    # -- contacts of a drive --------------------------------------------------------------------------------------------
+
+    def safe_torque_off(self, axis: int, *, after_s: float = 0.0, for_s: float | None = None) -> None:
+        """The safe torque off input of an axis' drive opens: under torque that is a fault, and the brake closes at once.
+
+        Raises:
+            ValueError: The robot has no such axis.
+        """
+        inputs = self._inputs(axis)
+        self._between(after_s, for_s, lambda: inputs.set_sto(True), lambda: inputs.set_sto(False))
+
+    def hold_input(self, axis: int, name: str, *, after_s: float = 0.0, for_s: float | None = None) -> None:
+        """An input of an axis' drive is active, wherever the axis stands.
+
+        Args:
+            axis: Its number.
+            name: negative_limit, positive_limit, home, probe_1 or probe_2.
+            after_s: When it begins.
+            for_s: How long it lasts; None: to the end.
+
+        Raises:
+            ValueError: The robot has no such axis, or there is no such input.
+        """
+        inputs = self._inputs(axis)
+        if name not in INPUTS:
+            raise ValueError(f"there is no input {name}; there are {', '.join(INPUTS)}")
+        bit = INPUTS[name]
+        self._between(after_s, for_s, lambda: inputs.force(bit), lambda: inputs.force(bit, active=False))
+
+    def _inputs(self, axis: int) -> DigitalInputs:
+        self._needs_emulation("nobody here can reach a real drive's contacts")
+        drives = {} if self._target.robot is None else self._target.robot.drives
+        if axis not in drives:
+            raise ValueError(f"the robot has no axis {axis}; it has {', '.join(map(str, sorted(drives)))}")
+        return drives[axis].inputs
+
     # -- how -----------------------------------------------------------------------------------------------------------
+
+    def _between(self, after_s: float, for_s: float | None, begin: Callable[[], None], end: Callable[[], None]) -> None:
+        begin_ns = self._interference.now_ns() + round(SECOND * after_s)
+        end_ns = None if for_s is None else begin_ns + round(SECOND * for_s)
+        self._interference.between(begin_ns, end_ns, begin, end)
+        self._at_once(after_s)
 
     def _at_once(self, after_s: float) -> None:
         if not after_s and self._target.robot is not None:

@@ -53,6 +53,7 @@ class Interference:
         push: Gives it back.
         is_used: Whether a test has interfered.
         power_cycle: Switches a node off and on.
+        switch_bus_off: Puts a node's controller bus-off (True), or brings it back.
     """
 
     def __init__(self, trace: Trace) -> None:
@@ -64,9 +65,11 @@ class Interference:
         self.put: Callable[[Frame], None] = _nowhere
         self.pull: Callable[[], None] = _nowhere
         self.power_cycle: Callable[[int], None] = _nowhere
+        self.switch_bus_off: Callable[[int, bool], None] = _nowhere
         self.push: Callable[[], None] = lambda: None
         self.is_used = False
         self._planned: list[tuple[int, int, Callable[[], None]]] = []
+        self._ends: list[Callable[[], None]] = []
         self._order = 0
 
     @property
@@ -79,6 +82,13 @@ class Interference:
         self._order += 1
         heapq.heappush(self._planned, (instant_ns, self._order, action))
 
+    def between(self, begin_ns: int, end_ns: int | None, begin: Callable[[], None], end: Callable[[], None]) -> None:
+        """Plan something that lasts; where no end is given it ends with the test, and once more does no harm."""
+        self.at(begin_ns, begin)
+        if end_ns is not None:
+            self.at(end_ns, end)
+        self._ends.append(end)
+
     def run_due(self) -> None:
         """Let happen what is due."""
         while self._planned and self._planned[0][0] <= self.now_ns():
@@ -90,4 +100,6 @@ class Interference:
         if self.wire is not None:
             self.wire.faults.clear()
         self._planned.clear()
+        while self._ends:
+            self._ends.pop()()
         self.push()

@@ -9,6 +9,7 @@ from pathlib import Path
 import canopen
 import pytest
 from canopen.objectdictionary import ODVariable
+from typer.testing import CliRunner
 
 import drive_profiles
 from drive_profiles.cia301 import DataType, SdoAbortCode, decode, encode
@@ -16,10 +17,13 @@ from drive_profiles.cia402 import Mode, Object, State
 from drive_profiles.profile import Profile
 from hil.can.frame import Frame
 from plant_emulator.accelerometer import Accelerometer, accelerometer_entries
+from plant_emulator.cli import app
 from plant_emulator.data_sheets import data_sheets
 from plant_emulator.drive_objects import drive_entries
+from plant_emulator.robot import load_robot, with_drives
 from plant_emulator.slave.dictionary import Access, Dictionary
 from plant_emulator.slave.node import Slave
+from plant_emulator.world import World
 from tests.plant_emulator.rig import Rig, Stranger
 
 VENDORS = Path(drive_profiles.__file__).parent / "vendors"
@@ -120,6 +124,45 @@ def test_the_command_says_what_it_cannot_write(tmp_path):
     assert done.returncode == 3
     assert str(tmp_path / "taken") in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_command_writes_the_file_of_every_node_of_a_robot_and_each_is_that_of_its_node(tmp_path):
+    done = CliRunner().invoke(
+        app, ["eds", "--robot", "reference", "--drive", "3=kollmorgen_akd", "--out", str(tmp_path / "sheets")]
+    )
+    assert done.exit_code == 0, done.output
+    names = ["axis2.eds", "axis3.eds", "axis5.eds", "accelerometer.eds"]
+    assert done.stdout.split() == [str(tmp_path / "sheets" / each) for each in names]
+    world = World(with_drives(load_robot("reference"), {3: "kollmorgen_akd"}))
+    nodes = [*world.drives.values(), world.accelerometer]
+    for each, node in zip(names, nodes, strict=True):
+        dictionary = node.slave.dictionary
+        od = canopen.import_od(str(tmp_path / "sheets" / each), node_id=node.node_id)
+        listed = {(variable.index, variable.subindex): variable for variable in variables(od)}
+        assert set(listed) == {(entry.index, entry.subindex) for entry in dictionary}
+        assert od.device_information.vendor_number == dictionary.get(0x1018, 1)
+        for place, variable in listed.items():
+            entry = dictionary.cell(*place).entry
+            assert (variable.data_type, variable.access_type) == (entry.data_type, entry.access.value), entry
+            if entry.data_type.size is not None:
+                assert default_bytes(variable) == encode(entry.data_type, entry.default_for(node.node_id)), entry
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (("--drive", "3=kollmorgen_akd"), 2, "--robot is missing"),
+        (("--robot", "reference", "--drive", "4=kollmorgen_akd"), 2, "no axis 4"),
+        (("--robot", "reference", "--drive", "3=unheard_of"), 3, "unheard_of"),
+        (("--robot", "reference", "--drive", "3=emulated_accelerometer"), 3, "is no drive"),
+        (("--robot", "nowhere.toml"), 3, "nowhere.toml"),
+    ],
+)
+def test_the_command_says_which_robot_has_no_files(tmp_path, arguments, status, words):
+    done = CliRunner().invoke(app, ["eds", "--out", str(tmp_path / "sheets"), *arguments])
+    assert done.exit_code == status
+    assert words in done.output
+    assert not (tmp_path / "sheets").exists()
 
 
 def test_the_profile_and_the_data_sheet_agree_on_who_it_is_and_what_it_holds(name):

@@ -277,6 +277,8 @@ from hil.can.frame import Frame
     (lambda f: f.nmt(NmtCommand.RESET_NODE, 2, after_s=0.1), "has been reset"),
     (lambda f: f.nmt(NmtCommand.ENTER_PRE_OPERATIONAL, after_s=0.1), "not answered"),
     (lambda f: f.emergency(5, 0x4210, after_s=0.1), "4210h"),
+    (lambda f: f.safe_torque_off(2, after_s=0.1), "5441h"),
+    pytest.param(lambda f: f.bus_off(2, after_s=0.1, for_s=0.2), "not answered", id="bus_off"),
     (lambda f: f.send(Frame(0x82, bytes.fromhex("1181200000000000"))), "8111h"),
 ])
 def test_it_stops(drive, faults, fault, words, robot):
@@ -301,6 +303,31 @@ def test_it_goes_on(drive, faults, fault):
     assert drive.is_enabled
     assert hits[0] > 0
 
+def test_an_input_is_active_for_a_time_and_a_motion_into_it_stops(drive, faults, robot):
+    inputs = robot.drives[2].inputs
+    faults.hold_input(2, "home", after_s=0.1, for_s=0.1)
+    faults.hold_input(2, "positive_limit")
+    seen = set()
+    for _ in range(8):
+        drive.hold(0.05)
+        seen.add(inputs.levels)
+    assert seen == {2, 2 | 4}
+    assert drive.is_enabled
+
+def test_sto_ends_and_what_is_not_there_is_named(drive, faults, robot):
+    faults.safe_torque_off(3, for_s=0.1)
+    assert robot.drives[3].inputs.is_sto_active
+    drive.hold(0.2)
+    assert not robot.drives[3].inputs.is_sto_active
+    assert drive.is_enabled
+    for call, words in (
+        (lambda: faults.safe_torque_off(4), "no axis 4; it has 2, 3, 5"),
+        (lambda: faults.hold_input(2, "door"), "no input door; there are negative_limit"),
+        (lambda: faults.bus_off(99), "no node 99; it has 2, 3, 5, 16"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            call()
+
 def test_noticed(drive, faults):
     again = faults.corrupt(0x182, noticed=True, every=5)
     drive.hold(0.2)
@@ -309,11 +336,11 @@ def test_noticed(drive, faults):
 
 
 def test_every_fault_does_what_it_says(run: Run) -> None:
-    run(FAULTS).assert_outcomes(passed=18, skipped=1)
+    run(FAULTS).assert_outcomes(passed=22, skipped=1)
 
 
 def test_a_crc_is_noticed_where_bits_have_times(run: Run) -> None:
-    run(FAULTS, "--bitrate", "1M", "-k", "test_noticed or test_it_goes_on").assert_outcomes(passed=7, deselected=12)
+    run(FAULTS, "--bitrate", "1M", "-k", "test_noticed or test_it_goes_on or bus_off").assert_outcomes(passed=8, deselected=15)
 
 
 # -- what is left ------------------------------------------------------------------------------------------------------

@@ -1,0 +1,52 @@
+"""What a served robot says of itself when it starts: which drive is at which node, and what is not as usual."""
+
+from collections.abc import Iterable, Iterator
+
+from plant_emulator.robot import Behaviour, Robot
+from plant_emulator.world import World
+
+FEW = 8
+"""Axes that are named one by one."""
+
+
+def announced(robot: Robot, world: World, address: str) -> Iterator[str]:
+    """Give the lines: the bus, then the drives, those of many axes with equal words together."""
+    nodes = robot.node_ids
+    places = [f"axis {axis} at {place_of(robot, node)}" for axis, node in nodes.items()]
+    if len(places) > FEW:
+        places = [f"{len(nodes)} axes at nodes {spans(nodes.values())}"]
+    sensor = place_of(robot, robot.accelerometer.node_id)
+    yield f"serving {robot.name} on {address}: {', '.join(places)}, accelerometer at {sensor}"
+    kinds: dict[tuple[str, ...], list[int]] = {}
+    for axis, node in nodes.items():
+        personality = world.drives[axis].personality
+        words = (personality.profile, *personality.notes, *unusual(robot.axis[axis].behaviour))
+        kinds.setdefault(words if len(nodes) > FEW else (*words, str(node)), []).append(node)
+    for words, held in kinds.items():
+        name, *notes = words if len(nodes) > FEW else words[:-1]
+        yield f"node{'s' if len(held) > 1 else ''} {spans(held)}: {name}"
+        for note in notes:
+            yield f"  {note}"
+
+
+def place_of(robot: Robot, node: int) -> str:
+    """Name the place of a node on the bus."""
+    return f"node {node} (without a node-ID: LSS)" if node in robot.unconfigured else f"node {node}"
+
+
+def unusual(behaviour: Behaviour) -> Iterator[str]:
+    """Give what the robot file makes different from a drive that does all at once."""
+    if behaviour.given:
+        yield "behaviour: " + ", ".join(f"{key} = {str(value).lower()}" for key, value in behaviour.given.items())
+
+
+def spans(numbers: Iterable[int]) -> str:
+    """Give 1, 2, 3, 7 as "1-3, 7"."""
+    texts: list[str] = []
+    rising = sorted(numbers)
+    begin = 0
+    for place, number in enumerate(rising):
+        if place + 1 == len(rising) or rising[place + 1] != number + 1:
+            texts.append(f"{rising[begin]}" if begin == place else f"{rising[begin]}-{number}")
+            begin = place + 1
+    return ", ".join(texts)

@@ -1,0 +1,37 @@
+"""docs/emulated-drive.md: what it shows can be loaded, and it names all that a robot file may ask for."""
+
+import re
+from pathlib import Path
+
+from drive_profiles.files import load
+from plant_emulator.bus.faults import FaultsFile
+from plant_emulator.cia402_objects import HOMING_METHODS
+from plant_emulator.robot import Behaviour, Switches, load_robot
+from plant_emulator.world import World
+from tests.plant_emulator.many_axes import robot_file
+
+PAGE = (Path(__file__).parents[2] / "docs" / "emulated-drive.md").read_text()
+TABLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+
+
+def test_the_tables_of_the_page_make_a_robot_and_hold_every_key(tmp_path):
+    switches, behaviour, _ = TABLES
+    (tmp_path / "robot.toml").write_text(robot_file([2], more=switches + behaviour))
+    robot = load_robot(tmp_path / "robot.toml")
+    axis = robot.axis[2]
+    assert axis.switches is not None
+    assert axis.switches.model_fields_set == set(Switches.model_fields)
+    assert set(axis.behaviour.given) == set(Behaviour.model_fields)
+    assert [frame.can_id for frame in World(robot).power_on()] == [0x77F]
+
+
+def test_the_fault_of_the_page_is_one(tmp_path):
+    (tmp_path / "faults.toml").write_text(TABLES[2])
+    [fault] = load(tmp_path / "faults.toml", FaultsFile).faults().faults
+    assert (fault.kind, fault.port, fault.to_ns - fault.from_ns) == ("bus_off", 2, 500_000_000)
+
+
+def test_the_page_lists_the_homing_methods_that_there_are():
+    [words] = re.findall(r"\| homing \| methods (.*?);", PAGE)
+    spans = [tuple(int(end) for end in text.split(" to ")) for text in re.split(r", | and ", words)]
+    assert [method for span in spans for method in range(span[0], span[-1] + 1)] == list(HOMING_METHODS)
