@@ -5,9 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from drive_profiles.cia301 import FunctionCode
-from hil.can.frame import Frame
+from drive_profiles.cia301 import FunctionCode, NmtState
+from hil.can.frame import CAN_SFF_MASK, Frame
 from plant_emulator.robot import Behaviour
+from plant_emulator.slave.emergency import COB_ID as EMERGENCY_COB_ID
+from plant_emulator.slave.lss import RESPONSE_ID as LSS_RESPONSE
+from plant_emulator.slave.nmt import SERVICES, Service
 from plant_emulator.slave.node import Slave
 
 MOST_HELD = 1024
@@ -35,7 +38,12 @@ class _Queue:
 
 
 class DelayedSlave(Slave):
-    """A slave whose TPDOs and SDO answers wait; boot-up, heartbeats and emergencies do not.
+    """A slave whose TPDOs and SDO answers wait; boot-up, heartbeats, emergencies and LSS answers do not.
+
+    Which frame is which, the identifiers in force say: those of each SDO channel that exists, and 1014h.
+
+    What still waits when the NMT state ends its service is lost: a node that has been stopped or reset sends no PDO and no SDO of
+    before (CiA 301, 7.3.2.2.5).
 
     Args:
         behaviour: The delays.
@@ -48,6 +56,7 @@ class DelayedSlave(Slave):
         self._dice = np.random.default_rng(seed)
         self._tpdos = _Queue(round(1e3 * behaviour.tpdo_delay_us), round(1e3 * behaviour.tpdo_jitter_us))
         self._answers = _Queue(round(1e6 * behaviour.sdo_delay_ms))
+        self._answer_ids: frozenset[int] = frozenset()
         super().__init__(*arguments, **options)
 
     @property
@@ -78,21 +87,38 @@ class DelayedSlave(Slave):
         """Give what waits to be sent, as far as it is due."""
         return self._pass(super().take_frames(), self._now or 0)
 
+    def _change(self, new: NmtState) -> None:
+        super()._change(new)
+        for service, queue in ((Service.SDO, self._answers), (Service.PDO, self._tpdos)):
+            if service not in SERVICES[new]:
+                queue.frames.clear()
+
     def _pass(self, frames: list[Frame], now: int) -> list[Frame]:
         released: list[Frame] = []
-        node_id = self.node_id
-        for frame in frames:
-            if frame.can_id in {FunctionCode.HEARTBEAT + node_id, FunctionCode.EMERGENCY + node_id}:
-                released.append(frame)
-            elif frame.can_id == FunctionCode.SDO_RESPONSE + node_id:
-                self._answers.put(frame, now, self._dice)
-            else:
-                self._tpdos.put(frame, now, self._dice)
+        if frames:
+            self._sort(frames, now, released)
         for queue in (self._answers, self._tpdos):
             while queue.frames and queue.frames[0][0] <= now:
                 released.append(queue.frames.popleft()[1])
         self.on_due()
         return released
+
+    def _sort(self, frames: list[Frame], now: int, released: list[Frame]) -> None:
+        """Hold what has to wait, and release the rest."""
+        present = frozenset(server.response_id for server in self._sdo.servers.values())
+        answers, self._answer_ids = self._answer_ids | present, present  # the answer that closes its channel is one, too
+        at_once = {
+            FunctionCode.HEARTBEAT + self.node_id,
+            self.dictionary.get_int(EMERGENCY_COB_ID) & CAN_SFF_MASK,
+            LSS_RESPONSE,
+        }
+        for frame in frames:
+            if frame.can_id in at_once:
+                released.append(frame)
+            elif frame.can_id in answers:
+                self._answers.put(frame, now, self._dice)
+            else:
+                self._tpdos.put(frame, now, self._dice)
 
 
 def slave_with(behaviour: Behaviour, seed: int, *arguments: Any, **options: Any) -> Slave:

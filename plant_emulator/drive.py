@@ -42,6 +42,7 @@ from plant_emulator.state_machine import (
     disconnected,
     failed,
     initialised,
+    restarted,
     stopped,
     torque_lost,
 )
@@ -96,6 +97,8 @@ class Drive:
         self.on_state: Callable[[State, State], None] = lambda before, after: None
         self._held: Step | None = None
         self._held_until: int | None = None
+        self._latest: int | None = None
+        self._is_word_fresh = False
         self.data = DriveData(axes, number, self.personality, self._is_powered)
         self._value = self.data.value
         self.inputs = DigitalInputs(axes, number, dictionary)
@@ -122,7 +125,7 @@ class Drive:
 
     def _bind(self) -> None:
         slave, dictionary = self.slave, self.slave.dictionary
-        self.inputs.on_sto = self._set_torque_off
+        self.inputs.on_sto, self.inputs.on_force = self._set_torque_off, self._mark
         slave.on_nmt = self._on_nmt
         slave.on_heartbeat_lost = self._on_heartbeat_lost
         slave.on_reset = self._on_reset
@@ -195,7 +198,7 @@ class Drive:
         acting = self._modes.acting
         if self._is_stopping:
             if self.stage.is_stopped:
-                self._take(stopped(self._power, self._options.now()))
+                self._end_stop()
         elif acting is not None:
             if acting.watches:
                 acting.look()
@@ -221,6 +224,7 @@ class Drive:
         self._has_power = state in POWERED
         self._is_enabled = state is State.OPERATION_ENABLED
         self._is_stopping = self._has_power and (not self._is_enabled or power.leaving is not None)
+        self._is_following = self._is_enabled and not self._is_stopping
         self._set_plain_status_word()
         self._mark()
         if state is not before:
@@ -252,11 +256,12 @@ class Drive:
 
     def _write_control_word(self, word: int) -> None:
         """Run the state machine on a control word until it stands; the fault reset acts on the edge only."""
-        if word == self._power.control_word and self._is_enabled:
+        if word == self._power.control_word and self._is_following:
             return
         if self._held is not None:
             self._latest = word
             return
+        self._is_word_fresh = self._is_stopping
         for _ in range(4):
             before = self._power
             step = commanded(before, word, self._options.now())
@@ -271,7 +276,7 @@ class Drive:
                 self._mark()
                 return
             self._take(step)
-        if self._is_enabled and not self._is_stopping:
+        if self._is_following:
             self._modes.command(word)
             self._mark()
 
@@ -287,12 +292,22 @@ class Drive:
             self._held_until = now + round(1e6 * self.behaviour.transition_delay_ms)
         if now >= self._held_until and self._held is not None:
             step, self._held = self._held, None
-            now_commanded = commanded(self._power, self._latest, self._options.now())
+            latest, self._latest = self._latest, None
             # a transition that has begun is finished, but for the one that opens the brake: that must still be wanted
-            is_meant = step.action is not Action.ENERGISE or now_commanded.power.state is step.power.state
+            is_meant = step.action is not Action.ENERGISE or (
+                latest is not None and commanded(self._power, latest, self._options.now()).power.state is step.power.state
+            )
             if is_meant and self._may_take(step):
                 self._take(step)
-            self._write_control_word(self._latest)
+            if latest is not None:
+                self._write_control_word(latest)
+
+    def _forget_words(self) -> None:
+        """What the master wrote before a fault, a lost connection or another NMT state does not act later: it must write anew."""
+        self._latest, self._is_word_fresh = None, False
+        if self._held is not None and self._held.action is Action.ENERGISE:
+            self._held = None
+            self._mark()
 
     def _take(self, step: Step) -> None:
         """Go one step of the state machine, with what it asks of the power stage."""
@@ -305,6 +320,7 @@ class Drive:
                 self.data.apply_limits()
                 self._modes.begin()
             case Action.STOP:
+                self._is_word_fresh = False
                 self._modes.end()
                 self.stage.stop(step.stop)
                 self._stop_at_rest()
@@ -317,6 +333,12 @@ class Drive:
                 pass
         self._mark()
 
+    def _end_stop(self) -> None:
+        """The motor stands. A word that has come since the stop began acts now; the one that began it does not act again."""
+        self._take(stopped(self._power, self._options.now()))
+        if self._is_word_fresh and not self._has_power:
+            self._write_control_word(self._power.control_word)
+
     def _stop_at_rest(self) -> None:
         """Disable operation and shutdown need no ramp where the motor stands; nor does a quick stop that ends by itself."""
         ends = self._power.leaving is not None or (
@@ -327,6 +349,7 @@ class Drive:
 
     def _fault(self, cause: str, code: int) -> None:
         self._faults.report(cause, code)
+        self._forget_words()
         self._take(failed(self._power, self._options.now()))
 
     # -- safe torque off -----------------------------------------------------------------------------------------------
@@ -342,6 +365,7 @@ class Drive:
         if active:
             if self._has_power:
                 self._faults.report(TORQUE_OFF, TORQUE_OFF_FAULT)
+            self._forget_words()
             self._take(torque_lost(self._power))
 
     # -- connection ----------------------------------------------------------------------------------------------------
@@ -349,6 +373,8 @@ class Drive:
     def _on_nmt(self, old: NmtState, new: NmtState) -> None:
         if old is NmtState.OPERATIONAL:
             self._connection_lost()
+        else:
+            self._forget_words()
 
     def _on_heartbeat_lost(self, *_: object) -> None:
         self._connection_lost()
@@ -356,10 +382,11 @@ class Drive:
     def _on_rpdo_timeout(self, *_: object) -> None:
         self._connection_lost(RPDO_TIMEOUT)
 
-    def _connection_lost(self, code: int = EmergencyCode.HEARTBEAT) -> None:
-        """React as 6007h says; a drive that does not move has nothing to abort."""
+    def _connection_lost(self, code: int = EmergencyCode.HEARTBEAT, react: Callable[..., Step] = disconnected) -> None:
+        """React as 6007h says; a drive that does not move has nothing to abort, but forgets what it was about to do."""
+        self._forget_words()
         option = self._value(Object.ABORT_CONNECTION_OPTION)
-        step = disconnected(self._power, option, self._options.now())
+        step = react(self._power, option, self._options.now())
         if step.power == self._power:
             return
         if option == AbortConnectionOption.FAULT:
@@ -367,17 +394,23 @@ class Drive:
         self._take(step)
 
     def _on_reset(self, kind: ResetKind) -> None:
-        """NMT reset: the node's own values are back at their defaults; a reset of the application closes the brake."""
+        """NMT reset: the node's own values are back at their defaults.
+
+        A reset of the node closes the brake at once. A reset of communication is a lost connection: 6007h decides, and where it
+        asks for nothing, a quick stop. So a ramp may go on after it, until the motor stands.
+        """
         if kind is ResetKind.NODE:
             self._restart()
             return
-        self._connection_lost()
+        self._connection_lost(react=restarted)
         if self.state in {State.FAULT, State.FAULT_REACTION_ACTIVE}:
             self._faults.repeat_connection()
         self._set_plain_status_word()
         self._mark()
 
     def _restart(self) -> None:
+        self._faults.forget()
+        self._forget_words()
         self._take(initialised(self._power))
         self.stage.motion["trip"] = 0  # what a set-point before the reset has broken is not the new start's fault
         self.data.halted = False

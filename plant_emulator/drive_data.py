@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drive_profiles.cia301 import SdoAbortCode
-from drive_profiles.cia402 import Object
+from drive_profiles.cia402 import Mode, Object
 from drive_profiles.units import Scaling
 from plant_emulator import motion as law
 from plant_emulator.axes import Axes, live
@@ -13,6 +13,7 @@ from plant_emulator.personality import Personality
 from plant_emulator.user_units import UserUnits
 
 _INT16, _INT32 = 2**15 - 1, 2**31 - 1
+_INTERPOLATING = frozenset({Mode.CSP, Mode.CSV, Mode.CST, Mode.IP})
 
 
 def clip(value: float, limit: int = _INT32) -> int:
@@ -163,6 +164,8 @@ class DriveData(DriveLimits):
         on_write(Object.VELOCITY_OFFSET, 0, self._set_point_writer("velocity_offset_rad_s", self.speed_of))
         on_write(Object.TORQUE_OFFSET, 0, self._set_point_writer("torque_offset_nm", self._torque))
         on_write(Object.TARGET_TORQUE, 0, self._set_point_writer("target_torque_nm", self._torque))
+        for sub in (1, 2):
+            on_write(Object.INTERPOLATION_PERIOD, sub, self._period_writer(sub))
         if not self._is_rated_fixed:
             on_write(*self._rated_place, self._write_rated_torque)
 
@@ -172,6 +175,18 @@ class DriveData(DriveLimits):
     def _write_cycle_period(self, value: int) -> SdoAbortCode | None:
         """1006h must be a whole number of control periods: the world advances by it."""
         return SdoAbortCode.INVALID_VALUE if 1000 * value % round(1e9 * self._control_period_s) else None
+
+    def _period_writer(self, sub: int) -> Callable[[int], SdoAbortCode | None]:
+        """60C2h comes into force where a mode begins: under torque in one that counts in it only the same value passes."""
+        cell = self.dictionary.cell(Object.INTERPOLATION_PERIOD, sub)
+
+        def write(value: int) -> SdoAbortCode | None:
+            if value == cell.value or not self._is_powered():
+                return None
+            acting = self.dictionary.get_int(Object.MODES_OF_OPERATION_DISPLAY)
+            return SdoAbortCode.DEVICE_STATE if acting in _INTERPOLATING else None
+
+        return write
 
     def _write_rated_torque(self, value: float) -> SdoAbortCode | None:
         """All torques are per mille of it, so it does not change under torque, and 0 has no inverse."""

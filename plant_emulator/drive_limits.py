@@ -98,6 +98,7 @@ class DriveLimits:
         scaling: How the drive counts.
         offset_counts: What the drive shows as its position, less the encoder's counts: homing has shifted the zero by it.
         halted: Whether the halt bit holds the profile at speed 0.
+        are_position_limits_off: Whether 607Dh does not act, whatever is written: homing looks for the zero that it counts from.
     """
 
     def __init__(self, axes: Axes, number: int, personality: Personality) -> None:
@@ -113,7 +114,7 @@ class DriveLimits:
         self.dictionary = personality.dictionary
         self.use(personality.scaling)
         self.offset_counts = 0
-        self.halted = False
+        self.halted = self.are_position_limits_off = False
         self._personality = personality
         self._motor_limit_nm = axes.robot.axis[number].torque_limit_nm
         self._torque_constant_nm_a = axes.robot.axis[number].torque_constant_nm_a
@@ -200,7 +201,19 @@ class DriveLimits:
         self.motion["max_deceleration_rad_s2"] = self._known(Object.MAX_DECELERATION, math.inf)
 
     def _apply_position_limits(self) -> None:
-        self.motion["low_counts"], self.motion["high_counts"] = self._limits_counts()
+        limits = (-math.inf, math.inf) if self.are_position_limits_off else self._limits_counts()
+        self.motion["low_counts"], self.motion["high_counts"] = limits
+
+    def switch_position_limits(self, *, on: bool) -> None:
+        """Put 607Dh into force or out of it: a limit that is written meanwhile must not bring it back."""
+        self.are_position_limits_off = not on
+        self._apply_position_limits()
+
+    @property
+    def is_within_position_limits(self) -> bool:
+        """Whether the motor stands within 607Dh, be it in force or not."""
+        low, high = self._limits_counts()
+        return low <= self.axes.counts(self.row) <= high
 
     def _apply_following(self) -> None:
         is_watched = self._personality.acting((Object.FOLLOWING_ERROR_WINDOW, 0)) not in self._personality.unwatched_windows
@@ -259,6 +272,9 @@ class DriveLimits:
         self.motion["extrapolate_ticks"] = periods * max(1, round(self.interpolation_ticks()))
 
     def _limits_counts(self) -> tuple[float, float]:
+        """607Dh; 0 and 0 are no limits, as masters that want none write them, and with some makers any equal pair is."""
+        if not any(self._personality.acting((Object.SOFTWARE_POSITION_LIMIT, sub)) for sub in (1, 2)):
+            return -math.inf, math.inf
         low, high = self._limit_counts(1), self._limit_counts(2)
         if low == high and self._personality.equal_limits_are_none:
             return -math.inf, math.inf

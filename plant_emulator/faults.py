@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from drive_profiles.cia301 import EmergencyCode, ErrorRegister
+from drive_profiles.cia301 import ErrorRegister
 from drive_profiles.cia402 import Object
 from plant_emulator import motion as law
 from plant_emulator.slave.node import Slave
@@ -26,8 +26,9 @@ TORQUE_OFF_FAULT = 0x5441
 RPDO_TIMEOUT = 0x8250
 
 CONNECTION, TORQUE_OFF = "connection", "safe torque off"
-LACKS = ("interpolation period", "no gains")
-"""What keeps a mode from acting: reported as an emergency, no fault; the status word shows it as a warning."""
+NO_MODE, NO_INTERPOLATION, NO_GAINS = "no mode of operation", "interpolation period", "no gains"
+LACKS = (NO_MODE, NO_INTERPOLATION, NO_GAINS)
+"""What keeps a mode from acting, or that there is none: an emergency, but no fault; the status word shows it as a warning."""
 
 _CAUSES = (*(cause for _, cause, _ in FAULTS), CONNECTION, TORQUE_OFF)
 
@@ -44,6 +45,7 @@ class Faults:
         self.on_lack: Callable[[], None] = lambda: None
         self._slave = slave
         self._code = slave.dictionary.cell(Object.ERROR_CODE)
+        self._connection: int | None = None
 
     def report(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.PROFILE) -> None:
         """A fault: 603Fh shows the last one."""
@@ -51,13 +53,18 @@ class Faults:
         self._slave.raise_emergency(cause, code, register)
 
     def report_connection(self, code: int) -> None:
-        """The master has gone."""
-        self.report(CONNECTION, code, ErrorRegister.COMMUNICATION)
+        """The master has gone. Where the node has just said so with the same code, one emergency is enough."""
+        self._code.value = self._connection = code
+        self._slave.join_emergency(CONNECTION, code, ErrorRegister.COMMUNICATION)
 
     def repeat_connection(self) -> None:
         """Tell of it again: a communication reset makes the node forget its errors, but not the drive its fault."""
-        if self._code.value == EmergencyCode.HEARTBEAT:
-            self._slave.raise_emergency(CONNECTION, EmergencyCode.HEARTBEAT, ErrorRegister.COMMUNICATION)
+        if self._connection is not None:
+            self._slave.join_emergency(CONNECTION, self._connection, ErrorRegister.COMMUNICATION)
+
+    def forget(self) -> None:
+        """The node has been reset, and with it what it had to say."""
+        self._connection = None
 
     def report_lack(self, lack: str | None) -> None:
         """What a mode lacks that was to act; what it no longer lacks is withdrawn."""
@@ -76,5 +83,6 @@ class Faults:
     def clear(self) -> None:
         """Fault reset."""
         self._code.value = 0
+        self.forget()
         for cause in _CAUSES:
             self._slave.clear_emergency(cause)

@@ -3,7 +3,7 @@
 A method names a switch, the edge of it that counts, and whether the index pulse behind that edge is the zero instead. All
 methods with a switch then go the same way, whatever the axis stands at:
 
-1. search, fast, until the switch is active; a limit switch in the way turns the search round once;
+1. search, fast, until the switch is active; a limit switch in the way turns the search round once, after a stop;
 2. pass the edge, fast, to learn on which side of the switch it is; stand still;
 3. come back where the edge can be passed in the method's own direction;
 4. pass the edge slowly: the counts latched there are what the method finds;
@@ -13,7 +13,7 @@ methods with a switch then go the same way, whatever the axis stands at:
 The owner holds the motor and the switches::
 
     homing = Homing(17, present=NEGATIVE_SWITCH | POSITIVE_SWITCH, counts_per_rev=131072, travel_counts=4e7)
-    demand = homing.start(counts)
+    demand = homing.start(counts, inputs)
     while isinstance(demand, Move | GoTo):
         ...                     # let the motor turn at the demanded speed, or go to the demanded place
         demand = homing.step(inputs, edges, latches, counts, stands)
@@ -22,6 +22,9 @@ The owner holds the motor and the switches::
 after each step and at the start, and calls `step` at least once per SYNC period. `stands` is whether the motor is at rest where
 the last demand sends it: at speed 0 after a `Move` of direction 0, in place after a `GoTo`. At the end comes `Found`: `counts`
 of the encoder that are 607Ch in the user's count (`offset_counts` = 607Ch - counts), or `Failed`: the owner stops the motor.
+
+A limit switch ahead that is not the one looked for is heeded in every phase. Methods that it turns round brake hard, on 6085h
+where else 609Ah acts, and lead away from it; with the others, and where the motor has to go on towards it, homing has failed.
 
 Source: CiA 402-2, homing mode: methods 1 to 14, 17 to 30, 33, 34, 35 and 37; 6098h, 6099h, 607Ch.
 """
@@ -37,8 +40,10 @@ from plant_emulator.motion_data import (
     HOME_SWITCH,
     INDEX,
     NEGATIVE_FALLING,
+    NEGATIVE_RISING,
     NEGATIVE_SWITCH,
     POSITIVE_FALLING,
+    POSITIVE_RISING,
     POSITIVE_SWITCH,
 )
 
@@ -52,10 +57,12 @@ class Move(NamedTuple):
     Args:
         direction: +1, -1, or 0 for a ramp to rest.
         is_fast: 6099h sub 1, speed during search for switch; else sub 2, during search for zero.
+        is_hard: Whether a limit switch asks for the ramp of 6085h in the place of 609Ah.
     """
 
     direction: int
     is_fast: bool = False
+    is_hard: bool = False
 
 
 class GoTo(NamedTuple):
@@ -63,9 +70,11 @@ class GoTo(NamedTuple):
 
     Args:
         counts: Of the encoder.
+        is_hard: Whether a limit switch asks for the ramp of 6085h in the place of 609Ah.
     """
 
     counts: float
+    is_hard: bool = False
 
 
 class Found(NamedTuple):
@@ -141,12 +150,14 @@ METHODS: dict[int, Method] = {
 
 _HERE = (35, 37)
 _LIMIT_AHEAD = {+1: POSITIVE_SWITCH, -1: NEGATIVE_SWITCH}
+_RISING = {+1: POSITIVE_RISING, -1: NEGATIVE_RISING}
 _NAMES = {NEGATIVE_SWITCH: "negative limit switch", POSITIVE_SWITCH: "positive limit switch", HOME_SWITCH: "home switch"}
 _FALLING = {NEGATIVE_SWITCH: NEGATIVE_FALLING, POSITIVE_SWITCH: POSITIVE_FALLING, HOME_SWITCH: HOME_FALLING}
 
 
 class _Phase(Enum):
     SEARCH = "search"
+    TURN = "stop at the limit switch"
     AT_SWITCH = "stop at the switch"
     REGAIN = "back onto the switch"
     CROSS = "pass the edge"
@@ -155,6 +166,11 @@ class _Phase(Enum):
     FINAL = "pass the edge slowly"
     TO_INDEX = "to the index pulse"
     GO = "to the zero"
+
+
+_TO_REST = (_Phase.AT_SWITCH, _Phase.TURN, _Phase.BEYOND, _Phase.GO)
+_MAY_TURN = (_Phase.CROSS, _Phase.FINAL)
+"""Phases that may begin while the motor still moves the other way."""
 
 
 class Homing:
@@ -180,11 +196,18 @@ class Homing:
         self._way = self._searched = 1
         self._origin = self._zero = 0.0
         self._has_turned = False
+        self._inside = 0  # of the switches those that it has been on from the start: nothing has led into them
         self._demand = Move(0)
 
-    def start(self, counts: float) -> Step:
-        """Begin where the motor stands."""
+    def start(self, counts: float, inputs: int) -> Step:
+        """Begin where the motor stands.
+
+        Args:
+            counts: Of the encoder, now.
+            inputs: Bits of the switches that are active.
+        """
         method = self._method
+        self._inside = inputs
         if self._here:
             return Found(counts)
         if method.switch & ~self._present:
@@ -205,21 +228,48 @@ class Homing:
         """
         method = self._method
         is_active = bool(inputs & method.switch)
+        self._inside &= inputs
+        if self._phase not in _TO_REST:
+            return self._moving(inputs, edges, latches, counts, is_active)
+        if not stands:
+            return self._coming_to_rest(inputs, edges)
         match self._phase:
             case _Phase.AT_SWITCH:
-                if stands:
-                    return self._from_switch(is_active, counts)
+                return self._from_switch(is_active, counts)
+            case _Phase.TURN:
+                return self._move(_Phase.SEARCH, -self._way, counts, is_fast=True)
             case _Phase.BEYOND:
-                if stands and method.is_entered:
+                if method.is_entered:
                     return self._move(_Phase.FINAL, method.direction, counts)
-                if stands:
-                    return self._move(_Phase.RETURN, -method.direction, counts)
-            case _Phase.GO:
-                if stands:
-                    return Found(self._zero)
+                return self._move(_Phase.RETURN, -method.direction, counts)
             case _:
-                return self._moving(inputs, edges, latches, counts, is_active)
-        return self._again()
+                return Found(self._zero)
+
+    def _coming_to_rest(self, inputs: int, edges: int) -> Step:
+        """On the way to a standstill, or back to the zero: a limit may lie ahead."""
+        is_hard = self._phase is _Phase.TURN or self._is_limit(inputs & ~self._inside, self._way)
+        if self._phase is _Phase.GO:
+            return self._limit_entered(inputs, edges) or GoTo(self._zero, is_hard)
+        if is_hard and not self._method.turns_round:
+            return self._limit_reached(self._way)
+        return Move(0, is_hard=is_hard)
+
+    def _limit_entered(self, inputs: int, edges: int) -> Failed | None:
+        """A limit behind the demand that becomes active is one that the motor runs into before it has turned round.
+
+        One that is active and stays so is no obstacle: the motor comes out of it.
+        """
+        behind = -self._way
+        if edges >> _RISING[behind] & 1 and self._is_limit(inputs, behind):
+            return self._limit_reached(behind)
+        return None
+
+    def _is_limit(self, inputs: int, way: int) -> bool:
+        """Whether the limit switch in a direction is active and not the one that the method looks for."""
+        return bool(inputs & _LIMIT_AHEAD[way] & ~self._method.switch)
+
+    def _limit_reached(self, way: int) -> Failed:
+        return Failed(f"{_NAMES[_LIMIT_AHEAD[way]]} reached: {self._phase.value}")
 
     def _moving(self, inputs: int, edges: int, latches: Sequence[float], counts: float, is_active: bool) -> Step:
         method = self._method
@@ -241,17 +291,19 @@ class Homing:
                     return self._go(float(latches[INDEX]))
             case _:
                 pass
-        return self._obstacle(inputs, counts) or self._again()
+        return self._obstacle(inputs, edges, counts) or self._demand
 
-    def _obstacle(self, inputs: int, counts: float) -> Step | None:
+    def _obstacle(self, inputs: int, edges: int, counts: float) -> Step | None:
         """What ends or turns a move that has not found what it looks for."""
         method, phase = self._method, self._phase
-        limit = _LIMIT_AHEAD[self._way]
-        if inputs & limit and limit != method.switch:
+        if self._is_limit(inputs, self._way):
             if phase is not _Phase.SEARCH or not method.turns_round or self._has_turned:
-                return Failed(f"{_NAMES[limit]} reached: {phase.value}")
+                return self._limit_reached(self._way)
             self._has_turned = True
-            return self._move(_Phase.SEARCH, -self._way, counts, is_fast=True)
+            self._phase = _Phase.TURN
+            return Move(0, is_hard=True)
+        if phase in _MAY_TURN and (failed := self._limit_entered(inputs, edges)):
+            return failed
         gone = abs(counts - self._origin)
         if gone > (TURNS_TO_INDEX * self._rev if phase is _Phase.TO_INDEX else self._travel):
             return Failed(f"nothing found within {gone / self._rev:.1f} revolutions: {phase.value}")
@@ -294,6 +346,3 @@ class Homing:
         self._phase = phase
         self._demand = Move(direction, is_fast)
         return self._demand
-
-    def _again(self) -> Step:
-        return GoTo(self._zero) if self._phase is _Phase.GO else self._demand

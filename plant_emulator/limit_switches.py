@@ -2,8 +2,8 @@
 
 CiA 402 leaves the reaction to the maker. Here a motion into the switch is brought to rest on the quick-stop ramp (6085h), the
 drive stays in Operation enabled and shows bit 11, internal limit active. It follows again as soon as what is asked of it does
-not lead into the switch any more; in profile position the set-point is given up, and the next one decides. In homing the
-switches are the method's.
+not lead into the switch any more; in profile position the set-point is given up, bit 11 stays and bit 10 does not come until
+the next one, which decides. In homing the switches are the method's.
 """
 
 from typing import Any
@@ -12,6 +12,7 @@ from drive_profiles.cia402 import Mode, Object
 from plant_emulator import motion as law
 from plant_emulator.inputs import DigitalInputs
 from plant_emulator.modes.mode import ModeOfOperation
+from plant_emulator.modes.profile_position import ProfilePosition
 from plant_emulator.motion_data import NEGATIVE_SWITCH, POSITIVE_SWITCH
 from plant_emulator.power_stage import PowerStage
 from plant_emulator.state_machine import Stop
@@ -52,8 +53,9 @@ class LimitSwitches:
             return
         if self.blocked and self._stage.law_mode == law.STOPPING:
             if self._stage.is_stopped and self._asked(mode) != self.blocked:
-                self.blocked = 0
-                self._begin(mode)
+                self._end_stop(mode)
+            return
+        if isinstance(mode, ProfilePosition) and mode.is_given_up:
             return
         self.blocked = 0  # the end of a halt, say, has set the motor going again
         levels = self._inputs.levels
@@ -90,12 +92,20 @@ class LimitSwitches:
             case _:
                 return 0
 
+    def _end_stop(self, mode: ModeOfOperation) -> None:
+        """The motor stands, and nothing leads it on; a set-point that has come while it was being stopped counts."""
+        if isinstance(mode, ProfilePosition) and self._stage.motion["target_counts"] == self._given_up:
+            mode.give_up()
+        else:
+            self.blocked = 0
+            self._begin(mode)
+
     def _begin(self, mode: ModeOfOperation) -> None:
         """Follow again. Cyclic targets are what the master has written: their `start` would write the motor's own."""
         match mode.number:
-            case Mode.PP if self._stage.motion["target_counts"] != self._given_up:
+            case Mode.PP:
                 mode.resume()
-            case Mode.PP | Mode.PV | Mode.TQ:
+            case Mode.PV | Mode.TQ:
                 mode.start()
             case Mode.CST:
                 self._stage.begin(mode.motion)

@@ -5,7 +5,7 @@ from typing import Any
 
 from drive_profiles.cia301 import SdoAbortCode
 from drive_profiles.cia402 import Mode, Object, State
-from plant_emulator.faults import Faults
+from plant_emulator.faults import NO_GAINS, NO_INTERPOLATION, NO_MODE, Faults
 from plant_emulator.limit_switches import LimitSwitches
 from plant_emulator.modes.mode import ModeOfOperation
 from plant_emulator.power_stage import PowerStage
@@ -93,14 +93,15 @@ class ModeSelection:
         """
         wanted: Any = self._wanted.value if number is None else number
         if wanted not in self._modes:
+            self._faults.report_lack(NO_MODE)
             return False
         mode, ticks = self._modes[wanted], self._stage.data.interpolation_ticks()
         gains = self._stage.axes.cascade_config[self._stage.row]
         lack = None
         if mode.needs_interpolation and (ticks < 1.0 - 1e-9 or abs(ticks - round(ticks)) > 1e-6):
-            lack = "interpolation period"
+            lack = NO_INTERPOLATION
         elif mode.needs_gains and not (gains["position_gain_per_s"] > 0.0 and gains["velocity_gain_nm_s_rad"] > 0.0):
-            lack = "no gains"
+            lack = NO_GAINS
         self._faults.report_lack(lack)
         return lack is None
 

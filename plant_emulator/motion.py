@@ -57,6 +57,7 @@ from plant_emulator.motion_references import (
     profile_torque,
     profile_velocity,
     ramp_down,
+    set_point_share,
 )
 from plant_emulator.physics.axis import arm_acceleration, constants, nearby, plant_period
 
@@ -256,6 +257,8 @@ def _demand(m: Any, angle: float, period_s: float) -> tuple[float, float, float]
     elif m.mode == PROFILE_VELOCITY:
         velocity_offset = demand_speed = profile_velocity(m, period_s)
         torque_offset = 0.0
+    elif m.mode == TORQUE and m.extrapolate_ticks > 0:
+        set_point_share(m)  # the torque acts at once: all that counts of the interval is its end
     m.demand_rad, m.demand_speed_rad_s = position, demand_speed
     return position, velocity_offset, torque_offset
 

@@ -95,7 +95,7 @@ MOTION = np.dtype([
 """One row per axis. Positions are the encoder's own counts: homing and units act in front of it, never in here.
 
 - `extrapolate_ticks`: for how many control periods a cyclic mode goes on with the last velocity when no set-point comes in time,
-  before it trips with SET_POINT_LATE; 0 holds the last set-point for ever.
+  before it trips with SET_POINT_LATE; 0 holds the last set-point for ever. Cyclic torque holds the last torque until it trips.
 - `torque_high_nm`, `torque_low_nm`: the limits either way, low at or below 0; `torque_limit_nm` is the larger of both.
 - `stop_deceleration_rad_s2`: infinite brakes with all the torque that the limits allow.
 - `input_mask`: which inputs exist, 0 costs nothing; `forced_inputs`: which are held active whatever the position.

@@ -30,7 +30,7 @@ class Personality(ABC):
         unwatched_windows: Values of 6065h with which the following error is not watched.
         has_user_units: Whether the objects of the factor group act (6091h, 6092h, 607Eh, 60A8h to 60AAh).
         set_point_timeout: The object that says for how many interpolation periods a set-point may be missing; None: it is held.
-        equal_limits_are_none: Whether 607Dh with both limits equal, such as 0 and 0, means that there are none.
+        equal_limits_are_none: Whether 607Dh with both limits equal means that there are none, as both 0 always does.
     """
 
     profile: str

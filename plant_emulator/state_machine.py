@@ -5,7 +5,8 @@ passed over; the others take what happens by itself. The arrows are `drive_profi
 
 Transitions 5 and 8 (disable operation, shutdown) with option 1 end when the motor stands: until then the state remains
 OPERATION_ENABLED and `Power.leaving` says where it goes. What has begun so is not taken back by enable operation; a quick stop
-and disable voltage come through, and of disable operation and shutdown the last one counts.
+and disable voltage come through, and of disable operation and shutdown the last one counts. A word that comes after a stop has
+begun is for its owner to give again when the motor stands.
 
 Source: CiA 402-2 (IEC 61800-7-201), device control: state machine and option codes 6007h, 605Ah to 605Eh.
 """
@@ -73,7 +74,7 @@ class Power(NamedTuple):
     Args:
         state: Of the power drive system.
         control_word: The last one: the fault reset is an edge.
-        leaving: Where transition 5 or 8 leads as soon as the motor stands.
+        leaving: Where transition 5 or 8, or the quick stop of a reset, leads as soon as the motor stands.
     """
 
     state: State = State.NOT_READY_TO_SWITCH_ON
@@ -165,11 +166,11 @@ def initialised(power: Power) -> Step:
 
 
 def stopped(power: Power, options: Options = DEFAULT_OPTIONS) -> Step:
-    """The motor stands after a stop: transition 12 (or none, 605Ah from 5 to 8), 14, or the end of 5 or 8."""
+    """The motor stands after a stop: transition 12 (or none, 605Ah from 5 to 8), 14, or the end of 5, 8 or a reset's stop."""
     word = power.control_word
     if power.state is State.FAULT_REACTION_ACTIVE:
         return Step(Power(state_after(power.state, Event.FAULT_REACTION_COMPLETED), word), Action.RELEASE)
-    if power.state is State.QUICK_STOP_ACTIVE:
+    if power.state is State.QUICK_STOP_ACTIVE and power.leaving is None:
         option = QuickStopOption.DISABLE if options.quick_stop_ends else options.quick_stop
         after = state_after(power.state, Event.QUICK_STOP_COMPLETED, option)
         return Step(power) if after is power.state else Step(Power(after, word), Action.RELEASE)
@@ -210,3 +211,16 @@ def disconnected(power: Power, option: int, options: Options = DEFAULT_OPTIONS) 
         stop = stop_of_quick_stop(options.quick_stop)
         return Step(Power(State.QUICK_STOP_ACTIVE, power.control_word), Action.STOP, stop)
     return Step(power)
+
+
+def restarted(power: Power, option: int, options: Options = DEFAULT_OPTIONS) -> Step:
+    """A reset of communication: what 6007h says; where it says nothing, a quick stop that ends in SWITCH_ON_DISABLED.
+
+    A master that has reset a node knows nothing of it any more, so that torque must not outlast it, also with 605Ah from 5 to 8.
+    """
+    if option != AbortConnectionOption.NO_ACTION or power.state not in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}:
+        return disconnected(power, option, options)
+    after = Power(State.QUICK_STOP_ACTIVE, power.control_word, State.SWITCH_ON_DISABLED)
+    if power.state is State.QUICK_STOP_ACTIVE:
+        return Step(after)
+    return Step(after, Action.STOP, stop_of_quick_stop(options.quick_stop))

@@ -66,10 +66,20 @@ class CyclicVelocity(Cyclic):
 
 
 class CyclicTorque(Cyclic):
-    """CST: 6071h + 60B2h, at once."""
+    """CST: 6071h + 60B2h, at once; SYNC tells that the master is still there."""
 
     number, motion = Mode.CST, law.TORQUE
     needs_gains = False
+
+    def __init__(self, stage: PowerStage) -> None:
+        """Take hold of what every SYNC writes."""
+        super().__init__(stage)
+        self._tick: Any = live(stage.axes.motion, "tick")
+
+    def synchronise(self, now: int) -> None:
+        """With SYNC the set-point is on time: the law counts from it how long the next one fails to come."""
+        if self._mode[self.row] == law.TORQUE:
+            self._tick[self.row] = 0
 
     def start(self) -> None:
         """The set-point is the torque that the motor has; 6071h is 0, where it comes from behind the brake."""

@@ -1,6 +1,5 @@
 """Homing mode: bit 4 starts the sequence of `plant_emulator.homing`; the axis is moved by its profiles."""
 
-import math
 from collections.abc import Sequence
 
 from drive_profiles.cia402 import HOMING_ATTAINED, HOMING_ERROR, HOMING_START, TARGET_REACHED, Mode, Object
@@ -19,6 +18,7 @@ from plant_emulator.motion_data import (
     POSITIVE_RISING,
 )
 from plant_emulator.power_stage import PowerStage
+from plant_emulator.state_machine import Stop
 
 TRAVEL_JOINT_TURNS = 2.0
 """How far a search may lead without a switch, in turns of the joint."""
@@ -34,7 +34,12 @@ class HomingMode(ModeOfOperation):
     """HM: 6098h at the speeds of 6099h and the acceleration of 609Ah; 607Ch is what the found place is called.
 
     While it runs, software position limits do not act: they count from the zero that is being looked for. Bit 4 taken back, a
-    halt or another mode interrupt it; a halt goes on afterwards, the others do not.
+    halt or another mode interrupt it; a halt goes on afterwards, the others do not. An error stops the motor on the quick-stop
+    ramp (6085h), a limit switch that is in the way too.
+
+    The limits come back when the motor stands within them. Outside, where homing has been interrupted or the drive has been
+    enabled, the motor is held without a fault, and there are two ways on: homing, or another 607Dh. Another mode that acts
+    there is a fault, as it is everywhere. 6065h, 6080h and the switches act all the time.
     """
 
     number, motion = Mode.HM, law.PROFILE
@@ -57,6 +62,7 @@ class HomingMode(ModeOfOperation):
     def start(self) -> None:
         """Come to rest from the present demand; from behind the brake, stay there."""
         super().start()
+        self._suspend_limits()
         self._is_attained = self._has_failed = False
         self.data.halted = False
         self.data.apply_profile_speed()
@@ -64,9 +70,11 @@ class HomingMode(ModeOfOperation):
     def end(self) -> None:
         """What homing has borrowed is given back."""
         self._finish()
+        self.watches = False
+        self.data.switch_position_limits(on=True)
 
     def take(self, word: int, rising: int) -> None:
-        """Start with the rising edge of bit 4; the falling one interrupts."""
+        """Start with the rising edge of bit 4; the falling one interrupts. An edge that comes during a halt starts nothing."""
         if rising & HOMING_START and not self.is_halted:
             self._begin()
         elif self.is_running and not word & HOMING_START:
@@ -88,12 +96,24 @@ class HomingMode(ModeOfOperation):
         self._homing = Homing(method, self._inputs.present, per_rev, travel)
         self._edges = 0
         self._inputs.listen(_LISTENER, _EDGES, self._hear)
+        self._suspend_limits()
+        self._do(self._homing.start(axes.counts(self.row), self._inputs.levels))
+
+    def _suspend_limits(self) -> None:
+        self.data.switch_position_limits(on=False)
         self.watches = True
-        self._do(self._homing.start(axes.counts(self.row)))
+
+    def _restore_limits(self) -> None:
+        if self._stands() and self.data.is_within_position_limits:
+            self.data.switch_position_limits(on=True)
+            self.watches = False
 
     def look(self) -> None:
-        """Go on with what the inputs have seen."""
-        if self._homing is None or self.is_halted:
+        """Go on with what the inputs have seen; at the end of all motion, put the limits back."""
+        if self._homing is None:
+            self._restore_limits()
+            return
+        if self.is_halted:
             return
         self._inputs.dispatch()
         edges, self._edges = self._edges, 0
@@ -119,7 +139,7 @@ class HomingMode(ModeOfOperation):
             case Failed():
                 self._has_failed = True
                 self._finish()
-                self.stage.begin(law.PROFILE)
+                self.stage.stop(Stop.QUICK_STOP_RAMP)
             case _:
                 self._move(step)
 
@@ -127,17 +147,18 @@ class HomingMode(ModeOfOperation):
         """Put a demand into force, and what a limit that was written meanwhile has changed."""
         motion, is_new = self.stage.motion, demand != self._demand
         self._demand = demand
-        acceleration = self.data.si(Object.HOMING_ACCELERATION)
-        motion["low_counts"], motion["high_counts"] = -math.inf, math.inf
-        motion["profile_acceleration_rad_s2"] = motion["profile_deceleration_rad_s2"] = acceleration
+        acceleration = deceleration = self.data.si(Object.HOMING_ACCELERATION)
+        if demand.is_hard:
+            deceleration = max(acceleration, self.data.si(Object.QUICK_STOP_DECELERATION))
+        motion["profile_acceleration_rad_s2"], motion["profile_deceleration_rad_s2"] = acceleration, deceleration
         fast, slow = self.data.si(Object.HOMING_SPEEDS, 1), self.data.si(Object.HOMING_SPEEDS, 2)
         wanted = law.PROFILE if isinstance(demand, GoTo) else law.PROFILE_VELOCITY
         if self.stage.law_mode != wanted:
             self.stage.begin(wanted)
         match demand:
-            case Move(direction, is_fast):
+            case Move(direction, is_fast, _):
                 motion["target_speed_rad_s"] = direction * (fast if is_fast else slow)
-            case GoTo(counts):
+            case GoTo(counts, _):
                 motion["profile_speed_rad_s"] = slow
                 if is_new:
                     motion["target_counts"] = counts
@@ -146,7 +167,7 @@ class HomingMode(ModeOfOperation):
     def _finish(self) -> None:
         if self._homing is None:
             return
-        self._homing, self._demand, self.watches = None, None, False
+        self._homing = self._demand = None
         self._inputs.listen(_LISTENER, 0, self._hear)
         self.data.apply_limits()
 

@@ -28,7 +28,11 @@ class ProfilePosition(ModeOfOperation):
     A set-point that comes while another is in execution takes its place at once with bit 5, else waits for its end: then bit 12
     stays set until the waiting one is in execution. With bit 9 the motor does not stop between the two, where both lie the same
     way. One outside 607Dh is a fault, as in cyclic position. Speed and ramps act as they are written, on the set-point in
-    execution too.
+    execution too. One that a limit switch has ended is given up, with what waits behind it: the motor is held where it stands,
+    and bit 10 stays 0 until the next set-point.
+
+    Attributes:
+        is_given_up: Whether a limit switch has ended the last set-point.
     """
 
     number, motion = Mode.PP, law.PROFILE
@@ -44,6 +48,7 @@ class ProfilePosition(ModeOfOperation):
         self._handshake_syncs = handshake_syncs
         self._syncs_left = 0
         self._is_acknowledged = self._is_executing = self._is_blended = False
+        self.is_given_up = False
         self._waiting: int | None = None
         self._passed = self._last_target = 0
 
@@ -60,10 +65,17 @@ class ProfilePosition(ModeOfOperation):
 
     def _forget(self) -> None:
         self._syncs_left = 0
-        self._is_executing = self._is_blended = self.watches = False
+        self._is_executing = self._is_blended = self.is_given_up = self.watches = False
         self._waiting = None
         self.data.halted = False
         self.data.apply_profile_speed()
+
+    def give_up(self) -> None:
+        """Hold the motor where a limit switch has stopped it; 607Ah stays what the master has written."""
+        self.stage.begin(self.motion)
+        self._forget()
+        self._last_target = round(float(self.stage.motion["target_counts"]))
+        self.is_given_up = True
 
     # -- set-points ----------------------------------------------------------------------------------------------------
 
@@ -109,7 +121,7 @@ class ProfilePosition(ModeOfOperation):
         motion = self.stage.motion
         motion["target_counts"] = target
         motion["reached"], motion["position_window_count"] = 0, 0
-        self._is_executing = True
+        self._is_executing, self.is_given_up = True, False
 
     def _look_for_the_end(self) -> None:
         if self._is_executing and not self.is_halted and self.data.is_target_reached:
@@ -164,7 +176,7 @@ class ProfilePosition(ModeOfOperation):
         motion, word = self.stage.motion, 0
         if self.is_halted and not self.data.halted:
             word |= TARGET_REACHED if self.stage.stands_braked else 0
-        elif self.data.is_target_reached:
+        elif self.data.is_target_reached and (self.data.halted or not self.is_given_up):
             word |= TARGET_REACHED
         if (self._is_acknowledged and not self._syncs_left) or self._waiting is not None:
             word |= SET_POINT_ACKNOWLEDGE

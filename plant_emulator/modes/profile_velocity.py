@@ -16,10 +16,10 @@ class ProfileVelocity(ModeOfOperation):
         self.follow()
 
     def follow(self) -> None:
-        """60FFh is another."""
-        motion = self.stage.motion
-        if motion["mode"] == law.PROFILE_VELOCITY:
-            motion["target_speed_rad_s"] = self.targets.speed_rad_s()
+        """60FFh has been written; a value that is in force already, as a cyclic RPDO repeats it, is no new target for 606Eh."""
+        motion, wanted = self.stage.motion, self.targets.speed_rad_s()
+        if motion["mode"] == law.PROFILE_VELOCITY and wanted != motion["target_speed_rad_s"]:
+            motion["target_speed_rad_s"] = wanted
             motion["reached"], motion["velocity_window_count"] = int(motion["reached"]) & ~law.IN_SPEED, 0
 
     def status(self) -> int:

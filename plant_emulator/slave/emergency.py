@@ -115,6 +115,13 @@ class EmergencyProducer:
         self._history.appendleft(int.from_bytes(vendor[:2], "little") << 16 | code)
         self._emit(code, vendor)
 
+    def join_cause(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.GENERIC) -> None:
+        """Report an error that may have been told under another cause: while one is active with this code, without a frame."""
+        if any(error.code == code for error in self._active.values()):
+            self._active[cause] = _Error(code, register)
+        else:
+            self.raise_cause(cause, code, register)
+
     def clear_cause(self, cause: str) -> None:
         """Withdraw a cause; when it was the last, error code 0000h is sent (CiA 301, 7.2.7.2)."""
         if self._active.pop(cause, None) is not None and not self._active:

@@ -246,6 +246,10 @@ class Slave:
         """Report an error under a name of the owner's choice; the frame goes with the next ones that are returned."""
         self._emergency.raise_cause(cause, code, register_bit, vendor_bytes)
 
+    def join_emergency(self, cause: str, code: int, register_bit: ErrorRegister = ErrorRegister.GENERIC) -> None:
+        """Report an error that the node itself may have told of: no second frame while an error with this code is active."""
+        self._emergency.join_cause(cause, code, register_bit)
+
     def clear_emergency(self, cause: str) -> None:
         """Withdraw an error; when it was the last, the master is told so."""
         self._emergency.clear_cause(cause)

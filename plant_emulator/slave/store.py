@@ -96,7 +96,8 @@ class ParameterStore:
         volatile: Indices that are never kept.
 
     Attributes:
-        time_ns: How long storing takes; the SDO answer comes when it is over.
+        time_ns: How long storing takes; the SDO answer comes when it is over. A node that is stopped or reset before that
+            keeps the old values and never answers: its services end without a word (CiA 301, 7.3.2.2.5).
         fails: Whether the memory refuses, with abort 0606 0000h at the end of that time.
         may_store: Asked at each command: why the node cannot store now, or None.
     """

@@ -1,5 +1,9 @@
 """Frames that leave a node later than their cause: when, in which order, and what never waits."""
 
+import struct
+
+import pytest
+
 from drive_profiles.cia402 import Mode, Object
 from hil.can.frame import Frame
 from plant_emulator import delays
@@ -73,6 +77,39 @@ def test_heartbeats_and_emergencies_do_not_wait():
     assert 0x083 in [f.can_id for f in rig.wait(2)]
 
 
+def write_late(rig, index, subindex, value):
+    """A download whose answer is late; its frames."""
+    rig.send(0x600 + rig.node, b"\x23" + struct.pack("<HBI", index, subindex, value))
+    return rig.wait(25)
+
+
+def test_an_answer_of_a_second_sdo_channel_is_an_answer():
+    rig = rig_with(sdo_delay_ms=20.0)
+    for subindex, cob_id in ((1, 0x6A0), (2, 0x6A1)):
+        write_late(rig, 0x1201, subindex, cob_id)
+    assert rig.send(0x6A0, b"\x40\x41\x60\x00\0\0\0\0") == []
+    assert 0x6A1 not in [f.can_id for f in rig.wait(15)]
+    assert 0x6A1 in [f.can_id for f in rig.wait(10)]
+    # the last answer of a channel that this very request closes
+    assert rig.send(0x6A0, b"\x23" + struct.pack("<HBI", 0x1201, 1, 0x800006A0)) == []
+    assert 0x6A1 not in [f.can_id for f in rig.wait(15)]
+    assert 0x6A1 in [f.can_id for f in rig.wait(10)]
+
+
+def test_an_emergency_whose_identifier_was_moved_does_not_wait():
+    rig = rig_with(sdo_delay_ms=20.0, tpdo_delay_us=50_000.0)
+    write_late(rig, 0x1014, 0, 1 << 31 | 0x083)
+    write_late(rig, 0x1014, 0, 0x090)
+    rig.drive.slave.raise_emergency("test", 0x1000)
+    assert 0x090 in [f.can_id for f in rig.wait(2)]
+
+
+def test_lss_answers_do_not_wait():
+    rig = rig_with(sdo_delay_ms=20.0, tpdo_delay_us=50_000.0)
+    rig.send(0x7E5, bytes((4, 1)).ljust(8, b"\0"))
+    assert 0x7E4 in [f.can_id for f in rig.send(0x7E5, bytes((0x5E,)).ljust(8, b"\0"))]
+
+
 def test_frames_of_a_kind_keep_their_order():
     slave = rig_with(tpdo_delay_us=100.0, tpdo_jitter_us=5000.0).drive.slave
     slave.advance(10 * MS)
@@ -98,6 +135,18 @@ def test_what_was_held_is_lost_with_the_power():
     rig.send(0x600 + rig.node, b"\x40\x41\x60\x00\0\0\0\0")
     rig.power_cycle()
     assert SDO not in [f.can_id for f in rig.wait(200)]
+
+
+@pytest.mark.parametrize("command", [2, 129, 130])
+def test_what_was_held_is_lost_when_the_node_is_stopped_or_reset(command):
+    rig = mapped(rig_with(tpdo_delay_us=1000.0))
+    rig.send(0x080)
+    rig.nmt(command)
+    assert not [f for f in rig.wait(100) if f.can_id == TPDO]
+    rig = rig_with(sdo_delay_ms=20.0)
+    rig.send(0x603, b"\x40\x41\x60".ljust(8, b"\0"))
+    rig.nmt(command)
+    assert not [f for f in rig.wait(100) if f.can_id == SDO]
 
 
 def test_a_run_in_lock_step_gets_every_tpdo_though_late():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drive_profiles.cia301 import NmtState, SdoAbortCode
-from drive_profiles.cia402 import Mode, Object, State
+from drive_profiles.cia402 import WARNING, Mode, Object, State
 from plant_emulator import motion as law
 from tests.plant_emulator.rig import COUNTS_PER_REV, GAINS, NO_GAINS, Rig
 
@@ -116,7 +116,15 @@ def test_it_is_not_enabled_while_nmt_is_not_operational(rig, command):
 
 def test_without_a_mode_it_is_not_enabled(rig):
     rig.start()
-    assert rig.word(0x06, 0x07, 0x0F) is State.SWITCHED_ON
+    assert rig.word(0x06, 0x07) is State.SWITCHED_ON
+    assert rig.emergencies() == []
+    assert rig.word(0x0F) is State.SWITCHED_ON
+    assert rig.emergencies() == [0x6320]
+    assert rig.status & WARNING
+    rig.set(Object.MODES_OF_OPERATION, 0, CSP)
+    assert rig.word(0x0F) is ENABLED
+    assert rig.emergencies() == [0x6320, 0]
+    assert not rig.status & WARNING
 
 
 def test_without_gains_it_reports_6320h_and_is_not_enabled():
@@ -375,8 +383,14 @@ def test_a_heartbeat_that_comes_back_moves_nothing(rig):
     assert rig.emergencies() == [0x8130, 0]
 
 
-@pytest.mark.parametrize("command", [STOP, PRE_OPERATIONAL, RESET_COMMUNICATION])
-@pytest.mark.parametrize(("option", "first", "last"), REACTIONS)
+@pytest.mark.parametrize(
+    ("command", "option", "first", "last"),
+    [
+        *((command, *reaction) for command in (STOP, PRE_OPERATIONAL) for reaction in REACTIONS),
+        (RESET_COMMUNICATION, 0, State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED),
+        *((RESET_COMMUNICATION, *reaction) for reaction in REACTIONS[1:]),
+    ],
+)
 def test_nmt_that_leaves_operational_is_answered_as_6007_says(rig, option, first, last, command):
     rig.set(Object.ABORT_CONNECTION_OPTION, 0, option)
     moving(rig)
@@ -387,6 +401,33 @@ def test_nmt_that_leaves_operational_is_answered_as_6007_says(rig, option, first
     if last is not None:
         assert rig.speed_rps == 0.0
         assert is_braked(rig)
+
+
+@pytest.mark.parametrize("was_stopped", [False, True], ids=["moving", "held by a quick stop"])
+def test_torque_does_not_outlast_a_communication_reset_where_6007_asks_for_nothing(rig, was_stopped):
+    rig.set(Object.ABORT_CONNECTION_OPTION, 0, 0)
+    rig.set(Object.QUICK_STOP_OPTION, 0, 6)
+    moving(rig)
+    if was_stopped:
+        rig.word(0x02)
+        rig.wait(300)
+        assert not is_braked(rig)
+    rig.nmt(RESET_COMMUNICATION)
+    assert not is_braked(rig)  # it brakes on its ramp, and does not drop the load
+    rig.wait(400)
+    assert rig.state is State.SWITCH_ON_DISABLED
+    assert is_braked(rig)
+
+
+def test_a_quick_stop_of_a_communication_reset_leaves_nothing_to_a_later_word(rig):
+    rig.set(Object.ABORT_CONNECTION_OPTION, 0, 0)
+    moving(rig)
+    rig.word(0x07)
+    rig.word(0x0F)
+    rig.nmt(RESET_COMMUNICATION)
+    rig.start()
+    rig.wait(500)
+    assert rig.state is State.SWITCH_ON_DISABLED
 
 
 @pytest.mark.parametrize("option", [0, 1, 2, 3])
@@ -423,6 +464,46 @@ def test_a_communication_reset_in_fault_leaves_the_error_register_saying_so(rig)
     assert rig.read(0x1001) == 0x11
     assert rig.word(0x80) is State.SWITCH_ON_DISABLED
     assert rig.read(0x1001) == 0
+
+
+def test_a_communication_reset_in_fault_keeps_the_code_of_an_rpdo_that_failed_to_come(rig):
+    rig.set(Object.ABORT_CONNECTION_OPTION, 0, 1)
+    rig.set(0x1400, 5, 20)
+    moving(rig)
+    rig.wait(500)
+    assert rig.state is State.FAULT
+    assert rig.emergencies() == [0x8250]  # one failure, one emergency
+    rig.nmt(RESET_COMMUNICATION)
+    assert rig.state is State.FAULT
+    assert rig.emergencies() == [0x8250, 0x8250]
+    assert rig.read(0x1001) == 0x11
+    rig.word(0x80)
+    assert rig.read(0x1001) == 0
+    assert rig.emergencies() == [0x8250, 0x8250, 0]
+
+
+def test_a_lost_heartbeat_is_told_once_and_stays_told_when_it_comes_back_in_fault(rig):
+    watch(rig, 1)
+    rig.wait(500)
+    assert rig.emergencies() == [0x8130]
+    rig.heartbeat()
+    assert rig.state is State.FAULT
+    assert rig.emergencies() == [0x8130]
+    assert rig.read(0x1001) == 0x11
+    rig.word(0x80)
+    assert rig.emergencies() == [0x8130, 0]
+
+
+def test_a_node_reset_forgets_that_the_master_had_gone(rig):
+    watch(rig, 1)
+    rig.wait(500)
+    rig.nmt(RESET_NODE)
+    rig.cyclic(CSP)
+    rig.drive.inputs.set_sto(True)
+    assert rig.state is State.FAULT
+    rig.nmt(RESET_COMMUNICATION)
+    assert rig.emergencies()[-1] == 0x5441
+    assert rig.read(0x1001) == 0x21
 
 
 def test_a_node_reset_puts_factory_gains_back_into_the_loop(rig):

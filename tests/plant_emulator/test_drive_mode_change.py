@@ -233,6 +233,86 @@ def test_a_fault_overtakes_a_transition_that_takes_its_time():
     assert rig.state is State.SWITCH_ON_DISABLED
 
 
+def about_to_be_enabled(*objects):
+    """A drive that takes its time, 5 ms after enable operation."""
+    rig = behaving(transition_delay_ms=20.0)
+    for place, value in ((Object.MODES_OF_OPERATION, PV), *objects):
+        rig.set(*(place if isinstance(place, tuple) else (place, 0)), value)
+    rig.start()
+    for word in (0x06, 0x07):
+        rig.word(word)
+        rig.wait(30)
+    rig.word(0x0F)
+    rig.wait(5)
+    return rig
+
+
+def assert_only_a_new_word_enables(rig):
+    rig.wait(50)
+    assert rig.state is State.SWITCHED_ON
+    assert rig.motion["mode"] == law.BRAKED
+    rig.word(0x0F)
+    rig.wait(30)
+    assert rig.state is ENABLED
+
+
+@pytest.mark.parametrize("commands", [(2, 1), (128, 1), (130, 1)], ids=["stop", "pre-operational", "reset"])
+def test_an_enabling_that_takes_its_time_does_not_survive_another_nmt_state(commands):
+    rig = about_to_be_enabled()
+    for command in commands:
+        rig.nmt(command)
+    assert_only_a_new_word_enables(rig)
+
+
+@pytest.mark.parametrize("option", [0, 1])
+def test_an_enabling_that_takes_its_time_does_not_survive_a_lost_heartbeat(option):
+    rig = about_to_be_enabled((Object.ABORT_CONNECTION_OPTION, option), ((0x1029, 1), 1), ((0x1016, 1), 127 << 16 | 8))
+    rig.heartbeat()
+    rig.wait(10)
+    assert rig.emergencies() == [0x8130]
+    assert_only_a_new_word_enables(rig)
+
+
+def test_an_enabling_that_takes_its_time_does_not_survive_an_rpdo_that_fails_to_come():
+    rig = behaving(transition_delay_ms=20.0)
+    rig.map_pdo(0x1400, ((Object.CONTROL_WORD, 0, 16),), transmission=255)
+    rig.set(0x1400, 5, 10)
+    rig.set(Object.MODES_OF_OPERATION, 0, PV)
+    rig.start()
+    for word in (0x06, 0x07):
+        rig.word(word)
+        rig.wait(30)
+    rig.send(0x200 + rig.node, b"\x0f\0")
+    rig.wait(15)
+    assert rig.emergencies() == [0x8250]
+    assert_only_a_new_word_enables(rig)
+
+
+def test_an_enabling_whose_word_came_before_nmt_operational_needs_another_one():
+    rig = behaving(transition_delay_ms=20.0)
+    rig.set(Object.MODES_OF_OPERATION, 0, PV)
+    rig.word(0x06)
+    rig.wait(30)
+    rig.word(0x07)
+    rig.wait(5)
+    rig.word(0x0F)
+    rig.start()
+    assert_only_a_new_word_enables(rig)
+
+
+def test_safe_torque_off_for_a_moment_ends_what_was_to_come_of_a_transition():
+    rig = behaving(transition_delay_ms=20.0)
+    rig.set(Object.MODES_OF_OPERATION, 0, PV)
+    rig.start()
+    rig.word(0x06)
+    rig.wait(5)
+    rig.word(0x0F)
+    rig.drive.inputs.set_sto(True)
+    rig.drive.inputs.set_sto(False)
+    rig.wait(100)
+    assert rig.state is State.READY_TO_SWITCH_ON
+
+
 @pytest.mark.parametrize("option", [2, 6])
 def test_a_drive_that_ends_its_quick_stop_by_itself_does_not_stay(option):
     rig = behaving(quick_stop_ends_disabled_at_once=True)

@@ -129,8 +129,73 @@ def test_enable_operation_does_not_take_a_ramp_to_disable_operation_back(rig):
     rig.cycle(rig.read(Object.TARGET_POSITION))
     speeds = speeds_until_rest(rig)
     assert deceleration(speeds) == pytest.approx(RAMP_RPS_S, rel=0.2)
+    assert rig.state is ENABLED  # by the word that came since the ramp began
+    rig.sync(20)
+    assert abs(rig.speed_rps) < 0.02
+    assert not is_braked(rig)
+
+
+def stopping(rig, word):
+    """At 5 rev/s in profile velocity, then the word that begins a ramp."""
+    for each in (Object.SHUTDOWN_OPTION, Object.DISABLE_OPERATION_OPTION):
+        rig.set(each, 0, 1)
+    turning(rig, PV)
+    rig.word(word)
+    rig.wait(5)
+
+
+@pytest.mark.parametrize(
+    ("word", "target"), [(0x07, State.SWITCHED_ON), (0x06, State.READY_TO_SWITCH_ON), (0x02, State.SWITCH_ON_DISABLED)]
+)
+def test_the_word_that_began_a_stop_does_not_act_again(rig, word, target):
+    stopping(rig, word)
+    rig.wait(500)
+    assert rig.state is target
+
+
+@pytest.mark.parametrize(
+    ("stop", "word", "state"),
+    [
+        (0x07, 0x0F, ENABLED),
+        (0x07, 0x06, State.READY_TO_SWITCH_ON),
+        (0x06, 0x0F, ENABLED),  # by transitions 3 and 4
+        (0x06, 0x07, State.SWITCHED_ON),
+        (0x02, 0x0F, State.SWITCH_ON_DISABLED),  # no word leads out of it but shutdown
+        (0x02, 0x06, State.READY_TO_SWITCH_ON),
+    ],
+)
+def test_a_control_word_that_comes_during_a_stop_acts_when_the_motor_stands(rig, stop, word, state):
+    stopping(rig, stop)
+    before = rig.state
+    assert rig.word(word) is before
+    rig.wait(500)
+    assert rig.state is state
+    if state is ENABLED:
+        assert rig.speed_rps > 0.1  # the velocity that 60FFh still asks for
+    else:
+        assert is_braked(rig)
+
+
+def test_a_control_word_that_came_during_a_stop_does_not_outlast_a_fault(rig):
+    stopping(rig, 0x07)
+    rig.word(0x0F)
+    rig.motion["trip"] = law.OVERSPEED
+    rig.wait(500)
+    assert rig.state is State.FAULT
+    assert rig.word(0x8F) is State.SWITCH_ON_DISABLED
+    rig.wait(50)
+    assert rig.state is State.SWITCH_ON_DISABLED
+
+
+def test_a_control_word_that_came_during_a_stop_does_not_outlast_a_change_of_the_nmt_state(rig):
+    rig.set(Object.ABORT_CONNECTION_OPTION, 0, 0)
+    stopping(rig, 0x07)
+    rig.word(0x0F)
+    rig.nmt(128)
+    rig.start()
+    rig.wait(500)
     assert rig.state is State.SWITCHED_ON
-    assert rig.word(0x0F) is ENABLED  # and then it enables, by a word that came when the motor stood
+    assert rig.word(0x0F) is ENABLED  # a second word does it
 
 
 @pytest.mark.parametrize(("word", "state"), [(0x00, State.SWITCH_ON_DISABLED), (0x02, State.QUICK_STOP_ACTIVE)])

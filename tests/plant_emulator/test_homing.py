@@ -11,10 +11,13 @@ from plant_emulator.cia402_objects import HOMING_METHODS
 from plant_emulator.homing import METHODS, Failed, Found, GoTo, Homing, Move
 from plant_emulator.inputs import DigitalInputs
 from plant_emulator.motion_data import (
+    HOME_FALLING,
     HOME_SWITCH,
     INDEX,
     NEGATIVE_FALLING,
+    NEGATIVE_RISING,
     NEGATIVE_SWITCH,
+    POSITIVE_RISING,
     POSITIVE_SWITCH,
     PROFILE,
     PROFILE_VELOCITY,
@@ -84,7 +87,7 @@ class Bare:
     def home(self, method, fast_rps=5.0, slow_rps=0.5, patience_s=60.0, travel_rev=20.0):
         homing = Homing(method, self.inputs.present, COUNTS_PER_REV, travel_rev * COUNTS_PER_REV)
         self.inputs.listen("homing", 0x7FF, self.listen)
-        self.demands = [demand := homing.start(self.axes.counts(0))]
+        self.demands = [demand := homing.start(self.axes.counts(0), self.inputs.levels)]
         for _ in range(round(patience_s / (WAKE_TICKS * 250e-6))):
             if isinstance(demand, Found | Failed):
                 return demand
@@ -283,7 +286,7 @@ def test_the_table_has_every_method_that_the_dictionary_announces():
 def test_an_index_pulse_that_comes_with_the_edge_counts_where_it_lies_behind_it():
     for index, is_found in ((110.0, True), (90.0, False)):
         homing = Homing(1, NEGATIVE_SWITCH, 1000.0, 1e6)
-        assert homing.start(500.0) == Move(-1, True)
+        assert homing.start(500.0, 0) == Move(-1, True)
         latches = [0.0] * 11
         assert homing.step(NEGATIVE_SWITCH, 0, latches, 99.0, False) == Move(0)
         assert homing.step(NEGATIVE_SWITCH, 0, latches, 90.0, False) == Move(0)
@@ -301,7 +304,7 @@ def test_an_index_pulse_that_comes_with_the_edge_counts_where_it_lies_behind_it(
 
 def test_an_index_pulse_that_does_not_come_is_an_error():
     homing = Homing(34, HOME_SWITCH | POSITIVE_SWITCH, 1000.0, 1e6)
-    assert homing.start(0.0) == Move(+1)
+    assert homing.start(0.0, 0) == Move(+1)
     assert homing.step(0, 0, [0.0] * 11, 1400.0, False) == Move(+1)
     assert isinstance(homing.step(0, 0, [0.0] * 11, 1600.0, False), Failed)
 
@@ -315,3 +318,76 @@ def test_what_the_robot_file_says_of_switches_must_be_in_order():
     ):
         with pytest.raises(ValueError, match=r"index_deg|the first must be the lower"):
             Switches(**table)
+
+
+# -- limit switches in every phase -------------------------------------------------------------------------------------
+
+NO_LATCHES = [0.0] * 11
+
+
+def at_switch(method):
+    """A sequence that has met the home switch and comes to rest on it."""
+    homing = Homing(method, NEGATIVE_SWITCH | POSITIVE_SWITCH | HOME_SWITCH, 1000.0, 1e6)
+    homing.start(0.0, 0)
+    assert homing.step(HOME_SWITCH, 0, NO_LATCHES, 10.0, False) == Move(0)
+    return homing
+
+
+def beyond(method, way):
+    """One that has passed the edge and comes to rest behind it."""
+    homing = at_switch(method)
+    assert homing.step(HOME_SWITCH, 0, NO_LATCHES, 20.0, True) == Move(way, True)
+    assert homing.step(0, 0, NO_LATCHES, 30.0, False) == Move(0)
+    return homing
+
+
+def test_a_limit_behind_the_switch_ends_a_method_that_it_does_not_turn_round():
+    failed = at_switch(19).step(HOME_SWITCH | POSITIVE_SWITCH, 0, NO_LATCHES, 20.0, False)
+    assert failed == Failed("positive limit switch reached: stop at the switch")
+    failed = beyond(19, -1).step(NEGATIVE_SWITCH, 0, NO_LATCHES, 0.0, False)
+    assert failed == Failed("negative limit switch reached: stop behind the edge")
+
+
+def test_a_limit_behind_the_switch_makes_a_method_that_turns_round_brake_harder_and_go_on():
+    homing = at_switch(23)
+    assert homing.step(HOME_SWITCH | POSITIVE_SWITCH, 0, NO_LATCHES, 20.0, False) == Move(0, is_hard=True)
+    assert homing.step(HOME_SWITCH | POSITIVE_SWITCH, 0, NO_LATCHES, 21.0, True) == Move(-1, True)
+    homing = beyond(26, +1)
+    assert homing.step(POSITIVE_SWITCH, 0, NO_LATCHES, 40.0, False) == Move(0, is_hard=True)
+    assert homing.step(POSITIVE_SWITCH, 0, NO_LATCHES, 41.0, True) == Move(-1)
+
+
+def test_a_search_stands_before_a_limit_turns_it_round():
+    homing = Homing(23, NEGATIVE_SWITCH | POSITIVE_SWITCH | HOME_SWITCH, 1000.0, 1e6)
+    homing.start(0.0, 0)
+    assert homing.step(POSITIVE_SWITCH, 0, NO_LATCHES, 10.0, False) == Move(0, is_hard=True)
+    assert homing.step(POSITIVE_SWITCH, 0, NO_LATCHES, 20.0, False) == Move(0, is_hard=True)
+    assert homing.step(POSITIVE_SWITCH, 0, NO_LATCHES, 21.0, True) == Move(-1, True)
+
+
+def test_a_limit_that_the_motor_runs_into_before_it_has_turned_round_is_an_error():
+    homing = beyond(19, -1)
+    assert homing.step(0, 0, NO_LATCHES, 0.0, True) == Move(+1)
+    assert homing.step(HOME_SWITCH, 0, NO_LATCHES, 10.0, False) == Move(-1)
+    failed = homing.step(HOME_SWITCH | POSITIVE_SWITCH, 1 << POSITIVE_RISING, NO_LATCHES, 20.0, False)
+    assert failed == Failed("positive limit switch reached: pass the edge slowly")
+
+
+def test_a_limit_on_the_way_to_the_zero_brakes_and_one_on_the_way_back_is_an_error():
+    homing = beyond(19, -1)
+    homing.step(0, 0, NO_LATCHES, 0.0, True)
+    homing.step(HOME_SWITCH, 0, NO_LATCHES, 10.0, False)
+    assert homing.step(0, 1 << HOME_FALLING, NO_LATCHES, -5.0, False) == GoTo(0.0)
+    assert homing.step(NEGATIVE_SWITCH, 1 << NEGATIVE_RISING, NO_LATCHES, -9.0, False) == GoTo(0.0, is_hard=True)
+    assert homing.step(NEGATIVE_SWITCH, 0, NO_LATCHES, -5.0, False) == GoTo(0.0, is_hard=True)
+    failed = homing.step(POSITIVE_SWITCH, 1 << POSITIVE_RISING, NO_LATCHES, -1.0, False)
+    assert failed == Failed("positive limit switch reached: to the zero")
+
+
+def test_a_limit_that_the_motor_starts_on_is_no_obstacle_on_the_way_out():
+    homing = Homing(19, NEGATIVE_SWITCH | POSITIVE_SWITCH | HOME_SWITCH, 1000.0, 1e6)
+    both = HOME_SWITCH | POSITIVE_SWITCH
+    assert homing.start(0.0, both) == Move(+1, True)
+    assert homing.step(both, 0, NO_LATCHES, 0.1, False) == Move(0)
+    assert homing.step(both, 0, NO_LATCHES, 0.2, False) == Move(0)
+    assert homing.step(both, 0, NO_LATCHES, 0.2, True) == Move(-1, True)

@@ -189,3 +189,70 @@ def test_a_homed_axis_begins_cyclic_position_where_it_stands(rig):
     assert rig.read(Object.TARGET_POSITION) == pytest.approx(rig.read(Object.POSITION_ACTUAL), abs=3)
     rig.sync(100)
     assert rig.state is ENABLED
+
+
+# -- limits ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_limit_switch_behind_the_home_switch_ends_homing_on_the_ramp_of_6085h():
+    rig = rig_with(Switches(home_deg=(3.0, 360.0), positive_limit_deg=4.0))
+    rig.set(Object.HOMING_SPEEDS, 1, 4 * COUNTS_PER_REV)
+    rig.set(Object.HOMING_ACCELERATION, 0, 4 * COUNTS_PER_REV)
+    _, bits = home(rig, 19)
+    assert bits == ERROR | TARGET_REACHED
+    # on 609Ah alone it would come to rest 2 rev behind the home switch
+    entered = 4.0 / 360.0 * RATIO
+    assert entered < rig.position_rev < entered + 4.0**2 / 2.0 / 50.0 + 4.0 / 25.0 + 0.02
+    assert rig.state is ENABLED
+
+
+def limited_to_one_revolution(rig):
+    for sub, limit in ((1, -COUNTS_PER_REV), (2, COUNTS_PER_REV)):
+        rig.set(Object.SOFTWARE_POSITION_LIMIT, sub, limit)
+    rig.set(Object.HOMING_METHOD, 0, 17)
+    rig.enable(HM)
+    rig.word(0x1F)
+    rig.wait(500)
+    assert rig.position_rev < -1.2
+
+
+def test_a_software_limit_that_is_written_while_homing_runs_does_not_act_yet(rig):
+    limited_to_one_revolution(rig)
+    rig.set(Object.SOFTWARE_POSITION_LIMIT, 2, COUNTS_PER_REV // 2)
+    rig.wait(20)
+    assert rig.state is ENABLED
+    assert rig.status & BITS == 0
+
+
+def test_homing_that_is_interrupted_outside_the_software_limits_is_no_fault_and_can_be_begun_again(rig):
+    limited_to_one_revolution(rig)
+    rig.word(0x0F)
+    rig.wait(400)
+    assert rig.state is ENABLED
+    assert rig.status & BITS == TARGET_REACHED
+    rig.word(0x00)
+    rig.wait(20)
+    rig.word(0x06, 0x07, 0x0F)
+    rig.wait(20)
+    assert home(rig, 17)[1] == ATTAINED | TARGET_REACHED
+    assert rig.emergencies() == []
+
+
+def test_software_limits_come_back_when_the_motor_stands_within_them(rig):
+    limited_to_one_revolution(rig)
+    rig.word(0x0F)
+    rig.wait(400)
+    assert rig.motion["low_counts"] == -math.inf
+    rig.set(Object.SOFTWARE_POSITION_LIMIT, 1, -20 * COUNTS_PER_REV)
+    rig.wait(5)
+    assert rig.motion["low_counts"] == -20 * COUNTS_PER_REV
+    assert rig.motion["high_counts"] == COUNTS_PER_REV
+
+
+def test_another_mode_outside_the_software_limits_is_a_fault(rig):
+    limited_to_one_revolution(rig)
+    rig.word(0x0F)
+    rig.wait(400)
+    rig.set(Object.MODES_OF_OPERATION, 0, PP)
+    rig.wait(5)
+    assert rig.emergencies() == [0x8612]

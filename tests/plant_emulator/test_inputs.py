@@ -80,6 +80,17 @@ def test_an_input_can_be_held_active_from_outside():
             rig.drive.inputs.force(unknown)
 
 
+def test_a_limit_that_is_forced_under_way_stops_an_axis_without_switches_at_once():
+    rig = Rig(robot_with(None))
+    rig.set(Object.TARGET_VELOCITY, 0, 2 * COUNTS_PER_REV)
+    rig.enable(Mode.PV)
+    rig.wait(300)
+    rig.drive.inputs.force(POSITIVE_SWITCH)
+    rig.wait(300)
+    assert abs(rig.speed_rps) < 0.02
+    assert rig.status & INTERNAL_LIMIT
+
+
 def test_outputs_hold_what_is_written():
     rig = Rig()
     rig.set(Object.DIGITAL_OUTPUTS, 1, 0xA5A50001)
@@ -279,3 +290,21 @@ def test_a_limit_that_is_held_active_from_outside_stops_a_motion_anywhere(rig):
     rig.set(Object.TARGET_VELOCITY, 0, COUNTS_PER_REV)
     rig.wait(300)
     assert rig.speed_rps > 0.9
+
+
+def test_a_set_point_that_a_limit_switch_has_ended_does_not_look_reached_until_the_next_one(rig):
+    rig.enable(Mode.PP)
+    rig.set(Object.TARGET_POSITION, 0, 10 * COUNTS_PER_REV)
+    rig.word(0x1F, 0x0F)
+    rig.wait(2500)
+    assert abs(rig.speed_rps) < 0.01
+    assert rig.status & (INTERNAL_LIMIT | TARGET_REACHED) == INTERNAL_LIMIT
+    assert rig.read(Object.TARGET_POSITION) == 10 * COUNTS_PER_REV
+    rig.word(0x10F)  # a halt is at rest, and its end brings nothing back
+    rig.wait(20)
+    assert rig.status & TARGET_REACHED
+    rig.word(0x0F)
+    rig.wait(100)
+    assert rig.status & (INTERNAL_LIMIT | TARGET_REACHED) == INTERNAL_LIMIT
+    go(rig, 1.0)
+    assert rig.status & (INTERNAL_LIMIT | TARGET_REACHED) == TARGET_REACHED

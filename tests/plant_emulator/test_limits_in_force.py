@@ -214,6 +214,19 @@ def test_606d_to_6070_judge_the_speed(rig):
     assert shown[-1][1] & TARGET_REACHED
 
 
+def test_a_speed_that_a_cyclic_rpdo_repeats_is_reached_all_the_same(rig):
+    rig.map_pdo(0x1400, ((Object.CONTROL_WORD, 0, 16), (Object.TARGET_VELOCITY, 0, 32)))
+    rig.set(Object.VELOCITY_WINDOW_TIME, 0, 20)
+    rig.enable(Mode.PV)
+    for _ in range(300):
+        rig.command(0x0F, revolutions(1.0))
+        rig.sync()
+    assert rig.status & TARGET_REACHED
+    rig.command(0x0F, revolutions(1.5))
+    rig.sync()
+    assert not rig.status & TARGET_REACHED
+
+
 # -- demands -----------------------------------------------------------------------------------------------------------
 
 
@@ -274,6 +287,68 @@ def test_a_repeated_set_point_is_on_time(rig):
     rig.sync(100)
     assert rig.state is State.OPERATION_ENABLED
     assert abs(rig.speed_rps) < 0.2
+
+
+def test_a_torque_that_is_no_longer_refreshed_is_a_fault_8700(rig):
+    rig.set(SET_POINT_TIMEOUT, 0, 4)
+    rig.cyclic(Mode.CST, torque=True)
+    rig.wait(100)  # nothing is late before the first set-point
+    for _ in range(50):
+        rig.cycle(100, layout="<Hh")
+    rig.wait(2 * 4)
+    assert rig.emergencies() == []
+    rig.wait(4)
+    assert rig.emergencies() == [0x8700]
+    rig.wait(1000)
+    assert rig.state is State.FAULT
+
+
+def test_without_a_time_out_a_torque_is_held(rig):
+    rig.cyclic(Mode.CST, torque=True)
+    for _ in range(10):
+        rig.cycle(50, layout="<Hh")
+    rig.wait(100)
+    assert rig.read(Object.TORQUE_ACTUAL) == 50
+    assert rig.state is State.OPERATION_ENABLED
+
+
+# -- the interpolation period ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", [Mode.CSP, Mode.CSV, Mode.CST, Mode.IP])
+def test_60c2h_is_not_changed_under_a_mode_that_counts_in_it(rig, mode):
+    rig.enable(mode)
+    for sub, other in ((1, 10), (2, -4)):
+        assert rig.write(Object.INTERPOLATION_PERIOD, sub, other) is SdoAbortCode.DEVICE_STATE
+        rig.set(Object.INTERPOLATION_PERIOD, sub, rig.read(Object.INTERPOLATION_PERIOD, sub))
+    rig.word(0x06)
+    rig.wait(100)
+    rig.set(Object.INTERPOLATION_PERIOD, 1, 10)
+
+
+def test_60c2h_that_is_written_in_another_mode_is_in_force_with_the_next_one(rig):
+    rig.enable(Mode.PP)
+    rig.set(Object.INTERPOLATION_PERIOD, 1, 10)
+    rig.set(Object.MODES_OF_OPERATION, 0, Mode.CSP)
+    assert rig.motion["ticks_per_set_point"] == 40
+
+
+# -- position limits ---------------------------------------------------------------------------------------------------
+
+
+def test_607dh_of_0_and_0_is_no_limit_and_any_other_pair_is_one(rig):
+    for sub in (1, 2):
+        rig.set(Object.SOFTWARE_POSITION_LIMIT, sub, 0)
+    assert (rig.motion["low_counts"], rig.motion["high_counts"]) == (-math.inf, math.inf)
+    rig.enable(Mode.PP)
+    rig.set(Object.TARGET_POSITION, 0, revolutions(0.5))
+    rig.word(0x1F)
+    rig.wait(500)
+    assert rig.emergencies() == []
+    assert rig.status & TARGET_REACHED
+    for sub in (1, 2):
+        rig.set(Object.SOFTWARE_POSITION_LIMIT, sub, revolutions(0.5))
+    assert rig.motion["low_counts"] == rig.motion["high_counts"] == revolutions(0.5)
 
 
 @pytest.mark.parametrize("jump_rev", [0.05, 0.5])

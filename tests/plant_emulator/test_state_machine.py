@@ -17,6 +17,7 @@ from plant_emulator.state_machine import (
     disconnected,
     failed,
     initialised,
+    restarted,
     stop_of_fault_reaction,
     stop_of_halt,
     stop_of_quick_stop,
@@ -254,3 +255,16 @@ def test_a_lost_master_is_answered_as_6007_says(state, option):
     assert step.action is {DISABLED: Action.RELEASE, state: Action.NONE}.get(target, Action.STOP)
     if step.action is Action.STOP:
         assert step.stop is (FULL if target is REACTION else SLOW)
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("option", range(4))
+def test_a_reset_of_communication_is_answered_as_6007_says_but_never_by_torque_that_stays(state, option):
+    power, options = Power(state, 0x0F), Options(quick_stop=7)
+    step = restarted(power, option, options)
+    if option == 0 and state in (ENABLED, QUICK):
+        assert step.power == Power(QUICK, 0x0F, DISABLED)
+        assert (step.action, step.stop) == ((Action.STOP, FULL) if state is ENABLED else (Action.NONE, AT_ONCE))
+        assert stopped(step.power, options) == Step(Power(DISABLED, 0x0F), Action.RELEASE)  # also with 605Ah from 5 to 8
+    else:
+        assert step == disconnected(power, option, options)

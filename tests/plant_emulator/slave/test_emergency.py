@@ -29,6 +29,18 @@ def test_a_cause_that_is_already_active_is_not_sent_again_unless_its_code_change
     assert bench.slave.emergency_causes == ("short",)
 
 
+def test_a_cause_joins_another_with_its_code_without_a_second_frame(bench):
+    bench.slave.raise_emergency("of the node", 0x2310, CURRENT)
+    bench.slave.take_frames()
+    bench.slave.join_emergency("of the owner", 0x2310, CURRENT)
+    assert bench.slave.take_frames() == []
+    assert bench.slave.emergency_causes == ("of the node", "of the owner")
+    bench.slave.clear_emergency("of the node")
+    assert bench.slave.take_frames() == []  # the owner still says so
+    bench.slave.join_emergency("another", 0x2320, CURRENT)
+    assert [frame.data[:2] for frame in bench.slave.take_frames()] == [b"\x20\x23"]
+
+
 def test_error_code_0_is_sent_when_the_last_cause_has_gone_and_not_before(bench):
     bench.slave.raise_emergency("short", 0x2310, CURRENT)
     bench.slave.raise_emergency("hot", 0x4210, TEMPERATURE)
