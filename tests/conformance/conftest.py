@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import can
 import pytest
 
 from drive_profiles import eds
 from drive_profiles.address import parse_address
+from drive_profiles.errors import DriveProfileError
 from tests.conformance import emulated
 from tests.conformance.device import Device
 from tests.conformance.ports import CanPort
@@ -65,8 +67,11 @@ def device_session(request):
     permits = {name for name in PERMITS if _option(config, name)}
     if config.getoption("hil_allow_motion", False):
         permits.add("motion")
-    description = eds.load(Path(path), node_id=node)
-    port = CanPort(str(parse_address(_option(config, "bus"))))
+    try:
+        description = eds.load(Path(path), node_id=node)
+        port = CanPort(str(parse_address(_option(config, "bus"))))
+    except (DriveProfileError, ValueError, OSError, can.CanError) as error:
+        pytest.exit(f"{_option(config, 'bus')}, {path}: {error}", returncode=4)
     device = Device(
         REAL, node, port, description, _option(config, "answer_s"), _option(config, "boot_s"), frozenset(permits),
         device_info=emulated.device_info(Path(path)),

@@ -67,6 +67,9 @@ def _moved(pulled, device):
     return pulled.model_copy(update={name: _moved_table(getattr(pulled, name), device) for name in ("tuning", "limits")})
 
 
+OPTION_CODES, HALT_OPTION = (0x6007, *range(0x605A, 0x605F)), 0x605D
+
+
 def _moved_table(table, device):
     moved = dict(table)
     for key, item in table.items():
@@ -75,7 +78,10 @@ def _moved_table(table, device):
             continue
         scaling = device.scaling([entry])
         step = 0.5 if entry.parameter.type.is_real else entry.parameter.value_per_step(scaling)
-        for value in (item.value + step, item.value - step):
+        higher, lower = item.value + step, item.value - step
+        # an option code has few values, from 0 on; that of halt from 1
+        is_high = entry.parameter.index in OPTION_CODES and item.value > (entry.parameter.index == HALT_OPTION)
+        for value in (lower, higher) if is_high else (higher, lower):
             try:
                 held = entry.encoded(value, scaling)
             except DriveProfileError:
