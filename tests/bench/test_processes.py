@@ -154,6 +154,7 @@ def test_same_seed_gives_the_same_frames_byte_for_byte(tmp_path: Path, serve_loc
     assert len(logs[0]) > 100_000
 
 
+@pytest.mark.slow
 def test_another_seed_gives_other_noise_and_the_same_motion(tmp_path: Path, serve_local_bus: Callable[..., ServedBus]) -> None:
     bench, recordings = bench_file(tmp_path, QUICK), []
     for seed in ("1", "2"):
@@ -166,6 +167,7 @@ def test_another_seed_gives_other_noise_and_the_same_motion(tmp_path: Path, serv
     assert (first.columns["tip_z_m_s2"] != second.columns["tip_z_m_s2"]).any()
 
 
+@pytest.mark.slow
 def test_a_stream_socket_carries_the_same_run(tmp_path: Path, serve_local_bus: Callable[..., ServedBus]) -> None:
     local_bus = serve_local_bus("--stream")
     done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, tmp_path / "out"))

@@ -423,6 +423,7 @@ def test_it_can_be_switched_off(run: Run) -> None:
     result.stdout.fnmatch_lines(["*fixture 'drive' not found*"])
 
 
+@pytest.mark.slow
 def test_workers_have_a_robot_each(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(PASSES + "def test_again(drive): drive.move_by(0.5)\ndef test_bad(drive): assert 0\n")
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider", "-n", "2", "-W", "error")

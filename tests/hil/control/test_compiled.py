@@ -62,6 +62,7 @@ def run_gadget(folder):
     return float(value), int(hits)
 
 
+@pytest.mark.slow
 def test_code_inlined_from_a_folder_below_is_compiled_anew_when_its_source_changes(tmp_path):
     """The compiled period of the emulated drive inlines the plant of `physics/`: an edit there must reach it."""
     deep = tmp_path / "gadget" / "deep"
@@ -176,6 +177,7 @@ print(squares(4).sum(), sum(squares.dispatcher.stats.cache_hits.values()))
 """
 
 
+@pytest.mark.slow
 def test_what_needs_numba_is_kept_by_numba(tmp_path):
     (tmp_path / "gadget").mkdir()
     (tmp_path / "gadget" / "squares.py").write_text(ALLOCATING, encoding="utf-8")
