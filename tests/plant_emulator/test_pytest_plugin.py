@@ -95,7 +95,9 @@ def test_the_same_file_runs_on_another_bus_and_says_what_it_cannot_do_there(
         "def test_wrong_set_points(faults): faults.delay(0x202, 0.01)\n"
         "def test_lost(drive, faults, bench):\n"
         "    faults.stop_heartbeat(bench.bus.master_node_id)\n"
-        "    assert '8130h' in str(drive.wait_for_stop(1.0))\n"
+        "    reason = str(drive.wait_for_stop(1.0))\n"
+        # the drive goes pre-operational with its emergency: a busy master may miss its answers first
+        "    assert '8130h' in reason or 'has not answered' in reason\n"
         "def test_after(drive, accelerometer):\n"
         "    drive.hold(0.1)\n"
         "    assert len(accelerometer.read()) == 3\n"
