@@ -43,7 +43,7 @@ class DriveData(DriveLimits):
         self._speeds, self._torques = live(axes.cascade_state, "speed_rad_s"), live(axes.motion, "torque_nm")
         self._errors = live(axes.cascade_state, "error_rad_s")
         self._following_errors = live(axes.motion, "following_error_rad")
-        self._limited, self._reached = live(axes.motion, "limited"), live(axes.motion, "reached")
+        self._reached = live(axes.motion, "reached")
         self._demands, self._demand_speeds = live(axes.motion, "demand_rad"), live(axes.motion, "demand_speed_rad_s")
         self._torque_demands = live(axes.motion, "torque_demand_nm")
         self._target, self._offset = (self.dictionary.cell(index) for index in (Object.TARGET_POSITION, Object.POSITION_OFFSET))
@@ -129,11 +129,6 @@ class DriveData(DriveLimits):
 
     def _following_error_counts(self) -> int:
         return clip(self._following_errors[self.row] * self.scaling.encoder_counts_per_rad * self._units_per_count)
-
-    @property
-    def is_limited(self) -> bool:
-        """Status word, bit 11: the torque stands at its limit, or the speed that is asked for is not allowed."""
-        return bool(self._limited[self.row])
 
     @property
     def is_target_reached(self) -> bool:

@@ -3,16 +3,15 @@
 import struct
 
 import pytest
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from plant_emulator import motion as law
 from plant_emulator.inputs import INPUTS
 from plant_emulator.motion_data import FOLLOWING, OVERSPEED, SET_POINT_LATE
 from plant_emulator.robot import Behaviour, Robot, Switches
 from tests.plant_emulator.rig import AXIS, NODE, ONE_AXIS
-from tests.properties.watched import MS, REACHED, WatchedWorld
+from tests.properties.watched import MS, REACHED, WatchedWorld, run_for
 
 SYNC, TIME, LSS = 0x080, 0x100, 0x7E5
 STATES = (
@@ -292,20 +291,16 @@ MACHINES = [DriveMachine, SwitchedDrive, SlowDrive, VendorDrive]
 _EXAMPLES = {DriveMachine: 40, SwitchedDrive: 15, SlowDrive: 20, VendorDrive: 15}
 
 
-def _settings(examples, steps):
-    return settings(max_examples=examples, stateful_step_count=steps, deadline=None, suppress_health_check=list(HealthCheck))
-
-
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
 def test_a_drive_keeps_its_promises_whatever_happens(machine):
-    run_state_machine_as_test(machine, settings=_settings(_EXAMPLES[machine], 30))
+    run_for(machine, examples=_EXAMPLES[machine], steps=30)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
 def test_a_drive_keeps_its_promises_for_a_long_time(machine):
-    run_state_machine_as_test(machine, settings=_settings(600, 100))
+    run_for(machine, examples=600, steps=100)
     missing = {f"state {state}" for state in STATES} | {
         f"mode {mode} law {each}" for mode, each in UNDER_TORQUE if mode in machine.modes
     }

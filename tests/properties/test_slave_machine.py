@@ -3,9 +3,8 @@
 import struct
 
 import pytest
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from tests.plant_emulator.rig import NODE, ONE_AXIS
 from tests.properties.watched import (
@@ -18,6 +17,7 @@ from tests.properties.watched import (
     OPERATIONAL,
     REACHED,
     WatchedWorld,
+    run_for,
 )
 
 SYNC = 0x080
@@ -318,19 +318,15 @@ MACHINES = [SlaveMachine, UnconfiguredSlave]
 _EXAMPLES = {SlaveMachine: 45, UnconfiguredSlave: 15}
 
 
-def _settings(examples, steps):
-    return settings(max_examples=examples, stateful_step_count=steps, deadline=None, suppress_health_check=list(HealthCheck))
-
-
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
 def test_a_node_answers_each_request_once_whatever_happens(machine):
-    run_state_machine_as_test(machine, settings=_settings(_EXAMPLES[machine], 30))
+    run_for(machine, examples=_EXAMPLES[machine], steps=30)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
 def test_a_node_answers_each_request_once_for_a_long_time(machine):
-    run_state_machine_as_test(machine, settings=_settings(1000, 100))
+    run_for(machine, examples=1000, steps=100)
     missing = {f"SDO {state}" for state in SDO_STATES} - set(REACHED[machine])
     assert not missing

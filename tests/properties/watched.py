@@ -3,6 +3,9 @@
 import math
 from collections import Counter, defaultdict
 
+from hypothesis import HealthCheck, settings
+from hypothesis.stateful import run_state_machine_as_test
+
 from drive_profiles.cia402 import Object
 from hil.can.frame import Frame
 from plant_emulator import motion as law
@@ -378,3 +381,9 @@ class WatchedWorld:
         for node in self.nodes.values():
             node.judge_memory()
         assert len(self.world._listeners) <= 2048
+
+
+def run_for(machine, *, examples, steps):
+    """Play a machine's rules, so many runs of so many steps."""
+    options = settings(max_examples=examples, stateful_step_count=steps, deadline=None, suppress_health_check=list(HealthCheck))
+    run_state_machine_as_test(machine, settings=options)
