@@ -2,8 +2,10 @@
 
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --disable-pip-version-check -q
-# Python's own caches are made when a module is first imported: writing them all at installation costs seconds for nothing.
+# Byte code is written when a module is first imported, of those that are: writing it all at installation costs seconds for nothing.
 PIP += --no-compile
+# Not writing it at all, as some environments ask, makes every process compile numpy and scipy again: a fifth of the test run.
+unexport PYTHONDONTWRITEBYTECODE
 INSTALLED := .venv/installed
 
 # The first of these that is new enough and can make virtual environments.
@@ -26,9 +28,9 @@ demo: $(INSTALLED)
 	$(BIN)/hil demo --out demo
 
 test: lint
-	$(BIN)/python -m pytest -n 2 $(SELECT)
+	$(BIN)/python -m pytest -n 2 --dist worksteal $(SELECT)
 ifdef CI
-	$(BIN)/python -m pytest -m vm
+	$(BIN)/python -m pytest tests/vcan -m vm
 endif
 
 bench: $(INSTALLED)

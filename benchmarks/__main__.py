@@ -1,4 +1,4 @@
-"""`python -m benchmarks [group ...]`: speed, as ratios of two things measured in turn in one run.
+"""`python -m benchmarks [group ...]`: speed, as ratios of two things measured in turn in one run, if both find the same.
 
 Groups: master, bench, plant, node, sdo, robustness, startup, growth, memory, runs; all of them unless some are named.
 """
@@ -11,12 +11,12 @@ from pathlib import Path
 
 from benchmarks import demo_runs, plant, whole_bench
 from benchmarks.master_path import master_path
-from benchmarks.measure import machine, progress
+from benchmarks.measure import DisagreementError, machine, progress
 from benchmarks.memory import memory
 from benchmarks.node_frames import node_frames
 from benchmarks.robustness import robustness
 from benchmarks.sdo import sdo
-from benchmarks.startup import startup
+from benchmarks.startup import doors, startup
 from benchmarks.upload import upload
 
 Section = tuple[str, str, Callable[[], list[str]]]
@@ -29,10 +29,10 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         "master": [(
             "The master's path",
             "SYNC, N answers of 8 bytes, the servo law, N set-points: cycles per second against N nodes that only echo, a "
-            "process of their own on the same core. Ours is `CyclicPlan.exchange`, the law, and the scaling on either side of "
-            "it. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, threads of one process. Bare: the "
-            "same records written and read on the same kind of socket, packed beforehand, nothing looked at, no law: no master "
-            "in Python on this path can be faster.",
+            "process of their own on the same core. Ours is `CyclicExchange.exchange`, the law, and the scaling on either side "
+            "of it. `canopen`: the package's PDO maps and the same law on python-can's `virtual`, threads of one process. Bare: "
+            "the same records written and read on the same kind of socket, packed beforehand, nothing looked at, no law: no "
+            "master in Python on this path can be faster.",
             master_path,
         )],
         "bench": [(
@@ -44,8 +44,10 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         "plant": [(
             "The closed loop without a bus",
             "The servo law every 250 µs and four Runge-Kutta steps of the plant in each, set-points every 2 ms. C is a port of "
-            "the same stepping, compiled now. The general solvers integrate each control period alone, with the law in Python "
-            "between: their difference to ours is the truncation error of our fixed steps, friction near rest most of all.",
+            "the same stepping, compiled now with a header made from the dtypes; strict is without fused multiply-adds, as ours "
+            f"is. C and plain Python may differ from ours by {plant.SAME_STEPS:g}: roundings in another order. The general "
+            "solvers integrate each control period alone, with the law in Python between: their difference to ours is the "
+            f"truncation error of our fixed steps, friction near rest most of all, and may be {plant.TRUNCATION:g}.",
             plant.plant,
         )],
         "node": [(
@@ -62,7 +64,16 @@ def groups(minutes: int) -> dict[str, list[Section]]:
             ),
         ],
         "robustness": [("Robustness: a thousand robots", "`plant-emulator robustness`, one axis, no bus.", robustness)],
-        "startup": [("Start-up", "", startup)],
+        "startup": [
+            ("Start-up", "", startup),
+            (
+                "Machine code without numba",
+                "What `hil/control/machine_code.py` buys. The other side is the same sources with `@njit(cache=True)`: numba has "
+                "to be imported and made ready before it loads what it has kept. It buys time at start and pays for it in each "
+                "call; below 0.7 s at start it would not be worth its keep.",
+                doors,
+            ),
+        ],
         "growth": [
             ("Growth: the whole bench", "Drive-closed, SYNC every 1 ms, one process, no bit times.", whole_bench.growth),
             ("Growth: the closed loop without a bus", "", plant.growth),
@@ -84,7 +95,7 @@ def groups(minutes: int) -> dict[str, list[Section]]:
 
 
 def main() -> None:
-    """Measure, print the page; `--out` also writes it to a file."""
+    """Measure, print the page; `--out` also writes it to a file. Contenders that do not agree end it, without a page."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("group", nargs="*", help="what to measure; all unless named")
     parser.add_argument("--out", type=Path, help="Markdown file to write")
@@ -105,7 +116,10 @@ def main() -> None:
     lines += machine()
     for name in chosen:
         for title, said, measure in known[name]:
-            lines += ["", f"## {title}", "", *([said, ""] if said else []), *measure()]
+            try:
+                lines += ["", f"## {title}", "", *([said, ""] if said else []), *measure()]
+            except DisagreementError as error:
+                sys.exit(f"{title}: {error}")
     text = "\n".join(lines) + "\n"
     progress(f"done in {time.monotonic() - begin:.0f} s")
     sys.stdout.write(text)
@@ -115,7 +129,8 @@ def main() -> None:
 
 NOTE = (
     "Times are those of one machine at one hour; the ratios are what to read: each is of two things measured in turn in the same "
-    "run, medians of their turns."
+    "run, medians of their turns. Both must find the same, to the last bit where no bound is told: one that does not ends the "
+    "benchmark with an error."
 )
 
 if __name__ == "__main__":

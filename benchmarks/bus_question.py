@@ -23,31 +23,40 @@ from matplotlib.axes import Axes
 
 import hil
 import plant_emulator
+from hil.bench.bench import Bench, load_bench
 from hil.errors import UnsafeRequestError
 from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION
 from hil.experiments.plan import Experiment, entries
-from hil.master.bench import CHAIN_AXES, Bench, load_bench
-from hil.master.bus_advice import FD_DATA_BITRATE, packed, packed_alone, per_axis
-from hil.master.bus_plan import Cycle
-from hil.master.plan_check import LoopName, plan_cycle, stability
-from hil.master.session import Compensation, Session
-from hil.master.wire import CLASSIC_MAX_BITRATE, Wire, rate_text
+from hil.master.motion import FilterUse, LoopName
+from hil.master.session import Session
+from hil.plan.advice import FD_DATA_BITRATE, packed, packed_alone, per_axis
+from hil.plan.bus_plan import Cycle
+from hil.plan.check import plan_cycle, stability
+from hil.plan.wire import CLASSIC_MAX_BITRATE, WireTiming, rate_text
 from hil.recording import BusLog
 from hil.report import style
+from hil.robot_tables import CHAIN_AXES
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
-from plant_emulator.robot import load_robot
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 
-FAST = Wire(CLASSIC_MAX_BITRATE, FD_DATA_BITRATE)
-RATES: tuple[Wire | None, ...] = (Wire(125_000), Wire(250_000), Wire(500_000), Wire(1_000_000), FAST, None)
+FAST = WireTiming(CLASSIC_MAX_BITRATE, FD_DATA_BITRATE)
+RATES: tuple[WireTiming | None, ...] = (
+    WireTiming(125_000),
+    WireTiming(250_000),
+    WireTiming(500_000),
+    WireTiming(1_000_000),
+    FAST,
+    None,
+)
 PERIODS_S = (250e-6, 500e-6, 1e-3, 2e-3, 4e-3)
 LOOPS: tuple[LoopName, ...] = ("drive", "host")
-WAYS: tuple[Compensation, ...] = ("none", "notch")
+WAYS: tuple[FilterUse, ...] = ("none", "notch")
 MOTIONS: tuple[int | None, ...] = (2, None)
 """The axis of the constant acceleration, and None for the line."""
 WORKERS = 2
-PARTS = ("hil/control", "hil/master", "hil/can", "hil/experiments", "hil/analysis.py", "hil/benches", "plant_emulator")
+PARTS = ("hil/control", "hil/master", "hil/can", "hil/experiments", "hil/analysis.py", "hil/bench", "plant_emulator")
 
 Kind = Literal["run", "does not fit", "refused", "stopped", "not judged"]
 
@@ -67,8 +76,8 @@ class Cell:
     axis: int | None
     loop: LoopName
     period_s: float
-    wire: Wire | None
-    compensation: Compensation
+    wire: WireTiming | None
+    compensation: FilterUse
 
     @property
     def axes(self) -> tuple[int, ...]:
@@ -117,7 +126,7 @@ _OVERLOADS: tuple[tuple[int | None, LoopName, float], ...] = (
     (None, "host", 500e-6),
     (None, "drive", 250e-6),
 )
-PROOFS = tuple(Cell(*overload, Wire(1_000_000), way) for overload in _OVERLOADS for way in WAYS)
+PROOFS = tuple(Cell(*overload, WireTiming(1_000_000), way) for overload in _OVERLOADS for way in WAYS)
 """Cells that the plan refuses for their load, run all the same."""
 
 
@@ -150,9 +159,9 @@ def measure(cell: Cell) -> Found:
     if result.stopped is not None:
         lost = "answer" in result.stopped.reason
         return Found("does not fit" if lost else "stopped", result.stopped.reason, missed=result.missed_cycles)
-    if "invalid" in entry:
-        return Found("not judged", entry["invalid"], missed=result.missed_cycles)
-    return Found("run", "", entry["tip_peak_mm"], entry["spectrum_area"], result.missed_cycles)
+    if entry.invalid is not None:
+        return Found("not judged", entry.invalid, missed=result.missed_cycles)
+    return Found("run", "", entry.tip_peak_mm, entry.spectrum_area, result.missed_cycles)
 
 
 def _code() -> str:
@@ -210,7 +219,7 @@ def longest_stable_s(axes: tuple[int, ...]) -> float:
     return 1e-6 * low
 
 
-def shortest_s(bench: Bench, axes: tuple[int, ...], loop: LoopName, wire: Wire) -> float:
+def shortest_s(bench: Bench, axes: tuple[int, ...], loop: LoopName, wire: WireTiming) -> float:
     """The shortest SYNC period in which every answer comes, whatever the contents; with the notch."""
     return plan_cycle(bench, axes, loop, PERIODS_S[-1], notch_state=loop == "drive").shortest_period_s(wire)
 
@@ -218,8 +227,8 @@ def shortest_s(bench: Bench, axes: tuple[int, ...], loop: LoopName, wire: Wire) 
 def elsewhere(bench: Bench) -> list[str]:
     """What the plan says of other wiring for the host-closed line."""
     cycle = plan_cycle(bench, CHAIN_AXES, "host", 500e-6, notch_state=False)
-    classic, fd = Wire(CLASSIC_MAX_BITRATE), Wire(CLASSIC_MAX_BITRATE, FD_DATA_BITRATE)
-    rows: list[tuple[str, list[Cycle], Wire]] = [
+    classic, fd = WireTiming(CLASSIC_MAX_BITRATE), WireTiming(CLASSIC_MAX_BITRATE, FD_DATA_BITRATE)
+    rows: list[tuple[str, list[Cycle], WireTiming]] = [
         ("classic CAN, 1 Mbit/s, as the bench maps it", [cycle], classic),
         ("the same, frames packed (torques in one RPDO, position alone in the TPDO)", [packed(cycle)], classic),
         (f"CAN FD, 1 Mbit/s and {rate_text(FD_DATA_BITRATE)}", [cycle], fd),
@@ -239,7 +248,9 @@ def elsewhere(bench: Bench) -> list[str]:
 # -- the page --------------------------------------------------------------------------------------------------------------
 
 
-def _pair(found: dict[Cell, Found], axis: int | None, loop: LoopName, period: float, rate: Wire | None) -> tuple[Found, Found]:
+def _pair(
+    found: dict[Cell, Found], axis: int | None, loop: LoopName, period: float, rate: WireTiming | None
+) -> tuple[Found, Found]:
     without, with_ = (found[Cell(axis, loop, period, rate, way)] for way in WAYS)
     return without, with_
 
@@ -255,7 +266,7 @@ def _words(without: Found, with_: Found) -> str:
     return f"does not fit (run: {worse.words})"
 
 
-def _rate_name(rate: Wire | None) -> str:
+def _rate_name(rate: WireTiming | None) -> str:
     if rate is None:
         return "ideal bus"
     return rate.name if rate.data_bitrate is None else f"FD, {rate.name}"
@@ -272,7 +283,7 @@ def table(found: dict[Cell, Found], axis: int | None) -> list[str]:
     return lines
 
 
-def reduction_pct(found: dict[Cell, Found], axis: int | None, loop: LoopName, period: float, rate: Wire | None) -> float:
+def reduction_pct(found: dict[Cell, Found], axis: int | None, loop: LoopName, period: float, rate: WireTiming | None) -> float:
     """What the notch takes away: of the tip peak (one axis), of the spectrum's area (line); nan where there is no pair."""
     without, with_ = _pair(found, axis, loop, period, rate)
     name = "area" if axis is None else "tip_mm"
@@ -298,13 +309,13 @@ def figure(found: dict[Cell, Found], bench: Bench) -> str:
         return style.to_svg(drawing, "bus")
 
 
-_LINES: dict[Wire | None, dict[str, Any]] = {
+_LINES: dict[WireTiming | None, dict[str, Any]] = {
     FAST: {"color": style.ORANGE, "linestyle": (0, (3, 1)), "marker": "P", "markersize": 5.0},
     None: {"color": style.BLACK, "linestyle": "-", "marker": "o", "markerfacecolor": "white", "markersize": 6.0},
-    Wire(1_000_000): {"color": style.BLUE, "linestyle": (0, (5, 1.5)), "marker": "s"},
-    Wire(500_000): {"color": style.VERMILLION, "linestyle": (0, (5, 1.5, 1, 1.5)), "marker": "^", "markersize": 4.5},
-    Wire(250_000): {"color": style.GREEN, "linestyle": (0, (1, 1)), "marker": "D", "markersize": 4.5},
-    Wire(125_000): {"color": style.PURPLE, "linestyle": (0, (1, 2)), "marker": "v"},
+    WireTiming(1_000_000): {"color": style.BLUE, "linestyle": (0, (5, 1.5)), "marker": "s"},
+    WireTiming(500_000): {"color": style.VERMILLION, "linestyle": (0, (5, 1.5, 1, 1.5)), "marker": "^", "markersize": 4.5},
+    WireTiming(250_000): {"color": style.GREEN, "linestyle": (0, (1, 1)), "marker": "D", "markersize": 4.5},
+    WireTiming(125_000): {"color": style.PURPLE, "linestyle": (0, (1, 2)), "marker": "v"},
 }
 
 
@@ -350,7 +361,7 @@ def _fill(text: str, indent: str = "") -> str:
 
 def page(found: dict[Cell, Found], bench: Bench) -> str:
     """docs/bus.md."""
-    wire, names = Wire(CLASSIC_MAX_BITRATE), {2: "constant acceleration, axis 2", None: "line, axes 2, 3, 5"}
+    wire, names = WireTiming(CLASSIC_MAX_BITRATE), {2: "constant acceleration, axis 2", None: "line, axes 2, 3, 5"}
     rows = []
     for axis in MOTIONS:
         axes = CHAIN_AXES if axis is None else (axis,)
@@ -360,24 +371,24 @@ def page(found: dict[Cell, Found], bench: Bench) -> str:
     limit = bench.specification.tip_mm
     return "\n".join([
         "# Host-closed or drive-closed over CAN?", "",
-        _fill("""Made by `python -m benchmarks.bus_question --out docs`: the reference bench and robot in one process, in
-              lock-step, one run a cell with the seed of the robot file; frames take their bit times, stuff bits included.
-              Measured on the emulator, not on a robot."""), "",
-        _fill("""**Drive-closed.** No SYNC period that the drives take is both long enough for classic CAN and short enough
-              for the loop that the host closes:"""), "",
+        _fill("""`python -m benchmarks.bus_question --out docs` makes this page. It runs the reference bench and robot in
+              one process, in lock-step, once for each cell, with the seed of the robot file. Frames take their bit times,
+              stuff bits included. All figures are of the emulator, not of a robot."""), "",
+        _fill("""The answer is **drive-closed**. No SYNC period of the drives is both long enough for classic CAN and short
+              enough for a loop that the host closes:"""), "",
         "| motion | host-closed loop is stable up to | 1 Mbit/s carries it from | 1 Mbit/s carries drive-closed from |",
         "|---|---|---|---|", *rows, "",
         "![What the notch takes away, over the SYNC period](bus.svg)", "",
-        _fill("""Vertical lines: from where a bit rate carries all answers at worst-case stuffing, with the notch. Shaded:
-              refused by the master's own check of the loop (unstable, or M_s above 4). Dotted horizontal: the paper's 26
-        %."""), "",
+        _fill("""Vertical lines show the shortest period at which a bit rate carries all answers at worst-case stuffing,
+              with the notch. The master's own check of the loop refuses the shaded periods (unstable, or M_s above 4). The
+              dotted horizontal line shows the paper's 26 %."""), "",
         *(line for axis in MOTIONS for line in (
             f"## Tip peak without / with the notch, mm: {names[axis]}" + (f" (limit: {limit:g} mm)" if axis else ""), "",
             *table(found, axis), "")),
-        _fill("""*does not fit*: the plan (`hil plan`) says that not every answer comes before the next SYNC at worst-case
-              stuffing; not run but for the proofs below. *unstable*, *at the edge*: refused by the master before anything is
-              enabled, with the pole radius or M_s that it found first, at one period of delay. The line has no limit of its
-              tip; the paper asks for 26 % less area of the spectrum."""), "",
+        _fill("""*does not fit*: by the plan (`hil plan`), not every answer comes before the next SYNC at worst-case
+              stuffing. Only the cells of the next table were run nevertheless. *unstable*, *at the edge*: the master
+              refuses the run before it enables a drive, and gives the first pole radius or M_s that it found, at one period
+              of delay. The line has no limit of its tip. The paper asks for 26 % less area of the spectrum."""), "",
         "## Run although the plan refuses them", "", "| cell | what happened |", "|---|---|",
         *(f"| {cell.name} | {_outcome(found[cell])} |" for cell in PROOFS if not cell.fits(bench)), "",
         "## Other wiring: numbers of the plan only, nothing was run", "", *elsewhere(bench), "",
@@ -394,9 +405,9 @@ def _outcome(found: Found) -> str:
 
 def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
     """Nine statements."""
-    real, one, wire = tuple(rate for rate in RATES if rate is not None), (2,), Wire(CLASSIC_MAX_BITRATE)
+    real, one, wire = tuple(rate for rate in RATES if rate is not None), (2,), WireTiming(CLASSIC_MAX_BITRATE)
 
-    def taken(axis: int | None, loop: LoopName, rates: tuple[Wire | None, ...]) -> str:
+    def taken(axis: int | None, loop: LoopName, rates: tuple[WireTiming | None, ...]) -> str:
         return _range(reduction_pct(found, axis, loop, period, rate) for period in PERIODS_S for rate in rates)
 
     def us(axes: tuple[int, ...], loop: LoopName) -> str:
@@ -408,26 +419,26 @@ def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
     peaks = [f.tip_mm for f in with_notch if f.tip_mm is not None]
     above = sum(peak > limit for peak in peaks)
     return [
-        f"""Close the loop in the drive: over bit rates that carry it the notch there takes {taken(2, "drive", real)} off
-        axis 2's tip peak and {taken(None, "drive", real)} off the area of the line's spectrum.""",
-        f"""The bus then carries set-points only: its period decides how smooth they are, not whether the loop is stable. On an
-        ideal bus the figure is {taken(2, "drive", (None,))}, at any period from 0.25 to 4 ms.""",
+        f"""Close the loop in the drive. At bit rates that carry it, the notch takes {taken(2, "drive", real)} off axis 2's
+        tip peak and {taken(None, "drive", real)} off the area of the line's spectrum.""",
+        f"""The bus then carries set-points only. Its period decides on their smoothness, not on the stability of the loop.
+        On an ideal bus the notch takes {taken(2, "drive", (None,))} off the tip peak, at any period from 0.25 to 4 ms.""",
         f"""With bit times {above} of the {len(peaks)} drive-closed cells of axis 2 are above {limit:g} mm with the notch; the
-        largest is {max(peaks):.3f} mm. The master's heartbeat, queued behind the process data, does not move the beats.""",
+        largest is {max(peaks):.3f} mm. The master's heartbeat is queued behind the process data and does not delay the
+        SYNC.""",
         f"""Host-closed on an ideal bus the notch does as much ({taken(2, "host", (None,))}; line
-        {taken(None, "host", (None,))}): it is the same law. But that loop stands at most {stable} (axis 2) or {stable_line}
-        (all three) with one period of delay.""",
+        {taken(None, "host", (None,))}), since the law is the same. But with one period of delay that loop is stable only up
+        to a period of {stable} (axis 2) or {stable_line} (all three).""",
         f"""Classic CAN at 1 Mbit/s needs {us(one, "host")} for one axis and the accelerometer, {us(CHAIN_AXES, "host")} for
-        three. So one axis alone closes over the bus at 0.5 ms, with hardly a margin on the wire and M_s near the edge; for three
-        axes there is no period that both bus and loop bear.""",
-        """Lower bit rates only move further away. Lower gains would buy stability with the stiffness that the loop is there
-        for.""",
+        three. So one axis alone can be closed over the bus at 0.5 ms, with hardly a margin on the wire and M_s near its
+        limit. For three axes no period suits both bus and loop.""",
+        """Lower bit rates only make it worse. Lower gains would make the loop stable, but less stiff.""",
         f"""Drive-closed, 1 Mbit/s carries one axis from {us(one, "drive")} and three from {us(CHAIN_AXES, "drive")} on: 2 ms
         is a sound default for three axes, 4 ms at 500 kbit/s.""",
-        """What does not fit does not limp along: the runs above stopped within cycles for want of answers, or by a speed
-        that stale answers pretend or cause. CAN FD (1 and 5 Mbit/s, frames as they are) carries the three axes host-closed at
-        0.5 ms and drive-closed at 1 ms, and was run; one bus per axis was not.""",
-        """One robot, one seed, one set of gains: `hil plan` says where the limits are for a bench of your own.""",
+        """A run that does not fit ends at once: the runs above stopped within a few cycles, because answers were missing,
+        or by a speed that late answers feign or cause. CAN FD (1 and 5 Mbit/s, frames as they are) carries the three axes
+        host-closed at 0.5 ms and drive-closed at 1 ms; this was run. One bus per axis was not run.""",
+        """One robot, one seed, one set of gains: `hil plan` gives the limits of another bench.""",
     ]
 
 

@@ -1,48 +1,80 @@
 """The master's path: SYNC, N answers, the control law, N commands, against nodes that only echo."""
 
 import contextlib
+import math
 import os
 import socket
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
-from benchmarks.echo import feedback_ids
-from benchmarks.measure import Row, in_turn, progress, table
-from benchmarks.robots import SINGLE, bench_of
+import numpy as np
+
+from benchmarks.echo import PATTERN, feedback_ids
+from benchmarks.measure import Row, agreed, apart, in_turn, progress, table
+from benchmarks.robots import SINGLE, bench_of, robot_of
 from benchmarks.stranger import Master, Nodes
 from benchmarks.whole_bench import wait_for
 from drive_profiles.address import LOCAL, SOCKETCAN, Address
-from drive_profiles.cia402 import Mode
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.cia402 import Mode
+from drive_profiles.standard.units import Scaling
 from hil.can import clock
 from hil.can.channel import Channel
 from hil.can.frame import RECORD, Frame, pack
-from hil.can.raw import RawChannel, connect_local, share_core
+from hil.can.raw import RawChannel, bind_to_one_core, connect_local
 from hil.control.servo import Servo, ServoConfig
 from hil.control.servo_bank import ServoBank
 from hil.master.axis import DriveAxis
-from hil.master.cyclic import CyclicPlan
+from hil.master.cyclic import POSITION_COMMAND, CyclicExchange
 from hil.master.network import Network
+from hil.master.sensor import CanopenSensor
 from hil.recording import BusLog
 
 SHARE_S = 0.25
 """How long a turn of one contender lasts."""
 PERIOD_S = 250e-6
+CHECKED, SWING = 100, 10.0
+"""Cycles that are compared before any is timed, and how far the first node's position swings in them, in counts."""
 VCAN = "vcan0"
 
 
-class EchoPlan(CyclicPlan):
-    """The cyclic plan of nodes that need no configuration: their PDOs are what they are."""
+class Contender(NamedTuple):
+    """A master and what it sends.
+
+    Attributes:
+        cycle: One cycle.
+        set_points: What the next one will send.
+        put: Change it.
+    """
+
+    cycle: Callable[[], object]
+    set_points: Callable[[], list[int]]
+    put: Callable[[list[int]], None]
+
+    def path(self) -> list[list[int]]:
+        """What the laws make of positions that swing, of each node by its own amount: the torques stay within their limits."""
+        found, count = [], len(self.set_points())
+        for turn in range(CHECKED):
+            self.put([round(SWING * (node + 1) * math.sin(math.tau * turn / CHECKED)) for node in range(count)])
+            self.cycle()
+            found.append(self.set_points())
+        return found
+
+
+class EchoExchange(CyclicExchange):
+    """The exchange with nodes that need no configuration: their PDOs are what they are."""
 
     def configure(self) -> None:
         """Take the identifiers; nothing is sent."""
         for slot, can_id in zip(self.slots, feedback_ids(len(self.slots)), strict=True):
-            slot._command_id, slot.feedback_id, slot.control_word = can_id + 0x80, can_id, 0x0F
-            self._takers[can_id] = slot.take_feedback
-        self.expect(set(self._takers))
+            slot.send_command_as(can_id + 0x80, POSITION_COMMAND)
+            slot.feedback_id, slot.control_word = can_id, 0x0F
+        self.expect({slot.feedback_id: slot.take_feedback for slot in self.slots})
 
 
 def laws(count: int) -> list[Servo]:
@@ -51,7 +83,13 @@ def laws(count: int) -> list[Servo]:
     return [Servo(ServoConfig(table.control.cascade(), table.limits.torque_nm), PERIOD_S) for _ in range(count)]
 
 
-def rate(cycle: Callable[[], None]) -> float:
+def scale() -> Scaling:
+    """What the reference robot's drive would tell of its encoder and its rated torque."""
+    axis = robot_of(1).axis[SINGLE]
+    return Scaling(axis.encoder_counts_per_rev, axis.rated_torque)
+
+
+def rate(cycle: Callable[[], object]) -> float:
     """Cycles per second."""
     count, begin = 0, time.perf_counter()
     while (took := time.perf_counter() - begin) < SHARE_S:
@@ -61,95 +99,87 @@ def rate(cycle: Callable[[], None]) -> float:
     return count / took
 
 
-def ours(channel: Channel, count: int) -> Callable[[], None]:
-    """A cycle of the shipped master: `CyclicPlan.exchange` and the servo law, in SI through the axes' scaling."""
+def ours(channel: Channel, count: int) -> Contender:
+    """A cycle of the shipped master: `CyclicExchange.exchange` and the servo law, in SI through the axes' scaling."""
     bench = bench_of(1)
     network = Network(channel, BusLog(None), 1.0, PERIOD_S)
     axes = [DriveAxis(network, n + 1, bench.axis[SINGLE]) for n in range(count)]
-    plan = EchoPlan(network, axes, 0, PERIOD_S, mode=Mode.CSP, with_notch_state=False, max_lateness_s=1.0)
-    plan.configure()
+    for axis in axes:
+        axis.scaling = scale()
+    sensor = CanopenSensor(network, 0, Profile.load("emulated_accelerometer"))
+    exchange = EchoExchange(network, axes, sensor, PERIOD_S, mode=Mode.CSP, with_notch_state=False, max_lateness_s=1.0)
+    exchange.configure()
     configs = [law.config for law in laws(count)]
     bank, references = ServoBank(configs, PERIOD_S), [0.0] * count
 
     def cycle() -> None:
-        plan.exchange()
-        if plan.missing_answers:
+        exchange.exchange()
+        if exchange.missing_answers:
             raise RuntimeError("a node has not answered")
-        torques = bank.step(references, [slot.position_rad for slot in plan.slots])
-        for slot, torque in zip(plan.slots, torques, strict=True):
+        torques = bank.step(references, [slot.position_rad for slot in exchange.slots])
+        for slot, torque in zip(exchange.slots, torques, strict=True):
             slot.target = slot.axis.scaling.torque_per_mille(torque)
 
-    return cycle
+    def put(targets: list[int]) -> None:
+        for slot, target in zip(exchange.slots, targets, strict=True):
+            slot.target = target
+
+    return Contender(cycle, lambda: [slot.target for slot in exchange.slots], put)
 
 
-def theirs(master: Master, count: int) -> Callable[[], None]:
+def theirs(master: Master, count: int) -> Contender:
     """The same work by the `canopen` package."""
-    servos = laws(count)
-    scaling = [DriveAxis(Network(_Nowhere(), BusLog(None), 1.0, PERIOD_S), 1, bench_of(1).axis[SINGLE]).scaling] * count
+    servos, scaling = laws(count), [scale()] * count
 
     def law(n: int, counts: int) -> int:
         return int(scaling[n].torque_per_mille(servos[n].step(0.0, scaling[n].position_rad(counts))))
 
-    return lambda: master.cycle(law)
+    return Contender(lambda: master.cycle(law), master.set_points, master.put)
 
 
-class _Nowhere:
-    """A channel for those who need none."""
-
-    is_lock_step, overflows, address = True, 0, Address(LOCAL, "nowhere")
-
-    def send(self, frame: Frame) -> None:
-        """Forget it."""
-
-    def receive(self, timeout_s: float) -> Frame | None:
-        """Nothing comes."""
-        return None
-
-    def send_all(self, frames: Sequence[Frame]) -> None:
-        """Forget them."""
-
-    def receive_all(self, timeout_s: float) -> list[Frame]:
-        """Nothing comes."""
-        return []
-
-    def close(self) -> None:
-        """Leave."""
-
-
-def bare(sock: socket.socket, count: int) -> Callable[[], None]:
-    """The same frames, one message each, and nothing else."""
+def bare(sock: socket.socket, count: int) -> Callable[[], bytes]:
+    """The same frames, one message each, and nothing else; what has come."""
     commands = _commands(count)
     sync, size = pack(Frame(0x80, b"")), RECORD.size
     send, recv = sock.send, sock.recv
 
-    def cycle() -> None:
+    def cycle() -> bytes:
         for command in commands:
             send(command)
         send(sync)
-        for _ in range(count):
-            recv(size)
+        return b"".join([recv(size) for _ in range(count)])
 
     return cycle
 
 
-def bare_together(sock: socket.socket, count: int) -> Callable[[], None]:
-    """The same frames in one message each way, and nothing else: no master in Python on this path can be faster."""
+def bare_together(sock: socket.socket, count: int) -> Callable[[], bytes]:
+    """The same frames in one message each way, and nothing else: no master in Python on this path is faster; what has come."""
     message = b"".join(_commands(count)) + pack(Frame(0x80, b""))
     size = count * RECORD.size
     sock.send(pack(clock.question(several=True)))
     sock.recv(size)
     send, recv = sock.send, sock.recv
 
-    def cycle() -> None:
+    def cycle() -> bytes:
         send(message)
-        if len(recv(size)) != size:
+        answers = recv(size)
+        if len(answers) != size:
             raise RuntimeError("not all answers came together")
+        return answers
 
     return cycle
 
 
+def _answers(count: int) -> bytes:
+    """What nodes say to `_commands`."""
+    return b"".join(pack(Frame(can_id, PATTERN[:2] + _POSITION + PATTERN[6:])) for can_id in feedback_ids(count))
+
+
+_POSITION = b"\x01\x00\x00\x00"
+
+
 def _commands(count: int) -> list[bytes]:
-    return [pack(Frame(can_id + 0x80, b"\x0f\x00\x01\x00\x00\x00")) for can_id in feedback_ids(count)]
+    return [pack(Frame(can_id + 0x80, b"\x0f\x00" + _POSITION)) for can_id in feedback_ids(count)]
 
 
 @contextlib.contextmanager
@@ -168,8 +198,8 @@ def echo(address: Address, count: int) -> Iterator[None]:
         process.wait()
 
 
-def _on_vcan(count: int) -> float | None:
-    """Ours on SocketCAN, on the beat of nobody: as fast as it goes; None where there is no vcan0."""
+def _on_vcan(count: int, path: list[list[int]]) -> float | None:
+    """Ours on SocketCAN, on the beat of nobody: as fast as it goes, set-points held against a path; None without vcan0."""
     if not Path("/sys/class/net", VCAN).exists():
         return None
     address = Address(SOCKETCAN, VCAN)
@@ -177,12 +207,15 @@ def _on_vcan(count: int) -> float | None:
         channel = RawChannel(address)
         channel.is_lock_step = True  # each cycle follows the last one's answers; nothing else of the path is changed
         try:
-            return rate(ours(channel, count))
+            mine = ours(channel, count)
+            agreed(f"ours on {VCAN}, {count} axes, set-points", apart(mine.path(), path), 0.0)
+            return rate(mine.cycle)
         finally:
             channel.close()
 
 
-def _contend(count: int) -> dict[str, float]:
+def _contend(count: int) -> tuple[dict[str, float], list[list[int]]]:
+    """The rates, and the set-points on which all agree."""
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench-")))
         first, second, third = (Address(LOCAL, str(folder / name)) for name in "abc")
@@ -196,30 +229,43 @@ def _contend(count: int) -> dict[str, float]:
         stack.callback(channel.close)
         sock, together = (stack.enter_context(connect_local(address)) for address in (second, third))
         os.sched_setaffinity(0, whole)
-        share_core(sock)
+        bind_to_one_core(sock)
         os.sched_setaffinity(0, whole)
-        share_core(together)
+        bind_to_one_core(together)
         cores = os.sched_getaffinity(0)
-        cycles = {"ours": ours(channel, count), "bare": bare(sock, count), "together": bare_together(together, count)}
-        library = theirs(master, count)
+        mine, library = ours(channel, count), theirs(master, count)
+        limits = {"bare": bare(sock, count), "together": bare_together(together, count)}
+        cycles: dict[str, Callable[[], object]] = {"ours": mine.cycle, **limits}
+        path = mine.path()
+        if np.ptp(path) == 0:
+            raise RuntimeError("the laws have had nothing to do")
+        agreed(f"`canopen`, {count} axes, set-points", apart(library.path(), path), 0.0)
+        for name, cycle in limits.items():
+            agreed(f"{name}, {count} axes, bytes of the answers", apart([*cycle()], [*_answers(count)]), 0.0)
 
-        def on(cpus: set[int], cycle: Callable[[], None]) -> float:
+        def on(cpus: set[int], cycle: Callable[[], object]) -> float:
             os.sched_setaffinity(0, cpus)
             return rate(cycle)
 
         contenders = {name: lambda cycle=cycle: on(cores, cycle) for name, cycle in cycles.items()}
-        return in_turn(contenders | {"canopen": lambda: on(cores, library), "canopen, free": lambda: on(whole, library)})
+        contenders["canopen"] = lambda: on(cores, library.cycle)
+        contenders["canopen, free"] = lambda: on(whole, library.cycle)
+        return in_turn(contenders), path
 
 
 def master_path(counts: tuple[int, ...] = (1, 3, 6)) -> list[str]:
-    """Cycles per second of each, and the ratios."""
+    """Cycles per second of each, and the ratios.
+
+    Raises:
+        DisagreementError: One of them sends other set-points than ours, or hears other answers.
+    """
     rows: list[Row] = []
     for count in counts:
         progress(f"master: {count} axes")
-        found = _contend(count)
+        found, path = _contend(count)
         library = max(found["canopen"], found["canopen, free"])
         mine, limit = found["ours"], found["bare"]
-        vcan = _on_vcan(count)
+        vcan = _on_vcan(count, path)
         together = found["together"]
         rows.append((count, mine, vcan, library, limit, together, mine / library, mine / limit, mine / together))
     heads = ("axes", "ours, local bus, cycles/s", "ours, vcan0", "`canopen` on `virtual`", "bare, a message per frame",

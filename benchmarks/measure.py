@@ -1,4 +1,4 @@
-"""Two things measured in turn in one run, tables of them, and the facts of the machine on which they were."""
+"""Two things measured in turn in one run, whether they found the same, tables of them, and the facts of the machine."""
 
 import importlib.metadata
 import os
@@ -10,7 +10,49 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 Row = tuple[object, ...]
+
+
+class DisagreementError(RuntimeError):
+    """A contender has found something else than the others: what its speed is compared with is other work.
+
+    Attributes:
+        contender: Which.
+        difference: How far its result lies from theirs.
+        bound: How far it may.
+    """
+
+    def __init__(self, contender: str, difference: float, bound: float) -> None:
+        self.contender, self.difference, self.bound = contender, difference, bound
+        super().__init__(f"{contender}: its result differs by {difference:.3g}, the bound is {bound:.3g}")
+
+
+def agreed(contender: str, difference: float, bound: float) -> float:
+    """The difference again, if it is within its bound.
+
+    Raises:
+        DisagreementError: It is above it, or no number.
+    """
+    if not difference <= bound:
+        raise DisagreementError(contender, float(difference), bound)
+    return difference
+
+
+def apart(mine: ArrayLike, theirs: ArrayLike) -> float:
+    """The largest difference of two results; none between infinities that are equal, NaN where either has one."""
+    a, b = np.asarray(mine, dtype=np.float64), np.asarray(theirs, dtype=np.float64)
+    if a.shape != b.shape:
+        return float("inf")
+    return float(np.max(differences(a, b), initial=0.0))
+
+
+def differences(mine: NDArray[np.float64], theirs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The amounts by which two results differ, one by one."""
+    with np.errstate(invalid="ignore"):  # infinity less infinity
+        return np.where(mine == theirs, 0.0, np.abs(mine - theirs))
 
 
 def progress(text: str) -> None:

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 
 import canopen
 
-from benchmarks.measure import Row, in_turn, progress, table
+from benchmarks.measure import Row, agreed, apart, in_turn, progress, table
 from benchmarks.robots import FIRST_NODE, SINGLE
 from benchmarks.stranger import dictionary
 from hil.can.frame import Frame
-from plant_emulator.robot import Robot, load_robot
+from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 
 NODE, ROUNDS = FIRST_NODE + SINGLE, 20_000
@@ -81,7 +81,11 @@ def _block(length: int) -> list[Frame]:
 
 
 def node_frames() -> list[str]:
-    """Microseconds that one frame costs one node, by kind of frame."""
+    """Microseconds that one frame costs one node, by kind of frame.
+
+    Raises:
+        DisagreementError: `canopen`'s node answers something else than ours.
+    """
     progress("node: what a frame costs")
     drive = _drive()
     read, write = Frame(0x600 + NODE, struct.pack("<BHBI", 0x40, 0x1018, 1, 0)), _sdo(0x6083, 0, struct.pack("<I", 100_000))
@@ -95,9 +99,14 @@ def node_frames() -> list[str]:
         "a frame that is not for it": [Frame(0x181, bytes(8))],
     }
     network = canopen.Network()
-    network.send_message = lambda *_args, **_kwargs: None  # type: ignore[method-assign]
-    stranger = canopen.LocalNode(NODE, dictionary())
+    sent: list[bytes] = []
+    network.send_message = lambda _can_id, data, *_args, **_kwargs: sent.append(bytes(data))  # type: ignore[method-assign]
+    [answer] = drive(read)
+    stranger = canopen.LocalNode(NODE, dictionary(int.from_bytes(answer.data[4:], "little")))
     stranger.associate_network(network)
+    stranger.sdo.on_request(read.can_id, read.data, 0.0)
+    agreed("`canopen`'s local node, bytes of its answers", apart([*b"".join(sent)], [*answer.data]), 0.0)
+    network.send_message = lambda *_args, **_kwargs: None  # type: ignore[method-assign]
     theirs = {"SDO read of 4 bytes": read}
     contenders: dict[str, Callable[[], float]] = {
         name: lambda frames=frames: _rate(drive, frames) for name, frames in services.items()

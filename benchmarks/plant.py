@@ -8,20 +8,26 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from benchmarks import plant_python
-from benchmarks.measure import Row, in_turn, progress, seconds, shown, table
+from benchmarks.measure import Row, agreed, apart, differences, in_turn, progress, seconds, shown, table
+from benchmarks.records import header
 from benchmarks.robots import numbers, robot_of, swing
-from plant_emulator.axes import Axes
-from plant_emulator.motion import POSITION
-from plant_emulator.simulate import simulate
+from drive_profiles.standard.units import real32
+from hil.control.cascade import Cascade
+from hil.robot_tables import Control
+from plant_emulator.motion.axes import Axes
+from plant_emulator.motion.record import POSITION
+from plant_emulator.robots.robot import Robot
+from plant_emulator.studies.simulate import Simulation, simulate
 
 try:
     import control as python_control
@@ -31,60 +37,81 @@ except ImportError:
 TICKS = 8
 """Control periods per set-point."""
 SYNC_S = 0.002
-FULL_S = 3.0
+FULL_S, SETTLE_S = 3.0, 0.5
 SOURCE = Path(__file__).with_name("plant.c")
+FAST, STRICT = ("-O3", "-march=native"), ("-O3", "-march=native", "-ffp-contract=off")
+"""For the C compiler; strict is the IEEE arithmetic of our own compiled parts, where no product is fused with a sum."""
+SAME_STEPS = 1e-9
+"""How far the same stepping with its roundings in another order may come to lie from ours, relative to the largest values.
+
+Rounding grows to 6e-12 in the three seconds of the motion, strict C gives our very bits. A constant that is wrong in its seventh
+digit gives 2e-7 where it is a low-pass that nothing follows, and 6e-2 where it is in the friction: there a count turns over.
+"""
+TRUNCATION = 1e-4
+"""The same for a solver that picks its own steps: the difference is the error of our four steps per control period.
+
+It is 2.8e-5 with four, 1.1e-6 with eight, 1.1e-8 with 32.
+"""
 SOLVER = {"method": "RK45", "rtol": 1e-8, "atol": 1e-11}
 Stepper = Callable[[Axes, int], None]
-Step = Callable[[NDArray[np.float64], NDArray[np.float64], float], NDArray[np.float64]]
+Real = NDArray[np.float64]
+Step = Callable[[Real, Real, float], Real]
+OURS, SIMULATE, PYTHON = (
+    "ours, `Axes.advance`",
+    "ours, `simulate` (line motion, every SYNC recorded)",
+    "plain Python, floats and lists",
+)
 
 
 def energised(count: int) -> Axes:
     """All brakes open, at home."""
     axes = Axes(robot_of(count))
     for row in range(count):
-        axes.energise(row, POSITION, TICKS)
+        axes.open_brake(row, POSITION, TICKS)
     return axes
 
 
-def targets(axes: Axes, duration_s: float) -> NDArray[np.float64]:
+def targets(axes: Axes, duration_s: float) -> Real:
     """Set-points in counts, one row per SYNC; the swing of the whole bench, from its beginning."""
     motion = swing(len(numbers(len(axes.numbers))), SYNC_S, FULL_S)
-    wanted: NDArray[np.float64] = np.round(motion.motor_angle_rad * axes.motion["counts_per_rad"])
+    wanted: Real = np.round(motion.motor_angle_rad * axes.motion["counts_per_rad"])
     return wanted[: round(duration_s / SYNC_S)]
 
 
-def follow(axes: Axes, wanted: NDArray[np.float64], advance: Stepper) -> None:
+def follow(axes: Axes, wanted: Real, advance: Stepper) -> None:
     """Set-point by set-point."""
-    previous, target, tick = axes.motion["previous_counts"], axes.motion["target_counts"], axes.motion["tick"]
+    previous, target, elapsed = axes.motion["previous_counts"], axes.motion["target_counts"], axes.motion["elapsed_periods"]
     for row in wanted:
         previous[:] = target
         target[:] = row
-        tick[:] = 0
+        elapsed[:] = 0
         advance(axes, TICKS)
 
 
-def compiled_c() -> Stepper | None:
-    """The same stepping in C, compiled now; None where there is no compiler."""
+def compiled_c(flags: Sequence[str] = FAST, declarations: str | None = None) -> Stepper | None:
+    """The same stepping in C, compiled now; None where there is no compiler.
+
+    Args:
+        flags: For the compiler.
+        declarations: Text of the header with the records; made from the dtypes unless given.
+    """
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         return None
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         library = Path(folder) / "plant.so"
-        command = [compiler, "-O3", "-march=native", "-shared", "-fPIC", str(SOURCE), "-o", str(library), "-lm"]
+        (Path(folder) / "records.h").write_text(header() if declarations is None else declarations, encoding="utf-8")
+        command = [compiler, *flags, "-shared", "-fPIC", "-I", folder, str(SOURCE), "-o", str(library), "-lm"]
         subprocess.run(command, check=True)  # noqa: S603 - the compiler of this machine on our own file
         function = ctypes.CDLL(str(library)).advance
-    pointer = ctypes.c_void_p
-    function.argtypes = [ctypes.c_int64, ctypes.c_int64, ctypes.c_double, ctypes.c_int64, *[pointer] * 7]
-    function.restype = None
-    known: dict[int, tuple[Axes, tuple[object, ...]]] = {}  # with the axes themselves: an identity may pass to others
+    function.argtypes = [ctypes.c_int64, ctypes.c_int64, ctypes.c_double, ctypes.c_int64, ctypes.c_void_p]
+    function.restype = ctypes.c_int64
 
-    def advance(axes: Axes, ticks: int) -> None:
-        if id(axes) not in known:
-            arrays = (axes.plant, axes.plant_state, axes.motion, axes.cascade_config, axes.cascade_state)
-            places = tuple(array.ctypes.data for array in (*arrays, axes.notch_config, axes.notch_state))
-            known.clear()
-            known[id(axes)] = axes, places
-        function(len(axes.numbers), ticks, axes.robot.control_period_s, axes.robot.plant_substeps, *known[id(axes)][1])
+    def advance(axes: Axes, periods: int) -> None:
+        count, period_s, substeps = len(axes.numbers), axes.robot.control_period_s, axes.robot.plant_substeps
+        refused = function(count, periods, period_s, substeps, axes.rows.ctypes.data)
+        if refused:
+            raise RuntimeError(f"C: row {refused - 1} asks for what plant.c does not do, or has broken a limit")
 
     return advance
 
@@ -93,7 +120,7 @@ def solver_step(axes: Axes) -> Step:
     """One control period of all axes by `scipy.integrate.solve_ivp`: the torque is constant, so nothing jumps inside."""
     rates = plant_python.rates(axes)
 
-    def step(state: NDArray[np.float64], torque: NDArray[np.float64], period_s: float) -> NDArray[np.float64]:
+    def step(state: Real, torque: Real, period_s: float) -> Real:
         found = solve_ivp(lambda t, x: rates(x, torque), (0.0, period_s), state, **SOLVER)
         return np.asarray(found.y[:, -1])
 
@@ -107,7 +134,7 @@ def control_step(axes: Axes) -> Step:
         lambda t, x, u, params: rates(x, u), lambda t, x, u, params: x, inputs=count, outputs=4 * count, states=4 * count
     )
 
-    def step(state: NDArray[np.float64], torque: NDArray[np.float64], period_s: float) -> NDArray[np.float64]:
+    def step(state: Real, torque: Real, period_s: float) -> Real:
         held = np.repeat(torque[:, np.newaxis], 2, axis=1)
         options = {"rtol": SOLVER["rtol"], "atol": SOLVER["atol"]}
         found = python_control.input_output_response(system, [0.0, period_s], held, state, solve_ivp_kwargs=options)
@@ -133,50 +160,88 @@ def _general(make: Callable[[Axes], Step], duration_s: float) -> tuple[float, fl
     follow(ours, wanted, Axes.advance)
     step = make(axes)
     took = seconds(lambda: plant_python.follow_with(axes, wanted, step))
-    way = np.abs(ours.plant_state["arm_angle"] - energised(3).plant_state["arm_angle"])
-    apart = np.abs(axes.plant_state["arm_angle"] - ours.plant_state["arm_angle"])
-    return duration_s / took, float(np.max(apart / way))
+    way = np.abs(ours.plant_state["arm_angle_rad"] - energised(3).plant_state["arm_angle_rad"])
+    return duration_s / took, apart(axes.plant_state["arm_angle_rad"] / way, ours.plant_state["arm_angle_rad"] / way)
 
 
-def agreement(advance: Stepper, count: int = 3) -> float:
-    """The largest difference between ours and another over the whole motion, relative to the largest value of its column."""
+def agreement(advance: Stepper, count: int = 3, duration_s: float = FULL_S) -> float:
+    """The largest difference between ours and another over a motion: of any field that changes, relative to its largest value.
+
+    Infinite where a field differs that stays 0 with us, NaN where the other is not a number.
+    """
     ours, other = energised(count), energised(count)
-    worst = 0.0
-    wanted = targets(ours, FULL_S)
-    largest = dict.fromkeys(("motor_angle", "motor_speed", "arm_angle", "arm_speed"), 1e-300)
-    apart = dict.fromkeys(largest, 0.0)
-    for row in wanted:
+    columns = _columns(ours).shape[1]
+    largest, far = np.zeros(columns), np.zeros(columns)
+    for row in targets(ours, duration_s):
         follow(ours, row[np.newaxis], Axes.advance)
         follow(other, row[np.newaxis], advance)
-        for name in largest:
-            mine, theirs = ours.plant_state[name], other.plant_state[name]
-            largest[name] = max(largest[name], float(np.abs(mine).max()))
-            apart[name] = max(apart[name], float(np.abs(mine - theirs).max()))
-    return max([worst, *(apart[name] / largest[name] for name in largest)])
+        mine = _columns(ours)
+        largest = np.maximum(largest, np.where(np.isfinite(mine), np.abs(mine), 0.0).max(axis=0))
+        far = np.maximum(far, differences(mine, _columns(other)).max(axis=0))
+    with np.errstate(divide="ignore"):
+        return float(np.max(np.divide(far, largest, out=np.zeros(columns), where=far != 0.0)))
+
+
+def _columns(axes: Axes) -> Real:
+    """All that a control period can change: a row per axis, a column per field."""
+    count = len(axes.numbers)
+    records = (axes.plant_state, axes.motion, axes.cascade_state, axes.notch_state)
+    return np.hstack([structured_to_unstructured(each, dtype=np.float64).reshape(count, -1) for each in records])
+
+
+def _simulation() -> Simulation:
+    robot = robot_of(3)
+    return simulate(robot, None, controls=_controls(robot), notches={}, sync_period_s=SYNC_S, settle_s=SETTLE_S)
+
+
+def _controls(robot: Robot) -> dict[int, Control]:
+    return {number: axis.control for number, axis in robot.axis.items() if axis.control is not None}
 
 
 def _whole_simulation() -> float:
-    robot = robot_of(3)
-    controls = {number: axis.control for number, axis in robot.axis.items() if axis.control is not None}
     begin = time.perf_counter()
-    done = simulate(robot, None, controls=controls, notches={})
-    return float(done.time_s[-1] + 0.5) / (time.perf_counter() - begin)
+    return float(_simulation().time_s[-1] + SETTLE_S) / (time.perf_counter() - begin)
+
+
+def _simulation_apart() -> float:
+    """How far `simulate` and the same set-points by `Axes.advance` are apart: arm angles at each SYNC, relative to their way."""
+    done, axes = _simulation(), energised(3)
+    for number, control in _controls(axes.robot).items():
+        gains = {name: real32(value) for name, value in control.model_dump().items()}
+        Cascade(**gains).write(axes.cascade_config[axes.row(number)])
+    rows = [axes.row(number) for number in done.axes]
+    wanted = np.zeros((round(SETTLE_S / SYNC_S), len(axes.numbers)))
+    follow(axes, wanted, Axes.advance)
+    arms = np.empty(done.arm_angle_rad.shape)
+    for place, counts in enumerate(done.reference_counts):
+        arms[place] = axes.plant_state["arm_angle_rad"][rows]
+        row = np.zeros((1, len(axes.numbers)))
+        row[0, rows] = counts
+        follow(axes, row, Axes.advance)
+    return apart(arms, done.arm_angle_rad) / float(np.ptp(done.arm_angle_rad, axis=0).max())
 
 
 def plant() -> list[str]:
-    """Simulated seconds per second of the closed loop of three axes, each way, and how far they agree."""
+    """Simulated seconds per second of the closed loop of three axes, each way, and how far they agree.
+
+    Raises:
+        DisagreementError: One of them is further from ours than its bound.
+    """
     progress("plant: compile C, compare")
-    in_c = compiled_c()
     contenders: dict[str, Callable[[], float]] = {
-        "ours, `Axes.advance`": partial(_rate, 3, FULL_S, Axes.advance),
-        "ours, `simulate` (line motion, every SYNC recorded)": _whole_simulation,
-        "plain Python, floats and lists": lambda: 0.1 / plant_python.measure(energised(3), targets(energised(3), 0.1)),
+        OURS: partial(_rate, 3, FULL_S, Axes.advance),
+        SIMULATE: _whole_simulation,
+        PYTHON: lambda: 0.1 / plant_python.measure(energised(3), targets(energised(3), 0.1)),
     }
-    apart: dict[str, float] = {}
-    if in_c is not None:
-        contenders["C, gcc -O3"] = partial(_rate, 3, FULL_S, in_c)
-        apart["C, gcc -O3"] = agreement(in_c)
-    apart["plain Python, floats and lists"] = plant_python.agreement(energised(3), energised(3), targets(energised(3), 0.1))
+    in_python = plant_python.agreement(energised(3), energised(3), targets(energised(3), 0.1))
+    far = {SIMULATE: agreed(SIMULATE, _simulation_apart(), SAME_STEPS), PYTHON: agreed(PYTHON, in_python, SAME_STEPS)}
+    has_compiler = True
+    for name, flags in {"C, gcc -O3": FAST, "C, gcc -O3, strict": STRICT}.items():
+        in_c = compiled_c(flags)
+        has_compiler = in_c is not None
+        if in_c is not None:
+            contenders[name] = partial(_rate, 3, FULL_S, in_c)
+            far[name] = agreed(name, agreement(in_c), SAME_STEPS)
     progress("plant: ours, Python and C in turn")
     found = in_turn(contenders, 3)
     general = {f"scipy `solve_ivp` ({SOLVER['method']}, rtol {SOLVER['rtol']:g})": solver_step}
@@ -184,19 +249,20 @@ def plant() -> list[str]:
         general[f"python-control {python_control.__version__} `input_output_response`"] = control_step
     for name, make in general.items():
         progress(f"plant: {name}")
-        found[name], apart[name] = _general(make, 0.02)
-    mine = found["ours, `Axes.advance`"]
-    rows: list[Row] = [(name, rate, mine / rate, _exponent(apart.get(name))) for name, rate in found.items()]
+        found[name], difference = _general(make, 0.02)
+        far[name] = agreed(name, difference, TRUNCATION)
+    mine = found[OURS]
+    rows: list[Row] = [(name, rate, mine / rate, _exponent(far.get(name))) for name, rate in found.items()]
     heads = ("three axes, drive-closed, no bus", "simulated s per s", "ours / this", "largest relative difference to ours")
     missing = (
         [] if python_control is not None else ["", "python-control is not installed (`pip install -e .[bench]`): not measured."]
     )
-    missing += [] if in_c is not None else ["", "No C compiler here: the limit was not measured."]
+    missing += [] if has_compiler else ["", "No C compiler here: the limit was not measured."]
     return [*table(heads, rows), *missing]
 
 
 def _exponent(value: float | None) -> str | None:
-    return None if value is None else f"{value:.1e}"
+    return None if value is None else f"{value:.1e}" if value else "0"
 
 
 def growth(counts: tuple[int, ...] = (1, 3, 6, 12, 20, 30)) -> list[str]:
@@ -205,7 +271,10 @@ def growth(counts: tuple[int, ...] = (1, 3, 6, 12, 20, 30)) -> list[str]:
     rows: list[Row] = []
     for count in counts:
         progress(f"growth, no bus: {count} axes")
-        ways = {"ours": Axes.advance} | ({} if in_c is None else {"C": in_c})
+        ways: dict[str, Stepper] = {"ours": Axes.advance}
+        if in_c is not None:
+            agreed(f"C, {count} axes", agreement(in_c, count, 1.0), SAME_STEPS)
+            ways["C"] = in_c
         found = in_turn({name: partial(_rate, count, 1.0, way) for name, way in ways.items()}, 3)
         limit = found.get("C")
         per_axis = 1e6 * SYNC_S / found["ours"] / count / TICKS

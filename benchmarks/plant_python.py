@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_emulator.axes import Axes
+from benchmarks.measure import apart
+from plant_emulator.motion.axes import Axes
 
 Real = NDArray[np.float64]
 Rates = Callable[[float, float, float, float, float], tuple[float, float]]
@@ -105,12 +106,15 @@ class Law:
 
 
 def _states(axes: Axes) -> list[list[float]]:
-    return [[float(row[name]) for name in ("motor_angle", "motor_speed", "arm_angle", "arm_speed")] for row in axes.plant_state]
+    return [
+        [float(row[name]) for name in ("motor_angle_rad", "motor_speed_rad_s", "arm_angle_rad", "arm_speed_rad_s")]
+        for row in axes.plant_state
+    ]
 
 
 def _put_back(axes: Axes, states: list[list[float]]) -> None:
     for row, state in zip(axes.plant_state, states, strict=True):
-        for name, value in zip(("motor_angle", "motor_speed", "arm_angle", "arm_speed"), state, strict=True):
+        for name, value in zip(("motor_angle_rad", "motor_speed_rad_s", "arm_angle_rad", "arm_speed_rad_s"), state, strict=True):
             row[name] = value
 
 
@@ -119,15 +123,19 @@ def follow(axes: Axes, wanted: Real) -> None:
     laws = [Law(axes, row) for row in range(len(axes.numbers))]
     plants = [_axis(axes, row) for row in range(len(axes.numbers))]
     states, scales = _states(axes), axes.motion["counts_per_rad"].tolist()
-    period, substeps, ticks = axes.robot.control_period_s, axes.robot.plant_substeps, int(axes.motion[0]["ticks_per_set_point"])
+    period, substeps, periods = (
+        axes.robot.control_period_s,
+        axes.robot.plant_substeps,
+        int(axes.motion[0]["periods_per_set_point"]),
+    )
     before = [0.0] * len(laws)
     for target in wanted.tolist():
-        for tick in range(1, ticks + 1):
-            share = tick / ticks
+        for number in range(1, periods + 1):
+            fraction = number / periods
             for row, (law, rates_of, x) in enumerate(zip(laws, plants, states, strict=True)):
                 scale = scales[row]
                 angle = math.floor(x[0] * scale + 0.5) / scale
-                torque = law((before[row] + (target[row] - before[row]) * share) / scale, angle)
+                torque = law((before[row] + (target[row] - before[row]) * fraction) / scale, angle)
                 _runge_kutta(rates_of, torque, x, period, substeps)
         before = target
     _put_back(axes, states)
@@ -137,14 +145,14 @@ def follow_with(axes: Axes, wanted: Real, step: Callable[[Real, Real, float], Re
     """The same law in Python, the plant by a general solver, one control period per call."""
     laws = [Law(axes, row) for row in range(len(axes.numbers))]
     scales = axes.motion["counts_per_rad"].tolist()
-    ticks = int(axes.motion[0]["ticks_per_set_point"])
+    periods = int(axes.motion[0]["periods_per_set_point"])
     state, before = np.array(_states(axes)).ravel(), [0.0] * len(laws)
     for target in wanted.tolist():
-        for tick in range(1, ticks + 1):
+        for number in range(1, periods + 1):
             torque = np.empty(len(laws))
             for row, (law, scale) in enumerate(zip(laws, scales, strict=True)):
                 angle = math.floor(float(state[4 * row]) * scale + 0.5) / scale
-                torque[row] = law((before[row] + (target[row] - before[row]) * tick / ticks) / scale, angle)
+                torque[row] = law((before[row] + (target[row] - before[row]) * number / periods) / scale, angle)
             state = step(state, torque, axes.robot.control_period_s)
         before = target
     _put_back(axes, state.reshape(-1, 4).tolist())
@@ -159,11 +167,11 @@ def measure(axes: Axes, wanted: Real) -> float:
 
 def agreement(mine: Axes, theirs: Axes, wanted: Real) -> float:
     """The largest difference between the arm angles at the end, relative to their way."""
-    start = theirs.plant_state["arm_angle"].copy()
+    start = theirs.plant_state["arm_angle_rad"].copy()
     follow(mine, wanted)
     for row in wanted:
         theirs.motion["previous_counts"] = theirs.motion["target_counts"]
-        theirs.motion["target_counts"], theirs.motion["tick"] = row, 0
-        theirs.advance(int(theirs.motion[0]["ticks_per_set_point"]))
-    way = np.abs(theirs.plant_state["arm_angle"] - start).max()
-    return float(np.abs(mine.plant_state["arm_angle"] - theirs.plant_state["arm_angle"]).max() / way)
+        theirs.motion["target_counts"], theirs.motion["elapsed_periods"] = row, 0
+        theirs.advance(int(theirs.motion[0]["periods_per_set_point"]))
+    way = np.abs(theirs.plant_state["arm_angle_rad"] - start).max()
+    return apart(mine.plant_state["arm_angle_rad"] / way, theirs.plant_state["arm_angle_rad"] / way)

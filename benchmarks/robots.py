@@ -6,9 +6,10 @@ from typing import Literal
 import numpy as np
 
 from drive_profiles.address import Address
-from hil.master.bench import Bench, load_bench
+from hil.bench.bench import Bench, load_bench
 from hil.master.motion import Motion
-from plant_emulator.robot import Control, Robot, load_robot
+from hil.robot_tables import Control
+from plant_emulator.robots.robot import Robot, load_robot
 
 SINGLE, PATTERN = 2, (2, 3, 5)
 """The only axis of a robot of one; the axes that are copied in turn."""

@@ -1,13 +1,12 @@
 """Monte Carlo over plants: how long a thousand closed-loop runs of one axis take."""
 
 import os
-from functools import partial
 
-from benchmarks.measure import Row, progress, seconds, table
-from plant_emulator.robot import load_robot
-from plant_emulator.robustness import Study
-from plant_emulator.robustness_workers import run_all
-from plant_emulator.tuning import load_tuning
+from benchmarks.measure import Row, agreed, progress, seconds, table
+from plant_emulator.robots.robot import load_robot
+from plant_emulator.robots.tuning import load_tuning
+from plant_emulator.studies.robustness import PlantRunResult, Study
+from plant_emulator.studies.workers import run_all
 
 RUNS = 1000
 
@@ -21,14 +20,27 @@ def studies() -> dict[str, Study]:
 
 
 def robustness(runs: int = RUNS) -> list[str]:
-    """Seconds for a thousand plants, in this process and in one per core; processes' start and judgement included."""
+    """Seconds for a thousand plants, in this process and in one per core; processes' start and judgement included.
+
+    Raises:
+        DisagreementError: The number of processes has changed what came out.
+    """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     rows: list[Row] = []
     for name, study in studies().items():
         study.judge(-1)  # compile
+        first: list[PlantRunResult] = []
         simulated = float(study.times[-1]) * runs
         for jobs in dict.fromkeys((1, cores)):
             progress(f"robustness: {runs} plants {name}, {jobs} processes")
-            took = seconds(partial(run_all, [study], runs, jobs))
+            judged: list[list[PlantRunResult]] = []
+
+            def run(jobs: int = jobs, study: Study = study, judged: list[list[PlantRunResult]] = judged) -> None:
+                judged[:] = run_all([study], runs, jobs)
+
+            took = seconds(run)
+            first = first or judged[0]
+            others = [index for index, (one, two) in enumerate(zip(first, judged[0], strict=True)) if one != two]
+            agreed(f"{name}, {jobs} processes, plants that are judged otherwise", len(others), 0.0)
             rows.append((f"{runs} plants, axis 2, {name}", jobs, took, runs / took, simulated / took))
     return table(("Monte Carlo", "processes", "s", "plants per s", "simulated s per s"), rows)

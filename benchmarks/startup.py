@@ -1,11 +1,15 @@
-"""How long one waits: for help, for the compiled parts cold and warm, for the demo."""
+"""How long one waits: for help, for the compiled parts cold and warm, for the demo; and what machine code without numba buys."""
 
+import json
 import os
+import resource
 import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.measure import Row, progress, seconds, table
@@ -16,21 +20,71 @@ COMPILED = """
 from hil.control.notch import Notch
 from hil.control.cascade import Cascade
 from hil.control.servo import Servo, ServoConfig
-from plant_emulator.axes import Axes
-from plant_emulator.robot import load_robot
+from plant_emulator.motion.axes import Axes
+from plant_emulator.robots.robot import load_robot
 axes = Axes(load_robot("reference"))
-axes.energise(0, 1); axes.advance(1); axes.counts(0)
+axes.open_brake(0, 1); axes.advance(1); axes.counts(0)
 servo = Servo(ServoConfig(Cascade(25.0, 0.2, 4.0), 7.0, (Notch(),)), 250e-6)
 servo.start(0.0); servo.step(0.0, 0.0)
 """
 """Everything that a host-closed run of the emulated robot calls."""
 
+OWN_CACHE = """
+import numba
+
+
+def compiled(function):
+    return numba.njit(cache=True, error_model="numpy")(function)
+
+
+def inlined(function):
+    return numba.njit(cache=True, error_model="numpy", forceinline=True)(function)
+"""
+"""What would stand in the place of `hil.control.compiled` without `machine_code`: numba as it comes, with its own cache."""
+
+CALLS = """
+import json, statistics, time
+from hil.control.cascade import Cascade
+from hil.control.notch import Notch
+from hil.control.servo import ServoConfig
+from hil.control.servo_bank import ServoBank
+from plant_emulator.motion.axes import Axes
+from plant_emulator.robots.robot import load_robot
+axes = Axes(load_robot("reference"))
+for row in range(3):
+    axes.open_brake(row, 1)
+bank = ServoBank([ServoConfig(Cascade(25.0, 0.2, 4.0), 7.0, (Notch(),))] * 3, 250e-6)
+zeros = [0.0] * 3
+calls = {
+    "one control period of three drives and their plant": lambda: axes.advance(1),
+    "the laws of three axes": lambda: bank.step(zeros, zeros),
+    "the law of one axis": lambda: bank.step_one(0, 0.0, 0.0),
+}
+def us(call):
+    begin = time.process_time()
+    for _ in range(4000):
+        call()
+    return 250.0 * (time.process_time() - begin)
+print(json.dumps({name: statistics.median(us(call) for _ in range(6)) for name, call in calls.items()}))
+"""
+"""Prints the microseconds of single calls: the door, the call, and what it computes."""
+
+
+def _environment(path: Path) -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": os.pathsep.join([str(path), os.environ.get("PYTHONPATH", "")])}
+
 
 def _python(*arguments: str, path: Path = ROOT, cwd: str | None = None) -> float:
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(path), os.environ.get("PYTHONPATH", "")])}
     command = [sys.executable, *arguments]
-    where = {"cwd": cwd or str(path), "env": environment}
+    where = {"cwd": cwd or str(path), "env": _environment(path)}
     return seconds(lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **where))  # noqa: S603
+
+
+def _copy(folder: Path) -> Path:
+    """Our packages without any cache."""
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
 
 
 def startup(repeats: int = 5) -> list[str]:
@@ -38,15 +92,14 @@ def startup(repeats: int = 5) -> list[str]:
     progress("start-up: help, and compiled parts cold and warm")
     bare = statistics.median(_python("-c", "pass") for _ in range(repeats))
     numba = statistics.median(_python("-c", "import numba, numpy") for _ in range(3))
-    assisted = statistics.median(_python("-m", "hil.cli", "--help") for _ in range(repeats))
+    assisted = statistics.median(_python("-m", "hil", "--help") for _ in range(repeats))
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
-        for name in PACKAGES:
-            shutil.copytree(ROOT / name, Path(folder) / name, ignore=shutil.ignore_patterns("__pycache__"))
+        _copy(Path(folder))
         cold = _python("-c", COMPILED, path=Path(folder))
         warm = statistics.median(_python("-c", COMPILED, path=Path(folder)) for _ in range(3))
     progress("start-up: demo")
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
-        demo = _python("-m", "hil.cli", "demo", "--no-story", "--out", str(Path(folder) / "demo"), cwd=folder)
+        demo = _python("-m", "hil", "demo", "--no-story", "--out", str(Path(folder) / "demo"), cwd=folder)
     rows: list[Row] = [
         ("`python -c pass`", bare, 1.0),
         ("`hil --help`", assisted, assisted / bare),
@@ -56,3 +109,55 @@ def startup(repeats: int = 5) -> list[str]:
         ("`hil demo --no-story`, warm: eight runs, figures and report", demo, demo / bare),
     ]
     return table(("a new process", "s", "`python -c pass` = 1"), rows)
+
+
+def doors(repeats: int = 7) -> list[str]:
+    """Our packages twice, once with numba's own cache in place of the machine code: started in turn, all caches warm."""
+    with tempfile.TemporaryDirectory(prefix="bench-") as folder:
+        ours, own = _copy(Path(folder) / "ours"), _copy(Path(folder) / "own")
+        (own / "hil" / "control" / "compiled.py").write_text(OWN_CACHE, encoding="utf-8")
+        starts: dict[str, Callable[[Path], float]] = {
+            "law, drives and plant ready to run": lambda path: _python("-c", COMPILED, path=path),
+            "`plant-emulator serve` until it serves": _served,
+        }
+        rows: list[Row] = []
+        for name, start in starts.items():
+            progress(f"doors: {name}")
+            turns = [[_waited_and_worked(start, path) for path in (ours, own)] for _ in range(repeats + 1)][1:]
+            for place, what in enumerate(("s", "s of processor")):
+                here, there = (statistics.median(turn[path][place] for turn in turns) for path in (0, 1))
+                rows.append((f"{name}, {what}", here, there, there - here, there / here))
+        progress("doors: calls")
+        calls = [[_calls(path) for path in (ours, own)] for _ in range(4)][1:]
+        for name in calls[0][0]:
+            here, there = (statistics.median(turn[path][name] for turn in calls) for path in (0, 1))
+            rows.append((f"{name}, µs per call", here, there, there - here, there / here))
+    return table(("warm", "ours", "numba's own cache", "its − ours", "its / ours"), rows)
+
+
+def _waited_and_worked(start: Callable[[Path], float], path: Path) -> tuple[float, float]:
+    """Seconds until it was there, and of the processor in all."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    waited = start(path)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return waited, after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+
+
+def _served(path: Path) -> float:
+    """Until the emulator says that it serves; then it ends."""
+    command = [sys.executable, "-m", "plant_emulator.cli", "serve", "--bus", f"local:{path}/robot.sock", "--until-stdin-closes"]
+    begin = time.perf_counter()
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    process = subprocess.Popen(command, cwd=path, env=_environment(path), **pipes)  # noqa: S603
+    said = process.stdout.readline()
+    waited = time.perf_counter() - begin
+    process.communicate()
+    if not said or process.returncode:
+        raise RuntimeError("the emulator does not serve")
+    return waited
+
+
+def _calls(path: Path) -> dict[str, float]:
+    command = [sys.executable, "-c", CALLS]
+    found: dict[str, float] = json.loads(subprocess.check_output(command, cwd=path, env=_environment(path)))  # noqa: S603
+    return found

@@ -21,7 +21,7 @@ def _variable(name: str, index: int, subindex: int, kind: int) -> ODVariable:
     return variable
 
 
-def dictionary() -> canopen.ObjectDictionary:
+def dictionary(vendor_id: int = 1) -> canopen.ObjectDictionary:
     """A drive's objects, as far as two PDOs need them; and an identity to read."""
     found = canopen.ObjectDictionary()
     for index, size in (*_COMMAND, *_FEEDBACK):
@@ -38,7 +38,7 @@ def dictionary() -> canopen.ObjectDictionary:
     identity = ODRecord("identity", 0x1018)
     for sub in range(5):
         variable = _variable(f"sub{sub}", 0x1018, sub, datatypes.UNSIGNED32)
-        variable.default = sub
+        variable.default = vendor_id if sub == 1 else sub
         identity.add_member(variable)
     found.add_object(identity)
     return found
@@ -117,6 +117,15 @@ class Master:
             if status.raw & 0x08:  # type: ignore[attr-defined]
                 raise RuntimeError("fault")
             target.raw = law(n, position.raw)  # type: ignore[attr-defined]
+
+    def set_points(self) -> list[int]:
+        """What the next cycle will send."""
+        return [target.raw for _, target, _, _ in self._maps]  # type: ignore[attr-defined]
+
+    def put(self, values: list[int]) -> None:
+        """Change it, node by node."""
+        for (_, target, _, _), value in zip(self._maps, values, strict=True):
+            target.raw = value  # type: ignore[attr-defined]
 
     def close(self) -> None:
         """Leave the bus."""

@@ -5,15 +5,16 @@ import time
 from collections import deque
 from pathlib import Path
 
-from drive_profiles import files, fleet
-from drive_profiles.catalogue import Catalogue
-from drive_profiles.cia301 import DataType
-from drive_profiles.device import Device
-from drive_profiles.outcome import Options
-from drive_profiles.parameters import Item, ParameterSet
-from drive_profiles.profile import Profile
-from drive_profiles.sdo import SdoPort
-from drive_profiles.upload import Upload
+from drive_profiles.device.device import Device
+from drive_profiles.device.sdo import SdoPort
+from drive_profiles.family.catalogue import Catalogue
+from drive_profiles.family.profile import Profile
+from drive_profiles.files import toml as files
+from drive_profiles.parameter_set.parameters import Item, ParameterSet
+from drive_profiles.standard.cia301 import DataType
+from drive_profiles.upload import fleet
+from drive_profiles.upload.result import UploadOptions
+from drive_profiles.upload.upload import Upload
 from hil.can.bits import frame_bits
 from hil.can.frame import Frame
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
@@ -90,7 +91,7 @@ def upload() -> list[str]:
         line = TimedLine(slave)
         with tempfile.TemporaryDirectory() as folder:
             begin = time.perf_counter()
-            made = Upload(Device(SdoPort(NODE, line), Catalogue(profile)), wanted, Options(journals=Path(folder)))
+            made = Upload(Device(SdoPort(NODE, line), Catalogue(profile)), wanted, UploadOptions(journals=Path(folder)))
             fleet.prepare([made])
             [outcome] = fleet.run([made])
             took = time.perf_counter() - begin

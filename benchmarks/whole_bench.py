@@ -6,15 +6,19 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
-from benchmarks.measure import Row, in_turn, progress, shown, table
+import numpy as np
+
+from benchmarks.measure import Row, agreed, apart, in_turn, progress, shown, table
 from benchmarks.robots import Loop, bench_of, robot_of, swing
 from drive_profiles.address import LOCAL, Address
-from hil.can.channel import BusUnavailableError, Channel
+from hil.can.channel import Channel
+from hil.can.errors import BusUnavailableError
 from hil.can.raw import RawChannel, connect_local
 from hil.master.session import Session
-from hil.recording import BusLog
+from hil.recording import BusLog, Recording
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.world import World
@@ -67,8 +71,27 @@ class Clocked:
             self.end, self.share = time.perf_counter(), share
 
 
-def run(channel: Channel, count: int, period_s: float, loop: Loop, duration_s: float) -> float:
+def forget(recording: Recording) -> None:
+    """Where nobody compares."""
+
+
+def run(
+    channel: Channel,
+    count: int,
+    period_s: float,
+    loop: Loop,
+    duration_s: float,
+    keep: Callable[[Recording], object] = forget,
+) -> float:
     """One run of a session on a channel: motion time over wall time.
+
+    Args:
+        channel: Where the robot is.
+        count: How many axes it has.
+        period_s: SYNC period.
+        loop: Where it is closed.
+        duration_s: Of the motion.
+        keep: Gets what was recorded.
 
     Raises:
         RuntimeError: It was stopped, or an answer is missing.
@@ -79,6 +102,7 @@ def run(channel: Channel, count: int, period_s: float, loop: Loop, duration_s: f
         result = session.run(swing(count, period_s, duration_s), "none", loop)
     if result.stopped is not None or result.missed_cycles or result.sensor_missed:
         raise RuntimeError(f"{count} axes: {result.stopped}, {result.missed_cycles} cycles missed")
+    keep(result.recording)
     return clocked.share * result.motion_s / (clocked.end - clocked.begin)
 
 
@@ -86,28 +110,39 @@ Case = tuple[int, float, Loop, int | None, float]
 """Axes, SYNC period, where the loop is closed, bit rate, duration of the motion."""
 
 
-def in_process(case: Case) -> Callable[[], float]:
+def in_process(case: Case, keep: Callable[[Recording], object] = forget) -> Callable[[], float]:
     """A run with everything in one process, to be repeated."""
     count, period_s, loop, bitrate, duration_s = case
     world = World(robot_of(count, period_s))
     channel = InProcessChannel(world, medium_for(world, bitrate))
-    return lambda: run(channel, count, period_s, loop, duration_s)
+    return lambda: run(channel, count, period_s, loop, duration_s, keep)
 
 
 @contextlib.contextmanager
-def as_processes(case: Case) -> Iterator[Callable[[], float]]:
+def as_processes(case: Case, keep: Callable[[Recording], object] = forget) -> Iterator[Callable[[], float]]:
     """The same over the local bus, the emulator a process."""
     count, period_s, loop, bitrate, duration_s = case
     with emulator(count, period_s, bitrate) as address:
         channel = RawChannel(address)
         try:
-            yield lambda: run(channel, count, period_s, loop, duration_s)
+            yield lambda: run(channel, count, period_s, loop, duration_s, keep)
         finally:
             channel.close()
 
 
+def _recordings_apart(one: Recording, two: Recording) -> float:
+    """The largest difference in any column; infinite where one has columns that the other has not."""
+    if one.columns.keys() != two.columns.keys():
+        return float("inf")
+    return float(np.max([apart(column, two.columns[name]) for name, column in one.columns.items()]))
+
+
 def whole_bench(rounds: int = 3) -> list[str]:
-    """The cases that matter: the loop closed over the bus at 250 µs, and drive-closed at 1 ms with bit times and without."""
+    """The cases that matter: the loop closed over the bus at 250 µs, and drive-closed at 1 ms with bit times and without.
+
+    Raises:
+        DisagreementError: In lock-step time is the bench's own: both ways must record the same to the last bit, and have not.
+    """
     cases: list[Case] = [
         (6, 250e-6, "host", None, 0.75),
         (3, 250e-6, "host", None, 0.75),
@@ -118,8 +153,10 @@ def whole_bench(rounds: int = 3) -> list[str]:
     for case in cases:
         count, period_s, loop, bitrate, _ = case
         progress(f"bench: {count} axes, {1e3 * period_s:g} ms, {loop}-closed, {'no' if bitrate is None else bitrate} bit times")
-        with as_processes(case) as apart:
-            found = in_turn({"one": in_process(case), "two": apart}, rounds)
+        kept: dict[str, Recording] = {}
+        with as_processes(case, partial(kept.__setitem__, "two")) as two:
+            found = in_turn({"one": in_process(case, partial(kept.__setitem__, "one")), "two": two}, rounds)
+        agreed(f"two processes, {count} axes, {loop}-closed, recording", _recordings_apart(kept["one"], kept["two"]), 0.0)
         cycle_us = 1e6 * period_s
         times = [value for factor in found.values() for value in (factor, cycle_us / factor)]
         rows.append((count, f"{cycle_us:g} µs", f"{loop}-closed", "without" if bitrate is None else "1 Mbit/s", *times))

@@ -14,7 +14,7 @@ class AddressError(ValueError):
     """A bus address that cannot be read."""
 
     def __init__(self, text: str) -> None:
-        """Keep the text."""
+        """Compose the message; `text` is the spelling that was refused."""
         self.text = text
         super().__init__(
             f"{text!r} is no bus address; expected INTERFACE:CHANNEL[@BITRATE], e.g. local:/tmp/robot.sock, "
@@ -24,12 +24,12 @@ class AddressError(ValueError):
 
 @dataclass(frozen=True)
 class Address:
-    """Where a bus is.
+    """Address of a CAN bus: the interface, its channel and its bit rate.
 
     Attributes:
         interface: `local` (the emulator's socket), `socketcan`, or any python-can interface.
         channel: Path of the socket, name of the network interface, or what the interface takes.
-        bitrate: In bit/s, or None where the interface is already set up.
+        bitrate: Bit rate in bit/s, or None where the interface is already set up.
     """
 
     interface: str
@@ -37,16 +37,16 @@ class Address:
     bitrate: int | None = None
 
     def __str__(self) -> str:
-        """The spelling that `parse_address` reads."""
+        """Return the spelling that `parse_address` reads."""
         rate = "" if self.bitrate is None else f"@{self.bitrate}"
         return f"{self.interface}:{self.channel}{rate}"
 
 
 def parse_address(text: str) -> Address:
-    """The address that a text spells.
+    """Read a bus address.
 
     Raises:
-        AddressError: The text is none.
+        AddressError: The text is no bus address.
     """
     match = _SPELLING.fullmatch(text.strip())
     if match is None:

@@ -1,11 +1,9 @@
-"""What can be wrong in this package: one root, attributes first, the message made from them."""
+"""The errors of this package: one root, values as attributes, and a message that is made from them."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import ClassVar, NamedTuple
-
-from drive_profiles.cia301 import abort_text
 
 
 class DriveProfileError(Exception):
@@ -19,9 +17,9 @@ class OutOfRangeError(DriveProfileError, ValueError):
 
     Args:
         what: The quantity, e.g. ``torque``.
-        value: What was asked for, in ``unit``.
+        value: The value that was asked for, in ``unit``.
         unit: Printable unit of ``value``.
-        reason: Why it cannot be represented, with the limits.
+        reason: Reason why the object cannot hold it, with the limits.
     """
 
     def __init__(self, what: str, value: object, unit: str, reason: str) -> None:
@@ -36,10 +34,10 @@ class Problem(NamedTuple):
     """One thing wrong in a file.
 
     Args:
-        line: Counted from 1; 0 where the file as a whole is meant.
+        line: Line number, from 1; 0 for the file as a whole.
         key: Dotted key path, empty for a syntax error.
-        message: What was found.
-        expected: What should have been there.
+        message: What is wrong there.
+        expected: What is wanted there instead.
     """
 
     line: int
@@ -49,11 +47,11 @@ class Problem(NamedTuple):
 
 
 class FileError(DriveProfileError):
-    """A file that cannot be used, with everything that is wrong in it.
+    """A file that cannot be used, with all its problems.
 
     Args:
         path: The file.
-        problems: All of them, by line.
+        problems: All problems, sorted by line.
     """
 
     def __init__(self, path: Path, problems: tuple[Problem, ...]) -> None:
@@ -63,11 +61,11 @@ class FileError(DriveProfileError):
 
 
 class ProfileNotFoundError(DriveProfileError):
-    """No profile of that name is in the package.
+    """The package has no drive profile of that name.
 
     Args:
-        name: What was asked for.
-        available: What there is.
+        name: Name that was asked for.
+        available: Names of the profiles that the package has.
     """
 
     def __init__(self, name: str, available: tuple[str, ...]) -> None:
@@ -81,8 +79,8 @@ class UnknownParameterError(DriveProfileError, KeyError):
 
     Args:
         profile: The profile's name.
-        name: What was asked for.
-        close: What it may have meant, best first.
+        name: Name that was asked for.
+        close: Similar names, best first.
     """
 
     def __init__(self, profile: str, name: str, close: tuple[str, ...]) -> None:
@@ -100,8 +98,8 @@ class UnknownObjectError(DriveProfileError):
     """Neither profile nor EDS knows such an object.
 
     Args:
-        text: What was asked for.
-        close: What it may have meant, best first.
+        text: Name or address that was asked for.
+        close: Similar names, best first.
     """
 
     exit_code = 2
@@ -115,11 +113,11 @@ class UnknownObjectError(DriveProfileError):
 
 
 class AmbiguousNameError(DriveProfileError):
-    """A name that several objects have.
+    """A name that fits several objects.
 
     Args:
-        text: What was asked for.
-        candidates: Address and full name of each.
+        text: Name that was asked for.
+        candidates: Address and full name of each object.
     """
 
     exit_code = 2
@@ -130,10 +128,10 @@ class AmbiguousNameError(DriveProfileError):
 
 
 class RefusedError(DriveProfileError):
-    """What was asked for is not done, and nothing has been written.
+    """A request that is refused before anything has been written.
 
     Args:
-        reasons: Each a sentence.
+        reasons: The reasons, a sentence each.
     """
 
     def __init__(self, *reasons: str) -> None:
@@ -142,18 +140,18 @@ class RefusedError(DriveProfileError):
 
 
 class BusError(DriveProfileError):
-    """The bus is not there, or is gone."""
+    """The bus does not exist, or was lost."""
 
     exit_code = 4
 
 
 class NodeError(DriveProfileError):
-    """A node is not what it has to be.
+    """A node that cannot be used as it is.
 
     Args:
-        node: Its id.
-        what: What is wrong with it.
-        remedy: What to do.
+        node: Node-ID.
+        what: What is wrong with the node.
+        remedy: What the user can do about it.
     """
 
     exit_code = 5
@@ -172,37 +170,35 @@ class NoAnswerError(NodeError):
 
 
 class SdoAbortedError(DriveProfileError):
-    """A node refused an access.
+    """A node refused to read or write an object.
 
     Args:
-        node: Its id.
-        index: Of the object.
-        subindex: Of the object.
+        node: Node-ID.
+        index: Index of the object.
+        subindex: Sub-index of the object.
         code: The abort code.
-        name: Of the object, where it is known.
-        action: ``read`` or ``write of …``.
-        text: The vendor's words for the code, where they are known.
+        text: Meaning of the code: the standard's words, or the vendor's where they are known.
+        name: Name of the object, empty where it is not known.
+        action: Access that was refused: ``read`` or ``write of …``.
     """
 
     exit_code = 6
 
-    def __init__(
-        self, node: int, index: int, subindex: int, code: int, name: str = "", action: str = "read", text: str = ""
-    ) -> None:
+    def __init__(self, node: int, index: int, subindex: int, code: int, text: str, name: str = "", action: str = "read") -> None:
         self.node, self.index, self.subindex, self.code, self.name, self.action = node, index, subindex, code, name, action
         label = f" ({name})" if name else ""
-        words = text or abort_text(code)
-        super().__init__(f"node {node}: {action} of {index:04X}h:{subindex:X}{label} aborted: 0x{code:08X}, {words}")
+        self.text = text
+        super().__init__(f"node {node}: {action} of {index:04X}h:{subindex:X}{label} aborted: 0x{code:08X}, {text}")
 
 
 class InterruptedUploadError(DriveProfileError):
-    """The user stopped it."""
+    """The user interrupted the upload."""
 
     exit_code = 130
 
 
 def _line(path: Path, problem: Problem) -> str:
-    place = f"{path}:{problem.line}" if problem.line else f"{path}"
+    where = f"{path}:{problem.line}" if problem.line else f"{path}"
     key = f"{problem.key}: " if problem.key else ""
     expected = f"; expected {problem.expected}" if problem.expected else ""
-    return f"{place}: {key}{problem.message}{expected}"
+    return f"{where}: {key}{problem.message}{expected}"

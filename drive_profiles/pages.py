@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from drive_profiles.capability import Loop, NotchFacts
-from drive_profiles.parameter import Fact, Parameter
-from drive_profiles.profile import Profile
+from drive_profiles.family.capability import LoopFacts, NotchFacts
+from drive_profiles.family.parameter import Fact, Parameter
+from drive_profiles.family.profile import Profile
 from drive_profiles.realisation import realise
-from drive_profiles.realisation.biquad import Target
+from drive_profiles.realisation.biquad import NotchTarget
 from drive_profiles.realisation.refusal import NotRealisableError
 
 SIGN = "⚠"
-"""Before what is unverified."""
+"""Sign that marks unverified facts."""
 
 ASSUMED_PERIOD_S = 125e-6
-"""For the example of a drive whose period is not known: drives run their velocity loops at 62.5 to 250 us."""
+"""Filter period of the example where the drive's is not known: drives run their velocity loops at 62.5 to 250 us."""
 
 HEXADECIMAL = frozenset({
     "vendor_id", "product_code", "other_products", "revision", "device_type", "signature", "restore_signature", "code",
@@ -35,7 +35,7 @@ _CLASSES = {"tuning": "Tuning", "limits": "Limits", "communication": "Communicat
 
 
 def page(profile: Profile) -> str:
-    """One family's page: what it can do for the loop, its facts, its parameters, and where each is written."""
+    """Page of one family: its capabilities for the loop, its facts and its parameters, each with its source."""
     sources = _Sources(profile)
     parts = [
         f"# {profile.title}",
@@ -58,7 +58,7 @@ def page(profile: Profile) -> str:
 
 
 def index(profiles: Sequence[Profile]) -> str:
-    """The list of all families, with what decides between them."""
+    """Page that lists all families, with the facts that decide between them."""
 
     def answers(profile: Profile) -> tuple[str, ...]:
         c = profile.capabilities
@@ -89,14 +89,14 @@ def written(profiles: Sequence[Profile]) -> dict[str, str]:
 
 
 class _Sources:
-    """Sources of a profile, each once, in the order of the file."""
+    """The sources of a profile, each once, in the order of the file."""
 
     def __init__(self, profile: Profile) -> None:
-        found = [fact.source for _, fact in _facts(profile)] + [abort.source for abort in profile.aborts]
-        self.all = list(dict.fromkeys([*found, *(entry.source for entry in profile.parameters.values())]))
+        sources = [fact.source for _, fact in _facts(profile)] + [abort.source for abort in profile.aborts]
+        self.all = list(dict.fromkeys([*sources, *(entry.source for entry in profile.parameters.values())]))
 
     def evidence(self, fact: Fact) -> str:
-        """How a fact is known, and the number of its source."""
+        """Evidence of a fact, and the number of its source."""
         sign = "" if fact.is_verified else f"{SIGN} "
         return f"{sign}{fact.evidence} [{self.all.index(fact.source) + 1}]"
 
@@ -129,7 +129,7 @@ def _capabilities(profile: Profile) -> Iterator[str]:
 
 
 def _notch_held(profile: Profile) -> Iterator[str]:
-    """What the drive holds of the paper's notch, Table 3, where its resonance is."""
+    """Table of the paper's notch (Table 3) as the drive holds it, at the speeds of the resonance."""
     if profile.notch is None:
         return
     yield "### The notch of Table 3 as it holds it"
@@ -138,7 +138,7 @@ def _notch_held(profile: Profile) -> Iterator[str]:
         yield f"The period of its filter is not known; {1e6 * assumed_s:g} us is taken here."
     rows = []
     for axis, speed_rps, offset_hz, zeta_rn in (("2", 5.92, 0.5, 0.028), ("3", 5.72, 0.7, 0.036)):
-        target = Target.at_speed(2, speed_rps, offset_hz, zeta_rn, 0.1)
+        target = NotchTarget.at_speed(2, speed_rps, offset_hz, zeta_rn, 0.1)
         rows.append((axis, f"{target.zero_hz:.2f} Hz", f"{target.pole_hz:.2f} Hz", *_held(profile, target, assumed_s)))
     yield _table(("axis", "zeros wanted", "poles wanted", "zeros held", "poles held", "depth lost", "verdict"), rows)
 
@@ -147,24 +147,24 @@ def _knows_period(profile: Profile) -> bool:
     return any(fact is not None and fact.period_s is not None for fact in (profile.notch, profile.loop))
 
 
-def _held(profile: Profile, target: Target, period_s: float | None) -> tuple[str, ...]:
+def _held(profile: Profile, target: NotchTarget, period_s: float | None) -> tuple[str, ...]:
     try:
-        found = realise(profile, target, period_s=period_s, allow_approximate=True)
+        realisation = realise(profile, target, period_s=period_s, allow_approximate=True)
     except NotRealisableError as error:
         return "", "", "", "refused: " + "; ".join(error.reasons)
-    held = found.held
-    verdict = "exact" if found.is_exact else "approximate: " + "; ".join(found.reasons)
+    held = realisation.held
+    verdict = "exact" if realisation.is_exact else "approximate: " + "; ".join(realisation.reasons)
     zeros, poles = f"{held.zero_hz:.2f} Hz, ζ {held.zeta_zero:.3f}", f"{held.pole_hz:.2f} Hz, ζ {held.zeta_pole:.3f}"
-    lost = found.deviations.depth_db
+    lost = realisation.deviations.depth_db
     return zeros, poles, f"{lost if abs(lost) >= 0.05 else 0.0:.1f} dB", verdict
 
 
 def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
-    """One table of a profile: its values, what hangs on it, its note, and how it is known."""
+    """One table of a profile: its values, the tables inside it, its note and its evidence."""
     rows = [(_label(name), text) for name, value in fact if name not in _OWN_TABLE and (text := _text(name, value))]
     if rows:
         yield _table(("fact", "value"), rows)
-    if isinstance(fact, Loop) and fact.gains:
+    if isinstance(fact, LoopFacts) and fact.gains:
         yield _gains(fact)
     if isinstance(fact, NotchFacts):
         for n, section in enumerate(fact.sections, 1):
@@ -178,7 +178,7 @@ def _fact(fact: Fact, sources: _Sources) -> Iterator[str]:
     yield f"Evidence: {sources.evidence(fact)}."
 
 
-def _gains(loop: Loop) -> str:
+def _gains(loop: LoopFacts) -> str:
     rows = []
     for role, gain in loop.gains.items():
         factor = f"{SIGN} not known" if gain.factor is None else f"{gain.factor:g}"
@@ -187,7 +187,7 @@ def _gains(loop: Loop) -> str:
 
 
 def _text(name: str, value: object) -> str:
-    """A value as a reader wants it: hexadecimal numbers of CiA 301, times in ms or us, lists with commas."""
+    """Write a value for people: CiA 301's numbers in hexadecimal, times in ms or us, lists with commas."""
     if value is None or value in ("", (), {}):
         return ""
     if isinstance(value, dict):
@@ -224,7 +224,7 @@ def _row(name: str, entry: Parameter, sources: _Sources) -> tuple[str, ...]:
     access = "read only" if entry.access == "ro" else entry.effective
     mappable = "yes" if entry.mappable else ""
     return (
-        f"`{name}`", entry.address, entry.data_type, entry.unit, entry.step, limits, access, mappable,
+        f"`{name}`", entry.written_address, entry.data_type, entry.unit, entry.step, limits, access, mappable,
         sources.evidence(entry), entry.description,
     )  # fmt: skip
 

@@ -1,11 +1,12 @@
-"""The metrics: what is read off a recording, and what each number means exactly."""
+"""The metrics of a recording, with their exact definitions."""
+
+# ruff: noqa: PLC0415 - scipy.signal takes longer to import than all else that a run needs before it moves
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from hil.recording import Recording
 
@@ -28,7 +29,9 @@ LINE_BAND_HZ = (0.0, 50.0)
 
 
 def motor_speed_rps(recording: Recording, axis: int) -> Real:
-    """f_m in rev/s from the recorded motor angle, low-passed without phase; shape (n,)."""
+    """Motor speed f_m in rev/s from the recorded motor angle, low-passed without phase; shape (n,)."""
+    from scipy import signal
+
     period = recording.period_s
     speed = np.gradient(recording.axis(axis, "position_rad"), period) / (2.0 * math.pi)
     corner = min(SPEED_LOWPASS_HZ, 0.2 / period)
@@ -41,6 +44,8 @@ def band_passed(acceleration_m_s2: Real, period_s: float) -> Real:
     Raises:
         ValueError: The sampling period is too long for 25 Hz.
     """
+    from scipy import signal
+
     if 0.5 / period_s <= TIP_BAND_HZ[1]:
         raise ValueError(f"samples every {1e3 * period_s:g} ms do not show vibrations up to {TIP_BAND_HZ[1]:g} Hz")
     band = signal.butter(2, TIP_BAND_HZ, "bandpass", fs=1.0 / period_s, output="sos")
@@ -70,7 +75,9 @@ def speed_window(recording: Recording, axis: int, order: int) -> NDArray[np.bool
 
 
 def amplitude_spectrum(values: Real, period_s: float, window: str) -> tuple[Real, Real]:
-    """Frequencies in Hz and amplitudes, one-sided, scaled so that a sine of amplitude 1 shows 1; `hann` or `boxcar`."""
+    """Frequencies in Hz and one-sided amplitudes, shapes (m,); a sine of amplitude 1 shows 1 with either window."""
+    from scipy import signal
+
     weights = signal.get_window(window, len(values))
     amplitude = np.asarray(2.0 * np.abs(np.fft.rfft(values * weights)) / float(np.sum(weights)), dtype=np.float64)
     amplitude[0] *= 0.5
@@ -87,13 +94,13 @@ def area(frequency_hz: Real, amplitude: Real, band_hz: tuple[float, float]) -> f
 
 @dataclass(frozen=True)
 class Metrics:
-    """What a run is judged by.
+    """Metrics by which a run is judged.
 
     Attributes:
         tip_peak_mm: Largest |tip displacement| in the window.
-        tip_rms_mm: Its root mean square there.
+        tip_rms_mm: Root mean square of the tip displacement in the window.
         spectrum_peak_m_s2: Largest amplitude of the Hann spectrum from 8 to 16 Hz in the window.
-        spectrum_peak_hz: Where that is.
+        spectrum_peak_hz: Frequency of that amplitude.
         spectrum_area: Trapezoid area of the amplitude spectrum in m/s²·Hz: the Hann spectrum of the window from 6 to
             25 Hz (single axis), or the rectangular spectrum of the whole motion from 0 to 50 Hz (line motion).
     """
@@ -107,6 +114,12 @@ class Metrics:
 
 def constant_acceleration_metrics(recording: Recording, axis: int, order: int, f_al_hz: float) -> Metrics:
     """Metrics of a constant-acceleration run in the window of one order.
+
+    Args:
+        recording: The run.
+        axis: Number of the axis that moved.
+        order: Order k of the window, a key of `WINDOWS_RPS`.
+        f_al_hz: Peak frequency of |G_al|.
 
     Raises:
         ValueError: The run does not pass through the window.
@@ -124,7 +137,14 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, f
 
 
 def line_motion_metrics(recording: Recording, start_s: float, duration_s: float, f_al_hz: float) -> Metrics:
-    """Metrics of a line motion that starts at `start_s` of the recording and lasts `duration_s`."""
+    """Metrics of a line motion.
+
+    Args:
+        recording: The run.
+        start_s: Time of the recording at which the motion starts.
+        duration_s: Duration of the motion.
+        f_al_hz: Peak frequency of |G_al|.
+    """
     acceleration, period, time = recording.columns["tip_z_m_s2"], recording.period_s, recording.time_s
     begin, end = start_s + LINE_WINDOW_S[0], start_s + LINE_WINDOW_S[1]
     displacement = tip_displacement_mm(acceleration, period, f_al_hz)[(time >= begin) & (time <= end)]

@@ -1,4 +1,4 @@
-"""The emulated robot as a process, for `hil demo`: started, waited for, and ended with us. Nothing of it is imported."""
+"""The emulated robot as a process for `hil demo`, which ends with ours; nothing of the emulator is imported."""
 
 import subprocess
 import sys
@@ -9,17 +9,17 @@ from types import TracebackType
 from typing import Self
 
 from drive_profiles.address import LOCAL, Address
-from hil.can.channel import BusUnavailableError
+from hil.can.errors import BusUnavailableError
 from hil.can.raw import connect_local
 
 START_TIMEOUT_S = 120.0
 """The first start compiles the plant; later ones take under two seconds."""
 
 
-class EmulatedRobot:
-    """`plant-emulator serve` on a socket in a directory of its own.
+class EmulatorProcess:
+    """A process of `plant-emulator serve`, on a socket in a temporary directory.
 
-    The emulator lives as long as our end of its standard input, so that it does not outlive us, however we end.
+    The emulator ends when our end of its standard input closes, so that it never outlives this process.
     """
 
     def __init__(self, robot: str) -> None:
@@ -30,10 +30,10 @@ class EmulatedRobot:
         self._process: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> Self:
-        """Start it and wait until it serves.
+        """Start the process and wait until it serves.
 
         Raises:
-            BusUnavailableError: It has ended, or does not serve in time; with what it said.
+            BusUnavailableError: The process has ended, or does not serve in time; its output is in the message.
         """
         errors = Path(self._directory.name) / "errors.txt"
         with errors.open("w") as sink:
@@ -52,7 +52,7 @@ class EmulatedRobot:
         return self
 
     def _answers(self) -> bool:
-        """Whether somebody serves at the address: a socket file alone may not be listened to yet."""
+        """True where the emulator accepts connections; the socket file exists before that."""
         try:
             connect_local(self.address).close()
         except BusUnavailableError:
@@ -60,7 +60,7 @@ class EmulatedRobot:
         return True
 
     def __exit__(self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None) -> None:
-        """End it and remove its directory."""
+        """End the process and remove its directory."""
         if self._process is not None:
             if self._process.stdin is not None:
                 self._process.stdin.close()

@@ -1,4 +1,4 @@
-"""What the master received: columns with units, as CSV, and every frame, as a candump log."""
+"""Data that the master received: columns with units, as CSV, and every frame, as a candump log."""
 
 import csv
 from collections.abc import Iterable
@@ -17,11 +17,11 @@ class Recording:
     """The columns of one run, a row per SYNC.
 
     Names carry their units. `time_s`; for each axis n that moved `axis<n>_reference_rad`, `axis<n>_position_rad` (motor side),
-    `axis<n>_torque_nm`, and where its drive tells `axis<n>_notch_hz` (zero frequency of the first filter, 0 while it is out);
-    `tip_x_m_s2`, `tip_y_m_s2`, `tip_z_m_s2`; `missing`, how many of the expected answers did not come in this cycle.
+    `axis<n>_torque_nm`, and where its drive sends it `axis<n>_notch_hz` (zero frequency of the first filter, 0 while it is out);
+    `tip_x_m_s2`, `tip_y_m_s2`, `tip_z_m_s2`; `missing`, the number of expected answers that did not come in this cycle.
 
     Attributes:
-        columns: By name; all of shape (n,).
+        columns: Columns by name; all of shape (n,).
     """
 
     columns: dict[str, Real] = field(default_factory=dict)
@@ -39,7 +39,7 @@ class Recording:
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """The axes that are recorded."""
+        """Numbers of the recorded axes."""
         suffix = "_position_rad"
         return tuple(int(name[4 : -len(suffix)]) for name in self.columns if name.startswith("axis") and name.endswith(suffix))
 
@@ -61,10 +61,10 @@ class Recording:
 
     @classmethod
     def load(cls, path: Path) -> "Recording":
-        """Read what `save` wrote.
+        """Read a CSV file that `save` has written.
 
         Raises:
-            ValueError: The file is no recording, with its name.
+            ValueError: The file is not a recording; the message has its name.
         """
         with path.open(newline="", encoding="utf-8") as file:
             names = next(csv.reader(file), [])
@@ -87,7 +87,7 @@ class LoggedFrame(NamedTuple):
 
 
 class BusLog:
-    """Every frame the master sends or receives; kept in memory while an axis moves, written between the motions."""
+    """Log of every frame of the master; kept in memory while an axis moves, written between the motions."""
 
     def __init__(self, path: Path | None, channel: str = "can") -> None:
         """Log to a file, or nowhere; `channel` is the bus' name in the log."""
@@ -98,7 +98,7 @@ class BusLog:
 
     @property
     def is_on(self) -> bool:
-        """Whether frames are wanted."""
+        """True where frames are logged."""
         return self._path is not None
 
     def add(self, frame: LoggedFrame) -> None:
@@ -106,7 +106,7 @@ class BusLog:
         self._frames.append(frame)
 
     def write(self) -> None:
-        """Append what has come to the file, by python-can's candump writer."""
+        """Append the kept frames to the file, by python-can's candump writer."""
         frames, self._frames = self._frames, []
         if self._path is None or not frames:
             return

@@ -1,6 +1,6 @@
-"""The user's own robot, from a bench file that knows nothing to a quiet arm: identify, design, upload, run side by side.
+"""Story of the user's own robot, from a bench file without a model to a quiet arm: identify, design, upload, run side by side.
 
-Every step is what a command does (`hil identify plant`, `hil identify ate`, `hil design notch`, `drive-profiles upload`,
+Every step is that of a command (`hil identify plant`, `hil identify ate`, `hil design notch`, `drive-profiles upload`,
 `hil compare`), with its report in a directory of its own.
 """
 
@@ -9,39 +9,44 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from drive_profiles import fleet
-from drive_profiles.bus import Bus
-from drive_profiles.console import Interrupts
-from drive_profiles.outcome import Options, Outcome
-from drive_profiles.parameters import ParameterSet
-from drive_profiles.target import device_at
-from drive_profiles.upload import Upload
+from drive_profiles.cli.console import Interrupts
+from drive_profiles.device.bus import SdoBus
+from drive_profiles.device.target import device_at
+from drive_profiles.parameter_set.parameters import ParameterSet
+from drive_profiles.upload import fleet
+from drive_profiles.upload.result import UploadOptions, UploadResult
+from drive_profiles.upload.upload import Upload
+from hil.bench.bench import REFERENCE, Bench, load_bench
+from hil.bench.design import load_designs, update_designs
+from hil.bench.model import load_identified, update_file
+from hil.control.treatments import TreatmentName
 from hil.design.notch_search import Effort
 from hil.errors import HilError, InterruptedRunError, NotPossibleError
-from hil.experiments import identify_ate, notch_design
-from hil.experiments.compare import KIND, SCHEMA, Compared, Robot, Selection, compare, plan
-from hil.experiments.identify_plant import run_identify_plant
-from hil.experiments.plan import Experiment
-from hil.experiments.plant_motion import PlantRequest
-from hil.experiments.runner import write_json
-from hil.experiments.treatment import Knowledge, TreatmentName
-from hil.master.bench import REFERENCE, Bench, load_bench
-from hil.master.designed import load_designs, update_designs
-from hil.master.identified import load_identified, update_file
-from hil.report.design_page import write_design_report
-from hil.report.page_ate import write_ate_report
-from hil.report.page_plant import write_plant_report
+from hil.experiments import notch_design
+from hil.experiments.ate.on_bus import identify_ate
+from hil.experiments.ate.request import AteRequest
+from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot, plan
+from hil.experiments.comparison.run import ComparisonOutcome, compare, request_entry
+from hil.experiments.plant.motion import PlantRequest
+from hil.experiments.plant.on_bus import run_identify_plant
+from hil.experiments.treatment import Knowledge
+from hil.report.pages.ate import write_ate_report
+from hil.report.pages.design import write_design_report
+from hil.report.pages.plant import write_plant_report
+from hil.reporter import SILENT, Reporter
+from hil.results.base import RESULT_FILE
+from hil.results.comparison import StoryPart, StoryResult, StoryStep
 
 T = TypeVar("T")
 
 NAME = "own-robot"
-WAYS: tuple[TreatmentName, ...] = ("none", "notch", "notch-optimised", "ate")
+TREATMENTS: tuple[TreatmentName, ...] = ("none", "notch", "notch-designed", "cancellation")
 AXES = (2, 3)
 EXPERIMENTS = ("constant-acceleration", "line-motion")
 
@@ -49,46 +54,46 @@ _MODEL = re.compile(r"\n\[axis\.\d\.model\]\n(?:[^\n]+\n)+")
 
 
 class UploadFailedError(HilError):
-    """Not every drive holds its set."""
+    """Not every drive holds its parameter set."""
 
-    def __init__(self, outcomes: Sequence[Outcome]) -> None:
-        """Keep how each ended."""
+    def __init__(self, outcomes: Sequence[UploadResult]) -> None:
+        """Keep the result of each upload."""
         self.outcomes = tuple(outcomes)
         self.exit_code = max(outcome.exit_code for outcome in outcomes) or 6  # type: ignore[misc]  # that of the failure itself
         super().__init__("; ".join(str(outcome) for outcome in outcomes if outcome.kind != "done"))
 
 
-@dataclass
-class Story:
-    """What came of it.
+@dataclass(frozen=True)
+class StoryOutcome:
+    """End of a story.
 
     Attributes:
-        result: What `result.json` holds: that of a comparison, and the steps.
-        failure: What ended it early, or None.
-        compared: The comparison, where it came to it.
+        result: Content of `result.json`: that of a comparison, and the steps.
+        failure: Error that ended it early, or None.
+        comparison: End of the comparison; None where the story ended before.
     """
 
-    result: dict[str, Any]
+    result: StoryResult
     failure: Exception | None
-    compared: Compared | None
+    comparison: ComparisonOutcome | None
 
 
 def bench_without_model(name: str = NAME) -> str:
-    """The reference bench file as someone writes it who knows nothing of plant and transmission error."""
+    """Text of the reference bench file without plants and transmission errors."""
     text = _MODEL.sub("\n", REFERENCE.read_text(encoding="utf-8"))
     return text.replace('name = "reference"', f'name = "{name}"')
 
 
 @dataclass
 class _Teller:
-    """Makes the steps and notes them."""
+    """Teller of a story: makes the steps and notes them."""
 
     bench: Bench
     out: Path
     axes: tuple[int, ...]
     effort: Effort
-    announce: Callable[[str], None]
-    steps: list[dict[str, Any]] = field(default_factory=list)
+    reporter: Reporter
+    steps: list[StoryStep] = field(default_factory=list)
 
     @property
     def model(self) -> Path:
@@ -102,41 +107,42 @@ class _Teller:
         return self.out / f"notch-axis{axis}.toml"
 
     def step(self, name: str, make: Callable[[], tuple[str, str]]) -> None:
-        """One step: its name, what came of it, how long it took, and where its report is."""
-        self.announce(name)
+        """Make one step, and note its name, result, duration and report."""
+        self.reporter.step(name)
         began = time.monotonic()
-        kept: dict[str, Any] = {"name": name, "what": "", "holds": False, "link": ""}
-        self.steps.append(kept)
+        what, holds, link = "", False, ""
         try:
-            kept["what"], kept["link"] = make()
-            kept["holds"] = True
+            what, link = make()
+            holds = True
         except (Exception, KeyboardInterrupt) as error:
-            kept["what"] = str(error) or "interrupted"
+            what = str(error) or "interrupted"
             raise
         finally:
-            kept["seconds"] = round(time.monotonic() - began, 2)
+            seconds = round(time.monotonic() - began, 2)
+            self.steps.append(StoryStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
 
     def identify_plant(self, axis: int) -> tuple[str, str]:
         where = self.out / f"identify-plant-axis{axis}"
-        try:
-            result = run_identify_plant(self.bench, PlantRequest(axis), where, model=self.model, announce=self.announce)
-        finally:
-            if (where / "result.json").is_file():
-                write_plant_report(where)
-        found = result["parameters"]
-        f_a, stiffness, inertia = (found[name] for name in ("antiresonance_hz", "gear_stiffness_nm_rad", "motor_inertia_kg_m2"))
+        outcome = run_identify_plant(self.bench, PlantRequest(axis), where, model=self.model, reporter=self.reporter)
+        write_plant_report(where)
+        if outcome.failure is not None:
+            raise outcome.failure
+        parameters = outcome.result.parameters
+        if parameters is None:
+            raise NotPossibleError(f"the plant of axis {axis} was not identified")
+        f_a, stiffness, inertia = (
+            parameters[name] for name in ("antiresonance_hz", "gear_stiffness_nm_rad", "motor_inertia_kg_m2")
+        )
         what = (
-            f"f_a = {f_a['value']:.3f} ± {f_a['standard_error']:.3f} Hz, K_g = {stiffness['value']:.0f} ± "
-            f"{stiffness['standard_error']:.0f} N·m/rad, J_m = {1e4 * inertia['value']:.3f} ± "
-            f"{1e4 * inertia['standard_error']:.3f} kg·cm²"
+            f"f_a = {f_a.value:.3f} ± {f_a.standard_error:.3f} Hz, K_g = {stiffness.value:.0f} ± "
+            f"{stiffness.standard_error:.0f} N·m/rad, J_m = {1e4 * inertia.value:.3f} ± "
+            f"{1e4 * inertia.standard_error:.3f} kg·cm²"
         )
         return what, f"{where.name}/report.html"
 
     def identify_ate(self, axis: int) -> tuple[str, str]:
         where = self.out / f"identify-ate-axis{axis}"
-        outcome = identify_ate.identify_ate(
-            self.bench, identify_ate.Request(axis), where, load_identified(self.model), announce=self.announce
-        )
+        outcome = identify_ate(self.bench, AteRequest(axis), where, load_identified(self.model), reporter=self.reporter)
         write_ate_report(where)
         if outcome.failure is not None:
             raise outcome.failure
@@ -151,9 +157,9 @@ class _Teller:
         return what, f"{where.name}/report.html"
 
     def design_notch(self, axis: int) -> tuple[str, str]:
-        request = notch_design.Request(axis=axis, shapes=("switched",), effort=self.effort, jobs=_processors())
+        request = notch_design.NotchDesignRequest(axis=axis, shapes=("switched",), effort=self.effort, jobs=_processors())
         outcome = notch_design.design(self.bench, request, load_identified(self.model))
-        write_json(self.out / f"design-axis{axis}" / "design.json", notch_design.document(outcome))
+        notch_design.result_of(outcome).write(self.out / f"design-axis{axis}" / "design.json")
         write_design_report(outcome, self.out / f"design-axis{axis}" / "design.html")
         if outcome.failure is not None:
             raise outcome.failure
@@ -174,25 +180,25 @@ class _Teller:
         return "; ".join(map(str, outcomes)), self.parameter_set(self.axes[0]).name
 
     def _check_same(self, axis: int) -> None:
-        """A run writes what the design file says: the drive is to hold the very same."""
+        """Check that the parameter set is the filter of the design file, which a run would write."""
         wanted = ParameterSet.load(self.parameter_set(axis)).tuning
-        for place, table in enumerate(load_designs(self.design).axis[axis].notch, start=1):
+        for column, table in enumerate(load_designs(self.design).axis[axis].notch, start=1):
             for key, value in vars(table.notch()).items():
-                item = wanted.get(f"notch_{place}.{key}")
+                item = wanted.get(f"notch_{column}.{key}")
                 if item is None or item.value != value:
-                    raise NotPossibleError(f"axis {axis}: notch_{place}.{key} is not the same in parameter set and design file")
+                    raise NotPossibleError(f"axis {axis}: notch_{column}.{key} is not the same in parameter set and design file")
 
     def still_there(self) -> tuple[str, str]:
-        """Whether the drives hold what was uploaded: a run of the designed notch writes the same, and every run puts back."""
+        """Check that the drives hold the uploaded sets: every run has put its changes back."""
         differing = self._transact(lambda uploads: [str(write.entry) for each in uploads for write, _ in each.changes])
         if differing:
             raise NotPossibleError(f"after the runs the drives no longer hold what was uploaded: {', '.join(differing)}")
         return "every object of the sets read once more after the runs: as uploaded", self.parameter_set(self.axes[-1]).name
 
     def _transact(self, then: Callable[[list[Upload]], T]) -> T:
-        """The transaction of `drive-profiles upload`, prepared: each drive identified, quiet, and read."""
-        options = Options(store=True, journals=self.out / "drive-journals")
-        with Bus(self.bench.bus.address) as bus:
+        """Prepare the transaction of `drive-profiles upload`, each drive identified and read, and pass it to `then`."""
+        options = UploadOptions(store=True, journals=self.out / "drive-journals")
+        with SdoBus(self.bench.bus.address) as bus:
             uploads = []
             for axis in self.axes:
                 wanted = ParameterSet.load(self.parameter_set(axis))
@@ -202,12 +208,12 @@ class _Teller:
             return then(uploads)
 
 
-def _written(uploads: list[Upload]) -> list[Outcome]:
-    """All or none; Ctrl-C waits for the way back."""
+def _written(uploads: list[Upload]) -> list[UploadResult]:
+    """Upload to all drives or none; Ctrl-C waits until the changes are put back."""
     with Interrupts() as interrupts:
         if threading.current_thread() is threading.main_thread():
             interrupts.hold("interrupted: what has been written is put back; wait for the outcome")
-        return fleet.run(uploads, fleet.Control(interrupts.event))
+        return fleet.run(uploads, fleet.UploadControl(interrupts.event))
 
 
 def tell(
@@ -217,32 +223,31 @@ def tell(
     axes: tuple[int, ...] = AXES,
     experiments: tuple[str, ...] = EXPERIMENTS,
     effort: Effort | None = None,
-    announce: Callable[[str], None] = lambda text: None,
-    begins: Callable[[Experiment], None] = lambda experiment: None,
+    reporter: Reporter = SILENT,
     bench_text: str | None = None,
-) -> Story:
-    """Identify, design, upload, and run side by side; whatever happens, `out/result.json` says how far it came.
+) -> StoryOutcome:
+    """Identify, design, upload, and run side by side; `out/result.json` has the steps, also after a failure.
 
     Args:
-        address: The bus.
-        out: Directory; made if it is not there. Model and design file of an earlier story are written over.
-        axes: Which axes are identified and get a filter.
-        experiments: In which the treatments are compared.
-        effort: How long a filter is searched; None: that of `hil design notch --quick`.
-        announce: Called with each step.
-        begins: Called before each run of the comparison.
-        bench_text: The bench file; None: the reference bench without any model.
+        address: Address of the bus.
+        out: Directory; made where it is missing. Model and design file of an earlier story are replaced.
+        axes: Axes that are identified and get a filter.
+        experiments: Experiments of the comparison.
+        effort: Effort of the search for a filter; None for that of `hil design notch --quick`.
+        reporter: Listener of each step, and of each run of the comparison.
+        bench_text: Text of the bench file; None for the reference bench without any model.
     """
     out.mkdir(parents=True, exist_ok=True)
-    started = datetime.datetime.now(datetime.UTC)
+    started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     bench_file = out / "bench.toml"
     bench_file.write_text(bench_without_model() if bench_text is None else bench_text, encoding="utf-8")
     bench = load_bench(bench_file)
     bench = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": address})})
-    teller = _Teller(bench, out, axes, effort or Effort.quick(), announce)
+    teller = _Teller(bench, out, axes, effort or Effort.quick(), reporter)
     for old in (teller.model, teller.design):
         old.unlink(missing_ok=True)
-    found: list[Compared] = []
+    request = ComparisonRequest(experiments, axes, TREATMENTS, frozenset(TREATMENTS))
+    comparisons: list[ComparisonOutcome] = []
     failure: Exception | None = None
     try:
         for axis in axes:
@@ -251,42 +256,33 @@ def tell(
         for axis in axes:
             teller.step(f"design notch, axis {axis}", partial(teller.design_notch, axis))
         teller.step("upload, read back, store", teller.upload)
-        teller.step("run side by side", lambda: _side_by_side(teller, experiments, found, begins))
+        teller.step("run side by side", lambda: _side_by_side(teller, request, comparisons))
         teller.step("read back after the runs", teller.still_there)
     except KeyboardInterrupt:
         failure = InterruptedRunError("interrupted")
-    except Exception as error:  # noqa: BLE001 - told in the result, and returned
+    except Exception as error:  # noqa: BLE001 - noted in the result, and returned
         failure = error
-    result = found[0].result if found else _empty(started, experiments, axes)
-    result["story"] = _told(teller, failure)
-    write_json(out / "result.json", result)
-    return Story(result, failure, found[0] if found else None)
+    part = StoryPart(bench_file="bench.toml", steps=tuple(teller.steps), failure=None if failure is None else str(failure))
+    result = StoryResult(
+        started_utc=comparisons[0].result.started_utc if comparisons else started,
+        request=request_entry(request),
+        robots=comparisons[0].result.robots if comparisons else [],
+        story=part,
+    )
+    result.write(out / RESULT_FILE)
+    return StoryOutcome(result, failure, comparisons[0] if comparisons else None)
 
 
-def _side_by_side(
-    teller: _Teller, experiments: tuple[str, ...], found: list[Compared], begins: Callable[[Experiment], None]
-) -> tuple[str, str]:
-    """The comparison, by what has been identified and designed."""
-    selection = Selection(experiments, teller.axes, WAYS, frozenset(WAYS))
+def _side_by_side(teller: _Teller, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> tuple[str, str]:
+    """Run the comparison with the identified models and the designed filters."""
     knowledge = Knowledge(load_identified(teller.model), load_designs(teller.design))
-    planned = plan(Robot(teller.bench, knowledge, "bench.toml"), selection)
-    found.append(compare([planned], selection, teller.out, announce=begins, tell=teller.announce))
-    if found[0].failure is not None:
-        raise found[0].failure
-    if found[0].not_restored:
-        raise NotPossibleError(f"not put back as it was found: {'; '.join(found[0].not_restored)}")
-    return f"{len(planned.ways)} runs", "report.html"
-
-
-def _empty(started: datetime.datetime, experiments: tuple[str, ...], axes: tuple[int, ...]) -> dict[str, Any]:
-    """A comparison that was not come to."""
-    asked = {"experiments": list(experiments), "axes": list(axes), "compensations": list(WAYS), "named": sorted(WAYS)}
-    when = started.isoformat(timespec="seconds")
-    return {"schema": SCHEMA, "kind": KIND, "started_utc": when, "asked": asked, "robots": []}
-
-
-def _told(teller: _Teller, failure: Exception | None) -> Mapping[str, Any]:
-    return {"bench_file": "bench.toml", "steps": teller.steps, "failure": None if failure is None else str(failure)}
+    planned = plan(KnownRobot(teller.bench, knowledge, "bench.toml"), request)
+    comparisons.append(compare([planned], request, teller.out, reporter=teller.reporter))
+    if comparisons[0].failure is not None:
+        raise comparisons[0].failure
+    if comparisons[0].not_restored:
+        raise NotPossibleError(f"not put back as it was found: {'; '.join(comparisons[0].not_restored)}")
+    return f"{len(planned.setups)} runs", "report.html"
 
 
 def _processors() -> int:

@@ -1,5 +1,5 @@
 """`python -m plant_emulator`."""
 
-from plant_emulator.cli import main
+from plant_emulator.cli.main import main
 
 main()

@@ -1,8 +1,8 @@
-"""What a served robot says of itself when it starts: which drive is at which node, and what is not as usual."""
+"""The announcement of a served robot at its start: which drive is at which node, and what is unusual."""
 
 from collections.abc import Iterable, Iterator
 
-from plant_emulator.robot import Behaviour, Robot
+from plant_emulator.robots.robot import Behaviour, Robot
 from plant_emulator.world import World
 
 FEW = 8
@@ -12,15 +12,15 @@ FEW = 8
 def announced(robot: Robot, world: World, address: str) -> Iterator[str]:
     """Give the lines: the bus, then the drives, those of many axes with equal words together."""
     nodes = robot.node_ids
-    places = [f"axis {axis} at {place_of(robot, node)}" for axis, node in nodes.items()]
-    if len(places) > FEW:
-        places = [f"{len(nodes)} axes at nodes {spans(nodes.values())}"]
-    sensor = place_of(robot, robot.accelerometer.node_id)
-    yield f"serving {robot.name} on {address}: {', '.join(places)}, accelerometer at {sensor}"
+    drives = [f"axis {axis} at {node_name(robot, node)}" for axis, node in nodes.items()]
+    if len(drives) > FEW:
+        drives = [f"{len(nodes)} axes at nodes {spans(nodes.values())}"]
+    sensor = node_name(robot, robot.accelerometer.node_id)
+    yield f"serving {robot.name} on {address}: {', '.join(drives)}, accelerometer at {sensor}"
     kinds: dict[tuple[str, ...], list[int]] = {}
     for axis, node in nodes.items():
-        personality = world.drives[axis].personality
-        words = (personality.profile, *personality.notes, *unusual(robot.axis[axis].behaviour))
+        family = world.drives[axis].family
+        words = (family.profile, *family.notes, *unusual(robot.axis[axis].behaviour))
         kinds.setdefault(words if len(nodes) > FEW else (*words, str(node)), []).append(node)
     for words, held in kinds.items():
         name, *notes = words if len(nodes) > FEW else words[:-1]
@@ -29,8 +29,8 @@ def announced(robot: Robot, world: World, address: str) -> Iterator[str]:
             yield f"  {note}"
 
 
-def place_of(robot: Robot, node: int) -> str:
-    """Name the place of a node on the bus."""
+def node_name(robot: Robot, node: int) -> str:
+    """Name a node, and say where it has no node-ID."""
     return f"node {node} (without a node-ID: LSS)" if node in robot.unconfigured else f"node {node}"
 
 
@@ -45,8 +45,8 @@ def spans(numbers: Iterable[int]) -> str:
     texts: list[str] = []
     rising = sorted(numbers)
     begin = 0
-    for place, number in enumerate(rising):
-        if place + 1 == len(rising) or rising[place + 1] != number + 1:
-            texts.append(f"{rising[begin]}" if begin == place else f"{rising[begin]}-{number}")
-            begin = place + 1
+    for position, number in enumerate(rising):
+        if position + 1 == len(rising) or rising[position + 1] != number + 1:
+            texts.append(f"{rising[begin]}" if begin == position else f"{rising[begin]}-{number}")
+            begin = position + 1
     return ", ".join(texts)

@@ -1,9 +1,9 @@
 """The EDS files of the emulated nodes, as they are committed beside the profiles in `drive_profiles/vendors`."""
 
-from plant_emulator.accelerometer import accelerometer_entries
-from plant_emulator.drive_objects import drive_entries
-from plant_emulator.personalities import personality_of
-from plant_emulator.robot import Robot
+from plant_emulator.drive.dictionary.manufacturer_objects import drive_entries
+from plant_emulator.drive.family.choice import family_of
+from plant_emulator.robots.robot import Robot
+from plant_emulator.sensor.accelerometer import accelerometer_entries
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.eds import DeviceInfo, write_eds
 
@@ -11,7 +11,7 @@ VENDOR = "hil-bench"
 GRANULARITY = 1
 """Bits of the smallest thing that a PDO of the slave engine carries."""
 LSS_SUPPORTED = True
-"""Whether the slave engine is an LSS slave."""
+"""True where the slave engine is an LSS slave."""
 
 
 def data_sheets() -> dict[str, str]:
@@ -38,9 +38,9 @@ def data_sheets_of(robot: Robot) -> dict[str, str]:
     """
     sheets = {}
     for number in sorted(robot.axis):
-        personality, name = personality_of(robot, number), f"axis{number}.eds"
-        product = f"Emulated {personality.profile}, axis {number}"
-        sheets[name] = data_sheet_of(personality.dictionary, name, product, personality.profile)
+        family, name = family_of(robot, number), f"axis{number}.eds"
+        product = f"Emulated {family.profile}, axis {number}"
+        sheets[name] = data_sheet_of(family.dictionary, name, product, family.profile)
     name = "accelerometer.eds"
     accelerometer = Dictionary(accelerometer_entries(robot.accelerometer.node_id))
     return sheets | {name: data_sheet_of(accelerometer, name, "Emulated accelerometer")}
@@ -50,7 +50,7 @@ def data_sheet_of(dictionary: Dictionary, file_name: str, product: str, order_co
     """The EDS of one node, with the serial number and the motor that its dictionary states.
 
     Args:
-        dictionary: Of any emulated node, also of a vendor's drive.
+        dictionary: Object dictionary of any emulated node, also of a described drive.
         file_name: Name that the file will have.
         product: Name of the product.
         order_code: By which it is ordered; left out, the product's name.

@@ -6,27 +6,27 @@ from typing import Any
 
 import numpy as np
 
-from drive_profiles.cia301 import FunctionCode
+from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.frame import Frame
-from plant_emulator.accelerometer import Accelerometer
-from plant_emulator.axes import Axes, live
-from plant_emulator.drive import Drive
-from plant_emulator.physics.tip import Sensor
-from plant_emulator.robot import Robot
+from plant_emulator.drive.drive import Drive
+from plant_emulator.motion.axes import Axes, live
+from plant_emulator.physics.tip import TipSensor
+from plant_emulator.robots.robot import Robot
+from plant_emulator.sensor.accelerometer import AccelerometerNode
 from plant_emulator.slave.lss import UNCONFIGURED
 from plant_emulator.slave.node import Slave
 
 SECOND = 1_000_000_000
 FREE_STEP_NS = 1_000_000
-"""How often a world that runs by itself looks at its drives."""
+"""Time between two looks at the drives in a world that runs by itself, in ns."""
 
-Node = Drive | Accelerometer
+Node = Drive | AccelerometerNode
 
 _SYNC = int(FunctionCode.SYNC)
 _IDENTIFIER = itemgetter(0)
-"""Of a frame."""
+"""Identifier of a frame."""
 _UNKNOWN, _NEVER = -1, 1 << 63
-"""In the place of an instant."""
+"""Instead of an instant: one comparison, ``now < wakes_at``, tells that listeners are known and no deadline has come."""
 
 
 class World:
@@ -35,7 +35,7 @@ class World:
     In lock-step every SYNC owes the world one period: `receive` gives the answers of that instant, `settle` then lets the
     period pass. Without SYNC `advance` lets any time pass.
 
-    Frames of different nodes are told apart by the node-ID that the robot file gives each, its port: that stays, whatever
+    Frames of different nodes are distinguished by the node-ID that the robot file gives each, its port: that stays, whatever
     node-ID an LSS master gives the node.
 
     A node whose controller is bus-off neither hears nor is heard, until it has recovered or its supply has been taken away.
@@ -43,7 +43,7 @@ class World:
     Attributes:
         now: The world's time in ns.
         axes: The mechanics.
-        drives: By axis number.
+        drives: Drives by axis number.
         accelerometer: The node at the tip.
         on_power_cycle: Called with the port of a node that gets its supply back.
     """
@@ -64,8 +64,10 @@ class World:
         self.axes = Axes(robot)
         self.drives = {number: Drive(self.axes, number) for number in self.axes.numbers}
         setting = robot.accelerometer
-        self._sensor = Sensor(setting.noise_m_s2, setting.resolution_m_s2, setting.range_m_s2, np.random.default_rng(robot.seed))
-        self.accelerometer = Accelerometer(setting.node_id, self._measure, setting.range_m_s2)
+        self._sensor = TipSensor(
+            setting.noise_m_s2, setting.resolution_m_s2, setting.range_m_s2, np.random.default_rng(robot.seed)
+        )
+        self.accelerometer = AccelerometerNode(setting.node_id, self._measure, setting.range_m_s2)
         nodes: list[Node] = [*self.drives.values(), self.accelerometer]
         self._nodes = sorted(nodes, key=lambda node: node.node_id)
         self._ports = {node.node_id: node for node in self._nodes}
@@ -76,7 +78,7 @@ class World:
         self._off: set[int] = set()
         self._slaves = [node.slave for node in self._nodes]
         self._periods = [node.slave.dictionary.cell(0x1006) for node in self._nodes]
-        self._tick_ns = round(1e9 * robot.control_period_s)
+        self._control_period_ns = round(1e9 * robot.control_period_s)
         self._mechanics_ns = 0
         self._period_ns = round(1e9 * robot.sync_period_s)
         self._wakes = live(self.axes.motion, "wake")
@@ -150,7 +152,7 @@ class World:
         return [(port, frame) for frame in node.slave.take_frames()]
 
     def bus_off_restart_ns(self, port: int) -> int | None:
-        """How long after bus-off a node restarts its controller by itself; None: it does not."""
+        """Time from bus-off until a node restarts its controller by itself, in ns; None: it does not."""
         node = self._ports.get(port)
         if not isinstance(node, Drive) or node.behaviour.bus_off_restart_ms is None:
             return None
@@ -180,12 +182,12 @@ class World:
 
     @property
     def period_ns(self) -> int:
-        """What one SYNC is worth: the shortest 1006h that a node has been given, else the robot file's period."""
+        """Time that one SYNC is worth, in ns: the shortest 1006h that a node has been given, else the robot file's period."""
         shortest = 0
         for cell in self._periods:
-            told: Any = cell.value
-            if told and (not shortest or told < shortest):
-                shortest = told
+            period_us: Any = cell.value
+            if period_us and (not shortest or period_us < shortest):
+                shortest = period_us
         return 1000 * shortest or self._period_ns
 
     def begin_lock_step(self) -> list[Frame]:
@@ -193,14 +195,14 @@ class World:
         return self.free_step(-(-self.now // SECOND) * SECOND)
 
     def hear(self, frame: Frame) -> list[tuple[int, Frame]]:
-        """What the nodes answer at this instant, each with its port; no time is owed for it."""
+        """Give the answers of the nodes at this instant, each with its port; no time is owed for it."""
         can_id, now = frame.can_id, self.now
         if can_id == _SYNC:
             self.accelerometer.sample()
         return [(node_id, answer) for node_id, slave in self._hearers(can_id) for answer in slave.receive(frame, now)]
 
     def _hearers(self, can_id: int) -> list[tuple[int, Slave]]:
-        """To whom a frame is given: to who listens; to everyone when a deadline has come, which is served before it."""
+        """Nodes that get a frame: those that listen; all of them when a deadline has come, which is served before it."""
         due = self.due
         if due is not None and due <= self.now:
             self._wakes_at = _UNKNOWN
@@ -213,9 +215,10 @@ class World:
         return found
 
     def receive(self, frame: Frame) -> list[Frame]:
-        """What the nodes answer at this instant; a SYNC then owes the world a period."""
+        """Give the answers of the nodes at this instant; a SYNC then owes the world a period."""
         if self._owed_ns:
             return self.settle() + self.receive(frame)
+        # what `hear` does, without the ports: through it six RPDOs and a SYNC would cost 6 % more, 39.6 µs instead of 37.4 µs
         can_id, now = frame.can_id, self.now
         if can_id == _SYNC:
             self.accelerometer.sample()
@@ -251,16 +254,16 @@ class World:
         """
         if until < self.now:
             raise ValueError(f"the world's time is {self.now} ns and does not go back to {until} ns")
-        ticks = (until - self._mechanics_ns) // self._tick_ns
+        periods = (until - self._mechanics_ns) // self._control_period_ns
         due = self.due
         self.now = until
         is_due = due is not None and due <= until
-        if ticks <= 0 and not is_due:
+        if periods <= 0 and not is_due:
             return []  # nothing has moved, and no drive has anything new to look at
         frames: list[tuple[int, Frame]] = []
-        if ticks > 0:
-            self.axes.advance(ticks)
-            self._mechanics_ns += ticks * self._tick_ns
+        if periods > 0:
+            self.axes.advance(periods)
+            self._mechanics_ns += periods * self._control_period_ns
             frames = self._update()
         if is_due or self._watches or self._wakes_at == _UNKNOWN:
             late = [(port, node) for port, node in self._ports.items() if _is_due(node.slave, until)]
@@ -277,7 +280,7 @@ class World:
     def _update(self) -> list[tuple[int, Frame]]:
         """Let the drives look at their axes, those that have something to see: a broken limit, an event or a ramp to rest."""
         wakes = self._wakes.tolist()
-        waiting = [(port, drive) for port, drive in self._drives if wakes[drive.row] or drive.stops]
+        waiting = [(port, drive) for port, drive in self._drives if wakes[drive.row] or drive.needs_update]
         return [(port, frame) for port, drive in waiting for frame in drive.update(self.now)]
 
     def advance(self, until: int) -> list[Frame]:
@@ -306,7 +309,7 @@ class World:
 
 
 def _is_due(slave: Slave, now: int) -> bool:
-    """Whether a node is to be asked: a timer has run out, or it watches objects that may have changed."""
+    """True where a node has something to do: a timer has run out, or it watches objects that may have changed."""
     due = slave.due
     return (due is not None and due <= now) or slave.waits_for_changes
 

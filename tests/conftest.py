@@ -1,8 +1,30 @@
 """What holds for all tests."""
 
+import gc
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 SLOW_TIMEOUT_S = 900
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Hear ctrl-C, and have the machine code made once, before workers that share a cache make it each for itself.
+
+    A shell starts what it runs in the background with SIGINT ignored, and that is inherited: the processes that the tests start
+    and interrupt would never hear it.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    workers = getattr(config.option, "numprocesses", None) or 0
+    if workers > 1 and not hasattr(config, "workerinput") and not config.option.collectonly:
+        # in a process of its own, so that pytest's coverage and filters see nothing of it; who cannot make it, makes it later
+        subprocess.run([sys.executable, "-m", "tests.machine_code"], cwd=Path(__file__).parents[1], check=False)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -10,3 +32,28 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("slow") is not None and item.get_closest_marker("timeout") is None:
             item.add_marker(pytest.mark.timeout(SLOW_TIMEOUT_S))
+
+
+class _YoungGarbage:
+    """The garbage collector, but for what has been there for long."""
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(gc, name)
+
+    def collect(self) -> int:
+        return gc.collect(1)
+
+
+def pytest_collection_finish() -> None:
+    """Let a session before it moves go through its own garbage alone, not through all tests': that is a fifth of a second."""
+    realtime = sys.modules.get("hil.master.realtime")
+    if realtime is not None:
+        realtime.gc = _YoungGarbage()  # type: ignore[attr-defined]
+
+
+@pytest.fixture
+def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages whose figures are made but not drawn, for what asks for words and keys alone; drawing them is most of the time."""
+    from hil.report import style  # noqa: PLC0415 - matplotlib, which few tests need
+
+    monkeypatch.setattr(style, "to_svg", lambda figure, key: f'<svg role="img" aria-labelledby="{key}-title"></svg>')

@@ -1,4 +1,18 @@
-"""Device descriptions of any vendor, EDS, DCF and XDD, read tolerantly: every repair is said, with its line."""
+r"""Device descriptions of any vendor (EDS, DCF and XDD), read tolerantly: each repair is reported with its line.
+
+`load` reads a file and `loads` its bytes; both return a `Description`. Its `dictionary` is canopen's object dictionary, and its
+`rewrite` writes other parameter values into the text of the file. `export` makes a clean EDS or DCF, or JSON.
+
+>>> from drive_profiles import eds
+>>> description = eds.loads(
+...     b"[MandatoryObjects]\nSupportedObjects=1\n1=0x1000\n"
+...     b"[1000]\nParameterName=Device type\nDataType=7\nAccessType=ro\nDefaultValue=0x20192\nPDOMapping=0\nLowLimit=none\n"
+... )
+>>> hex(description.dictionary[0x1000].default)
+'0x20192'
+>>> [(warning.line, warning.key) for warning in description.warnings]
+[(10, '[1000] LowLimit')]
+"""
 
 from drive_profiles.eds.description import Description, load, loads
 

@@ -1,11 +1,11 @@
-"""Any EDS, DCF or XDD file in, canopen's object dictionary out, with everything that had to be repaired on the way.
+"""A tolerant reader of EDS, DCF and XDD files: it gives canopen's object dictionary, and lists every repair.
 
-Files of vendors have faults, and readers that stop at the first of them, or that pass over them in silence, are of little use
-at a bench. Here a fault costs a warning with its line, an object that cannot be read costs that object, and only a file in which
-there is nothing to read is refused. What was made of a fault is in each warning; ``strict`` refuses all of them.
+Vendors' files have faults. A reader that stops at the first of them, or that passes over them in silence, is of little use at a
+bench. Here a fault costs a warning with its line, and an object that cannot be read is left out. Only a file without any readable
+object is refused. Each warning says how the fault was repaired; ``strict`` refuses a file with any fault.
 
 Numbers: ``0x`` hexadecimal, leading 0 octal, ``$NODEID`` once in a sum. The bit pattern of a negative number in a signed type is
-that number. Said twice, the first counts. Missing access is ``ro``, a missing or unknown data type DOMAIN. Bounds: 4 MiB,
+that number. Of repeated keys the first counts. Missing access is ``ro``, a missing or unknown data type DOMAIN. Bounds: 4 MiB,
 20 000 sections, 200 000 keys, 65 536 entries with compact notations written out, 4 KiB a line, 1 KiB a text.
 
 Source: CiA 306-1 (EDS and DCF), CiA 311 (XDD).
@@ -20,7 +20,6 @@ from typing import Literal
 
 from canopen.objectdictionary import ObjectDictionary
 
-from drive_profiles.cia301 import MAX_NODE_ID
 from drive_profiles.eds import device as eds_device
 from drive_profiles.eds import rewrite as eds_rewrite
 from drive_profiles.eds import xdd
@@ -28,33 +27,37 @@ from drive_profiles.eds.objects import Builder, parts_of
 from drive_profiles.eds.text import MAX_BYTES, Document, Findings, quoted, read
 from drive_profiles.eds.variables import Content
 from drive_profiles.errors import FileError, OutOfRangeError, Problem
+from drive_profiles.standard.cia301 import MAX_NODE_ID
 
-__all__ = ["MAX_BYTES", "Description", "Kind", "load", "loads"]
+__all__ = ["MAX_BYTES", "Description", "FileFormat", "load", "loads"]
 
-Kind = Literal["eds", "dcf", "xdd"]
-_SUFFIXES: dict[str, Kind] = {".eds": "eds", ".dcf": "dcf", ".xdd": "xdd", ".xdc": "xdd"}
+FileFormat = Literal["eds", "dcf", "xdd"]
+_SUFFIXES: dict[str, FileFormat] = {".eds": "eds", ".dcf": "dcf", ".xdd": "xdd", ".xdc": "xdd"}
 
 
 @dataclass(frozen=True)
 class Description:
-    """What a file says of a device.
+    """A device as its file describes it.
 
     Attributes:
         path: The file.
-        kind: What it is.
+        file_format: Format of the file.
         dictionary: Every object that could be read. A default with ``$NODEID`` is marked ``relative``; its value has the node-ID
             in it if that is known, and is the constant part otherwise.
-        warnings: What was repaired: line, key such as ``[60C2sub2] DefaultValue``, what was read and what was made of it.
+        warnings: Repairs: line, key such as ``[60C2sub2] DefaultValue``, the text in the file and the value taken for it.
         refused: Objects that were left out, with the reason.
-        node_id: As given to `load`, else of the commissioning section, in either spelling of its name.
-        bitrate_bit_s: Of the commissioning section.
-        vendor_id: As stated, else None; so `product_code` and `revision`.
-        vendor_name: Empty if not stated; so `product_name`.
-        values: The parameter values, typed, without those that need a node-ID that nobody knows.
+        node_id: Node-ID as given to `load`, else that of the commissioning section (either spelling of its name).
+        bitrate_bit_s: Bit rate in the commissioning section.
+        vendor_id: Vendor-ID, None where the file does not state it.
+        product_code: Product code, None where the file does not state it.
+        revision: Revision number, None where the file does not state it.
+        vendor_name: Name of the vendor, empty where the file does not state it.
+        product_name: Name of the product, empty where the file does not state it.
+        values: The parameter values, typed, by index and sub-index. Those that need an unknown node-ID are missing.
     """
 
     path: Path
-    kind: Kind
+    file_format: FileFormat
     dictionary: ObjectDictionary
     warnings: tuple[Problem, ...]
     refused: tuple[Problem, ...]
@@ -66,24 +69,24 @@ class Description:
     vendor_name: str
     product_name: str
     values: dict[tuple[int, int], Content]
-    _places: eds_rewrite.Places | None = field(default=None, repr=False, compare=False)
+    _locations: eds_rewrite.ValueLocations | None = field(default=None, repr=False, compare=False)
 
     def rewrite(self, values: Mapping[tuple[int, int], Content]) -> bytes:
-        """Give the file again with these as parameter values; every other byte is as it was.
+        """Write other parameter values into the text of the file; every other byte stays as it was.
 
-        The result is read again before it is given, so it says what was asked for, or there is none.
+        The result is read again before it is returned, to prove that it holds the values.
 
         Args:
-            values: By index and sub-index.
+            values: New parameter values by index and sub-index.
 
         Raises:
             FileError: An object is not in the file, a value is not of its type, or the file is an XDD.
         """
-        if self._places is None:
+        if self._locations is None:
             problem = Problem(0, "", "is an XDD file, which is not rewritten", "a DCF: convert it first")
             raise FileError(self.path, (problem,))
-        data = eds_rewrite.rewritten(self.path, self._places, self.dictionary, values)
-        again = loads(data, self.path, node_id=self.node_id, kind=self.kind)
+        data = eds_rewrite.rewritten(self.path, self._locations, self.dictionary, values)
+        again = loads(data, self.path, node_id=self.node_id, file_format=self.file_format)
         wrong = [key for key, wanted in values.items() if key not in again.values or again.values[key] != wanted]
         if wrong:
             raise FileError(
@@ -102,16 +105,16 @@ class Description:
 
 
 def load(path: str | Path, *, node_id: int | None = None, strict: bool = False) -> Description:
-    """Read a file of a device.
+    """Read the description of a device from a file.
 
     Args:
         path: An EDS, DCF, XDD or XDC file of at most 4 MiB.
-        node_id: For ``$NODEID``; it counts before that of the file.
+        node_id: Node-ID for ``$NODEID``; it is preferred to that of the file.
         strict: Refuse a file with any fault.
 
     Raises:
-        FileError: It cannot be read, there is no object in it, or it has faults and `strict` is set; with all problems.
-        OutOfRangeError: `node_id` is none.
+        FileError: The file cannot be read, has no object, or has faults and `strict` is set; with all problems.
+        OutOfRangeError: `node_id` is not from 1 to 127.
     """
     path = Path(path)
     try:
@@ -124,30 +127,35 @@ def load(path: str | Path, *, node_id: int | None = None, strict: bool = False) 
 
 
 def loads(
-    data: bytes, path: str | Path = "<eds>", *, node_id: int | None = None, strict: bool = False, kind: Kind | None = None
+    data: bytes,
+    path: str | Path = "<eds>",
+    *,
+    node_id: int | None = None,
+    strict: bool = False,
+    file_format: FileFormat | None = None,
 ) -> Description:
-    """Read the bytes of a file; `load` without the reading.
+    """Read the description of a device from the bytes of a file.
 
     Args:
-        data: What is in the file.
-        path: For messages, and for the kind by its suffix.
-        node_id: For ``$NODEID``; it counts before that of the file.
+        data: Contents of the file.
+        path: Path for messages; its suffix names the format.
+        node_id: Node-ID for ``$NODEID``; it is preferred to that of the file.
         strict: Refuse a file with any fault.
-        kind: What it is; by suffix and content if not given.
+        file_format: Format of the file; by suffix and content if not given.
 
     Raises:
-        FileError: As `load`.
-        OutOfRangeError: `node_id` is none.
+        FileError: As for `load`.
+        OutOfRangeError: `node_id` is not from 1 to 127.
     """
     path = Path(path)
     if node_id is not None and not 1 <= node_id <= MAX_NODE_ID:
         raise OutOfRangeError("node-ID", node_id, "", f"not from 1 to {MAX_NODE_ID}")
     findings = Findings()
     is_xml = data[:256].lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n\0").startswith(b"<")
-    document = xdd.read(data, path, findings) if is_xml or kind == "xdd" else read(data, path, findings)
-    named = kind or _SUFFIXES.get(path.suffix.lower())
-    actual = _kind(
-        named, is_xml=is_xml or kind == "xdd", is_dcf=any(name in document.sections for name in eds_device.COMMISSIONING)
+    document = xdd.read(data, path, findings) if is_xml or file_format == "xdd" else read(data, path, findings)
+    named = file_format or _SUFFIXES.get(path.suffix.lower())
+    actual = _file_format(
+        named, is_xml=is_xml or file_format == "xdd", is_dcf=any(name in document.sections for name in eds_device.COMMISSIONING)
     )
     if named is not None and named != actual:
         findings.warn(0, "", "", f"is named as {named}, but is read as {actual}", "a name that fits")
@@ -158,8 +166,8 @@ def loads(
     return description
 
 
-def _kind(named: Kind | None, *, is_xml: bool, is_dcf: bool) -> Kind:
-    """What a file is: its content says whether it is XML, its name the rest, where it has one."""
+def _file_format(named: FileFormat | None, *, is_xml: bool, is_dcf: bool) -> FileFormat:
+    """Decide the format of a file: its content says whether it is XML, its name the rest, where it has one."""
     if is_xml:
         return "xdd"
     if named is None or named == "xdd":
@@ -167,8 +175,8 @@ def _kind(named: Kind | None, *, is_xml: bool, is_dcf: bool) -> Kind:
     return named
 
 
-def _described(document: Document, kind: Kind, node_id: int | None, findings: Findings) -> Description:
-    """The description of what has been divided into sections."""
+def _described(document: Document, file_format: FileFormat, node_id: int | None, findings: Findings) -> Description:
+    """Build the description from the sections of a file."""
     sections = document.sections
     builder = Builder(findings, node_id)
     file_node_id, bit_rate = eds_device.read_commissioning(sections, builder)
@@ -181,7 +189,7 @@ def _described(document: Document, kind: Kind, node_id: int | None, findings: Fi
     eds_device.read_dummies(sections.get("dummyusage"), builder)
     parts = parts_of(sections, findings)
     builder.build(parts)
-    if kind != "xdd":
+    if file_format != "xdd":
         eds_device.add_compact_pdos(sections.get("deviceinfo"), builder)
         eds_device.check_lists(sections, parts, findings)
         eds_device.note_modules(sections, findings)
@@ -194,7 +202,7 @@ def _described(document: Document, kind: Kind, node_id: int | None, findings: Fi
     vendor, product, revision = eds_device.identity(information)
     return Description(
         path=document.path,
-        kind=kind,
+        file_format=file_format,
         dictionary=dictionary,
         warnings=warnings,
         refused=refused,
@@ -206,5 +214,5 @@ def _described(document: Document, kind: Kind, node_id: int | None, findings: Fi
         vendor_name=information.vendor_name or "",
         product_name=information.product_name or "",
         values=builder.values,
-        _places=None if kind == "xdd" else eds_rewrite.Places(document, builder.sections, builder.compact),
+        _locations=None if file_format == "xdd" else eds_rewrite.ValueLocations(document, builder.sections, builder.compact),
     )

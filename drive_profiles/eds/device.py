@@ -1,4 +1,4 @@
-"""What a description says beside its objects: identity, commissioning, lists of objects, dummies, comments.
+"""The parts of a description beside its objects: identity, commissioning, lists of objects, dummies, comments.
 
 Source: CiA 306-1 (file and device information).
 """
@@ -9,15 +9,15 @@ import re
 
 from canopen.objectdictionary import DeviceInformation, ObjectDictionary, ODRecord, ODVariable
 
-from drive_profiles.cia301 import MAX_NODE_ID, RPDO_BASES, TPDO_BASES
 from drive_profiles.eds import values
-from drive_profiles.eds.objects import Builder, Parts
-from drive_profiles.eds.text import Entry, Findings, Section, quoted
+from drive_profiles.eds.objects import Builder, ObjectSections
+from drive_profiles.eds.text import EdsEntry, EdsSection, Findings, quoted
 from drive_profiles.eds.variables import assign
+from drive_profiles.standard.cia301 import MAX_NODE_ID, RPDO_BASES, TPDO_BASES
 
 BIT_RATES_KBIT_S = (10, 20, 50, 100, 125, 250, 500, 800, 1000)
 COMMISSIONING = ("devicecomissioning", "devicecommissioning")
-"""Spelled with one m in the standard, and by many writers of files as the language has it."""
+"""Both spellings of the section: the standard has one m, many writers of files have two."""
 LISTS = {
     "mandatoryobjects": "MandatoryObjects",
     "optionalobjects": "OptionalObjects",
@@ -45,8 +45,8 @@ _SUB_OBJECTS = ("COB-ID", "Transmission type", "Inhibit time", "Compatibility en
 _MAX_PDOS = 512
 
 
-def read_device_info(section: Section | None, builder: Builder) -> None:
-    """Put identity and abilities into canopen's form; an empty number is unknown."""
+def read_device_info(section: EdsSection | None, builder: Builder) -> None:
+    """Take identity and abilities over into canopen's form; an empty number is unknown."""
     if section is None:
         return
     information = builder.dictionary.device_information
@@ -66,8 +66,8 @@ def read_device_info(section: Section | None, builder: Builder) -> None:
             information.allowed_baudrates.add(rate * 1000)
 
 
-def read_commissioning(sections: dict[str, Section], builder: Builder) -> tuple[int | None, int | None]:
-    """Give node-ID and bit rate (bit/s) of a DCF, whichever way it spells the section; 0 means unknown."""
+def read_commissioning(sections: dict[str, EdsSection], builder: Builder) -> tuple[int | None, int | None]:
+    """Return node-ID and bit rate (bit/s) of a DCF, in either spelling of the section; 0 in the file means unknown."""
     node_id = bit_rate = None
     for identity in COMMISSIONING:
         section = sections.get(identity)
@@ -78,7 +78,7 @@ def read_commissioning(sections: dict[str, Section], builder: Builder) -> tuple[
     return node_id, bit_rate
 
 
-def read_dummies(section: Section | None, builder: Builder) -> None:
+def read_dummies(section: EdsSection | None, builder: Builder) -> None:
     """Add the data types that may fill gaps in an RPDO, under their own index as canopen does."""
     for key, entry in section.entries.items() if section is not None else ():
         match = re.fullmatch(r"dummy([0-9a-f]{4})", key)
@@ -92,7 +92,7 @@ def read_dummies(section: Section | None, builder: Builder) -> None:
             builder.add(variable)
 
 
-def read_comments(section: Section | None, builder: Builder) -> None:
+def read_comments(section: EdsSection | None, builder: Builder) -> None:
     """Join the lines of the comment; there may be fewer of them than the file claims."""
     if section is None:
         return
@@ -108,9 +108,9 @@ def read_comments(section: Section | None, builder: Builder) -> None:
     builder.dictionary.comments = "\n".join(found[number] for number in sorted(found))
 
 
-def check_lists(sections: dict[str, Section], parts: dict[int, Parts], findings: Findings) -> None:
+def check_lists(sections: dict[str, EdsSection], parts: dict[int, ObjectSections], findings: Findings) -> None:
     """Compare the lists of objects with the sections; the sections count."""
-    listed: dict[int, tuple[Section, Entry]] = {}
+    listed: dict[int, tuple[EdsSection, EdsEntry]] = {}
     present = [identity for identity in LISTS if identity in sections]
     for identity in present:
         _read_list(sections[identity], listed, findings)
@@ -128,16 +128,16 @@ def check_lists(sections: dict[str, Section], parts: dict[int, Parts], findings:
             )
 
 
-def note_modules(sections: dict[str, Section], findings: Findings) -> None:
-    """Say once that the modules of a modular device are passed over."""
+def note_modules(sections: dict[str, EdsSection], findings: Findings) -> None:
+    """Warn once that the modules of a modular device are passed over."""
     modular = [section for identity, section in sections.items() if _MODULAR.fullmatch(identity)]
     if modular:
         message = f"a modular device: {len(modular)} sections of modules ignored"
         findings.warn(modular[0].line, modular[0].name, "", message, "the objects of the device itself")
 
 
-def add_compact_pdos(section: Section | None, builder: Builder) -> None:
-    """Write out the PDO objects that ``CompactPDO`` stands for: those counted, and without sections of their own."""
+def add_compact_pdos(section: EdsSection | None, builder: Builder) -> None:
+    """Add the PDO objects that ``CompactPDO`` stands for: as many as are counted, where they have no sections."""
     mask = builder.number(section, "CompactPDO") if section is not None and section.get("CompactPDO") else None
     if not mask or section is None:
         return
@@ -163,7 +163,7 @@ def add_compact_pdos(section: Section | None, builder: Builder) -> None:
 
 
 def _communication(index: int, mask: int, base: int | None, node_id: int | None) -> ODRecord:
-    """The communication record of a PDO with the sub-indices whose bits are set."""
+    """Communication record of a PDO with the sub-indices whose bits are set in `mask`."""
     record = ODRecord(f"{'RPDO' if index < 0x1800 else 'TPDO'} {(index & 0x1FF) + 1} communication parameter", index)
     highest = max(subindex for subindex in range(1, 7) if mask >> (subindex - 1) & 1) if mask & 0x3F else 0
     record.add_member(_member("Highest sub-index supported", index, 0, 0x05, "const", highest))
@@ -195,7 +195,7 @@ def _member(name: str, index: int, subindex: int, data_type: int, access: str, d
     return variable
 
 
-def _unsigned32(section: Section, key: str, builder: Builder) -> int | None:
+def _unsigned32(section: EdsSection, key: str, builder: Builder) -> int | None:
     entry = section.entries.get(key.lower())
     if entry is None:
         return None
@@ -214,7 +214,7 @@ def _unsigned32(section: Section, key: str, builder: Builder) -> int | None:
     return result
 
 
-def _node_id(section: Section, builder: Builder) -> int | None:
+def _node_id(section: EdsSection, builder: Builder) -> int | None:
     entry = section.get("NodeID")
     number = builder.number(section, "NodeID")
     if entry is None or not number:
@@ -225,7 +225,7 @@ def _node_id(section: Section, builder: Builder) -> int | None:
     return None
 
 
-def _bit_rate(section: Section, builder: Builder) -> int | None:
+def _bit_rate(section: EdsSection, builder: Builder) -> int | None:
     entry = section.get("Baudrate")
     number = builder.number(section, "Baudrate")
     if entry is None or not number:
@@ -240,7 +240,7 @@ def _bit_rate(section: Section, builder: Builder) -> int | None:
     return number if in_bits else None
 
 
-def _read_list(section: Section, listed: dict[int, tuple[Section, Entry]], findings: Findings) -> None:
+def _read_list(section: EdsSection, listed: dict[int, tuple[EdsSection, EdsEntry]], findings: Findings) -> None:
     entries = [entry for key, entry in section.entries.items() if key != "supportedobjects"]
     numbered = 0
     for entry in (*entries, *(entry for entry in section.repeated if entry.key.isdigit())):
@@ -267,11 +267,11 @@ def _read_list(section: Section, listed: dict[int, tuple[Section, Entry]], findi
 
 
 def identity(information: DeviceInformation) -> tuple[int | None, int | None, int | None]:
-    """Give vendor, product and revision number, each None if it is not stated."""
+    """Return vendor, product and revision number, each None if it is not stated."""
     return information.vendor_number, information.product_number, information.revision_number
 
 
-def file_info(section: Section | None, dictionary: ObjectDictionary) -> None:
-    """Keep ``[FileInfo]`` where canopen's writer looks for it."""
+def file_info(section: EdsSection | None, dictionary: ObjectDictionary) -> None:
+    """Put ``[FileInfo]`` where canopen's writer looks for it."""
     if section is not None:
         dictionary.__dict__["__edsFileInfo"] = {entry.key: entry.value for entry in section.entries.values()}

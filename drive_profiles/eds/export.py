@@ -1,4 +1,4 @@
-"""A description written anew: a clean EDS or DCF by canopen's exporter, or JSON."""
+"""Export of a description: a clean EDS or DCF by canopen's exporter, or JSON."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drive_profiles.errors import Problem
 
 
 def entries(dictionary: ObjectDictionary) -> Iterator[tuple[ODVariable | ODRecord | ODArray, ODVariable]]:
-    """Give every variable with the object that it belongs to, by index and sub-index."""
+    """List every variable with the object that it belongs to, by index and sub-index."""
     for index in sorted(dictionary.indices):
         item = dictionary.indices[index]
         if isinstance(item, ODVariable):
@@ -28,11 +28,11 @@ def entries(dictionary: ObjectDictionary) -> Iterator[tuple[ODVariable | ODRecor
                 yield item, item.subindices[subindex]
 
 
-def as_text(description: Description, kind: Literal["eds", "dcf"]) -> str:
-    """Write a clean file: every value in a form that has one reading only.
+def as_text(description: Description, file_format: Literal["eds", "dcf"]) -> str:
+    """Write a clean file, in which every value has one reading only.
 
-    Defaults, values and limits are those that were understood; comments and file information stay, keys that CiA 306 does not
-    have do not. An EDS has no parameter values. Dummies other than 0001h to 0007h are lost: the exporter knows no others.
+    Defaults, values and limits are those that were understood. Comments and file information stay; keys that CiA 306 does not
+    have are lost. An EDS has no parameter values. Dummies other than 0001h to 0007h are lost: the exporter knows no others.
     """
     dictionary = copy.deepcopy(description.dictionary)
     for _, variable in entries(dictionary):
@@ -42,12 +42,12 @@ def as_text(description: Description, kind: Literal["eds", "dcf"]) -> str:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # canopen 2.4 asks for utcnow, which Python 3.12 wants to drop
         # A dictionary of its own: the exporter writes into its default argument, so that files would inherit from each other.
-        export_eds(dictionary, out, file_info, device_commisioning=kind == "dcf")  # type: ignore[no-untyped-call]  # canopen
+        export_eds(dictionary, out, file_info, device_commisioning=file_format == "dcf")  # type: ignore[no-untyped-call]  # canopen
     return out.getvalue()
 
 
 def as_data(description: Description) -> dict[str, Any]:
-    """Give everything as JSON has it; bytes are hexadecimal text, numbers stay numbers."""
+    """Return the whole description in JSON's types: bytes become hexadecimal text, numbers stay numbers."""
     return {
         **summary(description),
         "objects": [entry_data(item, variable) for item, variable in entries(description.dictionary)],
@@ -60,10 +60,10 @@ def as_data(description: Description) -> dict[str, Any]:
 
 
 def summary(description: Description) -> dict[str, Any]:
-    """Give what is true of the file as a whole."""
+    """Return the facts about the file as a whole, in JSON's types."""
     return {
         "path": str(description.path),
-        "kind": description.kind,
+        "kind": description.file_format,
         "vendor_id": description.vendor_id,
         "vendor_name": description.vendor_name,
         "product_code": description.product_code,
@@ -78,7 +78,7 @@ def summary(description: Description) -> dict[str, Any]:
 
 
 def entry_data(item: ODVariable | ODRecord | ODArray, variable: ODVariable) -> dict[str, Any]:
-    """Give one entry as JSON has it."""
+    """Return one variable in JSON's types."""
     return {
         "index": variable.index,
         "subindex": variable.subindex,
@@ -96,29 +96,29 @@ def entry_data(item: ODVariable | ODRecord | ODArray, variable: ODVariable) -> d
 
 
 def plain(value: Content | None) -> int | float | str | None:
-    """Give a value as JSON can hold it."""
+    """Return a value in JSON's types."""
     return value.hex().upper() if isinstance(value, bytes) else value
 
 
-def lost(description: Description, kind: str) -> tuple[Problem, ...]:
-    """Say what a conversion cannot keep."""
+def lost(description: Description, file_format: str) -> tuple[Problem, ...]:
+    """List the parts of a description that a conversion loses."""
     problems = []
     if description.refused:
         problems.append(Problem(0, "", f"{len(description.refused)} parts of the file could not be read and are left out", ""))
-    if kind == "eds" and description.values:
+    if file_format == "eds" and description.values:
         problems.append(Problem(0, "", f"{len(description.values)} parameter values left out: an EDS has none", "a .dcf"))
     dummies = [index for index in description.dictionary.indices if 7 < index < 0x1000]
-    if kind != "json" and dummies:
+    if file_format != "json" and dummies:
         problems.append(Problem(0, "[DummyUsage]", f"{len(dummies)} dummies beyond 0007h left out", ""))
     return tuple(problems)
 
 
 def _canonical(variable: ODVariable, node_id: int | None) -> None:
-    """Put default and value into one form each; what has none is left out."""
-    kept: Mapping[str, Any] = vars(variable)
+    """Bring default and value into one form each; a missing one is left out."""
+    attributes: Mapping[str, Any] = vars(variable)
     data_type = variable.data_type or eds_values.DOMAIN
     for attribute in ("default", "value"):
-        content = kept.get(attribute)
+        content = attributes.get(attribute)
         raw: str | None = None
         if content is not None and variable.relative and attribute == "default":
             raw = f"$NODEID+0x{content - (node_id or 0):X}"

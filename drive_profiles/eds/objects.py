@@ -1,7 +1,7 @@
-"""The objects of a description: canopen's dictionary from the sections that name them.
+"""The objects of a description: canopen's dictionary, built from the sections of a file.
 
-Built here and not by canopen's reader, which stops at the first fault of a file, or reads ``0xFD`` in an INTEGER8 as 253. An
-object that cannot be read is left out and named; the others stay.
+canopen's own reader stops at the first fault of a file, or reads ``0xFD`` in an INTEGER8 as 253. Here an object that cannot be
+read is left out and named; the others stay.
 
 Source: CiA 306-1 (objects, ``CompactSubObj``).
 """
@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
 from drive_profiles.eds import values
-from drive_profiles.eds.text import Entry, Findings, Section, quoted
+from drive_profiles.eds.text import EdsEntry, EdsSection, Findings, quoted
 from drive_profiles.eds.variables import DOMAIN_OBJECT, VariableReader, assign
 
 VAR, ARRAY, RECORD = 0x7, 0x8, 0x9
@@ -27,28 +27,28 @@ _NAME = re.compile(r"([0-9A-F]{4})(?:sub([0-9A-F]+)|(name|value|denotation))?")
 
 
 @dataclass(slots=True)
-class Parts:
+class ObjectSections:
     """The sections that belong to one index."""
 
     index: int
-    head: Section | None = None
-    subs: dict[int, Section] = field(default_factory=dict)
-    lists: dict[str, Section] = field(default_factory=dict)
-    """Of a compact notation: name, value, denotation."""
+    head: EdsSection | None = None
+    subs: dict[int, EdsSection] = field(default_factory=dict)
+    lists: dict[str, EdsSection] = field(default_factory=dict)
+    """Lists of a compact notation by their names: ``name``, ``value``, ``denotation``."""
 
 
-def parts_of(sections: dict[str, Section], findings: Findings) -> dict[int, Parts]:
-    """Sort the sections of objects by index; those that are none are passed over."""
-    parts: dict[int, Parts] = {}
+def parts_of(sections: dict[str, EdsSection], findings: Findings) -> dict[int, ObjectSections]:
+    """Collect the sections of each object, by index; other sections are passed over."""
+    parts: dict[int, ObjectSections] = {}
     for identity, section in sections.items():
         match = _NAME.fullmatch(identity)
         if match is None:
             continue
-        number, subindex, kind = match.groups()
+        number, subindex, suffix = match.groups()
         index = int(number, 16)
-        mine = parts.setdefault(index, Parts(index))
-        if kind is not None:
-            mine.lists[kind] = section
+        mine = parts.setdefault(index, ObjectSections(index))
+        if suffix is not None:
+            mine.lists[suffix] = section
         elif subindex is None:
             mine.head = section
         elif int(subindex, 16) > 0xFF:
@@ -59,27 +59,27 @@ def parts_of(sections: dict[str, Section], findings: Findings) -> dict[int, Part
 
 
 class Builder(VariableReader):
-    """Makes the dictionary out of the parts.
+    """Builder of canopen's dictionary from the sections of a file.
 
     Args:
-        findings: Where repairs and refusals go.
-        node_id: For ``$NODEID``; None if nobody knows it.
+        findings: List to which repairs and refusals are added.
+        node_id: Node-ID for ``$NODEID``; None where it is not known.
 
     Attributes:
-        dictionary: What has been built.
-        sections: The section of every variable that has one of its own.
-        compact: The parts of every object with a compact notation.
+        dictionary: The dictionary as far as it is built.
+        sections: The section of every variable that has one, by index and sub-index.
+        compact: The sections of every object with a compact notation, by index.
     """
 
     def __init__(self, findings: Findings, node_id: int | None) -> None:
         super().__init__(findings, node_id)
         self.dictionary: ObjectDictionary = ObjectDictionary()  # type: ignore[no-untyped-call]  # canopen leaves it so
-        self.sections: dict[tuple[int, int], Section] = {}
-        self.compact: dict[int, Parts] = {}
+        self.sections: dict[tuple[int, int], EdsSection] = {}
+        self.compact: dict[int, ObjectSections] = {}
         self._count = 0
 
-    def build(self, parts: dict[int, Parts]) -> None:
-        """Add all objects."""
+    def build(self, parts: dict[int, ObjectSections]) -> None:
+        """Build all objects."""
         for index in sorted(parts):
             if index < _FIRST_OBJECT:
                 self._note_type(parts[index])
@@ -88,35 +88,35 @@ class Builder(VariableReader):
                 self._object(parts[index])
 
     def add(self, item: ODVariable | ODRecord | ODArray) -> None:
-        """Take an object into the dictionary."""
+        """Add an object to the dictionary."""
         self._count += 1 if isinstance(item, ODVariable) else len(item.subindices)
         self.dictionary.add_object(item)
 
-    def has_room(self, section: Section, size: int) -> bool:
-        """Tell whether so many more entries may be added, and note the refusal if not."""
+    def has_room(self, section: EdsSection, size: int) -> bool:
+        """Return True if so many more entries may be added; otherwise note the refusal."""
         if self._count + size <= MAX_VARIABLES:
             return True
         self.findings.refuse(section.line, section.name, "", "too many entries; left out", f"at most {MAX_VARIABLES}")
         return False
 
-    def _note_type(self, parts: Parts) -> None:
-        """Keep what a type definition says of the type below it: its length in bits, or the type that it is made of."""
+    def _note_type(self, parts: ObjectSections) -> None:
+        """Note the type behind a type definition: its length in bits, or the type that it is made of."""
         if parts.head is None:
             return
-        kind = self.number(parts.head, "ObjectType")
-        source = parts.head if kind in _TYPE_OBJECTS else parts.subs.get(1)
+        object_code = self.number(parts.head, "ObjectType")
+        source = parts.head if object_code in _TYPE_OBJECTS else parts.subs.get(1)
         default = source.get("DefaultValue") if source is not None else None
-        reading = values.number(default.value) if default is not None else values.Reading(None)
-        if kind not in _TYPE_OBJECTS and isinstance(reading.value, int) and reading.value in values.NAMES:
+        reading = values.number(default.value) if default is not None else values.ValueReading(None)
+        if object_code not in _TYPE_OBJECTS and isinstance(reading.value, int) and reading.value in values.NAMES:
             self.types[parts.index] = reading.value  # an editor's way to give a type limits: sub-index 1 names the real one
-        elif kind in _TYPE_OBJECTS:
+        elif object_code in _TYPE_OBJECTS:
             widths = {width: data_type for data_type, width in values.UNSIGNED.items()}
             self.types[parts.index] = widths.get(reading.value if isinstance(reading.value, int) else 0, values.DOMAIN)
         else:
             line, name = parts.head.line, parts.head.name
             self.findings.refuse(line, name, "", "below 1000h there are only data types; left out", "an index from 1000 to FFFF")
 
-    def _object(self, parts: Parts) -> None:
+    def _object(self, parts: ObjectSections) -> None:
         head = parts.head
         if head is None:
             if not parts.subs and not parts.lists:
@@ -126,30 +126,30 @@ class Builder(VariableReader):
                 self.findings.refuse(line, name, "", f"no section [{parts.index:04X}] to which it belongs; left out", "one")
                 return
             self.findings.warn(line, name, "", f"no section [{parts.index:04X}] above it; a record is made up", "one")
-            head = Section(f"{parts.index:04X}", line)
-            head.entries["parametername"] = Entry("ParameterName", head.name, line)
+            head = EdsSection(f"{parts.index:04X}", line)
+            head.entries["parametername"] = EdsEntry("ParameterName", head.name, line)
             self._compound(ODRecord(head.name, parts.index), head, parts)
             return
-        kind = self._kind(head, parts)
-        if kind in {VAR, DOMAIN_OBJECT}:
+        object_code = self._object_code(head, parts)
+        if object_code in {VAR, DOMAIN_OBJECT}:
             self._single(head, parts)
-        elif kind in {ARRAY, RECORD}:
-            container = ODArray if kind == ARRAY else ODRecord
+        elif object_code in {ARRAY, RECORD}:
+            container = ODArray if object_code == ARRAY else ODRecord
             self._compound(container(self.name(head, head.name), parts.index), head, parts)
 
-    def _kind(self, head: Section, parts: Parts) -> int | None:
-        """What kind of object it is; None if it is none that can be accessed."""
+    def _object_code(self, head: EdsSection, parts: ObjectSections) -> int | None:
+        """Object code (CiA 301: VAR, ARRAY, RECORD …); None if the object cannot be accessed."""
         entry = head.get("ObjectType")
-        kind = self.number(head, "ObjectType")
-        if kind in _TYPE_OBJECTS or kind == 0:
+        object_code = self.number(head, "ObjectType")
+        if object_code in _TYPE_OBJECTS or object_code == 0:
             self.findings.refuse(
-                head.line, head.name, "ObjectType", f"{kind} is no object that holds a value; left out", "2, 7, 8 or 9"
+                head.line, head.name, "ObjectType", f"{object_code} is no object that holds a value; left out", "2, 7, 8 or 9"
             )
             return None
         looks_compound = bool(parts.subs) and head.get("DataType") is None
-        if kind in {ARRAY, RECORD} or (kind in {VAR, DOMAIN_OBJECT} and not looks_compound):
-            return kind
-        if kind is None and entry is None and not looks_compound:
+        if object_code in {ARRAY, RECORD} or (object_code in {VAR, DOMAIN_OBJECT} and not looks_compound):
+            return object_code
+        if object_code is None and entry is None and not looks_compound:
             return VAR  # CiA 306-1: a missing ObjectType means 7
         made = RECORD if parts.subs or head.get("SubNumber") else VAR
         seen = "missing, but there are sub-objects" if entry is None else f"{quoted(entry.value)} does not fit"
@@ -158,7 +158,7 @@ class Builder(VariableReader):
         self.findings.warn(line, head.name, "ObjectType", f"{seen}; taken as {word}", "7 (VAR), 8 (ARRAY) or 9 (RECORD)")
         return made
 
-    def _single(self, head: Section, parts: Parts) -> None:
+    def _single(self, head: EdsSection, parts: ObjectSections) -> None:
         if not self.has_room(head, 1):
             return
         variable = self.variable(head, parts.index, 0)
@@ -170,7 +170,7 @@ class Builder(VariableReader):
                 section.line, section.name, "", f"[{head.name}] is a VAR; left out", "an ARRAY or RECORD above it"
             )
 
-    def _compound(self, item: ODRecord | ODArray, head: Section, parts: Parts) -> None:
+    def _compound(self, item: ODRecord | ODArray, head: EdsSection, parts: ObjectSections) -> None:
         count = self._compact_count(head)
         if not self.has_room(head, len(parts.subs) + count):
             return
@@ -187,8 +187,8 @@ class Builder(VariableReader):
             self._check_compound(item, head, parts)
         self.add(item)
 
-    def _check_compound(self, item: ODRecord | ODArray, head: Section, parts: Parts) -> None:
-        """Warn of what a head says that its sub-objects do not."""
+    def _check_compound(self, item: ODRecord | ODArray, head: EdsSection, parts: ObjectSections) -> None:
+        """Warn where the head of an object contradicts its sub-objects."""
         for section in parts.lists.values():
             self.findings.warn(
                 section.line, section.name, "", f"ignored: [{head.name}] has no CompactSubObj", "CompactSubObj above it"
@@ -207,8 +207,8 @@ class Builder(VariableReader):
         if 0 not in item.subindices and found:
             self.findings.warn(head.line, head.name, "", "no sub-index 0", f"[{head.name}sub0], the number of entries")
 
-    def _compact_count(self, head: Section) -> int:
-        """How many entries a compact notation stands for; 0 where there is none."""
+    def _compact_count(self, head: EdsSection) -> int:
+        """Number of entries that a compact notation stands for; 0 without such a notation."""
         entry = head.get("CompactSubObj")
         if entry is None:
             return 0
@@ -218,8 +218,8 @@ class Builder(VariableReader):
         self.remark(head, entry, "out of range; ignored", "0 to 254")
         return 0
 
-    def _compact(self, item: ODRecord | ODArray, head: Section, parts: Parts, count: int) -> None:
-        """Write out an array of like entries."""
+    def _compact(self, item: ODRecord | ODArray, head: EdsSection, parts: ObjectSections, count: int) -> None:
+        """Build an array of like entries from a compact notation."""
         item.add_member(_entry_count(item.index, count))
         template = self.variable(head, item.index, 1)
         names = self._numbered(parts.lists.get("name"), count)
@@ -236,9 +236,9 @@ class Builder(VariableReader):
                 self.parameter_value(member, parts.lists["value"], contents[subindex])
         self.compact[item.index] = parts
 
-    def _numbered(self, section: Section | None, count: int) -> dict[int, Entry]:
+    def _numbered(self, section: EdsSection | None, count: int) -> dict[int, EdsEntry]:
         """The entries 1 to count of a list that goes with a compact notation."""
-        found: dict[int, Entry] = {}
+        found: dict[int, EdsEntry] = {}
         if section is None:
             return found
         for key, entry in section.entries.items():
@@ -255,7 +255,7 @@ class Builder(VariableReader):
 
 
 def _entry_count(index: int, count: int) -> ODVariable:
-    """Sub-index 0 of a compact notation, as CiA 306-1 writes it out."""
+    """Sub-index 0 of a compact notation, as CiA 306-1 defines it."""
     variable = ODVariable("NrOfObjects", index, 0)
     variable.data_type = 0x05
     variable.access_type = "ro"
@@ -263,7 +263,7 @@ def _entry_count(index: int, count: int) -> ODVariable:
     return variable
 
 
-def _first(parts: Parts) -> tuple[int, str]:
-    sections: Iterable[Section] = (*parts.subs.values(), *parts.lists.values())
+def _first(parts: ObjectSections) -> tuple[int, str]:
+    sections: Iterable[EdsSection] = (*parts.subs.values(), *parts.lists.values())
     first = min(sections, key=lambda section: section.line)
     return first.line, first.name

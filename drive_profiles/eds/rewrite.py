@@ -1,4 +1,4 @@
-"""A file again with other parameter values: where each value stands, and what is written there."""
+"""Rewriting of a file with other parameter values: where each value stands, and the text that replaces it."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from pathlib import Path
 from canopen.objectdictionary import ObjectDictionary, ODVariable
 
 from drive_profiles.eds import values as eds_values
-from drive_profiles.eds.objects import Parts
-from drive_profiles.eds.text import Document, Replacement, Section
+from drive_profiles.eds.objects import ObjectSections
+from drive_profiles.eds.text import Document, EdsSection, Replacement
 from drive_profiles.eds.variables import Content
 from drive_profiles.errors import FileError, Problem
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
-    """Where the values of a file stand.
+class ValueLocations:
+    """Locations of the parameter values in a file.
 
     Attributes:
-        document: The file.
-        sections: The section of every variable that has one of its own.
-        compact: The sections of the objects with a compact notation.
+        document: The text of the file.
+        sections: The section of every variable that has one, by index and sub-index.
+        compact: The sections of every object with a compact notation, by index.
     """
 
     document: Document
-    sections: dict[tuple[int, int], Section]
-    compact: dict[int, Parts]
+    sections: dict[tuple[int, int], EdsSection]
+    compact: dict[int, ObjectSections]
 
 
 @dataclass(slots=True)
@@ -36,11 +36,19 @@ class _Changes:
     insert: dict[int, list[str]] = field(default_factory=dict)
 
 
-def rewritten(path: Path, places: Places, dictionary: ObjectDictionary, values: Mapping[tuple[int, int], Content]) -> bytes:
-    """Give the bytes of the file with these values in it.
+def rewritten(
+    path: Path, locations: ValueLocations, dictionary: ObjectDictionary, values: Mapping[tuple[int, int], Content]
+) -> bytes:
+    """Return the bytes of the file with other parameter values in it.
+
+    Args:
+        path: The file, for messages.
+        locations: Locations of the values in it.
+        dictionary: The objects of the file, for the types of the values.
+        values: New parameter values by index and sub-index.
 
     Raises:
-        FileError: With every value that cannot be written.
+        FileError: Some values cannot be written; the error has all of them.
     """
     changes = _Changes()
     problems: list[Problem] = []
@@ -48,8 +56,8 @@ def rewritten(path: Path, places: Places, dictionary: ObjectDictionary, values: 
     for (index, subindex), value in sorted(values.items()):
         key = f"{index:04X}:{subindex:02X}"
         variable = _variable(dictionary, index, subindex)
-        section = places.sections.get((index, subindex))
-        if variable is None or (section is None and (index not in places.compact or subindex == 0)):
+        section = locations.sections.get((index, subindex))
+        if variable is None or (section is None and (index not in locations.compact or subindex == 0)):
             problems.append(Problem(0, key, "is no object with a section in this file", "an object that can be written"))
             continue
         data_type = variable.data_type or eds_values.DOMAIN
@@ -64,11 +72,11 @@ def rewritten(path: Path, places: Places, dictionary: ObjectDictionary, values: 
         else:
             compact.setdefault(index, {})[subindex] = written
     for index, contents in compact.items():
-        _set_compact(changes, places.compact[index], contents)
+        _set_compact(changes, locations.compact[index], contents)
     if problems:
         raise FileError(path, tuple(problems))
     try:
-        return places.document.rewritten(changes.replace, changes.insert)
+        return locations.document.rewritten(changes.replace, changes.insert)
     except UnicodeEncodeError as error:
         problem = Problem(
             0, "", f"has no {error.object[error.start]!r} in its encoding, {error.encoding}", "characters that it has"
@@ -77,7 +85,7 @@ def rewritten(path: Path, places: Places, dictionary: ObjectDictionary, values: 
 
 
 def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVariable | None:
-    """The variable at an address; canopen's arrays would make one up."""
+    """Variable at an address; None where there is none, for which canopen's arrays would make one up."""
     item = dictionary.indices.get(index)
     if item is None or isinstance(item, ODVariable):
         return item if subindex == 0 else None
@@ -85,13 +93,13 @@ def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVari
     return member
 
 
-def _last(section: Section) -> int:
-    """The line after which a parameter value is put: behind the default, else at the end of the section."""
+def _last(section: EdsSection) -> int:
+    """Number of the line after which a parameter value is inserted: the default's, else the last of the section."""
     default = section.entries.get("defaultvalue")
     return default.line if default is not None else section.last
 
 
-def _set(changes: _Changes, section: Section, key: str, new: Replacement, after: int) -> None:
+def _set(changes: _Changes, section: EdsSection, key: str, new: Replacement, after: int) -> None:
     entry = section.entries.get(key.lower())
     if entry is not None:
         changes.replace[entry.line] = new
@@ -99,8 +107,8 @@ def _set(changes: _Changes, section: Section, key: str, new: Replacement, after:
         changes.insert.setdefault(after, []).append(f"{key}={new.value}")
 
 
-def _set_compact(changes: _Changes, parts: Parts, contents: dict[int, Replacement]) -> None:
-    """Put values into the ``[xxxxValue]`` section of a compact notation, made if need be."""
+def _set_compact(changes: _Changes, parts: ObjectSections, contents: dict[int, Replacement]) -> None:
+    """Write values into the ``[xxxxValue]`` section of a compact notation, which is added where it is missing."""
     section = parts.lists.get("value")
     if section is None:
         lines = ["", f"[{parts.index:04X}Value]", f"NrOfEntries={len(contents)}"]

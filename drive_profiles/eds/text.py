@@ -1,8 +1,8 @@
-"""The text of an EDS or DCF file: lines, sections and keys, each with its place, and the file again with some values changed.
+"""The text of an EDS or DCF file: lines, sections and keys with their line numbers, and a rewrite that changes single values.
 
-Nothing is understood here of what a key means. The lines are kept as they are, so that a rewrite changes what it has to and no
-other byte. Keys and section names are compared without regard to case, and sections of objects by their numbers: ``[1a00Sub00]``
-is ``[1A00sub0]``. Where something is said twice, the first counts, as for the Windows call with which most of these files are
+This module does not know what a key means. It keeps the lines as they are, so that a rewrite changes no byte that it need not.
+Keys and section names are compared without regard to case, and sections of objects by their numbers: ``[1a00Sub00]``
+is ``[1A00sub0]``. Of repeated keys the first counts, as for the Windows call with which most of these files are
 read by their vendors' tools; a later section adds the keys that the first has not.
 
 Source: CiA 306-1 (format).
@@ -25,9 +25,9 @@ MAX_SECTIONS = 20_000
 MAX_ENTRIES = 200_000
 MAX_LINE = 4096
 MAX_PROBLEMS = 5_000
-"""Warnings kept one by one; beyond, they are counted."""
+"""Number of warnings that are listed; further ones are only counted."""
 BLANK = " \t\f\v\x1a\0\ufeff"
-"""What is dropped at both ends of names, keys and values: blanks, the end mark of DOS, the mark of UTF-8."""
+"""Characters that are dropped at both ends of names, keys and values: blanks, the end mark of DOS, the mark of UTF-8."""
 
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n|\Z)")
 _OBJECT = re.compile(r"([0-9a-f]{1,4})(?:sub([0-9a-f]+)|(name|value|denotation))?", re.IGNORECASE)
@@ -35,17 +35,17 @@ _NEVER_LETTERS = re.compile(r"[^\W\d_]([\u2018\u201c-\u2039\u203a\u02c6\u02dc\u2
 
 
 def quoted(text: str) -> str:
-    """Give text from a file as it can stand in a message: one line, no control characters, at most 60 characters."""
+    """Make text from a file fit for a message: one line, no control characters, at most 60 characters."""
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
-class Entry(NamedTuple):
+class EdsEntry(NamedTuple):
     """One ``key=value`` line.
 
     Args:
-        key: As written.
-        value: Without the blanks around it; comments are still in it.
-        line: Counted from 1.
+        key: Key as written.
+        value: Value without the blanks around it; comments are still in it.
+        line: Line number, from 1.
     """
 
     key: str
@@ -54,11 +54,11 @@ class Entry(NamedTuple):
 
 
 class Replacement(NamedTuple):
-    """A value to be written over another.
+    """A value that is written over another.
 
     Args:
-        value: As it is to stand in the file.
-        keeps_comment: Whether what follows ``#`` or ``;`` is a comment, which stays; in a string it belongs to the value.
+        value: Text of the value in the file.
+        keeps_comment: True where text after ``#`` or ``;`` is a comment, which stays; in a string it belongs to the value.
     """
 
     value: str
@@ -66,42 +66,42 @@ class Replacement(NamedTuple):
 
 
 @dataclass(slots=True)
-class Section:
+class EdsSection:
     """The keys between one ``[name]`` and the next.
 
     Attributes:
-        name: As written.
-        line: Of its head.
-        last: Line of its last key, or of its head.
-        entries: By `folded` key, the first of each.
-        repeated: Entries whose key had been there already.
+        name: Name as written.
+        line: Line number of the head.
+        last: Line number of the last key, or of the head.
+        entries: First entry of each key, by `folded` key.
+        repeated: Further entries of the same keys.
     """
 
     name: str
     line: int
     last: int = 0
-    entries: dict[str, Entry] = field(default_factory=dict)
-    repeated: list[Entry] = field(default_factory=list)
+    entries: dict[str, EdsEntry] = field(default_factory=dict)
+    repeated: list[EdsEntry] = field(default_factory=list)
 
-    def get(self, key: str) -> Entry | None:
-        """Give the entry of a key that has a value: ``LowLimit=`` says as much as no line at all."""
+    def get(self, key: str) -> EdsEntry | None:
+        """Return the entry of a key that has a value: ``LowLimit=`` says as much as no line at all."""
         entry = self.entries.get(key.lower())
         return entry if entry is not None and entry.value else None
 
     def text(self, key: str) -> str:
-        """Give the value of a key, empty where there is none."""
+        """Return the value of a key, empty where there is none."""
         entry = self.entries.get(key.lower())
         return entry.value if entry is not None else ""
 
 
 @dataclass(slots=True)
 class Findings:
-    """What was found wrong in a file, bounded.
+    """The faults of a file, in bounded number.
 
     Attributes:
-        warnings: What was repaired, and how.
-        refused: What was left out, and why.
-        beyond: How many more there were.
+        warnings: Repairs.
+        refused: Objects that were left out, with the reason.
+        beyond: Number of faults that are not listed.
     """
 
     warnings: list[Problem] = field(default_factory=list)
@@ -110,15 +110,31 @@ class Findings:
     _known: set[Problem] = field(default_factory=set)
 
     def warn(self, line: int, section: str, key: str, message: str, expected: str = "") -> None:
-        """Note what was read and what was made of it."""
+        """Note a repair.
+
+        Args:
+            line: Line number, from 1; 0 for the file as a whole.
+            section: Name of the section, without brackets.
+            key: Key in the section, or empty.
+            message: What is wrong, and the value that was taken for it.
+            expected: Text that would have been right.
+        """
         self._add(self.warnings, Problem(line, _key(section, key), message, expected))
 
     def refuse(self, line: int, section: str, key: str, message: str, expected: str = "") -> None:
-        """Note what was left out of the dictionary."""
+        """Note an object that is left out of the dictionary.
+
+        Args:
+            line: Line number, from 1; 0 for the file as a whole.
+            section: Name of the section, without brackets.
+            key: Key in the section, or empty.
+            message: Reason why it is left out.
+            expected: Text that would have been right.
+        """
         self._add(self.refused, Problem(line, _key(section, key), message, expected))
 
     def closed(self) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
-        """Give the warnings and the refusals by line, and say if there were more."""
+        """Return warnings and refusals, sorted by line; the last warning counts those that are not listed."""
         warnings, refused = sorted(self.warnings), sorted(self.refused)
         if self.beyond:
             warnings.append(Problem(0, "", f"has {self.beyond} more problems, not listed", "a description of a CANopen device"))
@@ -136,26 +152,26 @@ class Findings:
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """A file, read but not understood.
+    """The text of a file, divided into sections.
 
     Attributes:
-        path: Where it comes from.
-        lines: With their ends; together they are the file.
-        encoding: Takes the lines back to the bytes of the file.
-        sections: By `section_id`.
+        path: The file.
+        lines: Lines with their ends; together they are the file.
+        encoding: Codec that turns the lines back into the bytes of the file.
+        sections: Sections by `section_id`.
     """
 
     path: Path
     lines: list[str]
     encoding: str
-    sections: dict[str, Section]
+    sections: dict[str, EdsSection]
 
     def rewritten(self, replace: dict[int, Replacement], insert: dict[int, list[str]]) -> bytes:
-        """Give the file with other values in some lines, and with lines added.
+        """Return the bytes of the file with other values in some lines, and with lines added.
 
         Args:
-            replace: By line number, the value to stand there in place of the present one.
-            insert: By line number, lines to follow it, without their ends.
+            replace: New values by line number.
+            insert: Lines to add, without their ends, by the number of the line that they follow.
 
         Raises:
             UnicodeEncodeError: The encoding of the file has no such character.
@@ -172,25 +188,25 @@ class Document:
 
 
 def section_id(name: str) -> str:
-    """Give the name under which a section is known: number and sub-index of an object as canopen writes them, else folded."""
+    """Return the key of a section: for an object its number and sub-index as canopen writes them, else the folded name."""
     name = name.strip(BLANK)
     match = _OBJECT.fullmatch(name)
     if match is None:
         return folded(name)
-    number, subindex, kind = match.groups()
+    number, subindex, suffix = match.groups()
     index = f"{int(number, 16):04X}"
     if subindex is not None:
         return f"{index}sub{int(subindex[-8:], 16):X}" if len(subindex) <= 8 else folded(name)
-    return index + (kind or "").lower()
+    return index + (suffix or "").lower()
 
 
 def folded(key: str) -> str:
-    """Give a key as it is compared: in lower case, without blanks inside."""
+    """Return a key in the form in which keys are compared: in lower case, without blanks inside."""
     return "".join(key.lower().split()) if " " in key or "\t" in key else key.lower()
 
 
 def comment_start(value: str) -> int:
-    """Tell where a value ends and a comment begins: ``0x07 # VAR`` or ``rw ; note``. Not for names and strings."""
+    """Position at which a comment begins in a value: ``0x07 # VAR`` or ``rw ; note``. Not for names and strings."""
     ends = [at for mark in "#;" if (at := value.find(mark)) >= 0]
     return min(ends, default=len(value))
 
@@ -199,12 +215,12 @@ def read(data: bytes, path: Path, findings: Findings) -> Document:
     """Divide a file into its sections.
 
     Raises:
-        FileError: It is too large, or no text.
+        FileError: The file is too large, or is no text.
     """
     text, encoding = _decoded(data, path, findings)
     lines = [match.group() for match in _LINE.finditer(text) if match.group()]
     document = Document(path, lines, encoding, {})
-    section: Section | None = None
+    section: EdsSection | None = None
     count = 0
     for number, line in enumerate(lines, 1):
         stripped = line.strip(BLANK + "\r\n")
@@ -230,7 +246,7 @@ def _key(section: str, key: str) -> str:
 
 
 def _with_value(line: str, new: Replacement) -> str:
-    """The line with another value: blanks around it, the end of the line and perhaps a comment stay."""
+    """Replace the value in a line; the blanks around it, the end of the line and perhaps a comment stay."""
     head, _, rest = line.partition("=")
     body = rest.rstrip("\r\n")
     old = body.strip(BLANK)
@@ -240,8 +256,8 @@ def _with_value(line: str, new: Replacement) -> str:
     return f"{head}={rest[:start]}{new.value}{rest[start + len(old) :]}"
 
 
-def _opened(document: Document, stripped: str, number: int, findings: Findings) -> Section:
-    """The section that a line opens, or goes on with."""
+def _opened(document: Document, stripped: str, number: int, findings: Findings) -> EdsSection:
+    """Section that a head line opens, or continues."""
     name, bracket, rest = stripped[1:].partition("]")
     name = name.strip(BLANK)
     rest = rest.strip(BLANK)
@@ -253,15 +269,15 @@ def _opened(document: Document, stripped: str, number: int, findings: Findings) 
     identity = section_id(name)
     first = document.sections.get(identity)
     if first is not None:
-        return Section(name, number, number, first.entries, first.repeated)  # shares the entries: what is new is added there
+        return EdsSection(name, number, number, first.entries, first.repeated)  # shares the entries: what is new is added there
     if len(document.sections) >= MAX_SECTIONS:
         raise FileError(document.path, (Problem(number, "", "too many sections", f"at most {MAX_SECTIONS}"),))
-    section = document.sections[identity] = Section(name, number, number)
+    section = document.sections[identity] = EdsSection(name, number, number)
     return section
 
 
-def _keep(document: Document, section: Section | None, stripped: str, number: int, findings: Findings) -> None:
-    """Put a line into its section, or say why not."""
+def _keep(document: Document, section: EdsSection | None, stripped: str, number: int, findings: Findings) -> None:
+    """Add a line to its section, or note why not."""
     key, equals, value = stripped.partition("=")
     key = key.strip(BLANK)
     if section is None or not equals or not key:
@@ -272,7 +288,7 @@ def _keep(document: Document, section: Section | None, stripped: str, number: in
         return
     if " " in key or "\t" in key:
         findings.warn(number, section.name, key, f"read as {''.join(key.split())}", "a key without blanks")
-    entry = Entry(key, value.strip(BLANK), number)
+    entry = EdsEntry(key, value.strip(BLANK), number)
     first = section.entries.setdefault(folded(key), entry)
     if first is entry:
         owner = document.sections[section_id(section.name)]
@@ -294,7 +310,7 @@ def _keep(document: Document, section: Section | None, stripped: str, number: in
 
 
 def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
-    """The text of a file and the codec that takes it back to the same bytes."""
+    """Decode a file; return the text and the codec that turns it back into the same bytes."""
     if len(data) > MAX_BYTES:
         raise FileError(path, (Problem(0, "", f"is larger than {MAX_BYTES >> 20} MiB", "a description of a CANopen device"),))
     for mark, codec in ((codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be")):
@@ -318,7 +334,7 @@ def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
 
 
 def _code_pages(data: bytes) -> Iterator[str]:
-    """The single-byte code pages that the file may be in, the best first; the last takes any byte."""
+    """Single-byte code pages that the file may be in, the best first; the last takes any byte."""
     try:
         text = data.decode("cp1252")
     except UnicodeDecodeError:

@@ -1,7 +1,7 @@
-"""What the text of a value says: numbers in every spelling that files have, ``$NODEID``, data types, access words.
+"""Values from their text: numbers in every spelling that files have, ``$NODEID``, data types, access words.
 
-The rule: what can be read in one way only is read, with a remark where the standard would not have it so; what is a guess is
-dropped, with a remark. A `Reading` with a remark and no value was dropped.
+The rule: text with one possible meaning is read, with a remark where the standard demands another spelling. Text that leaves room
+for a guess is dropped, with a remark. A `ValueReading` with a remark and no value was dropped.
 
 Source: CiA 306-1 (values of keys); CiA 301, version 4.2.0, 7.4.7 (data types).
 """
@@ -20,7 +20,7 @@ SIGNED = {0x02: 8, 0x03: 16, 0x10: 24, 0x04: 32, 0x12: 40, 0x13: 48, 0x14: 56, 0
 """Widths of the signed types by their index."""
 UNSIGNED = {0x05: 8, 0x06: 16, 0x16: 24, 0x07: 32, 0x18: 40, 0x19: 48, 0x1A: 56, 0x1B: 64}
 TIMES = {0x0C: 48, 0x0D: 48}
-"""TIME_OF_DAY and TIME_DIFFERENCE: files give them as one number, if at all."""
+"""Widths of TIME_OF_DAY and TIME_DIFFERENCE, which files give as one number, if at all."""
 REALS = {0x08: 32, 0x11: 64}
 _STRINGS = {VISIBLE_STRING: "VISIBLE_STRING", OCTET_STRING: "OCTET_STRING", UNICODE_STRING: "UNICODE_STRING", DOMAIN: "DOMAIN"}
 NAMES: dict[int, str] = {
@@ -41,7 +41,7 @@ _ACCESS_WORDS = {
 }  # fmt: skip
 MAX_STRING = 1024
 MAX_NUMBER = 64
-"""Characters of a number; ``int`` would take thousands."""
+"""Most characters of a number; ``int`` would take thousands."""
 
 _HEX = re.compile(r"([+-]?)0x([0-9a-f]+)", re.IGNORECASE)
 _SPACED_HEX = re.compile(r"([0-9a-f][0-9a-f ]*)h", re.IGNORECASE)
@@ -51,14 +51,14 @@ _SUFFIX = re.compile(r"(0x[0-9a-f]+|[+-]?[0-9]+)([ul]{1,3})", re.IGNORECASE)
 _NODE_ID = re.compile(r"\$?node_?id", re.IGNORECASE)
 
 
-class Reading(NamedTuple):
-    """What a value's text was taken for.
+class ValueReading(NamedTuple):
+    """A value as it was read from its text.
 
     Args:
-        value: None if there is none, or if it was dropped.
-        remark: What was made of it, empty if it is as it should be.
-        relative: Whether ``$NODEID`` is in it.
-        hexadecimal: Whether it was written so.
+        value: The value; None where the text is empty or was dropped.
+        remark: The fault and its repair; empty where the text is as the standard demands.
+        relative: True where ``$NODEID`` is in the text.
+        hexadecimal: True where the number was written in hexadecimal.
     """
 
     value: int | float | str | bytes | None
@@ -68,7 +68,7 @@ class Reading(NamedTuple):
 
 
 def limits_of(data_type: int) -> tuple[int, int] | None:
-    """Give the least and the greatest number of an integer type."""
+    """Return the least and the greatest number of an integer type."""
     if data_type in SIGNED:
         return -(1 << SIGNED[data_type] - 1), (1 << SIGNED[data_type] - 1) - 1
     if data_type == BOOLEAN:
@@ -78,7 +78,7 @@ def limits_of(data_type: int) -> tuple[int, int] | None:
 
 
 def expected_of(data_type: int) -> str:
-    """Say what a value of this type is, for a message."""
+    """Name the values of a type, for a message."""
     limits = limits_of(data_type)
     name = NAMES.get(data_type, f"type 0x{data_type:04X}")
     if limits is not None:
@@ -88,43 +88,43 @@ def expected_of(data_type: int) -> str:
     return f"{name}, as pairs of hexadecimal digits" if data_type in {OCTET_STRING, DOMAIN} else name
 
 
-def number(text: str) -> Reading:
-    """Read a whole number: decimal, ``0x`` hexadecimal, octal with a leading 0, and what files have besides.
+def number(text: str) -> ValueReading:
+    """Read a whole number: decimal, ``0x`` hexadecimal, octal with a leading 0, and other spellings that files have.
 
     ``010`` is 8, as the standard has it, with a remark, since some writers mean ten; ``008`` cannot be octal and is 8.
     """
     body, remark = _without_comment(text)
     if len(body) > MAX_NUMBER:
-        return Reading(None, "too long for a number; dropped")
+        return ValueReading(None, "too long for a number; dropped")
     if suffixed := _SUFFIX.fullmatch(body):
         body, remark = suffixed.group(1), _joined(remark, f"suffix {suffixed.group(2)} left out")
     if match := _HEX.fullmatch(body):
         value = int(match.group(2), 16)
-        return Reading(-value if match.group(1) == "-" else value, remark, hexadecimal=True)
+        return ValueReading(-value if match.group(1) == "-" else value, remark, hexadecimal=True)
     if _DECIMAL.fullmatch(body):
         return _decimal(body, remark)
     if match := _SPACED_HEX.fullmatch(body):
         value = int(match.group(1).replace(" ", ""), 16)
-        return Reading(value, _joined(remark, f"read as hexadecimal, {value}"), hexadecimal=True)
+        return ValueReading(value, _joined(remark, f"read as hexadecimal, {value}"), hexadecimal=True)
     if _REAL.fullmatch(body):
         whole = float(body)
         if math.isfinite(whole) and whole.is_integer():
-            return Reading(int(whole), _joined(remark, f"read as {int(whole)}"))
-        return Reading(None, "not a whole number; dropped")
-    return Reading(None, "not a number; dropped")
+            return ValueReading(int(whole), _joined(remark, f"read as {int(whole)}"))
+        return ValueReading(None, "not a whole number; dropped")
+    return ValueReading(None, "not a number; dropped")
 
 
-def integer(text: str, data_type: int, node_id: int | None = None) -> Reading:
+def integer(text: str, data_type: int, node_id: int | None = None) -> ValueReading:
     """Read an integer of a type, the sum of terms with at most one ``$NODEID`` among them.
 
     Args:
-        text: As in the file, not empty.
+        text: Text in the file, not empty.
         data_type: One of the integer types, BOOLEAN or a time.
-        node_id: Added for ``$NODEID``; without it the value is the constant part.
+        node_id: Node-ID for ``$NODEID``; None: the value is the constant part.
     """
     if data_type == BOOLEAN and text.lower() in {"true", "false", "yes", "no"}:
         truth = int(text.lower() in {"true", "yes"})
-        return Reading(truth, f"read as {truth}")
+        return ValueReading(truth, f"read as {truth}")
     if not _NODE_ID.search(text):
         return _in_range(number(text), data_type)
     body, remark = _without_comment(text)
@@ -133,67 +133,67 @@ def integer(text: str, data_type: int, node_id: int | None = None) -> Reading:
     readings = [number(term) for term in constants]
     values = [reading.value for reading in readings if isinstance(reading.value, int)]
     if len(terms) - len(constants) != 1 or len(values) != len(constants):
-        return Reading(None, "not understood; dropped", relative=True)
+        return ValueReading(None, "not understood; dropped", relative=True)
     for reading in readings:
         remark = _joined(remark, reading.remark)
     if not body.startswith("$NODEID") or " " in body:
         remark = _joined(remark, f"read as $NODEID+0x{sum(values):X}")
-    total = _in_range(Reading(sum(values) + (node_id or 0), remark), data_type)
+    total = _in_range(ValueReading(sum(values) + (node_id or 0), remark), data_type)
     return total._replace(relative=True)
 
 
-def value(text: str, data_type: int, node_id: int | None = None) -> Reading:
+def value(text: str, data_type: int, node_id: int | None = None) -> ValueReading:
     """Read a value of a type.
 
     Args:
-        text: As in the file. Empty is no value.
+        text: Text in the file; empty text is no value.
         data_type: Index of the type; one that is not in `NAMES` is read as DOMAIN.
-        node_id: For ``$NODEID``.
+        node_id: Node-ID for ``$NODEID``; None: the value is the constant part.
     """
     if not text:
-        return Reading(None)
+        return ValueReading(None)
     if limits_of(data_type) is not None:
         return integer(text, data_type, node_id)
     if data_type in REALS:
         return _real(text, REALS[data_type])
     if data_type in {VISIBLE_STRING, UNICODE_STRING}:
         if len(text) > MAX_STRING:
-            return Reading(None, f"{len(text)} characters long; dropped")
-        return Reading(text)
+            return ValueReading(None, f"{len(text)} characters long; dropped")
+        return ValueReading(text)
     return _octets(text)
 
 
-def access(text: str) -> Reading:
-    """Read an access type: one of `ACCESS`; ``rwr`` and ``rww`` stay what they are."""
+def access(text: str) -> ValueReading:
+    """Read an access type: one of `ACCESS`; ``rwr`` and ``rww`` are not simplified."""
     body, remark = _without_comment(text)
     word = body.lower()
     if word in ACCESS:
-        return Reading(word, remark)
+        return ValueReading(word, remark)
     meant = _ACCESS_WORDS.get(word.replace(" ", "").replace("_", ""))
     if meant is not None:
-        return Reading(meant, _joined(remark, f"read as {meant}"))
-    return Reading(None, "not an access type")
+        return ValueReading(meant, _joined(remark, f"read as {meant}"))
+    return ValueReading(None, "not an access type")
 
 
-def flag(text: str) -> Reading:
+def flag(text: str) -> ValueReading:
     """Read a yes or no: 0 or 1, or a word."""
     body, remark = _without_comment(text)
     words = {"yes": 1, "true": 1, "optional": 1, "default": 1, "no": 0, "false": 0}
     if body.lower() in words:
-        return Reading(words[body.lower()], _joined(remark, f"read as {words[body.lower()]}"))
+        return ValueReading(words[body.lower()], _joined(remark, f"read as {words[body.lower()]}"))
     reading = number(body)
     if not isinstance(reading.value, int):
         return reading
     if reading.value not in {0, 1}:
-        return Reading(1, _joined(remark, "read as 1"))
-    return Reading(reading.value, _joined(remark, reading.remark))
+        return ValueReading(1, _joined(remark, "read as 1"))
+    return ValueReading(reading.value, _joined(remark, reading.remark))
 
 
 def text_of(content: int | float | str | bytes, data_type: int) -> str:
-    """Write a value as a file has it; the inverse of `value` for what `value` reads without a remark.
+    """Write a value as text for a file: the inverse of `value`, where that makes no remark.
 
     Raises:
-        ValueError: It is not of the type, or cannot stand on a line.
+        ValueError: The value is not of the type, or cannot stand on a line.
     """
     written = _written(content, data_type)
     reading = value(written, data_type)
@@ -230,21 +230,21 @@ def _joined(*remarks: str) -> str:
     return ", ".join(remark for remark in remarks if remark)
 
 
-def _decimal(body: str, remark: str) -> Reading:
+def _decimal(body: str, remark: str) -> ValueReading:
     digits = body.lstrip("+-")
     plain = int(body)
     if digits[0] != "0" or plain == 0 or len(digits) == 1:
-        return Reading(plain, remark)
+        return ValueReading(plain, remark)
     if "8" in digits or "9" in digits:
-        return Reading(plain, _joined(remark, f"a leading 0 would make it octal, which it cannot be; read as {plain}"))
+        return ValueReading(plain, _joined(remark, f"a leading 0 would make it octal, which it cannot be; read as {plain}"))
     octal = int(digits, 8) * (-1 if body[0] == "-" else 1)
     if octal == plain:
-        return Reading(plain, remark)
-    return Reading(octal, _joined(remark, f"a leading 0 makes it octal; read as {octal}, not {plain}"))
+        return ValueReading(plain, remark)
+    return ValueReading(octal, _joined(remark, f"a leading 0 makes it octal; read as {octal}, not {plain}"))
 
 
-def _in_range(reading: Reading, data_type: int) -> Reading:
-    """The reading, with bit patterns of negative numbers understood and what is out of range dropped."""
+def _in_range(reading: ValueReading, data_type: int) -> ValueReading:
+    """Bring a reading into the range of its type: bit patterns become negative numbers, other values are dropped."""
     limits = limits_of(data_type)
     content = reading.value
     if not isinstance(content, int) or limits is None or limits[0] <= content <= limits[1]:
@@ -264,33 +264,35 @@ def _in_range(reading: Reading, data_type: int) -> Reading:
     return reading._replace(value=None, remark=_joined(reading.remark, "out of the range of its type; dropped"))
 
 
-def _real(text: str, width: int) -> Reading:
+def _real(text: str, width: int) -> ValueReading:
     body, remark = _without_comment(text)
     if match := _HEX.fullmatch(body):
         digits = match.group(2)
         if len(digits) > width // 4 or match.group(1) or (len(digits) < width // 4 and int(digits, 16)):
-            return Reading(None, f"not a bit pattern of {width} bits; dropped")
+            return ValueReading(None, f"not a bit pattern of {width} bits; dropped")
         pattern = bytes.fromhex(digits.zfill(width // 4))
         content = struct.unpack(">f" if width == 32 else ">d", pattern)[0]
         if not math.isfinite(content):
-            return Reading(None, "the bit pattern of no finite number; dropped")
-        return Reading(content, remark, hexadecimal=True)
+            return ValueReading(None, "the bit pattern of no finite number; dropped")
+        return ValueReading(content, remark, hexadecimal=True)
     if len(body) > MAX_NUMBER or not _REAL.fullmatch(body):
-        return Reading(None, "not a number; dropped")
+        return ValueReading(None, "not a number; dropped")
     content = float(body)
     try:
         struct.pack("<f" if width == 32 else "<d", content)
     except OverflowError:
         content = math.inf
-    return Reading(content, remark) if math.isfinite(content) else Reading(None, "out of the range of its type; dropped")
+    return (
+        ValueReading(content, remark) if math.isfinite(content) else ValueReading(None, "out of the range of its type; dropped")
+    )
 
 
-def _octets(text: str) -> Reading:
+def _octets(text: str) -> ValueReading:
     remark = ""
     body = text
     if body[:2].lower() == "0x":
         body, remark = body[2:], "read without its 0x"
     try:
-        return Reading(bytes.fromhex(body), remark)
+        return ValueReading(bytes.fromhex(body), remark)
     except ValueError:
-        return Reading(None, "no pairs of hexadecimal digits; dropped")
+        return ValueReading(None, "no pairs of hexadecimal digits; dropped")

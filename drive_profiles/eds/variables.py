@@ -1,7 +1,7 @@
 """One variable from the keys of its section: name, type, access, default, limits, and the value that a DCF gives it.
 
-What a key lacks or gets wrong is noted, and the variable made all the same, in the way that does least harm: unreadable numbers
-are no numbers, missing access is read-only, an unknown type is bytes.
+A missing or wrong key is noted, and the variable is made all the same, so that it does least harm: an unreadable number is left
+out, missing access is read-only, an unknown type is bytes.
 
 Source: CiA 306-1, object description (4.6.3).
 """
@@ -13,11 +13,11 @@ from collections.abc import Callable
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
 from drive_profiles.eds import values
-from drive_profiles.eds.text import Entry, Findings, Section, quoted
+from drive_profiles.eds.text import EdsEntry, EdsSection, Findings, quoted
 
 DOMAIN_OBJECT = 0x2
 Content = int | float | str | bytes
-"""What a variable holds."""
+"""Value of a variable, in Python."""
 _ACCESS = "ro, wo, rw, rwr, rww or const"
 
 
@@ -27,14 +27,14 @@ def assign(item: ODVariable | ODRecord | ODArray, **attributes: object) -> None:
 
 
 class VariableReader:
-    """Makes variables, and keeps what it meets on the way.
+    """Reader that makes variables, and collects types and parameter values on the way.
 
     Args:
-        findings: Where repairs and refusals go.
-        node_id: For ``$NODEID``; None if nobody knows it.
+        findings: List to which repairs and refusals are added.
+        node_id: Node-ID for ``$NODEID``; None where it is not known.
 
     Attributes:
-        types: What data types beyond those of CiA 301 are made of.
+        types: Data types beyond those of CiA 301, each with the type that it is made of.
         values: The parameter values, by index and sub-index.
     """
 
@@ -44,7 +44,7 @@ class VariableReader:
         self.types: dict[int, int] = {}
         self.values: dict[tuple[int, int], Content] = {}
 
-    def variable(self, section: Section, index: int, subindex: int) -> ODVariable:
+    def variable(self, section: EdsSection, index: int, subindex: int) -> ODVariable:
         """Make a variable from the keys of its section."""
         variable = ODVariable(self.name(section, section.name), index, subindex)
         variable.data_type = self._data_type(section)
@@ -65,16 +65,16 @@ class VariableReader:
                 self.remark(section, factor, reading.remark or "no factor; dropped", "a number other than 0")
         return variable
 
-    def name(self, section: Section, substitute: str) -> str:
-        """Give the name of an object, or say that it has none."""
+    def name(self, section: EdsSection, substitute: str) -> str:
+        """Return the name of an object; a missing one is replaced and noted."""
         name = self.text(section, "ParameterName")
         if name:
             return name
         self.findings.warn(section.line, section.name, "ParameterName", f"missing; named {quoted(substitute)}", "a name")
         return substitute
 
-    def text(self, section: Section, key: str) -> str:
-        """Give a text that can be shown anywhere: no control characters, bounded."""
+    def text(self, section: EdsSection, key: str) -> str:
+        """Return a text that is safe to show: bounded, without control characters."""
         entry = section.get(key)
         if entry is None:
             return ""
@@ -86,8 +86,8 @@ class VariableReader:
             self.remark(section, entry, "cut", f"at most {values.MAX_STRING} characters")
         return text[: values.MAX_STRING]
 
-    def number(self, section: Section, key: str, read: Callable[[str], values.Reading] = values.number) -> int | None:
-        """Give the number of a key, None if it has none."""
+    def number(self, section: EdsSection, key: str, read: Callable[[str], values.ValueReading] = values.number) -> int | None:
+        """Return the number of a key, None if it has none."""
         entry = section.get(key)
         if entry is None:
             return None
@@ -96,8 +96,8 @@ class VariableReader:
             self.remark(section, entry, reading.remark, "0 or 1" if read is values.flag else "a whole number")
         return reading.value if isinstance(reading.value, int) else None
 
-    def parameter_value(self, variable: ODVariable, section: Section, entry: Entry | None) -> None:
-        """Take a ParameterValue over, typed."""
+    def parameter_value(self, variable: ODVariable, section: EdsSection, entry: EdsEntry | None) -> None:
+        """Add a ParameterValue to the values, typed."""
         if entry is None or not entry.value or variable.data_type is None:
             return
         reading = values.value(entry.value, variable.data_type, self.node_id)
@@ -112,11 +112,18 @@ class VariableReader:
         assign(variable, value=reading.value)
         self.values[variable.index, variable.subindex] = reading.value
 
-    def remark(self, section: Section, entry: Entry, remark: str, expected: str) -> None:
-        """Warn of the value of an entry."""
+    def remark(self, section: EdsSection, entry: EdsEntry, remark: str, expected: str) -> None:
+        """Warn of the value of an entry.
+
+        Args:
+            section: The section of the variable.
+            entry: The line of the value.
+            remark: The fault and its repair.
+            expected: Text that would have been right.
+        """
         self.findings.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} {remark}", expected)
 
-    def _data_type(self, section: Section) -> int:
+    def _data_type(self, section: EdsSection) -> int:
         entry = section.get("DataType")
         domain = self.number(section, "ObjectType") == DOMAIN_OBJECT if section.get("ObjectType") else False
         if entry is None:
@@ -133,7 +140,7 @@ class VariableReader:
         self.remark(section, entry, f"no type of CiA 301; taken as {values.NAMES[known]}, {size}", "a data type of CiA 301")
         return known
 
-    def _access(self, section: Section) -> str:
+    def _access(self, section: EdsSection) -> str:
         entry = section.get("AccessType")
         if entry is None:
             self.findings.warn(
@@ -152,7 +159,7 @@ class VariableReader:
             self.remark(section, entry, reading.remark, _ACCESS)
         return str(reading.value)
 
-    def _default(self, variable: ODVariable, section: Section) -> None:
+    def _default(self, variable: ODVariable, section: EdsSection) -> None:
         entry = section.get("DefaultValue")
         if entry is None or variable.data_type is None:
             return
@@ -162,8 +169,8 @@ class VariableReader:
         if reading.value is not None:
             assign(variable, default=reading.value, default_raw=entry.value, relative=reading.relative)
 
-    def _limits(self, variable: ODVariable, section: Section) -> None:
-        """Take the limits over, dropping those that cannot both be meant; say so where the default is outside of them."""
+    def _limits(self, variable: ODVariable, section: EdsSection) -> None:
+        """Set the limits, without those that contradict each other; warn where the default is outside them."""
         data_type = variable.data_type
         low, high = (self._limit(section, key, data_type or 0) for key in ("LowLimit", "HighLimit"))
         if low is not None and high is not None and low > high:
@@ -178,7 +185,7 @@ class VariableReader:
                 entry = section.entries["defaultvalue"]
                 self.remark(section, entry, "is outside its own limits; all kept", f"a value from {low} to {high}")
 
-    def _limit(self, section: Section, key: str, data_type: int) -> int | float | None:
+    def _limit(self, section: EdsSection, key: str, data_type: int) -> int | float | None:
         entry = section.get(key)
         if entry is None:
             return None

@@ -1,6 +1,6 @@
-"""XDD and XDC, the XML form of a description, taken into the same sections as an EDS.
+"""XDD and XDC, the XML form of a description, divided into the same sections as an EDS.
 
-A key in a warning is therefore that of the EDS (``[2100sub1] DefaultValue``), its line that of the XML. Data type, access, limits
+A warning therefore names the key of the EDS (``[2100sub1] DefaultValue``) and the line of the XML. Data type, access, limits
 and values may stand at an object, or at the parameter to which its ``uniqueIDRef`` leads; the object's own count first.
 
 The file is not trusted: declarations of a document type or of entities are refused, so nothing is expanded or fetched, and
@@ -17,7 +17,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from drive_profiles.eds.objects import MAX_VARIABLES
-from drive_profiles.eds.text import MAX_BYTES, MAX_SECTIONS, Document, Entry, Findings, Section, quoted
+from drive_profiles.eds.text import MAX_BYTES, MAX_SECTIONS, Document, EdsEntry, EdsSection, Findings, quoted
 from drive_profiles.errors import FileError, Problem
 
 MAX_DEPTH = 64
@@ -42,11 +42,11 @@ class Element:
     """One element of the tree: names without their name space.
 
     Attributes:
-        tag: Its name.
-        attributes: By name.
-        line: Where it begins.
-        children: In order.
-        text: What stands in it directly.
+        tag: Name of the element.
+        attributes: Attributes by name.
+        line: Line on which it begins, from 1.
+        children: Elements inside, in the order of the file.
+        text: Text directly inside.
     """
 
     tag: str
@@ -56,7 +56,7 @@ class Element:
     text: str = ""
 
     def walk(self) -> Iterator[Element]:
-        """Give this element and all below it, in the order of the file."""
+        """Yield this element and all below it, in the order of the file."""
         stack = [self]
         while stack:
             element = stack.pop()
@@ -64,19 +64,19 @@ class Element:
             stack.extend(reversed(element.children))
 
     def child(self, tag: str) -> Element | None:
-        """Give the first child of a name."""
+        """Return the first child of a name."""
         return next((child for child in self.children if child.tag == tag), None)
 
 
 class _UnsafeError(Exception):
-    """What a description has no need of."""
+    """XML that no description needs, and that could do harm."""
 
 
 def read(data: bytes, path: Path, findings: Findings) -> Document:
-    """Take an XDD file apart into the sections that an EDS would have.
+    """Divide an XDD file into the sections that an EDS would have.
 
     Raises:
-        FileError: It is too large, unsafe, no XML, or no description of a CANopen device.
+        FileError: The file is too large, unsafe, no XML, or no description of a CANopen device.
     """
     root = _tree(data, path)
     lists = [element for element in root.walk() if element.tag == "CANopenObjectList"]
@@ -137,16 +137,16 @@ def _tree(data: bytes, path: Path) -> Element:
     return top.children[0]
 
 
-def _section(name: str, line: int, values: dict[str, tuple[str | None, int]]) -> Section:
-    section = Section(name, line, line)
+def _section(name: str, line: int, values: dict[str, tuple[str | None, int]]) -> EdsSection:
+    section = EdsSection(name, line, line)
     for key, (value, at) in values.items():
         if value is not None:
-            section.entries[key.lower()] = Entry(key, " ".join(value.split()), at)
+            section.entries[key.lower()] = EdsEntry(key, " ".join(value.split()), at)
     return section
 
 
-def _device_info(root: Element) -> Section:
-    """What an EDS has in ``[DeviceInfo]``."""
+def _device_info(root: Element) -> EdsSection:
+    """Section ``[DeviceInfo]`` as an EDS would have it."""
     values: dict[str, tuple[str | None, int]] = {}
     line = root.line
     for element in root.walk():
@@ -165,7 +165,7 @@ def _device_info(root: Element) -> Section:
     return _section("DeviceInfo", line, values)
 
 
-def _dummies(root: Element) -> Section:
+def _dummies(root: Element) -> EdsSection:
     values: dict[str, tuple[str | None, int]] = {}
     for element in root.walk():
         if element.tag == "dummy":
@@ -206,7 +206,7 @@ def _add(document: Document, name: str, values: dict[str, tuple[str | None, int]
 
 
 def _values(item: Element, parameters: dict[str, Element], *, has_subs: bool) -> dict[str, tuple[str | None, int]]:
-    """The keys of an EDS from the attributes of an object and from the parameter that it refers to."""
+    """Keys of an EDS from the attributes of an object and from its parameter."""
     own, line = item.attributes, item.line
     parameter = parameters.get(own.get("uniqueIDRef", ""))
     mapping = own.get("PDOmapping", "no")
@@ -232,7 +232,7 @@ def _values(item: Element, parameters: dict[str, Element], *, has_subs: bool) ->
 
 
 def _of_parameter(parameter: Element) -> dict[str, tuple[str | None, int]]:
-    """What a parameter of the application process says of its object."""
+    """Keys of an EDS from a parameter of the application process."""
     access = parameter.attributes.get("access", "read")  # the default in the schema
     values: dict[str, tuple[str | None, int]] = {"AccessType": (_ACCESS.get(access, access), parameter.line)}
     for child in parameter.children:
@@ -249,7 +249,7 @@ def _of_parameter(parameter: Element) -> dict[str, tuple[str | None, int]]:
 
 
 def _range(allowed: Element) -> dict[str, tuple[str | None, int]]:
-    """The limits, if there is one range; several have none in common."""
+    """Limits of a parameter with one range; several ranges have no common limits."""
     ranges = [child for child in allowed.children if child.tag == "range"]
     if len(ranges) != 1:
         return {}

@@ -1,14 +1,27 @@
-"""What a drive makes of a notch and of gains: quantised as it holds them, and recomputed from that."""
+"""Realisation of a notch and of gains in a drive: rounded as its objects hold them, and recomputed from the rounded values.
+
+`realise` finds the parameter values for a `NotchTarget`, and tells how far the drive's filter is from it. `gains_for` converts
+the gains of the paper's loop to the drive's units.
+
+>>> from drive_profiles.family.profile import Profile
+>>> from drive_profiles.realisation import NotchTarget, realise
+>>> target = NotchTarget.at_speed(order=2, speed_rps=5.92, offset_hz=0.5, zeta_rn=0.028, zeta_rdth=0.1)
+>>> nearest = realise(Profile.load("kollmorgen_akd"), target, allow_approximate=True)
+>>> nearest.is_exact, nearest.values["filter_1.zero_q"]
+(False, 5.0)
+>>> print(nearest.reasons[0])
+the zeros' damping cannot be 0.0257, the nearest is 0.1 (filter_1.zero_q = 5)
+"""
 
 from drive_profiles.realisation.realise import (
     PAPER,
     Biquad,
     Deviations,
+    NotchTarget,
     NotRealisableError,
     PidGains,
     Realisation,
     Shape,
-    Target,
     Tolerance,
     gains_for,
     held_filter,
@@ -22,10 +35,10 @@ __all__ = [
     "Biquad",
     "Deviations",
     "NotRealisableError",
+    "NotchTarget",
     "PidGains",
     "Realisation",
     "Shape",
-    "Target",
     "Tolerance",
     "gains_for",
     "held_filter",

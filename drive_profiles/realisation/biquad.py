@@ -1,4 +1,4 @@
-"""A second-order filter between its coefficients and its frequencies: both ways, for the discretisations that drives use.
+"""Conversion of a second-order filter between coefficients and frequencies, for the discretisations that drives use.
 
 The quadratic Q(s) = 1 + 2 ζ s/ω + s²/ω² becomes a polynomial C(x) = c₀ + c₁ x + c₂ x² in x = z⁻¹, with T the sampling time:
 
@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 TWO_PI = 2.0 * math.pi
 Rule = Literal["bilinear", "bilinear prewarped", "backward Euler prewarped"]
 Polynomial = tuple[float, float, float]
-"""c₀, c₁, c₂ of c₀ + c₁ z⁻¹ + c₂ z⁻²."""
+"""Coefficients c₀, c₁, c₂ of c₀ + c₁ z⁻¹ + c₂ z⁻²."""
 
 
 class Biquad(NamedTuple):
-    """y_n = b₀ u_n + b₁ u_{n−1} + b₂ u_{n−2} − a₁ y_{n−1} − a₂ y_{n−2}."""
+    """Coefficients of y_n = b₀ u_n + b₁ u_{n−1} + b₂ u_{n−2} − a₁ y_{n−1} − a₂ y_{n−2}."""
 
     b0: float
     b1: float
@@ -36,21 +36,21 @@ class Biquad(NamedTuple):
 
 
 class Quadratic(NamedTuple):
-    """1 + 2 ζ s/ω + s²/ω²: ω/2π and ζ."""
+    """Frequency ω/2π in Hz and damping ζ of 1 + 2 ζ s/ω + s²/ω²."""
 
     frequency_hz: float
     zeta: float
 
 
 @dataclass(frozen=True)
-class Target:
+class NotchTarget:
     """The paper's notch at one speed, eq. (6) and (7), DC gain 1.
 
     Attributes:
-        zero_hz: ω_rn / 2π = k f_m.
-        pole_hz: ω_rd / 2π = k f_m + ω_d / 2π.
-        zeta_zero: ζ_rn.
-        zeta_pole: ζ_rd.
+        zero_hz: Frequency of the zeros, ω_rn / 2π = k f_m, Hz.
+        pole_hz: Frequency of the poles, ω_rd / 2π = k f_m + ω_d / 2π, Hz.
+        zeta_zero: Damping of the zeros, ζ_rn.
+        zeta_pole: Damping of the poles, ζ_rd.
 
     Raises:
         ValueError: A frequency or damping is not positive and finite.
@@ -62,25 +62,25 @@ class Target:
     zeta_pole: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no filter."""
+        """Refuse values that make no filter."""
         for name in ("zero_hz", "pole_hz", "zeta_zero", "zeta_pole"):
             value = getattr(self, name)
             if not (value > 0.0 and math.isfinite(value)):
                 raise ValueError(f"{name} = {value} must be positive and finite")
 
     @classmethod
-    def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> Target:
-        """The notch while the motor turns at a speed: zeros at k f_m, poles ω_d/2π above.
+    def at_speed(cls, order: float, speed_rps: float, offset_hz: float, zeta_rn: float, zeta_rdth: float) -> NotchTarget:
+        """Notch for one motor speed: zeros at k f_m, poles ω_d/2π above.
 
         Args:
             order: k, harmonic order of the transmission error.
-            speed_rps: f_m.
-            offset_hz: ω_d / 2π.
+            speed_rps: f_m, speed of the motor in revolutions per second.
+            offset_hz: ω_d / 2π, Hz.
             zeta_rn: Damping of the zeros.
             zeta_rdth: Damping of the poles.
 
         Raises:
-            ValueError: The result is no filter.
+            ValueError: A frequency or damping is not positive and finite.
 
         Source: the paper, eq. (6), (7) and Table 3.
         """
@@ -94,13 +94,13 @@ class Target:
 
     @property
     def shape(self) -> Shape:
-        """What a drive would hold if it held it exactly."""
+        """The target as a continuous filter."""
         return Shape(self.zero_hz, self.zeta_zero, self.pole_hz, self.zeta_pole, 1.0, is_stable=True)
 
 
 @dataclass(frozen=True)
 class Shape:
-    """The continuous filter whose bilinear transform a biquad is.
+    """A continuous filter, as the bilinear transform relates it to a biquad.
 
     F(s) = g (s²/ω_z² + 2 ζ_z s/ω_z + 1) / (s²/ω_p² + 2 ζ_p s/ω_p + 1).
 
@@ -108,12 +108,12 @@ class Shape:
     damping 0.
 
     Attributes:
-        zero_hz: ω_z / 2π.
-        zeta_zero: ζ_z.
-        pole_hz: ω_p / 2π.
-        zeta_pole: ζ_p.
-        dc_gain: g; infinite where the denominator vanishes at DC.
-        is_stable: Both poles are inside the unit circle.
+        zero_hz: Frequency of the zeros, ω_z / 2π, Hz.
+        zeta_zero: Damping of the zeros, ζ_z.
+        pole_hz: Frequency of the poles, ω_p / 2π, Hz.
+        zeta_pole: Damping of the poles, ζ_p.
+        dc_gain: Gain at DC, g; infinite where the denominator vanishes at DC.
+        is_stable: True where both poles are inside the unit circle.
     """
 
     zero_hz: float
@@ -125,12 +125,12 @@ class Shape:
 
     @property
     def is_notch(self) -> bool:
-        """Whether poles and zeros are still two damped oscillations, ζ < 1, with a gain at DC."""
+        """True where poles and zeros are still two damped oscillations, ζ < 1, with a gain at DC."""
         pairs = ((self.zero_hz, self.zeta_zero), (self.pole_hz, self.zeta_pole))
         return self.is_stable and math.isfinite(self.dc_gain) and all(0 < f < math.inf and 0 <= zeta < 1 for f, zeta in pairs)
 
     def gain_db(self, frequency_hz: float) -> float:
-        """20 log₁₀ |F(j 2π f)|; −∞ at an undamped zero."""
+        """Gain in dB, 20 log₁₀ |F(j 2π f)|; −∞ at an undamped zero."""
 
         def value(f: float, zeta: float) -> float:
             ratio = frequency_hz / f if f > 0.0 else math.inf
@@ -141,15 +141,15 @@ class Shape:
 
 
 def shape_of(biquad: Biquad, period_s: float) -> Shape:
-    """Zeros, poles and DC gain, recomputed from coefficients: the continuous filter whose bilinear transform they are.
+    """Recompute zeros, poles and DC gain from coefficients: the continuous filter with this bilinear transform.
 
-    With s = (2/T)(z − 1)/(z + 1) put back in, n₀ = Σb, n₁ = 2 (b₀ − b₂), n₂ = b₀ − b₁ + b₂ belong to 1, sT/2 and (sT/2)²; hence
+    With s = (2/T)(z − 1)/(z + 1) put back in, n₀ = Σb, n₁ = 2 (b₀ − b₂), n₂ = b₀ − b₁ + b₂ belong to 1, sT/2 and (sT/2)². Hence
     ω_z = (2/T) √(n₀/n₂), ζ_z = n₁/(2 √(n₀ n₂)), and the same for the poles with 1, a₁, a₂. Where drives run n₀ is 10⁻⁴ and
     less while b₁ is 2: this is where short words lose the filter.
 
     Args:
-        biquad: Its coefficients.
-        period_s: T.
+        biquad: Coefficients of the filter.
+        period_s: T, sampling time in s.
     """
     zero = quadratic_of((biquad.b0, biquad.b1, biquad.b2), period_s)
     pole = quadratic_of((1.0, biquad.a1, biquad.a2), period_s)
@@ -160,7 +160,7 @@ def shape_of(biquad: Biquad, period_s: float) -> Shape:
 
 
 def polynomial_of(quadratic: Quadratic, period_s: float, rule: Rule = "bilinear") -> Polynomial:
-    """C(z⁻¹) of a quadratic in s, see the head of the module.
+    """Polynomial C(z⁻¹) of a quadratic in s; the head of the module has the equations.
 
     Raises:
         ValueError: The rule has no such frequency at this sampling time.
@@ -180,9 +180,9 @@ def polynomial_of(quadratic: Quadratic, period_s: float, rule: Rule = "bilinear"
 
 
 def quadratic_of(polynomial: Polynomial, period_s: float, rule: Rule = "bilinear") -> Quadratic:
-    """The quadratic in s that a rule turns into this polynomial, up to a factor; the inverse of `polynomial_of`.
+    """Quadratic in s that a rule turns into a polynomial, up to a factor; the inverse of `polynomial_of`.
 
-    Frequency 0 with damping ∞ where a root is at or beyond s = 0, frequency ∞ with damping 0 where one is at infinity.
+    A root at or beyond s = 0 gives frequency 0 with damping ∞, a root at infinity gives frequency ∞ with damping 0.
     """
     c0, c1, c2 = polynomial
     if rule == "backward Euler prewarped":
@@ -201,10 +201,16 @@ def quadratic_of(polynomial: Polynomial, period_s: float, rule: Rule = "bilinear
 
 
 def biquad_of(zero: Quadratic, pole: Quadratic, period_s: float, rule: Rule = "bilinear") -> Biquad:
-    """The filter with these zeros and poles and DC gain 1.
+    """Filter with given zeros and poles and DC gain 1.
+
+    Args:
+        zero: Frequency and damping of the zeros.
+        pole: Frequency and damping of the poles.
+        period_s: T, sampling time in s.
+        rule: Discretisation of the drive.
 
     Raises:
-        ValueError: See `polynomial_of`.
+        ValueError: The rule has no such frequency at this sampling time.
     """
     n0, n1, n2 = polynomial_of(zero, period_s, rule)
     d0, d1, d2 = polynomial_of(pole, period_s, rule)
@@ -212,19 +218,19 @@ def biquad_of(zero: Quadratic, pole: Quadratic, period_s: float, rule: Rule = "b
 
 
 def stated(held: Quadratic, period_s: float, rule: Rule) -> Quadratic:
-    """Frequency and damping to state to a drive with that rule, so that `shape_of` what it makes of them is ``held``."""
+    """Frequency and damping to give to a drive with a certain rule, so that `shape_of` its filter is ``held``."""
     return quadratic_of(polynomial_of(held, period_s), period_s, rule)
 
 
 def factors(numerator: list[float], denominator: list[float]) -> tuple[Biquad, Biquad]:
-    """A filter of order 4 as two biquads in series.
+    """Factor a filter of order 4 into two biquads in series.
 
     The roots lie close to z = 1, where a polynomial in z says little about them; they are sought in w = z − 1. For
     coefficients of 24 bits the shift to w is exact in double precision. Poles and zeros are paired by frequency.
 
     Args:
-        numerator: b₀ … b₄ of powers of z⁻¹.
-        denominator: 1, a₁ … a₄.
+        numerator: b₀ … b₄, coefficients of the powers of z⁻¹.
+        denominator: 1, a₁ … a₄, coefficients of the powers of z⁻¹.
     """
     pairs_b, gain = _pairs(numerator)
     pairs_a, _ = _pairs(denominator)
@@ -233,18 +239,18 @@ def factors(numerator: list[float], denominator: list[float]) -> tuple[Biquad, B
 
 
 def _pairs(coefficients: list[float]) -> tuple[tuple[Polynomial, Polynomial], float]:
-    """Two polynomials of order 2 in z⁻¹, nearest to z = 1 first, and the factor before their product."""
+    """Factor a polynomial of order 4 into two of order 2 in z⁻¹, nearest to z = 1 first, and a constant."""
     leading = next((n for n, c in enumerate(coefficients) if c != 0.0), len(coefficients) - 1)
     roots = 1.0 + _roots_about_one(np.array(coefficients[leading:]))
     above = sorted((r for r in roots if r.imag > 0.0), key=lambda r: abs(r - 1.0))
     real = sorted((r.real for r in roots if r.imag == 0.0), key=lambda r: abs(r - 1.0))
-    found: list[list[float]] = [[1.0, -2.0 * r.real, abs(r) ** 2] for r in above]
+    quadratics: list[list[float]] = [[1.0, -2.0 * r.real, abs(r) ** 2] for r in above]
     while real:
         two, real = real[:2], real[2:]
-        found.append([1.0, -sum(two), math.prod(two)] if len(two) == 2 else [1.0, -two[0]])
-    found.sort(key=lambda c: abs(sum(c)))
-    found += [[1.0]] * (2 - len(found))
-    padded = [[0.0] * (3 - len(c)) + c for c in found]  # b₀ = 0 is a delay
+        quadratics.append([1.0, -sum(two), math.prod(two)] if len(two) == 2 else [1.0, -two[0]])
+    quadratics.sort(key=lambda c: abs(sum(c)))
+    quadratics += [[1.0]] * (2 - len(quadratics))
+    padded = [[0.0] * (3 - len(c)) + c for c in quadratics]  # b₀ = 0 is a delay
     first, second = ((c[0], c[1], c[2]) for c in padded)
     return (first, second), coefficients[leading]
 

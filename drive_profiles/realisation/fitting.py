@@ -1,4 +1,4 @@
-"""The values of a filter section whose filter is nearest to a target, rounded as the drive's objects hold them."""
+"""Search for the values of a drive's filter that come nearest to a target, rounded as the drive's objects hold them."""
 
 from __future__ import annotations
 
@@ -9,71 +9,71 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drive_profiles.capability import NotchFacts, Section
 from drive_profiles.errors import OutOfRangeError
-from drive_profiles.parameter import LIMITS, Parameter
-from drive_profiles.profile import Profile
-from drive_profiles.realisation.biquad import Biquad, Quadratic, Shape, Target, biquad_of, shape_of, stated
+from drive_profiles.family.capability import FilterSection, NotchFacts
+from drive_profiles.family.parameter import LIMITS, Parameter
+from drive_profiles.family.profile import Profile
+from drive_profiles.realisation.biquad import Biquad, NotchTarget, Quadratic, Shape, biquad_of, shape_of, stated
 from drive_profiles.realisation.refusal import NotRealisableError
-from drive_profiles.realisation.sections import COEFFICIENTS, HIGHER, Held, coefficient_per_value, filter_of, hold, rule_of
+from drive_profiles.realisation.sections import COEFFICIENTS, HIGHER, HeldValues, coefficient_per_value, filter_of, hold, rule_of
 
 _SMALLEST_DAMPING = 1e-4
 _SLACK = 1e-3
-"""A frequency that the discretisation puts outside the parameter's range by less than this share is set to its limit."""
+"""A frequency that the discretisation puts outside the parameter's range by less than this fraction is set to its limit."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What is to be realised where.
+    """The search for the values with which one filter of a drive comes nearest to a target.
 
     Attributes:
-        profile: Of the drive.
-        notch: Its filter.
-        section: Which section.
+        profile: Drive profile.
+        notch: Facts about the drive's filter.
+        section: The filter to fit.
         target: The notch at one speed.
-        period_s: At which the filter runs.
-        distance: Of a shape from the target, 0 for none; what is smaller is better.
-        reasons: What has been found to stand against it; filled while fitting.
+        period_s: Period at which the filter runs, s.
+        distance: Function that measures how far a shape is from the target; 0 is none.
+        reasons: Objections to the result, added while fitting.
     """
 
     profile: Profile
     notch: NotchFacts
-    section: Section
-    target: Target
+    section: FilterSection
+    target: NotchTarget
     period_s: float
     distance: Callable[[Shape], float]
     reasons: list[str] = field(default_factory=list)
 
     def values(self) -> dict[str, float]:
-        """Parameter values, settings first.
+        """Parameter values by name, settings first.
 
         Raises:
-            NotRealisableError: A frequency or a coefficient that its object cannot hold.
+            NotRealisableError: An object cannot hold its frequency or coefficient.
         """
-        found = {name: hold(self.profile.parameter(name), value) for name, value in self.section.settings.items()}
+        settings = {name: hold(self.profile.parameter(name), value) for name, value in self.section.settings.items()}
         try:
             if self.notch.form == "coefficients":
-                return found | _coefficients(self)
-            return found | (_variable(self) if self.notch.form == "variable" else _frequencies(self))
+                return settings | _coefficients(self)
+            return settings | (_variable(self) if self.notch.form == "variable" else _frequencies(self))
         except OutOfRangeError as error:
             raise NotRealisableError(self.profile.name, (str(error),)) from None
 
     def filter(self, values: dict[str, float]) -> tuple[Biquad, ...]:
-        """What the drive makes of the values; of a form that follows the speed, what it does at the target's."""
+        """Filter that the drive runs with the values; a form that follows the speed is taken at the target's speed."""
         if self.notch.form != "variable":
-            return filter_of(Held(self.profile, values), self.notch, self.section, self.period_s)
+            return filter_of(HeldValues(self.profile, values), self.notch, self.section, self.period_s)
         parts, zero_hz = self.section.parts, self.target.zero_hz
         zero = Quadratic(zero_hz, values[parts["zero_damping"]])
         pole = Quadratic(zero_hz + values[parts["offset"]], values[parts["pole_damping"]])
         return (biquad_of(zero, pole, self.period_s, rule_of(self.notch)),)
 
     def parameter(self, part: str) -> Parameter:
-        """Of a part of the section."""
+        """Parameter that holds a part of the filter."""
         return self.profile.parameter(self.section.parts[part])
 
 
-def design(target: Target, period_s: float) -> Biquad:
-    """The target as the paper discretises it, bilinear."""
+def design(target: NotchTarget, period_s: float) -> Biquad:
+    """Bilinear discretisation of the target, as in the paper."""
     return biquad_of(Quadratic(target.zero_hz, target.zeta_zero), Quadratic(target.pole_hz, target.zeta_pole), period_s)
 
 
@@ -84,7 +84,7 @@ def _variable(fit: Fit) -> dict[str, float]:
 
 
 def _frequencies(fit: Fit) -> dict[str, float]:
-    """Frequencies and dampings, stated so that the drive's discretisation gives the target's."""
+    """Frequencies and dampings for which the drive's discretisation gives those of the target."""
     target, rule = fit.target, rule_of(fit.notch)
     zero = stated(Quadratic(target.zero_hz, target.zeta_zero), fit.period_s, rule)
     pole = stated(Quadratic(target.pole_hz, target.zeta_pole), fit.period_s, rule)
@@ -105,14 +105,14 @@ def _frequencies(fit: Fit) -> dict[str, float]:
 
 
 def _question_rule(fit: Fit) -> None:
-    """An unknown discretisation leaves the damping unknown by ωT/2, the difference between bilinear and Euler."""
+    """Object to an unknown discretisation: it leaves the damping unknown by ωT/2, the difference of bilinear and Euler."""
     if fit.notch.discretisation != "not known":
         return
     doubt = math.pi * fit.target.zero_hz * fit.period_s
     shape = Shape(fit.target.zero_hz, fit.target.zeta_zero + doubt, fit.target.pole_hz, fit.target.zeta_pole, 1.0, is_stable=True)
     if fit.distance(shape) > 1.0:
-        share = 100.0 * doubt / fit.target.zeta_zero
-        fit.reasons.append(f"its discretisation is not known: the zeros' damping may be {doubt:.2g} off, {share:.0f} %")
+        percent = 100.0 * doubt / fit.target.zeta_zero
+        fit.reasons.append(f"its discretisation is not known: the zeros' damping may be {doubt:.2g} off, {percent:.0f} %")
 
 
 def _frequency(fit: Fit, part: str, wanted_hz: float) -> dict[str, float]:
@@ -124,22 +124,22 @@ def _frequency(fit: Fit, part: str, wanted_hz: float) -> dict[str, float]:
 
 
 def _damping(fit: Fit, prefix: str, zeta: float, low: float, high: float, frequency_hz: float = math.nan) -> dict[str, float]:
-    """The damping by what states it, Q = 1/2ζ, ζ, or the bandwidth 2 ζ f; at the limit, with the reason, where it is beyond."""
-    kind = next(kind for kind in ("damping", "q", "bandwidth") if prefix + kind in fit.section.parts)
-    parameter = fit.parameter(prefix + kind)
+    """Damping as the drive's parameter states it: Q = 1/2ζ, ζ, or the bandwidth 2 ζ f; at the limit where it is beyond it."""
+    quantity = next(quantity for quantity in ("damping", "q", "bandwidth") if prefix + quantity in fit.section.parts)
+    parameter = fit.parameter(prefix + quantity)
     whose = "zeros'" if prefix == "zero_" else "poles'"
 
     def value_of(damping: float) -> float:
-        return {"damping": damping, "q": 0.5 / damping, "bandwidth": 2.0 * damping * frequency_hz}[kind]
+        return {"damping": damping, "q": 0.5 / damping, "bandwidth": 2.0 * damping * frequency_hz}[quantity]
 
     inside = min(max(zeta, low, _SMALLEST_DAMPING), high)
     least, most = _limits(parameter)
     value = min(max(value_of(inside), least), most)
     if abs(value / value_of(inside) - 1.0) > 1e-9 or inside != zeta:
-        reached = {"damping": value, "q": 0.5 / value, "bandwidth": 0.5 * value / frequency_hz}[kind]
-        held = f"{reached:g} ({fit.section.parts[prefix + kind]} = {value:g})"
+        reached = {"damping": value, "q": 0.5 / value, "bandwidth": 0.5 * value / frequency_hz}[quantity]
+        held = f"{reached:g} ({fit.section.parts[prefix + quantity]} = {value:g})"
         fit.reasons.append(f"the {whose} damping cannot be {zeta:.3g}, the nearest is {held}")
-    return {fit.section.parts[prefix + kind]: hold(parameter, value)}
+    return {fit.section.parts[prefix + quantity]: hold(parameter, value)}
 
 
 def _limits(parameter: Parameter) -> tuple[float, float]:
@@ -155,7 +155,7 @@ def _limits(parameter: Parameter) -> tuple[float, float]:
 
 
 def _coefficients(fit: Fit) -> dict[str, float]:
-    """Coefficients whose filter is nearest among the nearest three values of each, 3⁵ in all.
+    """Coefficients of the nearest filter among the three nearest values of each coefficient, 3⁵ in all.
 
     Rounded one by one they would lose the DC gain: at 16 kHz Σb is 10⁻⁵, the last bit of a single 6·10⁻⁸.
     """
@@ -180,10 +180,10 @@ def _coefficients(fit: Fit) -> dict[str, float]:
         return Biquad(gain * b0, gain * b1, gain * b2, a1, a2)
 
     def cost(chosen: tuple[float, ...]) -> tuple[bool, float, float]:
-        found = biquad(chosen)
-        shape = shape_of(found, fit.period_s)
+        candidate = biquad(chosen)
+        shape = shape_of(candidate, fit.period_s)
         distance = fit.distance(shape)
-        bits = sum(abs(a - b) for a, b in zip(found, wanted, strict=True))
+        bits = sum(abs(a - b) for a, b in zip(candidate, wanted, strict=True))
         return not shape.is_notch, distance if math.isfinite(distance) else math.inf, bits
 
     best = min(itertools.product(*tried), key=cost)
@@ -191,7 +191,7 @@ def _coefficients(fit: Fit) -> dict[str, float]:
 
 
 def _gain(fit: Fit, wanted: Biquad) -> float:
-    """The smallest power of two before the numerator with which its coefficients fit their words."""
+    """Smallest power of two before the numerator with which its coefficients fit their words."""
     for gain in (1.0, 2.0, 4.0, 8.0):
         try:
             for part, c in zip(COEFFICIENTS[:3], wanted, strict=False):
@@ -204,10 +204,10 @@ def _gain(fit: Fit, wanted: Biquad) -> float:
 
 
 def _neighbours(parameter: Parameter, value: float) -> Iterator[float]:
-    """The nearest value that an object holds, and one step to either side where it takes them.
+    """Nearest value that an object holds, and one step to either side where the object takes them.
 
     Raises:
-        OutOfRangeError: It cannot hold the nearest.
+        OutOfRangeError: The object cannot hold the nearest value.
     """
     nearest = hold(parameter, value)
     yield nearest

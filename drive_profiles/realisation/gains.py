@@ -4,28 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drive_profiles.capability import Gain
 from drive_profiles.errors import OutOfRangeError
-from drive_profiles.profile import Profile
+from drive_profiles.family.capability import Gain
+from drive_profiles.family.profile import Profile
 from drive_profiles.realisation.refusal import NotRealisableError
-from drive_profiles.units import Scaling
+from drive_profiles.standard.units import Scaling
 
 ROUNDING = 0.05
-"""How far rounding may move a gain, as a share of it. Two of the reference robot's gains 5 % off shift its crossover by as much;
-its phase margin and what the notch does hardly change. More is for the designer to decide."""
+"""Largest change of a gain by rounding, as a fraction of it. Two of the reference robot's gains 5 % off shift its crossover by as
+much; its phase margin and the effect of the notch hardly change. A larger change is for the designer to decide."""
 
 
 @dataclass(frozen=True)
 class PidGains:
-    """The paper's P-PI as a PID, τ = P (r − θ) + I ∫(r − θ) + D d(r − θ)/dt, with what its reference path differs by.
+    """The paper's P-PI as a PID, τ = P (r − θ) + I ∫(r − θ) + D d(r − θ)/dt, with the difference of the reference paths.
 
     Attributes:
-        proportional_nm_rad: P.
-        integral_nm_rad_s: I.
-        derivative_nm_s_rad: D.
-        reference_lag_s: 1/K_p: the low-pass of the reference with which the PID on the error is the P-PI without feed-forward.
-        reference_velocity_nm_s_rad: The same without a low-pass: what ṙ must add to the torque.
-        reference_position_nm_rad: And what r must add.
+        proportional_nm_rad: P, N·m/rad.
+        integral_nm_rad_s: I, N·m/(rad·s).
+        derivative_nm_s_rad: D, N·m·s/rad.
+        reference_lag_s: 1/K_p, time constant of the low-pass that makes the PID on the error the P-PI without feed-forward.
+        reference_velocity_nm_s_rad: Torque per ṙ that is added instead of the low-pass.
+        reference_position_nm_rad: Torque per r that is added with it.
     """
 
     proportional_nm_rad: float
@@ -37,7 +37,7 @@ class PidGains:
 
 
 def pid_gains(position_gain_per_s: float, velocity_gain_nm_s_rad: float, velocity_integral_gain_nm_rad: float) -> PidGains:
-    """The PID with the same feedback path as the paper's P-PI.
+    """Gains of the PID with the same feedback path as the paper's P-PI.
 
     With K_p, K_v, K_vi = K_v/T_i the law is τ = (K_v + K_vi/s) (K_p (r − θ) + θ̇_ff − sθ). In θ:
 
@@ -50,13 +50,13 @@ def pid_gains(position_gain_per_s: float, velocity_gain_nm_s_rad: float, velocit
     - add −K_v ṙ − K_vi r to the torque: a velocity feed-forward of −K_v (none at all where the drive takes its derivative
       from the position alone) and a position term that drives do not offer, but that a torque offset can carry.
 
-    A share φ of feed-forward, θ̇_ff = φ ṙ, takes (1 − φ) of these terms. F_lp, which the law has on sθ alone, must
+    A fraction φ of feed-forward, θ̇_ff = φ ṙ, takes (1 − φ) of these terms. F_lp, which the law has on sθ alone, must
     then stand before D.
 
     Args:
-        position_gain_per_s: K_p.
-        velocity_gain_nm_s_rad: K_v.
-        velocity_integral_gain_nm_rad: K_vi = K_v/T_i.
+        position_gain_per_s: K_p, 1/s.
+        velocity_gain_nm_s_rad: K_v, N·m·s/rad.
+        velocity_integral_gain_nm_rad: K_vi = K_v/T_i, N·m/rad.
 
     Raises:
         ValueError: K_p is not positive.
@@ -84,23 +84,23 @@ def gains_for(
     torque_constant_nm_a: float | None = None,
     scaling: Scaling | None = None,
 ) -> dict[str, float]:
-    """The paper's gains as the drive's parameters hold them: P-PI directly, T_i where it takes a time, a PID by `pid_gains`.
+    """Convert the paper's gains to the drive's parameters: P-PI directly or with T_i, a PID by `pid_gains`.
 
     held = gain / factor, and / K_t where the drive's unit is a current; then rounded as the object holds it.
 
     Args:
-        profile: Of the drive.
-        position_gain_per_s: K_p.
-        velocity_gain_nm_s_rad: K_v, motor side.
-        velocity_integral_gain_nm_rad: K_vi, motor side.
-        torque_constant_nm_a: K_t, for drives that work in amperes.
-        scaling: Of the drive, where a parameter counts in its encoder's or rated torque's steps.
+        profile: Drive profile.
+        position_gain_per_s: K_p, 1/s.
+        velocity_gain_nm_s_rad: K_v in N·m·s/rad, motor side.
+        velocity_integral_gain_nm_rad: K_vi in N·m/rad, motor side.
+        torque_constant_nm_a: K_t in N·m/A, for drives that work in amperes.
+        scaling: Scaling of the drive, where a parameter counts in steps of its encoder or rated torque.
 
     Returns:
-        By parameter name, in the parameters' units.
+        Values by parameter name, in the parameters' units.
 
     Raises:
-        NotRealisableError: What is missing or out of range, all of it.
+        NotRealisableError: Facts are missing, or values out of range; the error has all of them.
         ValueError: A gain is not positive.
     """
     wanted = {
@@ -129,7 +129,7 @@ def gains_for(
 
 
 def _in_roles(profile: Profile, wanted: dict[str, float]) -> tuple[dict[str, float], list[str]]:
-    """The gains by the roles that the drive's loop has, and what stands against it."""
+    """Gains by the roles that the drive's loop has, and the objections to them."""
     loop = profile.loop
     if loop is None or loop.structure == "not accessible":
         return {}, ["its loop's gains are not accessible as objects" + (f" ({loop.note})" if loop and loop.note else "")]
@@ -146,16 +146,16 @@ def _in_roles(profile: Profile, wanted: dict[str, float]) -> tuple[dict[str, flo
 def _held(
     profile: Profile, role: str, entry: Gain, gain: float, torque_constant_nm_a: float | None, scaling: Scaling | None
 ) -> float:
-    """The value that the parameter holds for a gain.
+    """Value that the parameter holds for a gain.
 
     Raises:
-        NotRealisableError: It cannot, or what it takes is not known.
+        NotRealisableError: The parameter cannot hold it, or its scaling is not known.
     """
     name, parameter = entry.parameter, profile.parameter(entry.parameter)
     if entry.factor is None:
-        raise NotRealisableError(profile.name, (f"the scaling of {name} ({parameter.address}) is not known",))
+        raise NotRealisableError(profile.name, (f"the scaling of {name} ({parameter.written_address}) is not known",))
     if parameter.access == "ro":
-        raise NotRealisableError(profile.name, (f"{name} ({parameter.address}) is read only",))
+        raise NotRealisableError(profile.name, (f"{name} ({parameter.written_address}) is read only",))
     if entry.times_torque_constant and torque_constant_nm_a is None:
         raise NotRealisableError(profile.name, (f"{name} is in amperes: the motor's torque constant is needed",))
     if torque_constant_nm_a is not None and not torque_constant_nm_a > 0.0:

@@ -1,8 +1,8 @@
-"""What a drive makes of the paper's notch: values for its parameters, and the filter that those values really are.
+"""Realisation of the paper's notch in a drive: values for its parameters, and the filter that the drive then really runs.
 
-A drive's filter is rarely the one designed: its objects hold 15 bits, whole hertz, or a Q of 5 at most. So the values are rounded
-exactly as the objects hold them, zeros, poles and DC gain are recomputed from what is left, and what is no longer the designed
-notch is refused with the numbers.
+A drive's filter is rarely the designed one: its objects hold 15 bits, whole hertz, or a Q of 5 at most. So the values are rounded
+exactly as the objects hold them, and zeros, poles and DC gain are recomputed from the rounded values. A filter that is no longer
+the designed notch is refused with the numbers.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drive_profiles.capability import NotchFacts, Section
-from drive_profiles.profile import Profile
-from drive_profiles.realisation.biquad import Biquad, Shape, Target, shape_of
+from drive_profiles.family.capability import FilterSection, NotchFacts
+from drive_profiles.family.profile import Profile
+from drive_profiles.realisation.biquad import Biquad, NotchTarget, Shape, shape_of
 from drive_profiles.realisation.fitting import Fit
 from drive_profiles.realisation.gains import PidGains, gains_for, pid_gains
 from drive_profiles.realisation.refusal import NotRealisableError
@@ -23,10 +23,10 @@ __all__ = [
     "Biquad",
     "Deviations",
     "NotRealisableError",
+    "NotchTarget",
     "PidGains",
     "Realisation",
     "Shape",
-    "Target",
     "Tolerance",
     "gains_for",
     "held_filter",
@@ -38,16 +38,16 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Deviations:
-    """How far the filter that a drive holds is from the target: held minus target.
+    """Deviations of the filter that a drive holds from the target: held minus target.
 
     Attributes:
-        zero_hz: Of the zeros' frequency.
-        pole_hz: Of the poles' frequency.
-        zeta_zero: Of the zeros' damping, as a share of it.
-        zeta_pole: Of the poles' damping, as a share of it.
-        dc_gain: Of the gain at DC.
-        offset_share: The poles' offset from the zeros that is kept, 1 for all of it.
-        depth_db: Of the gain at the target's zero; positive: the notch is less deep there.
+        zero_hz: Deviation of the zeros' frequency, Hz.
+        pole_hz: Deviation of the poles' frequency, Hz.
+        zeta_zero: Deviation of the zeros' damping, as a fraction of it.
+        zeta_pole: Deviation of the poles' damping, as a fraction of it.
+        dc_gain: Deviation of the gain at DC.
+        offset_share: Fraction of the poles' offset from the zeros that remains, 1 for all of it (name in ``--json``).
+        depth_db: Deviation of the gain at the target's zero, dB; positive: the notch is less deep there.
     """
 
     zero_hz: float
@@ -59,8 +59,8 @@ class Deviations:
     depth_db: float
 
     @classmethod
-    def between(cls, target: Target, held: Shape) -> Deviations:
-        """Of a held filter from its target."""
+    def between(cls, target: NotchTarget, held: Shape) -> Deviations:
+        """Compare a held filter with its target."""
         offset = held.pole_hz - held.zero_hz
         return cls(
             zero_hz=held.zero_hz - target.zero_hz,
@@ -75,54 +75,54 @@ class Deviations:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What may be lost before it is another filter.
+    """Largest deviations with which a filter still counts as the designed one.
 
     The paper puts the poles 0.5 or 0.7 Hz above the zeros (Table 3), and that offset is what keeps the phase: a tenth of it on
     either frequency is the most that leaves the offset recognisable; on the zeros at 11.84 Hz it costs 0.1 dB of depth. A
     twentieth of ζ_rn = 0.028 is 0.4 dB of depth. The gain at DC is the loop's gain.
 
     Attributes:
-        offset_share: Of either frequency, as a share of the offset, or of the zeros' half-width ζ_z f_z where that is more (a
-            target without offset has this alone).
-        damping_share: Of either damping, as a share of it.
-        dc_gain: Of the gain at DC.
+        offset_fraction: Deviation of either frequency, as a fraction of the offset, or of the zeros' half-width ζ_z f_z where
+            that is more (a target without offset has this alone).
+        damping_fraction: Deviation of either damping, as a fraction of it.
+        dc_gain: Deviation of the gain at DC.
     """
 
-    offset_share: float = 0.1
-    damping_share: float = 0.05
+    offset_fraction: float = 0.1
+    damping_fraction: float = 0.05
     dc_gain: float = 1e-3
 
-    def frequency_hz(self, target: Target) -> float:
-        """How far zeros and poles may be from their frequencies."""
-        return self.offset_share * max(abs(target.offset_hz), target.zeta_zero * target.zero_hz)
+    def frequency_hz(self, target: NotchTarget) -> float:
+        """Largest deviation of the frequencies of zeros and poles, Hz."""
+        return self.offset_fraction * max(abs(target.offset_hz), target.zeta_zero * target.zero_hz)
 
-    def excess(self, target: Target, held: Shape) -> dict[str, float]:
-        """Each deviation as a multiple of what is tolerated."""
+    def excess(self, target: NotchTarget, held: Shape) -> dict[str, float]:
+        """Each deviation as a multiple of the tolerance."""
         off, f = Deviations.between(target, held), self.frequency_hz(target)
         return {
             "zero_hz": abs(off.zero_hz) / f,
             "pole_hz": abs(off.pole_hz) / f,
-            "zeta_zero": abs(off.zeta_zero) / self.damping_share,
-            "zeta_pole": abs(off.zeta_pole) / self.damping_share,
+            "zeta_zero": abs(off.zeta_zero) / self.damping_fraction,
+            "zeta_pole": abs(off.zeta_pole) / self.damping_fraction,
             "dc_gain": abs(off.dc_gain) / self.dc_gain,
         }
 
-    def objections(self, target: Target, held: Shape) -> tuple[str, ...]:
-        """What is beyond tolerance, in words with the numbers."""
+    def objections(self, target: NotchTarget, held: Shape) -> tuple[str, ...]:
+        """Deviations beyond the tolerance, in words with the numbers."""
         excess, f = self.excess(target, held), self.frequency_hz(target)
-        share = f"tolerance {100 * self.damping_share:g} %"
+        tolerance = f"tolerance {100 * self.damping_fraction:g} %"
         said = {
             "zero_hz": f"zeros at {held.zero_hz:.2f} Hz instead of {target.zero_hz:.2f} (tolerance {f:.2g} Hz)",
             "pole_hz": f"poles at {held.pole_hz:.2f} Hz instead of {target.pole_hz:.2f} (tolerance {f:.2g} Hz)",
-            "zeta_zero": f"damping of the zeros {held.zeta_zero:.4g} instead of {target.zeta_zero:g} ({share})",
-            "zeta_pole": f"damping of the poles {held.zeta_pole:.4g} instead of {target.zeta_pole:g} ({share})",
+            "zeta_zero": f"damping of the zeros {held.zeta_zero:.4g} instead of {target.zeta_zero:g} ({tolerance})",
+            "zeta_pole": f"damping of the poles {held.zeta_pole:.4g} instead of {target.zeta_pole:g} ({tolerance})",
             "dc_gain": f"gain {held.dc_gain:.4f} at DC instead of 1 (tolerance {self.dc_gain:g})",
         }
         return tuple(text for name, text in said.items() if not excess[name] <= 1.0)
 
 
 PAPER = Tolerance()
-"""What Table 3 of the paper leaves room for."""
+"""Tolerance that Table 3 of the paper leaves room for."""
 
 
 @dataclass(frozen=True)
@@ -131,18 +131,18 @@ class Realisation:
 
     Attributes:
         profile: Name of the drive's profile.
-        target: What was asked for.
-        values: By parameter name, in the parameters' units: what to write, selectors included.
-        biquads: What the drive then runs.
-        period_s: At which it runs.
-        held: Zeros, poles and DC gain recomputed from that.
-        deviations: From the target.
-        reasons: Why it is approximate; nothing if it is exact.
-        is_verified: What the profile says of the filter is better known than by a guess.
+        target: The notch that was asked for.
+        values: Values to write by parameter name, in the parameters' units, selectors included.
+        biquads: Filter that the drive then runs.
+        period_s: Period at which it runs, s.
+        held: Zeros, poles and DC gain recomputed from the biquads.
+        deviations: Deviations from the target.
+        reasons: Reasons why it is approximate; empty if it is exact.
+        is_verified: True where the profile's facts about the filter are more than a guess.
     """
 
     profile: str
-    target: Target
+    target: NotchTarget
     values: dict[str, float]
     biquads: tuple[Biquad, ...]
     period_s: float
@@ -153,36 +153,36 @@ class Realisation:
 
     @property
     def is_exact(self) -> bool:
-        """Whether it is the designed notch, within the tolerance."""
+        """True where the filter is the designed notch, within the tolerance."""
         return not self.reasons
 
 
 def realise(
     profile: Profile,
-    target: Target,
+    target: NotchTarget,
     *,
     section: int = 0,
     period_s: float | None = None,
     tolerance: Tolerance = PAPER,
     allow_approximate: bool = False,
 ) -> Realisation:
-    """The values with which a drive's filter is the target, as its objects hold them, and what that filter then is.
+    """Find the values with which a drive's filter comes nearest to the target, and recompute that filter.
 
     Frequencies and dampings are stated such that the drive's own discretisation gives the target. Of fixed or floating
     point coefficients the neighbours of each are tried too: Σb = 1 + Σa, the DC gain, then holds to the last bit. A
     ``variable`` form takes offset and dampings; order and speed range are not in the target and stay the caller's.
 
     Args:
-        profile: Of the drive.
+        profile: Drive profile.
         target: The notch at one speed.
-        section: Which of the drive's filters, from 0.
-        period_s: At which the filter runs; needed where the profile does not know it.
-        tolerance: What counts as the designed notch.
-        allow_approximate: Take the nearest that the drive holds. A frequency out of range, an unknown scaling, or a filter that
-            is no stable notch is refused all the same.
+        section: Number of the drive's filter, from 0.
+        period_s: Period at which the filter runs, s; needed where the profile does not know it.
+        tolerance: Largest deviations of a filter that counts as the designed notch.
+        allow_approximate: Accept the nearest filter that the drive holds. A frequency out of range, an unknown scaling, or a
+            filter that is no stable notch is refused all the same.
 
     Raises:
-        NotRealisableError: With all reasons and their numbers.
+        NotRealisableError: The drive cannot hold the target; the error has all reasons with their numbers.
     """
     notch = profile.notch
     if notch is None:
@@ -191,12 +191,12 @@ def realise(
         raise NotRealisableError(
             profile.name, (f"it has no filter section {section + 1}, its sections are 1 to {len(notch.sections)}",)
         )
-    place = notch.sections[section]
-    hard = [*obstacles(profile, notch, place), *_read_only(profile, place), *_out_of_range(notch, target)]
+    filter_section = notch.sections[section]
+    hard = [*obstacles(profile, notch, filter_section), *_read_only(profile, filter_section), *_out_of_range(notch, target)]
     if hard:
         raise NotRealisableError(profile.name, tuple(hard))
     period = period_of(profile, period_s)
-    fit = Fit(profile, notch, place, target, period, lambda shape: max(tolerance.excess(target, shape).values()))
+    fit = Fit(profile, notch, filter_section, target, period, lambda shape: max(tolerance.excess(target, shape).values()))
     values = fit.values()
     biquads = fit.filter(values)
     held = shape_of(biquads[0], period)
@@ -207,13 +207,13 @@ def realise(
     return Realisation(profile.name, target, values, biquads, period, held, deviations, reasons, notch.is_verified)
 
 
-def _read_only(profile: Profile, section: Section) -> Iterator[str]:
+def _read_only(profile: Profile, section: FilterSection) -> Iterator[str]:
     for name in (*section.parts.values(), *section.settings):
         if (parameter := profile.parameter(name)).access == "ro":
-            yield f"{name} ({parameter.address}) is read only"
+            yield f"{name} ({parameter.written_address}) is read only"
 
 
-def _out_of_range(notch: NotchFacts, target: Target) -> Iterator[str]:
+def _out_of_range(notch: NotchFacts, target: NotchTarget) -> Iterator[str]:
     for what, needed in (("zeros", target.zero_hz), ("poles", target.pole_hz)):
         if notch.min_frequency_hz is not None and needed < notch.min_frequency_hz:
             yield f"its filter starts at {notch.min_frequency_hz:g} Hz, {needed:g} Hz needed for the {what}"

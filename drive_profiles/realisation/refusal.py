@@ -1,4 +1,4 @@
-"""The refusal of what a drive cannot hold, with its reasons."""
+"""The refusal of a design that a drive cannot hold, with its reasons."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from drive_profiles.errors import DriveProfileError
 
 
 class NotRealisableError(DriveProfileError):
-    """The drive cannot hold what was designed, or it is not known how it would. It is refused, never clamped.
+    """A design that the drive cannot hold, or for which facts are missing. It is refused, never clamped.
 
     Args:
         profile: Name of the drive's profile.
-        reasons: All of them, each with the values.
+        reasons: All reasons, each with the values.
     """
 
     exit_code = 9

@@ -1,13 +1,13 @@
-"""From the values that a drive's objects hold to the filter that it runs."""
+"""The filter that a drive runs, from the values that its objects hold."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 
-from drive_profiles.capability import NotchFacts, Section
-from drive_profiles.parameter import Parameter
-from drive_profiles.profile import Profile
+from drive_profiles.family.capability import FilterSection, NotchFacts
+from drive_profiles.family.parameter import Parameter
+from drive_profiles.family.profile import Profile
 from drive_profiles.realisation.biquad import Biquad, Quadratic, Rule, biquad_of, factors
 from drive_profiles.realisation.refusal import NotRealisableError
 
@@ -16,28 +16,27 @@ HIGHER = ("b3", "b4", "a3", "a4")
 
 
 def held_filter(profile: Profile, values: Mapping[str, float], period_s: float | None = None) -> tuple[Biquad, ...]:
-    """What the drive does with the values that its objects hold: all active sections in series, in its own discretisation.
+    """Filter that a drive runs with the values of its objects: all active sections in series, in its own discretisation.
 
-    A section is active when its settings hold. What is not among the values is taken as the drive leaves the factory,
-    where the profile says so.
+    A section is active when its settings hold. For a missing value the factory setting is taken, where the profile has it.
 
     Args:
-        profile: Of the drive.
-        values: By parameter name, in the parameters' units; names of other parameters do no harm.
-        period_s: At which the filter runs; needed where the profile does not know it.
+        profile: Drive profile.
+        values: Values by parameter name, in the parameters' units; names of other parameters do no harm.
+        period_s: Period at which the filter runs, s; needed where the profile does not know it.
 
     Returns:
         Biquads in series, DC gain included; a filter of order 4 is two. None: the filters are off, or the drive's filter
         follows the speed by itself (form ``variable``) and is no fixed one.
 
     Raises:
-        NotRealisableError: It is not known what the drive does with the values: scaling, period, or a value missing.
-        OutOfRangeError: A value that its object cannot hold.
+        NotRealisableError: The scaling, the period or a value is not known.
+        OutOfRangeError: An object cannot hold its value.
     """
     notch = profile.notch
     if notch is None or notch.form == "variable":
         return ()
-    held = Held(profile, values)
+    held = HeldValues(profile, values)
     active = [section for section in notch.sections if _is_active(held, section)]
     if not active:
         return ()
@@ -45,12 +44,12 @@ def held_filter(profile: Profile, values: Mapping[str, float], period_s: float |
     return tuple(biquad for section in active for biquad in filter_of(held, notch, section, period))
 
 
-class Held:
-    """Values as a drive's objects hold them: rounded to their types, the factory's where none is given.
+class HeldValues:
+    """Values as a drive's objects hold them: rounded to their types, factory settings where none is given.
 
     Args:
-        profile: Of the drive.
-        values: By parameter name.
+        profile: Drive profile.
+        values: Values by parameter name, in the parameters' units.
     """
 
     def __init__(self, profile: Profile, values: Mapping[str, float]) -> None:
@@ -58,10 +57,10 @@ class Held:
         self._values = values
 
     def __getitem__(self, name: str) -> float:
-        """The value in the parameter's unit.
+        """Return the value in the parameter's unit.
 
         Raises:
-            NotRealisableError: Neither given nor known, or no number.
+            NotRealisableError: The value is neither given nor known, or is no number.
         """
         parameter = self.profile.parameter(name)
         if parameter.is_bytes:
@@ -69,15 +68,21 @@ class Held:
         if name in self._values:
             return hold(parameter, float(self._values[name]))
         if parameter.default is None:
-            raise NotRealisableError(self.profile.name, (f"value of {name} ({parameter.address}) not given",))
+            raise NotRealisableError(self.profile.name, (f"value of {name} ({parameter.written_address}) not given",))
         return parameter.value(float(parameter.default))
 
 
-def filter_of(held: Held, notch: NotchFacts, section: Section, period_s: float) -> tuple[Biquad, ...]:
-    """The biquads that one section is.
+def filter_of(held: HeldValues, notch: NotchFacts, section: FilterSection, period_s: float) -> tuple[Biquad, ...]:
+    """Biquads of one section, in series.
+
+    Args:
+        held: Values that the drive's objects hold.
+        notch: Facts about the drive's filter.
+        section: The section.
+        period_s: Period at which the filter runs, s.
 
     Raises:
-        NotRealisableError: See `held_filter`.
+        NotRealisableError: As for `held_filter`.
     """
     refuse(held.profile, obstacles(held.profile, notch, section))
     if notch.form == "coefficients":
@@ -89,8 +94,8 @@ def filter_of(held: Held, notch: NotchFacts, section: Section, period_s: float) 
         raise NotRealisableError(held.profile.name, (str(error),)) from None
 
 
-def obstacles(profile: Profile, notch: NotchFacts, section: Section) -> tuple[str, ...]:
-    """Why it is not known what a section does with its values, whatever they are; nothing, if it is."""
+def obstacles(profile: Profile, notch: NotchFacts, section: FilterSection) -> tuple[str, ...]:
+    """Reasons why the filter of a section cannot be computed from any values; empty if it can."""
     parts = section.parts
     reasons = [_no_number(n, p) for n in parts.values() if (p := profile.parameter(n)).is_bytes]
     if reasons:
@@ -108,28 +113,28 @@ def obstacles(profile: Profile, notch: NotchFacts, section: Section) -> tuple[st
     reasons += [f"no parameter is known for {' or '.join(any_of)}" for any_of in needed if not set(any_of) & set(parts)]
     for part, unit in (("frequency", "Hz"), ("bandwidth", "Hz"), ("damping", ""), ("q", "")):
         for name in (name for key, name in parts.items() if key.removeprefix("zero_").removeprefix("pole_") == part):
-            if (found := profile.parameter(name).unit) != unit:
+            if (actual := profile.parameter(name).unit) != unit:
                 reasons.append(
-                    f"{name} is in {found or 'plain numbers'}: its relation to {unit or 'a plain number'} is not known"
+                    f"{name} is in {actual or 'plain numbers'}: its relation to {unit or 'a plain number'} is not known"
                 )
     return tuple(reasons)
 
 
 def refuse(profile: Profile, reasons: tuple[str, ...]) -> None:
-    """Raise if there are reasons to.
+    """Raise an error if there are reasons.
 
     Raises:
-        NotRealisableError: There are.
+        NotRealisableError: `reasons` is not empty.
     """
     if reasons:
         raise NotRealisableError(profile.name, reasons)
 
 
 def period_of(profile: Profile, period_s: float | None) -> float:
-    """The period at which the drive's filter runs: the caller's word, else the filter's, else the velocity loop's.
+    """Period at which the drive's filter runs, s: the caller's, else the filter's, else the velocity loop's.
 
     Raises:
-        NotRealisableError: None of them is known.
+        NotRealisableError: None of the three is known.
     """
     notch = profile.notch.period_s if profile.notch else None
     loop = profile.loop.period_s if profile.loop else None
@@ -140,12 +145,12 @@ def period_of(profile: Profile, period_s: float | None) -> float:
 
 
 def rule_of(notch: NotchFacts) -> Rule:
-    """How the drive makes its filter discrete; bilinear where that is not known."""
+    """Discretisation of the drive's filter; bilinear where it is not known."""
     return "bilinear" if notch.discretisation == "not known" else notch.discretisation
 
 
 def coefficient_per_value(notch: NotchFacts, parameter: Parameter) -> float:
-    """The coefficient that one unit of a parameter's value is.
+    """Coefficient per unit of a parameter's value.
 
     A fixed-point word is stated either by its scale, 2⁻ᶠ, or as a plain integer with f ``fraction_bits``.
     """
@@ -153,24 +158,24 @@ def coefficient_per_value(notch: NotchFacts, parameter: Parameter) -> float:
 
 
 def hold(parameter: Parameter, value: float) -> float:
-    """The value as the object holds it.
+    """Round a value as the object holds it.
 
     Raises:
-        OutOfRangeError: It cannot.
+        OutOfRangeError: The object cannot hold the value.
     """
     return parameter.value(parameter.raw(value))
 
 
-def _is_active(held: Held, section: Section) -> bool:
+def _is_active(held: HeldValues, section: FilterSection) -> bool:
     return all(held[name] == hold(held.profile.parameter(name), value) for name, value in section.settings.items())
 
 
 def _no_number(name: str, parameter: Parameter) -> str:
-    return f"{name} ({parameter.address}) is one object of bytes, its numbers are not written singly"
+    return f"{name} ({parameter.written_address}) is one object of bytes, its numbers are not written singly"
 
 
-def _from_coefficients(held: Held, notch: NotchFacts, section: Section) -> tuple[Biquad, ...]:
-    """The difference equation y = g Σ b_i u(n−i) + a_sign Σ a_i y(n−i), as biquads with the feedback subtracted."""
+def _from_coefficients(held: HeldValues, notch: NotchFacts, section: FilterSection) -> tuple[Biquad, ...]:
+    """Biquads of the difference equation y = g Σ b_i u(n−i) + a_sign Σ a_i y(n−i), in which the feedback is subtracted."""
 
     def coefficient(part: str) -> float:
         name = section.parts.get(part)
@@ -184,8 +189,8 @@ def _from_coefficients(held: Held, notch: NotchFacts, section: Section) -> tuple
     return (Biquad(b[0], b[1], b[2], a[1], a[2]),)
 
 
-def _quadratics(held: Held, notch: NotchFacts, section: Section) -> tuple[Quadratic, Quadratic]:
-    """Zeros and poles in s, as the values state them."""
+def _quadratics(held: HeldValues, notch: NotchFacts, section: FilterSection) -> tuple[Quadratic, Quadratic]:
+    """Zeros and poles in s from the values."""
 
     def damping(prefix: str, frequency_hz: float) -> float:
         parts = section.parts

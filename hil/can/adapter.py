@@ -8,17 +8,20 @@ from typing import Any
 import can
 
 from drive_profiles.address import Address
-from hil.can.channel import BusLostError, BusUnavailableError
+from hil.can.errors import BusLostError, BusUnavailableError
 from hil.can.errors_frame import decode
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 
 
 class AdapterChannel:
-    """python-can's `Bus` as a channel; time on it is the wall clock's. The first failure is latched, as on every channel."""
+    """python-can's `Bus` as a channel; time on it is the wall clock's.
+
+    The first failure is latched, as on every channel.
+    """
 
     is_lock_step = False
     overflows: int | None = None
-    """python-can does not tell."""
+    """None: python-can does not count lost frames."""
 
     def __init__(self, address: Address) -> None:
         """Open the bus; `BusUnavailableError` where python-can cannot."""
@@ -49,7 +52,7 @@ class AdapterChannel:
             raise self._lose(error) from error
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """The next frame, or None when none came in time. CAN FD frames are none of ours."""
+        """The next frame, or None when none came in time. CAN FD frames are skipped."""
         if self._lost is not None:
             raise self._lost
         deadline = time.monotonic() + timeout_s
@@ -74,7 +77,7 @@ class AdapterChannel:
             self.send(frame)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """The next frame by itself."""
+        """The next frame as a list of one; empty when none came in time."""
         frame = self.receive(timeout_s)
         return [] if frame is None else [frame]
 
@@ -83,7 +86,7 @@ class AdapterChannel:
         return self._lost
 
     def close(self) -> None:
-        """Leave the bus; a port that has gone has left by itself."""
+        """Leave the bus; an error of a port that has gone is ignored."""
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()
 

@@ -1,4 +1,4 @@
-"""How long a CAN frame is on the wire, in bits, with the stuff bits that its very contents need.
+"""Length of CAN frames on the wire, in bits, with the stuff bits that their contents need.
 
 Layout of classic frames (ISO 11898-1:2015, 10.4), most significant bit first:
 
@@ -49,11 +49,12 @@ def frame_bits(frame: Frame, *, stuffed: bool = True) -> int:
     """Bits that a data or remote frame takes of the bus, intermission included.
 
     Args:
-        frame: As it stands on the bus; the data of a remote frame only tell its DLC.
-        stuffed: Count the stuff bits; else the frame as if none were needed.
+        frame: The frame on the bus; of the data of a remote frame only the length counts.
+        stuffed: Count the stuff bits; else the frame is counted as if it needed none.
 
     Raises:
-        ValueError: An error message of the controller, which never was on the wire, more than 8 bytes, or no such identifier.
+        ValueError: The frame is an error message of the controller, which never was on the wire, has more than 8 bytes, or an
+            identifier out of range.
     """
     can_id, data = frame
     known = head(can_id, len(data))
@@ -61,21 +62,21 @@ def frame_bits(frame: Frame, *, stuffed: bool = True) -> int:
 
 
 def duration_ns(frame: Frame, bitrate: int) -> int:
-    """How long a data or remote frame takes of the bus, intermission included, in ns, rounded up.
+    """Time that a data or remote frame takes of the bus, intermission included, in ns, rounded up.
 
     Args:
-        frame: As it stands on the bus.
-        bitrate: In bit/s.
+        frame: The frame on the bus.
+        bitrate: Bit rate in bit/s.
 
     Raises:
-        ValueError: As `frame_bits` does.
+        ValueError: The frame is one that `frame_bits` refuses.
     """
     return -(-frame_bits(frame) * 1_000_000_000 // bitrate)
 
 
 @lru_cache(maxsize=4096)
 def arbitration_key(can_id: int) -> int:
-    """What decides between frames that start together, as a number: the lower one wins, equal ones have one arbitration field.
+    """The arbitration field as a number: of frames that start together the one with the lowest number wins.
 
     The bits from the base identifier on as both formats send them, most significant first: 11 bits, RTR and IDE; or 11 bits, SRR,
     IDE, 18 bits and RTR. So a data frame wins against a request for it, and a short identifier against a long one that begins so.
@@ -90,7 +91,7 @@ def sent_bits(frame: Frame) -> str:
     """The bits from SOF to the last of the CRC as they are sent, stuff bits included, dominant as "0".
 
     Raises:
-        ValueError: As `frame_bits` does.
+        ValueError: The frame is one that `frame_bits` refuses.
     """
     bits, length = _content(frame)
     return _with_stuff_bits(f"{bits << CRC_BITS | crc15(bits, length):0{length + CRC_BITS}b}")
@@ -108,24 +109,25 @@ def _with_stuff_bits(text: str) -> str:
 
 
 Row = list[Any]
-"""What a sender has inserted since the data began, and its run of equal bits: a step on the way through a frame.
+"""One step of counting stuff bits: the bits inserted since the data began, and the run of equal bits so far.
 
-First the rows after each value of the next byte, so that a frame is counted by walking from row to row; then, from `LAST` on, the
-stuff bits in all after each value of seven last bits. A plain list, since a subclass takes twice as long to index.
+The list holds the rows that follow each value of the next byte, so that a frame is counted by walking from row to row. From
+`LAST` on it holds the total of stuff bits for each value of the seven last bits. It is a plain list, since a subclass takes
+twice as long to index.
 """
 LAST = 256
 
 
 class Head(NamedTuple):
-    """What all frames of one identifier and length share, whatever they carry.
+    """Counts that all frames of one identifier and length share, whatever they carry.
 
     Attributes:
-        bits: All of the frame and the intermission, without stuff bits.
-        inserted: Stuff bits by what precedes the data.
-        row: Where the data begin.
-        register: Of the CRC at the end of the data if all of them were 0; of classic frames only.
-        tables: What each value of each byte of the data adds to that; empty where there are no data to count.
-        fast_bits: Of `bits` and `inserted`, those at the data bit rate; of CAN FD frames only.
+        bits: Bits of the frame and the intermission, without stuff bits.
+        inserted: Stuff bits that come before the data.
+        row: Step at which the data begin.
+        register: CRC register behind the data if all of them were 0; classic frames only.
+        tables: Change of that register by each value of each data byte; empty without data.
+        fast_bits: Number of `bits` and `inserted` at the data bit rate; CAN FD frames only.
     """
 
     bits: int
@@ -138,10 +140,10 @@ class Head(NamedTuple):
 
 @lru_cache(maxsize=4096)
 def head(can_id: int, data_length: int) -> Head:
-    """What all classic frames of one identifier, with its flags, and length share.
+    """Counts that all classic frames of one identifier, with its flags, and length share.
 
     Raises:
-        ValueError: As `frame_bits` does.
+        ValueError: The frame is one that `frame_bits` refuses.
     """
     bits, length = _content(Frame(can_id, bytes(data_length)))
     data_length = 0 if can_id & CAN_RTR_FLAG else data_length
@@ -151,7 +153,7 @@ def head(can_id: int, data_length: int) -> Head:
 
 
 def stuffed_by(known: Head, data: bytes) -> int:
-    """Stuff bits of a classic frame by its data and its CRC."""
+    """Stuff bits that the data and the CRC of a classic frame need."""
     _, _, row, register, tables, _ = known
     if len(tables) == MAX_DATA_LENGTH:  # most frames are full, and a loop takes half as long again
         a, b, c, d, e, f, g, h = data
@@ -168,10 +170,10 @@ def stuffed_by(known: Head, data: bytes) -> int:
 
 @lru_cache(maxsize=4096)
 def fd_head(can_id: int, data_length: int, extended: bool = False) -> Head:
-    """What all CAN FD frames with bit rate switching of one identifier and length share.
+    """Counts that all CAN FD frames with bit rate switching of one identifier and length share.
 
     Raises:
-        ValueError: As `fd_bits` does, or more than 8 bytes.
+        ValueError: The frame is one that `fd_bits` refuses, or has more than 8 bytes.
     """
     if data_length > MAX_DATA_LENGTH:
         raise ValueError(f"frames of up to {MAX_DATA_LENGTH} bytes are counted that way, not of {data_length}")
@@ -187,7 +189,7 @@ def fd_head(can_id: int, data_length: int, extended: bool = False) -> Head:
 
 
 def fd_stuffed_by(known: Head, data: bytes) -> int:
-    """Stuff bits of a CAN FD frame by its data, all of them at the data bit rate."""
+    """Stuff bits that the data of a CAN FD frame need, all of them at the data bit rate."""
     if not data:
         return 0
     row = known.row
@@ -210,8 +212,8 @@ def fd_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) 
     Args:
         can_id: The identifier, without flags.
         data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
-        extended: Whether it is a 29-bit identifier.
-        brs: Whether the data phase has its own bit rate; else all bits are nominal ones.
+        extended: True for a 29-bit identifier.
+        brs: True where the data phase has a bit rate of its own; else all bits are nominal ones.
 
     Raises:
         ValueError: No such length, or no such identifier.
@@ -225,31 +227,17 @@ def fd_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) 
     return FdBits(nominal, total - nominal) if brs else FdBits(total, 0)
 
 
-def fd_duration_s(
-    can_id: int, data: bytes, extended: bool = False, brs: bool = True, *, bitrate: int, data_bitrate: int
-) -> float:
-    """How long a CAN FD frame takes of the bus, intermission included.
+def fd_sent_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) -> str:
+    """The bits from SOF to the last of the CRC as they are sent, all stuff bits included, dominant as "0".
 
     Args:
         can_id: The identifier, without flags.
         data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
-        extended: Whether it is a 29-bit identifier.
-        brs: Whether the data phase has its own bit rate.
-        bitrate: In bit/s.
-        data_bitrate: Of the data phase, in bit/s.
+        extended: True for a 29-bit identifier.
+        brs: True where the data phase has a bit rate of its own.
 
     Raises:
-        ValueError: No such length, or no such identifier.
-    """
-    nominal, fast = fd_bits(can_id, data, extended, brs)
-    return nominal / bitrate + fast / data_bitrate
-
-
-def fd_sent_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) -> str:
-    """The bits from SOF to the last of the CRC as they are sent, all stuff bits included, dominant as "0".
-
-    Raises:
-        ValueError: As `fd_bits` does.
+        ValueError: The frame is one that `fd_bits` refuses.
     """
     _, _, bits, length = _fd_content(can_id, data, extended, brs)
     sent = _with_stuff_bits(f"{bits >> 1:0{length - 1}b}") + str(bits & 1)
@@ -268,9 +256,9 @@ def crc_fd(bits: int, length: int, width: int, start: int | None = None) -> int:
 
     Args:
         bits: The sequence as a number.
-        length: Of the sequence.
+        length: Number of bits in the sequence.
         width: 17 or 21.
-        start: Of the register; None for the standard's, a leading 1.
+        start: First value of the register; None for that of the standard, a leading 1.
     """
     register = 1 << width - 1 if start is None else start
     for position in range(length - 1, -1, -1):
@@ -281,14 +269,14 @@ def crc_fd(bits: int, length: int, width: int, start: int | None = None) -> int:
 
 
 def fd_duration_ns(can_id: int, data: bytes, extended: bool = False, *, bitrate: int, data_bitrate: int) -> int:
-    """How long a CAN FD frame with bit rate switching takes of the bus, intermission included, in ns, rounded up.
+    """Time that a CAN FD frame with bit rate switching takes of the bus, intermission included, in ns, rounded up.
 
     Args:
         can_id: The identifier, without flags.
         data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
-        extended: Whether it is a 29-bit identifier.
-        bitrate: In bit/s.
-        data_bitrate: Of the data phase, in bit/s.
+        extended: True for a 29-bit identifier.
+        bitrate: Bit rate in bit/s.
+        data_bitrate: Bit rate of the data phase, in bit/s.
 
     Raises:
         ValueError: No such length, or no such identifier.
@@ -321,7 +309,7 @@ def crc15(bits: int, length: int) -> int:
 
 
 def stuff_bits(bits: int, length: int) -> int:
-    """How many bits a sender inserts into a sequence; one that is inserted counts for the next five."""
+    """Number of bits that a sender inserts into a sequence; one that is inserted counts for the next five."""
     whole = length // 8
     inserted, state = _stuffed(bits >> 8 * whole, length - 8 * whole, _NOTHING_YET)
     for byte in (bits & (1 << 8 * whole) - 1).to_bytes(whole, "big"):
@@ -354,26 +342,26 @@ _CRC_OF = tuple(_crc_of_byte(byte) for byte in range(256))
 _STUFFED_OF = tuple(tuple(_stuffed(byte, 8, state) for byte in range(256)) for state in range(2 * _STUFF_AFTER))
 """Stuff bits of a byte, and the state after it."""
 _MAX_INSERTED = (8 * MAX_DATA_LENGTH + CRC_BITS) // (_STUFF_AFTER - 1) + 1
-"""No data and CRC call for more."""
+"""The most stuff bits that data and CRC of a classic frame can need."""
 
 
 @cache
 def _rows() -> tuple[Row, ...]:
-    """Where the data begin, by the state of the stuffing there. Made when first asked for: 9 ms."""
+    """Steps through the data, by the state of the stuffing at their beginning; built on first use, in 9 ms."""
     states = range(2 * _STUFF_AFTER)
     ends = [[_stuffed(bits, 7, state)[0] for bits in range(128)] for state in states]
     rows: list[list[Row]] = [[[] for _ in states] for _ in range(_MAX_INSERTED + 2)]
-    for found in range(_MAX_INSERTED):
+    for inserted in range(_MAX_INSERTED):
         for state in states:
-            row = rows[found][state]
-            row += [rows[found + more][after] for more, after in _STUFFED_OF[state]]
-            row += [found + more for more in ends[state]]
+            row = rows[inserted][state]
+            row += [rows[inserted + more][after] for more, after in _STUFFED_OF[state]]
+            row += [inserted + more for more in ends[state]]
     return tuple(rows[0])
 
 
 @cache
 def _crc_tables() -> tuple[tuple[tuple[int, ...], ...], ...]:
-    """By the number of bytes of the data, what each value of each of them makes of the register at their end."""
+    """Change of the CRC register at the end of the data by each value of each byte, by number of data bytes."""
     tables = [_CRC_OF]
     for _ in range(MAX_DATA_LENGTH - 1):
         tables.insert(0, tuple((register << 8 & _CRC_MASK) ^ _CRC_OF[register >> 7] for register in tables[0]))
@@ -381,7 +369,7 @@ def _crc_tables() -> tuple[tuple[tuple[int, ...], ...], ...]:
 
 
 def _content(frame: Frame) -> tuple[int, int]:
-    """The bits from SOF to the last of the data, as a number, and how many they are."""
+    """The bits from SOF to the last of the data, as a number, and their count."""
     can_id, data = frame
     if not 0 <= can_id <= 0xFFFF_FFFF or can_id & CAN_ERR_FLAG:
         raise ValueError(f"{can_id:#x} is no frame on the wire")
@@ -404,7 +392,7 @@ def _content(frame: Frame) -> tuple[int, int]:
 
 
 def _fd_content(can_id: int, data: bytes, extended: bool, brs: bool) -> tuple[int, int, int, int]:
-    """The bits from SOF to BRS, and those from SOF to the last of the data, each as a number and how many they are."""
+    """The bits from SOF to BRS, and those from SOF to the last of the data, each as a number and its count."""
     if len(data) not in FD_LENGTHS:
         raise ValueError(f"a CAN FD frame carries {', '.join(map(str, FD_LENGTHS))} bytes, not {len(data)}")
     if not 0 <= can_id <= (CAN_EFF_MASK if extended else CAN_SFF_MASK):

@@ -1,32 +1,10 @@
-"""What the master asks of a bus: send a frame, receive one by an instant."""
+"""The interface of a bus to the master: send a frame, receive one within a time."""
 
 from collections.abc import Sequence
 from typing import Protocol
 
-from drive_profiles.address import LOCAL, SOCKETCAN, Address
+from drive_profiles.address import Address
 from hil.can.frame import Frame
-
-
-class ChannelError(Exception):
-    """Root of what a bus can do to its user."""
-
-
-class BusUnavailableError(ChannelError):
-    """The bus could not be opened."""
-
-    def __init__(self, address: Address, reason: str) -> None:
-        """Keep address and reason."""
-        self.address, self.reason = address, reason
-        super().__init__(f"no bus at {address}: {reason}")
-
-
-class BusLostError(ChannelError):
-    """The bus was there and is gone: closed, interface down, or a queue that does not drain."""
-
-    def __init__(self, address: Address, reason: str) -> None:
-        """Keep address and reason."""
-        self.address, self.reason = address, reason
-        super().__init__(f"bus {address} lost: {reason}")
 
 
 class Channel(Protocol):
@@ -34,24 +12,24 @@ class Channel(Protocol):
 
     @property
     def address(self) -> Address:
-        """Where it is."""
+        """The address of the bus."""
         ...
 
     @property
     def is_lock_step(self) -> bool:
-        """Whether time on this bus is counted in SYNCs."""
+        """True where time on this bus is counted in SYNCs."""
         ...
 
     @property
     def overflows(self) -> int | None:
-        """Received frames that were lost for want of room since the bus was opened; None where nobody counts them."""
+        """Received frames that were lost for want of room since the bus was opened; None where the bus does not count them."""
         ...
 
     def send(self, frame: Frame) -> None:
         """Put a frame on the bus.
 
         Raises:
-            BusLostError: It cannot be sent; it will not be sent later either.
+            BusLostError: The frame cannot be sent, and will not be sent later.
         """
         ...
 
@@ -67,12 +45,12 @@ class Channel(Protocol):
         """Put frames on the bus, one after the other; in one piece where the bus takes that.
 
         Raises:
-            BusLostError: One cannot be sent; neither can those behind it.
+            BusLostError: A frame cannot be sent; those behind it are not sent either.
         """
         ...
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """The next frame and those that have come in one piece with it; empty when none came in time.
+        """The next frame and those that came in one message with it; empty when none came in time.
 
         Raises:
             BusLostError: The bus is gone.
@@ -80,20 +58,5 @@ class Channel(Protocol):
         ...
 
     def close(self) -> None:
-        """Leave the bus. Again is allowed."""
+        """Leave the bus; a second call does nothing."""
         ...
-
-
-def open_channel(address: Address) -> Channel:
-    """Open the bus at an address: the local bus and SocketCAN raw, all others by python-can.
-
-    Raises:
-        BusUnavailableError: It is not there, or cannot be used.
-    """
-    if address.interface in {LOCAL, SOCKETCAN}:
-        from hil.can.raw import RawChannel  # noqa: PLC0415 - a bus loads its own means only
-
-        return RawChannel(address)
-    from hil.can.adapter import AdapterChannel  # noqa: PLC0415 - python-can is slow to load
-
-    return AdapterChannel(address)

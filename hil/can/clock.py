@@ -1,19 +1,19 @@
-"""Records on the local bus that are no frames: which clock it has, and where that clock stands.
+"""Records on the local bus that are not frames: the kind of its clock, and the time on it.
 
 A message of a seqpacket socket is one record, or up to `MAX_RECORDS` of them where both ends understand that.
 
-They look like error messages of a controller (``CAN_ERR_FLAG``) of a class that SocketCAN does not use, so that whoever does not
-know them passes them over; and they are sent only to a client that has asked.
+The records look like error messages of a controller (``CAN_ERR_FLAG``) of a class that SocketCAN does not use, so that a client
+that does not know them skips them. They are sent only to a client that has sent a question.
 
 ======  ======================================================================
-byte 0  what follows
+byte 0  content
 ======  ======================================================================
 0       from a client: a question; byte 1 has bit 0 where it wants a time stamp before every frame, bit 1 where its
         SYNC shall not move the bus' clock, and bit 2 where it understands messages of several records.
         From the bus: the answer; byte 1 is 0 for lock-step and 1 for the wall clock, bytes 2 to 5 the bit rate, 0 for none,
         byte 6 is 1 where it understands messages of several records.
 1       the period of a SYNC is over: bytes 2 to 5 count the SYNCs of this client, bytes 6 to 7 by how much the bus
-        lags behind the beats, in units of 10 µs.
+        lags behind its schedule, in units of 10 µs.
 2       the next record's frame ended at this time of the bus, in ns, bytes 1 to 7.
 ======  ======================================================================
 """
@@ -36,12 +36,12 @@ _MAX_LAG = 0xFFFF
 
 
 class Question(NamedTuple):
-    """What a client asks when it joins.
+    """A client's question when it joins.
 
     Attributes:
-        stamps: It wants a time stamp before every frame.
-        follows: Its SYNC shall not move the bus' clock.
-        several: It understands messages of several records.
+        stamps: The client wants a time stamp before every frame.
+        follows: The client's SYNC shall not move the bus' clock.
+        several: The sender understands messages of several records.
     """
 
     stamps: bool = False
@@ -50,12 +50,12 @@ class Question(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What the bus answers.
+    """The bus' answer.
 
     Attributes:
         clock: `LOCK_STEP` or `WALL`.
-        bitrate: In bit/s; None: no bit times.
-        several: It understands messages of several records.
+        bitrate: Bit rate in bit/s; None on a bus without bit times.
+        several: The sender understands messages of several records.
     """
 
     clock: int
@@ -64,17 +64,17 @@ class Answer(NamedTuple):
 
 
 def question(*, stamps: bool = False, follows: bool = False, several: bool = False) -> Frame:
-    """What a client asks when it joins; see `Question`."""
+    """The frame of a client's question when it joins; see `Question`."""
     return Frame(CLOCK_ID, _ANSWER.pack(QUESTION, stamps * _STAMPS | follows * _FOLLOWS | several * _SEVERAL, 0, 0))
 
 
 def answer(clock: int, bitrate: int | None, *, several: bool = False) -> Frame:
-    """What the bus answers; see `Answer`."""
+    """The frame of the bus' answer; see `Answer`."""
     return Frame(CLOCK_ID, _ANSWER.pack(QUESTION, clock, bitrate or 0, several))
 
 
 def read_answer(data: bytes) -> Answer | None:
-    """What the bus has answered; None where it is no answer."""
+    """Read the bus' answer; None where it is none."""
     if len(data) != _ANSWER.size or data[0] != QUESTION:
         return None
     _, clock, bitrate, several = _ANSWER.unpack(data)
@@ -82,7 +82,7 @@ def read_answer(data: bytes) -> Answer | None:
 
 
 def read_question(data: bytes) -> Question | None:
-    """What a client asks; None where it is no question."""
+    """Read a client's question; None where it is none."""
     if len(data) != _ANSWER.size or data[0] != QUESTION:
         return None
     flags = data[1]
@@ -90,12 +90,12 @@ def read_question(data: bytes) -> Question | None:
 
 
 def period_over(count: int, lag_ns: int) -> Frame:
-    """The period of the count-th SYNC of a client is over."""
+    """The frame that says that the period of the count-th SYNC of a client is over."""
     return Frame(CLOCK_ID, _PERIOD.pack(PERIOD_OVER, count & 0xFFFF_FFFF, min(_MAX_LAG, lag_ns // LAG_STEP_NS)))
 
 
 def read_period_over(data: bytes) -> tuple[int, int] | None:
-    """Count and lag in ns; None where it is something else."""
+    """Read count and lag in ns of such a frame; None where it is another."""
     if len(data) != _PERIOD.size or data[0] != PERIOD_OVER:
         return None
     _, count, lag = _PERIOD.unpack(data)
@@ -103,10 +103,10 @@ def read_period_over(data: bytes) -> tuple[int, int] | None:
 
 
 def stamp(time_ns: int) -> Frame:
-    """The time at which the next record's frame ended."""
+    """The frame with the time at which the next record's frame ended."""
     return Frame(CLOCK_ID, bytes((STAMP,)) + (time_ns & (1 << 56) - 1).to_bytes(7, "little"))
 
 
 def read_stamp(data: bytes) -> int | None:
-    """That time in ns; None where it is something else."""
+    """Read the time in ns of such a frame; None where it is another."""
     return int.from_bytes(data[1:], "little") if len(data) == 8 and data[0] == STAMP else None

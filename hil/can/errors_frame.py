@@ -1,4 +1,4 @@
-"""SocketCAN's error frames in words: what a controller says about itself, and what follows from it for the bench.
+"""SocketCAN's error frames in words: a controller's report about itself, and its meaning for the bench.
 
 Source: <linux/can/error.h>.
 """
@@ -49,13 +49,13 @@ _KNOWN = sum(_PLAIN) | CONTROLLER | PROTOCOL | COUNTERS
 
 
 class ControllerEvent(NamedTuple):
-    """What an error frame says.
+    """Content of an error frame.
 
     Attributes:
-        words: All of it, in words.
-        is_lost: The controller is, or has been, off the bus: what was to be sent meanwhile was not.
-        is_warning: It is near that: error-warning or error-passive.
-        is_overflow: It has lost a received frame before this machine saw it.
+        words: The whole content in words.
+        is_lost: The controller is, or has been, off the bus, and has not sent the frames of that time.
+        is_warning: The controller is error-warning or error-passive, so near to bus-off.
+        is_overflow: The controller has lost a received frame before this machine saw it.
     """
 
     words: str

@@ -22,13 +22,13 @@ RECORD = struct.Struct("=IB3x8s")
 
 
 class Frame(NamedTuple):
-    """A frame as it stands on the bus.
+    """A frame of the bus.
 
-    Nothing is checked here, since this is built for every frame of every cycle; `pack` checks before a frame leaves.
+    The class checks nothing, since it is built for every frame of every cycle; `pack` checks before a frame leaves.
 
     Attributes:
         can_id: Identifier, with ``CAN_EFF_FLAG``, ``CAN_RTR_FLAG`` and ``CAN_ERR_FLAG`` as SocketCAN sets them.
-        data: 0 to 8 bytes. Those of a remote request only tell its length.
+        data: 0 to 8 bytes. Those of a remote request only give its length.
     """
 
     can_id: int

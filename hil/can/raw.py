@@ -14,7 +14,7 @@ from pathlib import Path
 
 from drive_profiles.address import LOCAL, Address
 from hil.can import clock
-from hil.can.channel import BusLostError, BusUnavailableError
+from hil.can.errors import BusLostError, BusUnavailableError
 from hil.can.errors_frame import ALL_CLASSES, decode
 from hil.can.frame import CAN_ERR_FLAG, CAN_SFF_MASK, MAX_DATA_LENGTH, RECORD, Frame, pack, unpack
 
@@ -25,7 +25,7 @@ _FILTER, _DROPPED = struct.Struct("=II"), struct.Struct("=I")
 _ANCILLARY_BYTES = 64
 CAN_BUFFER_BYTES = 2 << 20
 """Room for received frames: 2 800 of them, a third of a second at full load and 1 Mbit/s; the kernel's own default keeps 278."""
-MAX_TOLD = 64
+MAX_REPORTS = 64
 _LOST_WORDS = {
     errno.ENETDOWN: "the interface is down",
     errno.ENODEV: "the interface is gone",
@@ -37,7 +37,7 @@ _SYNC = 0x80
 _ANSWER_S = 2.0
 _MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size
 MAX_EARLY = 256
-"""Frames that are kept while the local bus is asked for its clock."""
+"""Frames that may arrive, and are kept, before the local bus has answered which clock it has."""
 _TIMEVAL = struct.Struct("@ll")
 _PROCESSOR_FIELD = 36
 """Place of `processor` in /proc/self/stat, counted from behind the name (proc(5))."""
@@ -47,7 +47,7 @@ def connect_local(address: Address) -> socket.socket:
     """A connected socket of the local bus: seqpacket where the system has it, else stream.
 
     Raises:
-        BusUnavailableError: Nobody serves there.
+        BusUnavailableError: No server listens at the address.
     """
     reason = "no Unix sockets on this system"
     for kind in ("SOCK_SEQPACKET", "SOCK_STREAM"):
@@ -76,12 +76,11 @@ def wait_at_most(sock: socket.socket, timeout_s: float) -> None:
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _TIMEVAL.pack(*divmod(microseconds, 1_000_000)))
 
 
-def share_core(sock: socket.socket) -> set[int] | None:
-    """Keep both ends of a lock-step socket on the core on which this one runs; the cores of before, or None.
+def bind_to_one_core(sock: socket.socket) -> set[int] | None:
+    """Keep both ends of a lock-step socket on one core, that of this end; return the former cores, or None.
 
-    In lock-step the two never have anything to do at the same time, and waking a core that sleeps costs more than their work:
-    with the loop closed over the bus at 250 µs a cycle took 305 µs on two idle cores and 125 µs on one, the same on a busy
-    machine. (Polling instead of sleeping: 93 µs on idle cores, 430 µs where another process wanted one of them.)
+    In lock-step the two ends never work at the same time, and waking a core that sleeps costs more than their work; for the
+    measurements see docs/realtime.md.
     """
     try:
         pid, _, _ = struct.unpack("3i", sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
@@ -97,14 +96,14 @@ def share_core(sock: socket.socket) -> set[int] | None:
 
 
 def _bind_can(address: Address, filters: Sequence[tuple[int, int]] = ()) -> socket.socket:
-    """A socket on a CAN interface that tells its errors and its losses.
+    """A socket on a CAN interface that reports errors and lost frames.
 
     Args:
-        address: Where.
-        filters: Identifier and mask of what is to be received; none: everything.
+        address: The CAN interface.
+        filters: Identifier and mask of each group of frames to receive; empty: all frames.
 
     Raises:
-        BusUnavailableError: No such interface, or it is down.
+        BusUnavailableError: The interface does not exist, or is down.
     """
     if not hasattr(socket, "AF_CAN"):
         raise BusUnavailableError(address, "this system has no SocketCAN")
@@ -139,10 +138,10 @@ def _widen(sock: socket.socket) -> None:
 
 
 def _check_up(address: Address) -> None:
-    """Refuse an interface that is down: binding to it works, and then nothing is ever received.
+    """Refuse an interface that is down: it could be bound to, but would never give a frame.
 
     Raises:
-        BusUnavailableError: It is down.
+        BusUnavailableError: The interface is down.
     """
     try:
         flags = int(Path("/sys/class/net", address.channel, "flags").read_text(), 16)
@@ -153,7 +152,7 @@ def _check_up(address: Address) -> None:
 
 
 def _dropped(ancillary: list[tuple[int, int, bytes]]) -> int | None:
-    """How many frames the kernel has dropped for this socket since it was opened; None where nothing was said."""
+    """Number of frames that the kernel has dropped for this socket since it was opened; None where the kernel gave no count."""
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == _SO_RXQ_OVFL and len(data) == _DROPPED.size:
             return int(_DROPPED.unpack(data)[0])
@@ -164,13 +163,13 @@ class RawChannel:
     """A channel on a raw socket. The first failure is latched: a bus that comes back needs a new channel.
 
     Attributes:
-        address: Where it is; the local bus says its bit rate.
-        is_lock_step: Whether time is counted in SYNCs; the local bus says it.
-        lag_ns: By how much a bus that is too full has put off the beats of our SYNCs; the emulated one says it.
+        address: Address of the bus; the local bus adds its bit rate.
+        is_lock_step: True where time is counted in SYNCs, as the local bus reports.
+        lag_ns: Delay of our SYNCs by a bus that is too full, as the emulated bus reports it.
         overflows: Received frames that were lost before they could be read: by the kernel, or (each time, not each frame) by the
             controller.
-        error_warnings: Error frames in which the controller told that it is error-warning or error-passive.
-        told: What error frames have said, in words; the latest `MAX_TOLD`.
+        error_warnings: Number of error frames in which the controller was error-warning or error-passive.
+        reports: Contents of the error frames in words; the latest `MAX_REPORTS`.
     """
 
     def __init__(self, address: Address, filters: Sequence[tuple[int, int]] = ()) -> None:
@@ -185,7 +184,7 @@ class RawChannel:
         self._is_over = False
         self.overflows = 0
         self.error_warnings = 0
-        self.told: deque[str] = deque(maxlen=MAX_TOLD)
+        self.reports: deque[str] = deque(maxlen=MAX_REPORTS)
         self._kernel_dropped = 0
         self._socket = connect_local(address) if self._is_local else _bind_can(address, filters)
         self._timeout_s = -1.0
@@ -194,7 +193,7 @@ class RawChannel:
         self._lost: BusLostError | None = None
         if self._is_local:
             self._ask_for_the_clock()
-        self._cores = share_core(self._socket) if self.is_lock_step else None
+        self._cores = bind_to_one_core(self._socket) if self.is_lock_step else None
 
     def send(self, frame: Frame) -> None:
         """Put a frame on the bus; waits a moment where the local bus is busy, never on a real one."""
@@ -212,7 +211,7 @@ class RawChannel:
             raise self._lose(error) from error
 
     def send_all(self, frames: Sequence[Frame]) -> None:
-        """Put frames on the bus, in one message where the local bus takes that."""
+        """Put frames on the bus, in one message where the local bus accepts that."""
         if not self._takes_several or len(frames) > clock.MAX_RECORDS:
             for frame in frames:
                 self.send(frame)
@@ -279,7 +278,7 @@ class RawChannel:
         return self._read(0)
 
     def _read(self, flags: int) -> Frame | None:
-        """The next frame, records that are none passed over; None where nothing comes within the socket's time-out."""
+        """The next frame, other records skipped; None where none comes within the socket's time-out."""
         frame = self._from_stream(b"") if self._buffer else None
         while frame is None:
             try:
@@ -306,7 +305,7 @@ class RawChannel:
         return self._noted(frame) if frame.can_id & CAN_ERR_FLAG else frame
 
     def _take_message(self, message: bytes) -> None:
-        """The records of a message, one behind the other; what is no frame is passed over."""
+        """Take the records of a message, one behind the other; those that are not frames are skipped."""
         if len(message) % RECORD.size:
             return
         keep = self._early.append
@@ -321,7 +320,7 @@ class RawChannel:
                 self._is_over = True
 
     def _ask_for_the_clock(self) -> None:
-        """Ask the local bus whether it counts time in SYNCs, and its bit rate; one that does not answer does, and has none."""
+        """Ask the local bus for its clock and bit rate; a bus that does not answer is in lock-step and has none."""
         self._socket.send(pack(clock.question(several=not self._is_stream)))
         deadline = time.monotonic() + _ANSWER_S
         while (left := deadline - time.monotonic()) > 0.0:
@@ -341,7 +340,7 @@ class RawChannel:
                 self._early.append(frame)
 
     def _is_period_over(self, data: bytes) -> bool:
-        """Whether this says that the period of our last SYNC is over: nothing more will come in it."""
+        """True where the record says that the period of our last SYNC is over, so that no more frames will come in it."""
         said = clock.read_period_over(data)
         if said is None:
             return False
@@ -349,7 +348,7 @@ class RawChannel:
         return count == self._syncs & 0xFFFF_FFFF
 
     def _read_can(self, timeout_s: float) -> Frame | None:
-        """The next frame of a CAN interface, and how many were lost before it; None where none comes in time."""
+        """The next frame of a CAN interface; frames lost before it are counted. None where none comes in time."""
         while True:
             try:
                 # the kernel counts a socket's own time-out in jiffies, up to 10 ms each
@@ -370,14 +369,14 @@ class RawChannel:
                 return self._noted(frame) if frame.can_id & CAN_ERR_FLAG else frame
 
     def _noted(self, frame: Frame) -> Frame:
-        """Count what an error frame says; the frame itself goes on, so that a log has it.
+        """Count the content of an error frame; the frame is passed on, so that a log has it.
 
         Raises:
-            BusLostError: The controller is bus-off, or was and has come back by itself.
+            BusLostError: The controller is bus-off, or has been and has recovered.
         """
         event = decode(frame)
         if event is not None:
-            self.told.append(event.words)
+            self.reports.append(event.words)
             self.error_warnings += event.is_warning
             self.overflows += event.is_overflow
             if event.is_lost:
@@ -385,7 +384,7 @@ class RawChannel:
         return frame
 
     def _from_stream(self, more: bytes) -> Frame | None:
-        """The first frame of what has come so far; records that are no frame are passed over."""
+        """The first frame of the bytes received so far; records that are not frames are skipped."""
         self._buffer += more
         while len(self._buffer) >= RECORD.size:
             record, self._buffer = self._buffer[: RECORD.size], self._buffer[RECORD.size :]
@@ -396,8 +395,8 @@ class RawChannel:
 
     def _lose(self, error: Exception) -> BusLostError:
         number, words = getattr(error, "errno", None), getattr(error, "strerror", None)
-        told = None if self.is_lock_step else _LOST_WORDS.get(number or 0)
-        self._lost = BusLostError(self.address, told or words or str(error))
+        plain = None if self.is_lock_step else _LOST_WORDS.get(number or 0)
+        self._lost = BusLostError(self.address, plain or words or str(error))
         return self._lost
 
     def close(self) -> None:

@@ -2,28 +2,34 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.compiled import inlined
+from hil.control.records import record_dtype
 
-CASCADE_CONFIG = np.dtype([
-    ("position_gain_per_s", np.float64),
-    ("velocity_gain_nm_s_rad", np.float64),
-    ("velocity_integral_gain_nm_rad", np.float64),
-    ("lowpass_hz", np.float64),
-])  # fmt: skip
-"""K_pp, K_vp, K_vi and the corner of F_lp, as the compiled law reads them."""
 
-CASCADE_STATE = np.dtype([
-    ("motor_angle_rad", np.float64),
-    ("speed_rad_s", np.float64),
-    ("error_rad_s", np.float64),
-    ("integral_nm", np.float64),
-])  # fmt: skip
-"""What persists: the last angle, the low-passed speed v̂, the last velocity error and the integrator."""
+class CascadeConfigRow(Protocol):
+    """K_pp, K_vp, K_vi and the corner of F_lp, as the compiled law reads them."""
+
+    position_gain_per_s: float
+    velocity_gain_nm_s_rad: float
+    velocity_integral_gain_nm_rad: float
+    lowpass_hz: float
+
+
+class CascadeStateRow(Protocol):
+    """Memory of the cascade: the last angle, the low-passed speed v̂, the last velocity error and the integrator."""
+
+    motor_angle_rad: float
+    speed_rad_s: float
+    error_rad_s: float
+    integral_nm: float
+
+
+CASCADE_CONFIG = record_dtype(CascadeConfigRow)
+CASCADE_STATE = record_dtype(CascadeStateRow)
 
 
 @dataclass(frozen=True)
@@ -60,36 +66,47 @@ class Cascade:
 
 
 @inlined
-def cascade_start(state: Any, row: int, motor_angle: float, speed_rad_s: float, torque_nm: float) -> None:
-    """Start without a bump: the speed is known, and the integrator holds the torque that is there already."""
-    s = state[row]
-    s.motor_angle_rad = motor_angle
-    s.speed_rad_s = speed_rad_s
-    s.error_rad_s = 0.0
-    s.integral_nm = torque_nm
+def cascade_start(state: CascadeStateRow, motor_angle: float, speed_rad_s: float, torque_nm: float) -> None:
+    """Start without a step in the torque: the speed is known, and the integrator holds the torque that acts already.
+
+    Args:
+        state: The cascade's memory; changed in place.
+        motor_angle: θ_m in rad.
+        speed_rad_s: The motor's speed.
+        torque_nm: The torque that acts now.
+    """
+    state.motor_angle_rad = motor_angle
+    state.speed_rad_s = speed_rad_s
+    state.error_rad_s = 0.0
+    state.integral_nm = torque_nm
 
 
 @inlined
-def observe_speed(config: Any, state: Any, row: int, period_s: float, motor_angle: float) -> float:
-    """v̂ = F_lp s θ_m, bilinear: the low-passed motor speed in rad/s. To be called once per sample."""
-    s = state[row]
+def observe_speed(config: CascadeConfigRow, state: CascadeStateRow, period_s: float, motor_angle: float) -> float:
+    """Low-passed motor speed v̂ = F_lp s θ_m in rad/s, bilinear; call it once per sample.
+
+    Args:
+        config: The cascade's gains.
+        state: The cascade's memory; changed in place.
+        period_s: Sampling time.
+        motor_angle: θ_m in rad, as measured.
+    """
     c = 2.0 / period_s
-    w = 2.0 * math.pi * config[row].lowpass_hz
-    s.speed_rad_s = ((c - w) * s.speed_rad_s + w * c * (motor_angle - s.motor_angle_rad)) / (c + w)
-    s.motor_angle_rad = motor_angle
-    return float(s.speed_rad_s)
+    w = 2.0 * math.pi * config.lowpass_hz
+    state.speed_rad_s = ((c - w) * state.speed_rad_s + w * c * (motor_angle - state.motor_angle_rad)) / (c + w)
+    state.motor_angle_rad = motor_angle
+    return float(state.speed_rad_s)
 
 
 @inlined
 def cascade_step(
-    config: Any, state: Any, row: int, period_s: float, position: float, velocity_offset: float
+    config: CascadeConfigRow, state: CascadeStateRow, period_s: float, position: float, velocity_offset: float
 ) -> tuple[float, float]:
     """One sample of u = (K_vp + K_vi/s)(K_pp (θ_ref − θ_m) + θ̇_ff − v̂), bilinear; call `observe_speed` first.
 
     Args:
-        config: `CASCADE_CONFIG` array, shape (n_axes,).
-        state: `CASCADE_STATE` array, shape (n_axes,); changed in place.
-        row: Axis.
+        config: The cascade's gains.
+        state: The cascade's memory; changed in place.
         period_s: Sampling time.
         position: θ_ref in rad.
         velocity_offset: θ̇_ff in rad/s.
@@ -97,17 +114,15 @@ def cascade_step(
     Returns:
         u in N·m, and the integrator as it was before, for `hold_integrator`.
     """
-    c, s = config[row], state[row]
-    error = c.position_gain_per_s * (position - s.motor_angle_rad) + velocity_offset - s.speed_rad_s
-    before = s.integral_nm
-    s.integral_nm += c.velocity_integral_gain_nm_rad * 0.5 * period_s * (error + s.error_rad_s)
-    s.error_rad_s = error
-    return c.velocity_gain_nm_s_rad * error + s.integral_nm, before
+    error = config.position_gain_per_s * (position - state.motor_angle_rad) + velocity_offset - state.speed_rad_s
+    before = state.integral_nm
+    state.integral_nm += config.velocity_integral_gain_nm_rad * 0.5 * period_s * (error + state.error_rad_s)
+    state.error_rad_s = error
+    return config.velocity_gain_nm_s_rad * error + state.integral_nm, before
 
 
 @inlined
-def hold_integrator(state: Any, row: int, before: float, excess_nm: float) -> None:
+def hold_integrator(state: CascadeStateRow, before: float, excess_nm: float) -> None:
     """Anti-windup: where the torque was cut and the error would wind the integrator further, it stays where it was."""
-    s = state[row]
-    if excess_nm * s.error_rad_s > 0.0:
-        s.integral_nm = before
+    if excess_nm * state.error_rad_s > 0.0:
+        state.integral_nm = before

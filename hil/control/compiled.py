@@ -1,7 +1,8 @@
-"""The one door to the compiler: functions compiled by numba, kept on disk by the content of their sources."""
+"""The only access to the compiler: functions compiled by numba, stored on disk by the content of their sources."""
 
 import hashlib
 import inspect
+import warnings
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
 from pathlib import Path
@@ -32,20 +33,22 @@ _digests: dict[Path, str] = {}
 
 
 class Compiled(Generic[P, R]):
-    """A function that runs as machine code: from disk if it is there, otherwise compiled now and put there.
+    """A function that runs as machine code, loaded from disk or else compiled and stored there.
 
     Strict IEEE arithmetic (no fast-math): the host and the emulated drive must compute the same bits.
 
     Attributes:
         py_func: The function as it was written.
-        loaded: How many kinds of arguments are served from disk.
+        loaded: Number of combinations of argument types that are served from disk.
+        refused: Reason why machine code was not stored, by types of arguments; numba serves those calls.
     """
 
     def __init__(self, function: Callable[P, R], *, inline: bool = False) -> None:
-        """Nothing is compiled or loaded yet; with `inline` it becomes part of each compiled caller."""
+        """Wrap the function without compiling it; with `inline` it becomes part of each compiled caller."""
         update_wrapper(self, function)
         self.py_func = function
         self.loaded = 0
+        self.refused: dict[tuple[str, ...], str] = {}
         self._inline = inline
         self._entries: dict[tuple[str | None, ...], Callable[..., R]] = {}
         self._latest: Callable[..., R] | None = None
@@ -58,7 +61,7 @@ class Compiled(Generic[P, R]):
 
     @cached_property
     def dispatcher(self) -> Any:
-        """The function as numba has it; what cannot run without numba, it keeps in the same folder."""
+        """The function compiled by numba, whose own cache is in the same folder."""
         import numba  # noqa: PLC0415 - a second or two, and not needed for what lies on disk
         from numba.core import config  # noqa: PLC0415
 
@@ -72,7 +75,7 @@ class Compiled(Generic[P, R]):
 
     @property
     def _numba_type_(self) -> Any:
-        """What numba takes it for where another compiled function calls it."""
+        """Type that numba sees where another compiled function calls this one."""
         return (self._part if self._inline else self.dispatcher)._numba_type_
 
     @cached_property
@@ -100,27 +103,38 @@ class Compiled(Generic[P, R]):
         if entry is not None:
             self.loaded += 1
             return entry
-        fresh = self._compile(arguments)
-        return (fresh and self._saved(path, known, fresh)) or self.dispatcher
+        fresh = self._compile(known, arguments)
+        return (fresh and self._saved(path, known, fresh, arguments)) or self.dispatcher
 
-    @staticmethod
-    def _saved(path: Path, kinds: tuple[str, ...], fresh: Any) -> Any:
-        """What runs without numba, or None: a numba whose insides are others only starts more slowly."""
+    def _saved(self, path: Path, kinds: tuple[str, ...], fresh: Any, arguments: tuple[Any, ...]) -> Any:
+        """Machine code that runs without numba; None where it cannot be stored, which only makes the start slower."""
         try:
-            return machine_code.save(path, kinds, fresh)
-        except (AttributeError, KeyError, LookupError, RuntimeError, TypeError, ValueError):
-            return None
+            return machine_code.save(path, kinds, fresh, arguments)
+        except machine_code.NotSavedError as error:
+            self.refused[kinds] = str(error)
+            if isinstance(error, machine_code.DifferentBitsError):
+                said = f"{self.py_func.__qualname__}: machine code thrown away, numba serves instead: {error}"
+                warnings.warn(said, RuntimeWarning, stacklevel=5)
+        except (AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:  # a numba whose insides are others
+            self.refused[kinds] = f"{type(error).__name__}: {error}"
+        return None
 
-    def _compile(self, arguments: tuple[Any, ...]) -> Any:
-        """The result of numba, or None where it comes from numba's own files, which hold no more than it needs itself."""
+    def _compile(self, kinds: tuple[str, ...], arguments: tuple[Any, ...]) -> Any:
+        """Result of numba's compiler; None where it comes from numba's own cache, which lacks the LLVM code.
+
+        A number gets the one type of its key, whatever numba would infer: code for a small unsigned integer is wrong for -1.
+        """
         import numba  # noqa: PLC0415 - see `dispatcher`
 
-        types = tuple(map(numba.typeof, arguments))
+        numbers = {"d": numba.float64, "q": numba.int64, "?": numba.boolean}
+        pairs = zip(kinds, arguments, strict=True)
+        typeof: Any = numba.typeof
+        types = tuple(numbers[each] if each in numbers else typeof(argument) for each, argument in pairs)
         self.dispatcher.compile(types)
         return self.dispatcher.overloads[types] if types not in self.dispatcher.stats.cache_hits else None
 
     def __call__(self, *arguments: P.args, **named: P.kwargs) -> R:
-        """Run it; arguments by position alone."""
+        """Run the function; arguments are given by position."""
         if named:
             raise TypeError(f"{self.py_func.__name__} takes its arguments by position")
         if self._latest is not None:
@@ -138,9 +152,9 @@ def compiled(function: Callable[P, R]) -> Compiled[P, R]:
 
 
 def inlined(function: Callable[P, R]) -> Compiled[P, R]:
-    """`compiled`, and part of the machine code of each compiled function that calls it.
+    """Compile as `compiled` does, and make the function part of each compiled function that calls it.
 
-    A call hands over an array as seven numbers and a tuple as all of its own, on the stack: two thirds of a control period
-    went into that.
+    A call passes an array as seven numbers and a tuple as all of its items, on the stack: that took two thirds of a control
+    period.
     """
     return Compiled(function, inline=True)

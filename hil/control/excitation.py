@@ -20,8 +20,8 @@ class Excitation:
 
     Attributes:
         wave: The samples of one period; shape (n,).
-        sample_s: Time between two of them.
-        lines: Which bins of its discrete Fourier transform are excited; bin k is at k/period.
+        sample_s: Time between two samples.
+        lines: Excited bins of the discrete Fourier transform; bin k is at k/period; shape (m,).
     """
 
     wave: Array
@@ -30,12 +30,12 @@ class Excitation:
 
     @property
     def period_s(self) -> float:
-        """How long one period lasts."""
+        """Duration of one period."""
         return len(self.wave) * self.sample_s
 
     @property
     def frequency_hz(self) -> Array:
-        """Of the excited lines; shape of `lines`."""
+        """Frequencies of the excited lines; shape of `lines`."""
         return self.lines / self.period_s
 
     @property
@@ -51,10 +51,16 @@ def crest_factor(wave: Array) -> float:
 
 
 def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) -> Lines:
-    """The bins of a period within a band, both ends included, below half the sampling rate.
+    """Bins of a period within a band, both ends included, below half the sampling rate; shape (m,).
+
+    Args:
+        low_hz: Lower end of the band.
+        high_hz: Upper end.
+        period_s: Period of the signal.
+        sample_s: Time between two samples.
 
     Raises:
-        ValueError: There is none, or the band is not one.
+        ValueError: No bin lies in the band, or its ends are in the wrong order.
     """
     if not 0.0 < low_hz < high_hz:
         raise ValueError(f"the band {low_hz:g} … {high_hz:g} Hz must rise from above 0")
@@ -69,7 +75,7 @@ def band_lines(low_hz: float, high_hz: float, period_s: float, sample_s: float) 
 def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excitation:
     """A sum of cosines whose phases keep the peak low, scaled to a peak of 1.
 
-    Phases start as Schroeder's, φ_k = −2π Σ_{j<k} (k − j) p_j with p_j the share of line j in the power, and are improved by
+    Phases start as Schroeder's, φ_k = −2π Σ_{j<k} (k − j) p_j with p_j the fraction of the power in line j, and are improved by
     clipping: the wave is clipped, its phases are kept, its amplitudes are put back.
 
     Args:
@@ -88,8 +94,8 @@ def multisine(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Ex
         raise ValueError(f"lines and amplitudes have shapes {lines.shape} and {amplitude.shape}; both must be (m,)")
     if lines.size == 0 or lines.min() < 1 or 2 * lines.max() >= count:
         raise ValueError(f"lines must lie between 1 and {(count - 1) // 2}")
-    share = amplitude**2 / np.sum(amplitude**2)
-    before = np.concatenate([[0.0], np.cumsum(share)[:-1]])
+    power = amplitude**2 / np.sum(amplitude**2)
+    before = np.concatenate([[0.0], np.cumsum(power)[:-1]])
     phase = -2.0 * math.pi * np.concatenate([[0.0], np.cumsum(before[1:] * np.diff(lines))])
     best, best_crest, level = np.zeros(count), math.inf, 0.75
     spectrum = np.zeros(count // 2 + 1, dtype=np.complex128)
@@ -117,7 +123,7 @@ def chirp(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excita
         sample_s: Time between two samples.
 
     Raises:
-        ValueError: As `multisine`.
+        ValueError: The shapes differ, or a line is at or above half the sampling rate.
     """
     if lines.shape != amplitude.shape or lines.ndim != 1:
         raise ValueError(f"lines and amplitudes have shapes {lines.shape} and {amplitude.shape}; both must be (m,)")
@@ -134,20 +140,20 @@ def chirp(lines: Lines, amplitude: Array, count: int, sample_s: float) -> Excita
 
 
 def quiet_bias_rps(wanted_rps: float, period_s: float, periods: int, orders: Sequence[int] = (1, 2, 4)) -> float:
-    """The motor speed nearest to the one wanted at which what a turning motor shakes adds up to nothing over all periods.
+    """The motor speed nearest to the wanted one at which the vibration of a turning motor cancels over all periods.
 
     Vibration of order k at f_m has k f_m T turns in a period T. With f_m T = n + 1/P its phase advances by k/P from each of P
     periods to the next, so that the sum over the P periods vanishes on every line, with all that it mixes with the excitation,
     unless P divides k.
 
     Args:
-        wanted_rps: About so fast.
-        period_s: T.
-        periods: P.
-        orders: k.
+        wanted_rps: Wanted speed.
+        period_s: Period T of the excitation.
+        periods: Number of periods P.
+        orders: Orders k of the vibration.
 
     Raises:
-        ValueError: P divides one of the orders, so there is no such speed.
+        ValueError: P divides one of the orders, so that no such speed exists.
     """
     if periods < 2 or any(order % periods == 0 for order in orders):
         raise ValueError(f"vibration of orders {', '.join(map(str, orders))} does not average out over {periods} periods")

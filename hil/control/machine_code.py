@@ -1,7 +1,10 @@
-"""Machine code on disk: made once with numba, then loaded and called without it.
+"""Machine code on disk: compiled once with numba, then loaded and called without it.
 
-Importing numba and getting it ready takes one to two seconds before it has loaded anything. What it has compiled does not need
-it: an object file with one entry point, which llvmlite puts into memory in 60 ms and ctypes calls.
+Importing numba takes one to two seconds before anything is loaded. Its compiled code does not need it: an object file with one
+entry point, which llvmlite puts into memory in 60 ms and ctypes calls.
+
+Nothing guarantees that this works: it reads numba's internals, and the object file is compiled separately from the code that
+numba runs. So each object file is tested before it is stored: one call with either code, and every bit of the results compared.
 """
 
 import ctypes
@@ -22,31 +25,34 @@ import llvmlite.binding as llvm  # type: ignore[import-untyped]
 import numpy as np
 
 _ARGUMENTS = 17
-"""The slot of 8 bytes in an entry's block at which the arguments begin; before it 16 for the result, one for an exception."""
+"""Index of the first argument among the 8-byte slots of a block, behind 16 for the result and one for an exception."""
 
 _RETURNED = (0, -2)
 """numba's status of a function that returned a value, and of one that returned None."""
 
 _LIBRARY = {"sin", "cos", "sincos", "tan", "exp", "log", "pow", "floor", "ceil", "rint", "sqrt", "memset", "memcpy", "memmove"}
-"""The only functions from outside that machine code may call: those of the C library, which every Python process has."""
+"""Outside functions that machine code may call: those of the C library, which every Python process has."""
 
 _NEVER_FREED = """
 define void @NRT_MemInfo_call_dtor(ptr %owner) {
   ret void
 }
 """
-"""The arrays that an entry gets belong to nobody as far as numba's reference counts go, so that nothing is ever freed."""
+"""Destructor that numba's reference counts would call. The arrays have no owner there, so it has nothing to free."""
 
 _LETTERS = {"float64": "d", "int64": "q"}
-"""What numba calls the results that an entry can give back, in the letters of `struct`."""
+"""Letter of `struct` for each of numba's types that an entry point can return."""
+
+_IN_MEMORY = (np.ndarray, np.void)
+"""Types of arguments that are passed by address and may be written to."""
 
 _KEPT = 64
-"""Blocks that an entry keeps, with their arrays, before it forgets them all."""
+"""Blocks that an entry point keeps with their arrays before it forgets them all."""
 
 
 @cache
 def platform() -> str:
-    """What machine code depends on besides the sources: both halves of the compiler, and the processor."""
+    """Versions of the compiler and name of the processor: machine code depends on them besides the sources."""
     return f"{version('numba')} {version('llvmlite')} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
 
 
@@ -56,9 +62,10 @@ def _described(dtype: np.dtype[Any]) -> str:
 
 
 def kind(argument: object) -> str | None:
-    """What of an argument decides which machine code serves it; None for what only numba takes.
+    """Type key of an argument, which selects the machine code; None where only numba can take the argument.
 
-    A letter of `struct` for a number; dimensions and dtype for an array that lies in memory in one piece; dtype for a record.
+    The key is a letter of `struct` for a number, dimensions and dtype for an array that is contiguous in memory, and the dtype
+    for a record.
     """
     if isinstance(argument, float):
         return "d"
@@ -73,30 +80,38 @@ def kind(argument: object) -> str | None:
     return None
 
 
+class NotSavedError(Exception):
+    """A function cannot be saved as machine code; numba serves it."""
+
+
+class DifferentBitsError(NotSavedError):
+    """Machine code gives other bits than numba, which therefore serves the function."""
+
+
 class OtherKindError(TypeError):
-    """Arguments for which other machine code has to be loaded, or made."""
+    """Arguments of other types than those of the machine code at hand."""
 
 
-class Entry:
-    """A function in machine code, for arguments of certain kinds."""
+class EntryPoint:
+    """A function in machine code, for arguments with certain type keys."""
 
     def __init__(self, address: int, kinds: tuple[str, ...], result: str) -> None:
-        """At this address; `result` has one letter of `struct` for each value that comes back."""
+        """Take the code at an address; `result` has one letter of `struct` for each returned value."""
         self._call = ctypes.PYFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)(address)
         self._kinds = kinds
-        numbers = [place for place, each in enumerate(kinds) if len(each) == 1]
-        arrays = [place for place, each in enumerate(kinds) if len(each) > 1]
+        numbers = [index for index, each in enumerate(kinds) if len(each) == 1]
+        arrays = [index for index, each in enumerate(kinds) if len(each) > 1]
         self._numbers, self._arrays = _picker(numbers), _picker(arrays)
-        self._array_kinds = tuple(kinds[place] for place in arrays)
+        self._array_kinds = tuple(kinds[index] for index in arrays)
         self._first_array = _ARGUMENTS + len(numbers)
-        self._pack = struct.Struct("=" + "".join(kinds[place].replace("?", "?7x") for place in numbers)).pack_into
+        self._pack = struct.Struct("=" + "".join(kinds[index].replace("?", "?7x") for index in numbers)).pack_into
         self._unpack = struct.Struct(f"={result}").unpack_from
         self._values = len(result)
         self._blocks: dict[tuple[int, ...], tuple[Any, int, tuple[Any, ...]]] = {}
         self._lock = threading.Lock()  # between arguments in and result out
 
     def _block(self, key: tuple[int, ...], arrays: tuple[Any, ...]) -> tuple[Any, int, tuple[Any, ...]]:
-        """A block with these arrays in it; it keeps them, so that their identities and addresses do not pass to others."""
+        """A block for these arrays, which are kept alive, so that other arrays cannot get their identities and addresses."""
         if tuple(map(kind, arrays)) != self._array_kinds:
             raise OtherKindError
         slots = [0] * self._first_array
@@ -109,14 +124,14 @@ class Entry:
         block = (ctypes.c_int64 * len(slots))(*slots)
         if len(self._blocks) >= _KEPT:
             self._blocks.clear()
-        self._blocks[key] = found = (block, ctypes.addressof(block), arrays)
-        return found
+        self._blocks[key] = kept_block = (block, ctypes.addressof(block), arrays)
+        return kept_block
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call it.
+        """Call the function.
 
         Raises:
-            OtherKindError: These arguments need other machine code.
+            OtherKindError: The arguments need other machine code.
         """
         if len(arguments) != len(self._kinds):
             raise OtherKindError
@@ -135,11 +150,11 @@ class Entry:
         return values if self._values > 1 else values[0] if values else None
 
 
-def _picker(places: list[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
-    """What takes the values at these places."""
-    if len(places) > 1:
-        return itemgetter(*places)
-    return itemgetter(slice(places[0], places[0] + 1)) if places else itemgetter(slice(0))
+def _picker(indices: list[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
+    """A function that returns the values at these indices, always as a tuple."""
+    if len(indices) > 1:
+        return itemgetter(*indices)
+    return itemgetter(slice(indices[0], indices[0] + 1)) if indices else itemgetter(slice(0))
 
 
 @cache
@@ -151,12 +166,12 @@ def _engine() -> Any:
 
 
 def file_name(name: str, kinds: tuple[str, ...]) -> str:
-    """Of the machine code of a function for arguments of these kinds, on this machine."""
+    """File name of the machine code of a function for these type keys, on this machine."""
     return f"{name}-{hashlib.sha256(repr((kinds, platform())).encode()).hexdigest()[:16]}.o"
 
 
-def load(path: Path, kinds: tuple[str, ...]) -> Entry | None:
-    """What `save` has written; None where there is nothing, or nothing whole."""
+def load(path: Path, kinds: tuple[str, ...]) -> EntryPoint | None:
+    """Load the machine code that `save` has written; None where the file is missing or damaged."""
     try:
         head, code = path.read_bytes().split(b"\n", 1)
         symbol, result, digest = json.loads(head)
@@ -165,15 +180,15 @@ def load(path: Path, kinds: tuple[str, ...]) -> Entry | None:
     return _entry(symbol, code, kinds, result) if digest == hashlib.sha256(code).hexdigest() else None
 
 
-def _entry(symbol: str, code: bytes, kinds: tuple[str, ...], result: str) -> Entry:
+def _entry(symbol: str, code: bytes, kinds: tuple[str, ...], result: str) -> EntryPoint:
     engine = _engine()
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    return Entry(engine.get_function_address(symbol), kinds, result)
+    return EntryPoint(engine.get_function_address(symbol), kinds, result)
 
 
 def _trampoline(symbol: str, function: Any, kinds: tuple[str, ...]) -> str:
-    """An entry point in LLVM's language: takes the arguments out of the block, numbers first, and calls numba's function."""
+    """LLVM code of an entry point: it takes the arguments out of the block, numbers first, and calls numba's function."""
     numbers = sum(len(each) == 1 for each in kinds)
     number, array = _ARGUMENTS, _ARGUMENTS + numbers
     slots: list[int] = []
@@ -188,34 +203,54 @@ def _trampoline(symbol: str, function: Any, kinds: tuple[str, ...]) -> str:
             array += width
     result, exception, *types = [str(argument.type) for argument in function.arguments]
     if len(types) != len(slots):
-        raise NotImplementedError(f"{function.name} takes {len(types)} values instead of {len(slots)}")
+        raise NotSavedError(f"{function.name} takes {len(types)} values instead of {len(slots)}")
     lines = [f"define i32 @{symbol}(ptr %block) {{", f"%exception = getelementptr i64, ptr %block, i64 {_ARGUMENTS - 1}"]
-    for place, (slot, each) in enumerate(zip(slots, types, strict=True)):
-        lines += [f"%p{place} = getelementptr i64, ptr %block, i64 {slot}", f"%a{place} = load {each}, ptr %p{place}"]
-    passed = ", ".join(f"{each} %a{place}" for place, each in enumerate(types))
+    for index, (slot, each) in enumerate(zip(slots, types, strict=True)):
+        lines += [f"%p{index} = getelementptr i64, ptr %block, i64 {slot}", f"%a{index} = load {each}, ptr %p{index}"]
+    passed = ", ".join(f"{each} %a{index}" for index, each in enumerate(types))
     lines += [f'%status = call i32 @"{function.name}"({result} %block, {exception} %exception, {passed})', "ret i32 %status", "}"]
     return "\n".join(lines)
 
 
-def save(path: Path, kinds: tuple[str, ...], compiled: Any) -> Entry | None:
-    """Write numba's result (`CompileResult`) to disk as an object file, and load it.
+def save(path: Path, kinds: tuple[str, ...], compiled: Any, arguments: tuple[Any, ...]) -> EntryPoint:
+    """Write numba's result (`CompileResult`) to disk as an object file, after a call has given the same bits as numba.
 
-    Returns:
-        None where the function needs more than the C library, or gives back what is no number: it stays with numba.
+    Args:
+        path: The file.
+        kinds: Type key of each argument, from `kind`.
+        compiled: The result of numba's compiler.
+        arguments: Arguments of the call for which it was compiled; the test call gets copies of their arrays.
+
+    Raises:
+        NotSavedError: The function needs more than the C library, or returns something else than numbers.
+        DifferentBitsError: The machine code gave other results than numba.
     """
-    returned = compiled.signature.return_type
-    each = [] if str(returned) == "none" else list(getattr(returned, "types", (returned,)))
-    if not all(str(one) in _LETTERS for one in each):
-        return None
-    result = "".join(_LETTERS[str(one)] for one in each)
-    library = compiled.library
+    result = _letters(compiled.signature.return_type)
     symbol = "entry_" + hashlib.sha256(f"{path}{kinds}".encode()).hexdigest()[:24]
+    code = _object(symbol, kinds, compiled)
+    entry = _entry(symbol, code, kinds, result)
+    _judge(entry, compiled.entry_point, arguments)
+    head = json.dumps([symbol, result, hashlib.sha256(code).hexdigest()]).encode()
+    _write(path, head + b"\n" + code)
+    return entry
+
+
+def _letters(returned: Any) -> str:
+    """Letters of `struct` for a function's return type: nothing, a number, or several in a plain tuple."""
+    each = [] if str(returned) == "none" else list(getattr(returned, "types", (returned,)))
+    if each == [returned] or (len(each) != 1 and not hasattr(returned, "fields")):
+        letters = [_LETTERS.get(str(one)) for one in each]
+        if None not in letters:
+            return "".join(letter for letter in letters if letter)
+    raise NotSavedError(f"it gives back {returned}")
+
+
+def _object(symbol: str, kinds: tuple[str, ...], compiled: Any) -> bytes:
+    """The object file of numba's function and its entry point, with no other visible symbol and no other dependency."""
+    library = compiled.library
     text = library.get_llvm_str()
     function = llvm.parse_assembly(text).get_function(compiled.fndesc.llvm_func_name)
-    try:
-        module = llvm.parse_assembly(text + "\n" + _trampoline(symbol, function, kinds))
-    except NotImplementedError:
-        return None
+    module = llvm.parse_assembly(text + "\n" + _trampoline(symbol, function, kinds))
     module.link_in(llvm.parse_assembly(_NEVER_FREED))
     for one in [*module.functions, *module.global_variables]:
         if not one.is_declaration and one.name != symbol:
@@ -225,16 +260,43 @@ def save(path: Path, kinds: tuple[str, ...], compiled: Any) -> Entry | None:
     machine = library.codegen._tm
     passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
     wanted = {one.name for one in [*module.functions, *module.global_variables] if one.is_declaration}
-    if any(name not in _LIBRARY and not name.startswith("llvm.") for name in wanted):
-        return None
-    code = machine.emit_object(module)
-    head = json.dumps([symbol, result, hashlib.sha256(code).hexdigest()]).encode()
-    _write(path, head + b"\n" + code)
-    return _entry(symbol, code, kinds, result)
+    foreign = sorted(name for name in wanted if name not in _LIBRARY and not name.startswith("llvm."))
+    if foreign:
+        raise NotSavedError(f"it needs {', '.join(foreign)}")
+    code: bytes = machine.emit_object(module)
+    return code
+
+
+def _judge(entry: EntryPoint, reference: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    """Compare one call of the machine code with one of numba, each on copies of the arguments.
+
+    Raises:
+        DifferentBitsError: A result, or an array after the call, differs in a bit.
+    """
+    ours, theirs = _copies(arguments), _copies(arguments)
+    given, wanted = entry(*ours), reference(*theirs)
+    if _bits(given) != _bits(wanted):
+        raise DifferentBitsError(f"it gives {given!r} where numba gives {wanted!r}")
+    for index, (one, other) in enumerate(zip(ours, theirs, strict=True)):
+        if isinstance(one, _IN_MEMORY) and one.tobytes() != other.tobytes():
+            raise DifferentBitsError(f"it leaves argument {index} otherwise than numba does")
+
+
+def _copies(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The arguments with their arrays copied; an array that is given twice stays one."""
+    copies = {id(each): each.copy() for each in arguments if isinstance(each, _IN_MEMORY)}
+    return tuple(copies.get(id(each), each) for each in arguments)
+
+
+def _bits(value: Any) -> object:
+    """A value's type and bit pattern; two results are equal in both, or differ. NaN equals NaN of the same bits."""
+    if isinstance(value, tuple):
+        return type(value), *map(_bits, value)
+    return type(value), struct.pack("=d", value) if isinstance(value, float) else value
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Whole or not at all; where nothing can be written it is made anew by each process."""
+    """Write a file whole or not at all; where it cannot be written, each process compiles anew."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent)

@@ -2,48 +2,61 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.compiled import inlined
+from hil.control.records import record_dtype
 
 NOTCH_OFF, NOTCH_SWITCHED, NOTCH_TRAPEZOID = 0, 1, 2
 """ζ_rd over the motor speed: no filter; ζ_rdth inside [f_s, f_e]; a trapezoid that rises and falls over `ramp_rps`."""
 
 NOTCH_FIXED = 3
-"""A second-order section of given coefficients, at every speed: what a drive without the variable notch runs."""
+"""Mode of a second-order section with given coefficients at every speed, as drives without the variable notch have it."""
 
 NOTCHES = 2
 """Filters per axis, in series: one per harmonic order of the transmission error."""
 
-NOTCH_CONFIG = np.dtype([
-    ("mode", np.int64),
-    ("order", np.float64),
-    ("start_rps", np.float64),
-    ("end_rps", np.float64),
-    ("offset_hz", np.float64),
-    ("zeta_rn", np.float64),
-    ("zeta_rdth", np.float64),
-    ("hysteresis_rps", np.float64),
-    ("speed_lowpass_hz", np.float64),
-    ("ramp_rps", np.float64),
-    # of a fixed filter
-    ("b0", np.float64), ("b1", np.float64), ("b2", np.float64), ("a1", np.float64), ("a2", np.float64),
-])  # fmt: skip
-"""One filter's parameters, as the compiled law reads them."""
 
-NOTCH_STATE = np.dtype([
-    ("s1", np.float64),
-    ("s2", np.float64),
-    ("speed_rps", np.float64),
-    ("mean_nm", np.float64),
-    ("active", np.int64),
-    ("frequency_hz", np.float64),
-    ("zeta_rd", np.float64),
-])  # fmt: skip
-"""What persists: two delays (transposed direct form II), the low-passed speed f_m and torque, what the filter does."""
+class NotchConfigRow(Protocol):
+    """Parameters of one filter as the compiled law reads them: those of `Notch`, then those of `FixedFilter`."""
+
+    mode: int
+    order: float
+    start_rps: float
+    end_rps: float
+    offset_hz: float
+    zeta_rn: float
+    zeta_rdth: float
+    hysteresis_rps: float
+    speed_lowpass_hz: float
+    ramp_rps: float
+    b0: float
+    b1: float
+    b2: float
+    a1: float
+    a2: float
+
+
+class NotchStateRow(Protocol):
+    """Memory of one filter.
+
+    s1, s2: two delays, transposed direct form II; speed_rps: f_m, the low-passed speed; mean_nm: the low-passed torque; active:
+    1 while the filter acts; frequency_hz and zeta_rd: zero frequency and pole damping at present.
+    """
+
+    s1: float
+    s2: float
+    speed_rps: float
+    mean_nm: float
+    active: int
+    frequency_hz: float
+    zeta_rd: float
+
+
+NOTCH_CONFIG = record_dtype(NotchConfigRow)
+NOTCH_STATE = record_dtype(NotchStateRow)
 
 START_LOWPASS_HZ = 20.0
 """Corner of the low-pass that gives the torque on which a filter starts.
@@ -66,7 +79,7 @@ class Notch:
         offset_hz: ω_d / 2π, the pole frequency above the zero frequency.
         zeta_rn: Damping of the zeros.
         zeta_rdth: Damping of the poles inside [f_s, f_e].
-        hysteresis_rps: How far the speed must leave [f_s, f_e] before the filter is taken out.
+        hysteresis_rps: Distance by which the speed must leave [f_s, f_e] before the filter is taken out.
         speed_lowpass_hz: Corner of the first-order low-pass that gives f_m from the measured speed.
         ramp_rps: Width of either slope of the trapezoid.
 
@@ -86,7 +99,7 @@ class Notch:
     ramp_rps: float = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no filter: the values are the caller's."""
+        """Refuse values that do not make a filter."""
         if self.mode not in (NOTCH_OFF, NOTCH_SWITCHED, NOTCH_TRAPEZOID):
             raise ValueError(f"notch mode {self.mode} is none of 0 (off), 1 (switched), 2 (trapezoid)")
         if not 1 <= self.order <= 8:
@@ -127,7 +140,7 @@ class FixedFilter:
     a2: float
 
     def __post_init__(self) -> None:
-        """Refuse what would run away by itself."""
+        """Refuse an unstable filter."""
         for field in fields(self):
             if not math.isfinite(getattr(self, field.name)):
                 raise ValueError(f"filter coefficient {field.name} = {getattr(self, field.name)} is not finite")
@@ -146,7 +159,7 @@ class FixedFilter:
 def notch_coefficients(
     zero_hz: float, pole_hz: float, zeta_rn: float, zeta_rd: float, period_s: float
 ) -> tuple[float, float, float, float, float]:
-    """b₀, b₁, b₂, a₁, a₂ of the notch, discretised by the bilinear transform without prewarping.
+    """Coefficients b₀, b₁, b₂, a₁, a₂ of the notch, by the bilinear transform without prewarping.
 
     F_n(s) = (s² + 2 ζ_rn ω_rn s + ω_rn²) / (s² + 2 ζ_rd ω_rd s + ω_rd²) · ω_rd² / ω_rn²,  F_n(0) = 1,
     s = 2/T · (1 − z⁻¹)/(1 + z⁻¹),  y_n = b₀ u_n + b₁ u_{n−1} + b₂ u_{n−2} − a₁ y_{n−1} − a₂ y_{n−2}.
@@ -178,7 +191,15 @@ def notch_coefficients(
 
 @inlined
 def notch_weight(mode: int, speed_rps: float, start_rps: float, end_rps: float, ramp_rps: float) -> float:
-    """How far the filter is on at a speed: 1 where it switches, the trapezoid's height, 0 … 1, where it has slopes."""
+    """Weight of the filter at a speed, 0 … 1: always 1 where it switches, the height of the trapezoid where it has slopes.
+
+    Args:
+        mode: `NOTCH_SWITCHED` or `NOTCH_TRAPEZOID`.
+        speed_rps: f_m.
+        start_rps: f_s.
+        end_rps: f_e.
+        ramp_rps: Width of either slope.
+    """
     if mode != NOTCH_TRAPEZOID:
         return 1.0
     rise = (speed_rps - start_rps) / ramp_rps
@@ -188,14 +209,14 @@ def notch_weight(mode: int, speed_rps: float, start_rps: float, end_rps: float, 
 
 @inlined
 def lowpass_blend(corner_hz: float, period_s: float) -> float:
-    """The share of the new sample in a first-order low-pass x += blend (u − x); 1 where the corner is beyond reach."""
+    """The fraction of the new sample in a first-order low-pass x += blend (u − x); 1 where the corner is beyond reach."""
     w = math.pi * corner_hz * period_s
     return min(1.0, 2.0 * w / (1.0 + w))
 
 
 @inlined
-def _fixed_step(c: Any, s: Any, u: float) -> float:
-    """One sample of a fixed filter; it starts as if the low-passed torque ū had stood there for ever, ȳ = G(1) ū."""
+def _fixed_step(c: NotchConfigRow, s: NotchStateRow, u: float) -> float:
+    """One sample of a fixed filter; it starts as if the low-passed torque ū had been its input for ever, ȳ = G(1) ū."""
     if s.active == 0:
         rest = (c.b0 + c.b1 + c.b2) / (1.0 + c.a1 + c.a2) * s.mean_nm
         s.s2 = c.b2 * s.mean_nm - c.a2 * rest
@@ -208,7 +229,7 @@ def _fixed_step(c: Any, s: Any, u: float) -> float:
 
 
 @inlined
-def notch_step(config: Any, state: Any, row: int, column: int, period_s: float, speed_rad_s: float, u: float) -> float:
+def notch_step(c: NotchConfigRow, s: NotchStateRow, period_s: float, speed_rad_s: float, u: float) -> float:
     """One sample of the filter: follow the speed, switch with hysteresis, filter the torque command. A fixed one is always on.
 
     f_m = |θ̇_m| / 2π behind a first-order low-pass; ω_rn = 2π k f_m; ω_rd = ω_rn + w ω_d and
@@ -220,10 +241,8 @@ def notch_step(config: Any, state: Any, row: int, column: int, period_s: float, 
     would kick the arm.
 
     Args:
-        config: `NOTCH_CONFIG` array, shape (n_axes, NOTCHES).
-        state: `NOTCH_STATE` array, same shape; changed in place.
-        row: Axis.
-        column: Which of the axis' filters.
+        c: The filter's parameters.
+        s: The filter's memory; changed in place.
         period_s: Sampling time.
         speed_rad_s: Measured motor speed, behind the velocity low-pass.
         u: Torque command of the PI, in N·m.
@@ -231,7 +250,6 @@ def notch_step(config: Any, state: Any, row: int, column: int, period_s: float, 
     Returns:
         The filtered torque command in N·m.
     """
-    c, s = config[row, column], state[row, column]
     s.mean_nm += lowpass_blend(START_LOWPASS_HZ, period_s) * (u - s.mean_nm)
     if c.mode == NOTCH_FIXED:
         return float(_fixed_step(c, s, u))

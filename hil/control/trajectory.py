@@ -1,4 +1,4 @@
-"""Trajectories: constant acceleration of one motor, a straight line of the tip, a smooth move from here to there."""
+"""Trajectories: constant acceleration of one motor, a straight line of the tip, a smooth move between two points."""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class UnreachableError(ValueError):
 
 
 def sample_times(duration_s: float, period_s: float) -> Array:
-    """0, T, 2T … up to the first instant at or after the duration; shape (n,)."""
+    """Instants 0, T, 2T … up to the first one at or after the duration; shape (n,)."""
     return np.arange(math.ceil(round(duration_s / period_s, 9)) + 1, dtype=np.float64) * period_s
 
 
@@ -30,9 +30,9 @@ class ConstantAcceleration:
     Attributes:
         acceleration_rps_s: Motor revolutions per second, per second.
         end_rps: The speed reached.
-        deceleration_rps_s: How fast it is brought to rest again; outside the windows that are judged.
-        dwell_s: Rest before.
-        tail_s: Rest after.
+        deceleration_rps_s: Rate at which the motor is brought to rest, outside the windows of the metrics.
+        dwell_s: Time of rest before the motion.
+        tail_s: Time of rest after the motion.
         direction: +1 or −1.
     """
 
@@ -45,12 +45,12 @@ class ConstantAcceleration:
 
     @property
     def ramp_s(self) -> float:
-        """How long the speed rises."""
+        """Duration of the rise of the speed."""
         return self.end_rps / self.acceleration_rps_s
 
     @property
     def duration_s(self) -> float:
-        """From the first rest to the end of the last."""
+        """Duration of the motion, both rests included."""
         return self.dwell_s + self.ramp_s + self.end_rps / self.deceleration_rps_s + self.tail_s
 
     def motor_angle(self, time_s: Array) -> Array:
@@ -76,7 +76,7 @@ class Smooth:
     ramp_s: float
 
     def __post_init__(self) -> None:
-        """Refuse ramps that do not fit."""
+        """Refuse ramps that do not fit into the time."""
         if not 0.0 < 2.0 * self.ramp_s <= self.duration_s:
             raise ValueError(f"two ramps of {self.ramp_s} s do not fit into {self.duration_s} s")
 
@@ -86,7 +86,7 @@ class Smooth:
         return 1.0 / (self.duration_s - self.ramp_s)
 
     def position(self, time_s: Array) -> Array:
-        """S of the time, 0 before the start and 1 after the end; shape of `time_s`."""
+        """Distance s over the time, 0 before the start and 1 after the end; shape of `time_s`."""
         t = np.clip(np.asarray(time_s), 0.0, self.duration_s)
         mirrored = t > 0.5 * self.duration_s
         t = np.where(mirrored, self.duration_s - t, t)
@@ -161,8 +161,8 @@ class Line:
         start_m: Tip position (x, z) at the start.
         end_m: Tip position (x, z) at the end.
         move: The speed along the line.
-        dwell_s: Rest before.
-        tail_s: Rest after.
+        dwell_s: Time of rest before the motion.
+        tail_s: Time of rest after the motion.
     """
 
     chain: PlanarChain
@@ -174,7 +174,7 @@ class Line:
 
     @property
     def duration_s(self) -> float:
-        """From the first rest to the end of the last."""
+        """Duration of the motion, both rests included."""
         return self.dwell_s + self.move.duration_s + self.tail_s
 
     def joints(self, time_s: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What a disturbance does to a closed loop: how far the motor gives way to a torque, over the frequency."""
+"""Compliance of a closed loop: the motor's angle per torque that disturbs it, over the frequency."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ from hil.design.frequency import Complex, Loop
 
 Real = NDArray[np.float64]
 
-BAND_HZ = (0.1, 30.0)
-"""Where the largest is looked for: process forces and the resonances of the arm."""
+COMPLIANCE_BAND_HZ = (0.1, 30.0)
+"""Band in which the largest compliance is searched: process forces and the resonances of the arm."""
 SLOW_HZ = 1.0
-"""Stands for what a process force does: the integral action is still at work there."""
+"""Frequency that stands for process forces: the integral action still works there."""
 POINTS = 600
 
 
 @dataclass(frozen=True)
 class Compliance:
-    """How far the motor gives way, in rad/(N·m) at the motor.
+    """Compliance of an axis, in rad/(N·m) at the motor.
 
     Attributes:
-        slow: At 1 Hz.
-        peak: The largest from 0.1 to 30 Hz.
-        peak_hz: Where.
+        slow: Compliance at 1 Hz.
+        peak: Largest compliance from 0.1 to 30 Hz.
+        peak_hz: Frequency of that largest value.
     """
 
     slow: float
@@ -44,8 +44,8 @@ def motor_compliance(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0) -> 
 
 
 def compliance(loop: Loop, speeds_rps: Sequence[float] = (0.0,)) -> Compliance:
-    """The worst of some motor speeds: filters that follow the speed act at some of them only."""
-    grid = np.geomspace(*BAND_HZ, POINTS)
+    """The largest compliance at any of some motor speeds: filters that follow the speed act at some of them only."""
+    grid = np.geomspace(*COMPLIANCE_BAND_HZ, POINTS)
     gains = np.array([np.abs(motor_compliance(loop, grid, speed)) for speed in speeds_rps])
     slow = max(float(np.abs(motor_compliance(loop, np.array([SLOW_HZ]), speed))[0]) for speed in speeds_rps)
     row, column = np.unravel_index(int(np.argmax(gains)), gains.shape)
@@ -53,6 +53,6 @@ def compliance(loop: Loop, speeds_rps: Sequence[float] = (0.0,)) -> Compliance:
 
 
 def judged_speeds(loop: Loop, count: int = 9) -> tuple[float, ...]:
-    """Rest, and speeds from end to end of each filter that follows the speed."""
+    """Speeds to judge a loop at: rest, and some from end to end of each filter that follows the speed."""
     inside = [speed for notch in loop.notches for speed in np.linspace(notch.start_rps, notch.end_rps, count).tolist()]
     return (0.0, *inside)

@@ -15,7 +15,8 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 AnyComplex = NDArray[np.complexfloating[Any, Any]]
 
-ARCSEC = math.pi / 180.0 / 3600.0
+CONTROL_PERIOD_S = 250e-6
+"""Sampling time of the loop in the paper's drives: the default where no drive states its own."""
 
 
 @dataclass(frozen=True)
@@ -23,13 +24,13 @@ class TwoInertia:
     """The linear plant of one axis, as the paper's Fig. 3; gear and arm on the arm side, motor on the motor side.
 
     Attributes:
-        reduction_ratio: N.
-        motor_inertia_kg_m2: J_m.
-        motor_damping_nm_s_rad: D_m.
-        arm_inertia_kg_m2: J_l.
-        arm_damping_nm_s_rad: D_l.
-        gear_stiffness_nm_rad: K_g.
-        gear_damping_nm_s_rad: D_g.
+        reduction_ratio: Reduction ratio N.
+        motor_inertia_kg_m2: Inertia J_m of the motor.
+        motor_damping_nm_s_rad: Viscous damping D_m of the motor.
+        arm_inertia_kg_m2: Inertia J_l of the arm.
+        arm_damping_nm_s_rad: Viscous damping D_l of the arm.
+        gear_stiffness_nm_rad: Stiffness K_g of the gear.
+        gear_damping_nm_s_rad: Damping D_g of the gear.
     """
 
     reduction_ratio: float
@@ -41,30 +42,30 @@ class TwoInertia:
     gear_damping_nm_s_rad: float
 
     def terms(self, s: AnyComplex) -> tuple[AnyComplex, AnyComplex, AnyComplex]:
-        """A = J_m s² + D_m s, B = J_l s² + D_l s and c = D_g s + K_g."""
+        """Terms A = J_m s² + D_m s, B = J_l s² + D_l s and c = D_g s + K_g; each of the shape of `s`."""
         motor = self.motor_inertia_kg_m2 * s**2 + self.motor_damping_nm_s_rad * s
         arm = self.arm_inertia_kg_m2 * s**2 + self.arm_damping_nm_s_rad * s
         return motor, arm, self.gear_damping_nm_s_rad * s + self.gear_stiffness_nm_rad
 
     def motor_angle_per_torque(self, frequency_hz: Real) -> Complex:
-        """P(jω) = θ_m/τ = (B + c) / (A (B + c) + B c/N²), in rad/(N·m); shape of `frequency_hz`."""
+        """Plant P(jω) = θ_m/τ = (B + c) / (A (B + c) + B c/N²), in rad/(N·m); shape of `frequency_hz`."""
         a, b, c = self.terms(2j * math.pi * np.asarray(frequency_hz))
         return np.asarray((b + c) / (a * (b + c) + b * c / self.reduction_ratio**2))
 
     @property
     def antiresonance_hz(self) -> float:
-        """f_a = √(K_g/J_l)/2π: the arm on the gear with the motor held."""
+        """Antiresonance f_a = √(K_g/J_l)/2π: the arm on the gear with the motor held."""
         return math.sqrt(self.gear_stiffness_nm_rad / self.arm_inertia_kg_m2) / (2.0 * math.pi)
 
     @property
     def resonance_hz(self) -> float:
-        """f_r = f_a √(1 + J_l/(N² J_m)): motor against arm."""
+        """Resonance f_r = f_a √(1 + J_l/(N² J_m)): motor against arm."""
         return self.antiresonance_hz * math.sqrt(
             1.0 + self.arm_inertia_kg_m2 / (self.reduction_ratio**2 * self.motor_inertia_kg_m2)
         )
 
     def state_space(self) -> tuple[Real, Real]:
-        """A (4 × 4) and B (4,) of ẋ = A x + B τ with x = (θ_m, θ̇_m, N θ_l, N θ̇_l): the arm as the motor sees it."""
+        """Matrices A (4, 4) and B (4,) of ẋ = A x + B τ with x = (θ_m, θ̇_m, N θ_l, N θ̇_l): the arm as the motor sees it."""
         n2 = self.reduction_ratio**2
         k, d = self.gear_stiffness_nm_rad / n2, self.gear_damping_nm_s_rad / n2
         jm, jl = self.motor_inertia_kg_m2, self.arm_inertia_kg_m2 / n2
@@ -95,7 +96,7 @@ class Loop:
     plant: TwoInertia
     cascade: Cascade
     notches: tuple[Notch, ...] = ()
-    period_s: float = 250e-6
+    period_s: float = CONTROL_PERIOD_S
     delay_samples: int = 0
     fixed: tuple[FixedFilter, ...] = ()
 
@@ -113,7 +114,7 @@ class Loop:
         return acting
 
     def notch_response(self, frequency_hz: Real, speed_rps: float) -> Complex:
-        """F_n(e^{jωT}) at a constant motor speed; shape of `frequency_hz`."""
+        """Filters F_n(e^{jωT}) at a constant motor speed; shape of `frequency_hz`."""
         z = np.exp(-2j * math.pi * np.asarray(frequency_hz) * self.period_s)
         response = np.ones_like(z)
         for b0, b1, b2, a1, a2 in self.filters(speed_rps):
@@ -121,7 +122,7 @@ class Loop:
         return np.asarray(response)
 
     def controller(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
-        """C(jω) = −τ/θ_m as the plant feels it: the bilinear law, its hold (1 − e^{−jωT})/(jωT) and its delay."""
+        """Controller C(jω) = −τ/θ_m: bilinear law, hold (1 − e^{−jωT})/(jωT) and delay; shape of `frequency_hz`."""
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         jw = 2j * math.pi * frequency
         delay = np.exp(-jw * self.period_s)
@@ -133,35 +134,35 @@ class Loop:
         return np.asarray(law * self.notch_response(frequency, speed_rps) * hold * delay**self.delay_samples)
 
     def open_loop(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
-        """L(jω) = P C; shape of `frequency_hz`."""
+        """Open loop L(jω) = P C; shape of `frequency_hz`."""
         return self.plant.motor_angle_per_torque(frequency_hz) * self.controller(frequency_hz, speed_rps)
 
     def arm_per_transmission_error(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
-        """X(jω) = θ_l/θ_sync = c M/(M (B + c) + B c) with M = N² (A + C); shape of `frequency_hz`."""
+        """Gain X(jω) = θ_l/θ_sync = c M/(M (B + c) + B c) with M = N² (A + C); shape of `frequency_hz`."""
         a, b, c = self.plant.terms(2j * math.pi * np.asarray(frequency_hz, dtype=np.float64))
         m = self.plant.reduction_ratio**2 * (a + self.controller(frequency_hz, speed_rps))
         return np.asarray(c * m / (m * (b + c) + b * c))
 
     def acceleration_per_transmission_error(self, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
-        """G_al(jω) = (jω)² X(jω), eq. (4), in 1/s²; shape of `frequency_hz`."""
+        """Gain G_al(jω) = (jω)² X(jω), eq. (4), in 1/s²; shape of `frequency_hz`."""
         s2 = (2j * math.pi * np.asarray(frequency_hz, dtype=np.float64)) ** 2
         return np.asarray(s2 * self.arm_per_transmission_error(frequency_hz, speed_rps))
 
     def peak_hz(self, low_hz: float = 4.0, high_hz: float = 30.0) -> float:
-        """f_al: where |G_al| without notch peaks."""
+        """Frequency f_al at which |G_al| without notch peaks."""
         grid = np.linspace(low_hz, high_hz, 2601)
         bare = Loop(self.plant, self.cascade, (), self.period_s, self.delay_samples)
         gain = np.abs(bare.acceleration_per_transmission_error(grid))
         # the inertia line rises with ω², so only an inner maximum is a resonance
         inner = np.flatnonzero((gain[1:-1] > gain[:-2]) & (gain[1:-1] >= gain[2:])) + 1
         top = grid[inner[np.argmax(gain[inner])]] if inner.size else grid[np.argmax(gain)]
-        found = optimize.minimize_scalar(
+        peak = optimize.minimize_scalar(
             lambda f: -float(np.abs(bare.acceleration_per_transmission_error(np.array([f])))[0]),
             bounds=(top - 0.02, top + 0.02),
             method="bounded",
             options={"xatol": 1e-6},
         )
-        return float(found.x)
+        return float(peak.x)
 
     def closed_loop_poles(self, speed_rps: float = 0.0) -> Complex:
         """Poles in z of the loop with the filters frozen at a motor speed; stable where all lie inside the unit circle.
@@ -184,7 +185,7 @@ class Loop:
         return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
 
     def _feedback_block(self) -> "Block":
-        """K_pp + F_lp s, bilinear: y = ((c − w) y₁ + w c (x − x₁))/(c + w), as one state."""
+        """Block K_pp + F_lp s, bilinear: y = ((c − w) y₁ + w c (x − x₁))/(c + w), as one state."""
         c, w = 2.0 / self.period_s, 2.0 * math.pi * self.cascade.lowpass_hz
         pole, gain = (c - w) / (c + w), w * c / (c + w)
         return (
@@ -195,7 +196,7 @@ class Loop:
         )
 
     def _integral_block(self) -> "Block":
-        """K_vp + K_vi/s, bilinear."""
+        """Block K_vp + K_vi/s, bilinear."""
         ki = self.cascade.velocity_integral_gain_nm_rad * self.period_s
         direct = self.cascade.velocity_gain_nm_s_rad + 0.5 * ki
         return np.ones((1, 1)), np.ones((1, 1)), np.array([[ki]]), np.array([[direct]])
@@ -224,15 +225,15 @@ def _series(first: Block, second: Block) -> Block:
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a loop is from the edge.
+    """Stability margins of a loop.
 
     Attributes:
-        sensitivity_peak: M_s = max |1/(1 + L)|.
+        sensitivity_peak: Peak M_s = max |1/(1 + L)| of the sensitivity.
         gain_margin_db: Smallest distance of |L| from 0 dB, up or down, where the phase crosses −180°; inf where it
             never does.
         phase_margin_deg: Smallest distance of the phase from −180°, either way, where |L| crosses 1.
-        stable: All closed-loop poles inside the unit circle.
-        pole_radius: The largest |z|.
+        stable: True where all closed-loop poles lie inside the unit circle.
+        pole_radius: Largest |z| of the poles.
     """
 
     sensitivity_peak: float
@@ -264,13 +265,13 @@ def margins(loop: Loop, speed_rps: float = 0.0, points: int = 4000) -> Margins:
 
 
 def acceleration_bound(frequency_hz: Real, amplitude_rad: float, lever_m: float, tip_limit_m: float) -> Real:
-    """|G_al| that constraint (5) allows on the line: A_acc ω²/(L A_n), in 1/s²; shape of `frequency_hz`.
+    """Bound on |G_al| by constraint (5): A_acc ω²/(L A_n), in 1/s²; shape of `frequency_hz`.
 
     Args:
-        frequency_hz: ω/2π = k f_m.
-        amplitude_rad: A_n of the transmission error.
+        frequency_hz: Frequency ω/2π = k f_m; shape (m,).
+        amplitude_rad: Amplitude A_n of the transmission error.
         lever_m: Tip lever L, which turns the paper's millimetres at the tip into an angle at the arm.
-        tip_limit_m: A_acc.
+        tip_limit_m: Limit A_acc of the tip displacement.
     """
     omega = 2.0 * math.pi * np.asarray(frequency_hz, dtype=np.float64)
     return np.asarray(tip_limit_m * omega**2 / (lever_m * amplitude_rad))

@@ -7,17 +7,17 @@ from itertools import pairwise
 
 import numpy as np
 
+from hil.design.estimation import EstimatedParameter, UnidentifiableError, inverse
 from hil.design.frequency import Real
-from hil.design.plant_identification import Parameter, UnidentifiableError, inverse
 
 
 @dataclass(frozen=True)
 class SlowStretch:
-    """Rows at one constant speed.
+    """Recorded rows of motion at one constant speed.
 
     Attributes:
         angle_rad: Motor angle; shape (n,).
-        torque_nm: Shape (n,).
+        torque_nm: Motor torque; shape (n,).
     """
 
     angle_rad: Real
@@ -26,28 +26,28 @@ class SlowStretch:
 
 @dataclass(frozen=True)
 class Friction:
-    """What slow motion takes, motor side but for the gravity moment.
+    """Friction and gravity seen in slow motion; torques at the motor, the gravity moment at the arm.
 
     τ = sgn(ω)(τ_C + b |ω|) + (G_c cos(θ_m/N) + G_s sin(θ_m/N))/N, fitted to the means over whole motor turns, which carry no
     transmission error.
 
     Attributes:
-        coulomb_nm: τ_C.
-        viscous_nm_s_rad: b: D_m + D_l/N², with whatever else grows with the speed.
-        gravity_moment_nm: √(G_c² + G_s²) = m g l, at the arm.
-        gravity_phase_deg: q₀, so that the moment is m g l cos(θ_l + q₀).
-        residual_nm: √ of the mean squared residual.
-        speed_rad_s: Of each mean; shape (blocks,).
-        arm_angle_rad: Of each mean, θ_m/N; shape (blocks,).
-        torque_nm: Shape (blocks,).
-        model_nm: The fit; shape (blocks,).
-        gravity_nm: Its gravity part, at the motor; shape (blocks,).
+        coulomb_nm: Coulomb friction τ_C.
+        viscous_nm_s_rad: Viscous friction b: D_m + D_l/N² and all else that grows with the speed.
+        gravity_moment_nm: Moment √(G_c² + G_s²) = m g l, at the arm.
+        gravity_phase_deg: Phase q₀, so that the moment is m g l cos(θ_l + q₀).
+        residual_nm: Root mean square of the residual.
+        speed_rad_s: Speed of each mean; shape (blocks,).
+        arm_angle_rad: Arm angle of each mean, θ_m/N; shape (blocks,).
+        torque_nm: Torque of each mean; shape (blocks,).
+        model_nm: Torque of the fit; shape (blocks,).
+        gravity_nm: Gravity part of the fit, at the motor; shape (blocks,).
     """
 
-    coulomb_nm: Parameter
-    viscous_nm_s_rad: Parameter
-    gravity_moment_nm: Parameter
-    gravity_phase_deg: Parameter
+    coulomb_nm: EstimatedParameter
+    viscous_nm_s_rad: EstimatedParameter
+    gravity_moment_nm: EstimatedParameter
+    gravity_phase_deg: EstimatedParameter
     residual_nm: float
     speed_rad_s: Real
     arm_angle_rad: Real
@@ -57,7 +57,7 @@ class Friction:
 
     @property
     def arm_span_deg(self) -> float:
-        """How much of the gravity's cosine was seen."""
+        """Range of the arm angle over which gravity was seen."""
         return math.degrees(float(np.ptp(self.arm_angle_rad)))
 
 
@@ -78,27 +78,27 @@ def fit_friction(stretches: Sequence[SlowStretch], sync_s: float, reduction_rati
     arm = angle / reduction_ratio
     matrix = np.column_stack([sign, speed, np.cos(arm) / reduction_ratio, np.sin(arm) / reduction_ratio])
     scale = np.linalg.norm(matrix, axis=0)
-    found = np.linalg.lstsq(matrix / scale, torque, rcond=None)[0] / scale
-    left = torque - matrix @ found
+    fitted = np.linalg.lstsq(matrix / scale, torque, rcond=None)[0] / scale
+    left = torque - matrix @ fitted
     power = float(np.sum(left**2)) / max(1, len(left) - 4)
     covariance = inverse(matrix.T @ matrix) * power
-    moment = math.hypot(found[2], found[3])
-    along = np.array([0.0, 0.0, found[2], found[3]]) / max(moment, 1e-30)
-    across = np.array([0.0, 0.0, -found[3], found[2]]) / max(moment, 1e-30) ** 2
+    moment = math.hypot(fitted[2], fitted[3])
+    along = np.array([0.0, 0.0, fitted[2], fitted[3]]) / max(moment, 1e-30)
+    across = np.array([0.0, 0.0, -fitted[3], fitted[2]]) / max(moment, 1e-30) ** 2
     # G_c cos θ + G_s sin θ = m g l cos(θ + q₀) with q₀ = −atan2(G_s, G_c)
-    phase = -math.degrees(math.atan2(found[3], found[2]))
+    phase = -math.degrees(math.atan2(fitted[3], fitted[2]))
     spread = [math.sqrt(max(0.0, float(v @ covariance @ v))) for v in (*np.eye(4)[:2], along, across)]
-    gravity = matrix[:, 2:] @ found[2:]
+    gravity = matrix[:, 2:] @ fitted[2:]
     return Friction(
-        Parameter(float(found[0]), spread[0]),
-        Parameter(float(found[1]), spread[1]),
-        Parameter(moment, spread[2]),
-        Parameter(phase, math.degrees(spread[3])),
+        EstimatedParameter(float(fitted[0]), spread[0]),
+        EstimatedParameter(float(fitted[1]), spread[1]),
+        EstimatedParameter(moment, spread[2]),
+        EstimatedParameter(phase, math.degrees(spread[3])),
         math.sqrt(power),
         speed,
         arm,
         torque,
-        matrix @ found,
+        matrix @ fitted,
         gravity,
     )
 

@@ -1,4 +1,4 @@
-"""The inverse of the loop: which set-points make the motor do a given sine, so that the gear does not feel its error.
+"""The inverse of the loop: set-points that make the motor follow a given sine, so that the gear does not feel its error.
 
 Where Δθ_m = −N θ_sync the torsion ψ = θ_m/N + θ_sync − θ_l is smooth, so neither gear nor arm takes part: the motor moves
 as if it were alone, A = J_m s² + D_m s, and the law has to give τ = A Δθ_m. With C_v = K_vp + K_vi/s, filter F_n and hold H
@@ -6,13 +6,13 @@ as if it were alone, A = J_m s² + D_m s, and the law has to give τ = A Δθ_m.
     F_n H C_v (K_pp (Δθ_ref − Δθ_m) − F_lp s Δθ_m) = A Δθ_m
     Δθ_ref/Δθ_m = 1 + (F_lp s + A/(F_n H C_v))/K_pp.
 
-No part of it but J_m and D_m is of the plant; the arm's resonance does not come in. With a torque offset (60B2h) Δτ = A Δθ_m the
-law is left alone, and no filter in it matters:
+Of the plant only J_m and D_m appear in it; the arm's resonance does not. With a torque offset (60B2h) Δτ = A Δθ_m the law does
+not act, and none of its filters matters:
 
     Δθ_ref/Δθ_m = 1 + F_lp s/K_pp.
 
 At 12 Hz and K_pp = 25/s either is about 3, 70° to 76° ahead. What is left of the error is of second order in k Δθ_m, since the
-correction turns the very angle from which it is computed: 0.5 % where N A_k is 3 mrad.
+addition turns the very angle from which it is computed: 0.5 % where N A_k is 3 mrad.
 """
 
 import math
@@ -23,15 +23,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.control.compensation import Correction
+from hil.control.cancellation import CancellationTable
 from hil.design.frequency import Loop
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Way = Literal["reference", "torque"]
+Actuation = Literal["reference", "torque"]
+"""Input of the loop that moves the motor: the set-point alone, or a torque offset with it."""
 
 HIGHEST_HZ = 60.0
-"""Up to which k f_m an order is corrected; it fades over the fifth below. A_4 of 5″ at 10 rps is 40 Hz."""
+"""Highest k f_m at which an order is cancelled; it fades over the fifth below. Order 4 at 10 rps is 40 Hz."""
 STEP_RPS = 0.05
 LEAST_RPS = 1e-4
 """The speed that stands for 0, where 1/s has no value."""
@@ -39,15 +40,15 @@ LEAST_RPS = 1e-4
 
 @dataclass(frozen=True)
 class CyclicTiming:
-    """When what is computed from a measured angle acts.
+    """Delays between a measured angle and the effect of an addition computed from it, over the bus.
 
     The angle is sampled at a SYNC; the set-point that follows from it comes into force at the next one and is reached a period T
     later, at the last of the drive's own periods T_c: 2 T − T_c. A torque offset acts at once and stands for T: 1.5 T on average.
 
     Attributes:
-        sync_period_s: T.
-        control_period_s: T_c.
-        delay_s: Of set-points beyond that, where a drive or a bus has more.
+        sync_period_s: SYNC period T.
+        control_period_s: Control period T_c of the drive.
+        delay_s: Delay of set-points beyond that, where a drive or a bus has more.
     """
 
     sync_period_s: float
@@ -55,7 +56,7 @@ class CyclicTiming:
     delay_s: float = 0.0
 
     def reference(self, frequency_hz: Real) -> Complex:
-        """What the law sees of a sampled sine that is interpolated linearly."""
+        """Gain of a sampled sine that is interpolated linearly, at the law's input; shape of `frequency_hz`."""
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         late = 2.0 * self.sync_period_s - self.control_period_s + self.delay_s
         # interpolated at m instants: (sin(πfT)/(m sin(πfT/m)))², which is sinc² where m is large
@@ -64,7 +65,7 @@ class CyclicTiming:
         return np.asarray(shape * np.exp(-2j * math.pi * frequency * late))
 
     def torque(self, frequency_hz: Real) -> Complex:
-        """What the motor feels of a sampled sine that is held."""
+        """Gain of a sampled sine that is held, at the motor; shape of `frequency_hz`."""
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         late = 1.5 * self.sync_period_s + self.delay_s
         return np.asarray(np.sinc(frequency * self.sync_period_s) * np.exp(-2j * math.pi * frequency * late))
@@ -72,31 +73,33 @@ class CyclicTiming:
 
 @dataclass(frozen=True)
 class InnerTiming:
-    """The same inside a drive, whose own loop computes the correction: it acts in the period in which the angle is measured."""
+    """Delays inside a drive that computes the addition itself: it acts in the control period in which the angle is measured."""
 
     control_period_s: float
 
     def reference(self, frequency_hz: Real) -> Complex:
-        """Nothing in between."""
+        """Gain at the law's input, 1; shape of `frequency_hz`."""
         return np.ones_like(np.asarray(frequency_hz, dtype=np.complex128))
 
     def torque(self, frequency_hz: Real) -> Complex:
-        """The hold of the drive's own period."""
+        """Gain at the motor: the hold over the drive's own period; shape of `frequency_hz`."""
         frequency = np.asarray(frequency_hz, dtype=np.float64) * self.control_period_s
         return np.asarray(np.sinc(frequency) * np.exp(-1j * math.pi * frequency))
 
 
-def reference_per_motor_angle(loop: Loop, frequency_hz: Real, way: Way = "reference", speed_rps: float = 0.0) -> Complex:
-    """Δθ_ref/Δθ_m at the law's input where the gear feels nothing; shape of `frequency_hz`.
+def reference_per_motor_angle(
+    loop: Loop, frequency_hz: Real, actuation: Actuation = "reference", speed_rps: float = 0.0
+) -> Complex:
+    """Gain Δθ_ref/Δθ_m at the law's input with which the gear feels nothing; shape of `frequency_hz`.
 
     Args:
         loop: Law and motor.
-        frequency_hz: Above 0.
-        way: Whether the law gives the torque, or an offset does.
+        frequency_hz: Frequencies above 0; shape (m,).
+        actuation: `reference` where the law gives the torque, `torque` where an offset does.
         speed_rps: Motor speed, for the filters.
 
     Raises:
-        ValueError: Without K_pp, or K_vp and K_vi, nothing can be asked of the loop.
+        ValueError: The loop has no K_pp, or neither K_vp nor K_vi.
     """
     gains = loop.cascade
     if gains.position_gain_per_s <= 0.0 or gains.velocity_gain_nm_s_rad + gains.velocity_integral_gain_nm_rad <= 0.0:
@@ -106,7 +109,7 @@ def reference_per_motor_angle(loop: Loop, frequency_hz: Real, way: Way = "refere
     s = 2.0 / loop.period_s * (1.0 - delay) / (1.0 + delay)
     corner = 2.0 * math.pi * gains.lowpass_hz
     speed = corner * s / (s + corner)
-    if way == "reference":
+    if actuation == "reference":
         motor, _, _ = loop.plant.terms(jw)
         hold = (1.0 - delay) / (jw * loop.period_s) * delay**loop.delay_samples
         law = gains.velocity_gain_nm_s_rad + gains.velocity_integral_gain_nm_rad / s
@@ -114,47 +117,47 @@ def reference_per_motor_angle(loop: Loop, frequency_hz: Real, way: Way = "refere
     return np.asarray(1.0 + speed / gains.position_gain_per_s)
 
 
-def correction(
+def cancellation_table(
     loop: Loop,
     amplitude_rad: Mapping[int, float],
     phase_rad: Mapping[int, float],
     timing: CyclicTiming | InnerTiming,
     max_rps: float,
-    way: Way = "reference",
+    actuation: Actuation = "reference",
     highest_hz: float = HIGHEST_HZ,
-) -> Correction:
+) -> CancellationTable:
     """The table of one axis: G_k(f_m) = −N A_k (Δθ_ref/Δθ_m)/(what the bus makes of it).
 
     Args:
         loop: Law, motor and filters.
-        amplitude_rad: A_k at the arm, by order.
-        phase_rad: φ_k.
-        timing: When corrections act.
-        max_rps: Up to which motor speed; beyond it the last values stay.
-        way: By the set-point alone, or with a torque offset.
-        highest_hz: Up to which k f_m.
+        amplitude_rad: Amplitude A_k at the arm, by order.
+        phase_rad: Phase φ_k, by order.
+        timing: Delays of the additions.
+        max_rps: Highest motor speed of the table; beyond it the last values stay.
+        actuation: `reference`: by the set-point alone; `torque`: with a torque offset.
+        highest_hz: Highest k f_m at which an order is cancelled.
 
     Raises:
-        ValueError: Nothing to correct, or a loop that cannot be asked.
+        ValueError: There is nothing to cancel, or the loop has no gain.
     """
     if not amplitude_rad or not max_rps > 0.0:
-        raise ValueError(f"nothing to correct: orders {sorted(amplitude_rad)}, up to {max_rps} rps")
+        raise ValueError(f"nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps} rps")
     speeds = np.arange(math.ceil(max_rps / STEP_RPS) + 2) * STEP_RPS
     turning = np.maximum(speeds, LEAST_RPS)
     references, torques = [], []
     for order, amplitude in amplitude_rad.items():
         frequency = order * turning
         wanted = -loop.plant.reduction_ratio * amplitude * np.clip((highest_hz - frequency) / (0.2 * highest_hz), 0.0, 1.0)
-        references.append(wanted * _inverse(loop, frequency, turning, way) / timing.reference(frequency))
+        references.append(wanted * _inverse(loop, frequency, turning, actuation) / timing.reference(frequency))
         motor, _, _ = loop.plant.terms(2j * math.pi * frequency)
-        torques.append(wanted * motor / timing.torque(frequency) if way == "torque" else np.zeros_like(references[-1]))
+        torques.append(wanted * motor / timing.torque(frequency) if actuation == "torque" else np.zeros_like(references[-1]))
     phases = tuple(phase_rad[order] for order in amplitude_rad)
-    return Correction(tuple(amplitude_rad), phases, STEP_RPS, np.asarray(references), np.asarray(torques))
+    return CancellationTable(tuple(amplitude_rad), phases, STEP_RPS, np.asarray(references), np.asarray(torques))
 
 
-def _inverse(loop: Loop, frequency_hz: Real, speed_rps: Real, way: Way) -> Complex:
-    """Δθ_ref/Δθ_m on the line of one order, with the filters that act at each speed."""
-    if way == "torque" or not loop.notches:
-        return reference_per_motor_angle(loop, frequency_hz, way)
+def _inverse(loop: Loop, frequency_hz: Real, speed_rps: Real, actuation: Actuation) -> Complex:
+    """Gain Δθ_ref/Δθ_m on the line of one order, with the filters that act at each speed."""
+    if actuation == "torque" or not loop.notches:
+        return reference_per_motor_angle(loop, frequency_hz, actuation)
     pairs = zip(frequency_hz, speed_rps, strict=True)
-    return np.array([reference_per_motor_angle(loop, np.array([f]), way, float(v))[0] for f, v in pairs])
+    return np.array([reference_per_motor_angle(loop, np.array([f]), actuation, float(v))[0] for f, v in pairs])

@@ -1,4 +1,4 @@
-"""What a variable notch is asked to do, and how well one does it: margins at every speed, constraint (5), the tip on a ramp."""
+"""Requirements on a variable notch, and the verdict on one: margins at every speed, constraint (5), the tip on a ramp."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -7,22 +7,23 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.control.angles import ARCSEC
 from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
-from hil.design.frequency import ARCSEC, Loop, Margins, acceleration_bound
-from hil.design.ramp import Motion, follow
+from hil.design.frequency import Loop, Margins, acceleration_bound
+from hil.design.ramp import RampMotion, follow
 from hil.design.speed_margins import LoopFamily, widened
 from hil.design.uncertainty import Member
 
 Real = NDArray[np.float64]
 
-TipPeak = Callable[[Motion, float, float], tuple[float, float]]
+TipPeak = Callable[[RampMotion, float, float], tuple[float, float]]
 """Largest tip displacement in mm while a motion's speed rises from the one to the other speed in rev/s, and while it falls."""
 
 SHAPES = {"switched": NOTCH_SWITCHED, "trapezoid": NOTCH_TRAPEZOID}
 
 BEYOND_RPS = 0.6
-"""How far beyond f_e the tip is watched, so that no filter hides what its end does to the arm."""
+"""Speed range beyond f_e in which the tip is watched too, since the end of a filter can shake the arm."""
 
 SEARCH_SPEEDS = 24
 """Speeds at which the search looks at a filter; the verdict looks every 0.1 rev/s."""
@@ -34,13 +35,13 @@ BARE_STEP_RPS = 0.05
 
 @dataclass(frozen=True)
 class Requirements:
-    """What every filter must keep, at every speed, for every plant.
+    """Requirements on every filter, at every speed, for every plant.
 
     Attributes:
-        max_sensitivity: M_s.
-        phase_margin_deg: At least.
-        gain_margin_db: At least, up and down.
-        tip_mm: A_acc: of constraint (5) on the line, and of the tip on the ramp.
+        max_sensitivity: Largest allowed M_s.
+        phase_margin_deg: Least phase margin.
+        gain_margin_db: Least gain margin, up and down.
+        tip_mm: Limit A_acc, of constraint (5) on the line and of the tip on the ramp.
     """
 
     max_sensitivity: float = 1.7
@@ -49,10 +50,10 @@ class Requirements:
     tip_mm: float = 0.05
 
     def __post_init__(self) -> None:
-        """Refuse what no loop can have.
+        """Refuse limits that no loop can keep.
 
         Raises:
-            ValueError: A limit outside its range.
+            ValueError: A limit is outside its range.
         """
         if not self.max_sensitivity > 1.0:
             raise ValueError(f"max_sensitivity = {self.max_sensitivity} must be above 1, which only an open loop has")
@@ -64,17 +65,17 @@ class Requirements:
 
 
 @dataclass(frozen=True)
-class Check:
-    """One requirement, and the worst that there is of it.
+class RequirementCheck:
+    """One requirement with the worst value that was seen.
 
     Attributes:
-        name: What was asked.
-        value: The worst of all plants and speeds.
-        limit: What was asked for.
-        unit: Of both.
-        is_ceiling: Whether the value must be at most the limit; else at least.
-        speed_rps: Where the worst is; None where it belongs to no speed.
-        member: Of which plant.
+        name: The requirement.
+        value: Worst value of all plants and speeds.
+        limit: The value that is required.
+        unit: Unit of value and limit.
+        is_ceiling: True where the value must be at most the limit; else at least.
+        speed_rps: Speed at which it is worst; None where it belongs to no speed.
+        member: The plant that gives it.
     """
 
     name: str
@@ -87,25 +88,25 @@ class Check:
 
     @property
     def violation(self) -> float:
-        """By what share of the limit it is missed; 0 where it holds."""
+        """Fraction of the limit by which the requirement is missed; 0 where it holds."""
         excess = self.value - self.limit if self.is_ceiling else self.limit - self.value
         return max(0.0, excess / max(abs(self.limit), 1e-9)) if not math.isnan(excess) else math.inf
 
     @property
     def holds(self) -> bool:
-        """Whether it is kept."""
+        """True where the requirement is met."""
         return self.violation == 0.0
 
     def __str__(self) -> str:
-        """As a sentence without its verb."""
+        """Say it as a sentence without its verb."""
         where = "" if self.speed_rps is None else f" at {self.speed_rps:.2f} rev/s"
-        asked = "at most" if self.is_ceiling else "at least"
+        bound = "at most" if self.is_ceiling else "at least"
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.name} {self.value:.4g}{unit}{where} ({self.member}), {asked} {self.limit:.4g}{unit} asked"
+        return f"{self.name} {self.value:.4g}{unit}{where} ({self.member}), {bound} {self.limit:.4g}{unit} asked"
 
 
 @dataclass(frozen=True)
-class Problem:
+class NotchProblem:
     """An axis whose notch is wanted.
 
     Attributes:
@@ -114,11 +115,11 @@ class Problem:
         period_s: Sampling time of the loop.
         delay_samples: Whole samples between measurement and torque.
         lever_m: L, from the arm's axis to the tip.
-        speed_limit_rps: Margins are asked for from rest up to here.
-        reference_rad: θ_ref on which the filter is judged, at the loop's period: up a ramp and down again.
+        speed_limit_rps: Highest motor speed at which margins are required.
+        reference_rad: θ_ref of the ramp on which the filter is judged, up and down, at the loop's period; shape (samples,).
         windows_rps: Speeds in which the tip is judged, by order.
-        tip_peak: The metric.
-        requirements: What must be kept.
+        tip_peak: Metric of the tip's motion.
+        requirements: Requirements that a filter must meet.
         fixed: Filters of other orders, which stay as they are.
     """
 
@@ -146,22 +147,22 @@ class Problem:
 
 
 class Judge:
-    """Weighs filters of one order quickly: what they share is computed once.
+    """Weighs filters of one order quickly: the parts that they share are computed once.
 
     Attributes:
-        problem: Whose filters.
-        order: k.
+        problem: The axis.
+        order: Order k of the filters.
         allowed_mm: Tip peaks of the fixed filters' orders, which a new filter must not raise by more than 2 %.
     """
 
-    def __init__(self, problem: Problem, order: int, *, reserve: float = 0.01) -> None:
+    def __init__(self, problem: NotchProblem, order: int, *, reserve: float = 0.01) -> None:
         """Compute the loops without the new filter.
 
         Args:
-            problem: Whose filters.
-            order: k.
-            reserve: By what share the limits are drawn tighter than asked for, since fewer speeds and frequencies are looked at
-                than in the verdict.
+            problem: The axis.
+            order: Order k of the filters.
+            reserve: Fraction by which the limits are tighter than required, since the verdict looks at more speeds and
+                frequencies.
         """
         self.problem, self.order = problem, order
         self._family = LoopFamily([problem.loop(member) for member in problem.members])
@@ -179,19 +180,21 @@ class Judge:
         nominal = problem.members[0]
         self.allowed_mm = {k: 1.02 * max(problem.peaks(nominal, problem.fixed, k)) for k in self._others}
 
-    def checks(self, notch: Notch) -> list[Check]:
-        """What constant speeds require, each at its worst; stability as turns of the Nyquist curve, which must be 0."""
-        asked, names = self.problem.requirements, [member.label for member in self.problem.members]
+    def checks(self, notch: Notch) -> list[RequirementCheck]:
+        """Requirements at constant speeds, each at its worst; stability as turns of the Nyquist curve, which must be 0."""
+        limits, names = self.problem.requirements, [member.label for member in self.problem.members]
         notches, wide = (notch, *self.problem.fixed), widened(notch)
         top = min(wide.end_rps, self.problem.speed_limit_rps)
         edges = [edge for other in self.problem.fixed for edge in (other.start_rps, other.end_rps)]
         inside = [edge for edge in edges if wide.start_rps < edge < top]
         speeds = np.unique(np.concatenate([np.linspace(wide.start_rps, max(top, wide.start_rps), SEARCH_SPEEDS), inside]))
-        found = self._family.margins(notches, speeds)
+        margins = self._family.margins(notches, speeds)
 
-        def worst(name: str, values: Real, limit: float, unit: str, *, is_ceiling: bool, at: Real = speeds) -> Check:
-            place = np.unravel_index(int(np.argmax(values) if is_ceiling else np.argmin(values)), values.shape)
-            return Check(name, float(values[place]), limit, unit, is_ceiling, float(at[place[1]]), names[int(place[0])])
+        def worst(name: str, values: Real, limit: float, unit: str, *, is_ceiling: bool, at: Real = speeds) -> RequirementCheck:
+            at_worst = np.unravel_index(int(np.argmax(values) if is_ceiling else np.argmin(values)), values.shape)
+            return RequirementCheck(
+                name, float(values[at_worst]), limit, unit, is_ceiling, float(at[at_worst[1]]), names[int(at_worst[0])]
+            )
 
         filtered = self._family.gain_on_the_line(notches, self.order, speeds)
         outside = (self._bare_rps < notch.start_rps) | (self._bare_rps > notch.end_rps)
@@ -199,17 +202,17 @@ class Judge:
         ratio = np.concatenate([filtered, self._bare_gain[:, outside]], axis=1) / self._bound[:, np.newaxis]
         tighter = 1.0 - self._reserve
         return [
-            worst("turns of the Nyquist curve", np.abs(found.turns), 0.0, "", is_ceiling=True),
-            worst("M_s", found.sensitivity_peak, 1.0 + tighter * (asked.max_sensitivity - 1.0), "", is_ceiling=True),
-            worst("phase margin", found.phase_margin_deg, asked.phase_margin_deg / tighter, "°", is_ceiling=False),
-            worst("gain margin", found.gain_margin_db, asked.gain_margin_db / tighter, "dB", is_ceiling=False),
+            worst("turns of the Nyquist curve", np.abs(margins.turns), 0.0, "", is_ceiling=True),
+            worst("M_s", margins.sensitivity_peak, 1.0 + tighter * (limits.max_sensitivity - 1.0), "", is_ceiling=True),
+            worst("phase margin", margins.phase_margin_deg, limits.phase_margin_deg / tighter, "°", is_ceiling=False),
+            worst("gain margin", margins.gain_margin_db, limits.gain_margin_db / tighter, "dB", is_ceiling=False),
             worst("|G_al| on the line over constraint (5)", ratio, tighter, "", is_ceiling=True, at=at),
         ]
 
     def score(self, notch: Notch, members: int | None = None) -> float:
-        """The tip peak in mm that a filter leaves, of the worst of the first `members` plants; above 10 where it breaks a limit.
+        """Tip peak in mm with a filter, for the worst of the first `members` plants; above 10 where the filter breaks a limit.
 
-        What breaks a limit is compared by how far, and costs no simulation: any filter that keeps all is better than it.
+        Filters that break a limit are ranked by their violation, without a simulation, and behind all that keep the limits.
         """
         missed = sum(check.violation for check in self.checks(notch))
         if missed > 0.0:
@@ -228,14 +231,14 @@ class Judge:
 
 @dataclass(frozen=True)
 class PeakRow:
-    """The tip on the ramp, predicted.
+    """Predicted peaks of the tip on the ramp.
 
     Attributes:
-        order: k.
-        rising_mm: Of the believed plant, while the speed rises: what a constant-acceleration run shows.
-        falling_mm: While it falls.
+        order: Order k of the error.
+        rising_mm: Tip peak of the believed plant while the speed rises, as in a constant-acceleration run.
+        falling_mm: Tip peak of the believed plant while the speed falls.
         worst_mm: The larger of both for the worst of all plants.
-        worst_member: Which plant that is.
+        worst_member: Label of that plant.
     """
 
     order: int
@@ -246,93 +249,96 @@ class PeakRow:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """How filters do, looked at closely: every 0.1 rev/s from rest to the speed limit, closed-loop poles included.
+class NotchVerdict:
+    """Close check of filters: every 0.1 rev/s from rest to the speed limit, closed-loop poles included.
 
     Attributes:
         notches: The filters.
         checks: Every requirement at its worst.
-        margins: Of the believed plant, by speed.
-        peaks: By order.
+        margins: Margins of the believed plant, by speed.
+        peaks: Tip peaks, by order.
     """
 
     notches: tuple[Notch, ...]
-    checks: tuple[Check, ...]
+    checks: tuple[RequirementCheck, ...]
     margins: Mapping[float, Margins]
     peaks: tuple[PeakRow, ...]
 
     @property
     def holds(self) -> bool:
-        """Whether all is kept."""
+        """True where all requirements are met."""
         return all(check.holds for check in self.checks)
 
     @property
-    def missed(self) -> tuple[Check, ...]:
-        """What is not kept, the worst first."""
+    def missed(self) -> tuple[RequirementCheck, ...]:
+        """Checks that are not met, the worst first."""
         return tuple(sorted((check for check in self.checks if not check.holds), key=lambda check: -check.violation))
 
     def peak(self, order: int) -> PeakRow:
-        """The tip's row of one order."""
+        """Tip peaks of one order."""
         return next(row for row in self.peaks if row.order == order)
 
 
-def verdict(problem: Problem, notches: Sequence[Notch], orders: Sequence[int]) -> Verdict:
-    """Judge filters by everything that is asked for, for every plant, at every speed.
+def verdict(problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[int]) -> NotchVerdict:
+    """Judge filters by all requirements, for every plant, at every speed.
 
     Args:
         problem: The axis; its `fixed` filters count only where they are among `notches`.
         notches: All filters that act.
-        orders: Those whose constraint (5) and tip peak are asked for.
+        orders: Orders for which constraint (5) and the tip peak are checked.
     """
     wide = [widened(notch) for notch in notches]
     edges = [edge for notch in wide for edge in (notch.start_rps, notch.end_rps) if edge <= problem.speed_limit_rps]
     grid = np.arange(0.0, problem.speed_limit_rps + 1e-9, VERDICT_STEP_RPS)
     speeds = np.unique(np.round(np.concatenate([grid, edges]), 9))
-    found = _margins(problem, wide, speeds)
+    margins_by_plant = _margins(problem, wide, speeds)
     rows = tuple(_peak_row(problem, notches, order) for order in orders)
-    checks = [*_margin_checks(problem.requirements, found), *(_line_check(problem, notches, order) for order in orders)]
+    checks = [
+        *_margin_checks(problem.requirements, margins_by_plant),
+        *(_line_check(problem, notches, order) for order in orders),
+    ]
     for row in rows:
         name = f"tip peak on the ramp, k = {row.order},"
-        checks.append(Check(name, row.worst_mm, problem.requirements.tip_mm, "mm", True, None, row.worst_member))
-    return Verdict(tuple(notches), tuple(checks), found[problem.members[0].label], rows)
+        checks.append(RequirementCheck(name, row.worst_mm, problem.requirements.tip_mm, "mm", True, None, row.worst_member))
+    return NotchVerdict(tuple(notches), tuple(checks), margins_by_plant[problem.members[0].label], rows)
 
 
-def _margins(problem: Problem, wide: Sequence[Notch], speeds: Real) -> dict[str, dict[float, Margins]]:
-    """Margins by plant and speed; the poles are computed only where a filter makes them others than those without one."""
+def _margins(problem: NotchProblem, wide: Sequence[Notch], speeds: Real) -> dict[str, dict[float, Margins]]:
+    """Margins by plant and speed; poles are computed anew only where a filter changes them."""
     loops = [problem.loop(member, wide) for member in problem.members]
     scanned = LoopFamily(loops, step_hz=0.01).margins(wide, speeds)
-    found: dict[str, dict[float, Margins]] = {}
+    by_plant: dict[str, dict[float, Margins]] = {}
     for row, (member, loop) in enumerate(zip(problem.members, loops, strict=True)):
         bare = float(np.abs(replace(loop, notches=()).closed_loop_poles()).max())
-        found[member.label] = {}
+        by_plant[member.label] = {}
         for column, speed in enumerate(float(each) for each in speeds):
             acts = any(notch.start_rps <= speed <= notch.end_rps for notch in wide)
             radius = float(np.abs(loop.closed_loop_poles(speed)).max()) if acts else bare
-            found[member.label][speed] = Margins(
+            by_plant[member.label][speed] = Margins(
                 sensitivity_peak=float(scanned.sensitivity_peak[row, column]),
                 gain_margin_db=float(scanned.gain_margin_db[row, column]),
                 phase_margin_deg=float(scanned.phase_margin_deg[row, column]),
                 stable=radius < 1.0,
                 pole_radius=radius,
             )
-    return found
+    return by_plant
 
 
-def _margin_checks(asked: Requirements, found: Mapping[str, Mapping[float, Margins]]) -> list[Check]:
-    flat = [(label, speed, one) for label, speeds in found.items() for speed, one in speeds.items()]
+def _margin_checks(requirements: Requirements, margins_by_plant: Mapping[str, Mapping[float, Margins]]) -> list[RequirementCheck]:
+    flat = [(label, speed, one) for label, speeds in margins_by_plant.items() for speed, one in speeds.items()]
     checks = []
     for name, attribute, limit, unit, is_ceiling in (
         ("pole radius", "pole_radius", 1.0, "", True),
-        ("M_s", "sensitivity_peak", asked.max_sensitivity, "", True),
-        ("phase margin", "phase_margin_deg", asked.phase_margin_deg, "°", False),
-        ("gain margin", "gain_margin_db", asked.gain_margin_db, "dB", False),
+        ("M_s", "sensitivity_peak", requirements.max_sensitivity, "", True),
+        ("phase margin", "phase_margin_deg", requirements.phase_margin_deg, "°", False),
+        ("gain margin", "gain_margin_db", requirements.gain_margin_db, "dB", False),
     ):
         label, speed, one = (max if is_ceiling else min)(flat, key=lambda item: float(getattr(item[2], attribute)))
-        checks.append(Check(name, float(getattr(one, attribute)), limit, unit, is_ceiling, speed, label))
+        checks.append(RequirementCheck(name, float(getattr(one, attribute)), limit, unit, is_ceiling, speed, label))
     return checks
 
 
-def _line_check(problem: Problem, notches: Sequence[Notch], order: int) -> Check:
+def _line_check(problem: NotchProblem, notches: Sequence[Notch], order: int) -> RequirementCheck:
     """Constraint (5) on the line; where a switched filter may be in or out, both count."""
     family = LoopFamily([problem.loop(member) for member in problem.members])
     speeds = np.arange(BARE_STEP_RPS, problem.speed_limit_rps + 1e-9, BARE_STEP_RPS)
@@ -347,10 +353,10 @@ def _line_check(problem: Problem, notches: Sequence[Notch], order: int) -> Check
     ratio = gains * problem.lever_m * amplitudes[:, np.newaxis] / (1e-3 * problem.requirements.tip_mm)
     p, s = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
     name = f"|G_al| on the line over constraint (5), k = {order},"
-    return Check(name, float(ratio[p, s]), 1.0, "", True, float(speeds[s]), problem.members[int(p)].label)
+    return RequirementCheck(name, float(ratio[p, s]), 1.0, "", True, float(speeds[s]), problem.members[int(p)].label)
 
 
-def _peak_row(problem: Problem, notches: Sequence[Notch], order: int) -> PeakRow:
+def _peak_row(problem: NotchProblem, notches: Sequence[Notch], order: int) -> PeakRow:
     pairs = {member.label: problem.peaks(member, notches, order) for member in problem.members}
     rising, falling = pairs[problem.members[0].label]
     worst = max(pairs, key=lambda label: max(pairs[label]))

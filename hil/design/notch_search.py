@@ -14,7 +14,7 @@ from scipy import optimize
 from scipy.stats import qmc
 
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
-from hil.design.notch_design import BEYOND_RPS, SHAPES, Judge, Problem, Verdict, verdict
+from hil.design.notch_design import BEYOND_RPS, SHAPES, Judge, NotchProblem, NotchVerdict, verdict
 
 Real = NDArray[np.float64]
 
@@ -22,18 +22,18 @@ CHUNK = 3
 """Filters that a worker weighs at a time: those that break a limit take a tenth of the time of the others."""
 
 TRIES = 6
-"""How many of the best filters are looked at closely before the search gives up."""
+"""Number of the best filters that are judged closely before the search gives up."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How long is searched.
+    """Size of a search.
 
     Attributes:
         population: Filters per generation on the believed plant.
-        generations: On the believed plant.
+        generations: Number of generations on the believed plant.
         robust_population: Filters per generation on all plants.
-        robust_generations: On all plants.
+        robust_generations: Number of generations on all plants.
         seed: Equal seeds give equal filters, whatever the number of processes.
     """
 
@@ -45,12 +45,12 @@ class Effort:
 
     @classmethod
     def quick(cls, seed: int = 1) -> "Effort":
-        """A tenth of the time."""
+        """A search that takes a tenth of the default's time."""
         return cls(24, 14, 10, 5, seed)
 
     @property
     def evaluations(self) -> int:
-        """Of one shape of one order, in units of the time that one plant takes."""
+        """Cost of one shape of one order, in units of the time that one plant takes."""
         return self.population * (self.generations + 1) + 5 * self.robust_population * (self.robust_generations + 1)
 
 
@@ -59,9 +59,9 @@ class Space:
     """The filters of one shape that are tried, as a unit cube; the dampings are logarithmic in it.
 
     Attributes:
-        template: Shape, order, and whatever is not searched.
-        low: Of offset_hz, zeta_rn, zeta_rdth, start_rps, end_rps, and ramp_rps of a trapezoid.
-        high: The same.
+        template: Filter that gives shape, order and all parameters that are not searched.
+        low: Least values of offset_hz, zeta_rn, zeta_rdth, start_rps, end_rps, and ramp_rps of a trapezoid.
+        high: Largest values of the same parameters.
     """
 
     template: Notch
@@ -69,15 +69,15 @@ class Space:
     high: tuple[float, ...]
 
     @classmethod
-    def around(cls, problem: Problem, order: int, shape: str, f_al_hz: float, template: Notch) -> "Space":
-        """Filters that are in throughout the window in which the tip is judged, and out before the motor stands.
+    def around(cls, problem: NotchProblem, order: int, shape: str, f_al_hz: float, template: Notch) -> "Space":
+        """Space of filters that act throughout the window in which the tip is judged, and not at rest.
 
         Args:
             problem: The axis.
-            order: k.
+            order: Order k of the filter.
             shape: `switched` or `trapezoid`.
             f_al_hz: Peak of |G_al|.
-            template: Hysteresis and corner of the speed's low-pass are its.
+            template: Filter that gives the hysteresis and the corner of the speed's low-pass.
 
         Raises:
             ValueError: The window is not within what the motion and the speed limit leave.
@@ -100,14 +100,14 @@ class Space:
 
     @property
     def dimensions(self) -> int:
-        """How many numbers are searched."""
+        """Number of parameters that are searched."""
         return len(self.low)
 
-    def notch(self, place: Real) -> Notch:
-        """The filter at a place of the unit cube, with the digits that a person would write."""
+    def notch(self, point: Real) -> Notch:
+        """The filter at a point of the unit cube, with the digits that a person would write."""
         low, high = np.array(self.low), np.array(self.high)
-        values = low + place * (high - low)
-        values[1:3] = low[1:3] * (high[1:3] / low[1:3]) ** place[1:3]
+        values = low + point * (high - low)
+        values[1:3] = low[1:3] * (high[1:3] / low[1:3]) ** point[1:3]
         offset, zeta_rn, zeta_rdth, start, end, *ramp = (float(value) for value in values)
         return replace(
             self.template,
@@ -119,24 +119,24 @@ class Space:
             ramp_rps=round(ramp[0], 2) if ramp else self.template.ramp_rps,
         )
 
-    def place(self, notch: Notch) -> Real:
-        """Where a filter is in the cube, or the nearest place of it."""
+    def point(self, notch: Notch) -> Real:
+        """The point of the unit cube that stands for a filter, or the nearest to it."""
         values = np.array([notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, notch.start_rps, notch.end_rps, notch.ramp_rps])
         values = values[: self.dimensions]
         low, high = np.array(self.low), np.array(self.high)
-        place = (values - low) / (high - low)
-        place[1:3] = np.log(values[1:3] / low[1:3]) / np.log(high[1:3] / low[1:3])
-        return np.asarray(np.clip(place, 0.0, 1.0))
+        point = (values - low) / (high - low)
+        point[1:3] = np.log(values[1:3] / low[1:3]) / np.log(high[1:3] / low[1:3])
+        return np.asarray(np.clip(point, 0.0, 1.0))
 
 
 def _weigh(judge: Judge, notches: Sequence[Notch], members: int | None) -> list[float]:
-    """What a worker does."""
+    """Scores of some filters; runs in a worker."""
     return [judge.score(notch, members) for notch in notches]
 
 
 @contextmanager
 def workers(jobs: int) -> Iterator[Executor | None]:
-    """Processes to search in; None for this one alone where `jobs` is 0.
+    """Processes to search in; None where `jobs` is 0, for this process alone.
 
     They are spawned: a fork of a process with threads, as a progress bar has, may stop for ever. Each has one thread for linear
     algebra: for matrices of ten rows a second one takes forty times as long as the work on a busy machine.
@@ -157,8 +157,17 @@ def workers(jobs: int) -> Iterator[Executor | None]:
             os.environ[name] = before
 
 
-def judged(problem: Problem, notches: Sequence[Notch], orders: Sequence[int], pool: Executor | None = None) -> Verdict:
-    """`verdict`, in a worker where there is one."""
+def pooled_verdict(
+    problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[int], pool: Executor | None = None
+) -> NotchVerdict:
+    """Judge filters as `verdict` does, in a worker where there is one.
+
+    Args:
+        problem: The axis.
+        notches: All filters that act.
+        orders: Orders for which constraint (5) and the tip peak are checked.
+        pool: Workers; None judges in this process.
+    """
     if pool is None:
         return verdict(problem, notches, orders)
     return pool.submit(verdict, problem, notches, orders).result()
@@ -167,34 +176,34 @@ def judged(problem: Problem, notches: Sequence[Notch], orders: Sequence[int], po
 class _Scores:
     """Scores of filters, each computed once."""
 
-    def __init__(self, judge: Judge, space: Space, pool: Executor | None, told: Callable[[int], None]) -> None:
-        self.judge, self.space, self.pool, self.told = judge, space, pool, told
+    def __init__(self, judge: Judge, space: Space, pool: Executor | None, count_weighed: Callable[[int], None]) -> None:
+        self.judge, self.space, self.pool, self.count_weighed = judge, space, pool, count_weighed
         self.members: int | None = 1
         self.known: dict[Notch, float] = {}
 
     def stage(self, members: int | None) -> None:
-        """Forget the scores, and weigh by the first plants from here on; None for all."""
+        """Forget the scores, and weigh by the first `members` plants from now on; None for all."""
         self.members, self.known = members, {}
 
-    def __call__(self, places: Real) -> Real:
-        """Of places in the cube, shape (dimensions, filters), as scipy wants it."""
-        notches = [self.space.notch(place) for place in places.T]
+    def __call__(self, points: Real) -> Real:
+        """Scores of points in the unit cube, shape (dimensions, filters), as scipy wants them."""
+        notches = [self.space.notch(point) for point in points.T]
         new = list(dict.fromkeys(notch for notch in notches if notch not in self.known))
         chunks = [new[i : i + CHUNK] for i in range(0, len(new), CHUNK)]
         count = len(chunks)
         if self.pool is None:
-            found: Iterator[list[float]] = map(_weigh, [self.judge] * count, chunks, [self.members] * count)
+            weighed: Iterator[list[float]] = map(_weigh, [self.judge] * count, chunks, [self.members] * count)
         else:
-            found = self.pool.map(_weigh, [self.judge] * count, chunks, [self.members] * count)
-        for chunk, scores in zip(chunks, found, strict=True):
+            weighed = self.pool.map(_weigh, [self.judge] * count, chunks, [self.members] * count)
+        for chunk, scores in zip(chunks, weighed, strict=True):
             self.known.update(zip(chunk, scores, strict=True))
-        self.told(len(notches) * (1 if self.members == 1 else 5))
+        self.count_weighed(len(notches) * (1 if self.members == 1 else 5))
         return np.array([self.known[notch] for notch in notches])
 
     def evolve(self, start: Real, generations: int, generator: np.random.Generator) -> Real:
-        """Places after some generations of differential evolution, the best first; shape (filters, dimensions)."""
+        """Points after some generations of differential evolution, the best first; shape (filters, dimensions)."""
         weigh: Any = self  # the stubs do not know `vectorized`
-        found = optimize.differential_evolution(
+        result = optimize.differential_evolution(
             weigh,
             optimize.Bounds(np.zeros(self.space.dimensions), np.ones(self.space.dimensions)),
             init=start,
@@ -206,25 +215,25 @@ class _Scores:
             updating="deferred",
             rng=generator,
         )
-        order = np.argsort(found.population_energies, kind="stable")
-        return np.asarray(found.population[order])
+        order = np.argsort(result.population_energies, kind="stable")
+        return np.asarray(result.population[order])
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a search gave.
+class SearchResult:
+    """Result of a search.
 
     Attributes:
-        best: The best filters that keep everything; where none does, those that miss least.
-        scores: By shape: the best score that the search itself saw.
+        best: Verdict on the best filters that meet all requirements; where none do, on those that miss least.
+        scores: Best score in the search, by shape.
     """
 
-    best: Verdict
+    best: NotchVerdict
     scores: Mapping[str, float]
 
 
 def search(
-    problem: Problem,
+    problem: NotchProblem,
     order: int,
     shapes: Sequence[str],
     f_al_hz: float,
@@ -233,20 +242,20 @@ def search(
     pool: Executor | None = None,
     given: Sequence[Notch] = (),
     template: Notch | None = None,
-    progress: Callable[[float], None] = lambda share: None,
-) -> Found:
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> SearchResult:
     """The filter of one order that leaves the smallest tip peak for the worst of all plants, within all requirements.
 
     Args:
         problem: The axis; its fixed filters act beside the new one.
-        order: k.
-        shapes: Which are tried.
-        f_al_hz: Peak of |G_al|, where the search looks.
-        effort: How long.
+        order: Order k of the filter.
+        shapes: Shapes that are tried.
+        f_al_hz: Peak of |G_al|, around which the search looks.
+        effort: Size of the search.
         pool: Processes to use, from `workers`.
-        given: Filters to start from, among others; the result is at least as good as those of them that keep everything.
-        template: What is not searched is taken from it.
-        progress: Called with the share that is done.
+        given: Filters to start from, among others; the result is at least as good as those of them that meet all requirements.
+        template: Filter that gives all parameters that are not searched.
+        progress: Called with the fraction that is done.
 
     Raises:
         ValueError: The motion does not lead through the window.
@@ -254,7 +263,7 @@ def search(
     base = template if template is not None else Notch(order=order)
     total, done = effort.evaluations * len(shapes), 0
 
-    def told(count: int) -> None:
+    def count_weighed(count: int) -> None:
         nonlocal done
         done += count
         progress(min(1.0, done / total))
@@ -267,28 +276,30 @@ def search(
         generator = np.random.default_rng([effort.seed, order, SHAPES[shape]])
         start = np.asarray(qmc.LatinHypercube(space.dimensions, rng=generator).random(effort.population))
         for row, notch in enumerate(given):
-            start[row] = space.place(notch)
-        weigh = _Scores(judge, space, pool, told)
-        places = weigh.evolve(start, effort.generations, generator)
+            start[row] = space.point(notch)
+        weigh = _Scores(judge, space, pool, count_weighed)
+        points = weigh.evolve(start, effort.generations, generator)
         weigh.stage(None)
-        weigh.evolve(places[: effort.robust_population], effort.robust_generations, generator)
+        weigh.evolve(points[: effort.robust_population], effort.robust_generations, generator)
         candidates.update(weigh.known)
         scores[shape] = min(weigh.known.values())
     for notch in given:
         if notch.order == order:
             candidates.setdefault(notch, judge.score(notch))
-    return Found(_first_that_holds(problem, order, candidates, pool), scores)
+    return SearchResult(_first_that_holds(problem, order, candidates, pool), scores)
 
 
-def _first_that_holds(problem: Problem, order: int, candidates: Mapping[Notch, float], pool: Executor | None) -> Verdict:
-    """The best of some filters that keeps everything when looked at closely, else the one that misses least."""
-    seen: list[Verdict] = []
+def _first_that_holds(
+    problem: NotchProblem, order: int, candidates: Mapping[Notch, float], pool: Executor | None
+) -> NotchVerdict:
+    """Verdict on the best of some filters that meets all requirements, else on the one that misses least."""
+    seen: list[NotchVerdict] = []
     orders = sorted({order, *(notch.order for notch in problem.fixed if notch.order in problem.windows_rps)})
     for notch in sorted(candidates, key=lambda each: candidates[each])[:TRIES]:
-        found = judged(problem, sorted((notch, *problem.fixed), key=lambda each: each.order), orders, pool)
-        if found.holds:
-            return found
-        seen.append(found)
+        whole = pooled_verdict(problem, sorted((notch, *problem.fixed), key=lambda each: each.order), orders, pool)
+        if whole.holds:
+            return whole
+        seen.append(whole)
         if candidates[notch] > 10.0:
             break  # the search has seen none that keeps everything
     return min(seen, key=lambda each: sum(check.violation for check in each.missed))

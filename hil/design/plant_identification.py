@@ -12,7 +12,7 @@ from what was sampled with the SYNC (period T) while the drive's law runs at T_c
 
     U* = D H_d + (U − D e^{−jωT} − Σ F_k) e^{jωδ},        Y* = Y − Σ Y_k
 
-The offset is held over a period, H_d = (1 − e^{−jωT})/(jωT), but is sampled at its very end; the loop's own share is younger:
+The offset is held over a period, H_d = (1 − e^{−jωT})/(jωT), but is sampled at its very end; the loop's own part is younger:
 δ is how old the torque is that the drive reports, half a control period if it reports the present one, and refined by the fit.
 At the resonance the two nearly cancel, which is why a single delay for both will not do. F_k and Y_k are the images of the
 held excitation at f + k/T, which fold onto the line; they are computed from the fitted plant and the law's gains.
@@ -21,7 +21,7 @@ Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain App
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -30,38 +30,27 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from hil.control.cascade import Cascade
+from hil.design.estimation import EstimatedParameter, UnidentifiableError, inverse
 from hil.design.frequency import AnyComplex, Complex, Loop, Real, TwoInertia
+from hil.design.plant_spectra import Spectra
 
-Lines = NDArray[np.int64]
-
-TREND_ORDER = 4
-"""Gravity over a stretch of arm angle, as a polynomial of the time."""
 DELAY_PRIOR_S = 3e-4
-"""How far the age of the reported torque may be from half a control period before the data have to say so."""
+"""Standard deviation of the age of the reported torque around half a control period, as believed before the fit."""
 LARGEST_CHANGE = 3.0
-"""By how much, as a logarithm, a round of the fit may change an inertia, the stiffness, the damping or the lever."""
+"""Largest change, as a logarithm, of an inertia, the stiffness, the damping or the lever in one round of the fit."""
 SMOOTHED_LINES = 5
 """Lines over which the scatter between periods is averaged: of a few periods alone it is too uncertain for a weight."""
 CONFIDENCE = 0.95
 
 
-class UnidentifiableError(ValueError):
-    """Data from which no plant can be told: what is wrong, how much there is and how much is needed."""
-
-    def __init__(self, what: str, value: float, needed: float, unit: str = "") -> None:
-        """Keep the numbers."""
-        self.what, self.value, self.needed, self.unit = what, value, needed, unit
-        super().__init__(f"{what}: {value:.4g}{' ' + unit if unit else ''}, needed {needed:.4g}{' ' + unit if unit else ''}")
-
-
 @dataclass(frozen=True)
-class Timing:
-    """When things are sampled, and what law is inside.
+class SamplingTiming:
+    """Sampling times of a measurement, and the law inside the drive.
 
     Attributes:
-        sync_s: T, between two samples and two set-points.
-        control_s: T_c of the drive's law; 0 where nobody knows it.
-        kind: Where the excitation is added: held as a torque, or interpolated as a reference.
+        sync_s: Time T between two samples and two set-points.
+        control_s: Control period T_c of the drive's law; 0 where it is not known.
+        kind: Input to which the excitation is added: `torque`, which is held, or `reference`, which is interpolated.
         law: The drive's gains, for the images; None leaves them out.
     """
 
@@ -72,96 +61,15 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Whole periods at constant speed, in one direction, one row per SYNC.
-
-    Attributes:
-        excitation: As it was sent: N·m, or rad for a reference; shape (n,).
-        angle_rad: Motor angle less the bias motion; shape (n,).
-        torque_nm: As the drive reported it; shape (n,).
-        tip_m_s2: Tip acceleration; shape (n,); None without.
-    """
-
-    excitation: Real
-    angle_rad: Real
-    torque_nm: Real
-    tip_m_s2: Real | None
-
-
-@dataclass(frozen=True)
-class Spectra:
-    """Spectra on the excited lines, period by period; all but the frequency of shape (periods, lines).
-
-    Attributes:
-        frequency_hz: Shape (lines,).
-        excitation: D.
-        angle: Y.
-        torque: U.
-        tip: A; None without.
-    """
-
-    frequency_hz: Real
-    excitation: Complex
-    angle: Complex
-    torque: Complex
-    tip: Complex | None
-
-    @property
-    def periods(self) -> int:
-        """How many."""
-        return len(self.angle)
-
-
-def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: float) -> Spectra:
-    """What the periods of some stretches hold on the excited lines, slow drifts removed.
-
-    A drift is told from the periodic signal by what it changes from period to period: removing it leaves the signal whole.
-
-    Raises:
-        ValueError: A stretch is not a whole number of periods, or only one.
-    """
-    names = ("excitation", "angle_rad", "torque_nm", "tip_m_s2")
-    found: dict[str, list[Complex] | None] = {name: [] for name in names}
-    for stretch in stretches:
-        for name in names:
-            values, kept = getattr(stretch, name), found[name]
-            if values is None or kept is None:
-                found[name] = None
-                continue
-            if len(values) % samples or len(values) < 2 * samples:
-                raise ValueError(f"{len(values)} rows are no whole number of periods of {samples}, at least two")
-            steady = values.reshape(-1, samples) if name == "excitation" else _without_trend(values.reshape(-1, samples))
-            kept.append(np.fft.rfft(steady, axis=1)[:, lines] * (2.0 / samples))
-    whole = {name: None if kept is None else np.concatenate(kept) for name, kept in found.items()}
-    frequency = lines / (samples * sync_s)
-    excitation, angle, torque = whole["excitation"], whole["angle_rad"], whole["torque_nm"]
-    if excitation is None or angle is None or torque is None:
-        raise ValueError("excitation, angle and torque are needed")
-    return Spectra(frequency, excitation, angle, torque, whole["tip_m_s2"])
-
-
-def _without_trend(rows: Real) -> Real:
-    """Rows of periods less a polynomial of the time, fitted to what is not periodic."""
-    periods, samples = rows.shape
-    time = np.linspace(-1.0, 1.0, periods * samples)
-    basis = np.stack([time**power for power in range(1, TREND_ORDER + 1)], axis=1)
-    per_period = basis.reshape(periods, samples, -1)
-    changing = (per_period - per_period.mean(axis=0)).reshape(periods * samples, -1)
-    wanted = (rows - rows.mean(axis=0)).ravel()
-    found = np.linalg.lstsq(changing, wanted, rcond=None)[0]
-    return np.asarray(rows - (basis @ found).reshape(periods, samples))
-
-
-@dataclass(frozen=True)
-class Response:
+class ResponseEstimate:
     """A frequency response with its uncertainty; all of shape (lines,).
 
     Attributes:
-        frequency_hz: Of the lines.
-        value: P = Ȳ*/Ū*, in rad/(N·m); or tip acceleration per motor angle, in m/s² per rad.
+        frequency_hz: Frequencies of the lines.
+        value: Response P = Ȳ*/Ū*, in rad/(N·m); or tip acceleration per motor angle, in m/s² per rad.
         deviation: Standard deviation of `value`, √E|ΔP|², from the scatter between periods.
-        radius: Of the circle that holds the true value with a probability of 95 %.
-        coherence: Share of the output of one period that follows the input.
+        radius: Radius of the circle that holds the true value with a probability of 95 %.
+        coherence: Fraction of the output of one period that follows the input.
     """
 
     frequency_hz: Real
@@ -172,37 +80,24 @@ class Response:
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """A number with its standard error, which is 0 only where nothing was estimated."""
-
-    value: float
-    standard_error: float
-
-    @property
-    def relative(self) -> float:
-        """Standard error over value; infinite for a value of 0."""
-        return self.standard_error / abs(self.value) if self.value else math.inf
-
-
-@dataclass(frozen=True)
 class PlantEstimate:
-    """The plant, how well it is known, and the responses that it was fitted to.
+    """The fitted plant, its standard errors, and the responses that it was fitted to.
 
     Attributes:
-        plant: What was fitted; its dampings D_m and D_l may come out below 0, within their errors.
-        parameters: By name: the fields of `TwoInertia` that were fitted, `antiresonance_hz`, `resonance_hz`, `damping` (ζ),
+        plant: The fitted plant; its dampings D_m and D_l may come out below 0, within their errors.
+        parameters: Parameters by name: the fitted fields of `TwoInertia`, `antiresonance_hz`, `resonance_hz`, `damping` (ζ),
             `viscous_damping_nm_s_rad` (D_m + D_l/N²), `torque_age_s`, and with an accelerometer `lever_ratio` and
             `accelerometer_delay_s`.
         response: Motor angle per torque.
         tip: Tip acceleration per motor angle; None without accelerometer.
         misfit: √ of the mean squared residual in standard deviations: 1 where the model explains all but the scatter.
-        periods: How many were averaged.
+        periods: Number of periods that were averaged.
     """
 
     plant: TwoInertia
-    parameters: Mapping[str, Parameter]
-    response: Response
-    tip: Response | None
+    parameters: Mapping[str, EstimatedParameter]
+    response: ResponseEstimate
+    tip: ResponseEstimate | None
     misfit: float
     periods: int
 
@@ -210,7 +105,7 @@ class PlantEstimate:
 class _Problem:
     """The fit's data and its residual as a function of the unknowns."""
 
-    def __init__(self, data: Spectra, timing: Timing, reduction_ratio: float, lever_m: float, gravity: float) -> None:
+    def __init__(self, data: Spectra, timing: SamplingTiming, reduction_ratio: float, lever_m: float, gravity: float) -> None:
         self.data, self.timing, self.ratio, self.lever_m = data, timing, reduction_ratio, lever_m
         self.gravity = gravity
         self.jw = 2j * math.pi * data.frequency_hz
@@ -222,7 +117,7 @@ class _Problem:
     # -- what the plant felt and did -----------------------------------------------------------------------------------
 
     def torque(self, age_s: float, torque: Complex, excitation: Complex) -> Complex:
-        """U*: what acted, from what was reported; shapes (…, lines)."""
+        """Torque U* that acted, from the reported one; shape (…, lines)."""
         corrected = (torque - self.images[0]) * np.exp(self.jw * age_s)
         if self.timing.kind == "reference":
             return np.asarray(corrected)
@@ -232,11 +127,11 @@ class _Problem:
         return np.asarray(excitation * hold + corrected - own * np.exp(self.jw * age_s))
 
     def angle(self, angle: Complex) -> Complex:
-        """Y*; shape (…, lines)."""
+        """Motor angle Y* without images; shape (…, lines)."""
         return np.asarray(angle - self.images[1])
 
     def find_images(self, plant: TwoInertia) -> None:
-        """F_k and Y_k of the excitation, from the plant and the law inside the drive."""
+        """Compute the images F_k and Y_k of the excitation, from the plant and the law inside the drive."""
         law, sync = self.timing.law, self.timing.sync_s
         if law is None or self.timing.control_s <= 0.0:
             return
@@ -266,7 +161,7 @@ class _Problem:
     # -- scatter -------------------------------------------------------------------------------------------------------
 
     def weigh(self) -> None:
-        """Covariances of the averages, from the scatter between periods."""
+        """Compute the covariances of the averages, from the scatter between periods."""
         data = self.data
         angle = self.angle(data.angle)
         self.scatter = _Scatter.of(angle, data.torque)
@@ -284,7 +179,7 @@ class _Problem:
         )
 
     def residual(self, x: Real) -> Real:
-        """Residuals in standard deviations, real and imaginary parts, and what is believed of the age."""
+        """Residuals in standard deviations, real and imaginary parts, and that of the believed age."""
         plant, age = self.plant(x), float(x[5])
         data = self.data
         angle = self.angle(data.angle.mean(axis=0))
@@ -309,7 +204,15 @@ def angle_response(plant: TwoInertia, frequency_hz: Real, gravity_nm_rad: float 
 def tip_response(
     plant: TwoInertia, frequency_hz: Real, lever_m: float, delay_s: float = 0.0, gravity_nm_rad: float = 0.0
 ) -> Complex:
-    """Tip acceleration per motor angle, L s² θ_l/θ_m = L s² c/(N (B' + c)) e^{−jωδ}; gravity as in `angle_response`."""
+    """Tip acceleration per motor angle, L s² θ_l/θ_m = L s² c/(N (B' + c)) e^{−jωδ}; gravity as in `angle_response`.
+
+    Args:
+        plant: The plant.
+        frequency_hz: Frequencies; shape (m,).
+        lever_m: Tip lever L.
+        delay_s: Delay δ of the accelerometer.
+        gravity_nm_rad: Spring constant k, dM/dθ_l of the gravity moment.
+    """
     jw = 2j * math.pi * frequency_hz
     _, b, c = plant.terms(jw)
     return np.asarray(lever_m / plant.reduction_ratio * jw**2 * c / (b + gravity_nm_rad + c) * np.exp(-jw * delay_s))
@@ -328,9 +231,9 @@ class _Scatter:
     """Covariances of the mean of an output and an input over the periods, smoothed over neighbouring lines; shape (lines,).
 
     Attributes:
-        output: E|Δy|².
-        given: E|Δu|².
-        both: E[Δy Δu*].
+        output: Variance E|Δy|² of the output.
+        given: Variance E|Δu|² of the input.
+        both: Covariance E[Δy Δu*].
     """
 
     output: Real
@@ -339,17 +242,17 @@ class _Scatter:
 
     @classmethod
     def of(cls, output: Complex, given: Complex) -> "_Scatter":
-        """From rows of periods; shapes (periods, lines)."""
+        """Compute them from the spectra of the periods, shapes (periods, lines)."""
         out, put = output - output.mean(axis=0), given - given.mean(axis=0)
         count = len(out) * (len(out) - 1)
         power, other = np.sum(np.abs(out) ** 2, axis=0), np.sum(np.abs(put) ** 2, axis=0)
         return cls(_smooth(power) / count, _smooth(other) / count, _smooth(np.sum(out * put.conj(), axis=0)) / count)
 
     def deviation(self, gain: Complex) -> Real:
-        """√E|Δy − G Δu|² for a gain G; shape (lines,).
+        """Standard deviation √E|Δy − G Δu|² for a gain G; shape (lines,).
 
-        It must follow the gain while that is fitted: under feedback a smaller G would leave less noise in the residual, and be
-        preferred for it.
+        The deviation must follow the gain while that is fitted: under feedback a smaller G would leave less noise in the
+        residual, and would be preferred for it.
         """
         variance = self.output + np.abs(gain) ** 2 * self.given - 2.0 * np.real(gain.conj() * self.both)
         return np.asarray(np.sqrt(np.maximum(variance, 1e-9 * self.output + 1e-300)))
@@ -363,7 +266,7 @@ def _smooth(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _first_guess(response: Complex, frequency_hz: Real, ratio: float) -> Real:
-    """Ln J_m, ln J_l, ln K_g, ln D_g, D_m from dip and peak of |P| ω²."""
+    """First guess of ln J_m, ln J_l, ln K_g, ln D_g, D_m from dip and peak of |P| ω²."""
     omega = 2.0 * math.pi * frequency_hz
     compliance = np.abs(response) * omega**2
     smooth = np.exp(np.convolve(np.pad(np.log(compliance), 1, "edge"), np.ones(3) / 3.0, "valid"))
@@ -389,28 +292,28 @@ def _first_guess(response: Complex, frequency_hz: Real, ratio: float) -> Real:
 
 
 def fit_plant(
-    data: Spectra, timing: Timing, reduction_ratio: float, lever_m: float, gravity_nm_rad: float = 0.0
+    data: Spectra, timing: SamplingTiming, reduction_ratio: float, lever_m: float, gravity_nm_rad: float = 0.0
 ) -> PlantEstimate:
-    """J_m, J_l, K_g and the dampings, by weighted nonlinear least squares on the excited lines.
+    """Fit J_m, J_l, K_g and the dampings by weighted nonlinear least squares on the excited lines.
 
     Minimises Σ |Ȳ* − P(jω) Ū*|²/σ²(P) over the lines, with σ from the scatter of both between periods, jointly with the age of
-    the reported torque; with an accelerometer also Σ |Ā − g L s² c/(N (B + c)) e^{−jωδ_a} Ȳ*|²/σ_A²: what it says of f_a and ζ
-    needs neither torque nor lever, since its scale g and its delay δ_a are unknowns too. Standard errors are from the Jacobian,
-    times the misfit where that is above 1.
+    the reported torque; with an accelerometer also Σ |Ā − g L s² c/(N (B + c)) e^{−jωδ_a} Ȳ*|²/σ_A²: its information on f_a
+    and ζ needs neither torque nor lever, since its scale g and its delay δ_a are unknowns too. Standard errors are from the
+    Jacobian, times the misfit where that is above 1.
 
-    What the data tell well is D_g + D_l, which damps the arm at f_a (ζ), and D_m + D_l/N², which the motor turns against: these
-    are the unknowns, with D_l third. D_l alone shows only in how the damping differs between f_a and f_r, and through an
+    The data determine D_g + D_l, which damps the arm at f_a (ζ), and D_m + D_l/N², against which the motor turns: these are the
+    unknowns, with D_l third. D_l alone shows only in how the damping differs between f_a and f_r, and through an
     accelerometer as a lead of D_l/K_g, 0.1 ms on the reference robot, which its delay hides.
 
     Args:
-        data: Periods of the main run.
-        timing: When things were sampled.
-        reduction_ratio: N.
-        lever_m: L of the bench file.
-        gravity_nm_rad: dM/dθ_l of the gravity moment over the stretch: a spring on the arm that is not the gear.
+        data: Spectra of the main run's periods.
+        timing: Sampling times, and the law inside the drive.
+        reduction_ratio: Reduction ratio N.
+        lever_m: Tip lever L of the bench file.
+        gravity_nm_rad: Slope dM/dθ_l of the gravity moment over the stretch, which acts as a second spring on the arm.
 
     Raises:
-        UnidentifiableError: Fewer than three periods, or lines, or a response without resonance.
+        UnidentifiableError: There are fewer than three periods, too few lines, or no resonance in the response.
     """
     if data.periods < 3:
         raise UnidentifiableError("periods to average over", data.periods, 3)
@@ -421,15 +324,15 @@ def fit_plant(
     x = np.concatenate([_first_guess(raw, data.frequency_hz, reduction_ratio), [problem.age_s, 0.0]])
     if data.tip is not None:
         x = np.concatenate([x, [0.0, 0.0]])
-    found: Any = None
+    fit: Any = None
     for _ in range(4):  # images and weights follow the plant; after two rounds nothing moves
         problem.find_images(problem.plant(x))
         problem.weigh()
-        found = _least_squares(problem, x)
-        x = found.x
+        fit = _least_squares(problem, x)
+        x = fit.x
         problem.age_s = float(x[5])
     problem.find_images(problem.plant(x))
-    return _estimate(problem, x, np.asarray(found.jac))
+    return _estimate(problem, x, np.asarray(fit.jac))
 
 
 def _least_squares(problem: _Problem, x: Real) -> Any:
@@ -442,12 +345,6 @@ def _least_squares(problem: _Problem, x: Real) -> Any:
     return optimize.least_squares(problem.residual, x, bounds=bounds, x_scale=scale, loss="soft_l1", f_scale=3.0)
 
 
-def inverse(square: Real) -> Real:
-    """The pseudo-inverse of a JᵀJ whose unknowns may have very different units."""
-    scale = np.sqrt(np.maximum(np.diag(square), 1e-300))
-    return np.asarray(np.linalg.pinv(square / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale))
-
-
 def _estimate(problem: _Problem, x: Real, jacobian: Real) -> PlantEstimate:
     """The unknowns as parameters with errors."""
     left = problem.residual(x)[:-1]
@@ -455,17 +352,17 @@ def _estimate(problem: _Problem, x: Real, jacobian: Real) -> PlantEstimate:
     covariance = inverse(jacobian.T @ jacobian) * max(1.0, misfit) ** 2
     plant = problem.plant(x)
 
-    def parameter(value: float, gradient: Mapping[int, float]) -> Parameter:
+    def parameter(value: float, gradient: Mapping[int, float]) -> EstimatedParameter:
         slope = np.zeros(len(x))
-        for place, part in gradient.items():
-            slope[place] = part
-        return Parameter(value, math.sqrt(max(0.0, float(slope @ covariance @ slope))))
+        for unknown, part in gradient.items():
+            slope[unknown] = part
+        return EstimatedParameter(value, math.sqrt(max(0.0, float(slope @ covariance @ slope))))
 
     motor, arm, stiffness = plant.motor_inertia_kg_m2, plant.arm_inertia_kg_m2, plant.gear_stiffness_nm_rad
     damping, f_a, f_r = plant.gear_damping_nm_s_rad + plant.arm_damping_nm_s_rad, plant.antiresonance_hz, plant.resonance_hz
     zeta = 0.5 * damping / math.sqrt(stiffness * arm)
-    share = arm / (problem.ratio**2 * motor)
-    share = 0.5 * share / (1.0 + share)  # ∂ ln f_r/∂ ln J_l beyond that of f_a
+    arm_part = arm / (problem.ratio**2 * motor)
+    arm_part = 0.5 * arm_part / (1.0 + arm_part)  # ∂ ln f_r/∂ ln J_l beyond that of f_a
     parameters = {
         "motor_inertia_kg_m2": parameter(motor, {0: motor}),
         "arm_inertia_kg_m2": parameter(arm, {1: arm}),
@@ -475,7 +372,7 @@ def _estimate(problem: _Problem, x: Real, jacobian: Real) -> PlantEstimate:
         "arm_damping_nm_s_rad": parameter(plant.arm_damping_nm_s_rad, {6: 1.0}),
         "viscous_damping_nm_s_rad": parameter(float(x[4]), {4: 1.0}),
         "antiresonance_hz": parameter(f_a, {1: -0.5 * f_a, 2: 0.5 * f_a}),
-        "resonance_hz": parameter(f_r, {0: -share * f_r, 1: (share - 0.5) * f_r, 2: 0.5 * f_r}),
+        "resonance_hz": parameter(f_r, {0: -arm_part * f_r, 1: (arm_part - 0.5) * f_r, 2: 0.5 * f_r}),
         "damping": parameter(zeta, {1: -0.5 * zeta, 2: -0.5 * zeta, 3: zeta}),
         "torque_age_s": parameter(float(x[5]), {5: 1.0}),
     }
@@ -490,7 +387,7 @@ def _estimate(problem: _Problem, x: Real, jacobian: Real) -> PlantEstimate:
     return PlantEstimate(plant, parameters, _response(data.frequency_hz, angle, torque), tip, misfit, data.periods)
 
 
-def _response(frequency_hz: Real, output: Complex, given: Complex) -> Response:
+def _response(frequency_hz: Real, output: Complex, given: Complex) -> ResponseEstimate:
     """Output per input with its scatter; both of shape (periods, lines)."""
     mean_in, count = given.mean(axis=0), len(given)
     value = output.mean(axis=0) / mean_in
@@ -499,4 +396,4 @@ def _response(frequency_hz: Real, output: Complex, given: Complex) -> Response:
     deviation = scatter / np.abs(mean_in)
     explained, unexplained = np.abs(value * mean_in) ** 2, count * scatter**2
     bound = math.sqrt(float(stats.f.ppf(CONFIDENCE, 2, 2 * (count - 1))))
-    return Response(frequency_hz, value, deviation, bound * deviation, explained / (explained + unexplained))
+    return ResponseEstimate(frequency_hz, value, deviation, bound * deviation, explained / (explained + unexplained))

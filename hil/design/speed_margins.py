@@ -1,9 +1,8 @@
-"""Margins of a loop at many motor speeds and for many plants at once: what a search can ask ten thousand times."""
+"""Margins of a loop at many motor speeds and for many plants at once, quickly enough for a search."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,8 @@ from hil.design.frequency import Loop
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-BAND_HZ = (4.0, 32.0)
-"""Where a filter of the 2nd or 4th order acts on a resonance near 12 Hz: looked at more finely than the rest."""
+FINE_BAND_HZ = (4.0, 32.0)
+"""Speeds at which a filter of the 2nd or 4th order acts on a resonance near 12 Hz; looked at more finely than the rest."""
 
 
 @dataclass(frozen=True)
@@ -24,12 +23,12 @@ class SpeedMargins:
     """Margins over plants and speeds; every array has the shape (plants, speeds).
 
     Attributes:
-        speeds_rps: Shape (speeds,).
-        sensitivity_peak: M_s.
-        gain_margin_db: Up or down; inf where the phase never crosses −180°.
-        phase_margin_deg: Either way; 180 where |L| never crosses 1.
-        turns: How often 1 + L turns round 0 against the loop without filters: not 0 where the filter has made a stable loop
-            unstable, since its own poles are stable.
+        speeds_rps: Motor speeds; shape (speeds,).
+        sensitivity_peak: Peak M_s of the sensitivity.
+        gain_margin_db: Gain margin, up or down; inf where the phase never crosses −180°.
+        phase_margin_deg: Phase margin, up or down; 180 where |L| never crosses 1.
+        turns: Turns of 1 + L round 0 against the loop without filters: not 0 where a filter, whose own poles are stable, has
+            made a stable loop unstable.
     """
 
     speeds_rps: Real
@@ -40,14 +39,14 @@ class SpeedMargins:
 
 
 @compiled
-def _scan(delay: Any, bare: Any, coefficients: Any, out: Any) -> None:
-    """M_s, gain margin, phase margin and turns of every plant at every speed.
+def _scan(delay: Complex, bare: Complex, coefficients: Real, out: Real) -> None:
+    """Compute M_s, gain margin, phase margin and turns of every plant at every speed.
 
     Args:
         delay: e^{−jωT}; shape (frequencies,).
         bare: Open loops without filters; shape (plants, frequencies).
         coefficients: b₀, b₁, b₂, a₁, a₂ of the filters in series; shape (speeds, filters, 5).
-        out: Shape (plants, speeds, 4).
+        out: Out: the four numbers; shape (plants, speeds, 4).
     """
     plants, count = bare.shape
     response = np.empty(count, dtype=np.complex128)
@@ -75,12 +74,12 @@ def _scan(delay: Any, bare: Any, coefficients: Any, out: Any) -> None:
                     last_side = side
                 if f > 0:
                     if (power - 1.0) * (last_power - 1.0) <= 0.0 and power != last_power:
-                        share = (1.0 - last_power) / (power - last_power)
-                        at = last + share * (here - last)
+                        fraction = (1.0 - last_power) / (power - last_power)
+                        at = last + fraction * (here - last)
                         phase = min(phase, abs(math.atan2(-at.imag, -at.real)))
                     if here.imag * last.imag < 0.0:
-                        share = last.imag / (last.imag - here.imag)
-                        real = last.real + share * (here.real - last.real)
+                        fraction = last.imag / (last.imag - here.imag)
+                        real = last.real + fraction * (here.real - last.real)
                         if real < 0.0:
                             gain_db = min(gain_db, abs(20.0 * math.log10(-real)))
                 last, last_power = here, power
@@ -91,7 +90,7 @@ def _scan(delay: Any, bare: Any, coefficients: Any, out: Any) -> None:
 
 
 def widened(notch: Notch) -> Notch:
-    """The filter with its hysteresis counted to its range: a switched one stays in that far beyond either end."""
+    """The filter with its range widened by the hysteresis, within which a switched filter may act too."""
     if notch.mode != NOTCH_SWITCHED:
         return notch
     h = notch.hysteresis_rps
@@ -99,46 +98,46 @@ def widened(notch: Notch) -> Notch:
 
 
 class LoopFamily:
-    """Loops with equal gains around several plants: what does not depend on the filters is computed once.
+    """Loops with equal gains around several plants; the parts that do not depend on filters are computed once.
 
     Attributes:
-        loops: Without filters, one per plant.
+        loops: Loops without filters, one per plant.
     """
 
     def __init__(self, loops: Sequence[Loop], step_hz: float = 0.04) -> None:
         """Compute the open loops.
 
         Args:
-            loops: One per plant.
-            step_hz: How finely the band of the filters is looked at; 0.04 Hz gives M_s to 0.005 and the phase margin to 0.5°.
+            loops: Loops, one per plant.
+            step_hz: Frequency step in the band of the filters; 0.04 Hz gives M_s to 0.005 and the phase margin to 0.5°.
 
         Raises:
-            ValueError: No loop, or loops with different periods.
+            ValueError: There is no loop, or the loops have different periods.
         """
         if not loops or len({loop.period_s for loop in loops}) != 1:
             raise ValueError("a family needs loops, all of one sampling period")
         self.loops = [replace(loop, notches=()) for loop in loops]
         period = self.loops[0].period_s
-        fine = np.arange(BAND_HZ[0], min(BAND_HZ[1], 0.45 / period), step_hz)
+        fine = np.arange(FINE_BAND_HZ[0], min(FINE_BAND_HZ[1], 0.45 / period), step_hz)
         frequency = np.unique(np.concatenate([np.geomspace(0.5, 0.49 / period, round(14.4 / step_hz)), fine]))
         self._delay = np.exp(-2j * math.pi * frequency * period)
         self._bare = np.array([loop.open_loop(frequency) for loop in self.loops])
 
     def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
-        """Margins with the filters frozen at each speed; a switched one counts as in within its hysteresis too."""
+        """Margins with the filters frozen at each speed; a switched filter acts within its hysteresis too."""
         filters = replace(self.loops[0], notches=tuple(widened(notch) for notch in notches if notch.mode != NOTCH_OFF))
         width = max(1, len(filters.notches))
         coefficients = np.zeros((len(speeds_rps), width, 5))
         coefficients[:, :, 0] = 1.0  # no filter: y = u
         for row, speed in enumerate(speeds_rps):
-            for place, values in enumerate(filters.filters(float(speed))):
-                coefficients[row, place] = values
+            for column, values in enumerate(filters.filters(float(speed))):
+                coefficients[row, column] = values
         out = np.zeros((len(self.loops), len(speeds_rps), 4))
         _scan(self._delay, self._bare, coefficients, out)
         return SpeedMargins(np.asarray(speeds_rps), out[:, :, 0], out[:, :, 1], out[:, :, 2], out[:, :, 3])
 
     def gain_on_the_line(self, notches: Sequence[Notch], order: int, speeds_rps: Real) -> Real:
-        """|X| = |θ_l/θ_sync| at k f_m for every plant at every speed, filters frozen there; shape (plants, speeds)."""
+        """Gain |X| = |θ_l/θ_sync| at k f_m for every plant at every speed, filters frozen there; shape (plants, speeds)."""
         line = order * np.asarray(speeds_rps, dtype=np.float64)
         base = self.loops[0]
         filters = replace(base, notches=tuple(widened(notch) for notch in notches if notch.mode != NOTCH_OFF))

@@ -1,6 +1,6 @@
 """The transmission error from what a robot can measure: motor angle and tip acceleration of a constant-acceleration run.
 
-Given the motor angle θ_m as it was measured, the arm follows without any knowledge of the controller,
+Given the measured motor angle θ_m, the arm's motion follows without any knowledge of the controller,
 
     a_l = H(s) [θ_m/N + θ_sync(θ_m)]'',   H(s) = (2 ζ_g ω s + ω²)/(s² + 2 ζ ω s + ω²),
 
@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, optimize, signal
 
-from hil.design.frequency import ARCSEC, TwoInertia
+from hil.control.angles import ARCSEC
+from hil.design.frequency import TwoInertia
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -35,18 +36,18 @@ RING_DOWN = 6.0
 
 @dataclass(frozen=True)
 class TransmissionError:
-    """θ_sync = Σ A_k cos(k θ_m + φ_k), eq. (2).
+    """Transmission error θ_sync = Σ A_k cos(k θ_m + φ_k), eq. (2).
 
     Attributes:
-        amplitude_arcsec: A_k by order k.
-        phase_deg: φ_k by order k.
+        amplitude_arcsec: Amplitude A_k by order k.
+        phase_deg: Phase φ_k by order k.
     """
 
     amplitude_arcsec: Mapping[int, float]
     phase_deg: Mapping[int, float]
 
     def angle_rad(self, motor_angle_rad: Real) -> Real:
-        """θ_sync in rad at the arm; shape of `motor_angle_rad`."""
+        """Error θ_sync in rad at the arm; shape of `motor_angle_rad`."""
         angle = np.asarray(motor_angle_rad, dtype=np.float64)
         total = np.zeros_like(angle)
         for order, amplitude in self.amplitude_arcsec.items():
@@ -56,19 +57,19 @@ class TransmissionError:
 
 @dataclass(frozen=True)
 class TransmissionErrorEstimate:
-    """What a fit found, with its standard errors.
+    """Result of a fit, with its standard errors.
 
-    The errors suppose that what the model leaves over is noise, flat over the band; they know nothing of a wrong lever arm, which
-    goes straight into A_k, nor of a wrong motor angle zero, which goes into φ_k.
+    The errors suppose that the residual of the model is noise, flat over the band. They do not cover a wrong lever arm, which
+    goes straight into A_k, nor a wrong zero of the motor angle, which goes into φ_k.
 
     Attributes:
-        error: A_k and φ_k (0 ≤ φ_k < 360°).
+        error: Transmission error with A_k and φ_k (0 ≤ φ_k < 360°).
         amplitude_error_arcsec: Standard error of A_k by order.
         phase_error_deg: Standard error of φ_k by order.
-        resonance_hz: ω/2π, refined.
-        damping: ζ, refined.
-        residual_m_s2: Root mean square of what is left over in the band, at the tip.
-        explained: Share of the tip's band-passed power that the model explains, 0 … 1, the motor's own motion included.
+        resonance_hz: Refined resonance ω/2π.
+        damping: Refined damping ratio ζ.
+        residual_m_s2: Root mean square of the residual in the band, at the tip.
+        explained: Fraction of the tip's band-passed power that the model explains, 0 … 1, the motor's own motion included.
     """
 
     error: TransmissionError
@@ -82,11 +83,11 @@ class TransmissionErrorEstimate:
 
 @dataclass(frozen=True)
 class _Arm:
-    """H(s): the arm on its gear; `gear_share` is ζ_g/ζ, held while ζ is refined."""
+    """Response H(s) of the arm on its gear; `gear_fraction` is ζ_g/ζ, held while ζ is refined."""
 
     omega_rad_s: float
     zeta: float
-    gear_share: float
+    gear_fraction: float
 
     @classmethod
     def of(cls, model: TwoInertia) -> "_Arm":
@@ -96,9 +97,9 @@ class _Arm:
         return cls(omega, zeta, model.gear_damping_nm_s_rad / damping if damping > 0.0 else 1.0)
 
     def response(self, frequency_hz: Real) -> Complex:
-        """H(jω); shape of `frequency_hz`."""
+        """Response H(jω); shape of `frequency_hz`."""
         s = 2j * math.pi * frequency_hz
-        through = 2.0 * self.gear_share * self.zeta * self.omega_rad_s * s + self.omega_rad_s**2
+        through = 2.0 * self.gear_fraction * self.zeta * self.omega_rad_s * s + self.omega_rad_s**2
         return np.asarray(through / (s**2 + 2.0 * self.zeta * self.omega_rad_s * s + self.omega_rad_s**2))
 
     def padded(self, count: int, period_s: float) -> int:
@@ -138,16 +139,16 @@ def arm_response(
 
     Args:
         model: The axis.
-        motor_angle_rad: θ_m, equally spaced; shape (n,).
-        period_s: Its sampling period.
-        lever_m: L, from the axis to the tip.
-        error: θ_sync.
-        resonance_hz: ω/2π of the arm on its gear, where it is known better than from the model.
-        damping: ζ likewise.
+        motor_angle_rad: Motor angle θ_m, equally spaced; shape (n,).
+        period_s: Sampling period of the angle.
+        lever_m: Lever L from the axis to the tip.
+        error: Transmission error θ_sync.
+        resonance_hz: Resonance ω/2π of the arm on its gear, where it is known better than from the model.
+        damping: Damping ratio ζ, likewise.
     """
     arm = _Arm.of(model)
     omega = arm.omega_rad_s if resonance_hz is None else 2.0 * math.pi * resonance_hz
-    arm = _Arm(omega, arm.zeta if damping is None else damping, arm.gear_share)
+    arm = _Arm(omega, arm.zeta if damping is None else damping, arm.gear_fraction)
     angle = np.asarray(motor_angle_rad, dtype=np.float64)
     driven = angle / model.reduction_ratio + error.angle_rad(angle)
     length = arm.padded(len(angle), period_s)
@@ -156,7 +157,7 @@ def arm_response(
 
 
 class _Problem:
-    """The least-squares problem: transforms once, then one inverse transform for each ω and ζ."""
+    """The least-squares problem: the transforms are computed once, then one inverse transform for each ω and ζ."""
 
     def __init__(
         self, angle: Real, tip: Real, period_s: float, model: TwoInertia, lever_m: float,
@@ -173,14 +174,14 @@ class _Problem:
         weight = np.abs(gain) ** 2  # forward and backward: no phase
         self._spectra = lever_m * weight * spectra
         self.tip = fft.irfft(weight * fft.rfft(tip, self._length), self._length)[: self._count][rows]
-        # the share of white noise that comes through, hence of the samples that are independent
-        self.share = float(np.mean(weight**2))
+        # the fraction of white noise that comes through, hence of the samples that are independent
+        self.independent = float(np.mean(weight**2))
 
     def columns(self, omega: float, zeta: float) -> tuple[Real, Real]:
-        """What the motor's own motion gives at the tip (n,), and what each unit of the unknowns does (n, 2·orders)."""
-        response = _Arm(omega, zeta, self.arm.gear_share).response(self._frequency)
-        found = fft.irfft(self._spectra * response, self._length)[:, : self._count][:, self._rows]
-        return found[0], found[1:].T
+        """Tip acceleration from the motor's own motion, shape (n,), and from a unit of each unknown, shape (n, 2·orders)."""
+        response = _Arm(omega, zeta, self.arm.gear_fraction).response(self._frequency)
+        rows = fft.irfft(self._spectra * response, self._length)[:, : self._count][:, self._rows]
+        return rows[0], rows[1:].T
 
     def solve(self, omega: float, zeta: float) -> tuple[Real, Real]:
         """The unknowns (2·orders,) in rad, and the residual (n,) in m/s²."""
@@ -199,30 +200,28 @@ def fit_transmission_error(
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
     rows: Rows | None = None,
 ) -> TransmissionErrorEstimate:
-    """A_k and φ_k of the transmission error from one constant-acceleration run without a notch.
+    """Fit A_k and φ_k of the transmission error to one constant-acceleration run without a notch.
 
     Minimises Σ (B [tip − L H s² (θ_m/N + Σ A_k cos(k θ_m + φ_k))])² over the rows, with B the same band-pass (2nd-order
     Butterworth, forward and backward) on both sides: linear in A_k cos φ_k and A_k sin φ_k jointly, and in an
     outer Gauss-Newton (variable projection) in ω and ζ, which start from the model. Sample i of the motor angle and of the
     tip acceleration must belong to the same instant: every millisecond between them turns φ by 4.3° at 12 Hz.
 
-    Reached on the reference robot (ramp of 4 rps/s, rows from 1.5 to 9 rps, 2 ms between samples, noise 0.02 m/s²,
-    resolution 0.01 m/s²; 30 seeds on each of axes 2 and 3): bias of A_k below 0.4 %, of φ_k below 0.2°; scatter 0.6 % and
-    0.4° (A₂, φ₂), 0.7 % and 0.5° (A₄, φ₄), and the standard errors say as much. A gear stiffness 5 % wrong in the model
-    adds 0.3 % and 0.3°.
+    For the accuracy on the reference robot see docs/theory.md.
 
     Args:
-        motor_angle_rad: θ_m; shape (n,).
+        motor_angle_rad: Motor angle θ_m; shape (n,).
         tip_acceleration_m_s2: Vertical tip acceleration at the same instants; shape (n,).
         period_s: Sampling period of both.
-        model: The axis; N and J_l are believed, ω and ζ are where the refinement starts.
-        lever_m: L; its relative error is that of A_k.
-        orders: k.
+        model: The axis; N and J_l are taken as true, ω and ζ start the refinement.
+        lever_m: Lever L; its relative error is that of A_k.
+        orders: Orders k of the error.
         band_hz: Pass band of B.
-        rows: Which samples count; all of them by default. Those of a ramp through the resonances are what carries information.
+        rows: Mask or slice of the samples that count; all of them by default. Those of a ramp through the resonances carry the
+            information.
 
     Raises:
-        ValueError: Shapes that differ, or fewer rows than the fit needs.
+        ValueError: The shapes differ, or there are fewer rows than the fit needs.
 
     Source: the paper, section 3.2.
     """
@@ -244,10 +243,10 @@ def fit_transmission_error(
         return problem.solve(start.omega_rad_s * float(scale[0]), start.zeta * float(scale[1]))[1]
 
     # in units of the model's own values; further away than this the model is not of this axis
-    found = optimize.least_squares(
+    fit = optimize.least_squares(
         residual, np.ones(2), bounds=([0.7, 0.1], [1.4, 8.0]), x_scale=np.array([0.01, 0.3]), diff_step=np.full(2, 1e-4)
     )
-    omega, zeta = start.omega_rad_s * float(found.x[0]), start.zeta * float(found.x[1])
+    omega, zeta = start.omega_rad_s * float(fit.x[0]), start.zeta * float(fit.x[1])
     return _estimate(problem, omega, zeta, tuple(orders))
 
 
@@ -264,13 +263,13 @@ def _estimate(problem: _Problem, omega: float, zeta: float, orders: tuple[int, .
         slopes.append((sides[0] - sides[1]) / (2.0 * sum(step)))
     jacobian = np.column_stack([matrix, *slopes])
     power = float(np.sum(left**2))
-    independent = max(1.0, len(left) * problem.share - jacobian.shape[1])
+    independent = max(1.0, len(left) * problem.independent - jacobian.shape[1])
     covariance = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * power / independent
     amplitude, phase, amplitude_error, phase_error = {}, {}, {}, {}
-    for place, order in enumerate(orders):
-        x, y = float(unknowns[2 * place]), float(unknowns[2 * place + 1])
+    for row, order in enumerate(orders):
+        x, y = float(unknowns[2 * row]), float(unknowns[2 * row + 1])
         size = math.hypot(x, y)
-        block = covariance[2 * place : 2 * place + 2, 2 * place : 2 * place + 2]
+        block = covariance[2 * row : 2 * row + 2, 2 * row : 2 * row + 2]
         along, across = np.array([x, y]) / max(size, 1e-30), np.array([-y, x]) / max(size, 1e-30)
         amplitude[order] = size / ARCSEC
         phase[order] = math.degrees(math.atan2(y, x)) % 360.0

@@ -1,4 +1,4 @@
-"""Plants that an axis might have: the believed one, and the corners of what is not known of it."""
+"""Plants that an axis might have: the believed one, and corners of its uncertainty."""
 
 import itertools
 import math
@@ -9,10 +9,10 @@ from hil.design.frequency import TwoInertia
 from hil.design.transmission_error import TransmissionError
 
 DEFAULT_PERCENT = 5.0
-"""Of gear stiffness and arm inertia where nobody has said how well they are known."""
+"""Uncertainty of gear stiffness and arm inertia where no other is given."""
 
 SIGMAS = 2.0
-"""How many standard errors make a corner."""
+"""Number of standard errors from the believed plant to a corner."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Member:
     """One plant of the set.
 
     Attributes:
-        label: What is different in it; `nominal` for the believed one.
+        label: Its difference in words; `nominal` for the believed one.
         plant: The axis.
         error: Its transmission error.
     """
@@ -41,18 +41,18 @@ def around(
     """The believed plant, and four corners around it.
 
     Without standard errors the corners are K_g and J_l, each by `percent` up or down. With them they are f_a and K_g by two
-    standard errors, J_l following from both: a frequency response tells f_a ten times better than either of its parts. The
+    standard errors, J_l following from both: a frequency response gives f_a ten times better than K_g or J_l. The
     corners have a gear damping and amplitudes two standard errors to the worse side.
 
     Args:
-        plant: As believed.
-        error: As believed.
+        plant: The believed plant.
+        error: The believed error.
         percent: Uncertainty of K_g and J_l; it wins over the standard errors where both are given. 0: only the believed plant.
-        standard_error: By the names of `TwoInertia`, and `antiresonance_hz`.
+        standard_error: Standard errors by the names of `TwoInertia`, and `antiresonance_hz`.
         amplitude_error_arcsec: Standard errors of A_k.
 
     Raises:
-        ValueError: A percentage that is not within 0 … 50.
+        ValueError: The percentage is not within 0 … 50.
     """
     nominal = Member("nominal", plant, error)
     known = dict(standard_error or {})
@@ -72,13 +72,13 @@ def around(
     if percent is not None:
         if percent == 0.0:
             return (nominal,)
-        share = percent / 100.0
-        return (nominal, *(_by_parts(worse, larger, share, signs) for signs in itertools.product((-1.0, 1.0), repeat=2)))
+        fraction = percent / 100.0
+        return (nominal, *(_by_parts(worse, larger, fraction, signs) for signs in itertools.product((-1.0, 1.0), repeat=2)))
     return (nominal, *(_by_frequency(worse, larger, known, signs) for signs in itertools.product((-1.0, 1.0), repeat=2)))
 
 
-def _by_parts(plant: TwoInertia, error: TransmissionError, share: float, signs: tuple[float, ...]) -> Member:
-    stiffness, inertia = (1.0 + sign * share for sign in signs)
+def _by_parts(plant: TwoInertia, error: TransmissionError, fraction: float, signs: tuple[float, ...]) -> Member:
+    stiffness, inertia = (1.0 + sign * fraction for sign in signs)
     changed = replace(
         plant,
         gear_stiffness_nm_rad=plant.gear_stiffness_nm_rad * stiffness,

@@ -2,16 +2,17 @@
 
 import numpy as np
 
+from hil.bench.bench import Bench
 from hil.control.trajectory import sample_times
 from hil.errors import NotPossibleError
-from hil.master.bench import CHAIN_AXES, Bench
-from hil.master.run import Motion
+from hil.master.motion import Motion
+from hil.robot_tables import CHAIN_AXES
 
 CONSTANT_ACCELERATION, LINE_MOTION = "constant-acceleration", "line-motion"
 
 
 def constant_acceleration(bench: Bench, axis: int, period_s: float) -> Motion:
-    """One motor through the resonant speeds and back to rest, from where it stands (the paper, sections 3.2 and 5.1).
+    """One motor through the resonant speeds and back to rest, from its present position (the paper, sections 3.2 and 5.1).
 
     Raises:
         NotPossibleError: The bench file has no such motion or axis.

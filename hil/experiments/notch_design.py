@@ -1,61 +1,60 @@
-"""`hil design notch`: from a bench file and what has been identified to filters, and to what a drive takes of them."""
+"""`hil design notch`: filters from a bench file and an identified model, and the parameter set of a drive."""
 
-import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from drive_profiles.catalogue import Catalogue
-from drive_profiles.parameters import Header, Item, ParameterSet
-from drive_profiles.profile import Profile
-from drive_profiles.realisation import Target, realise
+from drive_profiles.family.catalogue import Catalogue
+from drive_profiles.family.profile import Profile
+from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet
+from drive_profiles.realisation import NotchTarget, realise
 from hil.analysis import WINDOWS_RPS, tip_displacement_mm
+from hil.bench.bench import AxisTable, Bench
+from hil.bench.design import DesignedAxis, notch_table
+from hil.bench.model import Identified, IdentifiedAxis, with_identified
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
 from hil.control.trajectory import ConstantAcceleration, sample_times
-from hil.design.frequency import Loop
-from hil.design.notch_design import Check, Problem, Requirements, Verdict
-from hil.design.notch_search import Effort, judged, search, workers
-from hil.design.ramp import Motion
+from hil.design.frequency import CONTROL_PERIOD_S, Loop
+from hil.design.notch_design import NotchProblem, NotchVerdict, RequirementCheck, Requirements
+from hil.design.notch_search import Effort, pooled_verdict, search, workers
+from hil.design.ramp import RampMotion
 from hil.design.transmission_error import TransmissionError
 from hil.design.uncertainty import around
 from hil.errors import HilError, NotPossibleError
-from hil.master.bench import Axis, Bench
-from hil.master.designed import DesignedAxis, notch_table
-from hil.master.identified import Identified, IdentifiedAxis, with_identified
-
-SCHEMA = 1
+from hil.reporter import SILENT, Reporter
+from hil.results.notch_design import DesignCheck, DesignPlant, DesignVerdict, NotchDesignResult, SpeedMarginsEntry, TipPeak
 
 SETTLE_RPS = 1.0
-"""How far below the lowest judged speed the ramp down goes on, so that the band-pass has what it needs."""
+"""Reach of the ramp down below the lowest judged speed, so that the band-pass can settle, rev/s."""
 
 
 class InfeasibleError(HilError):
-    """No filter keeps everything that is asked."""
+    """No filter meets all requirements."""
 
     exit_code: ClassVar[int] = 9
 
-    def __init__(self, axis: int, what: str, missed: Sequence[Check]) -> None:
-        """Keep the axis, what was looked for, and what the closest misses."""
+    def __init__(self, axis: int, what: str, missed: Sequence[RequirementCheck]) -> None:
+        """Keep the axis, the sentence on the search, and the checks that the closest filter misses."""
         self.axis, self.what, self.missed = axis, what, tuple(missed)
         super().__init__(f"axis {axis}: {what}: {'; '.join(map(str, missed))}")
 
 
 @dataclass(frozen=True)
 class TipDisplacement:
-    """The metric of a run (`hil.analysis`), of a simulated one.
+    """Tip displacement of a simulated run, by the metric of measured ones (`hil.analysis`).
 
     Attributes:
-        lever_m: From the arm's axis to the tip.
+        lever_m: Distance from the arm's axis to the tip.
         f_al_hz: Peak of |G_al|.
     """
 
     lever_m: float
     f_al_hz: float
 
-    def __call__(self, motion: Motion, low_rps: float, high_rps: float) -> tuple[float, float]:
+    def __call__(self, motion: RampMotion, low_rps: float, high_rps: float) -> tuple[float, float]:
         """Largest tip displacement in mm between two speeds, while the speed rises and while it falls."""
         displacement = np.abs(tip_displacement_mm(self.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, self.f_al_hz))
         speed = np.abs(motion.motor_speed_rps)
@@ -66,20 +65,20 @@ class TipDisplacement:
 
 
 @dataclass(frozen=True)
-class Request:
-    """What is wanted.
+class NotchDesignRequest:
+    """Request of a notch design.
 
     Attributes:
-        axis: Number.
-        orders: k, in the order in which their filters are designed.
-        shapes: Which are tried.
-        requirements: What must be kept; None for the defaults with the bench file's specification.
-        uncertainty_percent: Of K_g and J_l; None for the model file's standard errors, or 5 %.
+        axis: Axis number.
+        orders: Orders k, in the order in which their filters are designed.
+        shapes: Shapes that are tried.
+        requirements: Margins and tip peak; None for the defaults with the bench file's specification.
+        uncertainty_percent: Uncertainty of K_g and J_l; None for the model file's standard errors, or 5 %.
         period_s: Sampling time of the loop; None for the drive family's, or 250 µs.
         delay_samples: Whole samples between measurement and torque.
-        effort: How long is searched.
-        jobs: Processes; 0 for this one alone.
-        is_given: Judge the bench file's own filters only.
+        effort: Evaluations and seed of the search.
+        jobs: Number of processes; 0 for this one alone.
+        is_given: True to judge the bench file's own filters only.
     """
 
     axis: int
@@ -95,101 +94,101 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What came of it.
+class NotchDesignOutcome:
+    """End of a notch design.
 
     Attributes:
-        bench: As it was used, with what has been identified.
-        source: Where the plant is from, in words.
-        request: What was wanted.
-        problem: What was solved.
+        bench: Bench file as it was used, with the identified model.
+        source: Source of the plant, in words.
+        request: Request of the design.
+        problem: NotchProblem that was solved.
         f_al_hz: Peak of |G_al| of the believed plant without a filter.
-        none: Without filters.
-        given: The bench file's filters; None without them.
-        designed: The best filters, or those that miss least; None where only the given ones were judged.
-        failure: Why there is none; None where there is.
-        seconds: How long it took.
+        none: NotchVerdict without filters.
+        given: NotchVerdict on the bench file's filters; None without them.
+        designed: NotchVerdict on the best filters, or those that miss least; None where only the given ones were judged.
+        failure: Error where no filter meets the requirements; None where one does.
+        seconds: Duration of the design.
     """
 
     bench: Bench
     source: str
-    request: Request
-    problem: Problem
+    request: NotchDesignRequest
+    problem: NotchProblem
     f_al_hz: float
-    none: Verdict
-    given: Verdict | None
-    designed: Verdict | None
+    none: NotchVerdict
+    given: NotchVerdict | None
+    designed: NotchVerdict | None
     failure: InfeasibleError | None
     seconds: float
 
     @property
-    def table(self) -> Axis:
-        """The axis in the bench file."""
+    def table(self) -> AxisTable:
+        """Table of the axis in the bench file."""
         return self.bench.axis[self.request.axis]
 
     @property
-    def best(self) -> Verdict:
-        """What the report is about: the designed filters, else the given ones."""
-        found = self.designed or self.given
-        assert found is not None  # noqa: S101 - one of them has been asked for
-        return found
+    def best(self) -> NotchVerdict:
+        """NotchVerdict of the report: on the designed filters, else on the given ones."""
+        verdict = self.designed or self.given
+        assert verdict is not None  # noqa: S101 - one of them was requested
+        return verdict
 
     def loop(self, notches: Sequence[Notch] = ()) -> Loop:
-        """The loop around the believed plant."""
+        """Loop around the believed plant."""
         return self.problem.loop(self.problem.members[0], notches)
 
 
 def design(
     bench: Bench,
-    request: Request,
+    request: NotchDesignRequest,
     identified: Identified | None = None,
-    progress: Callable[[float], None] = lambda share: None,
-) -> Outcome:
-    """Filters for one axis; where none keeps everything, the outcome says by what the closest fails.
+    reporter: Reporter = SILENT,
+) -> NotchDesignOutcome:
+    """Design the filters of one axis; where none meets all requirements, the outcome names those that the closest misses.
 
     Args:
         bench: The bench file.
-        request: What is wanted.
-        identified: A model file, which counts before the bench file's model.
-        progress: Called with the share that is done.
+        request: Axis, orders, shapes and requirements.
+        identified: A model file, which takes precedence over the bench file's model.
+        reporter: Listener of the progress.
 
     Raises:
-        NotPossibleError: The bench has not what a design needs.
-        ValueError: A request outside its range.
+        NotPossibleError: The bench lacks something that a design needs.
+        ValueError: A value of the request is outside its range.
     """
     began = time.monotonic()
     source = "bench file"
-    known = IdentifiedAxis()
+    axis_model = IdentifiedAxis()
     if identified is not None:
-        known = identified.axis.get(request.axis, known)
-        parts = [name for name in ("plant", "ate") if getattr(known, name) is not None]
+        axis_model = identified.axis.get(request.axis, axis_model)
+        parts = [name for name in ("plant", "ate") if getattr(axis_model, name) is not None]
         source = (
             f"model file ({', '.join(parts)}), the rest: bench file" if parts else "bench file; the model file lacks the axis"
         )
         bench = with_identified(bench, identified)
-    problem, f_al = problem_of(bench, request, known)
+    problem, f_al = problem_of(bench, request, axis_model)
     table = bench.axis[request.axis]
     given = tuple(one.notch() for one in table.notch)
     with workers(request.jobs) as pool:
-        none = judged(problem, (), request.orders, pool)
-        judged_given = judged(problem, given, request.orders, pool) if given else None
-        designed: Verdict | None = None
+        none = pooled_verdict(problem, (), request.orders, pool)
+        given_verdict = pooled_verdict(problem, given, request.orders, pool) if given else None
+        designed: NotchVerdict | None = None
         failure: InfeasibleError | None = None
         if request.is_given:
-            if judged_given is None:
+            if given_verdict is None:
                 raise NotPossibleError(f"axis {request.axis}: the bench file gives it no notch")
-            if not judged_given.holds:
-                failure = InfeasibleError(request.axis, "the given filters miss what is asked", judged_given.missed)
+            if not given_verdict.holds:
+                failure = InfeasibleError(request.axis, "the given filters miss what is asked", given_verdict.missed)
         elif bare := _bare_failure(request.axis, none):
             failure, designed = bare, none
         else:
-            designed, failure = _searched(problem, request, f_al, given, pool, progress)
+            designed, failure = _searched(problem, request, f_al, given, pool, reporter)
     seconds = time.monotonic() - began
-    return Outcome(bench, source, request, problem, f_al, none, judged_given, designed, failure, seconds)
+    return NotchDesignOutcome(bench, source, request, problem, f_al, none, given_verdict, designed, failure, seconds)
 
 
-def _bare_failure(axis: int, none: Verdict) -> InfeasibleError | None:
-    """Margins that are missed without any filter: none can mend them where it does not act."""
+def _bare_failure(axis: int, none: NotchVerdict) -> InfeasibleError | None:
+    """Error where margins are missed without any filter: no filter can mend them at speeds where it does not act."""
     missed = [check for check in none.missed if check.name in {"pole radius", "M_s", "phase margin", "gain margin"}]
     if not missed:
         return None
@@ -197,47 +196,47 @@ def _bare_failure(axis: int, none: Verdict) -> InfeasibleError | None:
 
 
 def _searched(
-    problem: Problem,
-    request: Request,
+    problem: NotchProblem,
+    request: NotchDesignRequest,
     f_al_hz: float,
     given: Sequence[Notch],
     pool: Any,
-    progress: Callable[[float], None],
-) -> tuple[Verdict, InfeasibleError | None]:
-    """One filter after the other; those of orders that are not asked for stay as they are given."""
-    kept = tuple(notch for notch in given if notch.order not in request.orders)
-    if len(kept) + len(request.orders) > NOTCHES:
-        raise NotPossibleError(f"axis {request.axis}: {len(kept)} filters of other orders leave no room; an axis has {NOTCHES}")
-    found: Verdict | None = None
-    for place, order in enumerate(request.orders):
+    reporter: Reporter,
+) -> tuple[NotchVerdict, InfeasibleError | None]:
+    """Search one filter after the other; filters of other orders stay as they are given."""
+    fixed = tuple(notch for notch in given if notch.order not in request.orders)
+    if len(fixed) + len(request.orders) > NOTCHES:
+        raise NotPossibleError(f"axis {request.axis}: {len(fixed)} filters of other orders leave no room; an axis has {NOTCHES}")
+    best: NotchVerdict | None = None
+    for number, order in enumerate(request.orders):
         own = [notch for notch in given if notch.order == order and notch.mode != NOTCH_OFF]
-        present = replace(problem, fixed=kept)
+        present = replace(problem, fixed=fixed)
 
-        def told(share: float, place: int = place) -> None:
-            progress((place + share) / len(request.orders))
+        def progress(fraction: float, number: int = number) -> None:
+            reporter.progress((number + fraction) / len(request.orders))
 
         result = search(
             present, order, request.shapes, f_al_hz, effort=request.effort, pool=pool, given=own,
-            template=own[0] if own else None, progress=told,
+            template=own[0] if own else None, progress=progress,
         )  # fmt: skip
-        found = result.best
-        if not found.holds:
+        best = result.best
+        if not best.holds:
             shapes = " or ".join(request.shapes)
             what = f"no {shapes} filter of order {order} keeps all that is asked; the closest misses"
-            return found, InfeasibleError(request.axis, what, found.missed)
-        kept = found.notches
-    assert found is not None  # noqa: S101 - there is at least one order
-    whole = judged(problem, found.notches, request.orders, pool)
+            return best, InfeasibleError(request.axis, what, best.missed)
+        fixed = best.notches
+    assert best is not None  # noqa: S101 - there is at least one order
+    whole = pooled_verdict(problem, best.notches, request.orders, pool)
     if whole.holds:
         return whole, None
     return whole, InfeasibleError(request.axis, "the filters together miss what is asked", whole.missed)
 
 
-def problem_of(bench: Bench, request: Request, known: IdentifiedAxis | None = None) -> tuple[Problem, float]:
-    """What is to be solved, and f_al.
+def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: IdentifiedAxis | None = None) -> tuple[NotchProblem, float]:
+    """NotchProblem of a request, and f_al in Hz.
 
     Raises:
-        NotPossibleError: No such axis, no model of it, no ramp, or a transmission error that nobody knows.
+        NotPossibleError: The bench lacks the axis, its model, its transmission error, or a ramp.
     """
     number = request.axis
     if number not in bench.axis:
@@ -260,9 +259,9 @@ def problem_of(bench: Bench, request: Request, known: IdentifiedAxis | None = No
     period = request.period_s or _period_s(table)
     bare = Loop(plant, table.control.cascade(), (), period, request.delay_samples)
     f_al = bare.peak_hz()
-    errors, amplitudes = _standard_errors(known)
+    errors, amplitudes = _standard_errors(axis_model)
     members = around(plant, error, percent=request.uncertainty_percent, standard_error=errors, amplitude_error_arcsec=amplitudes)
-    problem = Problem(
+    problem = NotchProblem(
         members=members,
         cascade=table.control.cascade(),
         period_s=period,
@@ -281,23 +280,23 @@ def problem_of(bench: Bench, request: Request, known: IdentifiedAxis | None = No
     return problem, f_al
 
 
-def _period_s(table: Axis) -> float:
-    """Of the loop inside the drive, as its profile says."""
+def _period_s(table: AxisTable) -> float:
+    """Period of the loop inside the drive, from its drive profile."""
     loop = Profile.load(table.profile).loop
-    return 250e-6 if loop is None or loop.period_s is None else loop.period_s
+    return CONTROL_PERIOD_S if loop is None or loop.period_s is None else loop.period_s
 
 
-def _standard_errors(known: IdentifiedAxis | None) -> tuple[Mapping[str, float], Mapping[int, float]]:
+def _standard_errors(axis_model: IdentifiedAxis | None) -> tuple[Mapping[str, float], Mapping[int, float]]:
     errors: dict[str, float] = {}
     amplitudes: dict[int, float] = {}
-    if known is not None and known.plant is not None:
-        errors = dict(known.plant.standard_error)
-    if known is not None and known.ate is not None:
-        amplitudes = {order: known.ate.standard_error.get(f"a{order}_arcsec", 0.0) for order in WINDOWS_RPS}
+    if axis_model is not None and axis_model.plant is not None:
+        errors = dict(axis_model.plant.standard_error)
+    if axis_model is not None and axis_model.ate is not None:
+        amplitudes = {order: axis_model.ate.standard_error.get(f"a{order}_arcsec", 0.0) for order in WINDOWS_RPS}
     return errors, amplitudes
 
 
-def _reference(bench: Bench, request: Request, period_s: float) -> Any:
+def _reference(bench: Bench, request: NotchDesignRequest, period_s: float) -> Any:
     """θ_ref of the bench file's ramp, up at its rate and down at the same, until the lowest judged speed is well behind."""
     table = bench.constant_acceleration
     assert table is not None  # noqa: S101 - the caller has looked
@@ -308,15 +307,21 @@ def _reference(bench: Bench, request: Request, period_s: float) -> Any:
     return ramp.motor_angle(sample_times(0.1 + top / rate + down, period_s))
 
 
-# -- what is kept ----------------------------------------------------------------------------------------------------------
+# -- files ----------------------------------------------------------------------------------------------------------
 
 
-def parameter_set(bench: Bench, axis: int, found: Verdict, f_al_hz: float) -> ParameterSet:
-    """The filters as `drive-profiles upload` takes them; the drive's other filters are switched off.
+def parameter_set(bench: Bench, axis: int, verdict: NotchVerdict, f_al_hz: float) -> ParameterSet:
+    """Filters as a parameter set for `drive-profiles upload`; the drive's other filters are switched off.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        verdict: NotchVerdict on the filters.
+        f_al_hz: Peak of |G_al| without a filter.
 
     Raises:
         NotPossibleError: The drive family has no variable notch.
-        DriveProfileError: It has one that does not hold these values.
+        DriveProfileError: Its notch does not hold these values.
     """
     table = bench.axis[axis]
     profile = Profile.load(table.profile)
@@ -324,11 +329,11 @@ def parameter_set(bench: Bench, axis: int, found: Verdict, f_al_hz: float) -> Pa
     items: dict[str, Item] = {}
     for column in range(NOTCHES):
         name = f"notch_{column + 1}"
-        if column >= len(found.notches):
+        if column >= len(verdict.notches):
             items[f"{name}.mode"] = Item(value=NOTCH_OFF)
             continue
-        notch = found.notches[column]
-        target = Target.at_speed(notch.order, f_al_hz / notch.order, notch.offset_hz, notch.zeta_rn, notch.zeta_rdth)
+        notch = verdict.notches[column]
+        target = NotchTarget.at_speed(notch.order, f_al_hz / notch.order, notch.offset_hz, notch.zeta_rn, notch.zeta_rdth)
         realise(profile, target, section=column)
         values = {**vars(notch)}
         mode = values.pop("mode")  # last: until then the filter is the one before, or off
@@ -339,7 +344,7 @@ def parameter_set(bench: Bench, axis: int, found: Verdict, f_al_hz: float) -> Pa
         node_id=table.node_id,
         vendor_id=profile.identity.vendor_id,
         serial_number=table.serial_number,
-        title=f"axis {axis} of {bench.name}: {summary(found)}",
+        title=f"axis {axis} of {bench.name}: {summary(verdict)}",
     )
     made = ParameterSet(header=header, tuning=items)
     made.writes(Catalogue(profile))
@@ -347,10 +352,10 @@ def parameter_set(bench: Bench, axis: int, found: Verdict, f_al_hz: float) -> Pa
 
 
 def check_drive(bench: Bench, axis: int) -> None:
-    """Refuse a drive family that does not vary a notch by itself.
+    """Refuse a drive family whose notch does not follow the speed.
 
     Raises:
-        NotPossibleError: It does not, with what it has.
+        NotPossibleError: The family has no such notch; the message names its filter.
     """
     profile = Profile.load(bench.axis[axis].profile)
     names = [f"notch_{column + 1}.{name}" for column in range(NOTCHES) for name in vars(Notch())]
@@ -363,23 +368,23 @@ def check_drive(bench: Bench, axis: int) -> None:
         )
 
 
-def summary(found: Verdict) -> str:
-    """The filters' margins and predicted peaks in one line."""
-    worst = {check.name: check for check in found.checks}
-    peaks = ", ".join(f"k = {row.order}: {row.rising_mm:.4f} mm, worst plant {row.worst_mm:.4f} mm" for row in found.peaks)
+def summary(verdict: NotchVerdict) -> str:
+    """Margins and predicted peaks of the filters in one line."""
+    worst = {check.name: check for check in verdict.checks}
+    peaks = ", ".join(f"k = {row.order}: {row.rising_mm:.4f} mm, worst plant {row.worst_mm:.4f} mm" for row in verdict.peaks)
     return (
         f"M_s {worst['M_s'].value:.2f}, phase margin {worst['phase margin'].value:.1f}°, gain margin "
         f"{worst['gain margin'].value:.1f} dB at every speed and plant; predicted tip peak {peaks}"
     )
 
 
-def designed_axis(outcome: Outcome) -> DesignedAxis:
-    """What the design file keeps."""
-    found, worst = outcome.best, {check.name: check for check in outcome.best.checks}
+def designed_axis(outcome: NotchDesignOutcome) -> DesignedAxis:
+    """Filters as an entry of the design file."""
+    best, worst = outcome.best, {check.name: check for check in outcome.best.checks}
     return DesignedAxis(
-        notch=tuple(notch_table(notch) for notch in found.notches),
-        tip_peak_mm={str(row.order): row.rising_mm for row in found.peaks},
-        worst_tip_peak_mm={str(row.order): row.worst_mm for row in found.peaks},
+        notch=tuple(notch_table(notch) for notch in best.notches),
+        tip_peak_mm={str(row.order): row.rising_mm for row in best.peaks},
+        worst_tip_peak_mm={str(row.order): row.worst_mm for row in best.peaks},
         sensitivity_peak=worst["M_s"].value,
         phase_margin_deg=worst["phase margin"].value,
         gain_margin_db=min(worst["gain margin"].value, 200.0),
@@ -389,47 +394,35 @@ def designed_axis(outcome: Outcome) -> DesignedAxis:
     )
 
 
-def document(outcome: Outcome) -> dict[str, Any]:
-    """All of it as JSON: SI units, None for what has no bound."""
-    asked = outcome.problem.requirements
-    whole = {
-        "schema": SCHEMA,
-        "bench": outcome.bench.name,
-        "axis": outcome.request.axis,
-        "orders": list(outcome.request.orders),
-        "plant_from": outcome.source,
-        "period_s": outcome.problem.period_s,
-        "delay_samples": outcome.problem.delay_samples,
-        "speed_limit_rps": outcome.problem.speed_limit_rps,
-        "f_al_hz": outcome.f_al_hz,
-        "requirements": asdict(asked),
-        "plants": [{"label": member.label, **asdict(member.plant)} for member in outcome.problem.members],
-        "feasible": outcome.failure is None,
-        "reason": None if outcome.failure is None else str(outcome.failure),
-        "none": _verdict(outcome.none),
-        "given": None if outcome.given is None else _verdict(outcome.given),
-        "designed": None if outcome.designed is None else _verdict(outcome.designed),
-        "effort": asdict(outcome.request.effort),
-        "seconds": round(outcome.seconds, 2),
-    }
-    made: dict[str, Any] = _finite(whole)
-    return made
+def result_of(outcome: NotchDesignOutcome) -> NotchDesignResult:
+    """Result of a design for `design.json`: SI units, None for values without a bound."""
+    problem = outcome.problem
+    return NotchDesignResult(
+        bench=outcome.bench.name,
+        axis=outcome.request.axis,
+        orders=outcome.request.orders,
+        plant_from=outcome.source,
+        period_s=problem.period_s,
+        delay_samples=problem.delay_samples,
+        speed_limit_rps=problem.speed_limit_rps,
+        f_al_hz=outcome.f_al_hz,
+        requirements=problem.requirements,
+        plants=tuple(DesignPlant(label=member.label, **asdict(member.plant)) for member in problem.members),
+        feasible=outcome.failure is None,
+        reason=None if outcome.failure is None else str(outcome.failure),
+        none=_verdict(outcome.none),
+        given=None if outcome.given is None else _verdict(outcome.given),
+        designed=None if outcome.designed is None else _verdict(outcome.designed),
+        effort=outcome.request.effort,
+        seconds=round(outcome.seconds, 2),
+    )
 
 
-def _verdict(found: Verdict) -> dict[str, Any]:
-    return {
-        "notch": [notch_table(notch).model_dump() for notch in found.notches],
-        "holds": found.holds,
-        "checks": [{**asdict(check), "holds": check.holds} for check in found.checks],
-        "tip_peaks": [asdict(row) for row in found.peaks],
-        "margins": [{"speed_rps": speed, **asdict(one)} for speed, one in found.margins.items()],
-    }
-
-
-def _finite(value: Any) -> Any:
-    """JSON has no NaN and no infinity."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {key: _finite(part) for key, part in value.items()}
-    return [_finite(part) for part in value] if isinstance(value, list | tuple) else value
+def _verdict(verdict: NotchVerdict) -> DesignVerdict:
+    return DesignVerdict(
+        notch=tuple(notch_table(notch) for notch in verdict.notches),
+        holds=verdict.holds,
+        checks=tuple(DesignCheck(**asdict(check), holds=check.holds) for check in verdict.checks),
+        tip_peaks=tuple(TipPeak(**asdict(row)) for row in verdict.peaks),
+        margins=tuple(SpeedMarginsEntry(speed_rps=speed, **asdict(one)) for speed, one in verdict.margins.items()),
+    )

@@ -1,19 +1,23 @@
-"""What is run and what comes of it: experiments, metrics, comparisons and the paper's claims, as `result.json` holds them."""
+"""Experiments, and the entries of `result.json` for their runs: metrics, comparisons and the paper's claims."""
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from hil.analysis import Metrics, constant_acceleration_metrics, line_motion_metrics
-from hil.design.frequency import ARCSEC, acceleration_bound, margins
+from hil.bench.bench import Bench
+from hil.control.angles import ARCSEC
+from hil.control.treatments import TreatmentName
+from hil.design.frequency import CONTROL_PERIOD_S, acceleration_bound, margins
+from hil.experiments.bus_demand import BusDemand
 from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION, constant_acceleration, line_motion
-from hil.experiments.treatment import ASKED, TITLES, TreatmentName
-from hil.master.bench import Bench
-from hil.master.run import Motion, RunResult
-from hil.master.session import Loop
+from hil.experiments.treatment import FILTERING, REMEDIES, TITLES
+from hil.master.motion import LoopName, Motion, RunResult
 from hil.recording import Recording
+from hil.results.runs import CancellationTrial, PaperClaim, RunEntry, RunTiming, TreatmentComparison
 
 F_AL_DEFAULT_HZ = 12.0
 """Peak of |G_al| where the bench file has no model: the paper's "around 12 Hz"."""
@@ -21,103 +25,161 @@ F_AL_DEFAULT_HZ = 12.0
 
 @dataclass(frozen=True)
 class Experiment:
-    """One run to be made.
+    """One experiment to run.
 
     Attributes:
         name: `constant-acceleration` or `line-motion`.
         axis: The axis of a constant-acceleration run, else None.
-        compensation: What acts against the transmission error.
-        loop: Where the loop is closed.
+        treatment: Treatment of the vibration.
+        loop: Side that closes the loop, the drive or the host.
     """
 
     name: str
     axis: int | None
-    compensation: TreatmentName
-    loop: Loop = "drive"
+    treatment: TreatmentName
+    loop: LoopName = "drive"
 
     @property
     def title(self) -> str:
-        """For people."""
+        """Experiment in words."""
         where = f"axis {self.axis}" if self.axis is not None else "axes 2, 3, 5"
-        with_ = {"none": "without", "notch": "with the notch"}.get(self.compensation, TITLES[self.compensation])
+        with_ = {"none": "without", "notch": "with the notch"}.get(self.treatment, TITLES[self.treatment])
         return f"{self.name}, {where}, {self.loop}-closed, {with_}"
 
     @property
     def file_name(self) -> str:
-        """Of its recording."""
+        """File name of its recording."""
         axis = f"-axis{self.axis}" if self.axis is not None else ""
-        return f"{self.name}{axis}-{self.loop}-{self.compensation}.csv"
+        return f"{self.name}{axis}-{self.loop}-{self.treatment}.csv"
 
     def period_s(self, bench: Bench) -> float:
-        """Its SYNC period."""
+        """SYNC period of its loop, s."""
         return bench.bus.host_sync_period_s if self.loop == "host" else bench.bus.sync_period_s
 
     def motion(self, bench: Bench) -> Motion:
-        """What it asks of the robot."""
+        """Motion of the robot, from the bench file."""
         period = self.period_s(bench)
         if self.axis is not None:
             return constant_acceleration(bench, self.axis, period)
         return line_motion(bench, period)
 
+    def bus_demand(self, motion: Motion) -> BusDemand:
+        """Demand of its motion on the bus."""
+        return BusDemand(
+            self.title,
+            motion.axes,
+            motion.period_s,
+            self.loop,
+            with_notch=self.treatment in FILTERING,
+            with_torque_offset=motion.torque_offset_nm is not None,
+        )
+
 
 def demo_experiments(bench: Bench) -> list[Experiment]:
-    """The paper's experiments: both axes and the line, each without and with the notch; and axis 2 host-closed."""
+    """Experiments of the paper: both axes and the line, each without and with the notch; and axis 2 host-closed."""
     both: tuple[Literal["none"], Literal["notch"]] = ("none", "notch")
     axes = [number for number in (2, 3) if number in bench.axis]
-    plan = [Experiment(CONSTANT_ACCELERATION, axis, way) for axis in axes for way in both]
+    plan = [Experiment(CONSTANT_ACCELERATION, axis, treatment) for axis in axes for treatment in both]
     if bench.line_motion is not None:
-        plan += [Experiment(LINE_MOTION, None, way) for way in both]
+        plan += [Experiment(LINE_MOTION, None, treatment) for treatment in both]
     if 2 in bench.axis:
-        plan += [Experiment(CONSTANT_ACCELERATION, 2, way, "host") for way in both]
+        plan += [Experiment(CONSTANT_ACCELERATION, 2, treatment, "host") for treatment in both]
     return plan
 
 
-def peak_hz(bench: Bench, axis: int, control_period_s: float = 250e-6) -> float:
-    """f_al of an axis: the peak of |G_al| of its model with the P-PI in the drive."""
+def peak_hz(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S) -> float:
+    """f_al of an axis in Hz: the peak of |G_al| of its model with the P-PI in the drive."""
     loop = bench.axis[axis].loop(control_period_s, with_notch=False)
     return F_AL_DEFAULT_HZ if loop is None else loop.peak_hz()
 
 
-def entries(bench: Bench, experiment: Experiment, result: RunResult, recording: str) -> list[dict[str, Any]]:
-    """The entries of `runs` that one run gives: one per order's window, or one for the line motion."""
-    common: dict[str, Any] = {
-        "experiment": experiment.name,
-        "axis": experiment.axis,
-        "compensation": experiment.compensation,
-        "loop": experiment.loop,
-        "sync_period_s": experiment.period_s(bench),
-        "control_period_s": result.control_period_s,
-    }
-    tail = {
-        "cycles": result.cycles,
-        "missed_cycles": result.missed_cycles,
-        "wall_s": round(result.wall_s, 4),
-        "motion_s": round(result.motion_s, 6),
-        "recording": recording,
-    }
-    if result.bus_errors:
-        tail["bus_errors"] = result.bus_errors
-    if result.discarded:
-        tail["discarded_positions"] = result.discarded
-    if result.timing is not None:
-        tail["timing"] = {"dropped_cycles": result.dropped_cycles, **asdict(result.timing)}
-    if result.stopped is not None:
-        empty = dict.fromkeys((*Metrics.__dataclass_fields__,))
-        return [{**common, "order": None, **empty, "within_spec": False, **tail, "stopped": result.stopped.reason}]
-    orders: tuple[int | None, ...] = (None,) if experiment.axis is None else (2, 4)
-    return [{**common, "order": order, **_judged(bench, experiment, result, order), **tail} for order in orders]
+@dataclass(frozen=True)
+class TrialVerdict:
+    """End of a cancellation's trial, for the entries of the run that follows.
+
+    Attributes:
+        trial: Runs of the trial; None without a trial.
+        refusal: Reason why the run was made without the cancellation, and is not judged; or None.
+    """
+
+    trial: CancellationTrial | None = None
+    refusal: str | None = None
+
+
+NO_TRIAL = TrialVerdict()
+
+
+def entries(
+    bench: Bench, experiment: Experiment, result: RunResult, recording: str, trial: TrialVerdict = NO_TRIAL, repeated: int = 1
+) -> list[RunEntry]:
+    """Make the entries of one run: one per order's window, or one for the line motion.
+
+    Args:
+        bench: The bench file.
+        experiment: Experiment of the run.
+        result: Result of the run; of several runs their mean.
+        recording: Path of the recording, from the result's directory.
+        trial: End of the trial before the run.
+        repeated: Number of runs in the mean.
+    """
+    orders: tuple[int | None, ...] = (None,) if experiment.axis is None or result.stopped is not None else (2, 4)
+    made = []
+    for order in orders:
+        window = _window(bench, experiment, result, order)
+        invalid = trial.refusal or window.invalid
+        entry = RunEntry(
+            experiment=experiment.name,
+            axis=experiment.axis,
+            treatment=experiment.treatment,
+            loop=experiment.loop,
+            sync_period_s=experiment.period_s(bench),
+            control_period_s=result.control_period_s,
+            order=order,
+            **(dict.fromkeys(Metrics.__dataclass_fields__) if window.metrics is None else vars(window.metrics)),
+            within_spec=window.is_within and invalid is None,
+            cycles=result.cycles,
+            missed_cycles=result.missed_cycles,
+            wall_s=round(result.wall_s, 4),
+            motion_s=round(result.motion_s, 6),
+            recording=recording,
+            bus_errors=result.bus_errors or None,
+            discarded_positions=result.discarded or None,
+            timing=timing_of(result),
+            stopped=None if result.stopped is None else result.stopped.reason,
+            invalid=invalid,
+            trial=trial.trial,
+            repeated=repeated if repeated > 1 else None,
+        )
+        made.append(entry)
+    return made
+
+
+def timing_of(result: RunResult) -> RunTiming | None:
+    """Punctuality of a run's cycles as an entry of the result file; None in lock-step."""
+    return None if result.timing is None else RunTiming(dropped_cycles=result.dropped_cycles, **vars(result.timing))
 
 
 MAX_SENSOR_MISSED = 0.005
-"""Share of a motion's cycles that may lack the accelerometer; beyond it the run is not judged."""
+"""Fraction of a motion's cycles that may lack the accelerometer; beyond it the run is not judged."""
 AT_RANGE = 0.998
-"""Share of its range from which a sensor counts as saturated: a step of its resolution below."""
+"""Fraction of its range from which a sensor counts as saturated: a step of its resolution below."""
 MAX_LATE = 0.005
-"""Share of a motion's cycles on the wall clock that may have been dropped, late, or without an answer; beyond it the same."""
+"""Fraction of a motion's cycles on the wall clock that may be dropped or lack an answer; beyond it the run is not judged."""
 
 
-def _judged(bench: Bench, experiment: Experiment, result: RunResult, order: int | None) -> dict[str, Any]:
-    """The metrics and the verdict of one window; where it cannot be judged, why, and never a pass."""
+@dataclass(frozen=True)
+class _Window:
+    """One window of a run: its metrics, or the reason why there are none."""
+
+    metrics: Metrics | None = None
+    is_within: bool = False
+    invalid: str | None = None
+
+
+def _window(bench: Bench, experiment: Experiment, result: RunResult, order: int | None) -> _Window:
+    """Metrics and verdict of one window; a window that cannot be judged has the reason, and is never within the limits."""
+    if result.stopped is not None:
+        return _Window()
     try:
         if result.timing is not None and result.dropped_cycles + result.missed_cycles > MAX_LATE * result.cycles:
             raise ValueError(
@@ -129,15 +191,15 @@ def _judged(bench: Bench, experiment: Experiment, result: RunResult, order: int 
         check_range(bench, result.recording)
         metrics = _metrics(bench, experiment, result, order)
     except ValueError as error:
-        return {**dict.fromkeys(Metrics.__dataclass_fields__), "within_spec": False, "invalid": str(error)}
-    return {**vars(metrics), "within_spec": bool(metrics.tip_peak_mm <= bench.specification.tip_mm)}
+        return _Window(invalid=str(error))
+    return _Window(metrics, is_within=bool(metrics.tip_peak_mm <= bench.specification.tip_mm))
 
 
 def check_range(bench: Bench, recording: Recording) -> None:
     """Refuse a recording in which the accelerometer was at the end of its range.
 
     Raises:
-        ValueError: It was, in so many samples.
+        ValueError: The accelerometer was there; the message has the number of samples.
     """
     limit = bench.accelerometer.range_m_s2
     if limit is None:
@@ -160,30 +222,34 @@ def _metrics(bench: Bench, experiment: Experiment, result: RunResult, order: int
     return line_motion_metrics(result.recording, line.dwell_s, line.duration_s, peak_hz(bench, 2))
 
 
-def comparisons(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Each treatment against none, of every pair that was run (single axis: the k = 2 window)."""
-    found = []
+def comparisons(runs: Sequence[RunEntry]) -> list[TreatmentComparison]:
+    """Compare each treatment with none, in every pair that was run (single axis: the k = 2 window)."""
+    pairs = []
     for run in runs:
-        if run["compensation"] != "none" or run["order"] == 4 or run["tip_peak_mm"] is None:
+        if run.treatment != "none" or run.order == 4 or run.tip_peak_mm is None:
             continue
-        key = {name: run[name] for name in ("experiment", "axis", "loop", "order")}
-        found += [
-            {
-                "experiment": run["experiment"],
-                "axis": run["axis"],
-                "loop": run["loop"],
-                "compensation": other["compensation"],
-                "tip_peak_reduction_pct": _reduction(run, other, "tip_peak_mm"),
-                "spectrum_area_reduction_pct": _reduction(run, other, "spectrum_area"),
-            }
-            for other in runs
-            if other["compensation"] != "none" and other["tip_peak_mm"] is not None and key.items() <= other.items()
-        ]
-    return found
+        for other in runs:
+            if other.treatment == "none" or other.tip_peak_mm is None or _conditions(other) != _conditions(run):
+                continue
+            comparison = TreatmentComparison(
+                experiment=run.experiment,
+                axis=run.axis,
+                loop=run.loop,
+                treatment=other.treatment,
+                tip_peak_reduction_pct=_reduction_pct(run.tip_peak_mm, other.tip_peak_mm),
+                spectrum_area_reduction_pct=_reduction_pct(run.spectrum_area, other.spectrum_area),
+            )
+            pairs.append(comparison)
+    return pairs
 
 
-def _reduction(before: dict[str, Any], after: dict[str, Any], name: str) -> float:
-    return round(100.0 * (1.0 - after[name] / before[name]), 3) if before[name] else 0.0
+def _conditions(run: RunEntry) -> tuple[str, int | None, str, int | None]:
+    """Conditions in which runs that are compared with each other agree."""
+    return run.experiment, run.axis, run.loop, run.order
+
+
+def _reduction_pct(before: float | None, after: float | None) -> float:
+    return round(100.0 * (1.0 - after / before), 3) if before and after is not None else 0.0
 
 
 # -- the paper's claims ------------------------------------------------------------------------------------------------
@@ -195,32 +261,41 @@ TOLERANCE = 0.005
 """Relative difference up to which a figure of Table 1 counts as met: they are given with three to four digits."""
 
 
-def _claim(claim: str, source: str, paper: object, bench: object, unit: str, holds: bool) -> dict[str, Any]:
-    return {"claim": claim, "source": source, "paper": paper, "bench": bench, "unit": unit, "holds": holds}
+Number = int | float | str
 
 
-def claims(bench: Bench, runs: list[dict[str, Any]], compared: list[dict[str, Any]], *, is_paper: bool) -> list[dict[str, Any]]:
-    """The paper's claims beside the bench's numbers; those that the runs made do not touch are left out.
+def _claim(claim: str, source: str, paper: Number, bench: Number, unit: str, holds: bool) -> PaperClaim:
+    return PaperClaim(claim=claim, source=source, paper=paper, bench=bench, unit=unit, holds=holds)
 
-    Of another robot than the paper's only one thing is asked: that with what acts against its error it keeps the specification.
+
+def claims(bench: Bench, runs: Sequence[RunEntry], pairs: Sequence[TreatmentComparison], *, is_paper: bool) -> list[PaperClaim]:
+    """Claims of the paper beside the bench's numbers, as far as the runs concern them.
+
+    For another robot than the paper's the only claim is that the treatments keep the specification.
+
+    Args:
+        bench: The bench file.
+        runs: Entries of the runs.
+        pairs: Comparisons of the runs.
+        is_paper: True for the paper's robot.
     """
     if not is_paper:
-        return [claim for claim in _measured_claims(bench, runs) if _WITHIN in claim["claim"]]
-    return [*_design_claims(bench), *_measured_claims(bench, runs), *_line_claims(bench, compared)]
+        return [claim for claim in _measured_claims(bench, runs) if _WITHIN in claim.claim]
+    return [*_design_claims(bench), *_measured_claims(bench, runs), *_line_claims(bench, pairs)]
 
 
-def _design_claims(bench: Bench) -> list[dict[str, Any]]:
+def _design_claims(bench: Bench) -> list[PaperClaim]:
     """Section 3.1, Table 1, section 4.2: computed from the bench file's model, as the paper computed them."""
-    found = []
+    rows = []
     for axis, (f_al, f_m2, f_m4) in TABLE_1.items():
         table = bench.axis.get(axis)
-        loop = None if table is None else table.loop(250e-6)
+        loop = None if table is None else table.loop(CONTROL_PERIOD_S)
         if loop is None or table is None:
             continue
         plant, peak = loop.plant, loop.peak_hz()
         anti, resonance = plant.antiresonance_hz, plant.resonance_hz
         name = f"axis {axis}"
-        found += [
+        rows += [
             _claim(f"{name}: resonance around 22 Hz", "section 3.1", 22, round(resonance, 2), "Hz", abs(resonance - 22) <= 1),
             _claim(f"{name}: anti-resonance around 12 Hz", "section 3.1", 12, round(anti, 2), "Hz", abs(anti - 12) <= 1),
             _claim(f"{name}: gain peak of G_al", "Table 1", f_al, round(peak, 3), "Hz", _close(peak, f_al)),
@@ -232,24 +307,24 @@ def _design_claims(bench: Bench) -> list[dict[str, Any]]:
         low, high = table.notch[0].start_rps, table.notch[0].end_rps
         speeds = np.linspace(low, high, 51)
         worst = max(_gain_over_bound(bench, axis, float(speed)) for speed in speeds)
-        found.append(
+        rows.append(
             _claim(f"{name}: |G_al| on the line over constraint (5), with the notch", "Fig. 11", "≤ 1", round(worst, 3), "",
                    worst <= 1.0)
         )  # fmt: skip
-        judged = [margins(loop, float(speed)) for speed in (0.0, *speeds)]
-        phase = min(margin.phase_margin_deg for margin in judged)
-        stable = all(margin.stable for margin in judged)
-        peak_s = max(margin.sensitivity_peak for margin in judged)
-        found.append(
+        at_speeds = [margins(loop, float(speed)) for speed in (0.0, *speeds)]
+        phase = min(margin.phase_margin_deg for margin in at_speeds)
+        stable = all(margin.stable for margin in at_speeds)
+        peak_s = max(margin.sensitivity_peak for margin in at_speeds)
+        rows.append(
             _claim(f"{name}: stable at every motor speed (smallest phase margin; M_s {peak_s:.2f})", "Fig. 12", "stable",
                    round(phase, 1), "deg", stable)
         )  # fmt: skip
-    return found
+    return rows
 
 
 def _gain_over_bound(bench: Bench, axis: int, speed_rps: float) -> float:
     table = bench.axis[axis]
-    loop = table.loop(250e-6)
+    loop = table.loop(CONTROL_PERIOD_S)
     assert loop is not None and table.model is not None  # noqa: S101, PT018 - the caller has looked
     line = np.array([2.0 * speed_rps])
     gain = np.abs(loop.acceleration_per_transmission_error(line, speed_rps))
@@ -260,46 +335,44 @@ def _gain_over_bound(bench: Bench, axis: int, speed_rps: float) -> float:
 _WITHIN = "tip within"
 
 
-def _measured_claims(bench: Bench, runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _measured_claims(bench: Bench, runs: Sequence[RunEntry]) -> list[PaperClaim]:
     """Sections 3.2 and 5.1: measured over CAN."""
-    found = []
+    rows = []
     limit = bench.specification.tip_mm
-    singles = [run for run in runs if run["axis"] is not None and run["tip_peak_mm"] is not None]
-    for run in singles:
-        if run["order"] != 2:
+    singles = [(run, run.tip_peak_mm) for run in runs if run.axis is not None and run.tip_peak_mm is not None]
+    for run, tip_peak_mm in singles:
+        if run.order != 2:
             continue
-        name = f"axis {run['axis']}, {run['loop']}-closed"
-        peak = round(run["tip_peak_mm"], 4)
-        if run["compensation"] in ASKED:
-            what = "the notch" if run["compensation"] == "notch" else TITLES[run["compensation"]]
+        name = f"axis {run.axis}, {run.loop}-closed"
+        peak = round(tip_peak_mm, 4)
+        if run.treatment in REMEDIES:
+            what = "the notch" if run.treatment == "notch" else TITLES[run.treatment]
             claim = f"{name}: {_WITHIN} ±{limit:g} mm with {what}"
-            found.append(_claim(claim, "section 5.1", f"≤ {limit:g}", peak, "mm", peak <= limit))
+            rows.append(_claim(claim, "section 5.1", f"≤ {limit:g}", peak, "mm", peak <= limit))
             continue
-        if run["compensation"] != "none":
+        if run.treatment != "none":
             continue
         claim = f"{name}: tip beyond ±{limit:g} mm without it"
-        found.append(_claim(claim, "section 5.1", f"> {limit:g}", peak, "mm", peak > limit))
-        fourth = [other for other in singles if other["order"] == 4 and other["recording"] == run["recording"]]
-        if fourth and fourth[0]["tip_peak_mm"]:
-            ratio = run["tip_peak_mm"] / fourth[0]["tip_peak_mm"]
+        rows.append(_claim(claim, "section 5.1", f"> {limit:g}", peak, "mm", peak > limit))
+        fourth = [other_mm for other, other_mm in singles if other.order == 4 and other.recording == run.recording]
+        if fourth and fourth[0]:
+            ratio = tip_peak_mm / fourth[0]
             claim = f"{name}: the 2nd order shakes the tip more than the 4th"
-            found.append(_claim(claim, "section 3.2", "> 1", round(ratio, 2), "times", ratio > 1.0))
-    return found
+            rows.append(_claim(claim, "section 3.2", "> 1", round(ratio, 2), "times", ratio > 1.0))
+    return rows
 
 
-def _line_claims(bench: Bench, compared: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _line_claims(bench: Bench, pairs: Sequence[TreatmentComparison]) -> list[PaperClaim]:
     """Section 5.2: measured over CAN."""
     wanted = bench.specification.line_area_reduction_pct
     return [
         _claim("line motion: area of the acceleration spectrum falls", "section 5.2", 26, round(area, 1), "%", area >= wanted)
         for area in (
-            pair["spectrum_area_reduction_pct"]
-            for pair in compared
-            if pair["experiment"] == LINE_MOTION and pair["compensation"] == "notch"
+            pair.spectrum_area_reduction_pct for pair in pairs if pair.experiment == LINE_MOTION and pair.treatment == "notch"
         )
         if math.isfinite(area)
     ]
 
 
-def _close(found: float, paper: float) -> bool:
-    return abs(found - paper) <= TOLERANCE * paper
+def _close(value: float, paper: float) -> bool:
+    return abs(value - paper) <= TOLERANCE * paper

@@ -1,55 +1,46 @@
-"""Runs experiments on a bench and keeps what they give: recordings, the bus log, `result.json` and the report."""
+"""Runs of experiments on a bench, one after the other: recordings, the bus log and `result.json`."""
 
-import datetime
-import json
-import os
-import platform
-from collections.abc import Callable
-from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
 
-from drive_profiles.address import parse_address
 from hil.analysis import TIP_BAND_HZ
-from hil.can.channel import Channel, open_channel
+from hil.bench.bench import Bench
 from hil.errors import NotPossibleError, SafetyStopError
-from hil.experiments.cancellation import cancel_inside, cancellation_on
-from hil.experiments.cancellation_trial import averaged, choose, choose_inside
-from hil.experiments.plan import Experiment, claims, comparisons, entries
-from hil.experiments.treatment import FILTERING, Knowledge, Treated, treated
-from hil.master.bench import Bench
+from hil.experiments.cancellation.cancellation import Cancellation, cancel_inside, cancellation_on
+from hil.experiments.cancellation.trial import Choice, averaged, choose, choose_inside
+from hil.experiments.measurement import ClockName, Measurement, MeasurementOutcome
+from hil.experiments.plan import NO_TRIAL, Experiment, TrialVerdict, claims, comparisons, entries
+from hil.experiments.treatment import Knowledge, TreatmentSetup, treatment_setup
 from hil.master.motion import Motion, RunResult
 from hil.master.session import Session
-from hil.recording import BusLog
-
-SCHEMA = 1
-
-ClockName = Literal["lock-step", "wall"]
+from hil.reporter import SILENT, Reporter
+from hil.results.runs import ExperimentsResult, PaperClaim
 
 
-class Outcome:
-    """What a bench session gave.
+@dataclass(frozen=True)
+class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
+    """End of the runs of some experiments."""
 
-    Attributes:
-        result: What `result.json` holds.
-        stopped: The stop that ended it early, or None.
-        failed_claims: Claims that do not hold.
-        not_restored: What could not be put back in the nodes.
-        invalid: Why windows could not be judged.
-    """
+    @property
+    def stopped(self) -> SafetyStopError | None:
+        """The stop that ended them early, or None."""
+        return self.failure if isinstance(self.failure, SafetyStopError) else None
 
-    def __init__(self, result: dict[str, Any], stopped: SafetyStopError | None) -> None:
-        """Keep both."""
-        self.result, self.stopped = result, stopped
-        self.not_restored: list[str] = result.get("not_restored", [])
-        self.invalid = [run["invalid"] for run in result["runs"] if "invalid" in run]
-        self.failed_claims = [claim for claim in result["paper"] if not claim["holds"]]
+    @property
+    def invalid(self) -> list[str]:
+        """Reasons why windows could not be judged."""
+        return [run.invalid for run in self.result.runs if run.invalid is not None]
+
+    @property
+    def failed_claims(self) -> list[PaperClaim]:
+        """Claims that do not hold."""
+        return [claim for claim in self.result.paper if not claim.holds]
 
 
 def run_experiments(
     bench: Bench,
-    experiments: list[Experiment],
+    experiments: Sequence[Experiment],
     out: Path,
     *,
     is_paper: bool = False,
@@ -58,139 +49,133 @@ def run_experiments(
     overload: bool = False,
     knowledge: Knowledge | None = None,
     repeat: int = 1,
-    announce: Callable[[Experiment], None] = lambda experiment: None,
-    tell: Callable[[str], None] = lambda text: None,
-    progress: Callable[[float], None] = lambda share: None,
-) -> Outcome:
+    reporter: Reporter = SILENT,
+) -> ExperimentsOutcome:
     """Run experiments one after the other on one bus.
 
-    `out/runs/*.csv`, `out/bus.log` and `out/result.json` are written whatever happens once the nodes have been found: a run
-    that is stopped keeps what it recorded, and ends the session.
+    Once a run has been recorded, `out/runs/*.csv`, `out/bus.log` and `out/result.json` are written, also after a failure.
 
     Args:
         bench: The bench file.
-        experiments: In their order.
-        out: Directory for what is kept; made if it is not there.
+        experiments: Experiments in their order.
+        out: Directory of the files; made where it is missing.
         is_paper: Judge all of the paper's claims, its tables included; else only that a notch keeps the specification.
         reset_faults: Reset drives that are in fault before anything else.
         clock: The clock that the bus must have; None for whichever it has.
         overload: Run even what does not fit on the bus.
-        knowledge: What some treatments need beside the bench file.
-        repeat: How often each motion is run; judged is the mean of the recordings, in which the sensor's noise is less.
-        announce: Called before each run.
-        tell: Called with each step of a trial.
-        progress: Called with the share of the present run.
+        knowledge: Knowledge that some treatments need beside the bench file.
+        repeat: Number of runs of each motion; the mean of their recordings is judged, in which the sensor's noise is less.
+        reporter: Listener of each run, the steps of a trial, and the present run's progress.
 
     Raises:
-        NotPossibleError: The bus has another clock, or does not carry a run, or what a treatment needs is not known; nothing has
-            been sent.
-        HilError: Nodes, limits or set-up do not allow a run; what was changed is put back, what earlier runs gave is kept.
-        ChannelError: The bus is not there, or was lost before anything was enabled.
+        NotPossibleError: The bus has another clock or does not carry a run, or a treatment lacks its model or design; nothing
+            has been sent.
+        HilError: Nodes, limits or set-up do not allow the first run; all changes have been put back.
+        ChannelError: The bus cannot be opened, or was lost before that.
     """
-    motions = [(experiment, experiment.motion(bench)) for experiment in experiments]
-    ways = [
-        treated(bench, experiment.compensation, knowledge or Knowledge(), motion.period_s, experiment.loop)
-        for experiment, motion in motions
+    motions = [experiment.motion(bench) for experiment in experiments]
+    setups = [
+        treatment_setup(bench, experiment.treatment, knowledge or Knowledge(), motion.period_s, experiment.loop)
+        for experiment, motion in zip(experiments, motions, strict=True)
     ]
-    (out / "runs").mkdir(parents=True, exist_ok=True)  # before anything moves: a recording needs a place
-    address = parse_address(bench.bus.address)
-    channel = open_channel(address)
-    runs: list[dict[str, Any]] = []
-    stopped: SafetyStopError | None = None
-    failure: Exception | None = None
-    not_restored: list[str] = []
-    started = datetime.datetime.now(datetime.UTC)
-    try:
-        _check_clock(channel, clock)
-        check_band(motions)
-        rooms = [overload or check_load(bench, channel, experiment, motion) for experiment, motion in motions]
-        log = BusLog(out / "bus.log", log_channel(channel))
-        with Session(bench, channel, log, progress) as session:
-            not_restored = session.not_restored
-            session.bring_up(reset_faults=reset_faults)
-            for (experiment, motion), way, room in zip(motions, ways, rooms, strict=True):
-                announce(experiment)
+    demands = [experiment.bus_demand(motion) for experiment, motion in zip(experiments, motions, strict=True)]
+    with Measurement(bench, out, lambda described: ExperimentsResult(bench=described), reporter=reporter) as measurement:
+        result = measurement.result
+        measurement.check_clock(clock)
+        for experiment, motion in zip(experiments, motions, strict=True):
+            check_band(experiment, motion)
+        with measurement.session(demands, overload=overload, reset_faults=reset_faults) as session:
+            for experiment, motion, setup, shows in zip(experiments, motions, setups, measurement.shows_filter, strict=True):
+                reporter.run(experiment.title)
                 session.check_interrupt()
-                session.adopt(way.bench)
-                results, told = _run(session, experiment, motion, replace(way, shows_filter=room), repeat, tell)
-                result, path = _save(results, out / "runs" / experiment.file_name)
-                runs += [entry | told for entry in entries(bench, experiment, result, path.relative_to(out).as_posix())]
-                if result.stopped is not None:
-                    stopped = result.stopped
-                    break
-    except SafetyStopError as stop:
-        stopped = stop
-    except Exception as error:
-        if not runs:
-            raise
-        failure = error  # raised again below, when what earlier runs gave is on disk
-    finally:
-        channel.close()
-    ended = stopped or failure
-    compared = comparisons(runs)
-    kept: dict[str, Any] = {
-        "schema": SCHEMA,
-        "bench": bench_record(bench, started, lock_step=channel.is_lock_step),
-        "runs": runs,
-        "comparisons": compared,
-        "paper": claims(bench, runs, compared, is_paper=is_paper) if ended is None else [],
-    }
-    if ended is not None:
-        kept["stopped"] = str(ended)
-    if not_restored:
-        kept["not_restored"] = not_restored
-    write_json(out / "result.json", kept)
-    if failure is not None:
-        raise failure
-    return Outcome(kept, stopped)
+                session.adopt(setup.bench)
+                runs = _ExperimentRuns(session, experiment, motion, replace(setup, shows_filter=shows), reporter)
+                runs.perform(repeat)
+                one, path = _keep(measurement, runs.results, experiment.file_name)
+                result.runs += entries(bench, experiment, one, path, runs.trial, runs.count)
+                result.comparisons = comparisons(result.runs)
+                if one.stopped is not None:
+                    raise one.stopped
+        result.paper = claims(bench, result.runs, result.comparisons, is_paper=is_paper)
+    return ExperimentsOutcome(measurement.result, measurement.failure)
 
 
-def _run(
-    session: Session, experiment: Experiment, motion: Motion, way: Treated, repeat: int, tell: Callable[[str], None]
-) -> tuple[list[RunResult], dict[str, Any]]:
-    """Runs as their treatment wants them, up to the first that was stopped; and what is to be told of a trial before them."""
-    cancellation, filters, told = None, way.filters, dict[str, Any]()
-    if way.is_cancelled:
-        with_notch = way.filters == "notch"
-        cancellation = cancellation_on(session, way.cancel_with, motion, with_notch=with_notch)
-        choice = choose(session, cancellation, motion, with_notch=with_notch, shows_filter=way.shows_filter, announce=tell)
-        filters, told = choice.compensation, {"trial": choice.verification.record()}
-        if choice.refusal is not None:
-            cancellation, told = None, told | {"invalid": str(choice.refusal), "within_spec": False}
-    is_inside = way.is_inside
-    if is_inside:
-        choice = choose_inside(session, way.cancel_with, motion, announce=tell)
-        filters, told = choice.compensation, {"trial": choice.verification.record()}
-        if choice.refusal is not None:
-            is_inside, told = False, told | {"invalid": str(choice.refusal), "within_spec": False}
-    results: list[RunResult] = []
-    for number in range(1, repeat + 1):
-        if repeat > 1:
-            tell(f"run {number} of {repeat}")
-        corrector = None if cancellation is None else cancellation.corrector()
-        if is_inside:
-            cancel_inside(session, way.cancel_with, motion.axes)
-        result = session.run(motion, filters, experiment.loop, corrector, way.fixed, shows_filter=way.shows_filter)
-        results.append(result)
-        if number > 1:
-            told["repeated"] = number
-        if results[-1].stopped is not None:
-            return [results[-1]], told
-        session.check_interrupt()
-    return results, told
+class _ExperimentRuns:
+    """Runs of one experiment with its treatment: after a trial, where it cancels.
+
+    Attributes:
+        results: Results of the runs; where one was stopped, that one alone.
+        trial: End of the trial.
+        count: Number of runs that were begun.
+    """
+
+    def __init__(
+        self, session: Session, experiment: Experiment, motion: Motion, setup: TreatmentSetup, reporter: Reporter
+    ) -> None:
+        self._session, self._experiment, self._motion, self._setup, self._reporter = session, experiment, motion, setup, reporter
+        self._cancellation: Cancellation | None = None
+        self._is_inside = setup.is_inside
+        self._filters = setup.filters
+        self.results: list[RunResult] = []
+        self.trial: TrialVerdict = NO_TRIAL
+        self.count = 0
+
+    def perform(self, repeat: int) -> None:
+        """Make the trial, then run the motion `repeat` times, up to the first run that is stopped."""
+        self._try()
+        for number in range(1, repeat + 1):
+            if repeat > 1:
+                self._reporter.step(f"run {number} of {repeat}")
+            self.count = number
+            result = self._run()
+            if result.stopped is not None:
+                self.results = [result]
+                return
+            self.results.append(result)
+            self._session.check_interrupt()
+
+    def _try(self) -> None:
+        """Try the cancellation of the treatment; where its trial refuses it, the runs are made without."""
+        session, setup, motion = self._session, self._setup, self._motion
+        if setup.is_cancelled:
+            with_notch = setup.filters == "notch"
+            cancellation = cancellation_on(session, setup.cancel_with, motion, with_notch=with_notch)
+            choice = choose(
+                session, cancellation, motion, with_notch=with_notch, shows_filter=setup.shows_filter, reporter=self._reporter
+            )
+            self._accept(choice)
+            self._cancellation = None if choice.refusal is not None else cancellation
+        elif setup.is_inside:
+            choice = choose_inside(session, setup.cancel_with, motion, reporter=self._reporter)
+            self._accept(choice)
+            self._is_inside = choice.refusal is None
+
+    def _accept(self, choice: Choice) -> None:
+        refusal = None if choice.refusal is None else str(choice.refusal)
+        self._filters, self.trial = choice.filters, TrialVerdict(choice.verification.entry(), refusal)
+
+    def _run(self) -> RunResult:
+        """Make one run."""
+        setup, motion = self._setup, self._motion
+        adder = None if self._cancellation is None else self._cancellation.adder()
+        if self._is_inside:
+            cancel_inside(self._session, setup.cancel_with, motion.axes)
+        return self._session.run(
+            motion, self._filters, self._experiment.loop, adder, setup.fixed, shows_filter=setup.shows_filter
+        )
 
 
-def _save(results: list[RunResult], path: Path) -> tuple[RunResult, Path]:
-    """What is judged of the runs of one motion, and where it is; of several each is kept beside it."""
+def _keep(measurement: Measurement[ExperimentsResult], results: list[RunResult], file_name: str) -> tuple[RunResult, str]:
+    """Save the runs of one motion, of several each beside their mean; return the result that is judged, and its path."""
+    stem = Path(file_name).stem
     result = results[0] if len(results) == 1 else mean_of(results)
     for number, each in enumerate(results if len(results) > 1 else (), start=1):
-        each.recording.save(path.with_name(f"{path.stem}-{number}.csv"))
-    result.recording.save(path)
-    return result, path
+        measurement.keep(each.recording, f"{stem}-{number}")
+    return result, measurement.keep(result.recording, stem)
 
 
 def mean_of(results: list[RunResult]) -> RunResult:
-    """One result of several runs of the same motion: the mean of the recordings, and the worst of what can go wrong."""
+    """Result of several runs of the same motion: the mean of the recordings, and the largest count of each fault."""
     return replace(
         results[-1],
         recording=averaged([result.recording for result in results]),
@@ -201,79 +186,13 @@ def mean_of(results: list[RunResult]) -> RunResult:
     )
 
 
-def _check_clock(channel: Channel, wanted: ClockName | None) -> None:
-    if wanted == "wall" and channel.is_lock_step:
-        raise NotPossibleError(
-            f"time on {channel.address} is counted in SYNCs, so --clock wall is not possible there: start its emulator "
-            "with the wall clock (plant-emulator serve --wall)"
-        )
-    if wanted == "lock-step" and not channel.is_lock_step:
-        raise NotPossibleError(
-            f"time on {channel.address} is the wall clock's, so --clock lock-step is not possible there: what is on it "
-            "does not wait for SYNC"
-        )
-
-
-def check_band(motions: list[tuple[Experiment, Motion]]) -> None:
-    """Refuse a SYNC period at which the vibration could not be judged afterwards."""
-    for experiment, motion in motions:
-        period_s = float(motion.time_s[1] - motion.time_s[0])
-        if 0.5 / period_s <= TIP_BAND_HZ[1]:
-            what = f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms"
-            raise NotPossibleError(f"{what}: vibrations up to {TIP_BAND_HZ[1]:g} Hz need less than {500.0 / TIP_BAND_HZ[1]:g} ms")
-
-
-def check_load(bench: Bench, channel: Channel, experiment: Experiment, motion: Motion) -> bool:
-    """Refuse a run whose frames do not fit between two SYNCs, where the bit rate is known.
-
-    Returns:
-        Whether there is room for what the drives tell of their filters as well.
+def check_band(experiment: Experiment, motion: Motion) -> None:
+    """Refuse a SYNC period at which the vibration could not be judged afterwards.
 
     Raises:
-        NotPossibleError: They do not.
+        NotPossibleError: The period is too long.
     """
-    if channel.address.bitrate is None:
-        return True
-    from hil.master.plan_check import check  # noqa: PLC0415 - a bus without bit times does not need it
-
-    where = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": str(channel.address)})})
-    with_notch, period_s = experiment.compensation in FILTERING, motion.period_s
-    for shows in (True, False) if with_notch and experiment.loop == "drive" else (False,):
-        offset = motion.torque_offset_nm is not None
-        verdict = check(
-            where, motion.axes, experiment.loop, period_s, notch_state=shows, with_notch=with_notch, torque_offset=offset
-        )
-        if verdict.fits is not False:
-            return shows
-    raise NotPossibleError(f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms: {verdict.sentence} (--overload)")
-
-
-def log_channel(channel: Channel) -> str:
-    """The bus' name in its log."""
-    return channel.address.channel if channel.address.interface == "socketcan" else channel.address.interface
-
-
-def bench_record(bench: Bench, started: datetime.datetime, *, lock_step: bool) -> dict[str, Any]:
-    """`bench` of result.json: which one, when, with what."""
-    versions = {"python": platform.python_version()}
-    for package in ("hil-bench", "python-can", "canopen", "numpy", "scipy", "numba"):
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:
-            versions[package] = "not installed"
-    return {
-        "name": bench.name,
-        "bus": bench.bus.address,
-        "clock": "lock-step" if lock_step else "wall",
-        "started_utc": started.isoformat(timespec="seconds"),
-        "versions": versions,
-        "file": bench.model_dump(mode="json"),
-    }
-
-
-def write_json(path: Path, value: dict[str, Any]) -> None:
-    """Write a JSON file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(temporary, path)
+    period_s = float(motion.time_s[1] - motion.time_s[0])
+    if 0.5 / period_s <= TIP_BAND_HZ[1]:
+        what = f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms"
+        raise NotPossibleError(f"{what}: vibrations up to {TIP_BAND_HZ[1]:g} Hz need less than {500.0 / TIP_BAND_HZ[1]:g} ms")

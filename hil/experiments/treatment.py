@@ -1,53 +1,40 @@
-"""What can act against the transmission error in a run, by name: filters, gains, cancellation, and what each needs."""
+"""Set-up of a treatment in a run: the bench file and the switches, from the knowledge of the robot."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, get_args
 
+from hil.bench.bench import Bench
+from hil.bench.design import Designs, with_designs
+from hil.bench.model import Identified, with_identified
 from hil.control.notch import FixedFilter, notch_coefficients
+from hil.control.treatments import TABLE, Treatment, TreatmentName, treatment
 from hil.errors import NotPossibleError
-from hil.master.bench import Bench
-from hil.master.designed import Designs, with_designs
-from hil.master.identified import Identified, with_identified
-from hil.master.session import Compensation
+from hil.master.motion import FilterUse
 
-TreatmentName = Literal[
-    "none", "low-gains", "fixed-notch", "notch", "notch-optimised", "ate", "ate+notch", "ate-inside", "adaptive"
-]
-TREATMENTS: tuple[TreatmentName, ...] = get_args(TreatmentName)
+TREATMENTS: tuple[TreatmentName, ...] = tuple(each.name for each in TABLE)
 
-TITLES: dict[str, str] = {
-    "none": "nothing",
-    "low-gains": "gains halved",
-    "fixed-notch": "fixed notch",
-    "notch": "notch",
-    "notch-optimised": "designed notch",
-    "ate": "cancellation",
-    "ate+notch": "cancellation and notch",
-    "ate-inside": "cancellation in the drives",
-    "adaptive": "learnt cancellation",
-}
+TITLES: dict[str, str] = {each.name: each.title for each in TABLE}
 
-CANCELLING: frozenset[TreatmentName] = frozenset({"ate", "ate+notch", "adaptive"})
+CANCELLING: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if each.cancels == "set-points")
 
-FILTERING: frozenset[TreatmentName] = frozenset({"notch", "notch-optimised", "ate+notch"})
-"""Those in which the drives' variable filters act."""
+FILTERING: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if each.filters == "variable")
+"""Treatments in which the drives' variable filters act."""
 
-ASKED: frozenset[TreatmentName] = frozenset({"notch", "notch-optimised", "ate", "ate+notch", "ate-inside", "adaptive"})
-"""Those that are meant to keep the specification; the others are there to compare."""
+REMEDIES: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if each.is_remedy)
+"""Treatments that are meant to keep the specification; the others serve the comparison."""
 
-LOW_GAIN = 0.5
-"""Share of all three gains: about what an engineer takes back until the arm is quiet."""
+HOST_CLOSED: frozenset[TreatmentName] = frozenset(each.name for each in TABLE if each.loops == ("host",))
+"""Treatments of the host's own loop; they are compared with a host-closed run without treatment."""
 
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What has been found out about a robot, beside its bench file.
+    """Knowledge of a robot beside its bench file.
 
     Attributes:
-        identified: By `hil identify`; None: the bench file's model holds.
-        designs: By `hil design`.
-        learnt: By `hil learn`.
+        identified: Model file of `hil identify`; None: the bench file's model holds.
+        designs: Design file of `hil design`.
+        learnt: Model file of `hil learn`.
     """
 
     identified: Identified | None = None
@@ -56,21 +43,21 @@ class Knowledge:
 
 
 @dataclass(frozen=True)
-class Treated:
-    """How a run is made.
+class TreatmentSetup:
+    """Set-up of a run with a treatment.
 
     Attributes:
         bench: The bench file, with the gains and filters of this treatment.
-        filters: Whether they act.
-        is_cancelled: Whether the set-points are corrected.
-        is_inside: Whether the drives cancel the error in their own loops.
-        cancel_with: What the correction is computed from; None: the bench file's model.
+        filters: Filters of the drives that act.
+        is_cancelled: True where the host adds to the set-points.
+        is_inside: True where the drives cancel the error in their own loops.
+        cancel_with: Model of the cancellation; None for the bench file's.
         fixed: Filters that do not follow the speed, by axis; host-closed only.
-        shows_filter: Whether the drives tell what their filters do; it takes room on the bus.
+        shows_filter: True where the drives report their filters' state; it takes room on the bus.
     """
 
     bench: Bench
-    filters: Compensation = "none"
+    filters: FilterUse = "none"
     is_cancelled: bool = False
     is_inside: bool = False
     cancel_with: Identified | None = None
@@ -78,67 +65,86 @@ class Treated:
     shows_filter: bool = True
 
 
-def treated(bench: Bench, name: TreatmentName, knowledge: Knowledge, period_s: float, loop: str) -> Treated:
-    """The bench and the switches of a treatment.
+def treatment_setup(bench: Bench, name: TreatmentName, knowledge: Knowledge, period_s: float, loop: str) -> TreatmentSetup:
+    """Set-up of a treatment: the bench file and the switches.
 
     Args:
         bench: The bench file.
-        name: Of the treatment.
-        knowledge: What has been found out.
+        name: Name of the treatment.
+        knowledge: Knowledge beside the bench file.
         period_s: Sampling time of the loop, for filters that are computed here.
-        loop: Where it is closed.
+        loop: Side that closes the loop, the drive or the host.
 
     Raises:
-        NotPossibleError: What it needs is not known, is another robot's, or is not possible in this loop.
+        NotPossibleError: A file that it needs is missing or another robot's, or it is not possible in this loop.
     """
-    if name in {*CANCELLING, "ate-inside"} and loop == "host":
-        raise NotPossibleError(f"{name}: set-points are corrected where the drives close the loop (--loop drive)")
-    if name == "ate-inside":
-        return Treated(bench, is_inside=True, cancel_with=knowledge.identified)
-    if name == "none":
-        return Treated(bench)
-    if name == "notch":
-        return Treated(bench, "notch")
-    if name == "low-gains":
-        return Treated(with_low_gains(bench))
-    if name == "fixed-notch":
-        if loop != "host":
-            raise NotPossibleError("fixed-notch: the drives' own filters follow the speed; this one acts with --loop host")
-        return Treated(bench, fixed=fixed_filters(bench, knowledge, period_s))
-    if name == "notch-optimised":
+    row = treatment(name)
+    _check_loop(row, loop)
+    if row.gain_factor != 1.0:
+        bench = with_scaled_gains(bench, row.gain_factor)
+    if row.needs == "design":
         if knowledge.designs is None:
-            raise NotPossibleError("notch-optimised needs a design file: --design design.toml, from hil design notch")
-        return Treated(with_designs(bench, knowledge.designs), "notch")
-    if name == "adaptive":
-        if knowledge.learnt is None:
-            raise NotPossibleError("adaptive needs what has been learnt: --learnt learnt.toml, from hil learn")
-        return Treated(bench, "none", is_cancelled=True, cancel_with=knowledge.learnt)
-    return Treated(bench, "notch" if name == "ate+notch" else "none", is_cancelled=True, cancel_with=knowledge.identified)
+            raise NotPossibleError(f"{name} needs a design file: --design design.toml, from hil design notch")
+        bench = with_designs(bench, knowledge.designs)
+    return TreatmentSetup(
+        bench,
+        filters="notch" if row.filters == "variable" else "none",
+        is_cancelled=row.cancels == "set-points",
+        is_inside=row.cancels == "inside",
+        cancel_with=_cancelled_with(row, knowledge),
+        fixed=fixed_filters(bench, knowledge, period_s) if row.filters == "fixed" else {},
+    )
 
 
-def with_low_gains(bench: Bench, share: float = LOW_GAIN) -> Bench:
-    """The bench with all gains at a share of what they are."""
+def _check_loop(row: Treatment, loop: str) -> None:
+    """Refuse a loop in which a treatment cannot act.
+
+    Raises:
+        NotPossibleError: The treatment cannot act in this loop.
+    """
+    if loop in row.loops:
+        return
+    if row.cancels:
+        raise NotPossibleError(f"{row.name}: cancellation acts where the drives close the loop (--loop drive)")
+    raise NotPossibleError(f"{row.name}: the drives' own filters follow the speed; this one acts with --loop host")
+
+
+def _cancelled_with(row: Treatment, knowledge: Knowledge) -> Identified | None:
+    """Model of a cancellation; None for the bench file's, or without a cancellation.
+
+    Raises:
+        NotPossibleError: It needs a learnt model, and there is none.
+    """
+    if row.needs == "learnt" and knowledge.learnt is None:
+        raise NotPossibleError(f"{row.name} needs what has been learnt: --learnt learnt.toml, from hil learn")
+    if not row.cancels:
+        return None
+    return knowledge.learnt if row.needs == "learnt" else knowledge.identified
+
+
+def with_scaled_gains(bench: Bench, factor: float) -> Bench:
+    """Return the bench with all gains multiplied by a factor; the low-pass filters stay."""
     axes = {}
     for number, table in bench.axis.items():
-        gains = {name: share * getattr(table.control, name) for name in type(table.control).model_fields if name != "lowpass_hz"}
+        gains = {name: factor * getattr(table.control, name) for name in type(table.control).model_fields if name != "lowpass_hz"}
         axes[number] = table.model_copy(update={"control": table.control.model_copy(update=gains)})
     return bench.model_copy(update={"axis": axes})
 
 
 def fixed_filters(bench: Bench, knowledge: Knowledge, period_s: float) -> dict[int, FixedFilter]:
-    """For each axis with a notch and a model: the same notch, held where |G_al| peaks, at every speed.
+    """Fixed filters by axis: the notch of each axis with a model, held at the peak of |G_al| at every speed.
 
     Raises:
-        NotPossibleError: No axis has both.
+        NotPossibleError: No axis has a notch and a model.
     """
-    known = bench if knowledge.identified is None else with_identified(bench, knowledge.identified)
-    found = {}
-    for number, table in known.axis.items():
+    identified_bench = bench if knowledge.identified is None else with_identified(bench, knowledge.identified)
+    filters = {}
+    for number, table in identified_bench.axis.items():
         loop = table.loop(period_s, 1, with_notch=False)
         if loop is None or not table.notch:
             continue
         notch, peak = table.notch[0], loop.peak_hz()
-        found[number] = FixedFilter(*notch_coefficients(peak, peak + notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, period_s))
-    if not found:
+        filters[number] = FixedFilter(*notch_coefficients(peak, peak + notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, period_s))
+    if not filters:
         raise NotPossibleError("fixed-notch needs an axis with a notch and a model (hil identify plant)")
-    return found
+    return filters

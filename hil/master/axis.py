@@ -1,18 +1,20 @@
-"""A CiA 402 drive as the master sees it: who it is, how it counts, and what has been changed in it."""
+"""A CiA 402 drive as the master sees it: its identity, its units, and the objects that were changed in it."""
 
 import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from drive_profiles.cia301 import DataType
-from drive_profiles.cia402 import Mode, Object, State, state_of
 from drive_profiles.errors import DriveProfileError, OutOfRangeError
-from drive_profiles.parameter import Parameter, place_of
-from drive_profiles.profile import Profile
-from drive_profiles.units import Scaling, interpolation_period
+from drive_profiles.family.parameter import Parameter
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.cia301 import DataType
+from drive_profiles.standard.cia402 import Mode, Object, State, state_of
+from drive_profiles.standard.object_address import object_address
+from drive_profiles.standard.units import Scaling, interpolation_period
+from hil.bench.bench import AxisTable
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
 from hil.errors import AlreadyMovingError, HilError, NodeError, NotPossibleError, WrongIdentityError
-from hil.master.bench import Axis as AxisTable
+from hil.master.control_words import DISABLED
 from hil.master.network import Network
 
 U8, U16, U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
@@ -21,29 +23,35 @@ I8, I32 = DataType.INTEGER8, DataType.INTEGER32
 STANDSTILL_RPS = 0.05
 """Below this speed an axis counts as standing."""
 
-_RESTING = {State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.FAULT}
-
 
 @dataclass
 class Snapshot:
-    """What objects held before the bench changed them, so that they can be put back."""
+    """The former contents of objects that the bench has changed, so that they can be put back."""
 
     network: Network
     node: int
     _before: dict[tuple[int, int], bytes] = field(default_factory=dict)
 
     def write(self, index: int, subindex: int, kind: DataType, value: Any, name: str = "") -> None:
-        """Write an object and read it back, keeping what it held the first time."""
+        """Write an object and read it back, keeping what it held the first time.
+
+        Args:
+            index: Index of the object.
+            subindex: Sub-index of the object.
+            kind: Data type of the object.
+            value: New value, in the object's own unit.
+            name: Name of the object, for messages.
+        """
         if (index, subindex) not in self._before:
             self._before[index, subindex] = self.network.read_raw(self.node, index, subindex, name)
         self.network.write(self.node, index, subindex, kind, value, name)
 
     def has(self, index: int, subindex: int) -> bool:
-        """Whether an object has been changed."""
+        """True where an object has been changed."""
         return (index, subindex) in self._before
 
     def restore(self) -> list[str]:
-        """Put everything back, the last change first; what a node refuses, in words."""
+        """Put everything back, the last change first; return the refusals in words."""
         refused = []
         while self._before:
             (index, subindex), data = self._before.popitem()
@@ -55,11 +63,17 @@ class Snapshot:
 
 
 def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> None:
-    """Ask a node who it is.
+    """Check the identity of a node.
+
+    Args:
+        network: The bus.
+        node: Node-ID of the node.
+        profile: Drive profile with the expected identity.
+        serial_number: Serial number in the bench file; None where any is accepted.
 
     Raises:
-        NoAnswerError: It is silent.
-        WrongIdentityError: It is not what the profile (and the bench file's serial number) says.
+        NoAnswerError: The node is silent.
+        WrongIdentityError: The node is another device than the profile (and the bench file's serial number) says.
     """
     identity = profile.identity
     expected: list[tuple[str, int, int, tuple[int, ...]]] = [
@@ -71,9 +85,9 @@ def check_identity(network: Network, node: int, profile: Profile, serial_number:
     for what, index, subindex, values in expected:
         if not values:
             continue  # the profile does not know it
-        found = network.read(node, index, subindex, U32, what)
-        if found not in values:
-            raise WrongIdentityError(node, what, values[0], found)
+        value = network.read(node, index, subindex, U32, what)
+        if value not in values:
+            raise WrongIdentityError(node, what, values[0], value)
 
 
 class DriveAxis:
@@ -81,10 +95,10 @@ class DriveAxis:
 
     Attributes:
         number: Axis number.
-        table: What the bench file says of it.
-        profile: The drive family.
-        scaling: How the drive counts, from its own objects.
-        snapshot: What has been changed.
+        table: Table of the axis in the bench file.
+        profile: Drive profile of the drive's family.
+        scaling: Units of the drive, from its own objects.
+        snapshot: Former contents of the objects that were changed.
     """
 
     def __init__(self, network: Network, number: int, table: AxisTable) -> None:
@@ -100,23 +114,24 @@ class DriveAxis:
         self.scaling = Scaling(1, 1.0)
 
     def identify(self) -> None:
-        """Check who it is, that it stands still and is not enabled, and how it counts.
+        """Check identity and units of the drive, and that it stands still and is not enabled.
 
         Raises:
-            NodeError: One of these is not so; nothing has been written.
+            NodeError: A check failed; nothing has been written.
         """
         check_identity(self.network, self.node, self.profile, self.table.serial_number)
         read, node = self.network.read, self.node
         state = state_of(read(node, Object.STATUS_WORD, 0, U16, "status word"))
-        if state not in _RESTING:
+        if state not in DISABLED:
             shown = "an unknown state" if state is None else f"state {state.value!r}"
             raise AlreadyMovingError(node, f"axis {self.number} is already in {shown}", "disable it first")
         increments, revs = (read(node, Object.ENCODER_RESOLUTION, sub, U32) for sub in (1, 2))
         gear_motor, gear_shaft = (read(node, Object.GEAR_RATIO, sub, U32) for sub in (1, 2))
         rated_mnm = read(node, Object.MOTOR_RATED_TORQUE, 0, U32)
         self._check_units()
+        feed = self._feed()
         try:
-            self.scaling = Scaling.from_objects(increments, revs, rated_mnm, gear_motor, gear_shaft, *self._feed())
+            self.scaling = Scaling.from_objects(increments, revs, rated_mnm, gear_motor, gear_shaft, *feed)
         except DriveProfileError as error:
             raise NodeError(node, f"its units make no sense: {error}") from error
         speed = self.scaling.speed_rad_s(read(node, Object.VELOCITY_ACTUAL, 0, I32, "velocity actual value"))
@@ -129,7 +144,7 @@ class DriveAxis:
     def _check_units(self) -> None:
         """Refuse units in which the profile's scales do not hold."""
         encoder = self.profile.encoder
-        for index, subindex in map(place_of, () if encoder is None else encoder.zero):
+        for index, subindex in map(object_address, () if encoder is None else encoder.zero):
             value = int.from_bytes(self.network.read_raw(self.node, index, subindex), "little")
             if value:
                 name = f"{index:04X}h:{subindex:02X}h"
@@ -138,11 +153,11 @@ class DriveAxis:
                 )
 
     def _feed(self) -> tuple[int, ...]:
-        """6092h, where the profile says that positions are counted by it."""
+        """Feed constant (6092h), where the profile says that positions are counted by it."""
         encoder = self.profile.encoder
         if encoder is None or encoder.feed is None or encoder.feed_shaft_revs is None:
             return ()
-        return tuple(self.network.read(self.node, *place_of(each), U32) for each in (encoder.feed, encoder.feed_shaft_revs))
+        return tuple(self.network.read(self.node, *object_address(each), U32) for each in (encoder.feed, encoder.feed_shaft_revs))
 
     def position_rad(self) -> float:
         """The motor angle now, by SDO."""
@@ -155,7 +170,7 @@ class DriveAxis:
         """Write a parameter of the profile in its unit, and read it back.
 
         Raises:
-            DriveProfileError: The profile does not have it, or the object cannot hold the value.
+            DriveProfileError: The profile does not have the parameter, or the object cannot hold the value.
         """
         parameter: Parameter = self.profile.parameter(name)
         try:
@@ -165,7 +180,7 @@ class DriveAxis:
         self.snapshot.write(parameter.index, parameter.subindex, DataType[parameter.data_type], raw, name)
 
     def control_period_s(self) -> float:
-        """The drive's own control period, as it states it; the profile's word where it has no object for it."""
+        """The drive's control period from its object; that of the profile where it has no such object."""
         parameter = self.profile.parameters.get("control_period_s")
         if parameter is None:
             loop = self.profile.loop
@@ -175,7 +190,7 @@ class DriveAxis:
         return float(parameter.value(raw, self.scaling))
 
     def write_limits(self) -> None:
-        """Let the drive enforce what the bench file allows."""
+        """Write the limits of the bench file, so that the drive enforces them."""
         limits, turn = self.table.limits, 2.0 * math.pi
         self.write_parameter("torque_limit_nm", limits.torque_nm)
         self.write_parameter("speed_limit_rad_s", limits.speed_rps * turn)
@@ -206,7 +221,7 @@ class DriveAxis:
                 self.write_parameter(f"{name}.mode", values["mode"])
 
     def restore(self) -> list[str]:
-        """Put everything back as it was found, filters last; what the drive refuses, in words."""
+        """Put all objects back to their former contents, filters last; return the refusals in words."""
         refused = []
         for column in range(NOTCHES):
             mode = self.profile.parameters.get(f"notch_{column + 1}.mode")

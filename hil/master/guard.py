@@ -1,14 +1,13 @@
-"""What stops a run: the limits of the bench file and the health of drives, seen from the master. Pure: values in, reasons out."""
+"""Limits of the bench file and health of the drives, watched by the master. Pure: values in, reasons to stop out."""
 
 import math
 from dataclasses import dataclass, field
 
-from drive_profiles.cia402 import state_of
-from hil.master.bench import Axis as AxisTable
-from hil.master.bench import Bus
+from drive_profiles.standard.cia402 import state_of
+from hil.bench.bench import AxisTable
 
 WILD_LIMIT = 2
-"""Positions in a row further away than the motor can have turned; the first of them may be a frame that was damaged unseen."""
+"""Impossible positions in a row that stop a run; a single one may be a frame that was damaged unseen."""
 
 _ENABLED_MASK, _ENABLED = 0x6F, 0x27
 
@@ -19,15 +18,15 @@ class AxisGuard:
 
     Attributes:
         number: Axis number.
-        table: Its limits.
-        bus: How many answers may be missing.
+        table: Table with the limits of the axis.
+        missing_limit: Largest number of missing answers in a row.
         period_s: SYNC period.
-        discarded: Positions that could not be, so far.
+        discarded: Number of impossible positions so far.
     """
 
     number: int
     table: AxisTable
-    bus: Bus
+    missing_limit: int
     period_s: float
     discarded: int = 0
     _last_rad: float | None = None
@@ -43,7 +42,7 @@ class AxisGuard:
     _window_rad: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Keep the limits at hand, in the units of what is measured."""
+        """Compute the limits once, in the units of the measurements."""
         turn, limits = 2.0 * math.pi, self.table.limits
         self._reach_rad = 1.1 * limits.speed_rps * turn * self.period_s
         self._low_rad, self._high_rad = limits.position_min_rev * turn, limits.position_max_rev * turn
@@ -51,10 +50,10 @@ class AxisGuard:
         self._window_rad = limits.following_error_rev * turn
 
     def accepts(self, position_rad: float, missing: int) -> bool:
-        """Whether the axis can be there: within what the motor can turn, in the time since the last position.
+        """True where the axis can be at a position, by the motor's speed limit and the time since the last position.
 
-        Another position is to be forgotten, as if it had not come; the second in a row stops the run in `check`. An answer that
-        was missing may be the next one that comes, which is then a period older than it seems.
+        The caller forgets any other position, as if no answer had come; the second in a row stops the run in `check`. After a
+        missing answer the next one may be the late one, which is then a period older than it seems.
         """
         self._cycles += 1
         if missing:
@@ -75,10 +74,18 @@ class AxisGuard:
         return True
 
     def check(self, status_word: int, position_rad: float, reference_rad: float, torque_nm: float, missing: int) -> str | None:
-        """The reason to stop, or None."""
+        """The reason to stop, or None.
+
+        Args:
+            status_word: Status word received in this cycle.
+            position_rad: Motor angle received in this cycle.
+            reference_rad: Wanted motor angle.
+            torque_nm: Motor torque received in this cycle.
+            missing: Cycles in a row without an answer; above 0 the other values are not checked.
+        """
         name, limits = f"axis {self.number}", self.table.limits
         if missing:
-            return f"{name} has not answered for {missing} cycles" if missing >= self.bus.missing_limit else None
+            return f"{name} has not answered for {missing} cycles" if missing >= self.missing_limit else None
         if status_word & _ENABLED_MASK != _ENABLED:
             state = state_of(status_word)
             shown = "an unknown state" if state is None else state.value
@@ -96,7 +103,7 @@ class AxisGuard:
         return None
 
     def skip(self) -> None:
-        """Nothing was measured in this cycle: the next position is not a period away from the last."""
+        """Note a cycle without a measurement: the next position is more than a period away from the last."""
         self._last_rad = None
 
     def _following(self, error_rev: float) -> str | None:
@@ -110,7 +117,15 @@ class AxisGuard:
 
 
 def heartbeat_fault(node: int, last_s: float | None, now_s: float, since_s: float, heartbeat_s: float) -> str | None:
-    """The reason to stop when a node's heartbeat is late: three periods after the last, or after supervision began."""
+    """The reason to stop when a node's heartbeat is late: three periods after the last, or after supervision began.
+
+    Args:
+        node: Node-ID of the node.
+        last_s: Time of its last heartbeat; None before the first.
+        now_s: Present time.
+        since_s: Time at which supervision began.
+        heartbeat_s: Period of its heartbeat.
+    """
     reference = since_s if last_s is None else max(last_s, since_s)
     silence = now_s - reference
     if silence > 3.0 * heartbeat_s + 1e-9:

@@ -1,4 +1,4 @@
-"""How well the beat was kept: absolute deadlines, what may no longer be sent, and what a result says of it."""
+"""The schedule of a run by the wall clock: absolute deadlines, cycles that are too late to be sent, and statistics of both."""
 
 import math
 from bisect import bisect_left
@@ -7,32 +7,32 @@ from typing import Any
 
 from hil.can.bits import frame_bits
 from hil.can.frame import CAN_ERR_FLAG, Frame
-from hil.realtime import Clock, Measure
+from hil.master.realtime import Clock, Measure
 
 PER_DECADE = 100
 _DECADES = 9
 _EDGES: tuple[float, ...] = tuple(1e-7 * 10.0 ** (i / PER_DECADE) for i in range(_DECADES * PER_DECADE + 1))
-"""100 ns to 100 s; a bin reaches from one edge, without it, to the next."""
+"""Edges of the bins from 100 ns to 100 s; a bin reaches from one edge, without it, to the next."""
 _COARSE = PER_DECADE // 2
 
 
 class Histogram:
     """Durations in bins of equal ratio, so that a run of any length takes the same memory.
 
-    A percentile is never below the exact one (the smallest value that at least so many of all do not exceed) and above it by no
-    more than `RELATIVE_ERROR`, within 100 ns … 100 s; below, by no more than 100 ns; beyond, it is the largest value.
-    The largest is exact.
+    A percentile is never below the exact one, which is the smallest value that at least this fraction of all does not exceed.
+    From 100 ns to 100 s it exceeds the exact one by no more than `RELATIVE_ERROR`; below, by no more than 100 ns; beyond, it is
+    the largest value. The largest value is exact.
 
     Attributes:
-        count: How many values.
-        largest_s: The largest.
+        count: Number of values.
+        largest_s: Largest value.
     """
 
     RELATIVE_ERROR = 10.0 ** (1.0 / PER_DECADE) - 1.0
-    """2.4 %."""
+    """Ratio of two edges less 1: 2.4 %."""
 
     def __init__(self) -> None:
-        """Nothing counted."""
+        """Start without values."""
         self.count = 0
         self.largest_s = 0.0
         self._bins = [0] * (len(_EDGES) + 1)
@@ -43,11 +43,11 @@ class Histogram:
         self.count += 1
         self.largest_s = max(self.largest_s, value_s)
 
-    def percentile(self, share: float) -> float | None:
-        """What this share (0 to 1) of the values does not exceed; None without values."""
+    def percentile(self, fraction: float) -> float | None:
+        """Value that this fraction (0 to 1) of all values does not exceed; None without values."""
         if not self.count:
             return None
-        rank = max(1, math.ceil(round(share * self.count, 6)))
+        rank = max(1, math.ceil(round(fraction * self.count, 6)))
         seen = 0
         for edge, number in zip(_EDGES, self._bins, strict=False):
             seen += number
@@ -56,35 +56,35 @@ class Histogram:
         return self.largest_s
 
     def bars(self) -> list[tuple[float, int]]:
-        """Two bars a decade: upper edge and number, from the first that is not empty to the last; an edge of inf beyond 100 s."""
-        found = [(_EDGES[0], self._bins[0])]
+        """Bars, two a decade: upper edge and number, from the first to the last that is not empty; the last edge is inf."""
+        bars = [(_EDGES[0], self._bins[0])]
         for begin in range(1, len(_EDGES), _COARSE):
             end = begin + _COARSE - 1
-            found.append((_EDGES[end], sum(self._bins[begin : end + 1])))
-        found.append((math.inf, self._bins[-1]))
-        filled = [place for place, (_, number) in enumerate(found) if number]
-        return found[filled[0] : filled[-1] + 1] if filled else []
+            bars.append((_EDGES[end], sum(self._bins[begin : end + 1])))
+        bars.append((math.inf, self._bins[-1]))
+        filled = [row for row, (_, number) in enumerate(bars) if number]
+        return bars[filled[0] : filled[-1] + 1] if filled else []
 
 
 @dataclass
-class Beat:
-    """The absolute deadlines of a run, one per period, and how well they were kept.
+class CycleSchedule:
+    """The absolute deadlines of a run, one per cycle, with the statistics of their lateness.
 
-    Deadline n is t_0 + n T, so a beat that comes late does not delay the next one. A beat that is later than `limit_s` is given
-    up: its set-points belong to an instant that has passed. The next one has its own.
+    Deadline n is t_0 + n T, so that a late cycle does not delay the next one. A cycle that is later than `limit_s` is dropped:
+    its set-points belong to an instant that has passed, and the next cycle has newer ones.
 
     Attributes:
-        clock: The time.
-        period_s: T.
-        limit_s: Up to which lateness a beat is still sent.
-        lateness: When SYNC left, or the beat was given up, after its deadline.
-        arrivals: When answers were taken in, after their SYNC.
-        beats: So far.
-        dropped: Those that were given up, and those that passed unseen.
-        late: SYNCs that left beyond the limit although the last look had still found them in time.
-        overdue: Beats in a row, up to now, that were not sent.
-        is_stopping: A command to stop is never too late.
-        bits: Of all frames that were counted.
+        clock: Clock of the master.
+        period_s: SYNC period T.
+        limit_s: Largest lateness at which a cycle is still sent.
+        lateness: Time from the deadline to the SYNC, or to the decision to drop the cycle.
+        arrivals: Time from SYNC to the reading of an answer.
+        cycles: Number of cycles so far, the dropped ones included.
+        dropped: Number of dropped cycles, those that passed unseen included.
+        late: Number of SYNCs that left beyond the limit, although they were in time at the last check.
+        overdue: Number of cycles in a row, up to now, that were not sent.
+        is_stopping: True while a command to stop is sent, which is never too late.
+        bits: Bits of all frames that were counted.
     """
 
     clock: Clock
@@ -92,7 +92,7 @@ class Beat:
     limit_s: float
     lateness: Histogram = field(default_factory=Histogram)
     arrivals: Histogram = field(default_factory=Histogram)
-    beats: int = 0
+    cycles: int = 0
     dropped: int = 0
     late: int = 0
     overdue: int = 0
@@ -107,31 +107,31 @@ class Beat:
 
     @property
     def deadline_s(self) -> float:
-        """When this beat is due."""
+        """Deadline of this cycle."""
         return self._origin_s + self._number * self.period_s
 
     @property
     def end_s(self) -> float:
-        """When the next one is."""
+        """Deadline of the next cycle, the end of this one."""
         return self._origin_s + (self._number + 1) * self.period_s
 
     def wait(self) -> None:
         """Sleep until the next deadline, which may have passed."""
         now = self.clock.now()
-        if not self.beats:
+        if not self.cycles:
             self._origin_s = self._began_s = now
         else:
             self._number += 1
-        if self.is_stopping and now >= self.end_s:  # the beats that have passed are lost, and the stop is sent at once
+        if self.is_stopping and now >= self.end_s:  # the cycles that have passed are lost, and the stop is sent at once
             self.lateness.add(now - self.deadline_s)
             passed = int((now - self.deadline_s) / self.period_s)
-            self.dropped, self.beats = self.dropped + passed, self.beats + passed
+            self.dropped, self.cycles = self.dropped + passed, self.cycles + passed
             self._origin_s, self._number = now, 0
-        self.beats += 1
+        self.cycles += 1
         self.clock.sleep_until(self.deadline_s)
 
     def gives_up(self) -> bool:
-        """Whether this beat is too late to be sent; then it is counted as dropped."""
+        """True where this cycle is too late to be sent; it is then counted as dropped."""
         late = self.clock.now() - self.deadline_s
         if late <= self.limit_s or self.is_stopping:
             return False
@@ -143,20 +143,21 @@ class Beat:
         return True
 
     def missing_now(self) -> int:
-        """Beats in a row that were not sent, those included that have passed up to this instant; 0 before the first."""
-        behind = self.clock.now() - self.end_s if self.beats else 0.0
+        """Number of cycles in a row that were not sent, up to this instant; 0 before the first."""
+        behind = self.clock.now() - self.end_s if self.cycles else 0.0
         return self._in_a_row + 1 + int(behind / self.period_s) if behind > self.limit_s else self.overdue
 
-    def sync_left(self) -> None:
-        """Call it when SYNC has been sent."""
+    def sync_left(self) -> float:
+        """Note that SYNC has been sent; return the time."""
         self._sync_s = self.clock.now()
         late = self._sync_s - self.deadline_s
         self.lateness.add(late)
         self.late += late > self.limit_s
         self.overdue = self._in_a_row = 0
+        return self._sync_s
 
     def answered(self) -> None:
-        """Call it when an answer has been taken in."""
+        """Note that an answer has been taken in."""
         if self._sync_s is not None:
             self.arrivals.add(self.clock.now() - self._sync_s)
 
@@ -165,7 +166,7 @@ class Beat:
         self._frames.append(frame)
 
     def count_bits(self) -> None:
-        """Count the bits of what was seen; between the beats, where there is time. What was never on a wire has none."""
+        """Count the bits of the kept frames, between the cycles; error messages of the controller have none."""
         for frame in self._frames:
             if frame.can_id & CAN_ERR_FLAG:
                 continue
@@ -177,12 +178,12 @@ class Beat:
 
     @property
     def duration_s(self) -> float:
-        """From the first beat to now."""
-        return self.clock.now() - self._began_s if self.beats else 0.0
+        """Time from the first cycle to now."""
+        return self.clock.now() - self._began_s if self.cycles else 0.0
 
 
 @dataclass(frozen=True)
-class Spread:
+class Percentiles:
     """Percentiles of a histogram in s, None without values, and its bars: upper edge in s (None beyond the last) and number."""
 
     count: int
@@ -193,9 +194,9 @@ class Spread:
     histogram: list[tuple[float | None, int]]
 
     @classmethod
-    def of(cls, values: Histogram) -> "Spread":
-        """What a result keeps of a histogram."""
-        p50, p99, p999, largest = (_rounded(values.percentile(share)) for share in (0.5, 0.99, 0.999, 1.0))
+    def of(cls, values: Histogram) -> "Percentiles":
+        """The percentiles of a histogram for a result."""
+        p50, p99, p999, largest = (_rounded(values.percentile(fraction)) for fraction in (0.5, 0.99, 0.999, 1.0))
         bars = [(_rounded(edge) if math.isfinite(edge) else None, number) for edge, number in values.bars()]
         return cls(values.count, p50, p99, p999, largest, bars)
 
@@ -205,24 +206,24 @@ def _rounded(value: float | None) -> float | None:
 
 
 @dataclass(frozen=True)
-class Timing:
-    """How well a run on the wall clock kept its beat, from its first cycle to its last.
+class WallClockTiming:
+    """The timing of a run on the wall clock, from its first cycle to its last.
 
     Attributes:
         period_s: SYNC period.
         limit_s: Lateness beyond which a cycle is not sent.
-        beats: Cycles, the dropped ones included.
+        beats: Number of cycles, the dropped ones included.
         dropped: Cycles whose set-points and SYNC were not sent, since it was too late for them.
         late: Cycles whose SYNC left beyond the limit all the same.
         missed: Cycles that were sent and in which an answer did not come.
-        lateness: When SYNC left, or the cycle was dropped, after its deadline.
-        arrivals: When the answers were taken in, after SYNC.
+        lateness: Time from the deadline to the SYNC, or to the decision to drop the cycle.
+        arrivals: Time from SYNC to the reading of an answer.
         bus_bits: Bits of all frames that the master saw and sent, stuff bits and intermission included.
-        duration_s: Over which they are counted.
-        bitrate: Of the bus, or None where it is not known.
-        bus_load: Share of the bus' time that they took, or None.
+        duration_s: Time over which the bits were counted.
+        bitrate: Bit rate of the bus, or None where it is not known.
+        bus_load: Fraction of the bus' time that the frames took, or None.
         receive_overflows: Frames lost for want of room in the channel, or None where that is not known.
-        measures: What was asked of the system.
+        measures: Requests to the operating system and their outcome.
     """
 
     period_s: float
@@ -231,8 +232,8 @@ class Timing:
     dropped: int
     late: int
     missed: int
-    lateness: Spread
-    arrivals: Spread
+    lateness: Percentiles
+    arrivals: Percentiles
     bus_bits: int
     duration_s: float
     bitrate: int | None
@@ -242,23 +243,36 @@ class Timing:
 
     @classmethod
     def of(
-        cls, beat: Beat, missed: int, bitrate: int | None, receive_overflows: int | None, measures: tuple[Measure, ...]
-    ) -> "Timing":
-        """What a beat leaves."""
-        duration = beat.duration_s
+        cls,
+        schedule: CycleSchedule,
+        missed: int,
+        bitrate: int | None,
+        receive_overflows: int | None,
+        measures: tuple[Measure, ...],
+    ) -> "WallClockTiming":
+        """The timing of a run that has come to its end.
+
+        Args:
+            schedule: Deadlines and statistics of the run.
+            missed: Cycles in which an answer did not come.
+            bitrate: Bit rate of the bus, or None where it is not known.
+            receive_overflows: Frames lost for want of room, or None where that is not known.
+            measures: Requests to the operating system and their outcome.
+        """
+        duration = schedule.duration_s
         return cls(
-            period_s=beat.period_s,
-            limit_s=beat.limit_s,
-            beats=beat.beats,
-            dropped=beat.dropped,
-            late=beat.late,
+            period_s=schedule.period_s,
+            limit_s=schedule.limit_s,
+            beats=schedule.cycles,
+            dropped=schedule.dropped,
+            late=schedule.late,
             missed=missed,
-            lateness=Spread.of(beat.lateness),
-            arrivals=Spread.of(beat.arrivals),
-            bus_bits=beat.bits,
+            lateness=Percentiles.of(schedule.lateness),
+            arrivals=Percentiles.of(schedule.arrivals),
+            bus_bits=schedule.bits,
             duration_s=round(duration, 6),
             bitrate=bitrate,
-            bus_load=round(beat.bits / (bitrate * duration), 4) if bitrate and duration > 0.0 else None,
+            bus_load=round(schedule.bits / (bitrate * duration), 4) if bitrate and duration > 0.0 else None,
             receive_overflows=receive_overflows,
             measures=measures,
         )

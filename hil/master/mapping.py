@@ -1,8 +1,8 @@
-"""What the PDOs of a run carry: one list for the master that maps them and for the plan that counts their bits."""
+"""Contents of the PDOs of a run: the same lists for the master, which maps them, and for the plan, which counts their bits."""
 
-from drive_profiles.cia301 import DataType
-from drive_profiles.cia402 import Mode, Object
-from drive_profiles.profile import Profile
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.cia301 import DataType
+from drive_profiles.standard.cia402 import Mode, Object
 from hil.master.pdo import MappedObject
 
 U16, I16, I32 = DataType.UNSIGNED16, DataType.INTEGER16, DataType.INTEGER32
@@ -20,7 +20,7 @@ ACCELERATION = tuple(MappedObject(ACCELERATION_OBJECT, sub, I16) for sub in (1, 
 
 
 def command(mode: Mode, *, with_torque_offset: bool = False) -> tuple[MappedObject, ...]:
-    """RPDO1 of a drive: control word and set-point, and in CSP the torque offset where it is wanted."""
+    """RPDO1 of a drive: control word and set-point, in CSP with a torque offset where it is wanted."""
     control_word = MappedObject(Object.CONTROL_WORD, 0, U16)
     if mode is not Mode.CSP:
         return control_word, MappedObject(Object.TARGET_TORQUE, 0, I16)
@@ -32,10 +32,10 @@ def notch_state(profile: Profile) -> tuple[MappedObject, ...]:
     """TPDO2 of a drive whose profile knows the state of its filter; else empty."""
     if not all(name in profile.parameters for name in NOTCH_STATE):
         return ()
-    found = [profile.parameters[name] for name in NOTCH_STATE]
-    return tuple(MappedObject(entry.index, entry.subindex, DataType[entry.data_type]) for entry in found)
+    parameters = [profile.parameters[name] for name in NOTCH_STATE]
+    return tuple(MappedObject(entry.index, entry.subindex, DataType[entry.data_type]) for entry in parameters)
 
 
 def length(objects: tuple[MappedObject, ...]) -> int:
-    """Bytes of a PDO."""
+    """Number of bytes in a PDO."""
     return sum(int(entry.kind.size or 0) for entry in objects)

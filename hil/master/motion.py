@@ -1,27 +1,34 @@
-"""What is asked of the robot in one run, and what the run left."""
+"""The motion of a run and its result."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import SafetyStopError
-from hil.master.lateness import Timing
+from hil.master.lateness import WallClockTiming
 from hil.recording import Recording
 
 Real = NDArray[np.float64]
 
+LoopName = Literal["drive", "host"]
+"""The place where the loop is closed."""
+FilterUse = Literal["none", "notch"]
+"""The filters of the bench file that act in a run: none of them, or all."""
+
 
 @dataclass(frozen=True)
 class Motion:
-    """What is asked of the robot in one run.
+    """The motion of some axes in a run.
 
     Attributes:
         axes: Axis numbers, in the order of the columns.
-        time_s: From 0, one row per SYNC; shape (n,).
-        motor_angle_rad: Relative to where each axis starts; shape (n, axes).
-        starts_at_home: The motion is one of the tool, so it begins where all motor angles are zero; else where the axis stands.
-        torque_offset_nm: Added to the torque of the loop that the drive closes (60B2h), shape (n, axes); None: nothing is mapped.
+        time_s: Time from 0, one row per SYNC; shape (n,).
+        motor_angle_rad: Motor angles relative to the start of each axis; shape (n, axes).
+        starts_at_home: True for a motion of the tool, which begins where all motor angles are zero; else each axis begins where
+            it stands.
+        torque_offset_nm: Torque added in the loop that the drive closes (60B2h), shape (n, axes); None: it is not mapped.
     """
 
     axes: tuple[int, ...]
@@ -38,21 +45,21 @@ class Motion:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run left.
+    """The result of a run.
 
     Attributes:
-        recording: What the master received; shorter than the motion where it was stopped.
-        cycles: SYNCs of the motion.
+        recording: Data that the master received; shorter than the motion where the run was stopped.
+        cycles: Number of SYNCs in the motion.
         missed_cycles: Cycles of the motion in which an answer did not come.
         sensor_missed: Cycles of the motion without the accelerometer.
-        wall_s: What the whole run took, set-up, settling, return and restoration included.
-        motion_s: How long the motion lasts in the bench's time.
+        wall_s: Duration of the whole run, set-up, settling, return and restoration included.
+        motion_s: Duration of the motion in the bench's time.
         control_period_s: Sampling time of the loop.
-        stopped: Why it was stopped, or None.
+        stopped: Reason why the run was stopped, or None.
         dropped_cycles: Cycles of the motion whose set-points were not sent in time: none in lock-step.
-        timing: How well the beat of the wall clock was kept in the whole run; None in lock-step, where there is none.
-        bus_errors: What the controller has told of errors on the bus meanwhile, in words, and how often.
-        discarded: Positions that could not be, and were forgotten.
+        timing: Lateness of the cycles of the whole run; None in lock-step, where time waits for the master.
+        bus_errors: Errors on the bus that the controller reported, in words, with their number.
+        discarded: Number of impossible positions, which were ignored.
     """
 
     recording: Recording
@@ -64,6 +71,6 @@ class RunResult:
     control_period_s: float
     stopped: SafetyStopError | None
     dropped_cycles: int = 0
-    timing: Timing | None = None
+    timing: WallClockTiming | None = None
     bus_errors: dict[str, int] = field(default_factory=dict)
     discarded: int = 0

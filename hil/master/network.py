@@ -8,14 +8,13 @@ from typing import Any
 
 import canopen
 
-from drive_profiles import errors
-from drive_profiles.cia301 import DataType, FunctionCode, NmtCommand, decode, encode
-from drive_profiles.sdo import SdoPort
+from drive_profiles.device.sdo import SdoPort
+from drive_profiles.standard.cia301 import DataType, FunctionCode, NmtCommand, decode, encode
 from hil.can.channel import Channel
 from hil.can.errors_frame import decode as decode_error
 from hil.can.frame import CAN_ERR_FLAG, Frame
 from hil.errors import NoAnswerError, ReadBackError, SdoAbortedError
-from hil.realtime import Clock, MonotonicClock
+from hil.master.realtime import Clock, MonotonicClock
 from hil.recording import BusLog, LoggedFrame
 
 SYNC = Frame(FunctionCode.SYNC, b"")
@@ -33,12 +32,12 @@ class Emergency:
     vendor: bytes
 
     def __str__(self) -> str:
-        """In words."""
+        """The message in words."""
         return f"node {self.node} reports emergency {self.code:04X}h (error register {self.register:02X}h)"
 
 
 class _Line:
-    """One node's SDO frames: while it waits for an answer, it reads the channel in the caller's own thread."""
+    """SDO frames of one node; while it waits for an answer, it reads the channel in the caller's thread."""
 
     def __init__(self, network: "Network") -> None:
         self._network = network
@@ -47,7 +46,7 @@ class _Line:
         self.boots = 0  # the network itself watches for them
 
     def send(self, can_id: int, data: bytes) -> None:
-        """By the channel, and into the log."""
+        """Send a frame and log it."""
         self._network.send(Frame(can_id, data))
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
@@ -59,22 +58,29 @@ class _Line:
         return self.answers.popleft() if self._network.pump_until(lambda: bool(self.answers), timeout_s) else None
 
     def clear(self) -> list[bytes]:
-        """Forget what has come and was not received, and give it."""
+        """Return the answers that were not read, and forget them."""
         old = list(self.answers)
         self.unasked += len(old)
         self.answers.clear()
         return old
 
 
+class _Port(SdoPort):
+    """The package's SDO client with the bench's errors."""
+
+    refusal = SdoAbortedError
+    silence = NoAnswerError
+
+
 class _Tee(canopen.Network):
-    """canopen's network on our channel: it sends through it and is shown every frame that is not cyclic."""
+    """canopen's network on our channel: it sends by the channel and gets every frame that is not cyclic."""
 
     def __init__(self, send: Callable[[Frame], None]) -> None:
         super().__init__()
         self._send_frame = send
 
     def send_message(self, can_id: int, data: Any, remote: bool = False) -> None:
-        """Send by the channel."""
+        """Send a message by the channel."""
         self._send_frame(Frame(can_id, bytes(data)))
 
 
@@ -86,12 +92,12 @@ class Network:
     Attributes:
         channel: The bus.
         canopen: canopen's network; it gets every frame that is not cyclic.
-        emergencies: What nodes have reported and nobody has taken yet, bounded.
+        emergencies: Emergencies of the nodes that were not handled yet; a bounded queue.
         heartbeats: Time and NMT state of the last heartbeat of each node.
-        bus_errors: What the controller has told of errors on the bus, in words, and how often; the first `MAX_EVENTS` kinds.
-        foreign_sync: Whether somebody else's SYNC has been seen.
+        bus_errors: Errors on the bus that the controller reported, in words, with their number; the first `MAX_EVENTS` kinds.
+        foreign_sync: True where the SYNC of another node has been seen.
         boots: Nodes whose boot-up message has come since it was last cleared.
-        period_s: What one SYNC is worth on a lock-step bus.
+        period_s: Time that one SYNC adds on a lock-step bus.
     """
 
     def __init__(self, channel: Channel, log: BusLog, timeout_s: float, period_s: float, clock: Clock | None = None) -> None:
@@ -108,7 +114,7 @@ class Network:
         self.bus_errors: Counter[str] = Counter()
         self.foreign_sync = False
         self._lines: dict[int, _Line] = {}
-        self._ports: dict[int, SdoPort] = {}
+        self._ports: dict[int, _Port] = {}
         self._lock_step_s = 0.0
         self._clock = clock or MonotonicClock()
         self._start = self._clock.now()
@@ -124,7 +130,7 @@ class Network:
             self.log.add(LoggedFrame(self.now(), frame[0], frame[1], False))
 
     def sync(self) -> None:
-        """Send SYNC; on a lock-step bus the world moves on by one period."""
+        """Send SYNC; on a lock-step bus time advances by one period."""
         self.send(SYNC)
         self._lock_step_s += self.period_s
 
@@ -139,7 +145,7 @@ class Network:
         self._lock_step_s += self.period_s
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """The next frame and those that have come with it, logged; empty when none came in time."""
+        """The next frame and those that came in one message with it, logged; empty when none came in time."""
         frames = self.channel.receive_all(timeout_s)
         if self.log.is_on:
             now = self.now()
@@ -155,7 +161,7 @@ class Network:
         return frame
 
     def dispatch(self, frame: Frame) -> None:
-        """Give a frame that is not cyclic to whom it concerns; no bytes make this raise."""
+        """Hand a frame that is not cyclic to its receiver; no bytes make this raise."""
         can_id, data = frame
         if can_id & CAN_ERR_FLAG:
             self._note_error(frame)
@@ -178,12 +184,12 @@ class Network:
             self.bus_errors[event.words] += 1
 
     def answers_twice(self, node: int) -> bool:
-        """Whether this node's SDO server has answered more often than it was asked: two nodes may have its id."""
+        """True where a node's SDO server has answered more often than it was asked: two nodes may share its node-ID."""
         line = self._lines.get(node)
         return line is not None and line.unasked + len(line.answers) > 0
 
     def pump_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        """Read and dispatch frames until something holds, or the time is up; whether it holds."""
+        """Read and dispatch frames until `done` holds or the time is over; return the last value of `done`."""
         deadline = self._clock.now() + timeout_s
         while not done():
             left = deadline - self._clock.now()
@@ -200,44 +206,59 @@ class Network:
 
     # -- SDO -----------------------------------------------------------------------------------------------------------
 
-    def _port(self, node: int) -> SdoPort:
+    def _port(self, node: int) -> _Port:
         if node not in self._ports:
             line = self._lines[node] = _Line(self)
-            port = self._ports[node] = SdoPort(node, line, self.timeout_s)
+            port = self._ports[node] = _Port(node, line, self.timeout_s)
             self.canopen.subscribe(port.tx_cobid, line.on_response)
         return self._ports[node]
 
     def read_raw(self, node: int, index: int, subindex: int = 0, name: str = "") -> bytes:
-        """Upload an object.
+        """Upload an object as bytes.
+
+        Args:
+            node: Node-ID of the node.
+            index: Index of the object.
+            subindex: Sub-index of the object.
+            name: Name of the object, for messages.
 
         Raises:
             SdoAbortedError: The node refuses.
-            NoAnswerError: It is silent.
+            NoAnswerError: The node is silent.
         """
-        try:
-            return self._port(node).read((index, subindex), name)
-        except errors.SdoAbortedError as error:
-            raise SdoAbortedError(node, index, subindex, error.code, name) from error
-        except errors.NoAnswerError as error:
-            raise NoAnswerError(node, f"the read of object {index:04X}h:{subindex:02X}h", self.timeout_s) from error
+        return self._port(node).read((index, subindex), name)
 
     def write_raw(self, node: int, index: int, subindex: int, data: bytes, name: str = "", value: object = None) -> None:
         """Download an object, once: a write is never repeated blindly.
 
+        Args:
+            node: Node-ID of the node.
+            index: Index of the object.
+            subindex: Sub-index of the object.
+            data: New content.
+            name: Name of the object, for messages.
+            value: New value for messages, instead of the bytes.
+
         Raises:
             SdoAbortedError: The node refuses.
-            NoAnswerError: It is silent.
+            NoAnswerError: The node is silent.
         """
-        shown = value if value is not None else data.hex(" ")
-        try:
-            self._port(node).write((index, subindex), data, name)
-        except errors.SdoAbortedError as error:
-            raise SdoAbortedError(node, index, subindex, error.code, name, shown) from error
-        except errors.NoAnswerError as error:
-            raise NoAnswerError(node, f"the write of object {index:04X}h:{subindex:02X}h", self.timeout_s) from error
+        self._port(node).write((index, subindex), data, name, value)
 
     def read(self, node: int, index: int, subindex: int, kind: DataType, name: str = "") -> Any:
-        """An object's value; see `read_raw`. Bytes of another length than the type's count as no answer."""
+        """Read an object's value; bytes of another length than the type's count as no answer.
+
+        Args:
+            node: Node-ID of the node.
+            index: Index of the object.
+            subindex: Sub-index of the object.
+            kind: Data type of the object.
+            name: Name of the object, for messages.
+
+        Raises:
+            SdoAbortedError: The node refuses.
+            NoAnswerError: The node is silent, or its answer has another length.
+        """
         data = self.read_raw(node, index, subindex, name)
         size = kind.size
         if size is not None and len(data) != size:
@@ -247,10 +268,18 @@ class Network:
     def write(self, node: int, index: int, subindex: int, kind: DataType, value: Any, name: str = "") -> None:
         """Write an object and read it back, raw bytes compared.
 
+        Args:
+            node: Node-ID of the node.
+            index: Index of the object.
+            subindex: Sub-index of the object.
+            kind: Data type of the object.
+            value: New value, in the object's own unit.
+            name: Name of the object, for messages.
+
         Raises:
             SdoAbortedError: The node refuses.
-            NoAnswerError: It is silent.
-            ReadBackError: It holds something else.
+            NoAnswerError: The node is silent.
+            ReadBackError: The object holds another value afterwards.
         """
         data = encode(kind, value)
         self.write_raw(node, index, subindex, data, name, value)

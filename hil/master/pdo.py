@@ -1,9 +1,9 @@
-"""Configuration of a node's PDOs over SDO, by the order that CiA 301 prescribes, and back to what it was."""
+"""Configuration of a node's PDOs over SDO, in the order that CiA 301 prescribes, and its restoration."""
 
 import contextlib
 from dataclasses import dataclass
 
-from drive_profiles.cia301 import CobIdBit, DataType
+from drive_profiles.standard.cia301 import CobIdBit, DataType
 from hil.errors import HilError, SdoAbortedError
 from hil.master.network import Network
 
@@ -23,19 +23,19 @@ class MappedObject:
 
     @property
     def value(self) -> int:
-        """The mapping parameter."""
+        """Value of the mapping parameter."""
         return self.index << 16 | self.subindex << 8 | 8 * int(self.kind.size or 0)
 
 
 @dataclass(frozen=True)
 class PdoConfiguration:
-    """What a PDO's two records hold.
+    """Contents of a PDO's two records.
 
     Attributes:
         communication: Index of the communication record; the mapping record is 200h above it.
-        cob_id: Sub-index 1, with its flags.
-        transmission_type: Sub-index 2.
-        mapped: Mapping parameters that count.
+        cob_id: COB-ID (sub-index 1), with its flags.
+        transmission_type: Transmission type (sub-index 2).
+        mapped: Mapping parameters in use.
         idle: Mapping parameters behind those, which a node may hold but does not use.
     """
 
@@ -46,7 +46,7 @@ class PdoConfiguration:
     idle: tuple[int, ...] = ()
 
     def apply(self, network: Network, node: int) -> None:
-        """Write it: invalid, count 0, entries, count, type, valid (CiA 301, 7.5.2.36 and 7.5.2.38)."""
+        """Write the records: invalid, count 0, entries, count, type, valid (CiA 301, 7.5.2.36 and 7.5.2.38)."""
         mapping = self.communication + 0x200
         write = network.write
         write(node, self.communication, 1, U32, self.cob_id | CobIdBit.INVALID, "COB-ID of a PDO")
@@ -63,7 +63,7 @@ class PdoConfiguration:
 
 
 def read_pdo(network: Network, node: int, communication: int) -> PdoConfiguration:
-    """What a PDO is set to."""
+    """Read the configuration of a PDO."""
     mapping = communication + 0x200
     cob_id = network.read(node, communication, 1, U32, "COB-ID of a PDO")
     kind = network.read(node, communication, 2, U8, "transmission type")
@@ -79,7 +79,7 @@ class PdoSet:
     """The PDOs that a run has changed in one node."""
 
     def __init__(self, network: Network, node: int) -> None:
-        """Nothing is changed yet."""
+        """Start without changes."""
         self.network, self.node = network, node
         self._before: list[PdoConfiguration] = []
 
@@ -87,11 +87,11 @@ class PdoSet:
         self._before.append(read_pdo(self.network, self.node, communication))
 
     def rpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
-        """Let RPDO `number` (from 1) carry these, in force with SYNC; its identifier."""
+        """Map these objects to RPDO `number` (from 1), in force with SYNC; return its identifier."""
         return self._set(0x1400 + number - 1, 0x100 + 0x100 * number + self.node, objects)
 
     def tpdo(self, number: int, objects: tuple[MappedObject, ...]) -> int:
-        """Let TPDO `number` (from 1) carry these with every SYNC; its identifier."""
+        """Map these objects to TPDO `number` (from 1), sent with every SYNC; return its identifier."""
         return self._set(0x1800 + number - 1, 0x080 + 0x100 * number + self.node, objects)
 
     def _set(self, communication: int, can_id: int, objects: tuple[MappedObject, ...]) -> int:
@@ -101,7 +101,7 @@ class PdoSet:
         return can_id
 
     def silence(self, communication: int) -> None:
-        """Take a PDO off the bus if the node has it."""
+        """Disable a PDO if the node has it."""
         try:
             before = read_pdo(self.network, self.node, communication)
         except SdoAbortedError:
@@ -111,7 +111,7 @@ class PdoSet:
             self.network.write(self.node, communication, 1, U32, before.cob_id | CobIdBit.INVALID, "COB-ID of a PDO")
 
     def restore(self) -> list[str]:
-        """Put back what was there; what the node refuses, in words."""
+        """Restore the former configurations; return the refusals in words."""
         refused = []
         while self._before:
             try:

@@ -1,23 +1,85 @@
-"""What is asked of the robot against what it may do: refused before anything is sent."""
+"""The request of a run, and its checks before anything is written or enabled."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drive_profiles.units import interpolation_period
+from drive_profiles.standard.cia402 import Mode
+from drive_profiles.standard.units import interpolation_period
+from hil.bench.bench import AxisTable
 from hil.control.notch import FixedFilter
 from hil.control.servo import ServoConfig
 from hil.control.servo_bank import ServoBank
 from hil.design.frequency import margins
-from hil.errors import UnsafeRequestError
+from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.axis import DriveAxis
-from hil.master.bench import Axis as AxisTable
-from hil.master.motion import Motion
+from hil.master.motion import FilterUse, LoopName, Motion
+from hil.master.set_point_adder import SetPointAdder
 
 MAX_SENSITIVITY = 4.0
-"""M_s up to which a host-closed loop is run: a quarter of the way from the edge is left."""
+"""Largest M_s at which a loop is run: its distance from instability is then a quarter."""
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """Input of one run.
+
+    Attributes:
+        motion: Motion of the axes.
+        filters: Filters that act: the drives' or, host-closed, the host's; or none.
+        loop: Place of the loop, drive or host.
+        adder: Additions to the set-points of a drive-closed run.
+        fixed: Fixed filters by axis, instead of the variable ones; host-closed only.
+        shows_filter: Let the drives send the state of their first filter in a second TPDO.
+    """
+
+    motion: Motion
+    filters: FilterUse
+    loop: LoopName
+    adder: SetPointAdder | None = None
+    fixed: Mapping[int, FixedFilter] = field(default_factory=dict)
+    shows_filter: bool = True
+
+    @property
+    def mode(self) -> Mode:
+        """The drives' mode: positions where they close the loop, torques where the host does."""
+        return Mode.CST if self.loop == "host" else Mode.CSP
+
+    @property
+    def filters_in_drives(self) -> bool:
+        """True where the filters act inside the drives."""
+        return self.filters == "notch" and self.loop == "drive"
+
+    @property
+    def uses_torque_offset(self) -> bool:
+        """True where torque offsets (60B2h) are sent."""
+        return self.motion.torque_offset_nm is not None or (self.adder is not None and self.adder.uses_torque)
+
+    def check(self, axes: list[DriveAxis]) -> None:
+        """Refuse combinations that are not possible.
+
+        Raises:
+            NotPossibleError: The combination is not possible; the message says what it needs.
+        """
+        if self.filters == "notch" and not any(axis.table.notch for axis in axes):
+            names = " or ".join(f"axis.{axis.number}.notch" for axis in axes)
+            raise NotPossibleError(f"a run with the notch needs one: the bench file has no {names}")
+        if self.loop == "host" and (self.adder is not None or self.uses_torque_offset):
+            raise NotPossibleError("additions to set-points and torques need a loop that the drives close (--loop drive)")
+        if self.loop == "drive" and self.fixed:
+            raise NotPossibleError("filters that do not follow the speed act where the host closes the loop (--loop host)")
+
+    def host_loops(self, axes: list[DriveAxis]) -> ServoBank | None:
+        """The loops that the host closes, ready for their first cycle; None where the drives close them.
+
+        Raises:
+            UnsafeRequestError: By its model a loop is unstable, or at the edge of stability.
+        """
+        if self.loop == "drive":
+            return None
+        return host_loops(axes, self.motion.period_s, with_notch=self.filters == "notch", fixed=self.fixed)
 
 
 def host_loops(
@@ -25,8 +87,14 @@ def host_loops(
 ) -> ServoBank:
     """The loops of axes that the host closes, ready for their first cycle.
 
+    Args:
+        axes: The axes, in the order of the motion's columns.
+        period_s: SYNC period.
+        with_notch: True where the variable filters of the bench file act.
+        fixed: Filters by axis that act at every speed, instead of the variable ones.
+
     Raises:
-        UnsafeRequestError: The model says that one is unstable, or at the edge of it.
+        UnsafeRequestError: By its model a loop is unstable, or at the edge of stability.
     """
     configs = []
     for axis in axes:
@@ -44,17 +112,17 @@ def host_loops(
 
 
 def check_host_loop(number: int, table: AxisTable, period_s: float, *, with_notch: bool, held: FixedFilter | None = None) -> None:
-    """Refuse a loop over the bus that the model shows unstable, or at the edge of it; without a model nothing is known.
+    """Refuse a loop over the bus that is unstable by its model, or at the edge of it; a loop without a model is accepted.
 
     Args:
-        number: Of the axis.
-        table: Of the bench file.
+        number: Number of the axis.
+        table: Table of the axis in the bench file.
         period_s: SYNC period.
-        with_notch: Whether its variable filters act.
+        with_notch: True where the variable filters act.
         held: A filter that acts at every speed.
 
     Raises:
-        UnsafeRequestError: With what is wrong and how much is allowed.
+        UnsafeRequestError: The loop is refused; the error holds value and limit.
     """
     model = table.loop(period_s, 1, with_notch=with_notch)
     if model is None:
@@ -64,24 +132,24 @@ def check_host_loop(number: int, table: AxisTable, period_s: float, *, with_notc
     where = f"axis {number} closed over the bus at {1e3 * period_s:g} ms"
     remedy = "shorten bus.host_sync_period_s, lower the gains, or close the loop in the drive (--loop drive)"
     for speed in (0.0, *(speed for n in model.notches for speed in np.linspace(n.start_rps, n.end_rps, 5).tolist())):
-        found = margins(model, speed)
-        if not found.stable:
-            raise UnsafeRequestError(f"{where} is unstable: its largest pole", found.pole_radius, 1.0, "", remedy)
-        if found.sensitivity_peak > MAX_SENSITIVITY:
-            peak = found.sensitivity_peak
+        left = margins(model, speed)
+        if not left.stable:
+            raise UnsafeRequestError(f"{where} is unstable: its largest pole", left.pole_radius, 1.0, "", remedy)
+        if left.sensitivity_peak > MAX_SENSITIVITY:
+            peak = left.sensitivity_peak
             raise UnsafeRequestError(f"{where} is at the edge of stability: M_s", peak, MAX_SENSITIVITY, "", remedy)
 
 
 def check_motion(motion: Motion, axes: list[DriveAxis], starts: list[float]) -> None:
-    """The whole motion against the limits, before anything is enabled.
+    """Check the whole motion against the limits, before anything is enabled.
 
     Args:
-        motion: What is asked for.
-        axes: In the order of its columns.
-        starts: Where each begins, in rad at the motor.
+        motion: The motion.
+        axes: The axes, in the order of its columns.
+        starts: Start of each axis, in rad at the motor.
 
     Raises:
-        UnsafeRequestError: It would leave one.
+        UnsafeRequestError: The motion would leave a limit.
     """
     period, turn = motion.period_s, 2.0 * math.pi
     interpolation_period(period)

@@ -1,6 +1,5 @@
-"""What a report is made of: result.json, the recordings it names, and what follows from both."""
+"""Material of a report: result.json, its recordings, and the numbers that are computed from them."""
 
-import json
 import math
 import warnings
 from functools import cached_property
@@ -8,19 +7,20 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from hil.analysis import motor_speed_rps
-from hil.design.frequency import Loop, Margins, margins
+from hil.bench.bench import Bench
+from hil.design.frequency import CONTROL_PERIOD_S, Loop, Margins, margins
 from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate, fit_transmission_error
 from hil.experiments.treatment import TITLES
-from hil.master.bench import Bench
 from hil.recording import Recording
+from hil.results.files import load_result
+from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison
 
 CONSTANT_ACCELERATION, LINE_MOTION = "constant-acceleration", "line-motion"
 
 FEWEST_ROWS = 64
-"""Below that a recording cannot even be filtered."""
+"""Least number of rows: a shorter recording cannot be filtered."""
 
 MARGIN_SPEEDS_RPS = np.linspace(0.5, 10.5, 41)
 """Motor speeds at which stability and margins are computed."""
@@ -29,93 +29,17 @@ FIT_SPEEDS_RPS = (1.5, 9.0)
 """Motor speeds of a rising ramp from which the transmission error is identified: both resonances with their surroundings."""
 
 
-class Entry(BaseModel):
-    """Base of what result.json holds: what it lacks is None, what is unknown here is left alone."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-
-class Run(Entry):
-    """One line of `runs`."""
-
-    experiment: str
-    axis: int | None = None
-    compensation: str = "none"
-    loop: str = "drive"
-    sync_period_s: float | None = None
-    control_period_s: float | None = None
-    order: int | None = None
-    tip_peak_mm: float | None = None
-    tip_rms_mm: float | None = None
-    spectrum_peak_m_s2: float | None = None
-    spectrum_peak_hz: float | None = None
-    spectrum_area: float | None = None
-    within_spec: bool | None = None
-    cycles: int | None = None
-    missed_cycles: int | None = None
-    wall_s: float | None = None
-    motion_s: float | None = None
-    recording: str | None = None
-    stopped: str | None = None
-    invalid: str | None = None
-    timing: dict[str, Any] | None = None
-
-    @property
-    def name(self) -> str:
-        """The run in words."""
-        what = f"axis {self.axis}, constant acceleration" if self.axis is not None else self.experiment.replace("-", " ")
-        window = "" if self.order is None else f", k = {self.order} window"
-        return f"{what}, {self.compensation_name}, {self.loop}-closed{window}"
-
-    @property
-    def compensation_name(self) -> str:
-        """The compensation in words."""
-        names: dict[str, str] = {**TITLES, "none": "no notch"}
-        return names.get(self.compensation, self.compensation)
+def run_name(run: RunEntry, *, with_window: bool = True) -> str:
+    """Name of a run in words."""
+    what = f"axis {run.axis}, constant acceleration" if run.axis is not None else run.experiment.replace("-", " ")
+    window = "" if run.order is None or not with_window else f", k = {run.order} window"
+    return f"{what}, {treatment_name(run.treatment)}, {run.loop}-closed{window}"
 
 
-class Comparison(Entry):
-    """One line of `comparisons`: with a treatment against without."""
-
-    experiment: str
-    axis: int | None = None
-    loop: str = "drive"
-    compensation: str = "notch"
-    tip_peak_reduction_pct: float | None = None
-    spectrum_area_reduction_pct: float | None = None
-
-
-class Claim(Entry):
-    """One line of `paper`: a number of the paper beside the bench's."""
-
-    claim: str
-    source: str = ""
-    paper: float | str | None = None
-    bench: float | str | None = None
-    unit: str | None = None
-    holds: bool | None = None
-
-
-class BenchRecord(Entry):
-    """Where and with what the runs were made."""
-
-    name: str = ""
-    file: dict[str, Any] | None = None
-    bus: Any = None
-    clock: Any = None
-    seed: Any = None
-    versions: dict[str, Any] = Field(default_factory=dict)
-    started_utc: str | None = None
-
-
-class Result(Entry):
-    """result.json."""
-
-    schema_version: int = Field(1, alias="schema")
-    bench: BenchRecord = BenchRecord()
-    runs: tuple[Run, ...] = ()
-    comparisons: tuple[Comparison, ...] = ()
-    paper: tuple[Claim, ...] = ()
+def treatment_name(treatment: str) -> str:
+    """Name of a treatment in words, for the report of runs."""
+    names: dict[str, str] = {**TITLES, "none": "no notch"}
+    return names.get(treatment, treatment)
 
 
 class Material:
@@ -125,19 +49,12 @@ class Material:
         """Read result.json; the bench comes from it unless it is given.
 
         Raises:
-            ValueError: result.json is of another schema, or holds no bench and none is given.
+            OSError: result.json cannot be read.
+            ResultFileError: The file is not the result of runs.
         """
         self.directory = directory
-        with (directory / "result.json").open(encoding="utf-8") as file:
-            self.result = Result.model_validate(json.load(file))
-        if self.result.schema_version != 1:
-            raise ValueError(f"{directory / 'result.json'}: schema {self.result.schema_version} is not 1, the one known here")
-        if bench is None:
-            if self.result.bench.file is None:
-                raise ValueError(f"{directory / 'result.json'}: holds no bench file, and none is given")
-            # through JSON text, whose rules turn the keys "2", "3" of `axis` back into numbers and lists into tuples
-            bench = Bench.model_validate_json(json.dumps(self.result.bench.file))
-        self.bench = bench
+        self.result = load_result(directory, ExperimentsResult, "runs")
+        self.bench = self.result.bench.file if bench is None else bench
         self.notes: list[str] = []
         self._recordings: dict[str, Recording | None] = {}
         self._margins: dict[int, dict[float, Margins]] = {}
@@ -150,9 +67,9 @@ class Material:
 
     @cached_property
     def control_period_s(self) -> float:
-        """Period of the loop inside the drives, for what is computed; the paper's where no run tells."""
+        """Period of the loop inside the drives, s; the paper's where no run has it."""
         periods = [run.control_period_s for run in self.result.runs if run.loop == "drive" and run.control_period_s]
-        return periods[0] if periods else 250e-6
+        return periods[0] if periods else CONTROL_PERIOD_S
 
     @cached_property
     def f_al_hz(self) -> dict[int, float]:
@@ -162,11 +79,11 @@ class Material:
 
     @property
     def line_f_al_hz(self) -> float | None:
-        """The frequency by which the line motion's acceleration becomes a displacement: that of the first axis with a model."""
+        """Frequency that turns the line motion's acceleration into a displacement: f_al of the first axis with a model."""
         return next(iter(self.f_al_hz.values()), None)
 
     def loop(self, axis: int, *, with_notch: bool = True) -> Loop:
-        """The drive-closed loop of an axis with a model."""
+        """Drive-closed loop of an axis with a model."""
         loop = self.bench.axis[axis].loop(self.control_period_s, with_notch=with_notch)
         if loop is None:
             raise ValueError(f"axis {axis} has no model")
@@ -180,7 +97,7 @@ class Material:
         return self._margins[axis]
 
     def transmission_error(self, axis: int) -> TransmissionError | None:
-        """The bench file's θ_sync of an axis."""
+        """θ_sync of an axis in the bench file."""
         model = self.bench.axis[axis].model if axis in self.bench.axis else None
         if model is None:
             return None
@@ -193,25 +110,40 @@ class Material:
         return 0.0 if error is None else error.amplitude_arcsec.get(order, 0.0)
 
     def find(
-        self, experiment: str, axis: int | None = None, compensation: str = "none", loop: str = "drive", order: int | None = None
-    ) -> Run | None:
-        """The run, or None; without an order, the first of its windows."""
+        self, experiment: str, axis: int | None = None, treatment: str = "none", loop: str = "drive", order: int | None = None
+    ) -> RunEntry | None:
+        """Entry of a run, or None; without an order, the first of its windows.
+
+        Args:
+            experiment: Name of the experiment.
+            axis: Axis of a constant-acceleration run, else None.
+            treatment: Name of the treatment.
+            loop: Side that closes the loop, the drive or the host.
+            order: Order k of the window; None for any.
+        """
         for run in self.result.runs:
-            same = (run.experiment, run.axis, run.compensation, run.loop) == (experiment, axis, compensation, loop)
+            same = (run.experiment, run.axis, run.treatment, run.loop) == (experiment, axis, treatment, loop)
             if same and order in (None, run.order):
                 return run
         return None
 
     def comparison(
-        self, experiment: str, axis: int | None, loop: str = "drive", compensation: str = "notch"
-    ) -> Comparison | None:
-        """What a treatment changed, or None."""
-        wanted = (experiment, axis, loop, compensation)
-        found = ((c.experiment, c.axis, c.loop, c.compensation) for c in self.result.comparisons)
-        return next((c for c, key in zip(self.result.comparisons, found, strict=True) if key == wanted), None)
+        self, experiment: str, axis: int | None, loop: str = "drive", treatment: str = "notch"
+    ) -> TreatmentComparison | None:
+        """Comparison of a treatment with none, or None.
 
-    def recording(self, run: Run | None) -> Recording | None:
-        """The recording of a run, or None where it is missing or too short; why is then among the notes."""
+        Args:
+            experiment: Name of the experiment.
+            axis: Axis of a constant-acceleration run, else None.
+            loop: Side that closes the loop, the drive or the host.
+            treatment: Name of the treatment.
+        """
+        wanted = (experiment, axis, loop, treatment)
+        keys = ((c.experiment, c.axis, c.loop, c.treatment) for c in self.result.comparisons)
+        return next((c for c, key in zip(self.result.comparisons, keys, strict=True) if key == wanted), None)
+
+    def recording(self, run: RunEntry | None) -> Recording | None:
+        """Recording of a run, or None where it is missing or too short; a note then gives the reason."""
         if run is None or run.recording is None:
             return None
         if run.recording not in self._recordings:
@@ -237,7 +169,7 @@ class Material:
         return self._bridged(name, recording)
 
     def _bridged(self, name: str, recording: Recording) -> Recording:
-        """The recording without holes: what did not come in is interpolated, and said."""
+        """Recording without holes: missing samples are interpolated, and a note counts them."""
         holes = {key: ~np.isfinite(column) for key, column in recording.columns.items()}
         count = max(int(np.count_nonzero(hole)) for hole in holes.values())
         if not count:
@@ -251,7 +183,7 @@ class Material:
         return Recording(columns)
 
     def estimate(self, axis: int) -> TransmissionErrorEstimate | None:
-        """θ_sync identified from the run without a notch, or None where there is none that carries it."""
+        """θ_sync identified from the run without a notch, or None where no run allows it."""
         if axis not in self._estimates:
             self._estimates[axis] = self._identify(axis)
         return self._estimates[axis]
@@ -260,7 +192,7 @@ class Material:
         if axis not in self.model_axes:
             return None
         runs = [self.find(CONSTANT_ACCELERATION, axis, loop=loop) for loop in ("drive", "host")]
-        recording = next((found for found in map(self.recording, runs) if found is not None), None)
+        recording = next((each for each in map(self.recording, runs) if each is not None), None)
         if recording is None:
             return None
         table = self.bench.axis[axis]
@@ -277,5 +209,5 @@ class Material:
 
 
 def finite(value: float | None) -> bool:
-    """Whether there is a number."""
+    """True for a number that is neither infinite nor NaN."""
     return value is not None and math.isfinite(value)

@@ -1,13 +1,18 @@
-"""What the paper's tables say, to stand beside the bench's numbers.
+"""Numbers of the paper's Tables 1 to 3, to stand beside the bench's.
 
-Source: "Vibration Suppression for Angular Transmission Errors in Harmonic Drive Gearings and Application to Industrial Robots",
-Tables 1 to 3.
+Source: `CITATION`, Tables 1 to 3.
 """
 
 from typing import NamedTuple
 
+CITATION = (
+    "M. Iwasaki and H. Nakamura, “Vibration Suppression for Angular Transmission Errors in Harmonic Drive Gearings and "
+    "Application to Industrial Robots”, 19th IFAC World Congress, Cape Town, 2014 (IFAC Proceedings Volumes 47)"
+)
+"""The paper whose control this bench runs, as every report cites it."""
 
-class Resonance(NamedTuple):
+
+class ResonanceColumn(NamedTuple):
     """A column of Table 1: f_al in Hz, f_m2 and f_m4 in rev/s."""
 
     f_al_hz: float
@@ -15,7 +20,7 @@ class Resonance(NamedTuple):
     f_m4_rps: float
 
 
-class Error(NamedTuple):
+class ErrorColumn(NamedTuple):
     """A column of Table 2: the transmission error."""
 
     a2_arcsec: float
@@ -24,7 +29,7 @@ class Error(NamedTuple):
     phi4_deg: float
 
 
-class Filter(NamedTuple):
+class NotchColumn(NamedTuple):
     """A column of Table 3: the variable notch."""
 
     offset_hz: float
@@ -35,6 +40,6 @@ class Filter(NamedTuple):
     end_rps: float
 
 
-TABLE_1 = {2: Resonance(11.84, 5.92, 2.96), 3: Resonance(11.45, 5.72, 2.86)}
-TABLE_2 = {2: Error(5.0, 222.0, 3.0, 126.0), 3: Error(10.0, 262.0, 5.0, 306.0)}
-TABLE_3 = {2: Filter(0.5, 0.028, 0.1, 2, 4.0, 9.0), 3: Filter(0.7, 0.036, 0.1, 2, 4.0, 9.0)}
+TABLE_1 = {2: ResonanceColumn(11.84, 5.92, 2.96), 3: ResonanceColumn(11.45, 5.72, 2.86)}
+TABLE_2 = {2: ErrorColumn(5.0, 222.0, 3.0, 126.0), 3: ErrorColumn(10.0, 262.0, 5.0, 306.0)}
+TABLE_3 = {2: NotchColumn(0.5, 0.028, 0.1, 2, 4.0, 9.0), 3: NotchColumn(0.7, 0.036, 0.1, 2, 4.0, 9.0)}

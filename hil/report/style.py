@@ -1,4 +1,4 @@
-"""One look for all figures: readable, safe for the colour-blind, and distinguishable in grey by dash and marker."""
+"""Style of all figures: readable, safe for the colour-blind, and distinguishable in grey by dash and marker."""
 
 import io
 import re
@@ -36,14 +36,14 @@ Line = dict[str, Any]
 
 MEASURED: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
 BROAD: Line = {"color": SKY, "linestyle": "-", "linewidth": 2.4}
-"""What was measured, where a thin line that nearly covers it is to be compared with it."""
+"""Line of a measurement under a thin line that nearly covers it."""
 
 MODEL: Line = {"color": VERMILLION, "linestyle": (0, (4, 1.6)), "linewidth": 1.3}
 WITHOUT: Line = {"color": ORANGE, "linestyle": (0, (4, 1.2)), "linewidth": 1.2}
 WITH: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.2}
 LIMIT: Line = {"color": BLACK, "linestyle": (0, (1, 1.6)), "linewidth": 1.2}
 CONSTRAINT: Line = {"color": BLACK, "linestyle": (0, (7, 2)), "linewidth": 1.2}
-OTHER_PLACE: Line = {"color": BLACK, "linestyle": (0, (3, 1.4)), "linewidth": 1.0}
+OTHER_LOOP: Line = {"color": BLACK, "linestyle": (0, (3, 1.4)), "linewidth": 1.0}
 MARK: Line = {"color": GREY, "linestyle": (0, (1, 1.6)), "linewidth": 0.9}
 
 AXIS_LINES: tuple[Line, ...] = (
@@ -52,7 +52,7 @@ AXIS_LINES: tuple[Line, ...] = (
     {"color": GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "marker": "^"},
     {"color": PURPLE, "linestyle": (0, (1, 1)), "marker": "D"},
 )
-"""How the first, second … axis of the robot is drawn where several share a diagram."""
+"""Lines of the first, second … axis of the robot in a diagram of several axes."""
 
 RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -90,10 +90,10 @@ RC: dict[str, Any] = {
 }
 
 WIDTH_IN = 8.8
-"""All figures are as wide as the page's column."""
+"""Width of all figures: that of the page's column."""
 
 MAX_POINTS = 1500
-"""More points than the column has pixels cannot be seen."""
+"""Largest number of points of a line: more than the column has pixels cannot be seen."""
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,12 @@ class Drawing:
     """One figure of the report.
 
     Attributes:
-        key: Its anchor.
-        title: What it is.
-        paper: Which figure of the paper it answers to; empty for none.
+        key: Anchor of the figure.
+        title: Title of the figure.
+        paper: Corresponding figure of the paper; empty for none.
         origin: `measured`, `computed`, or `measured and computed`.
-        caption: What it shows, in sentences.
-        svg: The picture.
+        caption: Sentences below the figure.
+        svg: The picture as SVG.
     """
 
     key: str
@@ -119,14 +119,14 @@ class Drawing:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The report's style while figures are made, and nobody else's."""
+    """Apply the report's style within the context."""
     with mpl.rc_context():
         mpl.rcParams.update(cast("Any", RC))
         yield
 
 
 def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[Figure, NDArray[Any]]:
-    """A figure with a grid of axes, shape (rows, columns); `options` go to `Figure.subplots`."""
+    """Make a figure with a grid of axes, shape (rows, columns); `options` go to `Figure.subplots`."""
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     FigureCanvasSVG(figure)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
@@ -134,19 +134,27 @@ def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[F
 
 
 def legend_above(figure: Figure, axes: Axes, columns: int = 4) -> None:
-    """One legend above all panels, where it cannot cover data."""
+    """Draw one legend above all panels, where it cannot cover data."""
     handles, labels = axes.get_legend_handles_labels()
     if handles:
         figure.legend(handles, labels, loc="outside upper left", ncols=columns)
 
 
 def note(axes: Axes, text: str) -> None:
-    """A sentence in an otherwise empty panel."""
+    """Draw a sentence in an otherwise empty panel."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
 
 
 def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "left") -> None:
-    """A dotted vertical line with its name beside it; `height` as a share of the panel."""
+    """Draw a dotted vertical line with its name beside it.
+
+    Args:
+        axes: Panel.
+        x: Position of the line, in the data's unit.
+        text: Name of the line.
+        height: Height of the name as a fraction of the panel.
+        side: Side of the text at which the line stands, `left` or `right`.
+    """
     axes.axvline(x, **MARK)
     pad = 3 if side == "left" else -3
     axes.annotate(
@@ -164,13 +172,13 @@ def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "
 
 
 def thin(*columns: Real, points: int = MAX_POINTS) -> tuple[Real, ...]:
-    """Every n-th sample of signals that are slow against their sampling rate, so that at most about `points` are left."""
+    """Every n-th sample of slow signals, each of shape (n,), so that at most about `points` are left."""
     step = max(1, len(columns[0]) // points)
     return tuple(column[::step] for column in columns)
 
 
 def decibel(gain: NDArray[Any]) -> Real:
-    """20 log₁₀ |gain|."""
+    """20 log₁₀ |gain|, of the shape of `gain`."""
     return np.asarray(20.0 * np.log10(np.maximum(np.abs(gain), 1e-300)))
 
 
@@ -179,13 +187,13 @@ _COORDINATES = re.compile(r' (d|points|x|y)="([^"]*)"|translate\(([^)]*)\)', re.
 
 
 def _shorter(match: re.Match[str]) -> str:
-    """Coordinates with two decimals: a seventieth of a point is below every screen's and printer's resolution."""
+    """Coordinates with two decimals: a hundredth of a point is below every resolution."""
     text = " ".join(_NUMBER.sub(lambda number: f"{float(number[0]):.2f}", match[2] or match[3] or "").split())
     return f"translate({text})" if match[1] is None else f' {match[1]}="{text}"'
 
 
 def _own_ids(text: str, key: str) -> str:
-    """Only the ids that something refers to, numbered in order: matplotlib makes its own from addresses in memory."""
+    """Text with only the ids that are referred to, numbered in order: matplotlib makes its ids from addresses in memory."""
     numbers: dict[str, int] = {}
     for name in re.findall(r'(?:href="|url\()#([^")]+)', text):
         numbers.setdefault(name, len(numbers))
@@ -194,7 +202,7 @@ def _own_ids(text: str, key: str) -> str:
 
 
 def to_svg(figure: Figure, key: str) -> str:
-    """The figure as an inline SVG element: scalable, ids of its own, nothing that points outside."""
+    """Figure as an inline SVG element: scalable, with ids of its own and no external references."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()

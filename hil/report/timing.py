@@ -1,44 +1,44 @@
-"""How well runs on the wall clock kept their beat, as a table."""
+"""Table of the punctuality of runs on the wall clock."""
 
 from hil.master.lateness import duration_text
-from hil.report.material import Material
-from hil.report.tables import NONE, Cell, Table
+from hil.report.material import Material, run_name
+from hil.report.tables.paper_runs import NONE, Cell, ReportTable
 
 
-def timing_table(material: Material) -> Table | None:
-    """A row per motion for SYNC, and one for the answers; None where time was counted in SYNCs."""
-    by_recording = {run.recording or run.name: run for run in material.result.runs if run.timing is not None}
+def timing_table(material: Material) -> ReportTable | None:
+    """Table with a row per motion for SYNC, and one for the answers; None where time was counted in SYNCs."""
+    by_recording = {run.recording: (run, run.timing) for run in material.result.runs if run.timing is not None}
     rows: list[list[Cell]] = []
-    for run in by_recording.values():
-        timing = run.timing or {}
-        load = timing.get("bus_load")
-        counts = [str(timing.get(name, NONE)) for name in ("beats", "dropped", "late", "missed")]
-        name = run.model_copy(update={"order": None}).name
-        for key, what in (("lateness", "SYNC after its deadline"), ("arrivals", "answers after SYNC")):
-            spread = timing.get(key) or {}
-            cells = [duration_text(spread.get(share)).replace("-", NONE) for share in ("p50_s", "p99_s", "p999_s", "max_s")]
-            first = key == "lateness"
+    for run, timing in by_recording.values():
+        load = timing.bus_load
+        counts = [str(count) for count in (timing.beats, timing.dropped, timing.late, timing.missed)]
+        name = run_name(run, with_window=False)
+        for spread, what in ((timing.lateness, "SYNC after its deadline"), (timing.arrivals, "answers after SYNC")):
+            durations = (spread.p50_s, spread.p99_s, spread.p999_s, spread.max_s)
+            cells = [duration_text(duration_s).replace("-", NONE) for duration_s in durations]
+            first = spread is timing.lateness
             tail = [*counts, NONE if load is None else f"{100.0 * load:.1f}"] if first else [""] * 5
             rows.append([name if first else "", what, *cells, *tail])
     if not rows:
         return None
     refused = sorted(
         {
-            f"{measure['name']} ({measure['detail']})"
-            for run in by_recording.values()
-            for measure in (run.timing or {}).get("measures", [])
-            if not measure["is_granted"]
+            f"{measure.name} ({measure.detail})"
+            for _, timing in by_recording.values()
+            for measure in timing.measures
+            if not measure.is_granted
         }
     )
     header = ("Motion", "What", "p50", "p99", "p99.9", "max", "Cycles", "Dropped", "Late", "Missed", "Bus load (%)")
-    told = f" Not granted: {'; '.join(refused)}." if refused else " Everything that was asked of the system was granted."
-    return Table(
+    sentence = f" Not granted: {'; '.join(refused)}." if refused else " Everything that was asked of the system was granted."
+    return ReportTable(
         "timing",
-        "How well the beat was kept",
+        "How well the cycle was kept",
         "",
         header,
         rows,
         frozenset({0, 1}),
         "Percentiles are at most 2.4 % too large and never too small; the largest is exact. A cycle that is too late is dropped: "
-        "its set-points are never sent. Late: SYNC left beyond the limit all the same. Missed: an answer did not come." + told,
+        "its set-points are never sent. Late: SYNC left beyond the limit all the same. Missed: an answer did not come."
+        + sentence,
     )

@@ -11,11 +11,11 @@ from hil.can.frame import CAN_ERR_FLAG, Frame
 from plant_emulator.world import FREE_STEP_NS, World
 
 POLL_S = 1e-9 * FREE_STEP_NS
-"""How long a frame is waited for before the world is looked at again."""
+"""Longest wait for a frame before the world is served again, in s."""
 TURN_FRAMES = 64
 """Frames that are answered before time passes by itself again."""
 BEHIND_NS = 50_000_000
-"""How far the world may be behind the wall clock. A longer stall is not made up for: the robot has stood still, and says so.
+"""Largest lag of the world behind the wall clock. A longer stall is not made up for: the robot stood still, and says so.
 
 Otherwise a stalled process would let its drives' deadlines pass in one leap, before it has read the frames that kept them.
 """
@@ -30,8 +30,8 @@ class Attachment:
 
     Attributes:
         frames: Heard so far.
-        stalls: How often the world was left behind.
-        stalled_ns: How much time it has lost in all.
+        stalls: Number of times that the world was left behind.
+        stalled_ns: Time that it has lost in all.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Attachment:
         Args:
             world: The robot.
             channel: The bus, closed by `close`.
-            say: Where complaints go.
+            say: Called with each complaint.
             clock: Monotonic, in ns.
         """
         self.world, self.channel = world, channel

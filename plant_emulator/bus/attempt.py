@@ -1,4 +1,4 @@
-"""One attempt to send: who takes part, who wins, how long it takes, and who counts an error.
+"""One attempt to send: its senders, its winners, its duration, and the errors that are counted.
 
 Clauses of ISO 11898-1:2015: 10.4 (frames), 10.7 (arbitration), 10.9 (error frames), 12.1.4 (fault confinement).
 """
@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 from hil.can.bits import TAIL_BITS, arbitration_key, frame_bits
 from hil.can.frame import Frame
-from plant_emulator.bus.confinement import Controller, ErrorState
+from plant_emulator.bus.controller import Controller, ErrorState
 from plant_emulator.bus.rates import INTERMISSION_BITS, Rates
 
 FLAG_BITS, DELIMITER_BITS = 6, 8
@@ -17,7 +17,7 @@ AFTER_ACK_BITS = TAIL_BITS - 2
 """Bits of a frame that follow its ACK slot."""
 
 
-class Entry:
+class QueuedFrame:
     """A frame that waits at a port; the lower one goes first where a port has mailboxes."""
 
     __slots__ = (
@@ -28,11 +28,11 @@ class Entry:
         """Take a frame.
 
         Args:
-            frame: As it will be received.
-            port: Whose it is.
-            at: From when it may be sent.
-            rates: Of the bus.
-            destroyed: How many attempts are to fail.
+            frame: The frame that the others will receive.
+            port: The port that sends it.
+            at: Earliest start, in ns.
+            rates: Bit rates of the bus.
+            destroyed: Number of attempts that are to fail.
             is_late: A fault keeps it from its queue for a while.
 
         Raises:
@@ -46,10 +46,10 @@ class Entry:
         self.is_babble = self.was_overtaken = False
 
     def ns(self, rates: Rates, without: int = 0) -> int:
-        """How long it takes, intermission included, without so many bits of its end."""
+        """Time on the bus in ns, intermission included, without so many bits of its end."""
         return rates.ns(self.bits - self.fast_bits - without, self.fast_bits)
 
-    def __lt__(self, other: "Entry") -> bool:
+    def __lt__(self, other: "QueuedFrame") -> bool:
         return (self.key, self.order) < (other.key, other.order)
 
 
@@ -58,8 +58,8 @@ class Port:
 
     Attributes:
         held: Frames that wait for the next one to overtake them.
-        babble: What it sends without end instead of its queue.
-        not_before: When it may send again.
+        babble: The frame that it sends without end instead of its queue, or None.
+        not_before: Earliest start of its next frame, in ns.
         waiting: Frames accepted and neither sent nor lost: on their way into the queue, queued, being sent.
     """
 
@@ -69,38 +69,38 @@ class Port:
         """Start with nothing to send."""
         self.number = number
         self.controller = Controller()
-        self.queue: deque[Entry] | list[Entry] = [] if has_mailboxes else deque()
-        self.held: list[Entry] = []
-        self.babble: Entry | None = None
+        self.queue: deque[QueuedFrame] | list[QueuedFrame] = [] if has_mailboxes else deque()
+        self.held: list[QueuedFrame] = []
+        self.babble: QueuedFrame | None = None
         self.is_gone = self.is_muted = False
         self.not_before = 0
         self.waiting = 0
 
     @property
     def is_silent(self) -> bool:
-        """Whether it neither sends nor acknowledges."""
+        """True while it neither sends nor acknowledges."""
         return self.is_muted or self.is_gone or self.controller.state is ErrorState.OFF
 
     @property
-    def is_calm(self) -> bool:
-        """Whether it sends frame after frame from a queue, and has no error to count."""
+    def is_error_free(self) -> bool:
+        """True while it sends frame after frame from a queue, and has no error to count."""
         if self.is_muted or self.is_gone or self.babble is not None or self.held or isinstance(self.queue, list):
             return False
         controller = self.controller
         return controller.state is ErrorState.ACTIVE and not controller.tec and not controller.rec
 
-    def push(self, entry: Entry) -> None:
+    def push(self, entry: QueuedFrame) -> None:
         """Queue a frame."""
         if isinstance(self.queue, list):
             heapq.heappush(self.queue, entry)
         else:
             self.queue.append(entry)
 
-    def pop(self) -> Entry:
+    def pop(self) -> QueuedFrame:
         """Take the frame that goes first."""
         return heapq.heappop(self.queue) if isinstance(self.queue, list) else self.queue.popleft()
 
-    def put_back(self, entry: Entry) -> None:
+    def put_back(self, entry: QueuedFrame) -> None:
         """Queue a frame before all others: it has to be sent again."""
         if isinstance(self.queue, list):
             heapq.heappush(self.queue, entry)
@@ -113,30 +113,30 @@ class Attempt:
 
     Attributes:
         start: SOF.
-        senders: Who starts; more than one where their identifiers are equal.
+        senders: Frames that start together; more than one where their identifiers are equal.
         winners: Those whose frame is delivered; none where an error frame ends it.
         failed: Those of the senders who count a transmit error.
-        dropped_out: Error-passive ones that lost against an equal identifier, and whose flag nobody saw.
+        dropped_out: Error-passive ones that lost against an equal identifier, and whose flag no other port saw.
         end: End of EOF or of the error delimiter.
         idle: End of the intermission.
-        collided: Whether two sent one identifier with different contents.
+        collided: True where two sent one identifier with different contents.
     """
 
     __slots__ = ("collided", "dropped_out", "end", "failed", "idle", "senders", "start", "winners")
 
-    def __init__(self, start: int, senders: tuple[Entry, ...]) -> None:
+    def __init__(self, start: int, senders: tuple[QueuedFrame, ...]) -> None:
         """Start; `settle` does the rest."""
         self.start = self.end = self.idle = start
         self.senders = self.winners = senders
-        self.dropped_out: tuple[Entry, ...] = ()
-        self.failed: tuple[Entry, ...] = ()
+        self.dropped_out: tuple[QueuedFrame, ...] = ()
+        self.failed: tuple[QueuedFrame, ...] = ()
         self.collided = False
 
-    def drop_out_bits(self, entry: Entry) -> int:
-        """How many bits later than others a sender comes to the end of its intermission.
+    def drop_out_bits(self, entry: QueuedFrame) -> int:
+        """Bits by which later than others a sender comes to the end of its intermission.
 
         One that dropped out waits for six equal bits, which are those from the ACK delimiter on; its delimiter follows them.
-        Where nobody acknowledged they are those from the CRC delimiter on, two bits before the other sender's flag ends.
+        Without an acknowledgement they are those from the CRC delimiter on, two bits before the other sender's flag ends.
         """
         if entry not in self.dropped_out:
             return 0
@@ -144,23 +144,23 @@ class Attempt:
 
 
 def check(frame: Frame) -> None:
-    """Refuse what cannot be on the wire.
+    """Refuse a frame that cannot be on the wire.
 
     Raises:
-        ValueError: As `hil.can.bits.frame_bits` does.
+        ValueError: `hil.can.bits.frame_bits` refuses the frame.
     """
     frame_bits(frame, stuffed=False)
 
 
 def contend(waiting: Iterable[Port], idle: int) -> Attempt | None:
-    """Who starts next, if nothing else is offered: of those who are ready at the earliest instant, the lowest arbitration field.
+    """Next attempt, if no further frame is offered: the lowest arbitration field of the ports that are ready first.
 
     Args:
         waiting: Ports that have something to send.
-        idle: When the bus is idle.
+        idle: Time from which the bus is idle, in ns.
     """
     start, best = 0, None
-    equal: tuple[Entry, ...] = ()
+    equal: tuple[QueuedFrame, ...] = ()
     for port in waiting:
         entry = port.babble or port.queue[0]
         ready = entry.at if entry.at > idle else idle
@@ -179,12 +179,12 @@ def contend(waiting: Iterable[Port], idle: int) -> Attempt | None:
 
 
 def settle(attempt: Attempt, ports: Iterable[Port], rates: Rates) -> None:
-    """Work out how an attempt ends.
+    """Work out the end of an attempt.
 
     Args:
-        attempt: With its senders; all the rest is filled in.
-        ports: All of the bus.
-        rates: Of the bus.
+        attempt: The attempt with its senders; all the rest is filled in.
+        ports: All ports of the bus.
+        rates: Bit rates of the bus.
     """
     first = attempt.senders[0]
     if len(attempt.senders) > 1 or first.destroyed or not _is_heard(first.port, ports):
@@ -208,7 +208,7 @@ def _is_heard(sender: Port, ports: Iterable[Port]) -> bool:
 
 
 def _acknowledge(attempt: Attempt, others: list[Port], rates: Rates) -> None:
-    """See whether somebody acknowledges: somebody is there, and not all have seen a wrong CRC.
+    """Decide whether the frame is acknowledged: another port listens, and not all have seen a wrong CRC.
 
     Otherwise the sender's error flag begins with the ACK delimiter, and those who listen answer it one bit later.
     """
@@ -223,7 +223,7 @@ def _acknowledge(attempt: Attempt, others: list[Port], rates: Rates) -> None:
 
 
 def _fail(attempt: Attempt, sent: tuple[int, int], rates: Rates) -> None:
-    """So many bits at either rate, what the echo adds included, then an error frame."""
+    """End the attempt with an error frame after so many bits at either rate, those of the echo included."""
     slow, fast = sent
     slow += FLAG_BITS + DELIMITER_BITS
     attempt.winners = ()
@@ -231,7 +231,7 @@ def _fail(attempt: Attempt, sent: tuple[int, int], rates: Rates) -> None:
 
 
 def _collide(attempt: Attempt, others: list[Port], rates: Rates) -> None:
-    """Several with one arbitration field: those who send the same bits to the end win, or an error frame ends it.
+    """Settle several frames with one arbitration field: senders of equal bits win, or an error frame ends the attempt.
 
     Who sends a recessive bit and sees a dominant one has a bit error. Its flag, if it is error-active, ends the frame for all: a
     receiver sees the sixth equal bit, a sender one of its own that is overwritten. An error-passive one drops out unheard.
@@ -262,8 +262,8 @@ def _first_difference(texts: list[str]) -> int | None:
     return None
 
 
-def _echo(at: int, winners: dict[Entry, str], others: list[Port]) -> int:
-    """How many bits later the last one sees the error whose flag begins after bit `at`, and sends its own."""
+def _echo(at: int, winners: dict[QueuedFrame, str], others: list[Port]) -> int:
+    """Bits by which the last one later sees the error whose flag begins after bit `at`, and sends its own."""
     own = {entry: text + "1" for entry, text in winners.items()}  # with the CRC delimiter
     echo = max((text.index("1", at + 1) - at for entry, text in own.items() if not entry.port.controller.is_passive), default=0)
     if any(not port.controller.is_passive for port in others):

@@ -1,113 +1,127 @@
-"""Fault confinement of one CAN controller: its error counters, its state, and the error messages that SocketCAN makes of it.
+"""Fault confinement of all controllers of a bus: who counts an error, who goes bus-off, and who is back.
 
-Source: ISO 11898-1:2015, 12.1.4 (CAN 2.0 specification, part B, clause 8). The words and numbers of an error message are those of
-<linux/can/error.h>; which of them a change of state gives is ``can_change_state`` of drivers/net/can/dev/dev.c.
-
-One rule is left out: a receiver that was the first to see an error (a dominant bit follows its flag) adds 8, not 1. Here an error
-is seen by all receivers, as the noise on a short bus is.
+Source: ISO 11898-1:2015, 12.1.4 (CAN 2.0 specification, part B, clause 8); the counters themselves are `controller`'s.
 """
 
-from enum import IntEnum
+from collections import deque
 
-from hil.can.frame import CAN_ERR_FLAG, Frame
+from hil.can.frame import Frame
+from plant_emulator.bus.attempt import FLAG_BITS, Attempt, Port
+from plant_emulator.bus.controller import ErrorState
+from plant_emulator.bus.queues import Queues
+from plant_emulator.bus.rates import Rates
+from plant_emulator.bus.traffic import ControllerMessage, Statistics
 
-CAN_ERR_CRTL = 0x004
-"""Controller problems, told in data[1]."""
-CAN_ERR_BUSOFF = 0x040
-CAN_ERR_RESTARTED = 0x100
-CAN_ERR_CNT = 0x200
-"""data[6] and data[7] hold the transmit and the receive error counter."""
-
-WARNING_AT, PASSIVE_AT, OFF_AT = 96, 128, 256
-TRANSMIT_ERROR, RECEIVE_ERROR = 8, 1
-_REC_AFTER_PASSIVE = 120
-"""Where a good frame puts a receive counter above 127: "a value between 119 and 127" (rule h)."""
-_REC_MAX = 255
-
-
-class ErrorState(IntEnum):
-    """State of a controller, with the numbers of ``enum can_state`` of <linux/can/netlink.h>."""
-
-    ACTIVE = 0
-    WARNING = 1
-    PASSIVE = 2
-    OFF = 3
+MAX_REPORTS = 1024
+SUSPEND_BITS = 8
+"""Bits that an error-passive controller waits after a frame of its own, in addition to the intermission."""
+STUCK_TOLERANCE_BITS, STUCK_STEP_BITS = 14, 8
+RECOVERY_BITS = 128 * 11
+"""Bits of an idle bus that a restarted controller waits for before it takes part again."""
 
 
-_TRANSMIT_WORD = {ErrorState.WARNING: 0x08, ErrorState.PASSIVE: 0x20}
-_RECEIVE_WORD = {ErrorState.WARNING: 0x04, ErrorState.PASSIVE: 0x10}
-_ACTIVE_AGAIN = 0x40
-
-
-class Controller:
-    """Error counters of one controller. Every change gives the error message of a change of state, or None.
+class Confinement:
+    """Counts the errors of a bus.
 
     Attributes:
-        tec: Transmit error counter.
-        rec: Receive error counter.
-        state: What both make of it.
+        reports: Error messages not yet taken, in order; the oldest are forgotten.
+        switched: Ports that went bus-off (True) or came back (False), in order; the oldest are forgotten.
+        has_switched: True when a port has switched since this was last cleared.
+        is_troubled: True while an error counter may be above 0.
     """
 
-    __slots__ = ("rec", "state", "tec")
+    def __init__(self, ports: dict[int, Port], rates: Rates, counts: Statistics, queues: Queues) -> None:
+        """Start without an error.
 
-    def __init__(self) -> None:
-        """Start error-active, both counters at 0."""
-        self.tec, self.rec, self.state = 0, 0, ErrorState.ACTIVE
+        Args:
+            ports: Ports of the wire, which adds and removes them.
+            rates: Bit rates of the wire.
+            counts: Counts of the wire.
+            queues: Queues of the ports; a port that goes bus-off loses its frames.
+        """
+        self._ports, self._rates, self._counts, self._queues = ports, rates, counts, queues
+        self.reports: deque[ControllerMessage] = deque(maxlen=MAX_REPORTS)
+        self.switched: deque[tuple[int, bool]] = deque(maxlen=MAX_REPORTS)
+        self.has_switched = self.is_troubled = False
 
-    @property
-    def is_passive(self) -> bool:
-        """Whether its error flags are recessive and its transmissions are suspended for 8 bits (12.1.4.3)."""
-        return self.state >= ErrorState.PASSIVE
+    def judge(self, attempt: Attempt) -> None:
+        """Count the errors of an attempt, and put back the frames that failed."""
+        counts = self._counts
+        counts.collisions += attempt.collided
+        counts.merged += max(len(attempt.winners) - 1, 0)
+        counts.errors += not attempt.winners
+        for entry in attempt.failed:
+            self._report(entry.port, entry.port.controller.transmit_failed(), attempt.end)
+        senders = {entry.port for entry in attempt.senders}
+        for port in self._listeners(senders):
+            change = port.controller.received() if attempt.winners else port.controller.receive_failed()
+            self._report(port, change, attempt.end)
+        for entry in attempt.senders:
+            if entry in attempt.winners:
+                self._report(entry.port, entry.port.controller.transmitted(), attempt.end)
+            else:
+                self._queues.put_back(entry)
+            if entry.port.controller.is_passive:
+                entry.port.not_before = attempt.idle + self._rates.ns(SUSPEND_BITS + attempt.drop_out_bits(entry))
+        self.is_troubled = any(port.controller.tec or port.controller.rec for port in self._ports.values())
 
-    def transmit_failed(self, times: int = 1) -> Frame | None:
-        """Rules c, d, f: eight more for every error flag that a transmitter sends."""
-        self.tec = min(self.tec + TRANSMIT_ERROR * times, OFF_AT)
-        return self._changed()
+    def stick(self, attempt: Attempt | None, at: int, until: int, idle: int) -> None:
+        """Count a bus that is dominant for a while: the attempt fails, and counters rise with every eight bits (rule f).
 
-    def receive_failed(self, by: int = RECEIVE_ERROR) -> Frame | None:
-        """Rules a, f: one more for an error seen as a receiver, eight for every eight bits that the bus is stuck."""
-        self.rec = min(self.rec + by, _REC_MAX)
-        return self._changed()
+        All of it is counted and reported at the beginning.
 
-    def transmitted(self) -> Frame | None:
-        """Rule g: one less, down to 0."""
-        self.tec = max(self.tec - 1, 0)
-        return self._changed()
+        Args:
+            attempt: The attempt on the bus, or None.
+            at: Beginning of the dominant level, in ns.
+            until: End of the dominant level, in ns.
+            idle: Time from which the bus is idle again, in ns.
+        """
+        bits = self._rates.bits_in(until - at)
+        senders: set[Port] = set()
+        self._counts.errors += 1
+        self.is_troubled = True
+        for entry in attempt.senders if attempt is not None else ():
+            senders.add(entry.port)
+            self._report(entry.port, entry.port.controller.transmit_failed(1 + stuck_steps(bits - 1)), at)
+            self._queues.put_back(entry)
+            if entry.port.controller.is_passive:
+                entry.port.not_before = idle + self._rates.ns(SUSPEND_BITS)
+        if bits >= FLAG_BITS:  # the sixth is an error to those who listen
+            for port in self._listeners(senders):
+                self._report(port, port.controller.receive_failed(1 + 8 * stuck_steps(bits - FLAG_BITS)), at)
 
-    def received(self) -> Frame | None:
-        """Rule h: one less, down to 0; from above 127 back to where the controller is error-active."""
-        self.rec = max(self.rec - 1, 0) if self.rec < PASSIVE_AT else _REC_AFTER_PASSIVE
-        return self._changed()
+    def switch_off(self, port: Port, at: int) -> None:
+        """Put a port bus-off."""
+        self._report(port, port.controller.switch_off(), at)
 
-    def switch_off(self) -> Frame | None:
-        """Go bus-off at once."""
-        self.tec = OFF_AT
-        return self._changed()
+    def restart(self, port: Port, at: int) -> None:
+        """Bring a port back that is bus-off; others are left alone."""
+        if port.controller.state is ErrorState.OFF:
+            self._report(port, port.controller.restart(), at)
+            self._switch(port, is_off=False)
+            port.not_before = at + self._rates.ns(RECOVERY_BITS)
+            self._queues.plan = None
 
-    def restart(self) -> Frame:
-        """Come back from bus-off (rule 12): both counters at 0."""
-        self.tec, self.rec, self.state = 0, 0, ErrorState.ACTIVE
-        return Frame(CAN_ERR_FLAG | CAN_ERR_RESTARTED, bytes(8))
+    def _listeners(self, senders: set[Port]) -> list[Port]:
+        return [port for port in self._ports.values() if port.controller.state is not ErrorState.OFF and port not in senders]
 
-    def _changed(self) -> Frame | None:
-        worst = max(self.tec, self.rec)
-        if self.tec >= OFF_AT or self.state is ErrorState.OFF:
-            state = ErrorState.OFF
-        elif worst >= PASSIVE_AT:
-            state = ErrorState.PASSIVE
-        else:
-            state = ErrorState.WARNING if worst >= WARNING_AT else ErrorState.ACTIVE
-        if state is self.state:
-            return None
-        self.state = state
-        return self._message()
+    def _report(self, port: Port, message: Frame | None, at: int) -> None:
+        if message is None:
+            return
+        if port.number in self._ports:
+            self.reports.append(ControllerMessage(port.number, message, at))
+        if port.controller.state is ErrorState.OFF:
+            self._queues.clear(port)
+            self._switch(port, is_off=True)
 
-    def _message(self) -> Frame:
-        if self.state is ErrorState.OFF:
-            return Frame(CAN_ERR_FLAG | CAN_ERR_BUSOFF, bytes(8))
-        word = _ACTIVE_AGAIN if self.state is ErrorState.ACTIVE else 0
-        if self.tec >= self.rec:
-            word |= _TRANSMIT_WORD.get(self.state, 0)
-        if self.rec >= self.tec:
-            word |= _RECEIVE_WORD.get(self.state, 0)
-        return Frame(CAN_ERR_FLAG | CAN_ERR_CRTL | CAN_ERR_CNT, bytes((0, word, 0, 0, 0, 0, self.tec, self.rec)))
+    def _switch(self, port: Port, *, is_off: bool) -> None:
+        self.switched.append((port.number, is_off))
+        self.has_switched = True
+
+
+def stuck_steps(bits: int) -> int:
+    """Number of times that a counter rises while the bus stays dominant for so many bits from the beginning of an error flag.
+
+    After the 14th dominant bit, and after every eight more (rule f).
+    """
+    return 0 if bits < STUCK_TOLERANCE_BITS else 1 + (bits - STUCK_TOLERANCE_BITS) // STUCK_STEP_BITS

@@ -1,4 +1,4 @@
-"""Faults of a bus, as data: what happens to which frames and ports, when, and how often. Equal seeds give equal faults.
+"""Faults of a bus, as data: the frames or ports concerned, the time, and the frequency. Equal seeds give equal faults.
 
     seed = 1
 
@@ -24,10 +24,10 @@ from typing import Annotated, Literal, NamedTuple, Protocol, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from drive_profiles.files import Table
+from drive_profiles.files.toml import Table
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG, CAN_SFF_MASK, MAX_DATA_LENGTH, Frame
 
-Kind = Literal["drop", "delay", "duplicate", "reorder", "corrupt", "mute", "babble", "stuck", "bus_off"]
+FaultKind = Literal["drop", "delay", "duplicate", "reorder", "corrupt", "mute", "babble", "stuck", "bus_off"]
 OF_A_FRAME = frozenset({"drop", "delay", "duplicate", "reorder", "corrupt"})
 MAX_DELAY_NS = 10_000_000_000
 _ONLY_FOR = {
@@ -58,9 +58,9 @@ class Passage(NamedTuple):
     """A frame on its way from its sender's software to the sender's queue.
 
     Attributes:
-        frame: As the receivers will see it.
-        delay_ns: How much later than it was offered it gets into the queue.
-        destroyed: How many attempts to send it end in an error.
+        frame: The frame that the receivers will see.
+        delay_ns: Time between the offer and the queue.
+        destroyed: Number of attempts to send it that end in an error.
         overtaken: Let the sender's next frame pass before, if that is offered within the delay.
     """
 
@@ -71,19 +71,19 @@ class Passage(NamedTuple):
 
     @property
     def is_plain(self) -> bool:
-        """Whether it gets into the queue at once and is sent as any other."""
+        """True where the frame is queued at once and sent as any other."""
         return not (self.delay_ns or self.destroyed or self.overtaken)
 
 
-class Event(NamedTuple):
+class BusEvent(NamedTuple):
     """Something that happens to a port or to the bus at an instant.
 
     Attributes:
-        at_ns: When.
+        at_ns: Time of the event.
         kind: "mute", "babble", "stuck" or "bus_off" and, at its end, "unmute", "quiet" or "restart".
-        port: To whom; without meaning for "stuck".
-        until_ns: When "stuck" ends.
-        frame: What is babbled.
+        port: The port concerned; without meaning for "stuck".
+        until_ns: End of "stuck".
+        frame: The frame that "babble" sends.
     """
 
     at_ns: int
@@ -94,14 +94,14 @@ class Event(NamedTuple):
 
 
 class FaultSource(Protocol):
-    """What a wire asks of its faults."""
+    """Protocol of the faults that a wire asks for."""
 
     @property
-    def events(self) -> tuple[Event, ...]:
-        """What happens without a frame's doing."""
+    def events(self) -> tuple[BusEvent, ...]:
+        """Events that no frame causes."""
 
     def apply(self, frame: Frame, port: int, at_ns: int) -> tuple[Passage, ...]:
-        """What becomes of a frame that a port offers: nothing, one frame or several."""
+        """Give the passages of a frame that a port offers: nothing, one frame or several."""
 
 
 @dataclass(frozen=True)
@@ -112,23 +112,23 @@ class Fault:
         kind: drop; delay (later frames pass); duplicate; reorder (the port's next frame passes, if it comes within the delay);
             corrupt; mute (a port sends and acknowledges nothing); babble (a port sends one frame without end); stuck (the bus is
             dominant: all see errors); bus_off (a port; it comes back at `to_s`, if given).
-        can_id: Whose frames; above 7FFh a 29-bit identifier. None: all.
+        can_id: Identifier of the frames; above 7FFh a 29-bit one. None: all frames.
         mask: Bits of the identifier that count.
-        port: Of which sender; None: of all.
-        from_s: When it begins.
-        to_s: When it ends; None: never.
-        every: Every n-th of the frames that are meant.
-        probability: Of those, with which chance.
-        count: How often at most.
-        delay_ns: Of "delay"; how long "reorder" waits for the next frame.
-        copies: How many more "duplicate" makes.
-        bits: Of the payload that "corrupt" flips, bit 0 is the lowest of the first byte; none: one by chance.
-        crc: Whether the receivers notice "corrupt" by the CRC, so that the frame is sent again; else it passes.
-        attempts: How many attempts in a row are destroyed, with `crc`.
-        data: What is babbled.
+        port: Port of the sender; None: all senders.
+        from_s: Begin of the fault, in s of the wire's time.
+        to_s: End of the fault, in s of the wire's time; None: never.
+        every: n, so that every n-th matching frame is hit.
+        probability: Chance that such an n-th frame is hit.
+        count: Largest number of hits; None: no limit.
+        delay_ns: Time by which "delay" delays, or for which "reorder" waits for the next frame.
+        copies: Number of additional frames by "duplicate".
+        bits: Bits of the payload that "corrupt" inverts; bit 0 is the lowest of the first byte. None given: one by chance.
+        crc: True where the receivers notice "corrupt" by the CRC, so that the frame is sent again; else it passes.
+        attempts: Number of attempts in a row that are destroyed, with `crc`.
+        data: Payload of the frame that "babble" sends.
     """
 
-    kind: Kind
+    kind: FaultKind
     can_id: int | None = None
     mask: int = CAN_EFF_MASK
     port: int | None = None
@@ -146,12 +146,12 @@ class Fault:
 
     @property
     def from_ns(self) -> int:
-        """When it begins."""
+        """Begin of the fault in ns."""
         return round(1e9 * self.from_s)
 
     @property
     def to_ns(self) -> int | None:
-        """When it ends; None for never."""
+        """End of the fault in ns; None for never."""
         return None if self.to_s is None else round(1e9 * self.to_s)
 
     @property
@@ -161,29 +161,29 @@ class Fault:
         return can_id | CAN_EFF_FLAG if can_id > CAN_SFF_MASK else can_id
 
     def means(self, frame: Frame, port: int, at_ns: int) -> bool:
-        """Whether it is such a frame, by identifier, sender and time."""
+        """True where the fault concerns a frame, by identifier, sender and time."""
         if self.port is not None and port != self.port:
             return False
         if at_ns < self.from_ns or (self.to_ns is not None and at_ns >= self.to_ns):
             return False
         return self.can_id is None or not (frame.can_id ^ self.flagged_id) & (self.mask | CAN_EFF_FLAG)
 
-    def events(self) -> tuple[Event, ...]:
-        """What a fault of a port or of the bus does, and when."""
+    def events(self) -> tuple[BusEvent, ...]:
+        """Events of a fault of a port or of the bus, with their instants."""
         if self.kind in OF_A_FRAME:
             return ()
         frame = Frame(self.flagged_id, self.data) if self.kind == "babble" else None
-        begin = Event(self.from_ns, self.kind, self.port or 0, self.to_ns, frame)
+        begin = BusEvent(self.from_ns, self.kind, self.port or 0, self.to_ns, frame)
         ends = {"mute": "unmute", "babble": "quiet", "bus_off": "restart"}
         if self.to_ns is None or self.kind not in ends:
             return (begin,)
-        return begin, Event(self.to_ns, ends[self.kind], begin.port)
+        return begin, BusEvent(self.to_ns, ends[self.kind], begin.port)
 
 
 class FaultTable(Table):
     """A ``[[fault]]`` of a file; the keys are those of `Fault`, ``data`` in hexadecimal."""
 
-    kind: Kind
+    kind: FaultKind
     can_id: Annotated[int, Field(ge=0, le=CAN_EFF_MASK)] | None = None
     mask: Annotated[int, Field(ge=0, le=CAN_EFF_MASK)] = CAN_EFF_MASK
     port: Annotated[int, Field(ge=0)] | None = None
@@ -214,7 +214,7 @@ class FaultTable(Table):
         return self
 
     def fault(self) -> Fault:
-        """The fault."""
+        """Make the fault of the table."""
         values = self.model_dump()
         return Fault(**values | {"data": bytes.fromhex(self.data), "delay_ns": self.delay_ns or 0})
 
@@ -225,26 +225,26 @@ class FaultsFile(Table):
     seed: Annotated[int, Field(ge=0)] = 0
     fault: tuple[FaultTable, ...] = ()
 
-    def faults(self) -> Faults:
-        """What a wire takes, at its beginning."""
-        return Faults((table.fault() for table in self.fault), self.seed)
+    def faults(self) -> BusFaults:
+        """Fault source for a wire, at its beginning."""
+        return BusFaults((table.fault() for table in self.fault), self.seed)
 
 
-class Faults:
+class BusFaults:
     """Faults at work: they count what they have met, so they belong to one wire.
 
     Attributes:
         faults: All of them.
-        events: What happens without a frame's doing.
-        hits: How often each fault has befallen a frame.
+        events: Events that no frame causes, in order of time.
+        hits: Number of frames that each fault has hit.
     """
 
     def __init__(self, faults: Iterable[Fault], seed: int = 0) -> None:
-        """Begin.
+        """Start with no hits.
 
         Args:
             faults: In the order in which they befall a frame.
-            seed: Of all that is left to chance; each fault has a generator of its own.
+            seed: Seed of all that is left to chance; each fault has a generator of its own.
         """
         self.faults = tuple(faults)
         self.events = tuple(sorted((e for fault in self.faults for e in fault.events()), key=lambda event: event.at_ns))
@@ -254,7 +254,7 @@ class Faults:
         self._of_a_frame = [(index, fault) for index, fault in enumerate(self.faults) if fault.kind in OF_A_FRAME]
 
     def apply(self, frame: Frame, port: int, at_ns: int) -> tuple[Passage, ...]:
-        """What becomes of a frame that a port offers: nothing, one frame or several."""
+        """Give the passages of a frame that a port offers: nothing, one frame or several."""
         passages: tuple[Passage, ...] = (Passage(frame),)
         for index, fault in self._of_a_frame:
             if fault.means(frame, port, at_ns) and self._hits(index, fault):
@@ -262,7 +262,7 @@ class Faults:
         return passages
 
     def _hits(self, index: int, fault: Fault) -> bool:
-        """Whether a frame that is meant is hit: every n-th, by chance, so often at most."""
+        """Decide whether a matching frame is hit: every n-th, by chance, up to the largest number."""
         self._met[index] += 1
         if self._met[index] % fault.every or (fault.count is not None and self.hits[index] >= fault.count):
             return False

@@ -4,11 +4,11 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from drive_profiles.address import LOCAL, Address
-from drive_profiles.cia301 import FunctionCode
-from hil.can.channel import BusLostError
+from drive_profiles.standard.cia301 import FunctionCode
+from hil.can.errors import BusLostError
 from hil.can.frame import Frame
 from plant_emulator.bus.medium import Instant, Medium
-from plant_emulator.bus.timed import FIRST_CLIENT, Heard
+from plant_emulator.bus.timed import FIRST_CLIENT, HeardFrame
 from plant_emulator.world import World
 
 
@@ -16,12 +16,12 @@ class InProcessChannel:
     """A lock-step bus with one client, as `hil.can.channel.Channel` has it; bit-identical for equal seeds.
 
     Attributes:
-        world: What is behind it.
-        medium: What is between.
-        syncs: SYNCs so far.
+        world: The world behind the bus.
+        medium: The medium between world and client.
+        syncs: Number of SYNCs so far.
         sent: Frames that the client has sent, the latest `MAX_SENT`.
         heard: Called with each frame of the bus and the time of its end, the client's own included.
-        on_sync: Called with the number of each SYNC before the world hears it: the place to interfere.
+        on_sync: Called with the number of each SYNC before the world hears it; a test interferes here.
         passes: Frames to the client for which it is false are lost.
         lost: Set it to make the bus fail.
     """
@@ -47,7 +47,7 @@ class InProcessChannel:
 
     @property
     def lag_ns(self) -> int:
-        """By how much a bus that is too full has put off the beats."""
+        """Delay of the cycles by a bus that is too full, in ns."""
         return self.medium.lag_ns
 
     def inject(self, frame: Frame) -> None:
@@ -56,6 +56,10 @@ class InProcessChannel:
         heard = self.medium.frame(FIRST_CLIENT + 1, frame)
         self.medium.leave(FIRST_CLIENT + 1)
         self._deliver(heard)
+
+    def hand_over(self, *frames: Frame) -> None:
+        """Let the client alone receive frames, such as a late or a doubled answer; the nodes do not hear them."""
+        self._queue.extend(frames)
 
     def send(self, frame: Frame) -> None:
         """Put a frame on the bus; a SYNC lets the world move on by its period.
@@ -94,7 +98,7 @@ class InProcessChannel:
             self.send(frame)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
-        """All frames that are there."""
+        """All frames that wait to be read."""
         frame = self.receive(timeout_s)
         if frame is None:
             return []
@@ -110,7 +114,7 @@ class InProcessChannel:
         if self.lost:
             raise BusLostError(self.address, "pulled")
 
-    def _deliver(self, heard: list[Heard]) -> None:
+    def _deliver(self, heard: list[HeardFrame]) -> None:
         for frame, port, end_ns in heard:
             self.heard(frame, end_ns)
             if port != FIRST_CLIENT and self.passes(frame):

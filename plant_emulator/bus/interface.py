@@ -8,12 +8,12 @@ import can
 
 from drive_profiles.address import LOCAL, Address
 from hil.can import clock
-from hil.can.channel import BusUnavailableError
+from hil.can.errors import BusUnavailableError
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, RECORD, Frame, pack, unpack
 from hil.can.raw import connect_local
 
 SEND_PATIENCE_S = 10.0
-"""How long a message without a time-out waits for room: a cyclic task of python-can ends with the first that finds none."""
+"""Longest wait for room of a message without a time-out: a cyclic task of python-can ends with the first that finds none."""
 
 
 class LocalBus(can.BusABC):
@@ -21,11 +21,11 @@ class LocalBus(can.BusABC):
 
     Args:
         channel: Path of the socket.
-        can_filters: As python-can takes them; applied in Python.
-        **kwargs: What python-can passes to every bus.
+        can_filters: Filters as python-can takes them; applied in Python.
+        **kwargs: Further arguments that python-can passes to every bus.
 
     Raises:
-        can.CanInitializationError: Nobody serves there.
+        can.CanInitializationError: No server runs at the path.
     """
 
     def __init__(self, channel: str, can_filters: can.typechecking.CanFilters | None = None, **kwargs: Any) -> None:

@@ -15,8 +15,8 @@ class Rates:
     it is sent as error-active, which changes no length by more than a stuff bit. Source: ISO 11898-1:2015, 10.4.
 
     Attributes:
-        bitrate: Of classic frames, and of the arbitration and the end of CAN FD frames, in bit/s; None: no bit times.
-        data_bitrate: Of what CAN FD frames carry, in bit/s; None: classic CAN.
+        bitrate: Rate of classic frames, and of the arbitration and the end of CAN FD frames, in bit/s; None: no bit times.
+        data_bitrate: Rate of the data in CAN FD frames, in bit/s; None: classic CAN.
         bit_ns: One bit, where that is a whole number of nanoseconds; else 0.
         fast_bit_ns: The same at the data bit rate; 0 without.
     """
@@ -39,25 +39,29 @@ class Rates:
 
     @property
     def is_exact(self) -> bool:
-        """Whether all bits take whole nanoseconds."""
+        """True where all bits take whole nanoseconds."""
         return bool(self.bit_ns) and (self.data_bitrate is None or bool(self.fast_bit_ns))
 
     def is_fd(self, can_id: int) -> bool:
-        """Whether such a frame goes as a CAN FD frame."""
+        """True where a frame with this identifier is sent as a CAN FD frame."""
         return self.data_bitrate is not None and not can_id & CAN_RTR_FLAG
 
     def ns(self, bits: int, fast_bits: int = 0) -> int:
-        """How long so many bits take, some at the one rate and some at the other."""
+        """Time of so many bits in ns, some at the one rate and some at the other."""
         if self.is_exact:
             return bits * self.bit_ns + fast_bits * self.fast_bit_ns
         bitrate, data_bitrate = self.bitrate or SECOND, self.data_bitrate or 1
         return -(-(bits * data_bitrate + fast_bits * bitrate) * SECOND // (bitrate * data_bitrate))
 
+    def bits_in(self, duration_ns: int) -> int:
+        """Whole bits that go into a time, at the bit rate of the arbitration."""
+        return duration_ns * (self.bitrate or 0) // SECOND
+
     def bits(self, frame: Frame) -> tuple[int, int]:
         """Bits of a frame at either rate, intermission included; without bit times no stuff bits are counted.
 
         Raises:
-            ValueError: As `hil.can.bits.frame_bits` does.
+            ValueError: `hil.can.bits.frame_bits` refuses the frame.
         """
         if not self.is_fd(frame.can_id):
             return frame_bits(frame, stuffed=self.bitrate is not None), 0

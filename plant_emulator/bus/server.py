@@ -6,28 +6,28 @@ import os
 import selectors
 import socket
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from drive_profiles.cia301 import FunctionCode
+from drive_profiles.standard.cia301 import FunctionCode
 from hil.can import clock
 from hil.can.frame import MAX_DATA_LENGTH, RECORD, Frame, pack, unpack
 from hil.can.raw import wait_at_most
 from plant_emulator.bus.medium import Instant, Medium
-from plant_emulator.bus.timed import FIRST_CLIENT, Heard
+from plant_emulator.bus.timed import FIRST_CLIENT, HeardFrame
 from plant_emulator.world import SECOND, World
 
 FREE_POLL_S = 0.001
-"""How long a world that moves by itself sleeps between two looks at its clients."""
+"""Time that a world that moves by itself sleeps between two looks at its clients, in s."""
 CLOCK_WAIT_S = 0.001
-"""How long the lock-step client may be silent before the others are looked at."""
+"""Longest silence of the lock-step client before the others are served, in s."""
 TURN_FRAMES = 64
 """Frames of the lock-step client after which the others are looked at."""
 _MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size + 1  # a longer message shows itself by its last byte
 MAX_CLIENTS = 32
 SEND_BUFFER_BYTES = 1 << 20
-"""Of a client's socket, as far as the system allows: its own 208 KiB hold 277 records, and the 127 segments of an SDO block, each
-with its time stamp, are 254."""
+"""Buffer of a client's socket, as far as the system allows: its own 208 KiB hold 277 records, and the 127 segments of an SDO
+block, each with its time stamp, are 254."""
 STREAM_BACKLOG_BYTES = 1 << 20
 
 
@@ -35,7 +35,7 @@ class AddressInUseError(Exception):
     """Another server answers at this path."""
 
     def __init__(self, path: str) -> None:
-        """Keep the path."""
+        """Take the path of the socket."""
         self.path = path
         super().__init__(f"another server answers at {path}")
 
@@ -97,13 +97,8 @@ class Client:
         self._backlog += record
         self.flush()
 
-    @property
-    def has_backlog(self) -> bool:
-        """Whether something waits for room in a stream."""
-        return bool(self._backlog)
-
     def flush(self) -> None:
-        """Give a stream what waits for it, as far as there is room."""
+        """Write the waiting bytes to a stream, as far as there is room."""
         with contextlib.suppress(OSError):  # no room; or it has gone, and the next read says so
             while self._backlog:
                 del self._backlog[: self.socket.send(self._backlog[:65536], socket.MSG_DONTWAIT)]
@@ -134,7 +129,7 @@ class Client:
 
 
 class Door:
-    """A listening socket, and what becomes of those who come through it."""
+    """A listening socket, and the participants that it makes of connections."""
 
     def __init__(self, listener: socket.socket) -> None:
         """Take over a listening socket."""
@@ -142,11 +137,11 @@ class Door:
         listener.setblocking(False)
 
     def admit(self, sock: socket.socket, port: int) -> Client:
-        """Make a participant of one who has come."""
+        """Make a participant of a new connection."""
         return Client(sock, port)
 
     def turn_away(self, sock: socket.socket) -> None:
-        """Close one for whom there is no place."""
+        """Refuse a client beyond the largest number."""
         sock.close()
 
 
@@ -157,14 +152,23 @@ class Server:
     world follows the monotonic clock.
     """
 
-    def __init__(self, world: World, path: str, *, stream: bool = False, medium: Medium | None = None) -> None:
+    def __init__(
+        self,
+        world: World,
+        path: str,
+        *,
+        stream: bool = False,
+        medium: Medium | None = None,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
         """Bind the path and start the nodes.
 
         Args:
-            world: What is behind the bus.
-            medium: What is between them; left out, nothing but order.
-            path: Of the socket; a stale one is removed.
+            world: The world behind the bus.
+            medium: The medium between world and clients; left out, frames arrive at once and in order.
+            path: Path of the socket; a stale one is removed.
             stream: Use a stream socket although the system has seqpacket ones.
+            now_ns: The monotonic clock.
 
         Raises:
             AddressInUseError: Another server answers there.
@@ -183,7 +187,8 @@ class Server:
         self._ports = itertools.count(FIRST_CLIENT)
         self.open(Door(listener))
         self._clock: Client | None = None
-        self._epoch_ns = time.monotonic_ns() - world.now
+        self._now_ns = now_ns
+        self._epoch_ns = now_ns() - world.now
         self._stop = False
         self._cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
         world.power_on()
@@ -221,8 +226,8 @@ class Server:
             self.close()
 
     def _wall_ns(self) -> int:
-        """Where the world's time would be now if it followed the monotonic clock."""
-        return max(self.world.now, time.monotonic_ns() - self._epoch_ns)
+        """The world's time as it would be now if it followed the monotonic clock."""
+        return max(self.world.now, self._now_ns() - self._epoch_ns)
 
     def _wait(self) -> list[int]:
         """Descriptors that can be read; while the world moves by itself, sleeps a little for them."""
@@ -236,7 +241,7 @@ class Server:
     def _serve_clock(self, holder: Client) -> None:
         """A turn of lock-step: what the client that holds the clock sends, waited for in its own socket.
 
-        The turn ends when the client is silent for `CLOCK_WAIT_S` or has had its share of frames; then the others are looked at.
+        The turn ends when the client is silent for `CLOCK_WAIT_S` or has sent its part of the frames; then the others are served.
         """
         for _ in range(TURN_FRAMES):
             frames = holder.receive(wait=True)
@@ -307,8 +312,8 @@ class Server:
             self._clock = sender
         sender.syncs += 1
         for heard in self.medium.cycle(sender.port, frame):
-            is_told = sender.knows_clock and self.medium.bitrate is not None
-            over = pack(clock.period_over(sender.syncs, self.medium.lag_ns)) if is_told else b""
+            has_time = sender.knows_clock and self.medium.bitrate is not None
+            over = pack(clock.period_over(sender.syncs, self.medium.lag_ns)) if has_time else b""
             self._deliver(heard, sender, over)
 
     def _on_question(self, frame: Frame, sender: Client) -> None:
@@ -321,7 +326,7 @@ class Server:
             sender.may_be_clock = not asked.follows
             sender.send(pack(clock.answer(self.medium.clock, self.medium.bitrate, several=True)))
 
-    def _deliver(self, heard: Iterable[Heard], waiting: Client | None = None, last: bytes = b"") -> None:
+    def _deliver(self, heard: Iterable[HeardFrame], waiting: Client | None = None, last: bytes = b"") -> None:
         """Give everyone what others have sent, and behind it a last record to the one who waits for it."""
         if len(self._clients) == 1:  # the rule, and quick: nobody else hears what it has sent itself
             [alone] = self._clients.values()
@@ -347,7 +352,7 @@ class Server:
         client.socket.close()
         if client is self._clock:
             self._clock = None
-            self._epoch_ns = time.monotonic_ns() - self.world.now
+            self._epoch_ns = self._now_ns() - self.world.now
             if self._cores is not None:
                 os.sched_setaffinity(0, self._cores)  # the lock-step client may have taken us to its core
 
@@ -364,12 +369,12 @@ class Server:
 
 
 def _frames(records: bytes) -> list[Frame]:
-    """The frames of whole records; what is none is passed over."""
+    """Frames of whole records; other bytes are skipped."""
     return [Frame(can_id, data[:length]) for can_id, length, data in RECORD.iter_unpack(records) if length <= MAX_DATA_LENGTH]
 
 
 def _listen(path: str, *, stream: bool) -> socket.socket:
-    """A listening socket at the path; one that nobody answers at is a leftover and is replaced."""
+    """Make a listening socket at the path; a socket there that does not answer is a leftover and is replaced."""
     kinds = [socket.SOCK_STREAM]
     if not stream and hasattr(socket, "SOCK_SEQPACKET"):
         kinds.insert(0, socket.SOCK_SEQPACKET)

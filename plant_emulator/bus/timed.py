@@ -6,22 +6,22 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from hil.can.frame import Frame
-from plant_emulator.bus.wire import Wire
+from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.world import FREE_STEP_NS, World
 
 FIRST_CLIENT = 1000
 """Ports of clients count from here; a node's port is its node-ID."""
 SETTLE_NS = 100_000_000
-"""How long a frame outside of a SYNC cycle may wait for a bus that others keep busy."""
+"""Longest wait of a frame outside of a SYNC cycle for a bus that others keep busy, in ns."""
 
 
-class Heard(NamedTuple):
+class HeardFrame(NamedTuple):
     """A frame that has ended on the wire.
 
     Attributes:
-        frame: What every participant but the sender has received.
-        port: Of the sender.
-        end_ns: When it ended, in the world's time.
+        frame: The frame that every participant but the sender has received.
+        port: Port of the sender.
+        end_ns: End of the frame, in the world's time.
     """
 
     frame: Frame
@@ -35,15 +35,15 @@ class TimedBus:
     Args:
         world: Its nodes hear each frame at its end, and send from there.
         wire: The model of the bus.
-        host_latency_ns: How long a client's frame takes from its program to its controller.
+        host_latency_ns: Time that a client's frame takes from its program to its controller.
 
     Attributes:
-        lag_ns: How long the oldest SYNC of the client that holds the clock has been waiting for the bus, at the last beat: above
+        lag_ns: Waiting time of the oldest SYNC of the client that holds the clock, at the last cycle: above
             0 the bus carries less than it is given.
     """
 
-    def __init__(self, world: World, wire: Wire, host_latency_ns: int = 0) -> None:
-        """Join them; nothing moves."""
+    def __init__(self, world: World, wire: EmulatedWire, host_latency_ns: int = 0) -> None:
+        """Join world and wire; no time passes."""
         self.world, self.wire = world, wire
         self.lag_ns = 0
         self._waiting: deque[int] = deque()
@@ -52,7 +52,7 @@ class TimedBus:
         self._nodes = frozenset(world.node_ids)
         world.on_power_cycle = wire.restart
         self._latency_ns = host_latency_ns
-        self._beat_ns: int | None = None
+        self._cycle_end_ns: int | None = None
 
     @property
     def due(self) -> int | None:
@@ -61,21 +61,21 @@ class TimedBus:
         return min(dues) if dues else None
 
     def offer(self, port: int, frame: Frame) -> None:
-        """A client has a frame to send; what can be on no bus, and what its queue has no room for, is counted there, and lost."""
+        """Offer a client's frame; one that no bus can carry, or its queue has no room for, is counted there and lost."""
         with contextlib.suppress(ValueError):
             self.wire.offer(port, frame, self.world.now + self._latency_ns)
 
-    def run(self, until: int, stop: Callable[[], bool] | None = None) -> list[Heard]:
-        """Let time pass; what has been heard, in the order in which it ended.
+    def run(self, until: int, stop: Callable[[], bool] | None = None) -> list[HeardFrame]:
+        """Let time pass; gives the frames that were heard, in the order of their ends.
 
         The nodes are asked where a client's frame has ended, where one of them wakes, and at the end: none hears the others.
 
         Args:
-            until: In the world's time.
+            until: End of the time that passes, in ns of the world's time.
             stop: Asked after each event; where it holds, time stops there.
         """
         world, wire = self.world, self.wire
-        heard: list[Heard] = []
+        heard: list[HeardFrame] = []
         while True:
             limit, due = until, world.due
             if due is not None and due < limit:
@@ -86,7 +86,7 @@ class TimedBus:
             instant = wire.now
             sent = world.move(instant)
             for frame, port, _, end_ns, *_ in passed:
-                heard.append(Heard(frame, port, end_ns))
+                heard.append(HeardFrame(frame, port, end_ns))
                 if port >= FIRST_CLIENT:
                     sent += world.hear(frame)
             if wire.switched:
@@ -114,41 +114,41 @@ class TimedBus:
                 self.wire.restart(port, now + restart_ns)
         return sent
 
-    def free(self, until: int) -> list[Heard]:
+    def free(self, until: int) -> list[HeardFrame]:
         """Let time pass in short steps, so that drives see their limits and finished ramps in time."""
-        heard: list[Heard] = []
+        heard: list[HeardFrame] = []
         while self.world.now < until:
             heard += self.run(min(until, self.world.now + FREE_STEP_NS))
         return heard
 
-    def settle(self, mark: int | None = None) -> list[Heard]:
+    def settle(self, mark: int | None = None) -> list[HeardFrame]:
         """Let time pass until everything that waits has been sent, answers included.
 
         Args:
-            mark: Of the wire, before what is asked now was offered: that is waited for although a fault delays it. What a fault
-                had delayed before, and a fault that is to come, are not.
+            mark: Mark of the wire before the present frames were offered: these are waited for although a fault delays them.
+                Frames that a fault had delayed before, and faults to come, are not waited for.
         """
         mark = self.wire.mark if mark is None else mark
         return self.run(self.world.now + SETTLE_NS, lambda: not self.wire.is_waiting(mark))
 
     def begin_cycles(self) -> None:
-        """The next SYNC of the client that holds the clock begins a beat of its own."""
-        self._beat_ns, self.lag_ns = None, 0
+        """The next SYNC of the client that holds the clock begins a cycle of its own."""
+        self._cycle_end_ns, self.lag_ns = None, 0
         self._waiting.clear()
 
-    def cycle(self, port: int, sync: Frame, period_ns: int) -> list[Heard]:
+    def cycle(self, port: int, sync: Frame, period_ns: int) -> list[HeardFrame]:
         """A SYNC of the client that holds the clock: it is queued behind what the client has queued, and a period passes.
 
-        The beats never wait for the bus. What does not fit stays in the queues, is heard in a later period, and is refused once a
-        queue is full.
+        The cycles never wait for the bus. What does not fit stays in the queues, is heard in a later period, and is refused once
+        a queue is full.
         """
-        beat = self.world.now if self._beat_ns is None else max(self._beat_ns, self.world.now)
+        begin = self.world.now if self._cycle_end_ns is None else max(self._cycle_end_ns, self.world.now)
         self.offer(port, sync)
-        self._waiting.append(beat)
-        self._beat_ns = beat + period_ns
-        heard = self.run(self._beat_ns)
+        self._waiting.append(begin)
+        self._cycle_end_ns = begin + period_ns
+        heard = self.run(self._cycle_end_ns)
         for frame, sender, _ in heard:
             if sender == port and frame.can_id == sync.can_id and self._waiting:
                 self._waiting.popleft()
-        self.lag_ns = self._beat_ns - self._waiting[0] if self._waiting else 0
+        self.lag_ns = self._cycle_end_ns - self._waiting[0] if self._waiting else 0
         return heard

@@ -1,4 +1,4 @@
-"""What has passed a bus: frames delivered, messages of controllers, counts, and when it was busy."""
+"""The traffic of a bus: frames delivered, messages of controllers, counts, and when it was busy."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ class Delivered(NamedTuple):
     """A frame that all others have received.
 
     Attributes:
-        frame: As it was received.
-        port: Who sent it; the lowest, if several sent the very same.
+        frame: The frame that the others received.
+        port: Port of the sender; the lowest, if several sent the very same frame.
         start_ns: Its SOF.
         end_ns: The end of its EOF.
     """
@@ -30,7 +30,7 @@ Passed = tuple[Frame, int, int, int, int, int]
 """A frame that has passed, in the making: frame, port, SOF, end of EOF, bits, from when it has waited."""
 
 
-class Report(NamedTuple):
+class ControllerMessage(NamedTuple):
     """An error message of a port's controller, for that port alone."""
 
     port: int
@@ -40,14 +40,14 @@ class Report(NamedTuple):
 
 @dataclass(slots=True)
 class Statistics:
-    """What a wire has seen since it was made; `Wire.statistics` is a copy.
+    """Counts of a wire since it was made; `Wire.statistics` is a copy.
 
     Attributes:
-        frames: Delivered ones.
-        bits: Of these, intermissions included.
+        frames: Number of delivered frames.
+        bits: Bits of the delivered frames, intermissions included.
         busy_ns: Time in which the bus was not idle, errors included.
         errors: Attempts that ended in an error frame.
-        collisions: Of these and others, those in which two sent one identifier with different contents.
+        collisions: Attempts, failed or not, in which two sent one identifier with different contents.
         merged: Frames that two ports sent bit for bit the same, so that one of them was never seen.
         refused: Offers that found no room, or a port that is bus-off.
         lost: Frames that a port had accepted, and that went with its bus-off, its mute fault or its departure.
@@ -68,14 +68,14 @@ class Statistics:
 
 
 class Traffic:
-    """The books of a bus.
+    """Counts and busy stretches of a bus.
 
     Attributes:
-        counts: Up to now.
+        counts: Counts up to now.
     """
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Start with all counts at 0."""
         self.counts = Statistics()
         self._intervals: deque[list[int]] = deque(maxlen=MAX_INTERVALS)  # from, to
 
@@ -102,7 +102,7 @@ class Traffic:
         self.counts.busy_ns += end - begin
 
     def busy_ns(self, since: int, until: int) -> int:
-        """For how long of that stretch the bus was busy."""
+        """Time for which the bus was busy between two instants, in ns."""
         busy = 0
         for begin, end in reversed(self._intervals):
             if end <= since:

@@ -3,7 +3,7 @@
 Each message is a length of four bytes, big-endian and always 14, and behind it identifier (4 bytes, big-endian), flags, number of
 data bytes, and eight bytes of data, filled up with zeros. Bit 0 of the flags is set where the identifier has 29 bits. The format
 has no bit for a remote request: as gocanopen does it, the identifier then carries SocketCAN's ``CAN_RTR_FLAG``. Error frames have
-no counterpart and are not told. Nobody hears what it has sent itself.
+no counterpart and are left out. Nobody hears what it has sent itself.
 
 Source: github.com/windelbouwman/virtualcan (its servers and clients in Python, Rust and C++); gocanopen's virtual bus.
 """
@@ -22,13 +22,13 @@ EXTENDED = 0x01
 """Bit of the flags: an identifier of 29 bits."""
 LOOPBACK = {"localhost": "127.0.0.1", "127.0.0.1": "127.0.0.1", "::1": "::1", "[::1]": "::1"}
 MAX_BACKLOG_BYTES = 1 << 18
-"""Of what a client has not read: 14 563 frames, two seconds of a full bus at 1 Mbit/s. One that lets more wait is dropped."""
+"""Bytes that a client has not read: 14 563 frames, two seconds of a full bus at 1 Mbit/s. One that lets more wait is dropped."""
 _READ_BYTES = TURN_FRAMES * MESSAGE.size
 _LENGTH_BYTES = 4
 
 
 class EndpointError(ValueError):
-    """A place where the bus is not served."""
+    """An address at which the bus cannot be served."""
 
 
 def parse_endpoint(text: str) -> tuple[str, int]:
@@ -57,10 +57,10 @@ def encode(frame: Frame) -> bytes:
 
 
 class Messages:
-    """What a client sends, taken apart, sans IO. The first message that is none ends it: behind it nothing can be trusted.
+    """Messages of a client, taken apart, sans IO. The first message that is none ends it: behind it nothing can be trusted.
 
     Attributes:
-        refused: Why it has ended; None while it has not.
+        refused: Reason for its end; None while it lasts.
     """
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class Messages:
 
 
 class VirtualcanClient(Client):
-    """A participant behind TCP. It is dropped for what is no message, and where it does not read what it is sent."""
+    """A participant over TCP. It is dropped if it sends anything but messages, or does not read its own."""
 
     def __init__(self, sock: socket.socket, port: int, over: Callable[[str], None]) -> None:
         """Take over a connected socket.
@@ -134,7 +134,7 @@ class VirtualcanClient(Client):
             self._end(f"it has not read {len(self._backlog) // MESSAGE.size} frames")
 
     def receive(self, *, wait: bool = False) -> list[Frame] | None:
-        """The frames that are there, [] where there is none, None where the client has gone or is over."""
+        """The frames received, [] where there is none, None where the client has gone or was dropped."""
         if self.is_over:
             return None
         try:
@@ -190,7 +190,7 @@ class VirtualcanDoor(Door):
         return VirtualcanClient(sock, port, lambda reason: self._say(f"virtualcan client {name} is dropped: {reason}"))
 
     def turn_away(self, sock: socket.socket) -> None:
-        """Close one for whom there is no place."""
+        """Refuse a client beyond the largest number."""
         with contextlib.closing(sock), contextlib.suppress(OSError):  # where it has gone already it has no name
             self._say(f"virtualcan client {_name(sock)} is turned away: {MAX_CLIENTS} are on the bus")
 

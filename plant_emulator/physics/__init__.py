@@ -1,1 +1,9 @@
-"""The compiled plant: axes with angular transmission errors, and the tip they move."""
+"""The compiled plant: axes with angular transmission errors, and the tip that they move.
+
+`physics.axis` states the equations of motion, `physics.angle_grid` has them in the form that runs, `physics.integration` follows
+them over time, and `physics.tip` gives the acceleration of the tip:
+
+    >>> from plant_emulator.physics.tip import lever_acceleration
+    >>> lever_acceleration(0.5, 2.0, 3.0)  # lever in m, speed in rad/s, acceleration in rad/s²; gives X, Y, Z in m/s²
+    (-2.0, 0.0, 1.5)
+"""

@@ -1,4 +1,4 @@
-"""What the accelerometer at the tip feels: the planar chain of axes 2, 3 and 5, or the lever of a single axis."""
+"""Acceleration at the tip, and its sensor: the planar chain of axes 2, 3 and 5, or the lever of a single axis."""
 
 import math
 from collections.abc import Sequence
@@ -54,13 +54,13 @@ def chain_acceleration(chain: PlanarChain, angles: Vector, speeds: Vector, accel
 
 
 @dataclass
-class Sensor:
+class TipSensor:
     """Noise and resolution of the accelerometer; seeded, one draw of three values per sample.
 
     Attributes:
         noise_m_s2: Standard deviation of the white noise of each sample.
         resolution_m_s2: Step of the output; 0 for none.
-        range_m_s2: Where it saturates.
+        range_m_s2: Acceleration at which it saturates.
         generator: The noise's source.
     """
 
@@ -71,7 +71,7 @@ class Sensor:
     _noise: list[list[float]] = field(default_factory=list, repr=False)
 
     def sample(self, acceleration: tuple[float, float, float]) -> tuple[float, float, float]:
-        """What the sensor puts out for a true acceleration, m/s²."""
+        """The sensor's output for a true acceleration, m/s²."""
         if not self._noise:
             self._noise = self.generator.standard_normal((_BLOCK, 3)).tolist()[::-1]
         (x, y, z), (draw_x, draw_y, draw_z) = acceleration, self._noise.pop()

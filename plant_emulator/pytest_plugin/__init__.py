@@ -1,8 +1,8 @@
 """pytest plug-in: a test file that runs on the emulated robot with no set-up, and unchanged on a real bench; docs/testing.md.
 
-This package is the one place that may see both the world and the master. It is imported by every pytest of an environment in
+This package is the only one that may see both the world and the master. It is imported by every pytest of an environment in
 which we are installed, so this file imports nothing of ours before a fixture is used. Its modules must not have the names of
-fixtures: importing one would put it in the fixture's place.
+fixtures: importing one would replace the fixture.
 """
 
 from collections.abc import Callable, Generator, Iterator
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from hil.master.bench import Bench
+    from hil.bench.bench import Bench
     from plant_emulator.pytest_plugin.artefacts import Artefacts
     from plant_emulator.pytest_plugin.emulated import EmulatedRobot
     from plant_emulator.pytest_plugin.enabled_drive import EnabledDrive
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from plant_emulator.pytest_plugin.readings import AccelerometerReadings
     from plant_emulator.pytest_plugin.served import ServedBus
     from plant_emulator.pytest_plugin.target import Target
-    from plant_emulator.robot import Robot
+    from plant_emulator.robots.robot import Robot
 
 _ARTEFACTS: pytest.StashKey["Artefacts"] = pytest.StashKey()
 
@@ -78,7 +78,7 @@ def pytest_runtest_makereport(
         return report
     if report.failed:
         report.sections.append(("hil-bench", artefacts.keep()))
-    elif artefacts.is_kept and report.when == "teardown":
+    elif artefacts.is_saved and report.when == "teardown":
         artefacts.keep()  # once more: the teardown's frames belong to the story
     if report.when == "teardown":
         del item.stash[_ARTEFACTS]
@@ -139,9 +139,9 @@ def local_bus(serve_local_bus: Callable[..., "ServedBus"]) -> "ServedBus":
 @pytest.fixture
 def serve_local_bus(pytestconfig: pytest.Config) -> Iterator[Callable[..., "ServedBus"]]:
     """Starts such processes: `serve_local_bus("--seed", "2", robot="robot.toml")`, options as of `plant-emulator serve`."""
-    from plant_emulator.pytest_plugin.served import Served  # noqa: PLC0415
+    from plant_emulator.pytest_plugin.served import LocalBusServers  # noqa: PLC0415
 
-    with Served(pytestconfig) as served:
+    with LocalBusServers(pytestconfig) as served:
         yield served.start
 
 
@@ -177,7 +177,7 @@ def accelerometer(session: "BenchSession") -> "AccelerometerReadings":
 
 @pytest.fixture
 def faults(_hil_target: "Target") -> "FaultInjection":
-    """What can go wrong: frames lost, delayed, doubled, corrupted; bus, heartbeats or nodes lost; strangers who interfere."""
+    """Faults on demand: frames lost, delayed, doubled, corrupted; bus, heartbeats or nodes lost; strangers who interfere."""
     from plant_emulator.pytest_plugin.injection import FaultInjection  # noqa: PLC0415
 
     return FaultInjection(_hil_target)

@@ -1,4 +1,4 @@
-"""What a test leaves when it fails: every frame with its time, and the recordings of its runs."""
+"""The artefacts of a test that fails: every frame with its time, and the recordings of its runs."""
 
 import hashlib
 import json
@@ -16,30 +16,30 @@ from hil.master.motion import RunResult
 from hil.recording import BusLog, LoggedFrame, Recording
 
 MAX_FRAMES = 100_000
-"""Of a test: the latest; some 4 MB of text."""
+"""Frames that are kept of a test, the latest; some 4 MB of text."""
 MAX_RUNS = 20
 MAX_TESTS = 100
 """Directories that one pytest process leaves."""
 MAX_NAME = 80
 
-Told = Callable[[], tuple[dict[str, Any], Recording]]
-"""Gives what a run was like, and its recording."""
+RunReader = Callable[[], tuple[dict[str, Any], Recording]]
+"""Function that gives the summary of a run, and its recording."""
 
-_kept: set[Path] = set()
+_written: set[Path] = set()
 
 
-class Trace(BusLog):
+class FrameLog(BusLog):
     """The latest frames of a bus, with the bench's time."""
 
     def __init__(self) -> None:
-        """Nothing has been heard."""
+        """Start with no frames."""
         super().__init__(None)
         self.frames: deque[tuple[int, Frame]] = deque(maxlen=MAX_FRAMES)
         self.heard_frames = 0
 
     @property
     def is_on(self) -> bool:
-        """Frames are wanted."""
+        """True: the master always writes its frames to this log."""
         return True
 
     def add(self, frame: LoggedFrame) -> None:
@@ -52,7 +52,7 @@ class Trace(BusLog):
         self.frames.append((end_ns, frame))
 
     def write(self) -> None:
-        """Nothing is written before a test fails."""
+        """Write nothing: a log is saved only when its test fails."""
 
     def save(self, path: Path) -> None:
         """Write a candump log, in order of time."""
@@ -68,40 +68,40 @@ def _candump(frame: Frame) -> str:
 
 
 class Artefacts:
-    """Trace and runs of one test, in memory until it fails.
+    """Frame log and runs of one test, in memory until it fails.
 
     Attributes:
         trace: Frames of its bus.
-        is_kept: Whether they are on disk.
+        is_saved: True once they are on disk.
     """
 
     def __init__(self, directory: Path) -> None:
-        """Nothing is written."""
-        self.trace = Trace()
-        self.is_kept = False
+        """Start with no frames and no runs."""
+        self.trace = FrameLog()
+        self.is_saved = False
         self._directory = directory
-        self._runs: deque[tuple[str, Told]] = deque(maxlen=MAX_RUNS)
+        self._runs: deque[tuple[str, RunReader]] = deque(maxlen=MAX_RUNS)
         self._count = 0
 
     def add_run(self, name: str, result: RunResult) -> None:
-        """A run has been made."""
-        told = {
+        """Add a run that has ended."""
+        summary = {
             "cycles": result.cycles,
             "missed_cycles": result.missed_cycles,
             "sensor_missed": result.sensor_missed,
             "motion_s": result.motion_s,
             "stopped": None if result.stopped is None else str(result.stopped),
         }
-        self.add_live(name, lambda: (told, result.recording))
+        self.add_live(name, lambda: (summary, result.recording))
 
-    def add_live(self, name: str, tell: Told) -> None:
-        """Something moves; it is asked what it has done when the test has failed."""
+    def add_live(self, name: str, tell: RunReader) -> None:
+        """Add a run that goes on; its reader is called when the test has failed."""
         self._count += 1
         self._runs.append((f"{self._count:02d}-{name}", tell))
 
     def keep(self) -> str:
-        """Write all, in place of what an earlier failure of this test left; what there is to see, in words."""
-        if self._directory not in _kept and len(_kept) >= MAX_TESTS:
+        """Write all, over the files of an earlier failure of this test; gives the files in words."""
+        if self._directory not in _written and len(_written) >= MAX_TESTS:
             return f"trace and runs are not kept: {MAX_TESTS} failed tests have left theirs below {self._directory.parent}"
         try:
             return self._write()
@@ -115,13 +115,13 @@ class Artefacts:
             (root / ".gitignore").write_text("*\n", encoding="ascii")
         shutil.rmtree(self._directory, ignore_errors=True)
         self._directory.mkdir()
-        _kept.add(self._directory)
-        self.is_kept = True
+        _written.add(self._directory)
+        self.is_saved = True
         self.trace.save(self._directory / "bus.log")
         runs = []
         for name, tell in self._runs:
-            told, recording = tell()
-            runs.append({"name": name, **told})
+            summary, recording = tell()
+            runs.append({"name": name, **summary})
             if len(recording.time_s):
                 recording.save(self._directory / f"{name}.csv")
                 runs[-1]["recording"] = f"{name}.csv"

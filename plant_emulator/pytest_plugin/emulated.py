@@ -4,21 +4,21 @@ from functools import partial
 from types import MappingProxyType
 
 from drive_profiles.address import LOCAL, Address
-from drive_profiles.cia301 import FunctionCode
+from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.frame import Frame
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import Instant, Medium, Timed
-from plant_emulator.bus.timed import FIRST_CLIENT, Heard, TimedBus
-from plant_emulator.bus.wire import Wire
-from plant_emulator.drive import Drive
-from plant_emulator.motion import BRAKED
+from plant_emulator.bus.timed import FIRST_CLIENT, HeardFrame, TimedBus
+from plant_emulator.bus.wire import EmulatedWire
+from plant_emulator.drive.drive import Drive
+from plant_emulator.motion.record import BRAKED
 from plant_emulator.pytest_plugin.interference import Interference, LiveFaults
-from plant_emulator.robot import Robot
+from plant_emulator.robots.robot import Robot
 from plant_emulator.world import SECOND, World
 
 
 class EmulatedChannel(InProcessChannel):
-    """The bus in one process, with what is done to its frames between the bus and the master."""
+    """The bus in one process, with faults of frames between the bus and the master."""
 
     def __init__(self, world: World, medium: Medium, bitrate: int | None, interference: Interference) -> None:
         """Join; the nodes are switched on."""
@@ -65,7 +65,7 @@ class EmulatedChannel(InProcessChannel):
     def _push(self) -> None:
         self.lost = False
 
-    def _deliver(self, heard: list[Heard]) -> None:
+    def _deliver(self, heard: list[HeardFrame]) -> None:
         for frame, port, end_ns in heard:
             self.heard(frame, end_ns)
             if port == FIRST_CLIENT or not self.passes(frame):
@@ -88,14 +88,14 @@ class EmulatedRobot:
     """
 
     def __init__(self, model: Robot, bitrate: int | None, interference: Interference) -> None:
-        """Build it and switch it on."""
+        """Build the robot and switch it on."""
         self.model = model
         self.world = World(model)
         interference.wire = None if bitrate is None else LiveFaults()
         medium: Medium = Instant(self.world)
-        self._wire: Wire | None = None
+        self._wire: EmulatedWire | None = None
         if bitrate is not None:
-            self._wire = Wire(bitrate, faults=interference.wire, now_ns=self.world.now)
+            self._wire = EmulatedWire(bitrate, faults=interference.wire, now_ns=self.world.now)
             medium = Timed(TimedBus(self.world, self._wire), wall=False)
         interference.power_cycle = self._power_cycle
         interference.switch_bus_off = self._switch_bus_off
@@ -118,17 +118,17 @@ class EmulatedRobot:
         self.channel.advance(round(SECOND * duration_s))
 
     def is_braked(self, axis: int) -> bool:
-        """Whether the brake of an axis is closed."""
+        """True where the brake of an axis is closed."""
         return bool(self.world.axes.motion["mode"][self.world.axes.row(axis)] == BRAKED)
 
     def position_rev(self, axis: int) -> float:
-        """Where the motor of an axis is, as its encoder counts."""
+        """Position of an axis' motor, as its encoder counts."""
         axes = self.world.axes
         return float(axes.counts(axes.row(axis))) / self.model.axis[axis].encoder_counts_per_rev
 
     def _power_cycle(self, node_id: int) -> None:
         for frame in self.world.power_cycle(node_id):
-            self.channel._deliver([Heard(frame, node_id, self.world.now)])
+            self.channel._deliver([HeardFrame(frame, node_id, self.world.now)])
 
     def _switch_bus_off(self, node_id: int, is_off: bool) -> None:
         """On a wire the controller goes, and its node hears of it; where there is none the node goes at once."""
@@ -137,4 +137,4 @@ class EmulatedRobot:
         elif is_off:
             self.world.bus_off(node_id)
         else:
-            self.channel._deliver([Heard(frame, port, self.world.now) for port, frame in self.world.bus_recovered(node_id)])
+            self.channel._deliver([HeardFrame(frame, port, self.world.now) for port, frame in self.world.bus_recovered(node_id)])

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drive_profiles.cia301 import DataType
-from drive_profiles.cia402 import Object, State, state_of
-from hil.can.channel import ChannelError
+from drive_profiles.standard.cia301 import DataType
+from drive_profiles.standard.cia402 import Mode, Object, State, state_of
+from hil.bench.bench import Limits
+from hil.can.errors import ChannelError
 from hil.control.trajectory import Smooth, sample_times
 from hil.errors import HilError, InterruptedRunError, NotPossibleError, SafetyStopError
 from hil.master.axis import DriveAxis
-from hil.master.bench import Limits
-from hil.master.cyclic import CyclicPlan
+from hil.master.control_words import SHUTDOWN
+from hil.master.motion import Motion
 from hil.master.request import check_motion
-from hil.master.run import APPROACH_RAMP_S, REST_S, SHUTDOWN, Motion, Run, StopRun
+from hil.master.run import APPROACH_RAMP_S, REST_S, Run, RunLimits, StopRun
 from hil.recording import Recording
 from plant_emulator.pytest_plugin.keeper import Keeper, keeper_for
 from plant_emulator.pytest_plugin.master import BenchSession
@@ -27,43 +28,31 @@ MAX_RECORDED = 1 << 15
 
 
 class HeldRun(Run):
-    """A run that does what it is told, cycle by cycle, instead of a motion."""
+    """A run that follows the test's commands, cycle by cycle, instead of a motion."""
 
-    def enable(self) -> None:
-        """Up to operation enabled."""
-        self._enable()
-
-    def step(self, reference: float) -> None:
+    def follow(self, reference: float) -> None:
         """One cycle with a set-point."""
-        row = self.rows if self.rows < MAX_RECORDED else None
-        self._step([reference], row)
-
-    def stop(self, reason: str) -> SafetyStopError:
-        """Quick-stop, until it is disabled."""
-        return self._stop(reason)
-
-    def disable(self) -> bool:
-        """Out of operation; whether the drive has confirmed it."""
-        return self._disable(SHUTDOWN)
+        rows = self.table.rows
+        self.step([reference], rows if rows < MAX_RECORDED else None)
 
 
 class EnabledDrive:
-    """A drive that holds its position under the limits of the bench file, until it is told to move or something stops it.
+    """A drive that holds its position under the limits of the bench file, until a test moves it or something stops it.
 
     Positions are the motor's, in revolutions. What the master watches in a run it watches here.
 
     Attributes:
-        number: Of its axis.
+        number: Number of its axis.
         axis: The drive as the master sees it.
-        limits: What the bench file allows.
+        limits: Limits of the bench file.
     """
 
-    def __init__(self, session: BenchSession, axis: DriveAxis, plan: CyclicPlan, run: HeldRun, keeper: Keeper) -> None:
-        """It is not enabled yet."""
+    def __init__(self, session: BenchSession, axis: DriveAxis, run: HeldRun, keeper: Keeper) -> None:
+        """Prepare the drive; it is not enabled yet."""
         self.number, self.axis = axis.number, axis
         self.limits: Limits = axis.table.limits
-        self._session, self._plan, self._run, self._keeper = session, plan, run, keeper
-        self._slot = plan.slots[0]
+        self._session, self._run, self._keeper = session, run, keeper
+        self._slot = run.exchange.slots[0]
         self._reference = run.starts[0]
         self._stopped: SafetyStopError | None = None
         self._is_seen = False
@@ -72,27 +61,27 @@ class EnabledDrive:
 
     @property
     def state(self) -> State | None:
-        """Of the state machine: as of the last cycle, or, when it has been stopped, as it says itself; None if it does not."""
+        """State of the drive in the last cycle; after a stop, by SDO, and None if it does not answer."""
         return state_of(self._slot.status_word) if self._stopped is None else self._keeper.call(self._ask_state)
 
     @property
     def is_enabled(self) -> bool:
-        """Whether it is in operation; see `state`."""
+        """True while it is in operation; see `state`."""
         return self.state is State.OPERATION_ENABLED
 
     @property
     def position_rev(self) -> float:
-        """As of the last cycle."""
+        """Motor position in revolutions as of the last cycle."""
         return self.axis.scaling.position_rad(self._slot.position_counts) / math.tau
 
     @property
     def torque_nm(self) -> float:
-        """As of the last cycle."""
+        """Motor torque as of the last cycle."""
         return self.axis.scaling.torque_nm(self._slot.torque_per_mille)
 
     @property
     def stopped(self) -> SafetyStopError | None:
-        """Why it was stopped, or None. A stop that nobody looks at fails the test in the end."""
+        """Reason of its stop, or None. A stop that the test does not look at fails it in the end."""
         self._is_seen = True
         return self._stopped
 
@@ -104,17 +93,17 @@ class EnabledDrive:
         Raises:
             SafetyStopError: Something stops it; it is disabled.
         """
-        self._follow([self._reference] * max(1, round(duration_s / self._run.period)))
+        self._follow([self._reference] * max(1, round(duration_s / self._run.period_s)))
 
     def move_to(self, position_rev: float) -> None:
-        """Go there at the bench file's `approach_rps`, and come to rest.
+        """Go to a position at the bench file's `approach_rps`, and come to rest.
 
         Raises:
             UnsafeRequestError: It would leave a limit; it stays where it is.
-            SafetyStopError: Something stops it on the way; it is disabled.
+            SafetyStopError: Something stops it before its target; it is disabled.
         """
         distance = math.tau * position_rev - self._reference
-        period = self._run.period
+        period = self._run.period_s
         duration = abs(distance) / math.tau / self._session.bench.approach_rps + APPROACH_RAMP_S
         smooth = Smooth(max(duration, 2.0 * APPROACH_RAMP_S), APPROACH_RAMP_S)
         times = sample_times(smooth.duration_s, period)
@@ -151,7 +140,7 @@ class EnabledDrive:
         return float(parameter.value(raw, self.axis.scaling))
 
     def write(self, name: str, value: float) -> None:
-        """Write a parameter of its profile; what it held comes back after the test.
+        """Write a parameter of its profile; it gets its old value back after the test.
 
         Raises:
             DriveProfileError: The profile does not have it, or the object cannot hold the value.
@@ -162,7 +151,7 @@ class EnabledDrive:
     # -- how -----------------------------------------------------------------------------------------------------------
 
     def _ask_state(self) -> State | None:
-        """By SDO: a drive that has lost its master sends no more PDOs."""
+        """Read the state by SDO: a drive that has lost its master sends no more PDOs."""
         try:
             word = self._session.network.read(self.axis.node, Object.STATUS_WORD, 0, DataType.UNSIGNED16, "status word")
         except (HilError, ChannelError):
@@ -185,7 +174,7 @@ class EnabledDrive:
         try:
             for reference in references:
                 self._reference = reference
-                self._run.step(reference)
+                self._run.follow(reference)
         except StopRun as stop:
             self._stopped = self._run.stop(stop.reason)
         except ChannelError as error:
@@ -200,7 +189,7 @@ class EnabledDrive:
         return self._stopped is None
 
     def enable(self) -> None:
-        """Up to operation enabled."""
+        """Enable the drive, up to Operation enabled."""
         try:
             self._run.enable()
         except StopRun as stop:
@@ -211,20 +200,20 @@ class EnabledDrive:
         self._reference = self._run.starts[0] = self.axis.scaling.position_rad(self._slot.position_counts)
 
     def end(self) -> str | None:
-        """Disable; what is wrong, in words."""
+        """Disable the drive; gives a failure in words, or None."""
         if self._stopped is None:
-            return None if self._run.disable() else f"axis {self.number} has not confirmed that it is disabled"
+            return None if self._run.disable(SHUTDOWN) else f"axis {self.number} has not confirmed that it is disabled"
         return None if self._is_seen else f"nobody asked why, but axis {self.number} was {self._stopped}"
 
     def recorded(self) -> tuple[dict[str, Any], Recording]:
-        """What it has done, for the case of a failure."""
-        told = {"cycles": self._run.rows, "stopped": None if self._stopped is None else str(self._stopped)}
-        return told, self._run.recording()
+        """The recording of all that it has done, for the case of a failure."""
+        summary = {"cycles": self._run.table.rows, "stopped": None if self._stopped is None else str(self._stopped)}
+        return summary, self._run.recording()
 
 
 @contextmanager
 def enabled(session: BenchSession, number: int) -> Iterator[EnabledDrive]:
-    """A drive that is enabled meanwhile."""
+    """Enable a drive for the time of a `with` statement."""
     session.target.check_motion_is_allowed()
     if number not in session.axes:
         pytest.fail(f"the bench has no axis {number}; it has {', '.join(map(str, session.axes))}", pytrace=False)
@@ -257,12 +246,12 @@ def _enable(session: BenchSession, number: int, keeper: Keeper, bus: ExitStack) 
     period = session.network.period_s = session.bench.bus.sync_period_s
     axis = session.axes[number]
     axis.identify()
-    plan = session.plan(axis, period)
+    exchange = session.exchange([axis], period, Mode.CSP)
     rest = Motion((number,), sample_times((MAX_RECORDED - 1) * period, period), np.zeros((MAX_RECORDED, 1)), starts_at_home=False)
-    run = HeldRun(session, rest, [axis], plan, None, period, [axis.position_rad()])
-    held = EnabledDrive(session, axis, plan, run, keeper)
-    session.prepare(axis, plan, period, bus)
-    session.held = plan
+    run = HeldRun(rest, [axis], exchange, RunLimits.of(session.bench), session.supervisor, [axis.position_rad()])
+    held = EnabledDrive(session, axis, run, keeper)
+    session.prepare(bus, [axis], exchange)
+    session.held = exchange
     session.target.artefacts.add_live(f"axis-{number}-held", held.recorded)
     held.enable()
     return held

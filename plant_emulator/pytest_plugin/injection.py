@@ -1,19 +1,19 @@
-"""What can go wrong on a bench, for a test to make it happen, at once or after a time of the bench."""
+"""Faults of a bench that a test injects, at once or after a time of the bench."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
-from drive_profiles.cia301 import FunctionCode, NmtCommand
+from drive_profiles.standard.cia301 import FunctionCode, NmtCommand
 from hil.can.frame import Frame
-from plant_emulator.bus.faults import Fault, Faults
-from plant_emulator.inputs import DigitalInputs
-from plant_emulator.motion_data import HOME_SWITCH, NEGATIVE_SWITCH, POSITIVE_SWITCH, PROBE_1, PROBE_2
+from plant_emulator.bus.faults import BusFaults, Fault
+from plant_emulator.drive.inputs import DigitalInputs
+from plant_emulator.motion.record import HOME_SWITCH, NEGATIVE_SWITCH, POSITIVE_SWITCH, PROBE_1, PROBE_2
 from plant_emulator.pytest_plugin.interference import Interference
 from plant_emulator.pytest_plugin.target import Target
+from plant_emulator.world import SECOND
 
-SECOND = 1_000_000_000
 INPUTS = {
     "negative_limit": NEGATIVE_SWITCH,
     "positive_limit": POSITIVE_SWITCH,
@@ -26,12 +26,12 @@ INPUTS = {
 class FaultInjection:
     """Faults between the master and its bus. Times count from the call, in the time of the bench: virtual on the emulated robot.
 
-    On a real bench frames can be lost, strangers can speak, and the bus can be lost to the master. What could send a real robot
-    a wrong set-point, and what nobody can do there, skips the test with the reason.
+    On a real bench frames can be lost, strangers can speak, and the bus can be lost to the master. A fault that could send a real
+    robot a wrong set-point, or that is impossible there, skips the test with the reason.
     """
 
     def __init__(self, target: Target) -> None:
-        """Nothing goes wrong yet."""
+        """Start without faults."""
         self._target = target
         target.channel()
 
@@ -45,40 +45,79 @@ class FaultInjection:
     def lose(
         self, can_id: int | None = None, *, after_s: float = 0.0, for_s: float | None = None, every: int = 1,
         count: int | None = None, probability: float = 1.0,
-    ) -> Faults:  # fmt: skip
-        """Frames do not arrive, in either direction; None: no frame does. What comes back tells its `hits`."""
+    ) -> BusFaults:  # fmt: skip
+        """Lose frames in both directions.
+
+        Args:
+            can_id: Identifier of the frames; None: all frames.
+            after_s: Time from now until it begins.
+            for_s: Duration; None: to the end of the test.
+            every: n, so that every n-th such frame is lost.
+            count: Largest number of frames; None: no limit.
+            probability: Chance that such an n-th frame is lost.
+
+        Returns:
+            The fault at work; its `hits` counts the lost frames.
+        """
         return self._befall(Fault("drop", can_id, every=every, count=count, probability=probability), after_s, for_s)
 
     def delay(
         self, can_id: int, delay_s: float, *, after_s: float = 0.0, for_s: float | None = None, every: int = 1,
         count: int | None = None,
-    ) -> Faults:  # fmt: skip
-        """Frames arrive later by so much."""
+    ) -> BusFaults:  # fmt: skip
+        """Delay frames.
+
+        Args:
+            can_id: Identifier of the frames.
+            delay_s: Delay of each frame.
+            after_s: Time from now until it begins.
+            for_s: Duration; None: to the end of the test.
+            every: n, so that every n-th such frame is delayed.
+            count: Largest number of frames; None: no limit.
+
+        Returns:
+            The fault at work; its `hits` counts the delayed frames.
+        """
         self._needs_emulation("delayed set-points would reach a real robot")
         return self._befall(Fault("delay", can_id, delay_ns=round(SECOND * delay_s), every=every, count=count), after_s, for_s)
 
     def duplicate(
         self, can_id: int, copies: int = 1, *, after_s: float = 0.0, for_s: float | None = None, every: int = 1,
         count: int | None = None,
-    ) -> Faults:  # fmt: skip
-        """Frames arrive more than once."""
+    ) -> BusFaults:  # fmt: skip
+        """Repeat frames, so that they arrive more than once.
+
+        Args:
+            can_id: Identifier of the frames.
+            copies: Number of additional frames.
+            after_s: Time from now until it begins.
+            for_s: Duration; None: to the end of the test.
+            every: n, so that every n-th such frame is repeated.
+            count: Largest number of frames; None: no limit.
+
+        Returns:
+            The fault at work; its `hits` counts the repeated frames.
+        """
         self._needs_emulation("doubled frames would reach a real robot")
         return self._befall(Fault("duplicate", can_id, copies=copies, every=every, count=count), after_s, for_s)
 
     def corrupt(
         self, can_id: int, bits: tuple[int, ...] = (), *, noticed: bool = False, after_s: float = 0.0,
         for_s: float | None = None, every: int = 1, count: int | None = None,
-    ) -> Faults:  # fmt: skip
-        """Bits of the payload are inverted.
+    ) -> BusFaults:  # fmt: skip
+        """Invert bits of the payload of frames.
 
         Args:
-            can_id: Of which frames.
-            bits: Which ones, 0 is the lowest of the first byte; one by chance unless they are given.
+            can_id: Identifier of the frames.
+            bits: Bits to invert, 0 is the lowest of the first byte; one by chance unless they are given.
             noticed: The CRC shows it, so that the frame is sent again; needs bit times (`--bitrate`).
-            after_s: When it begins.
-            for_s: How long it lasts; None: to the end.
-            every: Only every n-th frame.
-            count: How many at most.
+            after_s: Time from now until it begins.
+            for_s: Duration; None: to the end of the test.
+            every: n, so that every n-th such frame is hit.
+            count: Largest number of frames; None: no limit.
+
+        Returns:
+            The fault at work; its `hits` counts the frames.
         """
         self._needs_emulation("wrong set-points would reach a real robot")
         if noticed and self._interference.wire is None:
@@ -87,12 +126,12 @@ class FaultInjection:
 
     # -- nodes and bus -------------------------------------------------------------------------------------------------
 
-    def stop_heartbeat(self, node_id: int, *, after_s: float = 0.0, for_s: float | None = None) -> Faults:
-        """The heartbeat of a node, or of the master (`bench.bus.master_node_id`), is not heard any more."""
+    def stop_heartbeat(self, node_id: int, *, after_s: float = 0.0, for_s: float | None = None) -> BusFaults:
+        """Lose the heartbeats of a node, or of the master (`bench.bus.master_node_id`)."""
         return self.lose(FunctionCode.HEARTBEAT + node_id, after_s=after_s, for_s=for_s)
 
     def lose_bus(self, *, after_s: float = 0.0) -> None:
-        """The master's plug is pulled; it is back when the drive is to be disabled in the end."""
+        """Pull the master's plug; it is back when the drive is disabled at the end of the test."""
         interference = self._interference
         if after_s:
             interference.at(interference.now_ns() + round(SECOND * after_s), interference.pull)
@@ -100,14 +139,14 @@ class FaultInjection:
             interference.pull()
 
     def reset_node(self, node_id: int, *, after_s: float = 0.0) -> None:
-        """A node loses its supply and gets it back: what it has not stored is gone."""
+        """Take the supply of a node away and give it back: values that it has not stored are lost."""
         self._needs_emulation("nobody here can switch a real node off; nmt() resets one by a message")
         interference = self._interference
         interference.at(interference.now_ns() + round(SECOND * after_s), lambda: interference.power_cycle(node_id))
         self._at_once(after_s)
 
     def bus_off(self, node_id: int, *, after_s: float = 0.0, for_s: float | None = None) -> None:
-        """A node's controller goes bus-off: the node neither hears nor is heard, and reacts as its 1029h and 6007h say.
+        """Put a node's controller bus-off: the node neither hears nor is heard, and reacts as its 1029h and 6007h say.
 
         Raises:
             ValueError: The robot has no such node.
@@ -120,11 +159,18 @@ class FaultInjection:
         self._between(after_s, for_s, lambda: switch(node_id, True), lambda: switch(node_id, False))
 
     def nmt(self, command: NmtCommand, node_id: int = 0, *, after_s: float = 0.0) -> None:
-        """A stranger sends an NMT command; node 0 means all."""
+        """Send an NMT command as a stranger; node 0 means all nodes."""
         self.send(Frame(FunctionCode.NMT, bytes((command, node_id))), after_s=after_s)
 
     def emergency(self, node_id: int, code: int, *, register: int = 1, after_s: float = 0.0) -> None:
-        """A node reports an emergency, or somebody in its name; code 0 withdraws it. The master hears it as well."""
+        """Send an emergency in the name of a node; code 0 withdraws it. The master hears it as well.
+
+        Args:
+            node_id: Node-ID of the node.
+            code: Error code of the emergency; 0: no error.
+            register: Error register (1001h).
+            after_s: Time from now until the frame is sent.
+        """
         data = code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0))
         frame = Frame(FunctionCode.EMERGENCY + node_id, data)
         if self._target.robot is None:
@@ -132,7 +178,7 @@ class FaultInjection:
         self.send(frame, after_s=after_s)
 
     def send(self, frame: Frame, *, after_s: float = 0.0) -> None:
-        """A stranger sends a frame."""
+        """Send a frame as a stranger."""
         interference = self._interference
         interference.at(interference.now_ns() + round(SECOND * after_s), lambda: interference.put(frame))
         self._at_once(after_s)
@@ -140,7 +186,7 @@ class FaultInjection:
     # -- contacts of a drive --------------------------------------------------------------------------------------------
 
     def safe_torque_off(self, axis: int, *, after_s: float = 0.0, for_s: float | None = None) -> None:
-        """The safe torque off input of an axis' drive opens: under torque that is a fault, and the brake closes at once.
+        """Open the safe torque off input of an axis' drive: under torque that is a fault, and the brake closes at once.
 
         Raises:
             ValueError: The robot has no such axis.
@@ -149,13 +195,13 @@ class FaultInjection:
         self._between(after_s, for_s, lambda: inputs.set_sto(True), lambda: inputs.set_sto(False))
 
     def hold_input(self, axis: int, name: str, *, after_s: float = 0.0, for_s: float | None = None) -> None:
-        """An input of an axis' drive is active, wherever the axis stands.
+        """Hold an input of an axis' drive active, wherever the axis stands.
 
         Args:
-            axis: Its number.
+            axis: Number of the axis.
             name: negative_limit, positive_limit, home, probe_1 or probe_2.
-            after_s: When it begins.
-            for_s: How long it lasts; None: to the end.
+            after_s: Time from now until it begins.
+            for_s: Duration; None: to the end of the test.
 
         Raises:
             ValueError: The robot has no such axis, or there is no such input.
@@ -185,7 +231,7 @@ class FaultInjection:
         if not after_s and self._target.robot is not None:
             self._interference.run_due()
 
-    def _befall(self, fault: Fault, after_s: float, for_s: float | None) -> Faults:
+    def _befall(self, fault: Fault, after_s: float, for_s: float | None) -> BusFaults:
         begin_s = self._interference.now_ns() / SECOND + after_s
         end_s = None if for_s is None else begin_s + for_s
         timed = replace(fault, from_s=begin_s, to_s=end_s)

@@ -1,31 +1,31 @@
-"""What a test does to its bus: frames on their way between it and the master, and things that happen at an instant."""
+"""Interference of a test with its bus: frames between it and the master, and things that happen at an instant."""
 
 import heapq
 from collections.abc import Callable
 from typing import NoReturn
 
 from hil.can.frame import Frame
-from plant_emulator.bus.faults import Event, Fault, Faults, Passage
-from plant_emulator.pytest_plugin.artefacts import Trace
+from plant_emulator.bus.faults import BusEvent, BusFaults, Fault, Passage
+from plant_emulator.pytest_plugin.artefacts import FrameLog
 
 
 class LiveFaults:
     """Faults of frames that may be added at any time; a wire takes them as well."""
 
-    events: tuple[Event, ...] = ()
+    events: tuple[BusEvent, ...] = ()
 
     def __init__(self) -> None:
-        """None so far."""
-        self.faults: list[Faults] = []
+        """Start without faults."""
+        self.faults: list[BusFaults] = []
 
-    def add(self, fault: Fault) -> Faults:
-        """One more, behind the others; it tells its `hits`."""
-        added = Faults((fault,), seed=len(self.faults))
+    def add(self, fault: Fault) -> BusFaults:
+        """Add a fault behind the others; the result counts its `hits`."""
+        added = BusFaults((fault,), seed=len(self.faults))
         self.faults.append(added)
         return added
 
     def apply(self, frame: Frame, port: int, at_ns: int) -> tuple[Passage, ...]:
-        """What becomes of a frame: nothing, one frame or several."""
+        """Frames that arrive instead of one: none, one or several."""
         passages: tuple[Passage, ...] = (Passage(frame),)
         for fault in self.faults:
             passages = tuple(
@@ -41,23 +41,23 @@ def _nowhere(*_: object) -> NoReturn:
 
 
 class Interference:
-    """Faults of frames, and a list of what is due; it belongs to one bus, which says how each thing is done there.
+    """Faults of frames, and a list of planned actions, of one bus, which sets the functions below.
 
     Attributes:
-        trace: What has been heard.
-        frames: What happens to frames between bus and master.
-        wire: What happens to them on the wire; None where no bit times are emulated.
+        trace: Log of the frames on the bus.
+        frames: Faults of frames between bus and master.
+        wire: Faults of frames on the wire; None where no bit times are emulated.
         now_ns: The bench's time.
         put: Puts a frame on the bus as a stranger would.
         pull: Makes the bus fail.
         push: Gives it back.
-        is_used: Whether a test has interfered.
+        is_used: True once a test has interfered.
         power_cycle: Switches a node off and on.
         switch_bus_off: Puts a node's controller bus-off (True), or brings it back.
     """
 
-    def __init__(self, trace: Trace) -> None:
-        """Nothing is planned."""
+    def __init__(self, trace: FrameLog) -> None:
+        """Start with nothing planned."""
         self.trace = trace
         self.frames = LiveFaults()
         self.wire: LiveFaults | None = None
@@ -74,28 +74,35 @@ class Interference:
 
     @property
     def due_ns(self) -> int | None:
-        """When something is to happen next."""
+        """Time of the next planned action in ns, or None."""
         return self._planned[0][0] if self._planned else None
 
     def at(self, instant_ns: int, action: Callable[[], None]) -> None:
-        """Plan something; what is due at once happens at the next SYNC."""
+        """Plan an action; one that is due at once happens at the next SYNC."""
         self._order += 1
         heapq.heappush(self._planned, (instant_ns, self._order, action))
 
     def between(self, begin_ns: int, end_ns: int | None, begin: Callable[[], None], end: Callable[[], None]) -> None:
-        """Plan something that lasts; where no end is given it ends with the test, and once more does no harm."""
+        """Plan something that lasts; without an end it ends with the test.
+
+        Args:
+            begin_ns: Begin, in the time of the bench.
+            end_ns: End, in the same time; None: the end of the test.
+            begin: Called at the begin.
+            end: Called at the end, and once more at the end of the test.
+        """
         self.at(begin_ns, begin)
         if end_ns is not None:
             self.at(end_ns, end)
         self._ends.append(end)
 
     def run_due(self) -> None:
-        """Let happen what is due."""
+        """Perform the actions that are due."""
         while self._planned and self._planned[0][0] <= self.now_ns():
             heapq.heappop(self._planned)[2]()
 
     def end(self) -> None:
-        """No more faults, and the bus is back: what a drive needs to be disabled and left as it was found."""
+        """End all faults and give the bus back, so that a drive can be disabled and left as it was found."""
         self.frames.faults.clear()
         if self.wire is not None:
             self.wire.faults.clear()

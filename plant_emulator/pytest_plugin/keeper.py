@@ -1,4 +1,4 @@
-"""Who sends the cycles of an enabled drive: the test itself in virtual time, a thread of its own by the wall clock."""
+"""The sender of an enabled drive's cycles: the test itself in virtual time, a separate thread by the wall clock."""
 
 import queue
 import sys
@@ -10,8 +10,9 @@ from typing import Any, Protocol, TypeVar
 T = TypeVar("T")
 
 SWITCH_INTERVAL_S = 0.2e-3
-"""How long a computing test may keep the thread that owes a cycle; Python's own 5 ms are cycles."""
-END_TIMEOUT_S = 30.0
+"""Time that a computing test may keep the thread that owes a cycle; Python's own 5 ms are cycles."""
+KEEPER_TIMEOUT_S = 30.0
+"""Time that the thread that owes cycles may take to end."""
 
 
 class Keeper(Protocol):
@@ -24,7 +25,7 @@ class Keeper(Protocol):
         ...
 
     def close(self) -> None:
-        """No more is done."""
+        """Perform no more actions."""
         ...
 
 
@@ -32,22 +33,22 @@ class VirtualKeeper:
     """Virtual time passes by cycles only, so nothing is to be done between them."""
 
     def __init__(self) -> None:
-        """Nothing is done."""
+        """Start without an idle function."""
         self.idle: Callable[[], bool] | None = None
 
     def call(self, action: Callable[[], T]) -> T:
-        """Do it."""
+        """Perform the action at once."""
         return action()
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Hold nothing that must be closed."""
 
 
 class WallKeeper:
     """A thread that owns the bus: a drive whose master is silent stops, whatever the test is thinking about."""
 
     def __init__(self) -> None:
-        """Start it."""
+        """Start the thread."""
         self.idle: Callable[[], bool] | None = None
         self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]] | None] = queue.SimpleQueue()
         self._error: BaseException | None = None
@@ -57,10 +58,10 @@ class WallKeeper:
         self._thread.start()
 
     def call(self, action: Callable[[], T]) -> T:
-        """Do it between two cycles, and wait for it.
+        """Perform an action between two cycles, and wait for its result.
 
         Raises:
-            BaseException: What the action raises, or what an idle cycle has raised before.
+            BaseException: The action raises it, or an idle cycle has raised it before.
         """
         error, self._error = self._error, None
         if error is not None:
@@ -72,7 +73,7 @@ class WallKeeper:
     def close(self) -> None:
         """End the thread."""
         self._jobs.put(None)
-        self._thread.join(END_TIMEOUT_S)
+        self._thread.join(KEEPER_TIMEOUT_S)
         sys.setswitchinterval(self._before_s)
 
     def _work(self) -> None:
@@ -99,5 +100,5 @@ class WallKeeper:
 
 
 def keeper_for(*, is_lock_step: bool) -> Keeper:
-    """The one that a bus needs."""
+    """Make the keeper that a bus needs."""
     return VirtualKeeper() if is_lock_step else WallKeeper()

@@ -1,21 +1,18 @@
 """The master in a test: its runs are kept for the case of a failure, and Ctrl-C ends a motion by a ramp and then the tests."""
 
-import signal
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import Self
 
 import pytest
 
-from drive_profiles.cia402 import Mode
+from hil.bench.bench import Bench
 from hil.control.notch import FixedFilter
 from hil.errors import InterruptedRunError, NoAnswerError, NotPossibleError
-from hil.master.axis import DriveAxis
-from hil.master.bench import Bench
-from hil.master.correction import Corrector
-from hil.master.cyclic import CyclicPlan
-from hil.master.motion import Motion, RunResult
-from hil.master.session import Compensation, Loop, Session
+from hil.master.cyclic import CyclicExchange
+from hil.master.motion import FilterUse, LoopName, Motion, RunResult
+from hil.master.session import Session
+from hil.master.set_point_adder import SetPointAdder
 from plant_emulator.pytest_plugin.target import Target
 
 
@@ -23,15 +20,15 @@ class BenchSession(Session):
     """A session that knows where it runs.
 
     Attributes:
-        target: Where.
-        held: The plan of the drive that a fixture has enabled, if one has.
+        target: Bus on which the session runs.
+        held: The exchange with the drive that a fixture has enabled, if one has.
     """
 
     def __init__(self, target: Target, bench: Bench) -> None:
         """Open the bus; nothing is sent."""
         super().__init__(bench, target.channel(), target.log)
         self.target = target
-        self.held: CyclicPlan | None = None
+        self.held: CyclicExchange | None = None
 
     def __enter__(self) -> Self:
         """Nothing: the fixture opens and closes it."""
@@ -40,32 +37,31 @@ class BenchSession(Session):
     def __exit__(self, *_: object) -> None:
         """Nothing: the fixture opens and closes it."""
 
-    def close(self) -> None:
-        """Let go of what was opened beside the bus."""
-        super().__exit__()
-
     @contextmanager
     def moving(self) -> Iterator[None]:
         """Ctrl-C ends what moves by a ramp, and then the tests; at other times it is pytest's own."""
-        super().__enter__()
-        try:
+        with self.interruptible():
             yield
-        finally:
-            for number, handler in self._handlers.items():
-                signal.signal(number, handler)  # type: ignore[arg-type]
-            self._handlers.clear()
 
     def run(
         self,
         motion: Motion,
-        compensation: Compensation = "none",
-        loop: Loop = "drive",
-        corrector: Corrector | None = None,
+        filters: FilterUse = "none",
+        loop: LoopName = "drive",
+        adder: SetPointAdder | None = None,
         fixed: Mapping[int, FixedFilter] | None = None,
         *,
         shows_filter: bool = True,
     ) -> RunResult:
-        """One run, as `hil.master.session.Session.run` has it; what it gives is kept if the test fails.
+        """Make one run; its result is kept if the test fails.
+
+        Args:
+            motion: Motion of the axes.
+            filters: Use of the filters.
+            loop: `host` or `drive`, which closes the loop.
+            adder: Adder to the set-points of a drive-closed run.
+            fixed: Filters by axis instead of the variable ones; host-closed only.
+            shows_filter: Let the drives tell what their first filter does.
 
         Raises:
             KeyboardInterrupt: Ctrl-C; the axes have come to rest.
@@ -74,25 +70,12 @@ class BenchSession(Session):
         if self.held is not None:
             raise NotPossibleError("the drive fixture holds its drive enabled; a run needs it disabled")
         with self.moving():
-            result = super().run(motion, compensation, loop, corrector, fixed, shows_filter=shows_filter)
+            result = super().run(motion, filters, loop, adder, fixed, shows_filter=shows_filter)
         axes = "-".join(map(str, motion.axes))
-        self.target.artefacts.add_run(f"axis-{axes}-{loop}-{compensation}", result)
+        self.target.artefacts.add_run(f"axis-{axes}-{loop}-{filters}", result)
         if isinstance(result.stopped, InterruptedRunError):
             raise KeyboardInterrupt
         return result
-
-    def plan(self, axis: DriveAxis, period: float) -> CyclicPlan:
-        """The cycles of one drive that closes its own loop."""
-        lateness = self.bench.bus.max_lateness_s
-        return CyclicPlan(self.network, [axis], self._accelerometer, period, mode=Mode.CSP, with_notch_state=False,
-                          clock=self.clock, max_lateness_s=lateness)  # fmt: skip
-
-    def prepare(self, axis: DriveAxis, plan: CyclicPlan, period: float, context: ExitStack) -> None:
-        """Set one drive up as a run does, its nodes started; `context` puts back what was changed."""
-        self._check_lateness(period)
-        self._real_time(context)
-        context.callback(self._tear_down, [axis], plan)
-        self._set_up([axis], plan, "none", "drive", plan.mode, period)
 
 
 @contextmanager

@@ -1,17 +1,17 @@
 """The accelerometer at the tip, as a test reads it."""
 
-from drive_profiles.cia301 import DataType
+from drive_profiles.standard.cia301 import DataType
 from hil.errors import NotPossibleError
+from hil.master.mapping import ACCELERATION_OBJECT
+from hil.master.sensor import DIGITS_OBJECT
 from plant_emulator.pytest_plugin.master import BenchSession
-
-PROCESS_VALUE, DECIMAL_DIGITS = 0x7130, 0x6132
 
 
 class AccelerometerReadings:
     """X, Y and Z at the tip."""
 
     def __init__(self, session: BenchSession) -> None:
-        """Nothing is read."""
+        """Take the session; nothing is read."""
         self._session = session
 
     def read(self) -> tuple[float, float, float]:
@@ -23,15 +23,15 @@ class AccelerometerReadings:
         """
         session = self._session
         if session.held is not None:
-            x, y, z = session.held.acceleration_m_s2
+            x, y, z = session.sensor.acceleration_m_s2
             return x, y, z
         node, network = session.bench.accelerometer.node_id, session.network
         if node is None:
             raise NotPossibleError("an accelerometer on a serial port is read in a run; see the columns of its recording")
         network.sync()
         x, y, z = (
-            network.read(node, PROCESS_VALUE, sub, DataType.INTEGER16, "acceleration")
-            * 10.0 ** -network.read(node, DECIMAL_DIGITS, sub, DataType.UNSIGNED8, "decimal digits")
+            network.read(node, ACCELERATION_OBJECT, sub, DataType.INTEGER16, "acceleration")
+            * 10.0 ** -network.read(node, DIGITS_OBJECT, sub, DataType.UNSIGNED8, "decimal digits")
             for sub in (1, 2, 3)
         )
         return x, y, z

@@ -13,7 +13,7 @@ from plant_emulator.pytest_plugin.target import bit_rate
 
 START_TIMEOUT_S = 90.0
 """The first start compiles the plant."""
-END_TIMEOUT_S = 10.0
+SERVER_TIMEOUT_S = 10.0
 
 
 class ServedBus:
@@ -21,32 +21,32 @@ class ServedBus:
 
     Attributes:
         process: The process.
-        socket: Where it serves.
+        socket: Path of its socket.
         address: The same, as `--bus` and a bench file have it.
     """
 
     def __init__(self, process: subprocess.Popen[str], socket: Path, bitrate: int | None) -> None:
-        """Name it."""
+        """Take the process and its address."""
         self.process, self.socket = process, socket
         self.address = f"local:{socket}" + ("" if bitrate is None else f"@{bitrate}")
 
     def __str__(self) -> str:
-        """The address."""
+        """The address as text."""
         return self.address
 
 
-class Served:
-    """Starts them, and ends them all on the way out."""
+class LocalBusServers:
+    """Servers of local buses, which a `with` statement starts and ends."""
 
     def __init__(self, config: pytest.Config) -> None:
-        """Nothing is started."""
+        """Take the options of pytest; nothing is started."""
         self._robot: str = config.getoption("hil_robot") or "reference"
         self._bitrate = bit_rate(config)
         self._directory = tempfile.TemporaryDirectory(prefix="hil-")  # a socket's path has room for 107 bytes; pytest's are long
         self._buses: list[ServedBus] = []
 
     def __enter__(self) -> Self:
-        """Nothing is started yet."""
+        """Give the servers; nothing is started yet."""
         return self
 
     def start(self, *options: str, robot: str | None = None) -> ServedBus:
@@ -56,19 +56,19 @@ class Served:
             options: More of `plant-emulator serve`.
             robot: Robot file; `--robot` of pytest unless it is given.
         """
-        place = Path(self._directory.name) / f"robot{len(self._buses)}.sock"
+        path = Path(self._directory.name) / f"robot{len(self._buses)}.sock"
         bus = ServedBus(
             subprocess.Popen(  # noqa: S603 - our own interpreter and module, no shell
                 [sys.executable, "-m", "plant_emulator", "serve", "--robot", robot or self._robot, "--until-stdin-closes",
-                 "--bus", f"local:{place}" + ("" if self._bitrate is None else f"@{self._bitrate}"), *options],
+                 "--bus", f"local:{path}" + ("" if self._bitrate is None else f"@{self._bitrate}"), *options],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             ),
-            place,
+            path,
             self._bitrate,
         )  # fmt: skip
         self._buses.append(bus)
         deadline = time.monotonic() + START_TIMEOUT_S
-        while not place.is_socket():
+        while not path.is_socket():
             if bus.process.poll() is not None:
                 pytest.fail(f"the emulator did not start: {bus.process.communicate()[1].strip()}", pytrace=False)
             if time.monotonic() > deadline:
@@ -82,7 +82,7 @@ class Served:
             bus.process.terminate()
         for bus in self._buses:
             try:
-                bus.process.communicate(timeout=END_TIMEOUT_S)
+                bus.process.communicate(timeout=SERVER_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 bus.process.kill()
                 bus.process.communicate()

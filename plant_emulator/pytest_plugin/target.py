@@ -1,4 +1,4 @@
-"""Where a test runs: on the emulated robot in its own process, or on the bus that a bench file names."""
+"""The target of a test: the emulated robot in its own process, or the bus that a bench file names."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -8,17 +8,19 @@ import pytest
 
 from drive_profiles.address import LOCAL, AddressError, parse_address
 from drive_profiles.errors import DriveProfileError
-from hil.can.channel import BusLostError, BusUnavailableError, Channel, open_channel
+from hil.bench.bench import Bench, load_bench
+from hil.can.channel import Channel
+from hil.can.errors import BusLostError, BusUnavailableError
 from hil.can.frame import Frame
-from hil.master.bench import Bench, load_bench
+from hil.can.opening import open_channel
 from hil.recording import BusLog
 from plant_emulator.pytest_plugin.artefacts import Artefacts
 from plant_emulator.pytest_plugin.emulated import EmulatedRobot
 from plant_emulator.pytest_plugin.interference import Interference
-from plant_emulator.robot import Robot, load_robot
+from plant_emulator.robots.robot import Robot, load_robot
 
 EMULATED_ANSWER_TIMEOUT_S = 0.05
-"""In one process an answer is there at once, or never."""
+"""Time-out in one process, where an answer comes at once or never."""
 PORT_OF_THE_BUS, PORT_OF_THE_MASTER = 0, 1000
 
 
@@ -38,7 +40,7 @@ class RealChannel:
 
     @property
     def overflows(self) -> int | None:
-        """Received frames that were lost for want of room; None where nobody counts them."""
+        """Received frames that were lost for want of room; None where they are not counted."""
         return self._inner.overflows
 
     def send(self, frame: Frame) -> None:
@@ -84,12 +86,12 @@ class RealChannel:
 
 
 class Target:
-    """What the fixtures of one test share.
+    """The bench of all fixtures of one test.
 
     Attributes:
         bench: The bench file, with the address at which the robot is.
-        artefacts: What is kept if the test fails.
-        interference: What is done to the bus.
+        artefacts: Frames and recordings that are saved if the test fails.
+        interference: Faults of the bus that the test asks for.
         robot: The emulated robot, or None on another bus.
         where: The bus in words.
     """
@@ -103,7 +105,7 @@ class Target:
 
     @property
     def log(self) -> BusLog:
-        """Where the master writes its frames: the emulated bus hears more than its master does, and traces itself."""
+        """The log to which the master writes its frames: the emulated bus hears more than its master does, and traces itself."""
         return self.artefacts.trace if self.robot is None else BusLog(None)
 
     def channel(self) -> Channel:
@@ -119,13 +121,13 @@ class Target:
         return self._opened
 
     def is_missing(self, what: str) -> NoReturn:
-        """Skip, or fail with `--require-hardware`, because hardware is not there."""
+        """Skip, or fail with `--require-hardware`, because hardware is missing."""
         if self.config.getoption("hil_require_hardware"):
             pytest.fail(f"--require-hardware: {what}", pytrace=False)
         pytest.skip(what)
 
     def check_motion_is_allowed(self) -> None:
-        """Skip where a real robot would move and nobody has allowed it."""
+        """Skip where a real robot would move without `--allow-motion`."""
         is_real = self.robot is None and parse_address(self.bench.bus.address).interface != LOCAL
         if is_real and not self.config.getoption("hil_allow_motion"):
             pytest.skip(f"moves the robot on {self.bench.bus.address}; --allow-motion lets it")
@@ -145,7 +147,7 @@ def load_model(config: pytest.Config) -> Robot:
 
 
 def open_target(config: pytest.Config, model: Callable[[], Robot], artefacts: Artefacts) -> Target:
-    """Where `--bench` and `--robot` say that the test is to run."""
+    """Open the target that `--bench` and `--robot` name."""
     name: str = config.getoption("hil_bench")
     try:
         bench = load_bench(name)

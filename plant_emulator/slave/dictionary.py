@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from typing import Any
 
-from drive_profiles.cia301 import MAX_NODE_ID, PACKERS, DataType, SdoAbortCode, Value, abort_text, decode, encode
+from drive_profiles.standard.cia301 import MAX_NODE_ID, PACKERS, DataType, SdoAbortCode, Value, abort_text, decode, encode
 
 _CAN_ID = 0x7FF
 
@@ -32,8 +32,8 @@ class Postponed(Exception):  # noqa: N818 - not an error: the answer comes later
     """A write hook needs time: the SDO answer comes when it is over; never leaves the slave package.
 
     Args:
-        duration_ns: How long from now.
-        finish: Called then; gives the code that refuses the access after all, or None.
+        duration_ns: Time from now until the answer.
+        finish: Called at that time; gives the code that refuses the access after all, or None.
     """
 
     def __init__(self, duration_ns: int, finish: Callable[[], SdoAbortCode | None]) -> None:
@@ -56,12 +56,12 @@ class Access(Enum):
 
     @property
     def is_readable(self) -> bool:
-        """Whether an SDO may read the entry."""
+        """True where an SDO may read the entry."""
         return self is not Access.WO
 
     @property
     def is_writable(self) -> bool:
-        """Whether an SDO may write the entry."""
+        """True where an SDO may write the entry."""
         return self not in {Access.RO, Access.CONST}
 
 
@@ -74,7 +74,7 @@ class ObjectType(IntEnum):
 
 
 class ResetKind(Enum):
-    """How much an NMT reset puts back to its default (CiA 301, 7.3.2.2.1)."""
+    """The extent to which an NMT reset puts objects back to its default (CiA 301, 7.3.2.2.1)."""
 
     COMMUNICATION = "communication"
     """Objects 1000h to 1FFFh."""
@@ -89,9 +89,9 @@ class Entry:
     Attributes:
         index: 0001h to FFFFh.
         subindex: 0 for a variable.
-        name: As the EDS shows it.
+        name: Name of the entry in the EDS.
         data_type: Decides the length on the bus.
-        access: What an SDO may do.
+        access: Access of an SDO.
         default: Value after a reset.
         low: Lowest value that may be written, or None.
         high: Highest value that may be written, or None.
@@ -177,22 +177,22 @@ class Entry:
 
     @property
     def is_rpdo_mappable(self) -> bool:
-        """Whether a PDO that the node receives may carry the entry."""
+        """True where a PDO that the node receives may carry the entry."""
         return self.mappable and self.access in {Access.WO, Access.RW, Access.RWW}
 
     @property
     def is_tpdo_mappable(self) -> bool:
-        """Whether a PDO that the node sends may carry the entry."""
+        """True where a PDO that the node sends may carry the entry."""
         return self.mappable and self.access in {Access.RO, Access.CONST, Access.RW, Access.RWR}
 
 
 class Cell:
-    """The place of one entry: what PDOs and the owner hold on to, so that a cycle costs no look-up.
+    """The value of one entry and its hooks: what PDOs and the owner hold on to, so that a cycle costs no look-up.
 
     Attributes:
-        entry: What it describes.
-        is_guarded: Whether the entry refuses some values of its type.
-        value: What it holds; the owner may set it directly, unchecked. With a read hook it is not asked.
+        entry: The entry whose value this is.
+        is_guarded: True where the entry refuses some values of its type.
+        value: The present value; the owner may set it directly, unchecked. It does not count where there is a read hook.
         read_hook: Gives the live value.
         write_hook: Checks and applies a value from the bus before it is stored.
     """
@@ -245,25 +245,25 @@ class Dictionary:
         node_id: Added to the defaults that depend on it; the `Slave` sets it.
 
     Attributes:
-        node_id: Of the node that has the dictionary.
-        kept: By place, what a reset puts back in the place of the default; see `ParameterStore`.
+        node_id: Node-ID of the node that has the dictionary.
+        stored: By address, the value that a reset puts back instead of the default; see `ParameterStore`.
         on_change: Called with the entry that an SDO has given another value; PDOs pass it by.
 
     Raises:
-        ValueError: Two entries have one place.
+        ValueError: Two entries have one address.
     """
 
     def __init__(self, entries: Iterable[Entry], node_id: int = 0) -> None:
         self.node_id = node_id
-        self.kept: dict[tuple[int, int], Value] = {}
+        self.stored: dict[tuple[int, int], Value] = {}
         self.on_change: Callable[[Entry], None] = _nothing
         self._cells: dict[tuple[int, int], Cell] = {}
         self._highest: dict[int, int] = {}
         for entry in sorted(entries, key=lambda entry: (entry.index, entry.subindex)):
-            place = entry.index, entry.subindex
-            if place in self._cells:
-                raise ValueError(f"{entry}: an entry at this place is given twice")
-            self._cells[place] = Cell(entry)
+            address = entry.index, entry.subindex
+            if address in self._cells:
+                raise ValueError(f"{entry}: an entry at this address is given twice")
+            self._cells[address] = Cell(entry)
             self._highest[entry.index] = entry.subindex
         for index, highest in self._highest.items():
             if highest > 0 and (index, 0) not in self._cells:
@@ -278,12 +278,12 @@ class Dictionary:
             default=highest, low=None, high=None, mappable=False, node_relative=False,
         )  # fmt: skip
 
-    def __contains__(self, place: tuple[int, int]) -> bool:
+    def __contains__(self, address: tuple[int, int]) -> bool:
         """Tell whether there is an entry at (index, sub-index)."""
-        return place in self._cells
+        return address in self._cells
 
     def __iter__(self) -> Iterator[Entry]:
-        """Give the entries in the order of their places, sub-indices 0 included."""
+        """Give the entries in the order of their addresses, sub-indices 0 included."""
         return (cell.entry for cell in self._cells.values())
 
     def __len__(self) -> int:
@@ -291,7 +291,7 @@ class Dictionary:
         return len(self._cells)
 
     def cell(self, index: int, subindex: int = 0) -> Cell:
-        """Give the place of an entry, for its owner.
+        """Give the cell of an entry, for its owner.
 
         Raises:
             KeyError: There is no such entry.
@@ -342,20 +342,20 @@ class Dictionary:
     def renumber(self, node_id: int) -> None:
         """Take another node-ID, in force with the next reset.
 
-        Of what is kept, a COB-ID whose CAN-ID is the default of the old node-ID becomes that of the new one: else two nodes that
-        swap their node-IDs would go on with each other's identifiers.
+        A stored COB-ID whose CAN-ID is the default of the old node-ID becomes that of the new one: else two nodes that swap their
+        node-IDs would go on with each other's identifiers.
         """
         old, self.node_id = self.node_id, node_id
-        for place, value in self.kept.items():
-            entry = self._cells[place].entry
+        for address, value in self.stored.items():
+            entry = self._cells[address].entry
             default = entry.default_for(old)
             if entry.node_relative and isinstance(value, int) and isinstance(default, int) and not (value ^ default) & _CAN_ID:
-                self.kept[place] = value - old + node_id
+                self.stored[address] = value - old + node_id
 
     def load(self, index: int, subindex: int = 0) -> None:
         """Give a value that a reset has put back to the write hook of its owner, by the same rules as from the bus.
 
-        A kept value that the owner refuses is not in force: the default takes its place.
+        A stored value that the owner refuses is not in force: the default takes its place.
         """
         cell = self.cell(index, subindex)
         if cell.write_hook is not None and cell.write_hook(cell.value) is not None:
@@ -363,14 +363,14 @@ class Dictionary:
             cell.write_hook(cell.value)
 
     def reset(self, kind: ResetKind) -> None:
-        """Put back what is kept, else the defaults, without asking the write hooks."""
-        for place, cell in self._cells.items():
-            if kind is ResetKind.NODE or 0x1000 <= place[0] <= 0x1FFF:
-                kept = self.kept.get(place)
-                cell.value = cell.entry.default_for(self.node_id) if kept is None else kept
+        """Put back the stored values, else the defaults, without asking the write hooks."""
+        for address, cell in self._cells.items():
+            if kind is ResetKind.NODE or 0x1000 <= address[0] <= 0x1FFF:
+                stored = self.stored.get(address)
+                cell.value = cell.entry.default_for(self.node_id) if stored is None else stored
 
     def find(self, index: int, subindex: int) -> Cell:
-        """Give the place that an SDO names.
+        """Give the cell that an SDO names.
 
         Raises:
             SdoAbort: There is no such object, or no such sub-index in it.
@@ -381,7 +381,7 @@ class Dictionary:
         return cell
 
     def find_writable(self, index: int, subindex: int) -> Cell:
-        """Give the place that an SDO is about to write; `SdoAbort` where it must not."""
+        """Give the cell that an SDO is about to write; `SdoAbort` where it must not."""
         cell = self.find(index, subindex)
         if not cell.entry.access.is_writable:
             raise SdoAbort(SdoAbortCode.READ_ONLY)

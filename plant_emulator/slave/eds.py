@@ -10,12 +10,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
-from drive_profiles.cia301 import DataType, Value, encode
+from drive_profiles.standard.cia301 import DataType, Value, encode
 from plant_emulator.slave.dictionary import Dictionary, Entry, ObjectType
-from plant_emulator.slave.pdo_setup import RPDO_COMMUNICATION, TPDO_COMMUNICATION
+from plant_emulator.slave.pdo.setup import RPDO_COMMUNICATION, TPDO_COMMUNICATION
 
 BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
-"""In kbit/s, all for which an EDS has a key."""
+"""Bit rates in kbit/s for which an EDS has a key."""
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _MANUFACTURER = range(0x2000, 0x6000)
 _DUMMIES = range(1, 8)
@@ -24,7 +24,7 @@ _IDENTITY = 0x1018
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """What an EDS says of a device beyond its objects.
+    """The part of an EDS that is not about objects.
 
     Attributes:
         file_name: Name that the file will have.
@@ -33,7 +33,7 @@ class DeviceInfo:
         order_code: Code by which it is ordered.
         description: One line for the head of the file.
         bit_rates: In kbit/s, those that the device supports.
-        granularity: Bits of the smallest thing that a PDO may carry; 1 also means that BOOLEAN may stand as a place holder.
+        granularity: Bits of the smallest thing that a PDO may carry; 1 also means that BOOLEAN may stand as a dummy.
         lss_supported: Whether it is an LSS slave (CiA 305).
         simple_boot_up_slave: Whether it enters Pre-operational by itself and waits there for its master.
     """
@@ -133,7 +133,7 @@ def _count(dictionary: Dictionary, first: int) -> int:
 
 
 def _dummy_usage(granularity: int) -> Iterator[str]:
-    # BOOLEAN is one bit wide: it can be a place holder where PDOs are not made of whole bytes.
+    # BOOLEAN is one bit wide: it can be a dummy where PDOs are not made of whole bytes.
     return _section("DummyUsage", {f"Dummy{i:04X}": int(i != DataType.BOOLEAN or granularity == 1) for i in _DUMMIES})
 
 

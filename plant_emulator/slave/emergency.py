@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from drive_profiles.cia301 import CobIdBit, EmergencyCode, ErrorRegister, SdoAbortCode, Value, is_restricted
+from drive_profiles.standard.cia301 import CobIdBit, EmergencyCode, ErrorRegister, SdoAbortCode, Value, is_restricted
 from hil.can.frame import CAN_SFF_MASK, Frame
 from plant_emulator.slave.dictionary import Dictionary, ResetKind, SdoAbort
 
@@ -78,11 +78,11 @@ class EmergencyProducer:
 
     @property
     def due(self) -> int | None:
-        """When the inhibit time lets the next frame go, or None where none waits."""
+        """Instant at which the inhibit time lets the next frame go, or None where none waits."""
         return self._sent_at + self._inhibit_ns if self._waiting else None
 
     def advance(self, now: int) -> None:
-        """Send what has waited for the end of the inhibit time."""
+        """Send the frames that have waited for the end of the inhibit time."""
         while self._waiting and now >= self._sent_at + self._inhibit_ns:
             self._transmit(self._waiting.popleft(), now)
 
@@ -102,6 +102,12 @@ class EmergencyProducer:
     def raise_cause(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.GENERIC, vendor: bytes = b"") -> None:
         """Report an error; nothing happens while the same cause is active with the same code.
 
+        Args:
+            cause: Name of the cause, by which `clear_cause` withdraws it.
+            code: Error code of the emergency, 16 bits.
+            register: Bits of the error register (1001h); the generic bit is added.
+            vendor: Manufacturer-specific bytes, at most 5.
+
         Raises:
             ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 vendor bytes.
         """
@@ -116,7 +122,7 @@ class EmergencyProducer:
         self._emit(code, vendor)
 
     def join_cause(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.GENERIC) -> None:
-        """Report an error that may have been told under another cause: while one is active with this code, without a frame."""
+        """Report an error that another cause may have reported: while one with this code is active, without a frame."""
         if any(error.code == code for error in self._active.values()):
             self._active[cause] = _Error(code, register)
         else:
@@ -135,8 +141,8 @@ class EmergencyProducer:
             self._active.clear()
             self._history.clear()
         else:
-            kept = {c: e for c, e in self._active.items() if ErrorRegister.COMMUNICATION not in e.register}
-            self._active = kept
+            left = {c: e for c, e in self._active.items() if ErrorRegister.COMMUNICATION not in e.register}
+            self._active = left
 
     def _emit(self, code: int, vendor: bytes) -> None:
         if not self._is_enabled:

@@ -1,9 +1,9 @@
-"""Who notices whose failure: heartbeats sent and watched, or node guarding, both with one report (CiA 301, 7.2.8.2.2)."""
+"""Error control: heartbeats sent and watched, or node guarding, both with one report (CiA 301, 7.2.8.2.2)."""
 
 from collections.abc import Callable
 from functools import partial
 
-from drive_profiles.cia301 import BROADCAST, EmergencyCode, ErrorRegister, FunctionCode, NmtState
+from drive_profiles.standard.cia301 import BROADCAST, EmergencyCode, ErrorRegister, FunctionCode, NmtState
 from hil.can.frame import CAN_RTR_FLAG, Frame
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.emergency import EmergencyProducer
@@ -11,7 +11,7 @@ from plant_emulator.slave.guarding import NodeGuarding
 from plant_emulator.slave.nmt import HeartbeatConsumer, HeartbeatProducer
 
 MASTER = BROADCAST
-"""In the place of a node-ID: the NMT master that guards this node."""
+"""Instead of a node-ID: the NMT master that guards this node."""
 LIFE_GUARDING = "life guarding"
 
 
@@ -20,7 +20,7 @@ class ErrorControl:
 
     Args:
         dictionary: Brings 100Ch, 100Dh, 1016h and 1017h.
-        emergency: Hears of what is lost and found.
+        emergency: Producer that reports lost and found nodes.
         send: Takes each frame.
         clock: Gives the node's time.
         state: Gives the node's NMT state.
@@ -62,13 +62,13 @@ class ErrorControl:
 
     @property
     def due(self) -> int | None:
-        """When `advance` must be called, or None."""
+        """Instant at which `advance` must be called, or None."""
         times = (self._producer.due, self._consumer.due, self._guarding.due)
         return min((time for time in times if time is not None), default=None)
 
     @property
     def routes(self) -> dict[int, Callable[[bytes, int], None]]:
-        """What takes the frame of each identifier that concerns error control."""
+        """Receiver of the frame of each identifier that concerns error control."""
         routes: dict[int, Callable[[bytes, int], None]] = {
             FunctionCode.HEARTBEAT + node_id: partial(self._on_heartbeat, node_id) for node_id in self._consumer.nodes
         }
@@ -77,7 +77,7 @@ class ErrorControl:
         return routes
 
     def advance(self, now: int) -> None:
-        """Report what is lost, and send the heartbeat that is due."""
+        """Report lost nodes, and send the heartbeat that is due."""
         self._consumer.advance(now)
         self._guarding.advance(now)
         if self._producer.is_due(now):

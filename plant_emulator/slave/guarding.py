@@ -12,7 +12,7 @@ _TOGGLE = 0x80
 class NodeGuarding:
     """Answers the remote requests of the NMT master, and notices when they stay away.
 
-    Life guarding begins with the first request: a node that nobody guards misses nobody. It is in use while neither 100Ch nor
+    Life guarding begins with the first request: a node without a guard misses no requests. It is in use while neither 100Ch nor
     100Dh is 0; a change of either lets it wait for a first request anew.
 
     Args:
@@ -21,7 +21,7 @@ class NodeGuarding:
         on_found: Called when one comes again, or when none is expected any more.
 
     Attributes:
-        due: When the life time ends, or None.
+        due: End of the life time in ns, or None.
     """
 
     def __init__(self, dictionary: Dictionary, on_lost: Callable[[], None], on_found: Callable[[], None]) -> None:

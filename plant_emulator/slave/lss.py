@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from enum import Enum, IntEnum
 
-from drive_profiles.cia301 import MAX_NODE_ID
+from drive_profiles.standard.cia301 import MAX_NODE_ID
 from plant_emulator.slave.dictionary import Dictionary
 
 REQUEST_ID, RESPONSE_ID = 0x7E5, 0x7E4
-"""CAN-IDs of what the LSS master sends and of what the slaves answer (CiA 305, 3.3)."""
+"""CAN-IDs of the LSS master's requests and of the slaves' answers (CiA 305, 3.3)."""
 
 UNCONFIGURED = 0xFF
-"""In the place of a node-ID: the node has none, and does nothing but LSS."""
+"""Instead of a node-ID: the node has none, and answers LSS only."""
 
 BIT_RATES = {0: 1_000_000, 1: 800_000, 2: 500_000, 3: 250_000, 4: 125_000, 6: 50_000, 7: 20_000, 8: 10_000}
 """CiA 305, standard table of the bit timings (selector 0) by index; 5 is reserved, 9 (find it out by itself) is not supported."""
@@ -22,7 +22,7 @@ _PARTS = range(1, 5)
 _FAST_SCAN_BEGIN = 0x80
 
 
-class Service(IntEnum):
+class LssService(IntEnum):
     """Command specifiers (CiA 305, 3.9 to 3.11)."""
 
     SWITCH_GLOBAL = 0x04
@@ -52,7 +52,7 @@ class Service(IntEnum):
     INQUIRE_NODE_ID = 0x5E
 
 
-class Result(IntEnum):
+class LssResult(IntEnum):
     """First byte of the answer to a configuration service."""
 
     DONE = 0
@@ -88,7 +88,7 @@ class LssSlave:
         pending: Node-ID after the next reset of communication.
         active: Node-ID now.
         bit_rate: Configured bit rate in bit/s, or None before any has been; no more than a wish: the wire is the owner's.
-        stored_bit_rate: The one that is kept.
+        stored_bit_rate: Bit rate that the node keeps without power.
         on_bit_rate: Called with the bit rate to be activated and the switch delay in ms: that long the owner waits before he
             changes over, and as long again before anyone sends.
     """
@@ -124,8 +124,8 @@ class LssSlave:
     @property
     def address(self) -> list[int]:
         """Vendor-ID, product code, revision number and serial number."""
-        places = [(_IDENTITY, part) for part in _PARTS]
-        return [self._dictionary.get_int(*place) if place in self._dictionary else 0 for place in places]
+        addresses = [(_IDENTITY, part) for part in _PARTS]
+        return [self._dictionary.get_int(*address) if address in self._dictionary else 0 for address in addresses]
 
     def receive(self, data: bytes) -> bytes | None:
         """Give the 8 bytes of the answer to a request, or None where there is none."""
@@ -146,26 +146,26 @@ class LssSlave:
                 self._on_configured()
 
     def _switch_selective(self, data: bytes) -> tuple[int, ...] | None:
-        if _collect(self._selection, data, Service.SWITCH_VENDOR, Service.SWITCH_SERIAL) != self.address:
+        if _collect(self._selection, data, LssService.SWITCH_VENDOR, LssService.SWITCH_SERIAL) != self.address:
             return None
         self.state = LssState.CONFIGURATION
-        return (Service.SWITCHED,)
+        return (LssService.SWITCHED,)
 
     # Configuration
 
     def _configure_node_id(self, data: bytes) -> tuple[int, ...]:
         node_id = data[1]
         if node_id != UNCONFIGURED and not 1 <= node_id <= MAX_NODE_ID:
-            return Service.CONFIGURE_NODE_ID, Result.REFUSED
+            return LssService.CONFIGURE_NODE_ID, LssResult.REFUSED
         self.pending = node_id
-        return Service.CONFIGURE_NODE_ID, Result.DONE
+        return LssService.CONFIGURE_NODE_ID, LssResult.DONE
 
     def _configure_bit_timing(self, data: bytes) -> tuple[int, ...]:
         selector, index = data[1], data[2]
         if selector != 0 or index not in BIT_RATES:
-            return Service.CONFIGURE_BIT_TIMING, Result.REFUSED
+            return LssService.CONFIGURE_BIT_TIMING, LssResult.REFUSED
         self.bit_rate = BIT_RATES[index]
-        return Service.CONFIGURE_BIT_TIMING, Result.DONE
+        return LssService.CONFIGURE_BIT_TIMING, LssResult.DONE
 
     def _activate_bit_timing(self, data: bytes) -> None:
         if self.bit_rate is not None:
@@ -173,28 +173,28 @@ class LssSlave:
 
     def _store(self, _data: bytes) -> tuple[int, ...]:
         if not self._is_memory_good():
-            return Service.STORE, Result.NOT_STORED
+            return LssService.STORE, LssResult.NOT_STORED
         self.stored, self.stored_bit_rate = self.pending, self.bit_rate
-        return Service.STORE, Result.DONE
+        return LssService.STORE, LssResult.DONE
 
     # Questions
 
     def _inquire(self, data: bytes) -> tuple[int, ...]:
-        return data[0], *self.address[data[0] - Service.INQUIRE_VENDOR].to_bytes(4, "little")
+        return data[0], *self.address[data[0] - LssService.INQUIRE_VENDOR].to_bytes(4, "little")
 
     def _inquire_node_id(self, _data: bytes) -> tuple[int, ...]:
-        return Service.INQUIRE_NODE_ID, self.active
+        return LssService.INQUIRE_NODE_ID, self.active
 
     def _identify(self, data: bytes) -> tuple[int, ...] | None:
-        asked = _collect(self._identification, data, Service.IDENTIFY_VENDOR, Service.IDENTIFY_SERIAL_HIGH)
+        asked = _collect(self._identification, data, LssService.IDENTIFY_VENDOR, LssService.IDENTIFY_SERIAL_HIGH)
         if asked is None:
             return None
         vendor, product, revision, serial = self.address
         is_meant = asked[:2] == [vendor, product] and asked[2] <= revision <= asked[3] and asked[4] <= serial <= asked[5]
-        return (Service.IDENTIFIED,) if is_meant else None
+        return (LssService.IDENTIFIED,) if is_meant else None
 
     def _identify_unconfigured(self, _data: bytes) -> tuple[int, ...] | None:
-        return (Service.IDENTIFIED_UNCONFIGURED,) if self._is_unconfigured else None
+        return (LssService.IDENTIFIED_UNCONFIGURED,) if self._is_unconfigured else None
 
     def _fast_scan(self, data: bytes) -> tuple[int, ...] | None:
         """Say whether the upper bits of one part of the address are those asked for (CiA 305, LSS fastscan).
@@ -207,7 +207,7 @@ class LssSlave:
         bit, part, following = data[5:8]
         if bit == _FAST_SCAN_BEGIN:
             self._scanned = 0
-            return (Service.IDENTIFIED,)
+            return (LssService.IDENTIFIED,)
         if bit > 31 or following >= len(_PARTS) or part != self._scanned:
             return None
         if (self.address[part] ^ int.from_bytes(data[1:5], "little")) >> bit:
@@ -216,14 +216,14 @@ class LssSlave:
             self._scanned = following
             if following < part:
                 self.state = LssState.CONFIGURATION
-        return (Service.IDENTIFIED,)
+        return (LssService.IDENTIFIED,)
 
     @property
     def _is_unconfigured(self) -> bool:
         return self.active == self.pending == UNCONFIGURED
 
 
-def _collect(values: list[int], data: bytes, first: Service, last: Service) -> list[int] | None:
+def _collect(values: list[int], data: bytes, first: LssService, last: LssService) -> list[int] | None:
     """Keep one number of a service of several frames; give all of them with the last. Out of their order they mean nothing."""
     if data[0] == first:
         values.clear()
@@ -241,24 +241,24 @@ def _collect(values: list[int], data: bytes, first: Service, last: Service) -> l
 _Handler = Callable[[LssSlave, bytes], tuple[int, ...] | None]
 
 _IN_BOTH: dict[int, _Handler] = {
-    Service.SWITCH_GLOBAL: LssSlave._switch_global,
-    **dict.fromkeys(range(Service.IDENTIFY_VENDOR, Service.IDENTIFY_SERIAL_HIGH + 1), LssSlave._identify),
-    Service.IDENTIFY_UNCONFIGURED: LssSlave._identify_unconfigured,
+    LssService.SWITCH_GLOBAL: LssSlave._switch_global,
+    **dict.fromkeys(range(LssService.IDENTIFY_VENDOR, LssService.IDENTIFY_SERIAL_HIGH + 1), LssSlave._identify),
+    LssService.IDENTIFY_UNCONFIGURED: LssSlave._identify_unconfigured,
 }
 _SERVICES: dict[LssState, dict[int, _Handler]] = {
     LssState.WAITING: {
         **_IN_BOTH,
-        **dict.fromkeys(range(Service.SWITCH_VENDOR, Service.SWITCH_SERIAL + 1), LssSlave._switch_selective),
-        Service.FAST_SCAN: LssSlave._fast_scan,
+        **dict.fromkeys(range(LssService.SWITCH_VENDOR, LssService.SWITCH_SERIAL + 1), LssSlave._switch_selective),
+        LssService.FAST_SCAN: LssSlave._fast_scan,
     },
     LssState.CONFIGURATION: {
         **_IN_BOTH,
-        Service.CONFIGURE_NODE_ID: LssSlave._configure_node_id,
-        Service.CONFIGURE_BIT_TIMING: LssSlave._configure_bit_timing,
-        Service.ACTIVATE_BIT_TIMING: LssSlave._activate_bit_timing,
-        Service.STORE: LssSlave._store,
-        **dict.fromkeys(range(Service.INQUIRE_VENDOR, Service.INQUIRE_SERIAL + 1), LssSlave._inquire),
-        Service.INQUIRE_NODE_ID: LssSlave._inquire_node_id,
+        LssService.CONFIGURE_NODE_ID: LssSlave._configure_node_id,
+        LssService.CONFIGURE_BIT_TIMING: LssSlave._configure_bit_timing,
+        LssService.ACTIVATE_BIT_TIMING: LssSlave._activate_bit_timing,
+        LssService.STORE: LssSlave._store,
+        **dict.fromkeys(range(LssService.INQUIRE_VENDOR, LssService.INQUIRE_SERIAL + 1), LssSlave._inquire),
+        LssService.INQUIRE_NODE_ID: LssSlave._inquire_node_id,
     },
 }
-"""What each state answers; everything else is for other slaves."""
+"""Answers by state; a request that is not listed is for other slaves."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Flag, auto
 from functools import partial
 
-from drive_profiles.cia301 import MAX_NODE_ID, NmtCommand, NmtState, SdoAbortCode
+from drive_profiles.standard.cia301 import MAX_NODE_ID, NmtCommand, NmtState, SdoAbortCode
 from plant_emulator.slave.dictionary import Dictionary, ResetKind
 
 CONSUMER_TIME = 0x1016
@@ -13,7 +13,7 @@ PRODUCER_TIME = 0x1017
 _NS_PER_MS = 1_000_000
 
 
-class Service(Flag):
+class NmtService(Flag):
     """Communication services that the NMT state switches."""
 
     SDO = auto()
@@ -25,10 +25,10 @@ class Service(Flag):
 
 
 SERVICES = {
-    NmtState.INITIALISING: Service.LSS,
-    NmtState.PRE_OPERATIONAL: Service.SDO | Service.SYNC | Service.TIME | Service.EMERGENCY | Service.LSS,
-    NmtState.OPERATIONAL: Service.SDO | Service.SYNC | Service.TIME | Service.EMERGENCY | Service.PDO,
-    NmtState.STOPPED: Service.LSS,
+    NmtState.INITIALISING: NmtService.LSS,
+    NmtState.PRE_OPERATIONAL: NmtService.SDO | NmtService.SYNC | NmtService.TIME | NmtService.EMERGENCY | NmtService.LSS,
+    NmtState.OPERATIONAL: NmtService.SDO | NmtService.SYNC | NmtService.TIME | NmtService.EMERGENCY | NmtService.PDO,
+    NmtState.STOPPED: NmtService.LSS,
 }
 """CiA 301, 7.3.2.2.5; node control and error control (heartbeat, node guarding) work in every state but initialisation.
 
@@ -55,7 +55,7 @@ ERROR_BEHAVIOUR = {
     (NmtState.OPERATIONAL, 2): NmtState.STOPPED,
     (NmtState.PRE_OPERATIONAL, 2): NmtState.STOPPED,
 }
-"""Where a communication error leads, by state and value of 1029h:01h; else the state stays (CiA 301, 7.5.2.32)."""
+"""State after a communication error, by state and value of 1029h:01h; else the state stays (CiA 301, 7.5.2.32)."""
 
 
 class HeartbeatProducer:
@@ -104,7 +104,7 @@ class _Watch:
 
 
 class HeartbeatConsumer:
-    """Watches the heartbeats of other nodes, as 1016h tells.
+    """Watches the heartbeats of other nodes by 1016h.
 
     A watch starts with the first heartbeat (CiA 301, 7.2.8.2.2.3): a node that never came up is not lost. A boot-up
     message is no heartbeat: a node that restarts and then stays silent must be noticed.
@@ -145,7 +145,7 @@ class HeartbeatConsumer:
 
     @property
     def due(self) -> int | None:
-        """When the first watch runs out."""
+        """Instant at which the first watch runs out."""
         return min((w.deadline for w in self._watches.values() if w.deadline is not None), default=None)
 
     def receive(self, node_id: int, data: bytes, now: int) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from drive_profiles.cia301 import (
+from drive_profiles.standard.cia301 import (
     BROADCAST,
     MAX_NODE_ID,
     EmergencyCode,
@@ -22,16 +22,16 @@ from plant_emulator.slave.nmt import (
     RESETS,
     SERVICES,
     TRANSITIONS,
-    Service,
+    NmtService,
 )
 from plant_emulator.slave.objects import ERROR_BEHAVIOUR as ERROR_BEHAVIOUR_OBJECT
-from plant_emulator.slave.pdo import PdoEngine
-from plant_emulator.slave.sdo import DEFAULT_BLOCK_SIZE, SdoServer
-from plant_emulator.slave.sdo_channels import SdoChannels
+from plant_emulator.slave.pdo.engine import PdoEngine
+from plant_emulator.slave.pdo.tpdo import Tpdo
+from plant_emulator.slave.sdo.channels import SdoChannels
+from plant_emulator.slave.sdo.server import DEFAULT_BLOCK_SIZE, SdoServer
 from plant_emulator.slave.store import ParameterStore, StoreCommand, standard_commands
 from plant_emulator.slave.sync import SyncConsumer
 from plant_emulator.slave.time_of_day import TimeConsumer
-from plant_emulator.slave.tpdo import Tpdo
 
 _NEVER = 1 << 63
 _NMT_LENGTH = 2
@@ -53,22 +53,22 @@ class Slave:
     Args:
         node_id: 1 to 127, or `UNCONFIGURED`: then it stays initialising until an LSS master gives it one.
         dictionary: Brings at least the `communication_entries`; the node sets its node-ID and puts its defaults back.
+        sdo_max_bytes: The longest value that a client may write.
+        sdo_timeout_ns: A client's silence that ends its transfer.
+        sdo_block_size: Segments of a block download between two acknowledgements.
+        store_commands: Entries that store or restore; those that the dictionary does not have are left out.
+        store_time_ns: Duration of storing.
+        autostart: The node becomes operational by itself after its boot-up message.
+
+    Attributes:
+        store: Store of the values that survive a loss of power.
+        lss: The LSS slave, with the node-ID that an LSS master has configured.
         on_sync: Called with the time of each SYNC, when the TPDOs have been sampled and the RPDOs are in force.
         on_nmt: Called with the old and the new state.
         on_heartbeat_lost: Called with the number of a watched node; with 0 where the NMT master, by life guarding, or the whole
             bus is lost.
         on_rpdo_timeout: Called with the number of an RPDO, 1 for the first, that has not come within its event timer.
         on_reset: Called when the dictionary has its stored values or defaults again and the boot-up message is about to be sent.
-        sdo_max_bytes: The longest value that a client may write.
-        sdo_timeout_ns: A client's silence that ends its transfer.
-        sdo_block_size: Segments of a block download between two acknowledgements.
-        store_commands: Entries that store or restore; those that the dictionary does not have are left out.
-        store_time_ns: How long storing takes.
-        autostart: The node becomes operational by itself after its boot-up message.
-
-    Attributes:
-        store: What survives a loss of power.
-        lss: What an LSS master has configured.
         on_routes: Called when the node may listen to other identifiers than before, or no longer.
         on_due: Called when `due` may be another than before.
 
@@ -82,11 +82,6 @@ class Slave:
         node_id: int,
         dictionary: Dictionary,
         *,
-        on_sync: Callable[[int], None] = _nothing,
-        on_nmt: Callable[[NmtState, NmtState], None] = _nothing,
-        on_heartbeat_lost: Callable[[int], None] = _nothing,
-        on_rpdo_timeout: Callable[[int], None] = _nothing,
-        on_reset: Callable[[ResetKind], None] = _nothing,
         sdo_max_bytes: int = 1024,
         sdo_timeout_ns: int = 5_000_000_000,
         sdo_block_size: int = DEFAULT_BLOCK_SIZE,
@@ -97,11 +92,11 @@ class Slave:
         if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
             raise ValueError(f"node-ID {node_id} is not in 1 to {MAX_NODE_ID}")
         self.dictionary = dictionary
-        self.on_sync = on_sync
-        self.on_nmt = on_nmt
-        self.on_heartbeat_lost = on_heartbeat_lost
-        self.on_rpdo_timeout = on_rpdo_timeout
-        self.on_reset = on_reset
+        self.on_sync: Callable[[int], None] = _nothing
+        self.on_nmt: Callable[[NmtState, NmtState], None] = _nothing
+        self.on_heartbeat_lost: Callable[[int], None] = _nothing
+        self.on_rpdo_timeout: Callable[[int], None] = _nothing
+        self.on_reset: Callable[[ResetKind], None] = _nothing
         self.on_routes: Callable[[], None] = _nothing
         self.on_due: Callable[[], None] = _nothing
         self._autostart = autostart
@@ -139,11 +134,8 @@ class Slave:
             on_started=self._reschedule,
             on_missing=self._miss,
         )
-        if node_id == UNCONFIGURED:
-            return
-        dictionary.renumber(node_id)
-        dictionary.reset(ResetKind.NODE)
-        self._load()
+        if node_id != UNCONFIGURED:
+            self._load_as(node_id, ResetKind.NODE)
 
     @property
     def node_id(self) -> int:
@@ -157,23 +149,13 @@ class Slave:
 
     @property
     def time_of_day(self) -> int | None:
-        """What the network says that the time is, in ns since 1984-01-01 00:00; None before the first TIME message."""
+        """Time of day as the network gives it, in ns since 1984-01-01 00:00; None before the first TIME message."""
         return self._time.at(self._clock())
 
     @property
     def emergency_causes(self) -> tuple[str, ...]:
         """The causes that are active, in the order in which they arose."""
         return self._emergency.causes
-
-    @property
-    def rejected_values(self) -> int:
-        """Values of RPDOs that were not written, being out of range or refused by the owner."""
-        return self._pdo.rejected
-
-    @property
-    def late_frames(self) -> int:
-        """Frames of RPDOs that were dropped, having come after the synchronous window 1007h."""
-        return self._pdo.late
 
     @property
     def due(self) -> int | None:
@@ -186,7 +168,7 @@ class Slave:
 
     @property
     def waits_for_changes(self) -> bool:
-        """Whether there are event-driven TPDOs: `advance` must then be called when the owner may have changed an object."""
+        """True while there are event-driven TPDOs: `advance` must then be called when the owner may have changed an object."""
         return bool(self._pdo.event_driven)
 
     def listens(self, can_id: int) -> bool:
@@ -194,7 +176,7 @@ class Slave:
         return can_id in self._routes
 
     def power_on(self, now: int) -> list[Frame]:
-        """Start, or start again after a loss of power: reset to what is kept, boot-up message, pre-operational."""
+        """Start, or start again after a loss of power: reset to the stored values, boot-up message, pre-operational."""
         self._set_time(now)
         self._out.clear()
         self._reset(ResetKind.NODE)
@@ -243,15 +225,25 @@ class Slave:
     def raise_emergency(
         self, cause: str, code: int, register_bit: ErrorRegister = ErrorRegister.GENERIC, vendor_bytes: bytes = b""
     ) -> None:
-        """Report an error under a name of the owner's choice; the frame goes with the next ones that are returned."""
+        """Report an error; the frame goes with the next ones that are returned.
+
+        Args:
+            cause: Name of the owner's choice, by which `clear_emergency` withdraws the error.
+            code: Error code of the emergency, 16 bits.
+            register_bit: Bits of the error register (1001h); the generic bit is added.
+            vendor_bytes: Manufacturer-specific bytes, at most 5.
+
+        Raises:
+            ValueError: The code does not fit 16 bits or says "no error", or there are more than 5 vendor bytes.
+        """
         self._emergency.raise_cause(cause, code, register_bit, vendor_bytes)
 
     def join_emergency(self, cause: str, code: int, register_bit: ErrorRegister = ErrorRegister.GENERIC) -> None:
-        """Report an error that the node itself may have told of: no second frame while an error with this code is active."""
+        """Report an error that the node itself may have reported: no second frame while an error with this code is active."""
         self._emergency.join_cause(cause, code, register_bit)
 
     def clear_emergency(self, cause: str) -> None:
-        """Withdraw an error; when it was the last, the master is told so."""
+        """Withdraw an error; after the last one an emergency with code 0000h goes to the master."""
         self._emergency.clear_cause(cause)
 
     def bus_off(self) -> None:
@@ -260,7 +252,7 @@ class Slave:
         self._reschedule()
 
     def bus_recovered(self) -> None:
-        """Take note that the controller is back; the master is told so, by an error that is over at once."""
+        """Take note that the controller is back; an emergency that is over at once reports it to the master."""
         self._emergency.raise_cause(_BUS_OFF, EmergencyCode.BUS_OFF_RECOVERED, ErrorRegister.COMMUNICATION)
         self._emergency.clear_cause(_BUS_OFF)
 
@@ -338,8 +330,8 @@ class Slave:
     def _lose(self, node_id: int) -> None:
         self.on_heartbeat_lost(node_id)
         # CiA 301, 7.5.2.32, and its default where the object is absent.
-        place = ERROR_BEHAVIOUR_OBJECT, 1
-        behaviour = self.dictionary.get_int(*place) if place in self.dictionary else 0
+        address = ERROR_BEHAVIOUR_OBJECT, 1
+        behaviour = self.dictionary.get_int(*address) if address in self.dictionary else 0
         target = ERROR_BEHAVIOUR.get((self._state, behaviour))
         if target is not None:
             self._change(target)
@@ -362,17 +354,22 @@ class Slave:
         self._emergency.reset(kind)
         if has_node_id:
             self._load()
-        # An error that the owner still has is told after the boot-up message, before which a node is silent.
-        place = len(self._out)
+        # An error that the owner still has is reported after the boot-up message, before which a node is silent.
+        before_boot_up = len(self._out)
         self._emergency.enable(has_node_id)
         self.on_reset(kind)
         if not has_node_id:
             self._route()
             return
-        self._out.insert(place, self._error_control.boot_up())
+        self._out.insert(before_boot_up, self._error_control.boot_up())
         self._change(NmtState.PRE_OPERATIONAL)
         if self._autostart:
             self._change(NmtState.OPERATIONAL)
+
+    def _load_as(self, node_id: int, kind: ResetKind) -> None:
+        self.dictionary.renumber(node_id)
+        self.dictionary.reset(kind)
+        self._load()
 
     def _load(self) -> None:
         self._emergency.load()
@@ -387,12 +384,12 @@ class Slave:
         if old is new:
             return
         services = SERVICES[new]
-        self._emergency.enable(Service.EMERGENCY in services)
-        if Service.LSS not in services:
+        self._emergency.enable(NmtService.EMERGENCY in services)
+        if NmtService.LSS not in services:
             self.lss.wait()
-        if Service.SDO not in services:
+        if NmtService.SDO not in services:
             self._sdo.reset()
-        if Service.PDO in services:
+        if NmtService.PDO in services:
             self._pdo.start()
         else:
             self._pdo.stop()
@@ -403,19 +400,19 @@ class Slave:
         self._pdo.sort()
 
     def _route(self) -> None:
-        """Look up which identifiers concern the node now; what comes later here wins."""
+        """Look up the identifiers that concern the node now; later entries win."""
         services = SERVICES[self._state]
         self._event_driven = self._pdo.event_driven
         routes: dict[int, Callable[[bytes, int], None]] = {}
-        if Service.LSS in services and (self._state is not NmtState.INITIALISING or self.node_id == UNCONFIGURED):
+        if NmtService.LSS in services and (self._state is not NmtState.INITIALISING or self.node_id == UNCONFIGURED):
             routes[REQUEST_ID] = self._on_lss
         if self._state is not NmtState.INITIALISING:
             routes |= self._pdo.listeners
-            if Service.SDO in services:
+            if NmtService.SDO in services:
                 routes |= {can_id: partial(self._on_sdo, server) for can_id, server in self._sdo.servers.items()}
-            if Service.TIME in services and self._time.can_id is not None:
+            if NmtService.TIME in services and self._time.can_id is not None:
                 routes[self._time.can_id] = self._time.receive
-            if Service.SYNC in services:
+            if NmtService.SYNC in services:
                 routes[self._sync.can_id] = self._on_sync
             routes |= self._error_control.routes
             routes[FunctionCode.NMT] = self._on_command

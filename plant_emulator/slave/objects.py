@@ -3,18 +3,18 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from drive_profiles.cia301 import RPDO_BASES, TPDO_BASES, CobIdBit, DataType, FunctionCode
+from drive_profiles.standard.cia301 import RPDO_BASES, TPDO_BASES, CobIdBit, DataType, FunctionCode
 from plant_emulator.slave import emergency, guarding, nmt, store, sync, time_of_day
 from plant_emulator.slave.dictionary import Access, Entry, ObjectType
-from plant_emulator.slave.pdo_setup import (
+from plant_emulator.slave.pdo.setup import (
     MAX_MAPPED,
     RPDO_COMMUNICATION,
     RPDO_MAPPING,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
-    Mapped,
+    PdoObject,
 )
-from plant_emulator.slave.sdo_channels import channel_entries
+from plant_emulator.slave.sdo.channels import channel_entries
 
 ERROR_BEHAVIOUR = 0x1029
 HISTORY_LENGTH = 8
@@ -81,14 +81,14 @@ def communication_entries(
 
 @dataclass(frozen=True, slots=True)
 class PdoDefault:
-    """What a PDO is before anyone configures it.
+    """A PDO before anyone has configured it.
 
     Attributes:
         mapped: The objects that it carries: index, sub-index, length in bits.
         transmission_type: 255 is event-driven, 1 each SYNC.
-        inhibit_time: Of a TPDO, in multiples of 100 µs.
-        event_timer_ms: Of a TPDO the longest silence, of an RPDO its deadline; 0 is none.
-        is_valid: Whether it exists; left out, PDO 1 and 2 do.
+        inhibit_time: Inhibit time of a TPDO, in multiples of 100 µs.
+        event_timer_ms: Longest silence of a TPDO, or deadline of an RPDO; 0 is none.
+        is_valid: True where the PDO exists; left out, PDO 1 and 2 do.
     """
 
     mapped: tuple[tuple[int, int, int], ...] = ()
@@ -139,7 +139,7 @@ def _event_timer(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
 
 def _mapping(index: int, name: str, pdo: PdoDefault) -> Iterator[Entry]:
     yield Entry(index, 0, "Number of mapped objects", U8, Access.RW, len(pdo.mapped), record_name=name)
-    values = [Mapped(*place).value for place in pdo.mapped] + [0] * (MAX_MAPPED - len(pdo.mapped))
+    values = [PdoObject(*address).value for address in pdo.mapped] + [0] * (MAX_MAPPED - len(pdo.mapped))
     for position, value in enumerate(values, 1):
         yield Entry(index, position, f"Mapped object {position}", U32, Access.RW, value, record_name=name)
 

@@ -1,10 +1,11 @@
-"""What a node keeps over a loss of power: the commands "save" and "load" (CiA 301, 7.5.2.13 and 7.5.2.14)."""
+"""The memory of a node over a loss of power: the commands "save" and "load" (CiA 301, 7.5.2.13 and 7.5.2.14)."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from drive_profiles.cia301 import DataType, SdoAbortCode, Value
+from drive_profiles.standard.cia301 import DataType, SdoAbortCode, Value
+from drive_profiles.standard.object_address import ObjectAddress
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry, ObjectType, Postponed, WriteHook
 
 STORE, RESTORE = 0x1010, 0x1011
@@ -13,9 +14,8 @@ SAVE, LOAD = 0x6576_6173, 0x6461_6F6C
 """The signatures "save" and "load", least significant byte first."""
 
 ON_COMMAND = 1
-"""What a read of either object gives: bit 0, the node stores on command, or restores."""
+"""Value of either object when it is read: bit 0, the node stores on command, or restores."""
 
-Place = tuple[int, int]
 
 EVERYTHING = range(0x1000, 0x10000)
 COMMUNICATION = range(0x1000, 0x2000)
@@ -34,7 +34,7 @@ VOLATILE = frozenset({
     *(0x1001, 0x1003, STORE, RESTORE),
     *(0x6040, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FE, 0x60FF),
 })  # fmt: skip
-"""Objects that are never kept: commands, set-points and the history of errors."""
+"""Objects that are never stored: commands, set-points and the history of errors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +42,13 @@ class StoreCommand:
     """One entry that stores or restores when its signature is written to it.
 
     Attributes:
-        place: Index and sub-index.
-        signature: What must be written.
+        address: Index and sub-index.
+        signature: Value that must be written.
         is_restore: "load" rather than "save".
         indices: The objects that it concerns.
     """
 
-    place: Place
+    address: ObjectAddress
     signature: int
     is_restore: bool = False
     indices: range = EVERYTHING
@@ -61,9 +61,9 @@ def store_entries(groups: Sequence[tuple[str, range]] = GROUPS) -> Iterator[Entr
             yield replace(command_entry((index, subindex), f"{verb} {group}"), record_name=name, object_type=ObjectType.ARRAY)
 
 
-def command_entry(place: Place, name: str) -> Entry:
+def command_entry(address: ObjectAddress, name: str) -> Entry:
     """Give the entry of one command."""
-    return Entry(*place, name, DataType.UNSIGNED32, Access.RW, ON_COMMAND)
+    return Entry(*address, name, DataType.UNSIGNED32, Access.RW, ON_COMMAND)
 
 
 def standard_commands(groups: Sequence[tuple[str, range]] = GROUPS) -> tuple[StoreCommand, ...]:
@@ -92,13 +92,13 @@ class ParameterStore:
     Args:
         dictionary: Brings the entries of the commands.
         commands: Those whose entries the dictionary does not have are left out.
-        time_ns: How long storing takes.
-        volatile: Indices that are never kept.
+        time_ns: Duration of storing.
+        volatile: Indices that are never stored.
 
     Attributes:
-        time_ns: How long storing takes; the SDO answer comes when it is over. A node that is stopped or reset before that
+        time_ns: Duration of storing; the SDO answer comes when it is over. A node that is stopped or reset before that
             keeps the old values and never answers: its services end without a word (CiA 301, 7.3.2.2.5).
-        fails: Whether the memory refuses, with abort 0606 0000h at the end of that time.
+        fails: True where the memory refuses, with abort 0606 0000h at the end of that time.
         may_store: Asked at each command: why the node cannot store now, or None.
     """
 
@@ -115,21 +115,21 @@ class ParameterStore:
         self.fails = False
         self.may_store: Callable[[], SdoAbortCode | None] = _always
         self._dictionary = dictionary
-        present = [command for command in commands if command.place in dictionary]
-        self._volatile = volatile | {command.place[0] for command in present}
+        present = [command for command in commands if command.address in dictionary]
+        self._volatile = volatile | {command.address[0] for command in present}
         self._verify = [(VERIFY, subindex) for subindex in (1, 2) if (VERIFY, subindex) in dictionary]
         dictionary.on_change = self._doubt
         for command in present:
-            dictionary.on_read(*command.place, lambda: ON_COMMAND)
-            dictionary.on_write(*command.place, self._writer(command))
+            dictionary.on_read(*command.address, lambda: ON_COMMAND)
+            dictionary.on_write(*command.address, self._writer(command))
 
     @property
-    def kept(self) -> dict[Place, Value]:
-        """What the next reset puts back, by place."""
-        return dict(self._dictionary.kept)
+    def stored(self) -> dict[ObjectAddress, Value]:
+        """Values that the next reset puts back, by address."""
+        return dict(self._dictionary.stored)
 
-    def is_kept(self, entry: Entry) -> bool:
-        """Tell whether an entry is one of those that "save" keeps."""
+    def is_storable(self, entry: Entry) -> bool:
+        """Tell whether an entry is one of those that "save" stores."""
         return entry.access.is_writable and entry.index not in self._volatile
 
     def _writer(self, command: StoreCommand) -> WriteHook:
@@ -146,32 +146,34 @@ class ParameterStore:
 
         return write
 
-    def _values(self, indices: range) -> dict[Place, Value]:
-        concerned = (entry for entry in self._dictionary if entry.index in indices and self.is_kept(entry))
+    def _values(self, indices: range) -> dict[ObjectAddress, Value]:
+        concerned = (entry for entry in self._dictionary if entry.index in indices and self.is_storable(entry))
         return {(e.index, e.subindex): self._dictionary.cell(e.index, e.subindex).value for e in concerned}
 
-    def _keep(self, values: dict[Place, Value], is_doubted: bool) -> SdoAbortCode | None:
+    def _keep(self, values: dict[ObjectAddress, Value], is_doubted: bool) -> SdoAbortCode | None:
         if self.fails:
             return SdoAbortCode.HARDWARE
-        kept = {**self._dictionary.kept, **values}
+        stored = {**self._dictionary.stored, **values}
         if is_doubted:  # a group without 1020h must not leave the date of another configuration
-            kept |= {place: 0 for place in self._verify if place in kept}
-        self._dictionary.kept = kept
+            stored |= {address: 0 for address in self._verify if address in stored}
+        self._dictionary.stored = stored
         return None
 
     def _forget(self, indices: range) -> None:
-        kept = self._dictionary.kept
-        self._dictionary.kept = {place: v for place, v in kept.items() if place[0] not in indices and place not in self._verify}
+        stored = self._dictionary.stored
+        self._dictionary.stored = {
+            address: v for address, v in stored.items() if address[0] not in indices and address not in self._verify
+        }
         self._clear_verify()
 
     @property
     def _is_doubted(self) -> bool:
-        return not any(self._dictionary.cell(*place).value for place in self._verify)
+        return not any(self._dictionary.cell(*address).value for address in self._verify)
 
     def _doubt(self, entry: Entry) -> None:
-        if entry.index != VERIFY and self.is_kept(entry):
+        if entry.index != VERIFY and self.is_storable(entry):
             self._clear_verify()
 
     def _clear_verify(self) -> None:
-        for place in self._verify:
-            self._dictionary.cell(*place).value = 0
+        for address in self._verify:
+            self._dictionary.cell(*address).value = 0

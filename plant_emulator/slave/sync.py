@@ -1,9 +1,9 @@
-"""What a node makes of SYNC: identifier, counter and window (CiA 301, 7.2.5; objects 1005h, 1007h and 1019h)."""
+"""The consumer of SYNC: identifier, counter and window (CiA 301, 7.2.5; objects 1005h, 1007h and 1019h)."""
 
 from collections.abc import Callable
 from functools import partial
 
-from drive_profiles.cia301 import EmergencyCode, ErrorRegister, SdoAbortCode, is_restricted
+from drive_profiles.standard.cia301 import EmergencyCode, ErrorRegister, SdoAbortCode, is_restricted
 from hil.can.frame import CAN_SFF_MASK
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.emergency import EmergencyProducer
@@ -101,7 +101,7 @@ class SyncConsumer:
         if code is None and index == COUNTER_OVERFLOW and value != self.overflow and self._has_period():
             code = SdoAbortCode.DEVICE_STATE  # CiA 301, 7.5.2.22: only while 1006h is 0
         if code is None:
-            values = {place: self._dictionary.get_int(place) for place in (COB_ID, COUNTER_OVERFLOW, WINDOW)} | {index: value}
+            values = {each: self._dictionary.get_int(each) for each in (COB_ID, COUNTER_OVERFLOW, WINDOW)} | {index: value}
             self._apply(values[COB_ID], values[COUNTER_OVERFLOW], values[WINDOW])
             self._changed()
         return code

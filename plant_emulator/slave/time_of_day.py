@@ -1,9 +1,9 @@
-"""The consumer of TIME: what time the network says it is (CiA 301, 7.2.6 and 7.5.2.15)."""
+"""The consumer of TIME, the network's time of day (CiA 301, 7.2.6 and 7.5.2.15)."""
 
 import struct
 from collections.abc import Callable
 
-from drive_profiles.cia301 import CobIdBit, SdoAbortCode, is_restricted
+from drive_profiles.standard.cia301 import CobIdBit, SdoAbortCode, is_restricted
 from hil.can.frame import CAN_SFF_MASK
 from plant_emulator.slave.dictionary import Dictionary
 
@@ -26,7 +26,7 @@ class TimeConsumer:
         changed: Called when the identifier to listen to has changed.
 
     Attributes:
-        can_id: Where TIME is heard, or None.
+        can_id: Identifier of TIME, or None.
     """
 
     def __init__(self, dictionary: Dictionary, changed: Callable[[], None]) -> None:

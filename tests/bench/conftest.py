@@ -2,8 +2,8 @@
 
 import pytest
 
-from hil.master.bench import Bench, load_bench
-from plant_emulator.robot import Robot, load_robot
+from hil.bench.bench import Bench, load_bench
+from plant_emulator.robots.robot import Robot, load_robot
 
 
 @pytest.fixture(scope="session")

@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from drive_profiles.cia402 import State
+from drive_profiles.standard.cia402 import State
+from hil.bench.bench import Bench, load_bench
 from hil.can.frame import Frame
 from hil.errors import SafetyStopError
 from hil.experiments.motions import line_motion
-from hil.master.bench import Bench, load_bench
 from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
-from plant_emulator.bus.faults import Event, Fault, Faults
+from plant_emulator.bus.faults import BusEvent, BusFaults, Fault
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.bus.timed import FIRST_CLIENT
-from plant_emulator.motion import BRAKED
-from plant_emulator.robot import Robot, load_robot
+from plant_emulator.motion.record import BRAKED
+from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 
 T_S = 0.002
@@ -123,7 +123,7 @@ class Rig:
         self,
         *,
         bitrate: int | None = None,
-        faults: Faults | None = None,
+        faults: BusFaults | None = None,
         at: int = 0,
         act: "Callable[[Rig, int], None]" = lambda rig, number: None,
         robot: Robot | None = None,
@@ -177,7 +177,7 @@ class Rig:
     def disturb(self, kind: str, port: int, frame: Frame | None = None) -> None:
         """Let something happen to a port of the wire now; scheduled beforehand it would keep the set-up waiting."""
         bus = self.channel.medium._bus  # type: ignore[attr-defined]
-        bus.wire._put_off(self.world.now, Event(self.world.now, kind, port, None, frame))
+        bus.wire.schedule(BusEvent(self.world.now, kind, port, None, frame))
 
     def _on_sync(self, number: int) -> None:
         self._look()
@@ -239,9 +239,9 @@ def window(bitrate: int | None, at: int, cycles: int | None) -> dict[str, float]
     return {"from_s": begin} if cycles is None else {"from_s": begin, "to_s": begin + cycles * T_S}
 
 
-def on_the_wire(at: int, cycles: int | None, *faults: dict[str, Any], seed: int = 1) -> Faults:
+def on_the_wire(at: int, cycles: int | None, *faults: dict[str, Any], seed: int = 1) -> BusFaults:
     """Faults of the wire at 1 Mbit/s in the cycles from `at` on."""
-    return Faults([Fault(**{**window(RATE, at, cycles), **fault}) for fault in faults], seed)
+    return BusFaults([Fault(**{**window(RATE, at, cycles), **fault}) for fault in faults], seed)
 
 
 def check_the_end(rig: Rig, outcome: Outcome) -> None:

@@ -10,22 +10,30 @@ from pathlib import Path
 import pytest
 
 from hil.analysis import Metrics, line_motion_metrics
+from hil.bench.bench import Bench, load_bench
+from hil.bench.model import Identified, load_identified
 from hil.errors import NotPossibleError
-from hil.experiments import learning
-from hil.experiments.cancellation import Cancellation, Canceller, cancel_inside, cancellation_for, cancellation_on
-from hil.experiments.cancellation_trial import CancellationRefusedError, averaged, choose, verify
-from hil.experiments.identify_ate import Known, Request, as_part, identify_on
-from hil.experiments.learn_run import LearnRequest, learn_on_bus, summary
-from hil.experiments.learning import learn
+from hil.experiments.ate.identify import as_part, identify_on
+from hil.experiments.ate.request import AteRequest, AxisKnowledge
+from hil.experiments.cancellation import learning
+from hil.experiments.cancellation.cancellation import (
+    Cancellation,
+    CancellationAdder,
+    cancel_inside,
+    cancellation_for,
+    cancellation_on,
+)
+from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary
+from hil.experiments.cancellation.learning import learn
+from hil.experiments.cancellation.trial import CancellationRefusedError, averaged, choose, verify
 from hil.experiments.motions import constant_acceleration, line_motion
 from hil.experiments.plan import peak_hz
-from hil.master.bench import Bench, load_bench
-from hil.master.identified import Identified, load_identified
-from hil.master.session import Compensation, Session
+from hil.master.motion import FilterUse
+from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
-from plant_emulator.robot import Robot, load_robot
+from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 from tests.bench.conftest import with_bus, with_motion
 
@@ -67,12 +75,12 @@ def without_ate(bench: Bench) -> Bench:
     return bench.model_copy(update={"axis": axes})
 
 
-def line(session: Session, cancellation: Cancellation | None, compensation: Compensation = "none", repeat: int = 1) -> Metrics:
+def line(session: Session, cancellation: Cancellation | None, filters: FilterUse = "none", repeat: int = 1) -> Metrics:
     """The mean of some line motions."""
     bench, recordings = session.bench, []
     for _ in range(repeat):
-        corrector = None if cancellation is None else cancellation.corrector()
-        result = session.run(line_motion(bench, bench.bus.sync_period_s), compensation, "drive", corrector)
+        adder = None if cancellation is None else cancellation.adder()
+        result = session.run(line_motion(bench, bench.bus.sync_period_s), filters, "drive", adder)
         assert result.stopped is None
         assert (
             result.missed_cycles < 0.002 * result.cycles
@@ -87,9 +95,9 @@ def turned(cancellation: Cancellation, degrees: float) -> Cancellation:
     """Wrong on purpose."""
     changed = {
         number: replace(each, phase_rad=tuple(phase + math.radians(degrees) for phase in each.phase_rad))
-        for number, each in cancellation.corrections.items()
+        for number, each in cancellation.tables.items()
     }
-    return replace(cancellation, corrections=changed)
+    return replace(cancellation, tables=changed)
 
 
 def test_the_line_motion_loses_its_vibration() -> None:
@@ -119,7 +127,7 @@ def test_a_trial_accepts_what_is_right_and_refuses_a_wrong_sign_or_phase() -> No
     right = cancellation_on(session, None, motion)
     found = verify(session, right, motion)
     assert found.is_good
-    assert 0.22 < found.trials[0].fall < 0.34
+    assert 0.22 < found.trials[0].reduction_fraction < 0.34
     for degrees in (90.0, 180.0):
         wrong = verify(session, turned(right, degrees), motion)
         with pytest.raises(CancellationRefusedError, match="the notch stays"):
@@ -133,10 +141,10 @@ def test_what_is_refused_leaves_the_notch() -> None:
     right = cancellation_on(session, None, motion)
     good, bad = choose(session, right, motion), choose(session, turned(right, 180.0), motion)
     assert good.refusal is None
-    assert good.corrector is not None
-    assert good.compensation == "none"
-    assert bad.corrector is None
-    assert bad.compensation == "notch"
+    assert good.adder is not None
+    assert good.filters == "none"
+    assert bad.adder is None
+    assert bad.filters == "notch"
     assert bad.refusal is not None
 
 
@@ -164,7 +172,7 @@ def test_learning_keeps_its_passes_and_stores_each_axis(tmp_path: Path) -> None:
 
 
 def test_what_has_learnt_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A drive that turns its corrections round: the second pass, with half of it, is worse than the first."""
+    """A drive that turns its additions round: the second pass, with half of it, is worse than the first."""
     session = session_of(robot_of(QUIET), 0.002)
     monkeypatch.setattr(learning, "cancellation_on", lambda *args, **more: turned(cancellation_on(*args, **more), 180.0))
     with pytest.raises(CancellationRefusedError, match="what pass 1 has learnt of axis 3 the vibration rose"):
@@ -172,14 +180,14 @@ def test_what_has_learnt_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 class Late:
-    """A corrector whose corrections come a cycle later than they should: a drive with more delay than is known."""
+    """An adder whose additions come a cycle later than they should: a drive with more delay than is known."""
 
-    def __init__(self, corrector: Canceller) -> None:
-        self.uses_torque = corrector.uses_torque
-        self._corrector, self._kept = corrector, None
+    def __init__(self, adder: CancellationAdder) -> None:
+        self.uses_torque = adder.uses_torque
+        self._adder, self._kept = adder, None
 
     def step(self, references: Sequence[float], positions: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
-        new = self._corrector.step(references, positions)
+        new = self._adder.step(references, positions)
         old, self._kept = self._kept or new, new
         return old
 
@@ -191,7 +199,7 @@ def test_two_passes_learn_what_cancels(tmp_path: Path) -> None:
     error = learnt.estimate.error
     assert error.amplitude_arcsec[2] == pytest.approx(10.0, rel=0.02)
     assert error.phase_deg[2] == pytest.approx(262.0, abs=1.0)
-    assert learnt.fall == pytest.approx(0.5, abs=0.05)
+    assert learnt.reduction_fraction == pytest.approx(0.5, abs=0.05)
     path = tmp_path / "model.toml"
     learnt.store(path, "reference", "22 °C, empty", datetime.date(2026, 1, 2))
     kept = load_identified(path).axis[3].ate
@@ -209,8 +217,8 @@ def test_identified_cancellation_at_1_ms_and_1_mbit() -> None:
     session = session_of(robot_of(NOISY), 0.001, MBIT)
     model = Identified(robot="reference")
     for axis in (2, 3):
-        request = Request(axis)
-        found = identify_on(session, request, Known())
+        request = AteRequest(axis)
+        found = identify_on(session, request, AxisKnowledge())
         model = model.with_part(axis, as_part(found.estimate, request))
     motion = line_motion(session.bench, 0.001)
     cancellation = cancellation_on(session, model, motion)
@@ -229,7 +237,7 @@ def test_after_five_passes_at_1_ms_and_1_mbit(tmp_path: Path) -> None:
     for axis in (2, 3):
         learnt = learn(session, axis)
         assert len(learnt.passes) == 5
-        assert learnt.fall > 0.9
+        assert learnt.reduction_fraction > 0.9
         model = learnt.store(tmp_path / "model.toml", "reference")
     motion = line_motion(session.bench, 0.001)
     cancellation = cancellation_on(session, model, motion)
@@ -258,7 +266,7 @@ def test_with_the_notch_in_the_loop_it_helps_as_well(way: str) -> None:
     session = session_of(robot_of(QUIET), 0.002)
     motion = line_motion(session.bench, 0.002)
     notch = line(session, None, "notch")
-    both = line(session, cancellation_on(session, None, motion, way=way, with_notch=True), "notch")  # type: ignore[arg-type]
+    both = line(session, cancellation_on(session, None, motion, actuation=way, with_notch=True), "notch")  # type: ignore[arg-type]
     assert both.tip_peak_mm < 0.15 * notch.tip_peak_mm
     assert both.spectrum_area < 0.15 * notch.spectrum_area
 
@@ -268,7 +276,7 @@ def test_with_the_notch_in_the_loop_it_helps_as_well(way: str) -> None:
 def test_by_torque_offsets_it_is_as_good() -> None:
     session = session_of(robot_of(QUIET), 0.002, MBIT)
     motion = line_motion(session.bench, 0.002)
-    after = line(session, cancellation_on(session, None, motion, way="torque"))
+    after = line(session, cancellation_on(session, None, motion, actuation="torque"))
     assert after.tip_peak_mm < 0.002
 
 
@@ -280,11 +288,11 @@ def test_a_drive_that_is_later_than_it_says_is_found_out(monkeypatch: pytest.Mon
     monkeypatch.setattr(
         session,
         "run",
-        lambda motion, filters, loop, corrector=None: run(motion, filters, loop, None if corrector is None else Late(corrector)),
+        lambda motion, filters, loop, adder=None: run(motion, filters, loop, None if adder is None else Late(adder)),
     )
     learnt = learn(session, 3)
     assert learnt.passes[-1].set_point_delay_s == pytest.approx(0.002, abs=1e-4)
     assert learnt.estimate.error.phase_deg[2] == pytest.approx(262.0, abs=0.5)
     assert learnt.passes[-1].vibration_m_s2 < 0.2 * learnt.passes[2].vibration_m_s2
     found = cancellation_for(session.bench, Identified(robot="reference").with_part(3, learnt.part()), (3,), 0.002)
-    assert found.corrections[3].orders == (2, 4)
+    assert found.tables[3].orders == (2, 4)

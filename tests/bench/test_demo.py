@@ -14,8 +14,10 @@ import pytest
 
 from hil.recording import Recording
 
+pytestmark = pytest.mark.timeout(600)  # a minute on a machine that does nothing else
+
 RUN_KEYS = {
-    "experiment", "axis", "compensation", "loop", "sync_period_s", "control_period_s", "order", "tip_peak_mm", "tip_rms_mm",
+    "experiment", "axis", "treatment", "loop", "sync_period_s", "control_period_s", "order", "tip_peak_mm", "tip_rms_mm",
     "spectrum_peak_m_s2", "spectrum_peak_hz", "spectrum_area", "within_spec", "cycles", "missed_cycles", "wall_s", "motion_s",
     "recording",
 }  # fmt: skip
@@ -25,8 +27,8 @@ RUN_KEYS = {
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     out = tmp_path_factory.mktemp("demo") / "out"
     done = subprocess.run(
-        [sys.executable, "-m", "hil.cli", "demo", "--no-story", "--out", str(out), "--json"],
-        capture_output=True, text=True, timeout=110, check=False,
+        [sys.executable, "-m", "hil", "demo", "--no-story", "--out", str(out), "--json"],
+        capture_output=True, text=True, timeout=580, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
@@ -42,13 +44,13 @@ def runs(demo: tuple[Path, dict[str, Any]], **wanted: object) -> list[dict[str, 
 
 def test_result_has_the_promised_shape(demo: tuple[Path, dict[str, Any]]) -> None:
     out, result = demo
-    assert result["schema"] == 1
-    assert set(result) == {"schema", "bench", "runs", "comparisons", "paper"}
+    assert result["schema"] == 2
+    assert set(result) == {"schema", "kind", "bench", "runs", "comparisons", "paper"}
     for run in result["runs"]:
         assert set(run) == RUN_KEYS
         assert (out / run["recording"]).is_file()
         assert (run["order"] is None) == (run["experiment"] == "line-motion")
-    keys = {(r["experiment"], r["axis"], r["loop"], r["compensation"], r["order"]) for r in result["runs"]}
+    keys = {(r["experiment"], r["axis"], r["loop"], r["treatment"], r["order"]) for r in result["runs"]}
     single = "constant-acceleration"
     assert keys == {
         *((single, axis, "drive", way, k) for axis in (2, 3) for way in ("none", "notch") for k in (2, 4)),
@@ -60,7 +62,7 @@ def test_result_has_the_promised_shape(demo: tuple[Path, dict[str, Any]]) -> Non
             "experiment",
             "axis",
             "loop",
-            "compensation",
+            "treatment",
             "tip_peak_reduction_pct",
             "spectrum_area_reduction_pct",
         }
@@ -70,8 +72,8 @@ def test_result_has_the_promised_shape(demo: tuple[Path, dict[str, Any]]) -> Non
 
 @pytest.mark.parametrize("axis", [2, 3])
 def test_the_notch_brings_each_axis_within_the_specification(demo: tuple[Path, dict[str, Any]], axis: int) -> None:
-    (without,) = runs(demo, axis=axis, loop="drive", compensation="none", order=2)
-    (with_notch,) = runs(demo, axis=axis, loop="drive", compensation="notch", order=2)
+    (without,) = runs(demo, axis=axis, loop="drive", treatment="none", order=2)
+    (with_notch,) = runs(demo, axis=axis, loop="drive", treatment="notch", order=2)
     assert without["tip_peak_mm"] > 0.05
     assert with_notch["tip_peak_mm"] <= 0.05
     assert with_notch["within_spec"]
@@ -85,8 +87,8 @@ def test_the_line_motion_loses_a_quarter_of_its_spectrum(demo: tuple[Path, dict[
 
 def test_host_closed_on_a_bus_without_bit_times_does_as_well(demo: tuple[Path, dict[str, Any]]) -> None:
     for way in ("none", "notch"):
-        (host,) = runs(demo, loop="host", compensation=way, order=2)
-        (drive,) = runs(demo, axis=2, loop="drive", compensation=way, order=2)
+        (host,) = runs(demo, loop="host", treatment=way, order=2)
+        (drive,) = runs(demo, axis=2, loop="drive", treatment=way, order=2)
         assert host["control_period_s"] == host["sync_period_s"] == 250e-6
         assert drive["control_period_s"] == 250e-6
         assert host["tip_peak_mm"] == pytest.approx(drive["tip_peak_mm"], rel=0.15)
@@ -120,7 +122,7 @@ def test_the_recorded_notch_follows_the_measured_speed(demo: tuple[Path, dict[st
 
     out, _ = demo
     for axis in (2, 3):
-        (run,) = runs(demo, axis=axis, loop="drive", compensation="notch", order=2)
+        (run,) = runs(demo, axis=axis, loop="drive", treatment="notch", order=2)
         recording = Recording.load(out / run["recording"])
         speed, notch = motor_speed_rps(recording, axis), recording.axis(axis, "notch_hz")
         rising = np.arange(len(speed)) < np.argmax(speed)
@@ -162,7 +164,7 @@ def test_the_tip_peak_can_be_read_off_the_recording_by_hand(demo: tuple[Path, di
     from scipy import signal  # noqa: PLC0415
 
     out, _ = demo
-    (run,) = runs(demo, axis=2, loop="drive", compensation="none", order=2)
+    (run,) = runs(demo, axis=2, loop="drive", treatment="none", order=2)
     names = (out / run["recording"]).read_text().splitlines()[0].split(",")
     table = np.loadtxt(out / run["recording"], delimiter=",", skiprows=1)
     column = {name: table[:, i] for i, name in enumerate(names)}

@@ -13,16 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from drive_profiles.cia402 import State
+from drive_profiles.standard.cia402 import State
 from hil.can.frame import Frame
 from hil.errors import HilError
 from hil.experiments.motions import constant_acceleration
 from hil.experiments.plan import Experiment, entries
 from hil.master.session import Session
 from hil.recording import BusLog
-from plant_emulator.bus.faults import Faults
+from plant_emulator.bus.faults import BusFaults
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.robot import load_robot
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 from tests.bench.conftest import with_bus, with_motion
 from tests.bench.fault_rig import (
@@ -68,7 +68,7 @@ class Case:
     """
 
     name: str
-    faults: Callable[[int], Faults] | None = None
+    faults: Callable[[int], BusFaults] | None = None
     act: Callable[[Rig, int], None] = lambda rig, number: None
     within: int | None = None
     words: str = ""
@@ -88,7 +88,7 @@ def once(what: Callable[[Rig], object]) -> Callable[[Rig, int], None]:
     return lambda rig, number: what(rig) and None if number == rig.at else None
 
 
-def wire(cycles: int | None, *faults: dict[str, object]) -> Callable[[int], Faults]:
+def wire(cycles: int | None, *faults: dict[str, object]) -> Callable[[int], BusFaults]:
     """Faults of the wire that last so many cycles."""
     return lambda at: on_the_wire(at, cycles, *faults)
 
@@ -143,8 +143,8 @@ def recording_is_invalid(rig: Rig, outcome: Outcome, phase: str) -> None:
     assert outcome.result is not None
     if phase in ("settle", "acceleration", "constant"):
         entry = entries(rig.bench, Experiment("line-motion", None, "none"), outcome.result, "")[0]
-        assert "accelerometer was missing" in entry["invalid"]
-        assert entry["within_spec"] is False
+        assert "accelerometer was missing" in (entry.invalid or "")
+        assert entry.within_spec is False
     same = undisturbed(RATE).result
     assert same is not None
     for node in NODES:
@@ -172,8 +172,7 @@ def freeze(rig: Rig) -> None:
 
 def power_cycle(rig: Rig) -> None:
     """The supply of the drive of axis 2 goes and comes; its boot-up message is heard."""
-    for frame in rig.world.power_cycle(2):
-        rig.channel._queue.append(frame)
+    rig.channel.hand_over(*rig.world.power_cycle(2))
 
 
 def inject(can_id: int, data: str) -> Callable[[Rig, int], None]:
@@ -431,7 +430,7 @@ def test_an_sdo_server_that_fails_in_bring_up_is_a_clear_error_and_nothing_is_en
             return True
         data = ANSWERS[answer]
         if data is not None:
-            rig.channel._queue.append(Frame(0x583, data))
+            rig.channel.hand_over(Frame(0x583, data))
         return False
 
     rig.channel.passes = passes

@@ -7,24 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.bench.bench import Bench
+from hil.bench.model import Identified, IdentifiedPlant
 from hil.errors import NotPossibleError
-from hil.experiments.ate_checks import NotIdentifiedError
-from hil.experiments.identify_ate import (
-    Goal,
-    Identification,
-    Request,
-    identify_ate,
-    identify_on,
-    sensing_of,
-    what_is_known,
-)
-from hil.master.bench import Bench
-from hil.master.identified import Identified, IdentifiedPlant, PlantTable
+from hil.experiments.ate.checks import AteNotIdentifiedError
+from hil.experiments.ate.identify import Identification, identify_on
+from hil.experiments.ate.on_bus import identify_ate
+from hil.experiments.ate.request import AteRequest, Goal, axis_knowledge, sensing_of
 from hil.master.session import Session
 from hil.recording import BusLog
-from hil.report.page_ate import write_ate_report
+from hil.report.pages.ate import write_ate_report
+from hil.robot_tables import PlantTable
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.robot import Robot
+from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
 
 TRUTH = {2: (5.0, 222.0, 3.0, 126.0), 3: (10.0, 262.0, 5.0, 306.0)}
@@ -49,14 +44,14 @@ def ignorant(bench: Bench, period_s: float = 0.002) -> Bench:
 def identified(
     bench: Bench,
     robot: Robot,
-    request: Request,
+    request: AteRequest,
     prepare: Callable[[InProcessChannel], None] = lambda channel: None,
 ) -> Identification:
     channel = InProcessChannel(World(robot))
     prepare(channel)
     with Session(bench, channel, BusLog(None)) as session:
         session.bring_up()
-        known = what_is_known(bench, request.axis, None, sensorless=request.sensorless)
+        known = axis_knowledge(bench, request.axis, None, sensorless=request.sensorless)
         return identify_on(session, request, known)
 
 
@@ -90,9 +85,9 @@ def late_by(channel: InProcessChannel, cycles: float) -> None:
 def test_everything_is_kept_of_an_identification(reference_bench: Bench, reference_robot: Robot, tmp_path: Path) -> None:
     bench = ignorant(reference_bench)
     channel = InProcessChannel(World(noisy(reference_robot, 0.002, 5)))
-    outcome = identify_ate(bench, Request(3, goal=ONE_PASS), tmp_path, channel=channel)
+    outcome = identify_ate(bench, AteRequest(3, goal=ONE_PASS), tmp_path, channel=channel)
     assert outcome.failure is None
-    assert outcome.not_restored == []
+    assert outcome.not_restored == ()
     kept = json.loads((tmp_path / "result.json").read_text())
     assert kept["is_within_goal"]
     assert kept["known_before"]["source"] == "nothing"
@@ -113,7 +108,7 @@ def test_everything_is_kept_of_an_identification(reference_bench: Bench, referen
 
 
 def test_a_late_accelerometer_is_stated_and_does_no_harm(reference_bench: Bench, reference_robot: Robot) -> None:
-    bench, request = ignorant(reference_bench, 0.001), Request(2, goal=ONE_PASS)
+    bench, request = ignorant(reference_bench, 0.001), AteRequest(2, goal=ONE_PASS)
     found = identified(bench, noisy(reference_robot, 0.001, 4), request, lambda channel: late_by(channel, 3.7))
     assert found.estimate.arm.delay_s == pytest.approx(3.7e-3, abs=3e-4)
     assert np.all(np.abs(off(found, 2)) < 1.5 * np.array(ASKED))
@@ -121,7 +116,7 @@ def test_a_late_accelerometer_is_stated_and_does_no_harm(reference_bench: Bench,
 
 def test_without_an_accelerometer(reference_bench: Bench, reference_robot: Robot) -> None:
     bench = reference_bench.model_copy(update={"bus": reference_bench.bus.model_copy(update={"answer_timeout_s": 0.05})})
-    found = identified(bench, noisy(reference_robot, 0.002, 4), Request(2, sensorless=True, goal=ONE_PASS))
+    found = identified(bench, noisy(reference_robot, 0.002, 4), AteRequest(2, sensorless=True, goal=ONE_PASS))
     assert np.all(np.abs(off(found, 2)) < 1.5 * np.array(ASKED))
     assert "sensorless: A_k is as wrong as J_l from the bench file" in found.notes[0]
 
@@ -132,7 +127,7 @@ def test_without_an_accelerometer(reference_bench: Bench, reference_robot: Robot
 @pytest.mark.parametrize("period_s", [0.001, 0.002])
 def test_twenty_seeds_keep_what_is_asked(reference_bench: Bench, reference_robot: Robot, axis: int, period_s: float) -> None:
     bench = ignorant(reference_bench, period_s)
-    found = [identified(bench, noisy(reference_robot, period_s, seed), Request(axis)) for seed in range(1, 21)]
+    found = [identified(bench, noisy(reference_robot, period_s, seed), AteRequest(axis)) for seed in range(1, 21)]
     assert all(not each.missed for each in found), "the standard errors asked for are reached"
     away = np.array([off(each, axis) for each in found])
     assert np.all(np.abs(away) < ASKED), away
@@ -147,16 +142,16 @@ def test_twenty_seeds_keep_what_is_asked(reference_bench: Bench, reference_robot
 def test_a_silent_accelerometer(reference_bench: Bench, reference_robot: Robot, tmp_path: Path) -> None:
     channel = InProcessChannel(World(noisy(reference_robot, 0.002, 1)))
     channel.passes = lambda frame: frame.can_id != 0x190
-    outcome = identify_ate(ignorant(reference_bench), Request(2), tmp_path, channel=channel)
-    assert isinstance(outcome.failure, NotIdentifiedError)
+    outcome = identify_ate(ignorant(reference_bench), AteRequest(2), tmp_path, channel=channel)
+    assert isinstance(outcome.failure, AteNotIdentifiedError)
     assert outcome.part is None
-    assert "without the accelerometer" in outcome.result["not_identified"]
+    assert "without the accelerometer" in (outcome.result.not_identified or "")
     assert "was not identified" in write_ate_report(tmp_path).read_text()
 
 
 def test_a_saturated_accelerometer(reference_bench: Bench, reference_robot: Robot) -> None:
-    with pytest.raises(NotIdentifiedError, match=r"stays at -0\.25 m/s², the end of its range"):
-        identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, range_m_s2=0.25), Request(2))
+    with pytest.raises(AteNotIdentifiedError, match=r"stays at -0\.25 m/s², the end of its range"):
+        identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, range_m_s2=0.25), AteRequest(2))
 
 
 def test_another_axis_moves(reference_bench: Bench, reference_robot: Robot) -> None:
@@ -164,13 +159,13 @@ def test_another_axis_moves(reference_bench: Bench, reference_robot: Robot) -> N
     # the drive at axis 2's place is that of axis 3
     wrong = bench.axis[3].model_copy(update={"reduction_ratio": 120.0, "tip_lever_m": 0.7})
     bench = bench.model_copy(update={"axis": {2: wrong, 5: bench.axis[5]}})
-    with pytest.raises(NotIdentifiedError, match=r"is this the axis that moved\? the factor is 0\.6"):
-        identified(bench, noisy(reference_robot, 0.002, 1), Request(2))
+    with pytest.raises(AteNotIdentifiedError, match=r"is this the axis that moved\? the factor is 0\.6"):
+        identified(bench, noisy(reference_robot, 0.002, 1), AteRequest(2))
 
 
 def test_noise_that_hides_everything(reference_bench: Bench, reference_robot: Robot) -> None:
-    with pytest.raises(NotIdentifiedError, match="at least"):
-        identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, noise_m_s2=5.0), Request(2))
+    with pytest.raises(AteNotIdentifiedError, match="at least"):
+        identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, noise_m_s2=5.0), AteRequest(2))
 
 
 def test_a_ramp_that_ends_before_the_resonance(reference_bench: Bench, reference_robot: Robot) -> None:
@@ -180,15 +175,17 @@ def test_a_ramp_that_ends_before_the_resonance(reference_bench: Bench, reference
         update={"limits": table.limits.model_copy(update={"position_min_rev": -2.5, "position_max_rev": 2.5})}
     )
     bench = bench.model_copy(update={"axis": {**bench.axis, 2: narrow}})
-    with pytest.raises(NotIdentifiedError, match=r"rps, at least 7\.\d+ rps is needed; .* between its position limits are 4\.0"):
-        identified(bench, noisy(reference_robot, 0.002, 1), Request(2))
+    with pytest.raises(
+        AteNotIdentifiedError, match=r"rps, at least 7\.\d+ rps is needed; .* between its position limits are 4\.0"
+    ):
+        identified(bench, noisy(reference_robot, 0.002, 1), AteRequest(2))
 
 
 def test_without_a_plant_there_is_no_sensorless_result(reference_bench: Bench) -> None:
     with pytest.raises(NotPossibleError, match="hil identify plant finds them"):
-        what_is_known(ignorant(reference_bench), 2, None, sensorless=True)
+        axis_knowledge(ignorant(reference_bench), 2, None, sensorless=True)
     with pytest.raises(NotPossibleError, match="has no axis 4"):
-        what_is_known(reference_bench, 4, None, sensorless=False)
+        axis_knowledge(reference_bench, 4, None, sensorless=False)
 
 
 # -- what is known before ----------------------------------------------------------------------------------------------
@@ -202,14 +199,14 @@ def test_an_identified_plant_is_a_start_and_its_inertia_widens_what_is_sensorles
         values=values, standard_error={"arm_inertia_kg_m2": 0.16}, antiresonance_hz=12.4, resonance_hz=22.0, damping=0.04
     )
     file = Identified(robot="reference").with_part(2, plant)
-    known = what_is_known(ignorant(reference_bench), 2, file, sensorless=True)
+    known = axis_knowledge(ignorant(reference_bench), 2, file, sensorless=True)
     assert known.start is not None
     assert (known.start.resonance_hz, known.start.damping) == (12.4, 0.04)
-    assert known.start.gear_share == pytest.approx(42.0 / 48.0)
-    assert known.arm_inertia_share == pytest.approx(0.02)
+    assert known.start.gear_fraction == pytest.approx(42.0 / 48.0)
+    assert known.arm_inertia_fraction == pytest.approx(0.02)
     assert known.source == "the model file"
     sensing = sensing_of(reference_bench, 2, known, sensorless=True)
     assert sensing.gain == pytest.approx(8.0 / 120.0)
     assert sensing.motor_inertia_kg_m2 == 2.6e-4
     with pytest.raises(NotPossibleError, match="the model file is of 'another'"):
-        what_is_known(reference_bench, 2, file.model_copy(update={"robot": "another"}), sensorless=False)
+        axis_knowledge(reference_bench, 2, file.model_copy(update={"robot": "another"}), sensorless=False)

@@ -6,17 +6,17 @@ from typing import Any
 
 import pytest
 
+from hil.bench.model import load_identified
 from hil.errors import HilError
-from hil.experiments.identify_plant import run_identify_plant
-from hil.experiments.plant_checks import NotIdentifiedError
-from hil.experiments.plant_motion import PlantRequest
-from hil.master.identified import load_identified
+from hil.experiments.plant.checks import PlantNotIdentifiedError
+from hil.experiments.plant.motion import PlantRequest
+from hil.experiments.plant.on_bus import run_identify_plant
 from hil.recording import Recording
-from hil.report.page_plant import write_plant_report
+from hil.report.pages.plant import write_plant_report
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.robot import load_robot
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
-from tests.hil.experiments.plant_rig import true_values, unknown_bench
+from tests.hil.experiments.plant.plant_rig import true_values, unknown_bench
 
 SHORT = {"position_min_rev": -6.0, "position_max_rev": 6.0}
 
@@ -75,11 +75,13 @@ def test_the_report_shows_fit_confidence_and_friction(directory: Path) -> None:
 
 def test_what_is_not_identified_leaves_reasons_and_no_model_file(tmp_path: Path) -> None:
     request = PlantRequest(3, amplitude_nm=2.5, periods=6)
-    with pytest.raises(NotIdentifiedError, match="turned back") as caught:
-        run_identify_plant(unknown_bench(3, **SHORT), request, tmp_path, model=tmp_path / "model.toml", channel=channel(0.004, 3))
-    assert caught.value.exit_code == 9
+    bench, model = unknown_bench(3, **SHORT), tmp_path / "model.toml"
+    failure = run_identify_plant(bench, request, tmp_path, model=model, channel=channel(0.004, 3)).failure
+    assert isinstance(failure, PlantNotIdentifiedError)
+    assert "turned back" in str(failure)
+    assert failure.exit_code == 9
     result = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
-    assert result["not_identified"] == list(caught.value.reasons)
+    assert result["not_identified"] == list(failure.reasons)
     assert (tmp_path / result["recordings"]["main"]).is_file()
     assert not (tmp_path / "model.toml").exists()
     assert "Not identified" in write_plant_report(tmp_path).read_text(encoding="utf-8")
@@ -98,7 +100,8 @@ def test_the_limits_of_the_bench_file_hold_before_anything_is_sent(tmp_path: Pat
 @pytest.mark.parametrize("sync_s", [0.001, 0.002])
 @pytest.mark.parametrize("axis", [2, 3])
 def test_the_figures_asked_for_over_can(axis: int, sync_s: float, tmp_path: Path) -> None:
-    result = run_identify_plant(unknown_bench(axis, sync_s), PlantRequest(axis), tmp_path, channel=channel(sync_s, axis))
-    truth, found = true_values(axis), result["parameters"]
-    assert found["antiresonance_hz"]["value"] == pytest.approx(truth["antiresonance_hz"], rel=1e-3)
-    assert found["gear_stiffness_nm_rad"]["value"] == pytest.approx(truth["gear_stiffness_nm_rad"], rel=5e-3)
+    outcome = run_identify_plant(unknown_bench(axis, sync_s), PlantRequest(axis), tmp_path, channel=channel(sync_s, axis))
+    truth, found = true_values(axis), outcome.result.parameters
+    assert found is not None
+    assert found["antiresonance_hz"].value == pytest.approx(truth["antiresonance_hz"], rel=1e-3)
+    assert found["gear_stiffness_nm_rad"].value == pytest.approx(truth["gear_stiffness_nm_rad"], rel=5e-3)

@@ -9,20 +9,25 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import can
 import pytest
+from click.testing import Result
+from typer.testing import CliRunner
 
 from drive_profiles.address import parse_address
-from drive_profiles.cia402 import State, state_of
+from drive_profiles.standard.cia402 import State, state_of
 from hil.can.frame import Frame
 from hil.can.raw import RawChannel
+from hil.cli.main import app
 from hil.recording import Recording
-from plant_emulator.pytest_plugin.served import ServedBus
+from plant_emulator.pytest_plugin.served import LocalBusServers, ServedBus
 
-REFERENCE = (Path(__file__).parents[2] / "hil" / "benches" / "reference.toml").read_text()
+pytestmark = pytest.mark.timeout(900)  # what is waited for here is that it comes to an end at all
+
+REFERENCE = (Path(__file__).parents[2] / "hil" / "bench" / "reference.toml").read_text()
 # 50 s of motion, over more turns than the reference bench allows: time to interfere
 SLOW = (("acceleration_rps_s = 4.0", "acceleration_rps_s = 0.2"), ("position_max_rev = 22.0", "position_max_rev = 2200.0"))
 QUICK = ("acceleration_rps_s = 4.0", "acceleration_rps_s = 16.0")
@@ -38,10 +43,22 @@ def bench_file(tmp_path: Path, *changes: tuple[str, str], name: str = "bench.tom
     return path
 
 
-def hil(*arguments: str, **kwargs: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(  # type: ignore[call-overload, no-any-return]
-        [sys.executable, "-m", "hil.cli", *arguments], capture_output=True, text=True, timeout=100, check=False, **kwargs
-    )
+HIL = [sys.executable, "-m", "hil"]
+WITHOUT_PICTURES = [
+    sys.executable,
+    "-c",
+    "from hil.report import style; style.to_svg = lambda figure, key: '<svg></svg>'; from hil.cli.main import main; main()",
+]
+"""`hil` whose reports have figures that are made but not drawn: drawing them takes longer than a run."""
+
+
+def hil(*arguments: str, command: list[str] = WITHOUT_PICTURES) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*command, *arguments], capture_output=True, text=True, timeout=300, check=False)
+
+
+def called(*arguments: str) -> Result:
+    """The same command in this process, for what ends before anything is heard or sent."""
+    return CliRunner().invoke(app, arguments)
 
 
 def run_arguments(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> list[str]:
@@ -89,8 +106,8 @@ class Sniffer:
             time.sleep(0.005)
 
     def wait_for_motion(self) -> None:
-        """The master's set-points have been going out for a while: past settling, well within the slow motion."""
-        self.wait_for(lambda: self.counts[0x202] > 900)
+        """The master's set-points have been going out for a second: past settling, well within the slow motion."""
+        self.wait_for(lambda: self.counts[0x202] > 500)
 
     def send(self, can_id: int, data: bytes) -> None:
         self.bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False), timeout=1.0)
@@ -107,7 +124,7 @@ class Sniffer:
                 if m.arbitration_id == 0x580 + node and m.data[1:4] == bytes((index & 0xFF, index >> 8, subindex))
             ]
 
-        self.wait_for(lambda: bool(answers()), 5.0)
+        self.wait_for(lambda: bool(answers()), 60.0)
         return bytes(answers()[0].data[4:])
 
     def close(self) -> None:
@@ -118,7 +135,7 @@ class Sniffer:
 
 def start_run(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "hil.cli", *run_arguments(bench, local_bus, out, *more)],
+        [*WITHOUT_PICTURES, *run_arguments(bench, local_bus, out, *more)],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
@@ -128,7 +145,7 @@ def start_run(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> subpr
 
 def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, local_bus: ServedBus) -> None:
     out = tmp_path / "out"
-    done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, out, "--compensation", "notch", "--json"))
+    done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, out, "--treatment", "notch", "--json"), command=HIL)
     assert done.returncode in {0, 9}, done.stderr
     result = json.loads(done.stdout)
     assert result == json.loads((out / "result.json").read_text())
@@ -177,6 +194,16 @@ def test_a_stream_socket_carries_the_same_run(tmp_path: Path, serve_local_bus: C
 # -- bad input ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="module")
+def sniffed_bus(pytestconfig: pytest.Config) -> Iterator[tuple[ServedBus, Sniffer]]:
+    """A bus on which nothing has been sent, and who listens on it."""
+    with LocalBusServers(pytestconfig) as served:
+        local_bus = served.start()
+        sniffer = Sniffer(local_bus)
+        yield local_bus, sniffer
+        sniffer.close()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -189,21 +216,18 @@ def test_a_stream_socket_carries_the_same_run(tmp_path: Path, serve_local_bus: C
     ids=["unknown key", "wrong unit", "unit in the value", "one node id twice", "no TOML"],
 )
 def test_a_bad_bench_file_is_located_and_no_frame_is_sent(
-    tmp_path: Path, local_bus: ServedBus, change: tuple[str, str], words: str
+    tmp_path: Path, sniffed_bus: tuple[ServedBus, Sniffer], change: tuple[str, str], words: str
 ) -> None:
-    sniffer = Sniffer(local_bus)
-    try:
-        bench = bench_file(tmp_path, change)
-        done = hil(*run_arguments(bench, local_bus, tmp_path / "out"))
-        time.sleep(0.2)
-        assert done.returncode == 3
-        assert f"{bench}:" in done.stderr
-        assert words in done.stderr
-        assert "Traceback" not in done.stderr
-        assert not sniffer.counts
-        assert not (tmp_path / "out").exists()
-    finally:
-        sniffer.close()
+    local_bus, sniffer = sniffed_bus
+    bench = bench_file(tmp_path, change)
+    done = called(*run_arguments(bench, local_bus, tmp_path / "out"))
+    time.sleep(0.2)
+    assert done.exit_code == 3
+    assert f"{bench}:" in done.stderr
+    assert words in done.stderr
+    assert isinstance(done.exception, SystemExit), "no traceback"
+    assert not sniffer.counts
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -225,9 +249,28 @@ def test_a_bad_bench_file_is_located_and_no_frame_is_sent(
     ],
 )
 def test_wrong_calls_say_what_is_wrong_and_have_their_exit_status(
+    arguments: list[str], status: int, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = called(*arguments)
+    assert done.exit_code == status, done.stderr
+    assert words in done.stderr
+    assert isinstance(done.exception, SystemExit), "no traceback"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["fly"], 2, "fly"),
+        (["run", "line-motion", "--bench", "reference", "--bus", "local:/nowhere/robot.sock"], 4, "plant-emulator serve"),
+    ],
+)
+def test_the_exit_status_of_a_wrong_call_is_that_of_the_process(
     arguments: list[str], status: int, words: str, tmp_path: Path
 ) -> None:
-    done = hil(*arguments, cwd=tmp_path, stdin=subprocess.DEVNULL)
+    done = subprocess.run(
+        [*HIL, *arguments], capture_output=True, text=True, timeout=300, check=False, cwd=tmp_path, stdin=subprocess.DEVNULL
+    )
     assert done.returncode == status, done.stderr
     assert words in done.stderr
     assert "Traceback" not in done.stderr
@@ -239,7 +282,7 @@ def test_a_bad_robot_file_is_located(tmp_path: Path) -> None:
     robot.write_text(reference.replace("torque_limit_nm = 3.8", "torque_limit_mnm = 3800.0"))
     done = subprocess.run(
         [sys.executable, "-m", "plant_emulator", "serve", "--robot", str(robot), "--bus", f"local:{tmp_path}/r.sock"],
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 3
     line = 1 + next(i for i, text in enumerate(robot.read_text().splitlines()) if "torque_limit_mnm" in text)
@@ -266,7 +309,7 @@ def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, loca
         run = start_run(bench_file(tmp_path, *SLOW), local_bus, out)
         sniffer.wait_for_motion()
         run.send_signal(signal.SIGINT)
-        _, errors = run.communicate(timeout=60)
+        _, errors = run.communicate(timeout=300)
         assert run.returncode == 130, errors
         assert "all axes are stopped and disabled" in errors
         assert state_of(int.from_bytes(sniffer.upload(2, 0x6041)[:2], "little")) is State.SWITCH_ON_DISABLED
@@ -281,7 +324,7 @@ def test_an_emulator_killed_in_motion_is_a_lost_bus(tmp_path: Path, local_bus: S
         run = start_run(bench_file(tmp_path, *SLOW), local_bus, out)
         sniffer.wait_for_motion()
         local_bus.process.kill()
-        _, errors = run.communicate(timeout=60)
+        _, errors = run.communicate(timeout=300)
         assert run.returncode == 8, errors
         assert "NOT every drive" in errors
         assert_kept(out, "lost")
@@ -297,8 +340,8 @@ def test_a_master_killed_in_motion_leaves_drives_that_stop_by_themselves(tmp_pat
         os.kill(run.pid, signal.SIGKILL)
         run.communicate()
         # 8130h: the drive's own heartbeat consumer, in the world's clock, which now follows the wall's
-        sniffer.wait_for(lambda: any(m.arbitration_id == 0x82 and m.data[:2] == b"\x30\x81" for m in list(sniffer.others)), 10.0)
-        deadline = time.monotonic() + 10.0
+        sniffer.wait_for(lambda: any(m.arbitration_id == 0x82 and m.data[:2] == b"\x30\x81" for m in list(sniffer.others)), 60.0)
+        deadline = time.monotonic() + 60.0
         while state_of(int.from_bytes(sniffer.upload(2, 0x6041)[:2], "little")) is not State.SWITCH_ON_DISABLED:
             assert time.monotonic() < deadline
             time.sleep(0.05)
@@ -313,7 +356,7 @@ def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, local_bus: Ser
         run = start_run(bench_file(tmp_path, *SLOW), local_bus, out)
         sniffer.wait_for_motion()
         sniffer.send(0x085, bytes.fromhex("1042020000000000"))
-        _, errors = run.communicate(timeout=60)
+        _, errors = run.communicate(timeout=300)
         assert run.returncode == 8, errors
         assert "node 5 reports emergency 4210h" in errors
         assert_kept(out, "4210h")
@@ -330,7 +373,7 @@ def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, local_bus: Ser
         sniffer.send(0x603, bytes.fromhex("2f60600001000000"))
         for word in (0x06, 0x07, 0x0F):
             sniffer.send(0x603, bytes((0x2B, 0x40, 0x60, 0, word, 0, 0, 0)))
-        sniffer.wait_for(lambda: sniffer.counts[0x583] >= 7, 5.0)
+        sniffer.wait_for(lambda: sniffer.counts[0x583] >= 7, 60.0)
         done = hil(*run_arguments(bench_file(tmp_path), local_bus, tmp_path / "out"))
         assert done.returncode == 5, done.stderr
         assert "operation enabled" in done.stderr
@@ -346,7 +389,7 @@ def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, lo
         run = start_run(bench_file(tmp_path, *SLOW), local_bus, tmp_path / "first")
         sniffer.wait_for_motion()
         run.send_signal(signal.SIGINT)
-        run.communicate(timeout=60)
+        run.communicate(timeout=300)
         assert run.returncode == 130
     finally:
         sniffer.close()
@@ -376,7 +419,7 @@ def test_both_ends_of_a_lock_step_bus_share_a_core_while_it_lasts(local_bus: Ser
     finally:
         channel.close()
     assert os.sched_getaffinity(0) == mine
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 60.0
     while os.sched_getaffinity(local_bus.process.pid) != its:
         assert time.monotonic() < deadline, "the emulator has its cores back when the lock-step client has gone"
         time.sleep(0.01)

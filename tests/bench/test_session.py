@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drive_profiles.cia301 import DataType, FunctionCode
-from drive_profiles.cia402 import Object, State
-from drive_profiles.profile import Profile
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.cia301 import DataType, FunctionCode
+from drive_profiles.standard.cia402 import Object, State
+from hil.bench.bench import Bench
 from hil.can.frame import CAN_ERR_FLAG, Frame
 from hil.errors import (
     AlreadyMovingError,
@@ -23,15 +24,15 @@ from hil.errors import (
 )
 from hil.experiments.motions import constant_acceleration, line_motion
 from hil.experiments.plan import demo_experiments, entries
-from hil.master.bench import Bench
 from hil.master.session import Session
 from hil.recording import BusLog
+from hil.robot_tables import Control, NotchShape
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.motion import BRAKED
+from plant_emulator.motion.record import BRAKED
 from plant_emulator.pytest_plugin.emulated import EmulatedRobot
 from plant_emulator.pytest_plugin.master import BenchSession
-from plant_emulator.robot import Control, NotchTable, Robot
-from plant_emulator.simulate import simulate
+from plant_emulator.robots.robot import Robot
+from plant_emulator.studies.simulate import simulate
 from plant_emulator.world import World
 from tests.bench.conftest import shortened, with_bus, with_motion
 
@@ -73,9 +74,9 @@ def all_braked(world: World) -> bool:
 # -- what went over CAN is what happens without it ---------------------------------------------------------------------
 
 
-def notch_table(bench: Bench, axis: int) -> tuple[NotchTable, ...]:
-    names = NotchTable.model_fields
-    return tuple(NotchTable(**{k: v for k, v in table.model_dump().items() if k in names}) for table in bench.axis[axis].notch)
+def notch_table(bench: Bench, axis: int) -> tuple[NotchShape, ...]:
+    names = NotchShape.model_fields
+    return tuple(NotchShape(**{k: v for k, v in table.model_dump().items() if k in names}) for table in bench.axis[axis].notch)
 
 
 @pytest.mark.parametrize("axis", [2, 3, None])
@@ -355,7 +356,7 @@ def test_an_interrupt_ramps_down_and_is_told_apart(short_bench: Bench, reference
 
     def interrupt(number: int) -> None:
         if number == 500:
-            session._interrupt = "SIGINT"
+            session.interrupt("SIGINT")
 
     channel.on_sync = interrupt
     before = everything(channel.world)
@@ -439,8 +440,8 @@ def test_profiles_of_the_reference_bench_state_what_the_nodes_hold(reference_rob
         profile = Profile.load(profile_name)
         for parameter in profile.parameters.values():
             entry = dictionary.cell(parameter.index, parameter.subindex).entry
-            assert entry.data_type is DataType[parameter.data_type], parameter.address
-            assert entry.access.is_writable == (parameter.access == "rw"), parameter.address
+            assert entry.data_type is DataType[parameter.data_type], parameter.written_address
+            assert entry.access.is_writable == (parameter.access == "rw"), parameter.written_address
         assert dictionary.get(0x1018, 1) == profile.identity.vendor_id
         assert dictionary.get(0x1018, 2) == profile.identity.product_code
         assert dictionary.get(0x1018, 3) == profile.identity.revision
@@ -515,7 +516,7 @@ def test_a_host_loop_holds_each_axis_from_its_first_enabled_cycle(
 
     def watch(number: int) -> None:
         if not settled[0]:
-            largest[0] = max(largest[0], abs(float(robot.world.axes.plant_state[row]["motor_angle"])))
+            largest[0] = max(largest[0], abs(float(robot.world.axes.plant_state[row]["motor_angle_rad"])))
         settled[0] = settled[0] or number > 200
 
     robot.channel.on_sync = watch
@@ -532,17 +533,17 @@ def test_a_run_without_its_accelerometer_is_never_a_pass(reference_bench: Bench,
         result = session.run(experiment.motion(reference_bench), "notch", "drive")
     assert result.sensor_missed == result.cycles
     for entry in entries(reference_bench, experiment, result, "x.csv"):
-        assert entry["within_spec"] is False
-        assert entry["tip_peak_mm"] is None
-        assert "accelerometer was missing" in entry["invalid"]
+        assert entry.within_spec is False
+        assert entry.tip_peak_mm is None
+        assert "accelerometer was missing" in (entry.invalid or "")
 
 
 def test_a_motion_that_misses_the_windows_is_run_and_not_judged(session: BenchSession, bench: Bench) -> None:
     experiment = demo_experiments(bench)[0]
     result = session.run(experiment.motion(bench), "none", "drive")
     (second, fourth) = entries(bench, experiment, result, "x.csv")
-    assert "between 4.5 and 7.5 rps" in second["invalid"]
-    assert fourth["tip_peak_mm"] is not None
+    assert "between 4.5 and 7.5 rps" in (second.invalid or "")
+    assert fourth.tip_peak_mm is not None
 
 
 def test_a_filter_that_the_drive_held_before_comes_back_whole(short_bench: Bench, reference_robot: Robot) -> None:
@@ -562,7 +563,7 @@ def test_a_filter_that_the_drive_held_before_comes_back_whole(short_bench: Bench
 def test_a_late_sdo_answer_is_nobodys(short_bench: Bench, reference_robot: Robot) -> None:
     session, channel = session_of(short_bench, reference_robot)
     channel.send(Frame(0x80, b""))
-    channel._queue.append(Frame(0x582, bytes.fromhex("4364600078563412")))  # 6064h, asked by nobody
+    channel.hand_over(Frame(0x582, bytes.fromhex("4364600078563412")))  # 6064h, asked by nobody
     assert session.network.read(2, 0x1018, 2, DataType.UNSIGNED32) == 0x402
 
 
@@ -587,7 +588,7 @@ def test_a_notch_run_of_an_axis_without_a_notch_is_refused(session: BenchSession
 
 def test_a_bus_that_another_master_synchronises_is_left_alone(short_bench: Bench, reference_robot: Robot) -> None:
     session, channel = session_of(short_bench, reference_robot)
-    channel._queue.append(Frame(0x80, b""))
+    channel.hand_over(Frame(0x80, b""))
     with session, pytest.raises(NodeError, match="another master"):
         session.bring_up()
     assert not channel.sent
@@ -619,9 +620,12 @@ def test_a_torque_offset_of_the_motion_reaches_the_motor_and_is_taken_back(sessi
     channel = robot.channel
     before = channel.heard
     row = robot.world.axes.row(2)
-    channel.heard = lambda frame, end: (held.append(float(robot.world.axes.motion[row]["torque_offset_nm"])), before(frame, end))[
-        1
-    ]  # type: ignore[assignment,func-returns-value]
+
+    def watch(frame: Frame, end_ns: int) -> None:
+        held.append(float(robot.world.axes.motion[row]["torque_offset_nm"]))
+        before(frame, end_ns)
+
+    channel.heard = watch
     result = session.run(replace(motion, torque_offset_nm=offset))
     channel.heard = before
     assert result.stopped is None
@@ -644,7 +648,7 @@ def test_a_corrector_sees_where_the_motor_is_and_moves_the_set_points(session: B
     motion = constant_acceleration(bench, 2, bench.bus.sync_period_s)
     plain = session.run(motion)
     shift = Shift(0.02, 0.1)
-    result = session.run(motion, corrector=shift)
+    result = session.run(motion, adder=shift)
     assert result.stopped is None
     assert len(shift.seen) > len(motion.time_s)
     moved = result.recording.axis(2, "position_rad") - plain.recording.axis(2, "position_rad")
@@ -657,7 +661,7 @@ def test_a_corrector_sees_where_the_motor_is_and_moves_the_set_points(session: B
 def test_a_corrector_that_asks_for_too_much_torque_stops_the_run(session: BenchSession) -> None:
     bench = session.bench
     motion = constant_acceleration(bench, 2, bench.bus.sync_period_s)
-    result = session.run(motion, corrector=Shift(0.0, 7.5))
+    result = session.run(motion, adder=Shift(0.0, 7.5))
     assert result.stopped is not None
     assert "a torque offset of 7.5 N·m, the limit is 7.1 N·m" in str(result.stopped)
     assert result.stopped.all_disabled
@@ -681,22 +685,25 @@ def test_what_the_controller_tells_of_the_bus_is_in_the_result_and_in_the_reason
 
     def tell(number: int) -> None:
         if number % 50 == 0:
-            robot.channel._queue.append(warning)
+            robot.channel.hand_over(warning)
 
     robot.channel.on_sync = tell
     result = session.run(constant_acceleration(bench, 2, bench.bus.sync_period_s))
     assert result.stopped is None
     assert result.bus_errors == {"error-warning level of sent frames": pytest.approx(25, abs=20)}
     [entry, _] = entries(bench, demo_experiments(bench)[0], result, "x.csv")
-    assert entry["bus_errors"] == result.bus_errors
+    assert entry.bus_errors == result.bus_errors
 
 
 def test_two_nodes_with_one_id_are_found_before_anything_moves(short_bench: Bench, reference_robot: Robot) -> None:
     session, channel = session_of(short_bench, reference_robot)
-    deliver = channel._deliver
-    channel._deliver = lambda heard: deliver(
-        [each for one in heard for each in ([one] * 2 if one.frame.can_id == 0x583 else [one])]
-    )  # type: ignore[method-assign]
+
+    def double(frame: Frame) -> bool:
+        if frame.can_id == 0x583:
+            channel.hand_over(frame)
+        return True
+
+    channel.passes = double
     with session, pytest.raises(NodeError, match=r"node 3.*answers more often than it is asked.*two nodes"):
         session.bring_up()
     assert all_braked(channel.world)
@@ -712,5 +719,5 @@ def test_an_accelerometer_at_the_end_of_its_range_is_not_judged(reference_bench:
         session.bring_up()
         result = session.run(experiment.motion(bench), "none", "drive")
     for entry in entries(bench, experiment, result, "x.csv"):
-        assert "at the end of its range of 0.5 m/s²" in entry["invalid"]
-        assert not entry["within_spec"]
+        assert "at the end of its range of 0.5 m/s²" in (entry.invalid or "")
+        assert not entry.within_spec

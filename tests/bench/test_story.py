@@ -8,14 +8,15 @@ from typing import Any
 
 import pytest
 
-from drive_profiles.bus import Bus
-from drive_profiles.target import device_at
+from drive_profiles.device.bus import SdoBus
+from drive_profiles.device.target import device_at
 from hil import story
+from hil.bench.bench import load_bench
+from hil.bench.design import DesignedAxis, update_designs
 from hil.design.notch_search import Effort
 from hil.experiments.notch_design import parameter_set
-from hil.master.bench import load_bench
-from hil.master.designed import DesignedAxis, update_designs
-from hil.report.page_compare import write_compare_report
+from hil.report.pages.compare import write_compare_report
+from hil.reporter import SILENT
 from plant_emulator.pytest_plugin.served import ServedBus
 
 
@@ -32,7 +33,7 @@ def test_the_bench_of_the_story_knows_nothing(tmp_path: Path) -> None:
 def test_a_story_without_a_robot_says_where_it_ended(tmp_path: Path) -> None:
     done = story.tell("local:/nowhere/robot.sock", tmp_path)
     assert done.failure is not None
-    assert done.compared is None
+    assert done.comparison is None
     kept = json.loads((tmp_path / "result.json").read_text())
     assert kept["story"]["failure"] == str(done.failure)
     assert [step["holds"] for step in kept["story"]["steps"]] == [False]
@@ -51,7 +52,7 @@ def prepared(local_bus: ServedBus, out: Path, monkeypatch: pytest.MonkeyPatch) -
     (out / "bench.toml").write_text(story.bench_without_model())
     bench = load_bench(out / "bench.toml")
     bench = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": local_bus.address})})
-    teller = story._Teller(bench, out, (2, 3), Effort.quick(), lambda text: None)
+    teller = story._Teller(bench, out, (2, 3), Effort.quick(), SILENT)
     monkeypatch.setattr("hil.experiments.notch_design.summary", lambda found: "by hand")
     for axis in (2, 3):
         notch = bench.axis[axis].notch[0].model_copy(update={"zeta_rn": 0.05})
@@ -68,11 +69,11 @@ def test_what_is_uploaded_is_in_the_drives_and_found_there_again(
     teller = prepared(local_bus, tmp_path, monkeypatch)
     what, _ = teller.upload()
     assert what.count("read back, stored") == 2
-    with Bus(local_bus.address) as bus:
+    with SdoBus(local_bus.address) as bus:
         for axis in (2, 3):
             device = device_at(bus, axis, "emulated_drive")
             entry = device.catalogue.find("notch_1.zeta_rn", whole=True)
-            assert entry.decoded(device.read(entry.place), device.scaling([entry])) == pytest.approx(0.05)
+            assert entry.decoded(device.read(entry.address), device.scaling([entry])) == pytest.approx(0.05)
     assert teller.upload()[0].count("nothing to write") == 2
     assert "as uploaded" in teller.still_there()[0]
     assert len(list((tmp_path / "drive-journals").iterdir())) == 2
@@ -94,7 +95,7 @@ def test_a_set_that_is_not_the_design_is_not_uploaded(
 def test_the_whole_demo_ends_with_the_story(tmp_path: Path) -> None:
     out = tmp_path / "demo"
     done = subprocess.run(
-        [sys.executable, "-m", "hil.cli", "demo", "--out", str(out)], capture_output=True, text=True, timeout=580, check=False
+        [sys.executable, "-m", "hil", "demo", "--out", str(out)], capture_output=True, text=True, timeout=580, check=False
     )
     assert done.returncode == 0, done.stderr
     told = json.loads((out / "story" / "result.json").read_text())
@@ -105,14 +106,14 @@ def test_the_whole_demo_ends_with_the_story(tmp_path: Path) -> None:
     for step in told["story"]["steps"]:
         assert (out / "story" / step["link"]).is_file()
     (robot,) = told["robots"]
-    peaks = {(row["axis"], row["compensation"]): row["tip_peak_mm"] for row in robot["rows"]}
-    assert set(peaks) == {(axis, way) for axis in (2, 3, None) for way in story.WAYS}
+    peaks = {(row["axis"], row["treatment"]): row["tip_peak_mm"] for row in robot["rows"]}
+    assert set(peaks) == {(axis, name) for axis in (2, 3, None) for name in story.TREATMENTS}
     for axis in (2, 3, None):
-        assert peaks[axis, "ate"] < 0.01
-        assert peaks[axis, "ate"] < peaks[axis, "notch"] < peaks[axis, "none"]
+        assert peaks[axis, "cancellation"] < 0.01
+        assert peaks[axis, "cancellation"] < peaks[axis, "notch"] < peaks[axis, "none"]
     for axis in (2, 3):
-        assert peaks[axis, "notch-optimised"] < peaks[axis, "notch"] < 0.05 < peaks[axis, "none"]
-    assert all(row["trial"] == "accepted" for row in robot["rows"] if row["compensation"] == "ate")
+        assert peaks[axis, "notch-designed"] < peaks[axis, "notch"] < 0.05 < peaks[axis, "none"]
+    assert all(row["trial"] == "accepted" for row in robot["rows"] if row["treatment"] == "cancellation")
     page = (out / "report.html").read_text()
     assert "Your own robot" in page
     assert "story/report.html" in page

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from canopen.objectdictionary import ODVariable
 
-from drive_profiles.cia301 import DataType, encode
+from drive_profiles.standard.cia301 import DataType, encode
 from tests.conformance.sdo_client import DEVICE_STATE, Abort, SdoClient
 
 START, STOP, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130

@@ -6,8 +6,9 @@ import tempfile
 from pathlib import Path
 
 from drive_profiles import eds
+from hil.robot_tables import Control
 from plant_emulator.data_sheets import data_sheet_of
-from plant_emulator.robot import Control, Robot, load_robot, with_drives
+from plant_emulator.robots.robot import Robot, load_robot, with_drives
 from plant_emulator.world import World
 from tests.conformance.device import Device
 from tests.conformance.ports import EmulatedPort

@@ -9,9 +9,9 @@ import pytest
 
 import drive_profiles
 from drive_profiles import eds
-from drive_profiles.catalogue import Entry
-from drive_profiles.cia301 import DataType, encode
-from drive_profiles.parameters import Write, from_concise, to_concise
+from drive_profiles.family.catalogue import CatalogueEntry
+from drive_profiles.parameter_set.parameters import Write, from_concise, to_concise
+from drive_profiles.standard.cia301 import DataType, encode
 from plant_emulator.data_sheets import data_sheets
 from tests.conformance.emulated import NAMES, emulated_device
 
@@ -159,7 +159,7 @@ def test_our_concise_dcf_is_the_generated_one_byte_for_byte(generated):
     writes = []
     for index, sub, value in plain:
         variable = dictionary.get_variable(index, sub)
-        entry = Entry((index, sub), variable.name, DataType(variable.data_type), variable.access_type)
+        entry = CatalogueEntry((index, sub), variable.name, DataType(variable.data_type), variable.access_type)
         writes.append(Write(entry, value, 0.0, "tuning"))
     ours = to_concise(writes)
     theirs = {(i, s): value for i, s, value in plain}

@@ -2,7 +2,7 @@
 
 import itertools
 
-from drive_profiles.cia301 import DataType, encode
+from drive_profiles.standard.cia301 import DataType, encode
 from tests.conformance.device import default_bytes
 from tests.conformance.sdo_client import (
     DEVICE_STATE,

@@ -5,13 +5,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from drive_profiles.cli import app
+from drive_profiles.cli.main import app
+from drive_profiles.family.profile import Profile
 from drive_profiles.pages import SIGN, index, page, written
-from drive_profiles.profile import Profile, available
+from tests.drive_profiles.profiles import PROFILES as BY_NAME
 
 DOCS = Path(__file__).parents[2] / "docs" / "drives"
-PROFILES = [Profile.load(name) for name in available()]
-EMULATED = Profile.load("emulated_drive")
+PROFILES = list(BY_NAME.values())
+EMULATED = BY_NAME["emulated_drive"]
 
 
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda profile: profile.name)
@@ -44,7 +45,7 @@ def test_answers_with_their_reasons_facts_and_parameters():
 def test_every_parameter_and_source_is_there_once(profile):
     text = page(profile)
     for name, entry in profile.parameters.items():
-        assert text.count(f"| `{name}` | {entry.address} |") == 1
+        assert text.count(f"| `{name}` | {entry.written_address} |") == 1
     for fact in (profile.identity, profile.store, *profile.parameters.values()):
         assert fact.source in text.rpartition("## Sources")[2]
 

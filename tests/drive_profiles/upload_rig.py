@@ -6,15 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drive_profiles import files, fleet
-from drive_profiles.catalogue import Catalogue
-from drive_profiles.cia301 import DataType
-from drive_profiles.device import Device
-from drive_profiles.outcome import Options, Outcome
-from drive_profiles.parameters import Item, ParameterSet
-from drive_profiles.profile import Profile
-from drive_profiles.sdo import SdoPort
-from drive_profiles.upload import Upload
+from drive_profiles.device.device import Device
+from drive_profiles.device.sdo import SdoPort
+from drive_profiles.family.catalogue import Catalogue
+from drive_profiles.family.profile import Profile
+from drive_profiles.files import toml as files
+from drive_profiles.parameter_set.parameters import Item, ParameterSet
+from drive_profiles.standard.cia301 import DataType
+from drive_profiles.upload import fleet
+from drive_profiles.upload.result import UploadOptions, UploadResult
+from drive_profiles.upload.upload import Upload
 from hil.can.frame import Frame
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
 from plant_emulator.slave.node import Slave
@@ -248,14 +249,14 @@ class Late(Line):
 def upload(slave: Slave, folder: Path, parameter_set: ParameterSet, line: Line | None = None, **options: bool) -> Upload:
     """An upload to it that is prepared."""
     device = Device(SdoPort(NODE, Line(slave) if line is None else line, 0.5), Catalogue(PROFILE))
-    made = Upload(device, parameter_set, Options(journals=folder, **options))
+    made = Upload(device, parameter_set, UploadOptions(journals=folder, **options))
     fleet.prepare([made])
     return made
 
 
 def transfer(
     slave: Slave, folder: Path, fault: Fault | None = None, *, store: bool = False, parameter_set: ParameterSet | None = None
-) -> tuple[Line, Outcome | None]:
+) -> tuple[Line, UploadResult | None]:
     """One upload; None where it was refused before anything was written, or killed."""
     line = Line(slave, fault)
     made = upload(slave, folder, wanted() if parameter_set is None else parameter_set, line, store=store)

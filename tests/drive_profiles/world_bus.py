@@ -3,13 +3,13 @@
 import threading
 from collections import deque
 
-from drive_profiles.catalogue import Catalogue
-from drive_profiles.cia301 import NmtCommand
-from drive_profiles.device import Device
-from drive_profiles.profile import Profile
-from drive_profiles.sdo import SdoPort
+from drive_profiles.device.device import Device
+from drive_profiles.device.sdo import SdoPort
+from drive_profiles.family.catalogue import Catalogue
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.cia301 import NmtCommand
 from hil.can.frame import Frame
-from plant_emulator.robot import Robot, load_robot
+from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 
 TIMEOUT_S = 0.5

@@ -2,7 +2,7 @@
 
 import tomllib
 
-from plant_emulator.robot import Robot
+from plant_emulator.robots.robot import Robot
 
 AXES = range(1, 127)
 ACCELEROMETER = 127

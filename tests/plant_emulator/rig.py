@@ -5,10 +5,11 @@ import struct
 
 import canopen
 
-from drive_profiles.cia301 import DataType, SdoAbortCode, decode, encode
-from drive_profiles.cia402 import Object, State, state_of
+from drive_profiles.standard.cia301 import DataType, SdoAbortCode, decode, encode
+from drive_profiles.standard.cia402 import Object, State, state_of
 from hil.can.frame import Frame
-from plant_emulator.robot import Control, Robot, load_robot
+from hil.robot_tables import Control
+from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 
 AXIS = NODE = 3
@@ -25,6 +26,11 @@ NO_GAINS = Robot(axis={AXIS: _REFERENCE.axis[AXIS]})
 CONTROL, STATUS = (Object.CONTROL_WORD, 0, 16), (Object.STATUS_WORD, 0, 16)
 TARGET, POSITION = (Object.TARGET_POSITION, 0, 32), (Object.POSITION_ACTUAL, 0, 32)
 TARGET_TORQUE, TORQUE = (Object.TARGET_TORQUE, 0, 16), (Object.TORQUE_ACTUAL, 0, 16)
+
+
+def revolutions(turns):
+    """Revolutions of the motor as the drive counts them."""
+    return round(turns * COUNTS_PER_REV)
 
 
 class Rig:
@@ -166,11 +172,11 @@ class Rig:
     @property
     def speed_rps(self):
         """Of the plant, not of the drive's opinion."""
-        return float(self.plant["motor_speed"]) / TURN
+        return float(self.plant["motor_speed_rad_s"]) / TURN
 
     @property
     def position_rev(self):
-        return float(self.plant["motor_angle"]) / TURN
+        return float(self.plant["motor_angle_rad"]) / TURN
 
     def enable(self, mode, **objects):
         """Through the state machine, as a master does it."""

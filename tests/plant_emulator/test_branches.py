@@ -14,8 +14,8 @@ ROOT = Path(__file__).parents[2]
 def test_every_branch_of_the_slave_engine_and_the_state_machine_is_taken(tmp_path):
     command = [
         *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"),
-        *("tests/plant_emulator/slave", "tests/plant_emulator/test_state_machine.py"),
-        *("--cov=plant_emulator.slave", "--cov=plant_emulator.state_machine", "--cov-branch"),
+        *("tests/plant_emulator/slave", "tests/plant_emulator/drive/test_state_machine.py"),
+        *("--cov=plant_emulator.slave", "--cov=plant_emulator.drive.state_machine", "--cov-branch"),
         *("--cov-report=term-missing", "--cov-fail-under=100"),
     ]
     environment = os.environ | {"COVERAGE_FILE": str(tmp_path / "coverage")}

@@ -12,15 +12,15 @@ from canopen.objectdictionary import ODVariable
 from typer.testing import CliRunner
 
 import drive_profiles
-from drive_profiles.cia301 import DataType, SdoAbortCode, decode, encode
-from drive_profiles.cia402 import Mode, Object, State
-from drive_profiles.profile import Profile
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.cia301 import DataType, SdoAbortCode, decode, encode
+from drive_profiles.standard.cia402 import Mode, Object, State
 from hil.can.frame import Frame
-from plant_emulator.accelerometer import Accelerometer, accelerometer_entries
-from plant_emulator.cli import app
+from plant_emulator.cli.main import app
 from plant_emulator.data_sheets import data_sheets
-from plant_emulator.drive_objects import drive_entries
-from plant_emulator.robot import load_robot, with_drives
+from plant_emulator.drive.dictionary.manufacturer_objects import drive_entries
+from plant_emulator.robots.robot import load_robot, with_drives
+from plant_emulator.sensor.accelerometer import AccelerometerNode, accelerometer_entries
 from plant_emulator.slave.dictionary import Access, Dictionary
 from plant_emulator.slave.node import Slave
 from plant_emulator.world import World
@@ -318,7 +318,7 @@ def test_a_drive_in_a_robot_differs_from_the_file_in_its_motor_only():
 
 
 def test_the_accelerometer_on_the_bus_differs_from_the_file_in_its_serial_number_only():
-    node, od = Accelerometer(16, lambda: (0.0, 0.0, 0.0), 20.0), imported(ACCELEROMETER, 16)
+    node, od = AccelerometerNode(16, lambda: (0.0, 0.0, 0.0), 20.0), imported(ACCELEROMETER, 16)
     differing = [
         (entry.index, entry.subindex)
         for entry in node.slave.dictionary

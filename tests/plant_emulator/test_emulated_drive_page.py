@@ -3,10 +3,10 @@
 import re
 from pathlib import Path
 
-from drive_profiles.files import load
+from drive_profiles.files.toml import load
 from plant_emulator.bus.faults import FaultsFile
-from plant_emulator.cia402_objects import HOMING_METHODS
-from plant_emulator.robot import Behaviour, Switches, load_robot
+from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
+from plant_emulator.robots.robot import Behaviour, Switches, load_robot
 from plant_emulator.world import World
 from tests.plant_emulator.many_axes import robot_file
 

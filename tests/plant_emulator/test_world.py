@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import canopen.lss
 import pytest
 
-from drive_profiles.cia402 import Mode, Object, State
+from drive_profiles.standard.cia402 import Mode, Object, State
 from hil.can.frame import Frame
-from plant_emulator.motion import measured_counts
-from plant_emulator.robot import load_robot
+from plant_emulator.motion.period import measured_counts
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.slave.node import Slave
 from plant_emulator.world import World
 from tests.plant_emulator.rig import CONTROL, COUNTS_PER_REV, GAINS, MS, POSITION, STATUS, TARGET, TORQUE, Rig, Stranger
@@ -207,10 +207,10 @@ def test_brakes_hold_the_arm_against_gravity():
     before = world.axes.plant_state.copy()
     world.free_step(2 * SECOND)
     after = world.axes.plant_state
-    assert (after["motor_angle"] == before["motor_angle"]).all()
-    assert (after["motor_speed"] == 0.0).all()
-    assert abs(after["arm_angle"] - before["arm_angle"]).max() < 1e-12
-    assert abs(after["arm_speed"]).max() < 1e-12
+    assert (after["motor_angle_rad"] == before["motor_angle_rad"]).all()
+    assert (after["motor_speed_rad_s"] == 0.0).all()
+    assert abs(after["arm_angle_rad"] - before["arm_angle_rad"]).max() < 1e-12
+    assert abs(after["arm_speed_rad_s"]).max() < 1e-12
 
 
 def test_a_brake_that_closes_on_a_moving_axis_stops_its_motor_and_the_arm_settles():
@@ -220,18 +220,18 @@ def test_a_brake_that_closes_on_a_moving_axis_stops_its_motor_and_the_arm_settle
     rig.word(0x00)
     rig.wait(1)
     assert rig.speed_rps == 0.0
-    held = float(rig.plant["motor_angle"])
+    held = float(rig.plant["motor_angle_rad"])
     rig.wait(5000)
-    assert float(rig.plant["motor_angle"]) == held
-    assert abs(float(rig.plant["arm_speed"])) < 1e-4
+    assert float(rig.plant["motor_angle_rad"]) == held
+    assert abs(float(rig.plant["arm_speed_rad_s"])) < 1e-4
 
 
 def test_axes_that_are_not_enabled_do_not_move_with_one_that_is():
     rig = Rig(WITH_GAINS)
     rig.cyclic(Mode.CSP)
-    before = rig.world.axes.plant_state["motor_angle"].copy()
+    before = rig.world.axes.plant_state["motor_angle_rad"].copy()
     rig.turn(5.0, 0.3)
-    moved = rig.world.axes.plant_state["motor_angle"] != before
+    moved = rig.world.axes.plant_state["motor_angle_rad"] != before
     assert moved.tolist() == [number == 3 for number in rig.world.axes.numbers]
 
 
@@ -405,7 +405,7 @@ def test_what_a_drive_shows_is_what_the_arrays_hold_at_that_instant():
     drive, axes = world.drives[3], world.axes
     row = drive.row
     for counts in (0, -7, 123_456):
-        axes.plant_state["motor_angle"][row] = counts / axes.motion["counts_per_rad"][row]
+        axes.plant_state["motor_angle_rad"][row] = counts / axes.motion["counts_per_rad"][row]
         assert read(world, 3, Object.POSITION_ACTUAL) == struct.pack("<i", counts)
     for torque in (0.0, 1.25, -2.5):
         axes.motion[row]["torque_nm"] = torque
@@ -436,7 +436,7 @@ def test_a_limit_that_breaks_is_seen_in_the_same_step():
 def test_the_encoder_shows_the_counts_that_the_law_works_with():
     axes, rng = started().axes, random.Random(1)
     for _ in range(300):
-        axes.plant_state["motor_angle"][1] = angle = rng.choice((1e-5, 1.0, 1e4)) * rng.uniform(-1.0, 1.0)
+        axes.plant_state["motor_angle_rad"][1] = angle = rng.choice((1e-5, 1.0, 1e4)) * rng.uniform(-1.0, 1.0)
         assert axes.counts(1) == measured_counts(angle, axes.motion["counts_per_rad"][1])
 
 

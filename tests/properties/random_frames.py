@@ -4,7 +4,7 @@ import random
 import struct
 from collections.abc import Iterator, Sequence
 
-from drive_profiles.cia402 import Object
+from drive_profiles.standard.cia402 import Object
 from hil.can.frame import CAN_EFF_FLAG, CAN_RTR_FLAG, Frame
 
 CONTROL_WORDS = (0x00, 0x02, 0x06, 0x07, 0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x21F, 0x80, 0x86, 0x8F)

@@ -6,10 +6,10 @@ import struct
 from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
-from drive_profiles.cia301 import NmtState
-from drive_profiles.cia402 import Mode, Object, State, state_of
+from drive_profiles.standard.cia301 import NmtState
+from drive_profiles.standard.cia402 import Mode, Object, State, state_of
 from hil.can.frame import Frame
-from plant_emulator import motion as law
+from plant_emulator.motion import record as law
 from plant_emulator.world import World
 from tests.plant_emulator.rig import AXIS, MS, NODE, ONE_AXIS
 

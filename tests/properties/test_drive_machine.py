@@ -6,10 +6,10 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from plant_emulator import motion as law
-from plant_emulator.inputs import INPUTS
-from plant_emulator.motion_data import FOLLOWING, OVERSPEED, SET_POINT_LATE
-from plant_emulator.robot import Behaviour, Robot, Switches
+from plant_emulator.drive.inputs import INPUTS
+from plant_emulator.motion import record as law
+from plant_emulator.motion.record import FOLLOWING, OVERSPEED, SET_POINT_LATE
+from plant_emulator.robots.robot import Behaviour, Robot, Switches
 from tests.plant_emulator.rig import AXIS, NODE, ONE_AXIS
 from tests.properties.watched import MS, REACHED, WatchedWorld, run_for
 

@@ -6,9 +6,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.design.frequency import ARCSEC
-from plant_emulator.physics.axis import PLANT, PLANT_STATE, plant_step, synchronous_error
-from plant_emulator.robot import load_robot
+from hil.control.angles import ARCSEC
+from plant_emulator.physics.axis import PLANT, PLANT_STATE, synchronous_error
+from plant_emulator.physics.integration import plant_step
+from plant_emulator.robots.robot import load_robot
 
 ROBOT = load_robot("reference")
 T = 250e-6
@@ -39,12 +40,12 @@ def at(plant, motor_angle, motor_speed, torsion, rate):
 
 def energy(plant, state):
     p, s = plant[0], state[0]
-    torsion = s["motor_angle"] / p["reduction_ratio"] + synchronous_error(p, s["motor_angle"])[0] - s["arm_angle"]
+    torsion = s["motor_angle_rad"] / p["reduction_ratio"] + synchronous_error(p, s["motor_angle_rad"])[0] - s["arm_angle_rad"]
     return 0.5 * (
-        p["motor_inertia_kg_m2"] * s["motor_speed"] ** 2
-        + p["arm_inertia_kg_m2"] * s["arm_speed"] ** 2
+        p["motor_inertia_kg_m2"] * s["motor_speed_rad_s"] ** 2
+        + p["arm_inertia_kg_m2"] * s["arm_speed_rad_s"] ** 2
         + p["gear_stiffness_nm_rad"] * torsion**2
-    ) + p["gravity_moment_nm"] * math.sin(s["arm_angle"] + p["home_angle_rad"])
+    ) + p["gravity_moment_nm"] * math.sin(s["arm_angle_rad"] + p["home_angle_rad"])
 
 
 @relaxed
@@ -56,7 +57,7 @@ def test_energy_never_grows_without_input(number, start, gravity, arcsec, phase)
     begin = before = energy(plant, state)
     swing = abs(begin) + plant[0]["gravity_moment_nm"]
     for _ in range(200):
-        plant_step(plant, state, 0, 0.0, False, T, 4)
+        plant_step(plant[0], state[0], 0.0, False, T, 4)
         now = energy(plant, state)
         # the arithmetic's own error: Runge-Kutta on the friction's turn at standstill
         assert now <= before + 1e-6 * swing + 1e-12
@@ -70,11 +71,11 @@ def test_whole_motor_revolutions_further_the_motion_is_the_same(number, start, t
     plant = axis(number, gravity_moment_nm=0.0, a1_rad=10.0 * ARCSEC)
     here, there = at(plant, *start), at(plant, *start)
     shift = 2.0 * math.pi * revolutions
-    there[0]["motor_angle"] += shift
-    there[0]["arm_angle"] += shift / plant[0]["reduction_ratio"]
+    there[0]["motor_angle_rad"] += shift
+    there[0]["arm_angle_rad"] += shift / plant[0]["reduction_ratio"]
     for torque in torques:
-        plant_step(plant, here, 0, torque, False, T, 4)
-        plant_step(plant, there, 0, torque, False, T, 4)
+        plant_step(plant[0], here[0], torque, False, T, 4)
+        plant_step(plant[0], there[0], torque, False, T, 4)
     scale = 1.0 + np.abs([here[0][name] for name in PLANT_STATE.names])
     wanted = np.array([here[0][name] for name in PLANT_STATE.names])
     got = np.array([there[0][name] for name in PLANT_STATE.names])
@@ -90,8 +91,8 @@ def test_the_mirrored_torque_gives_the_mirrored_motion_of_an_axis_without_gravit
     plant[0]["hysteresis_torsion_rad"] = 20.0 * ARCSEC
     one, other = at(plant, *start), at(plant, *(-value for value in start))
     for torque in torques:
-        plant_step(plant, one, 0, torque, False, T, 4)
-        plant_step(plant, other, 0, -torque, False, T, 4)
+        plant_step(plant[0], one[0], torque, False, T, 4)
+        plant_step(plant[0], other[0], -torque, False, T, 4)
     for name in PLANT_STATE.names:
         assert abs(one[0][name] + other[0][name]) <= 1e-9 * (1.0 + abs(one[0][name])), name
 
@@ -103,10 +104,15 @@ def test_halving_the_substep_leaves_the_motion_as_it_is(number, start, torques):
     share = ROBOT.axis[number].torque_limit_nm / 7.0
     coarse, fine = at(plant, *start), at(plant, *start)
     for torque in (share * each for each in torques):
-        plant_step(plant, coarse, 0, torque, False, T, 4)
-        plant_step(plant, fine, 0, torque, False, T, 8)
+        plant_step(plant[0], coarse[0], torque, False, T, 4)
+        plant_step(plant[0], fine[0], torque, False, T, 8)
     # the motor sticks a fraction of a substep earlier or later, at each reversal
-    for name, tolerance in (("motor_angle", 2e-4), ("motor_speed", 0.1), ("arm_angle", 1e-6), ("arm_speed", 1e-4)):
+    for name, tolerance in (
+        ("motor_angle_rad", 2e-4),
+        ("motor_speed_rad_s", 0.1),
+        ("arm_angle_rad", 1e-6),
+        ("arm_speed_rad_s", 1e-4),
+    ):
         assert abs(coarse[0][name] - fine[0][name]) <= tolerance, name
 
 
@@ -125,9 +131,9 @@ def test_every_motion_is_finite_and_a_brake_keeps_the_motor_where_it_is(
     )
     state = at(plant, *start)
     for torque in torques:
-        plant_step(plant, state, 0, torque, braked, T, 4)
+        plant_step(plant[0], state[0], torque, braked, T, 4)
     values = np.array([state[0][name] for name in PLANT_STATE.names])
     assert np.all(np.isfinite(values))
     assert abs(state[0]["hysteresis_nm"]) <= hysteresis * (1.0 + 1e-3)
     if braked:
-        assert (state[0]["motor_angle"], state[0]["motor_speed"], state[0]["torque_nm"]) == (start[0], 0.0, 0.0)
+        assert (state[0]["motor_angle_rad"], state[0]["motor_speed_rad_s"], state[0]["torque_nm"]) == (start[0], 0.0, 0.0)

@@ -10,12 +10,12 @@ from itertools import islice
 
 import pytest
 
-from drive_profiles.cia301 import NmtState
-from plant_emulator import motion as law
-from plant_emulator.axes import live
-from plant_emulator.inputs import INPUTS
-from plant_emulator.robot import Robot, load_robot
-from plant_emulator.slave.sdo import State as SdoState
+from drive_profiles.standard.cia301 import NmtState
+from plant_emulator.drive.inputs import INPUTS
+from plant_emulator.motion import record as law
+from plant_emulator.motion.axes import live
+from plant_emulator.robots.robot import Robot, load_robot
+from plant_emulator.slave.sdo.server import SdoState
 from plant_emulator.world import World
 from tests.plant_emulator.rig import GAINS
 from tests.properties.random_frames import RandomFrames

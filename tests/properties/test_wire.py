@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from hil.can.bits import arbitration_key, duration_ns, frame_bits
 from hil.can.frame import CAN_EFF_FLAG, CAN_RTR_FLAG, Frame
-from plant_emulator.bus.confinement import ErrorState
-from plant_emulator.bus.faults import Fault, Faults
-from plant_emulator.bus.wire import QUEUE_FRAMES, Wire
+from plant_emulator.bus.controller import ErrorState
+from plant_emulator.bus.faults import BusFaults, Fault
+from plant_emulator.bus.wire import QUEUE_FRAMES, EmulatedWire
 
 MEGABIT = 1_000_000
 BIT = 1_000
@@ -231,7 +231,7 @@ def bit_by_bit(ports, offers, bits):
 
 
 def by_wire(ports, offers, bits):
-    wire = Wire(MEGABIT)
+    wire = EmulatedWire(MEGABIT)
     for _ in range(ports):
         wire.attach()
     for at, port, frame in offers:
@@ -281,7 +281,7 @@ def without_collisions(offers):
 
 
 def run(offers, bitrate=MEGABIT, until=10**9, stops=(), **options):
-    wire = Wire(bitrate, **options)
+    wire = EmulatedWire(bitrate, **options)
     for _ in range(4):
         wire.attach()
     delivered = []
@@ -339,8 +339,8 @@ FAULTS = (
 
 
 def outcome(offers, stops, seed, look=False):
-    faults = Faults(FAULTS, seed)
-    wire = Wire(MEGABIT, faults=faults)
+    faults = BusFaults(FAULTS, seed)
+    wire = EmulatedWire(MEGABIT, faults=faults)
     for _ in range(4):
         wire.attach()
     delivered, pending, accepted = [], deque(offers), 0
@@ -383,7 +383,7 @@ def test_without_bit_times_frames_come_at_their_instant_in_order_of_offers(offer
 
 def loaded(part, periods=1000):
     """Eight senders with one period each that together ask for this part of a bus, for a second."""
-    wire = Wire(MEGABIT)
+    wire = EmulatedWire(MEGABIT)
     senders = [wire.attach() for _ in range(8)]
     content = [Frame(0x181 + port, bytes([0xA5 + port] * 8)) for port in senders]
     period = round(sum(duration_ns(frame, MEGABIT) for frame in content) / part)
@@ -417,7 +417,7 @@ def test_at_105_percent_overload_is_reported_within_a_second():
 @relaxed
 @given(st.lists(st.tuples(st.integers(0, 2), frames), min_size=1, max_size=60))
 def test_memory_is_bounded_and_what_does_not_fit_is_refused_with_a_count(offers):
-    wire = Wire(MEGABIT, queue_frames=5)
+    wire = EmulatedWire(MEGABIT, queue_frames=5)
     for _ in range(4):
         wire.attach()
     accepted = [wire.offer(port, frame, 0) for port, frame in offers]

@@ -6,9 +6,9 @@ from collections import Counter, defaultdict
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import run_state_machine_as_test
 
-from drive_profiles.cia402 import Object
+from drive_profiles.standard.cia402 import Object
 from hil.can.frame import Frame
-from plant_emulator import motion as law
+from plant_emulator.motion import record as law
 from plant_emulator.slave.dictionary import ResetKind
 from plant_emulator.world import World
 from tests.properties.power_oracle import POWERED, PowerOracle, state_shown
@@ -171,11 +171,11 @@ class NodeWatch:
         slave = self.slave
         channels = slave._sdo.servers
         assert len(channels) <= 2
-        assert all(server.kept_bytes <= 1024 + 7 * 127 for server in channels.values())
+        assert all(server.buffered_bytes <= 1024 + 7 * 127 for server in channels.values())
         assert len(slave._emergency._waiting) <= 8
         assert len(slave._emergency._history) <= 8
         assert len(slave._emergency._active) <= 64
-        assert len(slave.dictionary.kept) <= len(slave.dictionary)
+        assert len(slave.dictionary.stored) <= len(slave.dictionary)
         for queue in (getattr(slave, "_tpdos", None), getattr(slave, "_answers", None)):
             assert queue is None or len(queue.frames) <= 1024
 
@@ -255,7 +255,9 @@ class DriveWatch:
         self._was_braked = False
         self.torque_ticks += 1
         assert math.isfinite(torque)
-        assert math.isfinite(plant["motor_angle"] + plant["motor_speed"] + plant["arm_angle"] + plant["arm_speed"])
+        assert math.isfinite(
+            plant["motor_angle_rad"] + plant["motor_speed_rad_s"] + plant["arm_angle_rad"] + plant["arm_speed_rad_s"]
+        )
         low, high = self._limits()
         slack = 1e-9 * self.axis.torque_limit_nm
         assert low - slack <= torque <= high + slack, (low, torque, high)
@@ -271,7 +273,7 @@ class DriveWatch:
     @property
     def is_awake(self):
         """Whether the drive has something to do while time passes."""
-        return self.drive.stops or self.motion["mode"] != law.BRAKED
+        return self.drive.needs_update or self.motion["mode"] != law.BRAKED
 
     def skip_tick(self):
         """Time has passed unseen: no slope is known."""
@@ -340,7 +342,7 @@ class WatchedWorld:
         """Let time pass, control period by control period where it is short."""
         world = self.world
         until = world.now + nanoseconds
-        tick_ns = world._tick_ns
+        tick_ns = world._control_period_ns
         is_fine = nanoseconds <= FINE_NS
         while world.now < until:
             if is_fine:

@@ -157,7 +157,11 @@ def packages(pytestconfig, tmp_path_factory):
     if node is None or npm is None:
         pytest.skip("no Node.js with npm here")
     key = hashlib.sha256(b"".join((NODE_FOLDER / name).read_bytes() for name in NODE_FILES)).hexdigest()[:16]
-    cache = tmp_path_factory.mktemp("node") if pytestconfig.cache is None else pytestconfig.cache.mkdir("node-canopen")
+    cache = (
+        tmp_path_factory.mktemp("node")
+        if getattr(pytestconfig, "cache", None) is None
+        else pytestconfig.cache.mkdir("node-canopen")
+    )
     folder = Path(cache) / key
     if (folder / "node_modules").is_dir():
         return folder

@@ -7,12 +7,12 @@ import canopen
 import pytest
 from canopen.profiles.p402 import OperationMode
 
-from drive_profiles import formats
-from drive_profiles.catalogue import Catalogue
-from drive_profiles.cia402 import State
-from drive_profiles.parameters import Item, ParameterSet
-from drive_profiles.profile import VENDORS, Profile
-from drive_profiles.units import Scaling
+from drive_profiles.family.catalogue import Catalogue
+from drive_profiles.family.profile import VENDORS, Profile
+from drive_profiles.parameter_set import formats
+from drive_profiles.parameter_set.parameters import Item, ParameterSet
+from drive_profiles.standard.cia402 import State
+from drive_profiles.standard.units import Scaling
 from plant_emulator.data_sheets import data_sheets
 from tests.plant_emulator.bus.conftest import wait_for
 from tests.strangers.conftest import forget_node_id
@@ -226,8 +226,8 @@ def test_a_dcf_of_ours_is_loaded_and_every_value_is_there(network, sheet, tmp_pa
     node.load_configuration()
     assert len(writes) == 3
     for write in writes:
-        assert node.sdo.upload(*write.place) == write.data
-        assert served.drive.slave.dictionary.read(*write.place) == write.data
+        assert node.sdo.upload(*write.address) == write.data
+        assert served.drive.slave.dictionary.read(*write.address) == write.data
 
 
 def test_a_counted_sync_and_a_time_stamp_are_taken(node, network, served):
@@ -291,10 +291,26 @@ def test_its_state_machine_enables_and_disables_the_drive_by_pdo(drive402, serve
 
 def test_its_quick_stop_is_a_quick_stop(drive402, served):
     drive402.op_mode = "PROFILED POSITION"
+    drive402.sdo[0x605A].raw = 6  # the quick-stop ramp, and stay: what disable voltage never does
     drive402.state = "OPERATION ENABLED"
-    drive402.controlword = 0x02
-    wait_for(lambda: served.drive.state in {State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED})
+    drive402.state = "QUICK STOP ACTIVE"
+    assert served.drive.state is State.QUICK_STOP_ACTIVE
+    drive402.controlword = 0x00
     wait_for(lambda: drive402.state == "SWITCH ON DISABLED")
+
+
+def test_its_quick_stop_ends_on_the_ramp_that_the_drive_is_told(drive402, served):
+    states = []
+    served.drive.on_state = lambda before, after: states.append((before, after))
+    drive402.op_mode = "PROFILED VELOCITY"
+    drive402.sdo[0x605A].raw = 2
+    drive402.sdo[0x60FF].raw = 2 * 131072
+    drive402.state = "OPERATION ENABLED"
+    wait_for(lambda: drive402.tpdo[2][0x606C].raw > 131072)
+    drive402.controlword = 0x02
+    wait_for(lambda: drive402.state == "SWITCH ON DISABLED")
+    ramp = [State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED]
+    assert states[-2:] == list(itertools.pairwise(ramp))
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from drive_profiles.cia301 import SdoAbortCode
+from drive_profiles.standard.cia301 import SdoAbortCode
 from tests.strangers.conftest import forget_node_id
 
 LONG_TEXT = 0x2FF0

@@ -10,9 +10,9 @@ import time
 import can
 import pytest
 
-from drive_profiles.cia402 import State
+from drive_profiles.standard.cia402 import State
 from hil.can.frame import Frame
-from plant_emulator.robot import Robot, load_robot
+from plant_emulator.robots.robot import Robot, load_robot
 from tests.plant_emulator.bus.conftest import frames_until, wait_for
 
 ANSWER = 0x583

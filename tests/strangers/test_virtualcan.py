@@ -273,7 +273,7 @@ def test_the_command_prints_the_port_answers_there_and_ends(tmp_path):
 def test_the_command_refuses_what_cannot_be_with_the_reason(tmp_path):
     from typer.testing import CliRunner  # noqa: PLC0415
 
-    from plant_emulator.cli import app  # noqa: PLC0415
+    from plant_emulator.cli.main import app  # noqa: PLC0415
 
     def refused(*options):
         result = CliRunner().invoke(app, ["serve", *options])

@@ -18,7 +18,7 @@ from hil.can.frame import Frame
 from hil.can.raw import RawChannel
 
 VCAN = Address("socketcan", "vcan0")
-REFERENCE = (Path(__file__).parents[2] / "hil" / "benches" / "reference.toml").read_text()
+REFERENCE = (Path(__file__).parents[2] / "hil" / "bench" / "reference.toml").read_text()
 NODES = {2, 3, 5, 16}
 SYNC_PERIOD_S = 0.016
 """What a virtual machine on a busy computer holds; the tests are about reactions, not about speed."""
@@ -229,7 +229,7 @@ def start_run() -> Iterator[Start]:
 
 def _start_run(bench: Path, out: Path, address: Address, *more: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "hil.cli", "run", "constant-acceleration", "--axis", "2", "--bench", str(bench),
+        [sys.executable, "-m", "hil", "run", "constant-acceleration", "--axis", "2", "--bench", str(bench),
          "--bus", str(address), "--out", str(out), "--yes", *more],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip

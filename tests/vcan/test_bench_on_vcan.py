@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from drive_profiles.cia402 import State, state_of
+from drive_profiles.standard.cia402 import State, state_of
 from hil.recording import Recording
 from tests.vcan.conftest import GENTLE, ROOM, SLOW, VCAN, Dump, Listener, bench_file, end_of, frames_of, ip
 
@@ -14,8 +14,10 @@ pytestmark = pytest.mark.vcan
 
 TOLERANT = (("missing_limit = 3 ", "missing_limit = 20 "), ("heartbeat_s = 0.1 ", "heartbeat_s = 0.5 "))
 """For runs that are to end well although the computer may stand still for a quarter of a second."""
-TRIES = 3
+TRIES = 4
 """At full speed a stall of three cycles is a set-point too far. The machine is to blame for that, not the bench: another try."""
+CALM = 0.01
+"""Fraction of cycles that may be dropped in a run whose vibration is compared: jerks of late set-points shake the arm as well."""
 
 
 def run_of(out):
@@ -28,21 +30,21 @@ def is_enabled(bus, node=2):
 
 def test_the_notch_works_over_socketcan_and_candump_sees_every_frame(robot, tmp_path, start_run):
     bench, peaks = bench_file(tmp_path, *TOLERANT, ROOM), {}
-    for compensation in ("none", "notch"):
+    for treatment in ("none", "notch"):
         for attempt in range(TRIES):
-            name = f"{compensation}{attempt}"
+            name = f"{treatment}{attempt}"
             dump, out = Dump(tmp_path / f"{name}.log"), tmp_path / name
-            status, said = end_of(start_run(bench, out, VCAN, "--compensation", compensation, "--reset-faults"))
+            status, said = end_of(start_run(bench, out, VCAN, "--treatment", treatment, "--reset-faults"))
             seen, logged = Counter(dump.end()), frames_of(out / "bus.log")
             assert logged == seen, (logged - seen, seen - logged)  # however it ended
-            if status != 8:
+            if status != 8 and run_of(out)["timing"]["dropped_cycles"] <= CALM * run_of(out)["cycles"]:
                 break
         assert status in {0, 9}, said
         run = run_of(out)
         assert len(Recording.load(out / run["recording"]).time_s) == run["cycles"]
         assert run["missed_cycles"] < 0.1 * run["cycles"], run
         assert logged["080#"] >= run["cycles"] - run["timing"]["dropped_cycles"]
-        peaks[compensation] = run["tip_peak_mm"]
+        peaks[treatment] = run["tip_peak_mm"]
     assert peaks["notch"] < 0.8 * peaks["none"]
 
 

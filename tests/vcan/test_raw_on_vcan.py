@@ -8,8 +8,9 @@ import can
 import pytest
 
 from drive_profiles.address import Address
-from hil.can.channel import BusLostError, BusUnavailableError, open_channel
+from hil.can.errors import BusLostError, BusUnavailableError
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame, pack
+from hil.can.opening import open_channel
 from hil.can.raw import CAN_BUFFER_BYTES, RawChannel
 from tests.vcan.conftest import ip, tc
 
@@ -159,6 +160,6 @@ def test_error_frames_warn_and_bus_off_is_lost(pair, spare):
         controller.send(pack(Frame(CAN_ERR_FLAG | 0x4, b"\0\x20\0\0\0\0\x80\0")))
         assert pair[0].receive(1.0).can_id == CAN_ERR_FLAG | 0x4
         assert pair[0].error_warnings == 1
-        assert "error-passive by sent frames" in pair[0].told[0]
+        assert "error-passive by sent frames" in pair[0].reports[0]
         controller.send(pack(Frame(CAN_ERR_FLAG | 0x40, bytes(8))))
     assert_latched(pair[0], "bus-off")

@@ -27,7 +27,7 @@ def network(robot):
 
 def drive_profiles(*arguments, cwd=None):
     return subprocess.run(
-        [sys.executable, "-m", "drive_profiles.cli", *arguments],
+        [sys.executable, "-m", "drive_profiles", *arguments],
         capture_output=True,
         text=True,
         timeout=100,

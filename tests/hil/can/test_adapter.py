@@ -7,8 +7,9 @@ import pytest
 
 from drive_profiles.address import Address, parse_address
 from hil.can.adapter import AdapterChannel
-from hil.can.channel import BusLostError, BusUnavailableError, open_channel
+from hil.can.errors import BusLostError, BusUnavailableError
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
+from hil.can.opening import open_channel
 
 
 @pytest.fixture
@@ -76,10 +77,19 @@ def test_can_fd_frames_do_not_end_a_wait_before_its_time(channel, stranger):
 
 
 @pytest.mark.parametrize("timeout_s", [0.0, 0.05, -1.0])
-def test_without_a_frame_it_waits_as_long_as_it_is_told(channel, timeout_s):
+def test_without_a_frame_it_waits_as_long_as_it_is_told(channel, timeout_s, monkeypatch):
+    asked, receive = [], channel._bus.recv
+
+    def watched(patience_s):
+        asked.append(patience_s)
+        return receive(patience_s)
+
+    monkeypatch.setattr(channel._bus, "recv", watched)
     started = time.monotonic()
     assert channel.receive(timeout_s) is None
-    assert max(0.0, timeout_s) <= time.monotonic() - started + 1e-3 < timeout_s + 1.5
+    assert max(0.0, timeout_s) <= time.monotonic() - started + 1e-3
+    assert len(asked) == 1
+    assert 0.0 <= asked[0] <= max(0.0, timeout_s)
 
 
 def test_a_closed_bus_is_lost_for_ever(channel):

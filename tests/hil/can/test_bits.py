@@ -17,7 +17,6 @@ from hil.can.bits import (
     duration_ns,
     fd_bits,
     fd_duration_ns,
-    fd_duration_s,
     fd_head,
     fd_sent_bits,
     fd_stuffed_by,
@@ -287,13 +286,6 @@ def test_the_empty_can_fd_frame_with_identifier_0_is_counted_by_hand():
     assert fd_bits(0, b"", False, True) == (14 + 2 + 3 + 12, 5 + 28)
     assert fd_bits(0, b"", False, False) == (14 + 2 + 3 + 12 + 5 + 28 + 1, 0)  # five dominant ones from res on
     assert fd_sent_bits(0, b"").startswith("000001000001000010100000" + "1" + "0110" + "1")
-
-
-def test_a_can_fd_frame_lasts_its_bits_at_their_rates():
-    nominal, fast = fd_bits(0x181, bytes(64))
-    assert fd_duration_s(0x181, bytes(64), bitrate=500_000, data_bitrate=2_000_000) == nominal / 5e5 + fast / 2e6
-    slow = fd_duration_s(0x181, bytes(64), brs=False, bitrate=500_000, data_bitrate=2_000_000)
-    assert slow == sum(fd_bits(0x181, bytes(64), brs=False)) / 5e5
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,13 @@ import pytest
 
 from drive_profiles.address import Address
 from hil.can import clock, raw
-from hil.can.channel import BusLostError, BusUnavailableError, ChannelError, open_channel
+from hil.can.errors import BusLostError, BusUnavailableError, ChannelError
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame, pack
+from hil.can.opening import open_channel
 from hil.can.raw import RawChannel
+
+FOR_EVER_S = 600.0
+"""Longer than a test may take."""
 
 KINDS = {"seqpacket": socket.SOCK_SEQPACKET, "stream": socket.SOCK_STREAM}
 
@@ -125,9 +129,7 @@ def test_the_end_of_a_period_is_told_once_and_behind_its_frames(lumps):
     lumps.channel.send_all(THREE)
     lumps.socket.send(message(THREE[0], clock.period_over(1, 20_000)))
     assert lumps.channel.receive(5.0) == THREE[0]
-    begin = time.monotonic()
-    assert lumps.channel.receive(5.0) is None
-    assert time.monotonic() - begin < 2.0
+    assert lumps.channel.receive(FOR_EVER_S) is None
     assert lumps.channel.lag_ns == 20_000
     lumps.socket.send(pack(THREE[1]))
     assert lumps.channel.receive(5.0) == THREE[1]
@@ -200,7 +202,11 @@ def test_time_on_a_local_bus_is_counted_in_syncs(packets):
 def test_without_a_frame_it_waits_as_long_as_it_is_told(packets, timeout_s):
     started = time.monotonic()
     assert packets.channel.receive(timeout_s) is None
-    assert timeout_s <= time.monotonic() - started < timeout_s + 0.2
+    assert time.monotonic() - started >= timeout_s
+    if timeout_s:
+        asked = packets.channel._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, 16)
+        seconds, microseconds = struct.unpack("ll", asked)
+        assert -1e-9 <= seconds + 1e-6 * microseconds - timeout_s <= 0.01  # the kernel counts in jiffies
 
 
 def test_a_negative_time_out_is_none(packets):
@@ -213,16 +219,16 @@ def test_a_frame_ends_the_wait(packets):
     timer = threading.Timer(0.05, packets.send, [Frame(0x123, b"")])
     started = time.monotonic()
     timer.start()
-    assert packets.channel.receive(5.0) == Frame(0x123, b"")
-    assert 0.04 < time.monotonic() - started < 2.0
+    assert packets.channel.receive(FOR_EVER_S) == Frame(0x123, b"")
+    assert time.monotonic() - started > 0.04
     timer.join()
 
 
 def test_a_long_wait_sleeps(packets):
     """It polls for 150 µs, not for the whole time."""
-    before = time.process_time()
+    before = time.thread_time()
     packets.channel.receive(0.3)
-    assert time.process_time() - before < 0.1
+    assert time.thread_time() - before < 0.1
 
 
 # -- a bus that is not there -------------------------------------------------------------------------------------------
@@ -315,10 +321,8 @@ def test_a_send_that_finds_the_end_latches_it_too(peer):
 def test_the_end_wakes_a_receiver_that_sleeps(packets):
     timer = threading.Timer(0.05, packets.socket.shutdown, [socket.SHUT_RDWR])
     timer.start()
-    started = time.monotonic()
     with pytest.raises(BusLostError):
-        packets.channel.receive(10.0)
-    assert time.monotonic() - started < 5.0
+        packets.channel.receive(FOR_EVER_S)
     timer.join()
 
 

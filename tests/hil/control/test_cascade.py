@@ -19,9 +19,9 @@ from hil.control.cascade import (
 AXIS_2 = Cascade(25.0, 0.196, 3.92, 300.0)
 
 
-def arrays(cascade):
-    config, state = np.zeros(1, CASCADE_CONFIG), np.zeros(1, CASCADE_STATE)
-    cascade.write(config[0])
+def records(cascade):
+    config, state = np.zeros(1, CASCADE_CONFIG)[0], np.zeros(1, CASCADE_STATE)[0]
+    cascade.write(config)
     return config, state
 
 
@@ -36,12 +36,12 @@ def walk(count, period_s, seed):
 def test_the_law_equals_the_bilinear_blocks_of_scipy(period_s):
     angle, position, offset = walk(4000, period_s, 3)
     angle[0] = position[0] = offset[0] = 0.0
-    config, state = arrays(AXIS_2)
-    cascade_start(state, 0, 0.0, 0.0, 0.0)
+    config, state = records(AXIS_2)
+    cascade_start(state, 0.0, 0.0, 0.0)
     speed, torque = np.empty_like(angle), np.empty_like(angle)
     for i in range(len(angle)):
-        speed[i] = observe_speed(config, state, 0, period_s, angle[i])
-        torque[i], _ = cascade_step(config, state, 0, period_s, position[i], offset[i])
+        speed[i] = observe_speed(config, state, period_s, angle[i])
+        torque[i], _ = cascade_step(config, state, period_s, position[i], offset[i])
     corner = 2.0 * math.pi * 300.0
     want_speed = signal.lfilter(*signal.bilinear([corner, 0.0], [1.0, corner], fs=1.0 / period_s), angle)
     error = 25.0 * (position - angle) + offset - want_speed
@@ -51,14 +51,14 @@ def test_the_law_equals_the_bilinear_blocks_of_scipy(period_s):
 
 
 def test_a_start_in_motion_under_load_is_without_a_bump():
-    config, state = arrays(AXIS_2)
+    config, state = records(AXIS_2)
     speed, period_s = 30.0, 250e-6
-    cascade_start(state, 0, 100.0, speed, 0.43)
+    cascade_start(state, 100.0, speed, 0.43)
     for i in range(1, 200):
         angle = 100.0 + speed * period_s * i
-        assert observe_speed(config, state, 0, period_s, angle) == pytest.approx(speed, rel=1e-9)
+        assert observe_speed(config, state, period_s, angle) == pytest.approx(speed, rel=1e-9)
         # the position loop of a moving axis runs v/K_pp behind
-        torque, _ = cascade_step(config, state, 0, period_s, angle + speed / 25.0, 0.0)
+        torque, _ = cascade_step(config, state, period_s, angle + speed / 25.0, 0.0)
         assert torque == pytest.approx(0.43, rel=1e-7)
 
 
@@ -67,10 +67,10 @@ def test_a_start_in_motion_under_load_is_without_a_bump():
     [(1.0, 2.0, True), (-1.0, -2.0, True), (1.0, -2.0, False), (-1.0, 2.0, False), (1.0, 0.0, False)],
 )
 def test_the_integrator_is_held_only_where_the_error_would_wind_it_further(excess, error, held):
-    _, state = arrays(AXIS_2)
-    state[0]["integral_nm"], state[0]["error_rad_s"] = 0.9, error
-    hold_integrator(state, 0, 0.8, excess)
-    assert state[0]["integral_nm"] == (0.8 if held else 0.9)
+    _, state = records(AXIS_2)
+    state["integral_nm"], state["error_rad_s"] = 0.9, error
+    hold_integrator(state, 0.8, excess)
+    assert state["integral_nm"] == (0.8 if held else 0.9)
 
 
 @pytest.mark.parametrize(

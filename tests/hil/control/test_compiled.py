@@ -2,14 +2,15 @@
 
 import math
 import os
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numba.core import config as numba_config
 
 from hil.control import machine_code
 from hil.control.compiled import compiled
@@ -158,6 +159,8 @@ def allocating(count):
 
 
 def test_what_needs_numba_runs_with_it_and_other_users_of_numba_keep_their_own_cache_folder():
+    from numba.core import config as numba_config  # noqa: PLC0415 - half a second, which collection would wait
+
     assert len(allocating(3)) == 3
     assert allocating.dispatcher.overloads
     assert "compiled-" not in numba_config.CACHE_DIR
@@ -197,3 +200,107 @@ def test_a_numba_with_other_insides_only_starts_more_slowly(tmp_path, monkeypatc
     monkeypatch.setattr(function, "_folder", lambda: tmp_path)
     assert function(21.0) == 42.0
     assert function.loaded == 0
+    assert function.refused == {("d",): "AttributeError: no attribute 'codegen'"}
+
+
+def in_folder(function, folder, monkeypatch):
+    monkeypatch.setattr(function, "_folder", lambda: folder)
+    return function
+
+
+def with_other_insides(monkeypatch, old, new):
+    """Let the compiler translate something else than numba runs."""
+    save = machine_code.save
+
+    def altered(path, kinds, fresh, arguments):
+        text = fresh.library.get_llvm_str()
+        assert old in text
+        library = SimpleNamespace(get_llvm_str=lambda: text.replace(old, new), codegen=fresh.library.codegen)
+        other = SimpleNamespace(library=library, signature=fresh.signature, fndesc=fresh.fndesc, entry_point=fresh.entry_point)
+        return save(path, kinds, other, arguments)
+
+    monkeypatch.setattr(machine_code, "save", altered)
+
+
+def test_machine_code_with_another_result_is_thrown_away_and_said_so(tmp_path, monkeypatch):
+    def shifted(x):
+        return x + 0.5
+
+    with_other_insides(monkeypatch, "fadd double", "fsub double")
+    function = in_folder(compiled(shifted), tmp_path, monkeypatch)
+    with pytest.warns(RuntimeWarning, match=r"shifted: machine code thrown away.* 1\.5 where numba gives 2\.5"):
+        assert function(2.0) == 2.5
+    assert function.refused == {("d",): "it gives 1.5 where numba gives 2.5"}
+    assert not list(tmp_path.glob("*.o"))
+    assert function(3.0) == 3.5
+
+
+def test_machine_code_that_writes_something_else_is_thrown_away_and_the_callers_array_is_numbas(tmp_path, monkeypatch):
+    def shift(share, values):
+        values[1] = values[1] + share
+
+    with_other_insides(monkeypatch, "fadd double", "fsub double")
+    function, values = in_folder(compiled(shift), tmp_path, monkeypatch), np.array([1.0, 2.0])
+    with pytest.warns(RuntimeWarning, match="shift: machine code thrown away.* leaves argument 1 otherwise"):
+        function(0.25, values)
+    assert values.tolist() == [1.0, 2.25]
+    assert not list(tmp_path.glob("*.o"))
+
+
+@pytest.mark.parametrize("bits", [0x7FF8000000000001, 0x8000000000000000])
+def test_a_nan_and_a_zero_count_by_their_bits(bits):
+    value, plain = np.array([bits, 0x7FF8000000000000 if bits >> 62 == 1 else 0], "u8").view("f8").tolist()
+    with pytest.raises(machine_code.DifferentBitsError):
+        machine_code._judge(lambda: value, lambda: plain, ())
+    machine_code._judge(lambda: value, lambda: value, ())
+
+
+def test_the_judgement_leaves_the_arrays_of_the_call_alone(tmp_path, monkeypatch):
+    def swapped(one, other, record):
+        one[0] += 1.0
+        other[0] *= 2.0
+        record.a += one[0]
+        return record.a
+
+    rows, same = np.zeros(2, [("b", "<f8"), ("a", "<f8")]), np.array([1.0])
+    function = in_folder(compiled(swapped), tmp_path, monkeypatch)
+    assert function(same, same, rows[1]) == 4.0  # one array twice: (1 + 1) * 2
+    assert (same.tolist(), rows["a"].tolist()) == ([4.0], [0.0, 4.0])
+    assert len(list(tmp_path.glob("*.o"))) == 1
+    assert function.refused == {}
+
+
+def test_a_number_is_of_its_kind_whatever_the_first_one_was(tmp_path, monkeypatch):
+    def halved(count):
+        return count // 2 * 1.0
+
+    function = in_folder(compiled(halved), tmp_path, monkeypatch)
+    assert [function(np.uint8(3)), function(-3), function(1 << 40)] == [1.0, -2.0, float(1 << 39)]
+    assert list(tmp_path.glob("*.o"))
+
+
+def alone(x):
+    return (x,)
+
+
+def truth(x):
+    return x > 0.0
+
+
+@pytest.mark.parametrize(("function", "said"), [(alone, r"gives back .*float64"), (truth, "gives back bool")])
+def test_what_a_saved_function_could_not_give_back_stays_with_numba(function, said, tmp_path, monkeypatch):
+    door = in_folder(compiled(function), tmp_path, monkeypatch)
+    for x in (1.0, -1.0):
+        found, wanted = door(x), function(x)
+        assert (found, type(found)) == (wanted, type(wanted))
+    (reason,) = door.refused.values()
+    assert re.search(said, reason)
+
+
+def test_what_needs_more_than_the_c_library_stays_with_numba_and_says_what(tmp_path, monkeypatch):
+    def filled(count):
+        return np.ones(count).sum()
+
+    function = in_folder(compiled(filled), tmp_path, monkeypatch)
+    assert function(3) == 3.0
+    assert re.search("it needs .*NRT", function.refused["q",])

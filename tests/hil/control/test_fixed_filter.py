@@ -33,7 +33,7 @@ def run(filters, values, speed=0.0, mean=0.0):
     out = []
     for value in values:
         for column in range(NOTCHES):
-            value = notch_step(config, state, 0, column, T, speed, value)  # noqa: PLW2901 - in series
+            value = notch_step(config[0, column], state[0, column], T, speed, value)  # noqa: PLW2901 - in series
         out.append(value)
     return np.array(out)
 

@@ -43,7 +43,7 @@ class Bank:
 
     def step(self, speed_rps, u):
         for column in range(self.count):
-            u = notch_step(self.config, self.state, 0, column, self.period_s, 2.0 * math.pi * speed_rps, u)
+            u = notch_step(self.config[0, column], self.state[0, column], self.period_s, 2.0 * math.pi * speed_rps, u)
         return u
 
     def run(self, speeds_rps, torques):

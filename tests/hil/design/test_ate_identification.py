@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy import signal
 
-from hil.design.ate_identification import Arm, Sensing, Sweep, identify, modelled
+from hil.design.ate_identification import identify
+from hil.design.ate_model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 
 FINE = 1e-4
@@ -40,12 +42,15 @@ def arm_acceleration(angle: np.ndarray, error: TransmissionError) -> np.ndarray:
     return np.gradient(np.gradient(swing, FINE), FINE)
 
 
-ARM = arm_acceleration(ANGLE, TRUTH)
+@cache
+def true_arm() -> np.ndarray:
+    """The same for the true error, once."""
+    return arm_acceleration(ANGLE, TRUTH)
 
 
 def sweep(period_s: float = 0.002, delay_s: float = 0.0, noise: float = 0.05, seed: int = 1, scale: float = LEVER) -> Sweep:
     step, late = round(period_s / FINE), round(delay_s / FINE)
-    tip = scale * np.concatenate([np.zeros(late), ARM])[: len(ARM)][::step]
+    tip = scale * np.concatenate([np.zeros(late), true_arm()])[: len(ANGLE)][::step]
     tip = np.round((tip + np.random.default_rng(seed).normal(0.0, noise, len(tip))) / 0.01) * 0.01
     count = 2.0 * math.pi / 131072
     return Sweep(np.round(ANGLE[::step] / count) * count, tip, period_s, DIRECTION[::step])
@@ -79,7 +84,7 @@ def test_a_wrong_start_and_a_right_one_lead_to_the_same() -> None:
 
 def test_a_share_of_damping_that_is_believed_wrongly_goes_into_the_delay_alone() -> None:
     data = [sweep()]
-    right, wrong = (identify(data, RATIO, Sensing(LEVER), Arm(12.4, 0.04, gear_share=share)) for share in (0.9, 0.5))
+    right, wrong = (identify(data, RATIO, Sensing(LEVER), Arm(12.4, 0.04, gear_fraction=fraction)) for fraction in (0.9, 0.5))
     assert wrong.arm.delay_s - right.arm.delay_s == pytest.approx(-2.0 * 0.4 * ZETA / OMEGA, abs=1e-4)
     assert apart(wrong.error.phase_deg[2], right.error.phase_deg[2]) < 0.1
     assert wrong.error.amplitude_arcsec[2] == pytest.approx(right.error.amplitude_arcsec[2], rel=0.01)
@@ -121,7 +126,7 @@ def test_directions_that_disagree_widen_the_standard_errors() -> None:
 def test_the_motor_torque_serves_as_well() -> None:
     motor, arm = 2.6e-4, 8.0
     own = np.gradient(np.gradient(ANGLE, FINE), FINE)
-    torque = (motor * own + arm / RATIO * ARM)[::20] + 0.1
+    torque = (motor * own + arm / RATIO * true_arm())[::20] + 0.1
     count = 2.0 * math.pi / 131072
     noisy = torque + np.random.default_rng(2).normal(0.0, 0.003, len(torque))
     data = Sweep(np.round(ANGLE[::20] / count) * count, noisy, 0.002, DIRECTION[::20])
@@ -132,7 +137,7 @@ def test_the_motor_torque_serves_as_well() -> None:
 
 def test_the_model_replays_what_was_measured() -> None:
     played = modelled(sweep(), RATIO, Sensing(LEVER), Arm(OMEGA / (2.0 * math.pi), ZETA, 0.0, SHARE), TRUTH)
-    truth = LEVER * ARM[::20]
+    truth = LEVER * true_arm()[::20]
     assert np.sqrt(np.mean((played - truth)[300:-300] ** 2)) < 0.03 * np.std(truth)
 
 

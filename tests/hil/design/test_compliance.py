@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hil.bench.bench import load_bench
 from hil.control.cascade import Cascade
 from hil.design.compliance import compliance, judged_speeds, motor_compliance
-from hil.master.bench import load_bench
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from hil.bench.bench import load_bench
+from hil.control.angles import ARCSEC
 from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
 from hil.control.servo import Servo, ServoConfig
-from hil.design.frequency import ARCSEC, Loop, TwoInertia, acceleration_bound, margins
-from hil.master.bench import load_bench
+from hil.design.frequency import Loop, TwoInertia, acceleration_bound, margins
 
 BENCH = load_bench("reference")
 T = 250e-6

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
+from hil.design.estimation import UnidentifiableError
 from hil.design.friction import SlowStretch, fit_friction
-from hil.design.plant_identification import UnidentifiableError
 
 SYNC = 0.002
 

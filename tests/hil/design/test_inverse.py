@@ -6,12 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from hil.control.angles import ARCSEC
+from hil.control.cancellation import CancellationLaw
 from hil.control.cascade import Cascade
-from hil.control.compensation import Compensation
 from hil.control.notch import Notch
 from hil.control.servo import Servo, ServoConfig
-from hil.design.frequency import ARCSEC, Loop, TwoInertia
-from hil.design.inverse import CyclicTiming, InnerTiming, Way, correction, reference_per_motor_angle
+from hil.design.frequency import Loop, TwoInertia
+from hil.design.inverse import Actuation, CyclicTiming, InnerTiming, cancellation_table, reference_per_motor_angle
 
 CONTROL_S = 250e-6
 Asked = Callable[[float], tuple[float, float]]
@@ -76,9 +77,11 @@ def ripple(time: np.ndarray, angle: np.ndarray, share: float = 1.0) -> float:
     return float(np.sqrt(np.mean((done - asked) ** 2)) / np.sqrt(np.mean(asked**2)))
 
 
-def law_of(loop: Loop, timing: CyclicTiming | InnerTiming, period_s: float, way: Way = "reference", share: float = 1.0) -> Asked:
+def law_of(
+    loop: Loop, timing: CyclicTiming | InnerTiming, period_s: float, way: Actuation = "reference", share: float = 1.0
+) -> Asked:
     amplitude = {order: share * size for order, size in AMPLITUDE.items()}
-    law = Compensation([correction(loop, amplitude, PHASE, timing, 12.0, way)], period_s)
+    law = CancellationLaw([cancellation_table(loop, amplitude, PHASE, timing, 12.0, way)], period_s)
 
     def corrected(angle: float) -> tuple[float, float]:
         (reference,), (torque,) = law.step([angle])
@@ -89,7 +92,7 @@ def law_of(loop: Loop, timing: CyclicTiming | InnerTiming, period_s: float, way:
 
 @pytest.mark.parametrize("way", ["reference", "torque"])
 @pytest.mark.parametrize(("sync_s", "speed_rps"), [(0.001, 6.0), (0.001, -5.0), (0.002, 2.95), (0.002, -6.0)])
-def test_over_the_bus_the_motor_makes_the_motion_that_cancels(speed_rps: float, sync_s: float, way: Way) -> None:
+def test_over_the_bus_the_motor_makes_the_motion_that_cancels(speed_rps: float, sync_s: float, way: Actuation) -> None:
     ticks = round(sync_s / CONTROL_S)
     corrected = law_of(LOOP, CyclicTiming(sync_s, CONTROL_S), sync_s, way, 0.1)
     assert ripple(*turned(speed_rps, corrected, ticks), 0.1) < 0.001
@@ -120,7 +123,7 @@ def test_a_notch_on_the_torque_command_is_asked_for_more() -> None:
 
 
 def test_at_12_hz_a_set_point_is_three_times_the_motion_and_70_to_76_degrees_ahead() -> None:
-    ways: tuple[Way, ...] = ("reference", "torque")
+    ways: tuple[Actuation, ...] = ("reference", "torque")
     for way in ways:
         found = complex(reference_per_motor_angle(LOOP, np.array([12.0]), way)[0])
         assert abs(found) == pytest.approx(3.1, abs=0.15)
@@ -128,7 +131,7 @@ def test_at_12_hz_a_set_point_is_three_times_the_motion_and_70_to_76_degrees_ahe
 
 
 def test_at_rest_the_correction_is_the_error_itself_and_high_up_it_is_nothing() -> None:
-    table = correction(LOOP, AMPLITUDE, PHASE, CyclicTiming(0.001, CONTROL_S), 20.0)
+    table = cancellation_table(LOOP, AMPLITUDE, PHASE, CyclicTiming(0.001, CONTROL_S), 20.0)
     assert table.reference[:, 0] == pytest.approx([-120.0 * AMPLITUDE[2], -120.0 * AMPLITUDE[4]], rel=1e-3)
     assert np.all(table.reference[1, table.speeds_rps >= 15.0] == 0.0)
     assert not np.any(table.torque)
@@ -136,7 +139,7 @@ def test_at_rest_the_correction_is_the_error_itself_and_high_up_it_is_nothing() 
 
 def test_a_delay_of_the_drive_is_a_phase_ahead() -> None:
     plain, late = (
-        correction(LOOP, AMPLITUDE, PHASE, CyclicTiming(0.001, CONTROL_S, delay), 12.0).reference[0, 120]
+        cancellation_table(LOOP, AMPLITUDE, PHASE, CyclicTiming(0.001, CONTROL_S, delay), 12.0).reference[0, 120]
         for delay in (0.0, 0.001)
     )
     assert math.degrees(np.angle(late / plain)) == pytest.approx(4.32, abs=0.01)  # 12 Hz, 1 ms
@@ -147,10 +150,10 @@ def test_a_delay_of_the_drive_is_a_phase_ahead() -> None:
     [
         (Loop(PLANT, Cascade(0.0, 0.2, 3.0)), AMPLITUDE, 12.0, "without gain"),
         (Loop(PLANT, Cascade(25.0, 0.0, 0.0)), AMPLITUDE, 12.0, "without gain"),
-        (LOOP, {}, 12.0, "nothing to correct"),
-        (LOOP, AMPLITUDE, 0.0, "nothing to correct"),
+        (LOOP, {}, 12.0, "nothing to cancel"),
+        (LOOP, AMPLITUDE, 0.0, "nothing to cancel"),
     ],
 )
 def test_what_cannot_be_asked_is_refused(loop: Loop, amplitude: dict[int, float], max_rps: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        correction(loop, amplitude, PHASE, CyclicTiming(0.001, CONTROL_S), max_rps)
+        cancellation_table(loop, amplitude, PHASE, CyclicTiming(0.001, CONTROL_S), max_rps)

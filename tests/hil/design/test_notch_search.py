@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hil.bench.bench import load_bench
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
-from hil.design.notch_design import Check, Judge, Requirements, verdict
+from hil.design.notch_design import Judge, RequirementCheck, Requirements, verdict
 from hil.design.notch_search import Effort, Space, search, workers
-from hil.experiments.notch_design import Request, problem_of
-from hil.master.bench import load_bench
+from hil.experiments.notch_design import NotchDesignRequest, problem_of
 
 BENCH = load_bench("reference")
 TINY = Effort(population=8, generations=1, robust_population=5, robust_generations=1)
@@ -17,7 +17,7 @@ TINY = Effort(population=8, generations=1, robust_population=5, robust_generatio
 
 @pytest.fixture(scope="module")
 def axis_2():
-    return problem_of(BENCH, Request(2, uncertainty_percent=0.0))
+    return problem_of(BENCH, NotchDesignRequest(2, uncertainty_percent=0.0))
 
 
 def table_3(axis):
@@ -34,9 +34,9 @@ def test_a_place_of_the_cube_and_its_filter_are_each_others(axis_2, shape):
         notch = space.notch(place)
         assert notch.start_rps <= low
         assert notch.end_rps >= high
-        np.testing.assert_allclose(space.place(notch), place, atol=0.02)
+        np.testing.assert_allclose(space.point(notch), place, atol=0.02)
     if shape == "switched":
-        assert space.notch(space.place(table_3(2))) == table_3(2)
+        assert space.notch(space.point(table_3(2))) == table_3(2)
 
 
 def test_a_window_that_the_motion_does_not_pass_is_refused(axis_2):
@@ -105,8 +105,8 @@ def test_limits_that_make_no_sense_are_refused(changes, said):
 
 
 def test_a_check_knows_by_how_much_it_is_missed():
-    ceiling = Check("M_s", 1.87, 1.7, "", True, 5.25, "nominal")
+    ceiling = RequirementCheck("M_s", 1.87, 1.7, "", True, 5.25, "nominal")
     assert ceiling.violation == pytest.approx(0.1)
     assert str(ceiling) == "M_s 1.87 at 5.25 rev/s (nominal), at most 1.7 asked"
-    assert Check("phase margin", 35.0, 35.0, "°", False, 5.0, "x").holds
-    assert not Check("phase margin", float("nan"), 35.0, "°", False, 5.0, "x").holds
+    assert RequirementCheck("phase margin", 35.0, 35.0, "°", False, 5.0, "x").holds
+    assert not RequirementCheck("phase margin", float("nan"), 35.0, "°", False, 5.0, "x").holds

@@ -4,18 +4,10 @@ import numpy as np
 import pytest
 
 from hil.control.cascade import Cascade
+from hil.design.estimation import UnidentifiableError
 from hil.design.frequency import TwoInertia
-from hil.design.plant_identification import (
-    PlantEstimate,
-    Spectra,
-    Stretch,
-    Timing,
-    UnidentifiableError,
-    angle_response,
-    fit_plant,
-    spectra,
-    tip_response,
-)
+from hil.design.plant_identification import PlantEstimate, SamplingTiming, angle_response, fit_plant, tip_response
+from hil.design.plant_spectra import Spectra, Stretch, spectra
 
 PLANT = TwoInertia(120.0, 2.6e-4, 8e-4, 8.0, 6.0, 48950.0, 42.0)
 LAW = Cascade(25.0, 0.196, 3.92, 300.0)
@@ -47,8 +39,8 @@ def synthetic(seed: int, periods: int = 10, noise: float = 1e-5, amplitude: floa
     return Spectra(FREQUENCY, excitation, angle, reported, tip)
 
 
-def timing() -> Timing:
-    return Timing(SYNC, 2.0 * AGE, "torque", None)
+def timing() -> SamplingTiming:
+    return SamplingTiming(SYNC, 2.0 * AGE, "torque", None)
 
 
 def test_the_plant_comes_back_from_a_closed_loop_with_noise() -> None:

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy import integrate
 
+from hil.bench.bench import load_bench
+from hil.control.angles import ARCSEC
 from hil.control.trajectory import ConstantAcceleration, sample_times
-from hil.design.frequency import ARCSEC
 from hil.design.ramp import follow
 from hil.design.transmission_error import TransmissionError
-from hil.master.bench import load_bench
 
 BENCH = load_bench("reference")
 T = 250e-6

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hil.bench.bench import load_bench
 from hil.control.notch import NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
 from hil.design.frequency import Loop, margins
 from hil.design.speed_margins import LoopFamily, widened
-from hil.master.bench import load_bench
 
 BENCH = load_bench("reference")
 SPEEDS = np.array([0.5, 3.9, 5.0, 5.9, 7.4, 9.1])

@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.design.frequency import ARCSEC, TwoInertia
+from hil.control.angles import ARCSEC
+from hil.design.frequency import TwoInertia
 from hil.design.transmission_error import TransmissionError, arm_response, fit_transmission_error
-from plant_emulator import robot as world
-from plant_emulator.simulate import simulate
+from hil.robot_tables import Control
+from plant_emulator.robots import robot as world
+from plant_emulator.studies.simulate import simulate
 
 PERIOD = 0.002
 ROBOT = world.load_robot("reference")
@@ -30,7 +32,7 @@ def ramp(request):
     """Axis, motor angle, true tip acceleration, rows of the ramp."""
     axis = request.param
     velocity, integral = GAINS[axis]
-    control = world.Control(position_gain_per_s=25.0, velocity_gain_nm_s_rad=velocity, velocity_integral_gain_nm_rad=integral)
+    control = Control(position_gain_per_s=25.0, velocity_gain_nm_s_rad=velocity, velocity_integral_gain_nm_rad=integral)
     found = simulate(ROBOT, axis, controls={axis: control}, notches={}, sync_period_s=PERIOD)
     angle = found.position_counts[:, 0] * 2.0 * math.pi / ROBOT.axis[axis].encoder_counts_per_rev
     speed = np.gradient(angle, PERIOD) / (2.0 * math.pi)

@@ -2,9 +2,9 @@
 
 import pytest
 
+from hil.bench.bench import load_bench
 from hil.design.transmission_error import TransmissionError
 from hil.design.uncertainty import around
-from hil.master.bench import load_bench
 
 PLANT = load_bench("reference").axis[2].plant()
 ERROR = TransmissionError({2: 5.0, 4: 3.0}, {2: 222.0, 4: 126.0})

@@ -6,23 +6,24 @@ import math
 import numpy as np
 import pytest
 
-from drive_profiles import fleet
-from drive_profiles.outcome import Options
-from drive_profiles.parameters import ParameterSet
-from drive_profiles.units import real32
-from drive_profiles.upload import Upload
+from drive_profiles.parameter_set.parameters import ParameterSet
+from drive_profiles.standard.units import real32
+from drive_profiles.upload import fleet
+from drive_profiles.upload.result import UploadOptions
+from drive_profiles.upload.upload import Upload
 from hil.analysis import constant_acceleration_metrics
+from hil.bench.bench import load_bench
+from hil.bench.design import notch_table
+from hil.bench.model import Identified, IdentifiedAxis, IdentifiedPlant
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
 from hil.design.notch_design import Requirements, verdict
 from hil.design.notch_search import Effort
 from hil.errors import NotPossibleError
-from hil.experiments.notch_design import Request, design, designed_axis, document, parameter_set, problem_of
-from hil.master.bench import load_bench
-from hil.master.designed import notch_table
-from hil.master.identified import Identified, IdentifiedAxis, IdentifiedPlant, PlantTable
+from hil.experiments.notch_design import NotchDesignRequest, design, designed_axis, parameter_set, problem_of, result_of
 from hil.recording import Recording
-from plant_emulator.robot import Control, load_robot
-from plant_emulator.simulate import simulate
+from hil.robot_tables import Control, PlantTable
+from plant_emulator.robots.robot import load_robot
+from plant_emulator.studies.simulate import simulate
 from tests.drive_profiles.world_bus import WorldBus, robot_with
 
 BENCH, ROBOT = load_bench("reference"), load_robot("reference")
@@ -59,7 +60,7 @@ def off(stiffness, inertia):
 
 @pytest.mark.parametrize("number", [2, 3])
 def test_what_the_simulation_of_the_design_predicts_is_what_the_full_physics_shows(number):
-    problem, _ = problem_of(BENCH, Request(number))
+    problem, _ = problem_of(BENCH, NotchDesignRequest(number))
     for notches in ((), (TABLE_3[number],), (DESIGNED[number],)):
         predicted = problem.peaks(problem.members[0], notches, 2)[0]
         assert tip_peak_mm(number, notches) == pytest.approx(predicted, rel=0.05)
@@ -75,7 +76,7 @@ def test_the_designed_filter_lowers_table_3s_peak_by_15_percent_and_more(number)
 
 @pytest.mark.parametrize("number", [2, 3])
 def test_it_keeps_all_margins_at_every_speed_for_every_plant(number):
-    problem, _ = problem_of(BENCH, Request(number))
+    problem, _ = problem_of(BENCH, NotchDesignRequest(number))
     found = verdict(problem, (DESIGNED[number],), (2,))
     assert found.holds
     values = {check.name: check.value for check in found.checks}
@@ -87,7 +88,7 @@ def test_it_keeps_all_margins_at_every_speed_for_every_plant(number):
 
 @pytest.mark.parametrize("number", [2, 3])
 def test_table_3_is_reproduced_when_it_is_given(number):
-    outcome = design(BENCH, Request(number, is_given=True, uncertainty_percent=0.0))
+    outcome = design(BENCH, NotchDesignRequest(number, is_given=True, uncertainty_percent=0.0))
     assert outcome.failure is None
     assert outcome.given.holds
     assert outcome.designed is None
@@ -97,14 +98,14 @@ def test_table_3_is_reproduced_when_it_is_given(number):
     assert row.rising_mm == pytest.approx({2: 0.0463, 3: 0.0453}[number], abs=0.0005)
     line = {check.name: check for check in outcome.none.checks}["|G_al| on the line over constraint (5), k = 2,"]
     assert line.value > 1.0
-    whole = document(outcome)
-    assert whole["given"]["notch"][0]["zeta_rn"] == TABLE_3[number].zeta_rn
-    assert whole["feasible"] is True
+    result = result_of(outcome)
+    assert result.given.notch[0].zeta_rn == TABLE_3[number].zeta_rn
+    assert result.feasible is True
 
 
 def test_where_no_filter_keeps_all_the_reason_is_said_with_how_close_the_best_came():
     tiny = Effort(8, 2, 5, 1)
-    request = Request(
+    request = NotchDesignRequest(
         2, shapes=("switched",), requirements=Requirements(phase_margin_deg=58.0), effort=tiny, uncertainty_percent=0.0
     )
     outcome = design(BENCH, request)
@@ -139,11 +140,11 @@ def test_what_a_design_needs_is_asked_for(changes, request_changes, said):
         bench = bench.model_copy(update={"constant_acceleration": None})
     bench = bench.model_copy(update={"axis": {**bench.axis, 2: table}})
     with pytest.raises(NotPossibleError, match=said):
-        problem_of(bench, Request(**{"axis": 2, **request_changes}))
+        problem_of(bench, NotchDesignRequest(**{"axis": 2, **request_changes}))
 
 
 def test_the_parameter_set_goes_into_an_emulated_drive(tmp_path):
-    problem, f_al = problem_of(BENCH, Request(2, uncertainty_percent=0.0))
+    problem, f_al = problem_of(BENCH, NotchDesignRequest(2, uncertainty_percent=0.0))
     both = (DESIGNED[2], Notch(order=4, start_rps=1.6, end_rps=3.2, offset_hz=0.3, zeta_rn=0.05, zeta_rdth=0.1))
     found = verdict(problem, both, (2,))
     path = tmp_path / "notch-axis2.toml"
@@ -153,7 +154,7 @@ def test_the_parameter_set_goes_into_an_emulated_drive(tmp_path):
     assert loaded.header.node_id == 2
     assert "M_s 1.6" in loaded.header.title
     bus = WorldBus(robot_with())
-    made = [Upload(bus.device(2, "emulated_drive"), loaded, Options(journals=tmp_path / "j"))]
+    made = [Upload(bus.device(2, "emulated_drive"), loaded, UploadOptions(journals=tmp_path / "j"))]
     fleet.prepare(made)
     [outcome] = fleet.run(made)
     assert outcome.kind == "done", outcome
@@ -164,7 +165,7 @@ def test_the_parameter_set_goes_into_an_emulated_drive(tmp_path):
 
 
 def test_one_filter_switches_the_drives_other_one_off():
-    problem, f_al = problem_of(BENCH, Request(3, uncertainty_percent=0.0))
+    problem, f_al = problem_of(BENCH, NotchDesignRequest(3, uncertainty_percent=0.0))
     made = parameter_set(BENCH, 3, verdict(problem, (TABLE_3[3],), (2,)), f_al)
     assert made.tuning["notch_2.mode"].value == 0
     assert made.tuning["notch_1.mode"].value == 1
@@ -173,7 +174,7 @@ def test_one_filter_switches_the_drives_other_one_off():
 def test_a_drive_without_a_notch_that_follows_the_speed_gets_no_set():
     table = BENCH.axis[2].model_copy(update={"profile": "kollmorgen_akd"})
     bench = BENCH.model_copy(update={"axis": {**BENCH.axis, 2: table}})
-    problem, f_al = problem_of(BENCH, Request(2, uncertainty_percent=0.0))
+    problem, f_al = problem_of(BENCH, NotchDesignRequest(2, uncertainty_percent=0.0))
     with pytest.raises(NotPossibleError, match="no notch that follows the speed"):
         parameter_set(bench, 2, verdict(problem, (TABLE_3[2],), (2,)), f_al)
 
@@ -183,21 +184,21 @@ def test_a_drive_without_a_notch_that_follows_the_speed_gets_no_set():
 @pytest.mark.parametrize("number", [2, 3])
 @pytest.mark.parametrize(("stiffness", "inertia"), [(1.0, 1.0), (1.03, 0.99), (0.97, 1.02)])
 def test_designed_from_a_plant_that_is_1_to_3_percent_off_it_still_beats_table_3_by_15_percent(number, stiffness, inertia):
-    outcome = design(BENCH, Request(number, effort=Effort.quick(), jobs=2), off(stiffness, inertia))
+    outcome = design(BENCH, NotchDesignRequest(number, effort=Effort.quick(), jobs=2), off(stiffness, inertia))
     assert outcome.failure is None
     kept = designed_axis(outcome)
     assert kept.sensitivity_peak <= 1.7
     assert kept.phase_margin_deg >= 35.0
     assert tip_peak_mm(number, outcome.best.notches) <= min(0.05, 0.85 * tip_peak_mm(number, (TABLE_3[number],)))
     # and the true loop, which the design did not know, keeps what was promised
-    problem, _ = problem_of(BENCH, Request(number, uncertainty_percent=0.0))
+    problem, _ = problem_of(BENCH, NotchDesignRequest(number, uncertainty_percent=0.0))
     assert verdict(problem, outcome.best.notches, (2,)).holds
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_filter_of_either_order_lowers_both_peaks():
-    outcome = design(BENCH, Request(3, orders=(2, 4), effort=Effort.quick(), jobs=2))
+    outcome = design(BENCH, NotchDesignRequest(3, orders=(2, 4), effort=Effort.quick(), jobs=2))
     assert outcome.failure is None
     assert [notch.order for notch in outcome.best.notches] == [2, 4]
     assert tip_peak_mm(3, outcome.best.notches, 4) < 0.95 * tip_peak_mm(3, (), 4)

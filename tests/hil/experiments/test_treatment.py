@@ -8,19 +8,22 @@ import numpy as np
 import pytest
 
 from drive_profiles.address import Address
+from hil.bench.bench import load_bench
+from hil.bench.design import DesignedAxis, Designs
+from hil.bench.model import Identified, IdentifiedError
 from hil.errors import NotPossibleError
-from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION
+from hil.experiments.bus_demand import check_load
+from hil.experiments.motions import LINE_MOTION
 from hil.experiments.plan import Experiment, claims
-from hil.experiments.runner import check_load, mean_of
-from hil.experiments.treatment import CANCELLING, TITLES, TREATMENTS, Knowledge, treated
-from hil.master.bench import TransmissionError, load_bench
-from hil.master.designed import DesignedAxis, Designs
-from hil.master.identified import Identified, IdentifiedError
+from hil.experiments.runner import mean_of
+from hil.experiments.treatment import CANCELLING, TITLES, TREATMENTS, Knowledge, treatment_setup
 from hil.master.motion import RunResult
 from hil.recording import Recording
+from hil.robot_tables import TransmissionErrorTable
+from tests.hil.results.made import run_entry
 
 BENCH = load_bench("reference")
-ERROR = IdentifiedError(values=TransmissionError(a2_arcsec=4.9, phi2_deg=221.0))
+ERROR = IdentifiedError(values=TransmissionErrorTable(a2_arcsec=4.9, phi2_deg=221.0))
 FOUND = Identified(robot="reference").with_part(2, ERROR)
 DESIGNED = Designs(
     robot="reference",
@@ -34,7 +37,7 @@ KNOWN = Knowledge(identified=FOUND, designs=DESIGNED, learnt=FOUND)
 
 
 def way(name: Any, knowledge: Knowledge = KNOWN, loop: str = "drive") -> Any:
-    return treated(BENCH, name, knowledge, 250e-6, loop)
+    return treatment_setup(BENCH, name, knowledge, 250e-6, loop)
 
 
 def test_every_treatment_has_a_name_and_a_way() -> None:
@@ -42,11 +45,11 @@ def test_every_treatment_has_a_name_and_a_way() -> None:
     for name in TREATMENTS:
         found = way(name, loop="host" if name == "fixed-notch" else "drive")
         assert found.is_cancelled == (name in CANCELLING)
-        assert found.is_inside == (name == "ate-inside")
+        assert found.is_inside == (name == "cancellation-inside")
 
 
 def test_a_designed_filter_takes_the_place_of_the_benchs_own() -> None:
-    found = way("notch-optimised")
+    found = way("notch-designed")
     assert found.bench.axis[2].notch == (BENCH.axis[3].notch[0],)
     assert found.bench.axis[3] == BENCH.axis[3]
     assert found.filters == "notch"
@@ -73,12 +76,12 @@ def test_a_fixed_notch_stands_where_the_arm_answers_most() -> None:
 @pytest.mark.parametrize(
     ("name", "knowledge", "loop", "words"),
     [
-        ("notch-optimised", Knowledge(), "drive", "--design"),
-        ("adaptive", Knowledge(), "drive", "--learnt"),
-        ("ate", KNOWN, "host", "--loop drive"),
-        ("ate-inside", KNOWN, "host", "--loop drive"),
+        ("notch-designed", Knowledge(), "drive", "--design"),
+        ("cancellation-learnt", Knowledge(), "drive", "--learnt"),
+        ("cancellation", KNOWN, "host", "--loop drive"),
+        ("cancellation-inside", KNOWN, "host", "--loop drive"),
         ("fixed-notch", KNOWN, "drive", "--loop host"),
-        ("notch-optimised", Knowledge(designs=DESIGNED.model_copy(update={"robot": "other"})), "drive", "'other'"),
+        ("notch-designed", Knowledge(designs=DESIGNED.model_copy(update={"robot": "other"})), "drive", "'other'"),
     ],
 )
 def test_what_is_not_known_or_not_possible_is_said(name: str, knowledge: Knowledge, loop: str, words: str) -> None:
@@ -87,14 +90,11 @@ def test_what_is_not_known_or_not_possible_is_said(name: str, knowledge: Knowled
 
 
 def test_only_what_is_meant_to_keep_the_specification_is_held_against_it() -> None:
-    def run(name: str, peak: float) -> dict[str, Any]:
-        return {"experiment": CONSTANT_ACCELERATION, "axis": 2, "compensation": name, "loop": "drive", "order": 2,
-                "tip_peak_mm": peak, "recording": name}  # fmt: skip
-
-    runs = [run(name, 0.07 if name in {"none", "low-gains", "fixed-notch"} else 0.03) for name in TREATMENTS]
+    outside = {"none", "low-gains", "fixed-notch"}
+    runs = [run_entry(name, tip_peak_mm=0.07 if name in outside else 0.03) for name in TREATMENTS]
     found = claims(BENCH, runs, [], is_paper=False)
     assert len(found) == 6
-    assert all(claim["holds"] for claim in found)
+    assert all(claim.holds for claim in found)
 
 
 # -- what fits on the bus ------------------------------------------------------------------------------------------------
@@ -110,7 +110,7 @@ def on(bitrate: int | None) -> Any:
         (None, 0.001, "notch", True),
         (1_000_000, 0.002, "notch", True),
         (1_000_000, 0.001, "notch", False),
-        (1_000_000, 0.001, "ate+notch", False),
+        (1_000_000, 0.001, "cancellation+notch", False),
         (1_000_000, 0.001, "none", False),
     ],
 )
@@ -119,23 +119,24 @@ def test_what_the_drives_tell_of_their_filters_is_left_out_where_only_that_does_
 ) -> None:
     bench = BENCH.model_copy(update={"bus": BENCH.bus.model_copy(update={"sync_period_s": period_s})})
     experiment = Experiment(LINE_MOTION, None, name)
-    assert check_load(bench, on(bitrate), experiment, experiment.motion(bench)) is shows
+    assert check_load(bench, on(bitrate), experiment.bus_demand(experiment.motion(bench))) is shows
 
 
 def test_torque_offsets_take_their_room_on_the_bus() -> None:
     bench = BENCH.model_copy(update={"bus": BENCH.bus.model_copy(update={"sync_period_s": 0.001})})
     experiment = Experiment(LINE_MOTION, None, "none")
     motion = experiment.motion(bench)
-    check_load(bench, on(1_000_000), experiment, motion)
+    check_load(bench, on(1_000_000), experiment.bus_demand(motion))
+    offset = experiment.bus_demand(replace(motion, torque_offset_nm=np.zeros_like(motion.motor_angle_rad)))
     with pytest.raises(NotPossibleError, match=r"does not fit|Does not fit"):
-        check_load(bench, on(1_000_000), experiment, replace(motion, torque_offset_nm=np.zeros_like(motion.motor_angle_rad)))
+        check_load(bench, on(1_000_000), offset)
 
 
 def test_what_does_not_fit_even_so_is_refused() -> None:
     bench = BENCH.model_copy(update={"bus": BENCH.bus.model_copy(update={"sync_period_s": 0.001})})
     experiment = Experiment(LINE_MOTION, None, "notch")
     with pytest.raises(NotPossibleError, match=r"does not fit.*--overload|Does not fit.*--overload"):
-        check_load(bench, on(500_000), experiment, experiment.motion(bench))
+        check_load(bench, on(500_000), experiment.bus_demand(experiment.motion(bench)))
 
 
 # -- several runs of one motion ------------------------------------------------------------------------------------------

@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from drive_profiles import unit_codes
-from drive_profiles.cia301 import decode
-from drive_profiles.cia402 import Object
-from hil.errors import NodeError
+from drive_profiles.standard import unit_codes
+from drive_profiles.standard.cia301 import decode
+from drive_profiles.standard.cia402 import Object
+from hil.bench.bench import load_bench
+from hil.errors import NoAnswerError, NodeError
 from hil.master.axis import DriveAxis
-from hil.master.bench import load_bench
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, Rig
 
 
@@ -49,7 +49,7 @@ def test_a_gear_and_a_feed_constant_are_followed(rig, axis):
     rig.set(Object.FEED_CONSTANT, 1, 36000)
     axis.identify()
     assert axis.scaling.position_counts(2.0 * math.pi) == 360
-    rig.plant["motor_angle"] = 3.0
+    rig.plant["motor_angle_rad"] = 3.0
     assert axis.position_rad() == pytest.approx(3.0, abs=2.0 * math.pi / 360)
 
 
@@ -66,3 +66,15 @@ def test_units_in_which_the_profiles_scales_do_not_hold_are_refused(rig, axis, i
     rig.set(index, 0, value)
     with pytest.raises(NodeError, match=f"units of its own: {index:04X}h:00h is {value:X}h"):
         axis.identify()
+
+
+def test_a_drive_that_falls_silent_while_its_feed_constant_is_read_is_silent_and_not_nonsensical(rig):
+    class Silent(RigNetwork):
+        def read(self, node, index, subindex, kind, name=""):
+            if index == Object.FEED_CONSTANT:
+                raise NoAnswerError(node, "the feed constant", self.timeout_s)
+            return super().read(node, index, subindex, kind, name)
+
+    table = load_bench("reference").axis[AXIS].model_copy(update={"serial_number": None})
+    with pytest.raises(NoAnswerError, match="no answer to the feed constant"):
+        DriveAxis(Silent(rig), AXIS, table).identify()

@@ -4,7 +4,7 @@ import itertools
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from pathlib import Path
 
 import can
@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 
 from drive_profiles.address import Address
-from drive_profiles.cia402 import State
+from drive_profiles.standard.cia402 import State
+from hil.bench.bench import Bench, RealTimeTable, load_bench
 from hil.can.adapter import AdapterChannel
 from hil.can.frame import Frame
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.motions import constant_acceleration
 from hil.experiments.plan import Experiment, entries
 from hil.experiments.runner import run_experiments
-from hil.master.bench import Bench, RealTimeTable, load_bench
-from hil.master.run import RunResult
+from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.motion import BRAKED
-from plant_emulator.robot import load_robot
+from plant_emulator.motion.record import BRAKED
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 from tests.hil.master.virtual_time import NS, VirtualBus, VirtualClock
 
@@ -212,9 +212,10 @@ def test_a_master_that_was_late_too_often_is_not_judged() -> None:
     assert result.stopped is None
     assert result.dropped_cycles == 3
     for entry in entries(BENCH, Experiment("constant-acceleration", 2, "none"), result, "x.csv"):
-        assert "3 were not sent in time" in entry["invalid"]
-        assert entry["within_spec"] is False
-        assert entry["timing"]["dropped"] == 3
+        assert "3 were not sent in time" in (entry.invalid or "")
+        assert entry.within_spec is False
+        assert entry.timing is not None
+        assert entry.timing.dropped == 3
 
 
 def test_a_step_of_the_date_changes_nothing(undisturbed: tuple[Rig, RunResult], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -248,7 +249,7 @@ def test_in_lock_step_there_is_no_timing() -> None:
     assert result.stopped is None
     assert result.timing is None
     (entry, _) = entries(BENCH, Experiment("constant-acceleration", 2, "none"), result, "x.csv")
-    assert "timing" not in entry
+    assert entry.timing is None
 
 
 @pytest.mark.parametrize(("wanted", "words"), [("wall", "counted in SYNCs"), ("lock-step", "does not wait for SYNC")])
@@ -256,7 +257,7 @@ def test_another_clock_than_the_bus_has_is_refused(
     wanted: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     channel = InProcessChannel(World(ROBOT)) if wanted == "wall" else VirtualBus(World(ROBOT), VirtualClock())
-    monkeypatch.setattr("hil.experiments.runner.open_channel", lambda address: channel)
+    monkeypatch.setattr("hil.experiments.measurement.open_channel", lambda address: channel)
     with pytest.raises(NotPossibleError, match=words) as error:
         run_experiments(BENCH, [Experiment("constant-acceleration", 2, "none")], tmp_path, clock=wanted)  # type: ignore[arg-type]
     assert error.value.exit_code == 3
@@ -354,3 +355,19 @@ def test_a_real_pause_of_a_second_stops_the_run(live: tuple[LiveWorld, AdapterCh
     assert result.timing.dropped >= 3
     assert (result.timing.lateness.max_s or 0.0) > 0.5
     assert all(drive.state is not State.OPERATION_ENABLED for drive in live[0].world.drives.values())
+
+
+def test_a_sensor_is_asked_for_the_instant_of_sync_by_the_master_s_clock() -> None:
+    rig = Rig()
+    asked: list[float] = []
+    has_measured = rig.session.sensor.has_measured
+
+    def watched(pending: Set[int], sync_s: float) -> bool:
+        asked.append(sync_s)
+        return has_measured(pending, sync_s)
+
+    rig.session.sensor.has_measured = watched  # type: ignore[method-assign]
+    rig.run()
+    syncs = [instant for instant, frame in rig.bus.sent if frame.can_id == SYNC_ID]
+    assert len(asked) > 50
+    np.testing.assert_allclose(asked, syncs[-len(asked) :], rtol=0.0, atol=1e-9)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.master.bench import load_bench
+from hil.bench.bench import load_bench
 from hil.master.guard import AxisGuard
 
 BENCH = load_bench("reference")
@@ -18,7 +18,7 @@ ENABLED = 0x0637
 
 
 def guard() -> AxisGuard:
-    return AxisGuard(2, AXIS, BENCH.bus, PERIOD_S)
+    return AxisGuard(2, AXIS, BENCH.bus.missing_limit, PERIOD_S)
 
 
 def reason(watch: AxisGuard, position: float, *, missing: int = 0, word: int = ENABLED, torque: float = 0.0) -> str | None:

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from hil.can.bits import frame_bits
 from hil.can.frame import CAN_ERR_FLAG, Frame
-from hil.master.lateness import Beat, Histogram, Timing, duration_text, timing_lines
-from hil.realtime import Measure
+from hil.master.lateness import CycleSchedule, Histogram, WallClockTiming, duration_text, timing_lines
+from hil.master.realtime import Measure
 from tests.hil.master.virtual_time import VirtualClock
 
 DURATIONS = st.floats(1e-7, 100.0)
@@ -75,11 +75,11 @@ def test_without_values_there_is_no_percentile() -> None:
 # -- beat --------------------------------------------------------------------------------------------------------------
 
 
-def beat_of(clock: VirtualClock, period_s: float = 0.01) -> Beat:
-    return Beat(clock, period_s, 0.5 * period_s)
+def beat_of(clock: VirtualClock, period_s: float = 0.01) -> CycleSchedule:
+    return CycleSchedule(clock, period_s, 0.5 * period_s)
 
 
-def go(beat: Beat) -> bool:
+def go(beat: CycleSchedule) -> bool:
     """A cycle in which nothing takes time; whether it was sent."""
     beat.wait()
     if beat.gives_up():
@@ -124,7 +124,7 @@ def test_the_beats_after_a_pause_have_their_own_deadlines() -> None:
     clock.sleep_until(start + 0.026)  # 10 ms and 20 ms have passed
     assert [go(beat) for _ in range(3)] == [False, False, True]
     assert clock.now() == pytest.approx(start + 0.03)
-    assert (beat.dropped, beat.overdue, beat.beats) == (2, 0, 4)
+    assert (beat.dropped, beat.overdue, beat.cycles) == (2, 0, 4)
 
 
 def test_a_stop_is_never_too_late_and_does_not_work_off_what_has_passed() -> None:
@@ -140,7 +140,7 @@ def test_a_stop_is_never_too_late_and_does_not_work_off_what_has_passed() -> Non
     assert go(beat)
     assert clock.now() == pytest.approx(start + 1.015), "and a period later again"
     assert beat.dropped == 1 + 98
-    assert beat.beats == 1 + beat.dropped + 2
+    assert beat.cycles == 1 + beat.dropped + 2
 
 
 def test_a_sync_that_leaves_late_in_spite_of_the_last_look_is_counted() -> None:
@@ -176,7 +176,7 @@ def test_a_timing_is_json_and_text() -> None:
         beat.saw(Frame(0x80, b""))
         beat.count_bits()
     refused = Measure("SCHED_FIFO", False, "Operation not permitted; 'ulimit -r 80'")
-    timing = Timing.of(beat, 2, 1_000_000, 7, (refused,))
+    timing = WallClockTiming.of(beat, 2, 1_000_000, 7, (refused,))
     kept = json.loads(json.dumps(asdict(timing), allow_nan=False))
     assert kept["arrivals"]["p99_s"] == pytest.approx(0.0003, rel=0.024)
     assert kept["bus_load"] == pytest.approx(100 * frame_bits(Frame(0x80, b"")) / 1e6 / 0.9903, abs=1e-4)
@@ -186,7 +186,7 @@ def test_a_timing_is_json_and_text() -> None:
 
 
 def test_what_is_not_known_is_said_to_be_unknown() -> None:
-    kept = asdict(Timing.of(beat_of(VirtualClock()), 0, None, None, ()))
+    kept = asdict(WallClockTiming.of(beat_of(VirtualClock()), 0, None, None, ()))
     assert kept["bus_load"] is None
     assert kept["lateness"]["max_s"] is None
     assert "not known" in "\n".join(timing_lines(kept))

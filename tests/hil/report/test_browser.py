@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from hil.report.page import write_report
+from hil.report.pages.demo import write_report
 
 CHROMIUM = next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine (Debian: apt-get install chromium)")

@@ -1,13 +1,14 @@
 """The timing table: there where time was the wall clock's, and a run that is not judged is not called outside."""
 
-import json
 from pathlib import Path
 
 import pytest
 
 from hil.report.material import Material
-from hil.report.page import verdict, write_report
+from hil.report.pages.demo import verdict, write_report
 from hil.report.timing import timing_table
+from hil.results.runs import ExperimentsResult, RunTiming
+from tests.hil.results.made import measured_bench, run_entry, written
 
 SPREAD = {"count": 500, "p50_s": 2.1e-5, "p99_s": 4e-4, "p999_s": 9e-4, "max_s": 0.0123, "histogram": [[1e-4, 490], [None, 10]]}
 TIMING = {
@@ -16,19 +17,16 @@ TIMING = {
     "receive_overflows": None,
     "measures": [{"name": "SCHED_FIFO", "is_granted": False, "detail": "Operation not permitted; 'ulimit -r 80'"}],
 }  # fmt: skip
-RUN = {"experiment": "constant-acceleration", "axis": 2, "order": 2, "recording": "runs/x.csv", "within_spec": False}
+RUN = run_entry(within_spec=False)
 
 
 @pytest.fixture
 def directory(tmp_path: Path) -> Path:
-    from hil.master.bench import load_bench  # noqa: PLC0415
-
-    run = {**RUN, "timing": TIMING, "invalid": "of 400 cycles 3 were not sent in time"}
-    result = {"schema": 1, "bench": {"name": "x", "file": load_bench("reference").model_dump(mode="json")}, "runs": [run]}
-    (tmp_path / "result.json").write_text(json.dumps(result))
-    return tmp_path
+    run = run_entry(within_spec=False, timing=RunTiming.model_validate(TIMING), invalid="of 400 cycles 3 were not sent in time")
+    return written(tmp_path, ExperimentsResult(bench=measured_bench(), runs=[run]))
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_the_table_says_how_late_it_was_and_what_was_refused(directory: Path) -> None:
     table = timing_table(Material(directory))
     assert table is not None
@@ -45,5 +43,5 @@ def test_a_run_that_is_not_judged_is_not_said_to_be_outside(directory: Path) -> 
 
 
 def test_in_lock_step_there_is_no_table(directory: Path) -> None:
-    (directory / "result.json").write_text(json.dumps({**json.loads((directory / "result.json").read_text()), "runs": [RUN]}))
+    written(directory, ExperimentsResult(bench=measured_bench(), runs=[RUN]))
     assert timing_table(Material(directory)) is None

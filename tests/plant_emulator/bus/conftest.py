@@ -26,6 +26,22 @@ def wait_for(happened, timeout_s=10.0):
         time.sleep(0.002)
 
 
+class Wall:
+    """The monotonic clock, until a test takes it in hand."""
+
+    def __init__(self):
+        self._held_ns = None
+
+    def __call__(self):
+        return time.monotonic_ns() if self._held_ns is None else self._held_ns
+
+    def hold(self):
+        self._held_ns = time.monotonic_ns()
+
+    def pass_s(self, seconds):
+        self._held_ns += round(1e9 * seconds)
+
+
 class Running:
     """A server that serves in a thread."""
 
@@ -33,7 +49,8 @@ class Running:
         self.path = str(path)
         self.world = World(ONE_AXIS)
         self.world.axes.advance(0)
-        self.server = Server(self.world, self.path, stream=stream)
+        self.wall = Wall()
+        self.server = Server(self.world, self.path, stream=stream, now_ns=self.wall)
         self.kind = socket.SOCK_STREAM if stream else socket.SOCK_SEQPACKET
         self._open = []
         self._thread = threading.Thread(target=self.server.run)
@@ -42,6 +59,11 @@ class Running:
     @property
     def drive(self):
         return self.world.drives[3]
+
+    def hold_wall(self):
+        """Stop the clock on the wall, and the world that follows it."""
+        self.wall.hold()
+        wait_for(lambda: self.world.now == self.wall() - self.server._epoch_ns)
 
     def _joined(self, participant, before):
         self._open.append(participant)

@@ -7,10 +7,11 @@ import can
 import pytest
 
 from drive_profiles.address import Address
-from hil.can.channel import BusLostError, open_channel
+from hil.can.errors import BusLostError
 from hil.can.frame import CAN_ERR_FLAG, Frame
+from hil.can.opening import open_channel
 from plant_emulator.bus.attach import BEHIND_NS, TURN_FRAMES, Attachment
-from plant_emulator.robot import load_robot
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 
 MS = 1_000_000

@@ -4,14 +4,14 @@ import struct
 
 import pytest
 
-from drive_profiles.cia301 import FunctionCode
+from drive_profiles.standard.cia301 import FunctionCode
 from hil.can.frame import Frame
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
-from plant_emulator.drive_objects import USER_TEXT
+from plant_emulator.drive.dictionary.manufacturer_objects import USER_TEXT
 from plant_emulator.world import World
 from tests.plant_emulator.rig import ONE_AXIS
-from tests.plant_emulator.slave.sdo_rig import BlockClient, Wire
+from tests.plant_emulator.slave.sdo.sdo_rig import BlockClient, Wire
 
 LOSSLESS = Wire()
 

@@ -4,14 +4,15 @@ import struct
 
 import pytest
 
-from drive_profiles.cia301 import NmtCommand, NmtState
-from drive_profiles.cia402 import Mode, State
+from drive_profiles.standard.cia301 import NmtCommand, NmtState
+from drive_profiles.standard.cia402 import Mode, State
 from hil.can.frame import Frame
-from plant_emulator.bus.confinement import ErrorState
-from plant_emulator.bus.faults import Fault, Faults
+from plant_emulator.bus.confinement import RECOVERY_BITS
+from plant_emulator.bus.controller import ErrorState
+from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.timed import FIRST_CLIENT, TimedBus
-from plant_emulator.bus.wire import RECOVERY_BITS, Wire
-from plant_emulator.robot import Behaviour
+from plant_emulator.bus.wire import EmulatedWire
+from plant_emulator.robots.robot import Behaviour
 from plant_emulator.world import World
 from tests.plant_emulator.rig import NODE, ONE_AXIS, Rig
 
@@ -32,7 +33,7 @@ def robot_with(**behaviour):
 def bus(*faults, bitrate=1_000_000, robot=ONE_AXIS, heartbeat_ms=5, behaviour_1029h=0):
     """A timed bus with one client and one drive that is operational and sends heartbeats."""
     world = World(robot)
-    made = TimedBus(world, Wire(bitrate, faults=Faults(faults)))
+    made = TimedBus(world, EmulatedWire(bitrate, faults=BusFaults(faults)))
     made.wire.attach(CLIENT)
     world.power_on()
     dictionary = world.drives[NODE].slave.dictionary

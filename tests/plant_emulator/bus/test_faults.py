@@ -4,13 +4,13 @@ import itertools
 
 import pytest
 
-from drive_profiles import files
 from drive_profiles.errors import FileError
+from drive_profiles.files import toml as files
 from hil.can.bits import duration_ns
 from hil.can.frame import CAN_EFF_FLAG, CAN_RTR_FLAG, Frame
-from plant_emulator.bus.confinement import ErrorState
-from plant_emulator.bus.faults import Fault, Faults, FaultsFile
-from plant_emulator.bus.wire import Wire
+from plant_emulator.bus.controller import ErrorState
+from plant_emulator.bus.faults import BusFaults, Fault, FaultsFile
+from plant_emulator.bus.wire import EmulatedWire
 
 US, MS = 1_000, 1_000_000
 TPDO, OTHER = Frame(0x181, bytes(range(8))), Frame(0x281, b"\x01")
@@ -18,7 +18,7 @@ TPDO, OTHER = Frame(0x181, bytes(range(8))), Frame(0x281, b"\x01")
 
 def sent(faults, offers, bitrate=1_000_000, seed=0, until=10**9):
     """What is delivered of (time, port, frame)."""
-    wire = Wire(bitrate, faults=Faults(faults, seed))
+    wire = EmulatedWire(bitrate, faults=BusFaults(faults, seed))
     for _ in range(3):
         wire.attach()
     delivered = []
@@ -44,7 +44,7 @@ class TestSelection:
 
     def test_by_identifier_under_a_mask(self):
         fault = Fault("drop", can_id=0x180, mask=0x780)
-        assert [Faults([fault]).apply(Frame(i, b""), 0, 0) == () for i in (0x180, 0x1FF, 0x200, 0x180 | CAN_EFF_FLAG)] == [
+        assert [BusFaults([fault]).apply(Frame(i, b""), 0, 0) == () for i in (0x180, 0x1FF, 0x200, 0x180 | CAN_EFF_FLAG)] == [
             True,
             True,
             False,
@@ -53,8 +53,8 @@ class TestSelection:
 
     def test_a_long_identifier_is_another_than_the_short_one_of_its_number(self):
         fault = Fault("drop", can_id=0x12345)
-        assert Faults([fault]).apply(Frame(0x12345 | CAN_EFF_FLAG, b""), 0, 0) == ()
-        assert len(Faults([Fault("drop", can_id=0x345)]).apply(Frame(0x345 | CAN_EFF_FLAG, b""), 0, 0)) == 1
+        assert BusFaults([fault]).apply(Frame(0x12345 | CAN_EFF_FLAG, b""), 0, 0) == ()
+        assert len(BusFaults([Fault("drop", can_id=0x345)]).apply(Frame(0x345 | CAN_EFF_FLAG, b""), 0, 0)) == 1
 
     def test_by_port_time_turn_and_count(self):
         assert kept([Fault("drop", port=1)], periodic(2)) == [0, 1]
@@ -126,7 +126,7 @@ class TestPortsAndBus:
         assert kept([Fault("mute", port=0, from_s=0.0015, to_s=0.0035)], periodic(6)) == [0, 1, 4, 5]
 
     def test_a_mute_port_does_not_acknowledge(self):
-        wire = Wire(1_000_000, faults=Faults([Fault("mute", port=1)]))
+        wire = EmulatedWire(1_000_000, faults=BusFaults([Fault("mute", port=1)]))
         wire.attach(), wire.attach()
         wire.advance(1)
         wire.offer(0, TPDO, 1)
@@ -143,7 +143,7 @@ class TestPortsAndBus:
         assert wire.due is None
 
     def test_a_babbling_stranger_needs_no_port_of_its_own(self):
-        wire = Wire(1_000_000, faults=Faults([Fault("babble", port=9, can_id=0)]))
+        wire = EmulatedWire(1_000_000, faults=BusFaults([Fault("babble", port=9, can_id=0)]))
         wire.attach()
         assert len(wire.advance(MS)) > 15
         assert wire.load(MS) > 0.9

@@ -8,15 +8,15 @@ import canopen
 import pytest
 from typer.testing import CliRunner
 
-from drive_profiles.cia301 import NmtCommand, NmtState
-from drive_profiles.cli import app as drive_profiles
+from drive_profiles.cli.main import app as drive_profiles
+from drive_profiles.standard.cia301 import NmtCommand, NmtState
 from hil.can.frame import Frame
 from plant_emulator.announcement import announced, spans
-from plant_emulator.bus.faults import Fault, Faults
+from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.bus.timed import FIRST_CLIENT, TimedBus
-from plant_emulator.bus.wire import Wire
+from plant_emulator.bus.wire import EmulatedWire
 from plant_emulator.world import World
 from tests.plant_emulator.bus.conftest import wait_for
 from tests.plant_emulator.many_axes import ACCELEROMETER, AXES, NODES, robot_file, robot_of
@@ -48,7 +48,7 @@ def test_127_nodes_boot_on_the_ideal_bus_lowest_identifier_first(world):
 
 
 def test_on_a_bus_with_bit_times_127_boot_ups_arbitrate_and_none_is_lost(world):
-    made = TimedBus(world, Wire(1_000_000, now_ns=world.now))
+    made = TimedBus(world, EmulatedWire(1_000_000, now_ns=world.now))
     made.wire.attach(CLIENT)
     made.offer(CLIENT, RESET)
     reset, *boots = made.settle()
@@ -87,7 +87,9 @@ def test_127_nodes_sample_at_one_sync_and_their_tpdos_leave_in_order(world):
 
 def test_a_lost_node_is_the_one_of_127_that_went_bus_off(world):
     now_s = 1e-9 * world.now
-    made = TimedBus(world, Wire(1_000_000, faults=Faults([Fault("bus_off", port=77, from_s=now_s + 1e-6)]), now_ns=world.now))
+    made = TimedBus(
+        world, EmulatedWire(1_000_000, faults=BusFaults([Fault("bus_off", port=77, from_s=now_s + 1e-6)]), now_ns=world.now)
+    )
     made.wire.attach(CLIENT)
     made.run(world.now + 2_000)
     made.offer(CLIENT, RESET)
@@ -95,11 +97,12 @@ def test_a_lost_node_is_the_one_of_127_that_went_bus_off(world):
     world.power_cycle(77)
 
 
+@pytest.mark.slow
 def test_scan_and_the_canopen_package_find_127_nodes_of_a_served_robot(serve, tmp_path):
     (tmp_path / "many.toml").write_text(robot_file())
     process, path = serve("--robot", str(tmp_path / "many.toml"))
     assert process.stdout.readline() == "nodes 1-126: emulated_drive\n"
-    result = CliRunner().invoke(drive_profiles, ["scan", "--bus", f"local:{path}", "--json", "--timeout-s", "1"])
+    result = CliRunner().invoke(drive_profiles, ["scan", "--bus", f"local:{path}", "--json", "--timeout-s", "10"])
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
     assert [node["node"] for node in found] == NODES

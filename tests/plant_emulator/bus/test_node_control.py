@@ -4,7 +4,7 @@ import canopen
 import canopen.lss
 import pytest
 
-from drive_profiles.cia301 import NmtState
+from drive_profiles.standard.cia301 import NmtState
 from tests.plant_emulator.bus.conftest import wait_for
 
 NODE = 3

@@ -3,7 +3,7 @@
 import can
 import pytest
 
-from drive_profiles.cia301 import FunctionCode, NmtCommand
+from drive_profiles.standard.cia301 import FunctionCode, NmtCommand
 from hil.can.frame import CAN_RTR_FLAG, Frame
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for

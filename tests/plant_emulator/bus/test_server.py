@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from drive_profiles.address import Address
-from drive_profiles.cia402 import Mode, Object, State
+from drive_profiles.standard.cia402 import Mode, Object, State
 from hil.can.frame import RECORD, Frame
 from hil.can.raw import RawChannel
 from plant_emulator.bus import server as server_module
@@ -207,7 +207,7 @@ def test_what_waits_for_a_stream_reaches_it_without_another_frame(start_server):
     wait_for(lambda: running.server._clock is not None)
     client = list(running.server._clients.values())[-1]
     count = 0
-    while not (client.has_backlog and len(client._backlog) > 64):  # one record may be there for an instant
+    while not len(client._backlog) > 64:  # one record may be there for an instant
         exchange(fast, 50, first=count)
         count += 50
     data = b"".join(received(slow))
@@ -231,12 +231,16 @@ def test_a_client_that_goes_in_the_middle_of_everything_is_not_missed(either):
 def test_before_the_first_sync_the_world_runs_by_itself(running):
     channel = running.join()
     write(channel, 0x1017, 0, struct.pack("<H", 20))
-    started, world_started = time.monotonic(), running.world.now
+    running.hold_wall()
+    drain(channel)
+    before = running.world.now
+    assert still(running)
+    running.wall.pass_s(0.2)
     for _ in range(10):
         frames_until(channel, BEAT)
-    elapsed = time.monotonic() - started
-    assert 0.15 < elapsed < 1.0
-    assert (running.world.now - world_started) * 1e-9 == pytest.approx(elapsed, abs=0.1)
+    wait_for(lambda: running.world.now == before + 200_000_000)
+    assert drain(channel) == []
+    assert still(running)
 
 
 def test_with_the_first_sync_time_is_counted_in_syncs(running):
@@ -267,12 +271,15 @@ def test_after_the_sender_of_sync_has_gone_the_world_goes_on_by_itself(running):
     channel, other = running.join(), running.join()
     lock(channel, running)
     frames_until(other, 0x080)
+    running.wall.hold()
+    running.wall.pass_s(10.0)
     assert still(running)
     before = running.world.now
     channel.close()
     wait_for(lambda: running.server._clock is None)
-    time.sleep(0.1)
-    assert 0.05e9 < running.world.now - before < 1e9  # no jump over the time that stood
+    assert still(running)  # no jump over the time that stood
+    running.wall.pass_s(0.1)
+    wait_for(lambda: running.world.now == before + 100_000_000)
 
 
 def test_a_drive_stops_by_itself_when_its_master_has_gone(running):
@@ -284,13 +291,17 @@ def test_a_drive_stops_by_itself_when_its_master_has_gone(running):
     master.send(Frame(0x77F, b"\x05"))
     for _ in range(10):
         master.send(SYNC)
-    drain(master)
-    assert running.drive.state is State.OPERATION_ENABLED
-    time.sleep(0.2)
+    wait_for(lambda: running.drive.state is State.OPERATION_ENABLED)
+    wait_for(lambda: running.world.now % 1_000_000_000 == 22_000_000)
+    running.wall.hold()
+    running.wall.pass_s(0.2)
+    assert still(running)
     assert running.drive.state is State.OPERATION_ENABLED  # lock-step: no time has passed for the drive either
     master.close()
     wait_for(lambda: not running.server._clients)
+    assert running.drive.state is State.OPERATION_ENABLED
     witness = running.join()
+    running.wall.pass_s(1.0)
     wait_for(lambda: running.drive.state is State.SWITCH_ON_DISABLED)
     witness.send(Frame(0x603, bytes.fromhex("4003100100000000")))  # its error history
     assert frames_until(witness, ANSWER)[-1].data[4:6] == b"\x30\x81"

@@ -2,14 +2,14 @@
 
 import pytest
 
-from drive_profiles.cia301 import NmtCommand
+from drive_profiles.standard.cia301 import NmtCommand
 from hil.can.bits import frame_bits
 from hil.can.frame import Frame
-from plant_emulator.bus.faults import Fault, Faults
+from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.medium import Instant, Timed, medium_for
 from plant_emulator.bus.timed import FIRST_CLIENT, TimedBus
-from plant_emulator.bus.wire import Wire
-from plant_emulator.robot import load_robot
+from plant_emulator.bus.wire import EmulatedWire
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 
 SYNC = Frame(0x80, b"")
@@ -21,7 +21,7 @@ SDO_READ_TYPE = Frame(0x602, b"\x40\x00\x10\x00\x00\x00\x00\x00")
 def bus(bitrate=1_000_000, *, latency_ns=0, faults=None, cyclic=(2, 3, 5)):
     """A timed bus with one client; these nodes are operational and send their first TPDO with each SYNC."""
     world = World(ROBOT)
-    made = TimedBus(world, Wire(bitrate, faults=faults), latency_ns)
+    made = TimedBus(world, EmulatedWire(bitrate, faults=faults), latency_ns)
     made.wire.attach(CLIENT)
     world.power_on()
     for node in (*cyclic, 16):
@@ -115,7 +115,7 @@ def test_overload_is_reported_within_the_first_second_at_105_percent_and_nothing
 
 
 def test_a_frame_that_is_destroyed_is_sent_again_and_arrives_later():
-    faults = Faults([Fault("corrupt", can_id=0x602, attempts=1)])
+    faults = BusFaults([Fault("corrupt", can_id=0x602, attempts=1)])
     clean, disturbed = bus(), bus(faults=faults)
     ends = []
     for made in (clean, disturbed):
@@ -143,7 +143,7 @@ def test_the_simplest_medium_that_does_what_is_asked_for():
 def test_equal_worlds_behind_equal_wires_hear_equal_frames_at_equal_instants():
     def history():
         made = bus(
-            500_000, faults=Faults([Fault("drop", probability=0.1), Fault("delay", delay_ns=50_000, probability=0.2)], seed=3)
+            500_000, faults=BusFaults([Fault("drop", probability=0.1), Fault("delay", delay_ns=50_000, probability=0.2)], seed=3)
         )
         return [h for _ in range(100) for h in made.cycle(CLIENT, SYNC, 1_000_000)]
 
@@ -166,7 +166,7 @@ def test_a_heartbeat_of_the_client_leaves_with_its_next_sync_and_does_not_move_t
 
 def test_a_fault_that_is_to_come_keeps_nobody_waiting():
     ends = []
-    for faults in (None, Faults([Fault("mute", port=5, from_s=5.0)])):
+    for faults in (None, BusFaults([Fault("mute", port=5, from_s=5.0)])):
         made = bus(faults=faults)
         made.offer(CLIENT, SDO_READ_TYPE)
         made.settle()
@@ -176,7 +176,7 @@ def test_a_fault_that_is_to_come_keeps_nobody_waiting():
 
 def test_what_was_delayed_before_does_not_stretch_the_beats_and_what_is_asked_is_waited_for():
     made = bus(
-        faults=Faults([Fault("delay", can_id=0x182, delay_ns=40_000_000), Fault("delay", can_id=0x583, delay_ns=3_000_000)])
+        faults=BusFaults([Fault("delay", can_id=0x182, delay_ns=40_000_000), Fault("delay", can_id=0x583, delay_ns=3_000_000)])
     )
     medium = Timed(made, wall=False)
     list(medium.cycle(CLIENT, SYNC))

@@ -5,10 +5,10 @@ import pytest
 from hil.experiments.motions import line_motion
 from hil.master.session import Session
 from hil.recording import BusLog
-from plant_emulator.bus.faults import Fault, Faults
+from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import Timed, medium_for
-from plant_emulator.robot import load_robot
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 from tests.bench.fault_rig import T_S, bench
 
@@ -26,11 +26,11 @@ def run(tmp_path_factory):
 
     def made(faults=None, seed=0, data_bitrate=None, is_quick=True):
         world = World(load_robot("reference"))
-        medium = medium_for(world, RATE, data_bitrate, faults=None if faults is None else Faults(faults, seed))
+        medium = medium_for(world, RATE, data_bitrate, faults=None if faults is None else BusFaults(faults, seed))
         assert isinstance(medium, Timed)
         wire = medium._bus.wire
         if not is_quick:
-            wire._quiet = None
+            wire._error_free = None
         ends = []
         channel = InProcessChannel(world, medium)
         channel.heard = lambda frame, end_ns: ends.append((frame, end_ns))

@@ -6,9 +6,10 @@ import pytest
 
 from hil.can.bits import duration_ns, frame_bits, sent_bits
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
-from plant_emulator.bus.confinement import ErrorState
-from plant_emulator.bus.faults import Fault, Faults
-from plant_emulator.bus.wire import Wire, stuck_steps
+from plant_emulator.bus.confinement import stuck_steps
+from plant_emulator.bus.controller import ErrorState
+from plant_emulator.bus.faults import BusFaults, Fault
+from plant_emulator.bus.wire import EmulatedWire
 
 BIT = 1_000
 SYNC = Frame(0x080, b"")
@@ -16,7 +17,7 @@ LOW, HIGH = Frame(0x181, bytes(8)), Frame(0x581, bytes(range(8)))
 
 
 def wire_of(ports=3, bitrate=1_000_000, **options):
-    wire = Wire(bitrate, **options)
+    wire = EmulatedWire(bitrate, **options)
     for _ in range(ports):
         wire.attach()
     return wire
@@ -32,7 +33,7 @@ def ends(wire, until=10**9):
 
 
 def faulty(*faults, seed=0, **options):
-    return wire_of(faults=Faults(faults, seed), **options)
+    return wire_of(faults=BusFaults(faults, seed), **options)
 
 
 class TestArbitration:
@@ -84,7 +85,7 @@ class TestArbitration:
 
     def test_a_queue_is_first_in_first_out_and_mailboxes_are_not(self):
         for has_mailboxes, order in ((False, [HIGH, LOW]), (True, [LOW, HIGH])):
-            wire = Wire(1_000_000)
+            wire = EmulatedWire(1_000_000)
             wire.attach()
             port = wire.attach(priority_queue=has_mailboxes)
             wire.offer(port, HIGH, 0)
@@ -267,8 +268,9 @@ class TestMistakes:
         wire.advance(100)
         for call in (lambda: wire.offer(0, LOW, 99), lambda: wire.advance(99), lambda: wire.offer(9, LOW, 100),
                      lambda: wire.offer(0, Frame(CAN_ERR_FLAG, bytes(8)), 100), lambda: wire.attach(0), lambda: wire.detach(9),
-                     lambda: wire.load(0), lambda: Wire(0), lambda: Wire(1, queue_frames=0), lambda: wire.controller(9),
-                     lambda: Wire(None, faults=Faults([Fault("stuck", to_s=1.0)]))):  # fmt: skip
+                     lambda: wire.load(0), lambda: EmulatedWire(0), lambda: EmulatedWire(1, queue_frames=0),
+                     lambda: wire.controller(9),
+                     lambda: EmulatedWire(None, faults=BusFaults([Fault("stuck", to_s=1.0)]))):  # fmt: skip
             with pytest.raises(ValueError, match=r"."):
                 call()
 

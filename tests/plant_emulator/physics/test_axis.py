@@ -6,17 +6,11 @@ import numpy as np
 import pytest
 from scipy import integrate, optimize, signal
 
-from hil.design.frequency import ARCSEC, TwoInertia
-from plant_emulator.physics.axis import (
-    PLANT,
-    PLANT_STATE,
-    derivatives,
-    friction_torque,
-    plant_step,
-    settle,
-    synchronous_error,
-)
-from plant_emulator.robot import load_robot
+from hil.control.angles import ARCSEC
+from hil.design.frequency import TwoInertia
+from plant_emulator.physics.axis import PLANT, PLANT_STATE, derivatives, friction, settle, synchronous_error
+from plant_emulator.physics.integration import plant_step
+from plant_emulator.robots.robot import load_robot
 
 ROBOT = load_robot("reference")
 T = 250e-6
@@ -24,6 +18,11 @@ LINEAR = {"coulomb_friction_nm": 0.0, "static_friction_nm": 0.0, "gravity_moment
 NO_ATE = {"a1_rad": 0.0, "a2_rad": 0.0, "a4_rad": 0.0}
 UNDAMPED = {"motor_damping_nm_s_rad": 0.0, "arm_damping_nm_s_rad": 0.0, "gear_damping_nm_s_rad": 0.0}
 BIG_ATE = {"a1_rad": 100 * ARCSEC, "a2_rad": 300 * ARCSEC, "phi2_rad": 1.0, "a4_rad": 200 * ARCSEC, "gear_reaction": 1.0}
+
+
+def friction_torque(p, speed):
+    rise, stribeck = p["static_friction_nm"] - p["coulomb_friction_nm"], p["stribeck_velocity_rad_s"]
+    return friction(p["coulomb_friction_nm"], rise, 1.0 / stribeck, speed)
 
 
 class Axis:
@@ -38,15 +37,15 @@ class Axis:
     def __getattr__(self, name):
         return float(self.__dict__["state"][0][name])
 
-    def at(self, motor_angle=0.0, motor_speed=0.0, arm_angle=0.0, arm_speed=0.0):
-        self.state[0] = (motor_angle, motor_speed, arm_angle, arm_speed, 0.0, 0.0, 0.0)
+    def at(self, motor_angle_rad=0.0, motor_speed_rad_s=0.0, arm_angle_rad=0.0, arm_speed_rad_s=0.0):
+        self.state[0] = (motor_angle_rad, motor_speed_rad_s, arm_angle_rad, arm_speed_rad_s, 0.0, 0.0, 0.0)
         return self
 
     def step(self, command=0.0, braked=False, period_s=T, substeps=4):
-        plant_step(self.plant, self.state, 0, command, braked, period_s, substeps)
+        plant_step(self.plant[0], self.state[0], command, braked, period_s, substeps)
         return self
 
-    def run(self, commands, names=("motor_angle", "motor_speed", "arm_angle", "arm_speed"), **how):
+    def run(self, commands, names=("motor_angle_rad", "motor_speed_rad_s", "arm_angle_rad", "arm_speed_rad_s"), **how):
         rows = []
         for command in commands:
             self.step(command, **how)
@@ -56,12 +55,12 @@ class Axis:
     @property
     def torsion(self):
         p = self.plant[0]
-        return self.motor_angle / p["reduction_ratio"] + synchronous_error(p, self.motor_angle)[0] - self.arm_angle
+        return self.motor_angle_rad / p["reduction_ratio"] + synchronous_error(p, self.motor_angle_rad)[0] - self.arm_angle_rad
 
     def torsion_rate(self):
         p = self.plant[0]
-        slope = synchronous_error(p, self.motor_angle)[1]
-        return self.motor_speed * (1.0 / p["reduction_ratio"] + slope) - self.arm_speed
+        slope = synchronous_error(p, self.motor_angle_rad)[1]
+        return self.motor_speed_rad_s * (1.0 / p["reduction_ratio"] + slope) - self.arm_speed_rad_s
 
     def energy(self):
         """Kinetic energies, the gear's potential with the soft wind-up, gravity's potential."""
@@ -71,19 +70,19 @@ class Axis:
         if soft > 0.0:
             gear += 0.5 * p["gear_stiffness_nm_rad"] * soft * (math.exp(-((psi / p["wind_up_torsion_rad"]) ** 2)) - 1.0)
         return (
-            0.5 * p["motor_inertia_kg_m2"] * self.motor_speed**2
-            + 0.5 * p["arm_inertia_kg_m2"] * self.arm_speed**2
+            0.5 * p["motor_inertia_kg_m2"] * self.motor_speed_rad_s**2
+            + 0.5 * p["arm_inertia_kg_m2"] * self.arm_speed_rad_s**2
             + gear
-            + p["gravity_moment_nm"] * math.sin(self.arm_angle + p["home_angle_rad"])
+            + p["gravity_moment_nm"] * math.sin(self.arm_angle_rad + p["home_angle_rad"])
         )
 
     def dissipation(self):
         """Power lost in bearings, friction and gear, W."""
         p = self.plant[0]
         return (
-            p["motor_damping_nm_s_rad"] * self.motor_speed**2
-            + friction_torque(p, self.motor_speed) * self.motor_speed
-            + p["arm_damping_nm_s_rad"] * self.arm_speed**2
+            p["motor_damping_nm_s_rad"] * self.motor_speed_rad_s**2
+            + friction_torque(p, self.motor_speed_rad_s) * self.motor_speed_rad_s
+            + p["arm_damping_nm_s_rad"] * self.arm_speed_rad_s**2
             + p["gear_damping_nm_s_rad"] * self.torsion_rate() ** 2
         )
 
@@ -173,16 +172,16 @@ def test_the_short_polynomials_change_nothing_near_or_far(speed, angle):
     k4 = np.array(rates(0.0, x + T * k3))
     want = x + T / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     axis.step(1.5, substeps=1)
-    got = [axis.motor_angle, axis.motor_speed, axis.arm_angle, axis.arm_speed, axis.torque_nm]
+    got = [axis.motor_angle_rad, axis.motor_speed_rad_s, axis.arm_angle_rad, axis.arm_speed_rad_s, axis.torque_nm]
     np.testing.assert_allclose(got, want, rtol=1e-12, atol=1e-12)
-    assert axis.arm_acceleration == pytest.approx(rates(0.0, want)[3], rel=1e-8, abs=1e-7)
+    assert axis.arm_acceleration_rad_s2 == pytest.approx(rates(0.0, want)[3], rel=1e-8, abs=1e-7)
 
 
 def test_with_every_nonlinearity_on_it_is_what_scipys_integrator_finds():
     axis = everything()
     p = {name: float(axis.plant[0][name]) for name in PLANT.names}
     x = np.zeros(5)
-    names = ("motor_angle", "motor_speed", "arm_angle", "arm_speed", "torque_nm")
+    names = ("motor_angle_rad", "motor_speed_rad_s", "arm_angle_rad", "arm_speed_rad_s", "torque_nm")
     # pieces of constant torque through standstill and both directions
     for command in (1.5, -2.0, 0.0, 3.0):
         solved = integrate.solve_ivp(by_hand(p, command), (0.0, 0.1), x, rtol=1e-9, atol=1e-11, method="LSODA")
@@ -228,9 +227,9 @@ def balance(axis, commands, dt=40e-6):
     energy, work, lost = axis.energy(), 0.0, 0.0
     loss = axis.dissipation()
     for command in commands:
-        speed = axis.motor_speed
+        speed = axis.motor_speed_rad_s
         axis.step(command, period_s=dt, substeps=1)
-        work += command * 0.5 * (speed + axis.motor_speed) * dt
+        work += command * 0.5 * (speed + axis.motor_speed_rad_s) * dt
         loss, before = axis.dissipation(), loss
         lost += 0.5 * (loss + before) * dt
     return (work - (axis.energy() - energy) - lost) / abs(work)
@@ -242,11 +241,11 @@ def test_the_work_put_in_is_stored_or_lost_when_the_gear_loads_the_motor_too(num
     t = np.arange(12_000) * 40e-6
     commands = 1.0 + 0.8 * np.sin(2.0 * math.pi * 9.0 * t)
     axis = Axis(number, **BIG_ATE, wind_up_softness=softness)
-    settle(axis.plant, axis.state, 0)
+    settle(axis.plant[0], axis.state[0])
     assert abs(balance(axis, commands)) < 1e-4
     # the paper's block diagram, without that load, makes energy out of the transmission error
     paper = Axis(number, **{**BIG_ATE, "gear_reaction": 0.0}, wind_up_softness=softness)
-    settle(paper.plant, paper.state, 0)
+    settle(paper.plant[0], paper.state[0])
     assert abs(balance(paper, commands)) > 1e-3
 
 
@@ -277,17 +276,20 @@ def test_the_slope_of_the_transmission_error_is_its_derivative(order):
 def test_the_hysteresis_torque_follows_dahls_exponential():
     """Loading from zero at a constant torsion rate: z = F (1 − exp(−ψ/ψ_h))."""
     axis = Axis(2, **LINEAR, **NO_ATE, hysteresis_torque_nm=3.0, hysteresis_torsion_rad=20 * ARCSEC)
-    z, dt, rate = 0.0, 1e-5, 1e-3
+    dt, rate = 1e-5, 1e-3
+    axis.at(arm_speed_rad_s=-rate)
+    p, s = axis.plant[0], axis.state[0]
     for _ in range(20_000):
-        z += dt * derivatives(axis.plant[0], 0.0, True, 0.0, 0.0, 0.0, -rate, z, 0.0)[2]
+        s["hysteresis_nm"] += dt * derivatives(p, s, 0.0, True)[2]
+    z = axis.hysteresis_nm
     assert z == pytest.approx(3.0 * (1.0 - math.exp(-0.2 * rate / (20 * ARCSEC))), rel=1e-3)
 
 
 def test_a_hysteresis_loop_dissipates_and_stays_within_its_torque():
     def swing(hysteresis):
         axis = Axis(2, **LINEAR, **NO_ATE, **UNDAMPED, hysteresis_torque_nm=hysteresis, hysteresis_torsion_rad=20 * ARCSEC)
-        axis.at(arm_angle=4e-4)
-        rows = axis.run([0.0] * 8000, ("arm_angle", "hysteresis_nm", "arm_speed"), braked=True)
+        axis.at(arm_angle_rad=4e-4)
+        rows = axis.run([0.0] * 8000, ("arm_angle_rad", "hysteresis_nm", "arm_speed_rad_s"), braked=True)
         # ∮ z dψ: what the loop takes out
         return rows, float(np.sum(rows[:, 1] * -rows[:, 2]) * T)
 
@@ -305,7 +307,7 @@ def test_the_gear_is_softer_around_zero_torsion():
     """Small swings with the motor held: √(1 − r) of the frequency; large ones: the full stiffness."""
     for size, share in ((1e-6, 0.6), (0.05, 1.0)):
         axis = Axis(2, **LINEAR, **NO_ATE, **UNDAMPED, wind_up_softness=0.4, wind_up_torsion_rad=60 * ARCSEC)
-        arm = axis.at(arm_angle=size).run([0.0] * 8000, braked=True)[:, 2]
+        arm = axis.at(arm_angle_rad=size).run([0.0] * 8000, braked=True)[:, 2]
         crossings = np.flatnonzero((arm[:-1] < 0.0) & (arm[1:] >= 0.0))
         frequency = (len(crossings) - 1) / ((crossings[-1] - crossings[0]) * T)
         assert frequency == pytest.approx(math.sqrt(share * 48950.0 / 8.0) / (2.0 * math.pi), rel=3e-3)
@@ -322,7 +324,7 @@ def test_the_current_loop_lags_by_its_time_constant():
 @pytest.mark.parametrize("number", [2, 3, 5])
 def test_the_brake_holds_the_motor_whatever_the_torque_while_the_arm_swings_on_the_gear(number):
     axis = Axis(number, **NO_ATE, gravity_moment_nm=0.0, arm_damping_nm_s_rad=0.0, gear_damping_nm_s_rad=0.0)
-    axis.at(motor_angle=3.0, motor_speed=50.0, arm_angle=3.0 / axis.plant[0]["reduction_ratio"] + 1e-4)
+    axis.at(motor_angle_rad=3.0, motor_speed_rad_s=50.0, arm_angle_rad=3.0 / axis.plant[0]["reduction_ratio"] + 1e-4)
     rows = axis.run([5.0] * 8000, braked=True)
     assert np.all(rows[:, 0] == 3.0)
     assert np.all(rows[:, 1] == 0.0)
@@ -335,8 +337,8 @@ def test_the_brake_holds_the_motor_whatever_the_torque_while_the_arm_swings_on_t
 @pytest.mark.parametrize("number", [2, 3, 5])
 @pytest.mark.parametrize("softness", [0.0, 0.6])
 def test_an_axis_settles_where_gravity_and_gear_are_in_balance_and_stays_there(number, softness):
-    axis = Axis(number, wind_up_softness=softness, wind_up_torsion_rad=60 * ARCSEC).at(motor_angle=30.0)
-    settle(axis.plant, axis.state, 0)
+    axis = Axis(number, wind_up_softness=softness, wind_up_torsion_rad=60 * ARCSEC).at(motor_angle_rad=30.0)
+    settle(axis.plant[0], axis.state[0])
     p = axis.plant[0]
     rigid = 30.0 / p["reduction_ratio"] + synchronous_error(p, 30.0)[0]
 
@@ -345,14 +347,16 @@ def test_an_axis_settles_where_gravity_and_gear_are_in_balance_and_stays_there(n
         stiffness = p["gear_stiffness_nm_rad"] * (1.0 - softness * math.exp(-((psi / (60 * ARCSEC)) ** 2)))
         return stiffness * psi - p["gravity_moment_nm"] * math.cos(arm + p["home_angle_rad"])
 
-    assert axis.arm_angle == pytest.approx(optimize.brentq(unbalanced, rigid - 0.1, rigid + 0.1, xtol=1e-15), abs=1e-12)
-    rows = axis.run([0.0] * 400, ("arm_angle", "arm_acceleration"), braked=True)
+    assert axis.arm_angle_rad == pytest.approx(optimize.brentq(unbalanced, rigid - 0.1, rigid + 0.1, xtol=1e-15), abs=1e-12)
+    rows = axis.run([0.0] * 400, ("arm_angle_rad", "arm_acceleration_rad_s2"), braked=True)
     assert np.ptp(rows[:, 0]) < 1e-12
     assert np.max(np.abs(rows[:, 1])) < 1e-6
 
 
 def test_the_reported_arm_acceleration_is_the_second_derivative_of_the_arm_angle():
     axis = Axis(2)
-    rows = axis.run(1.0 + 0.5 * np.sin(0.02 * np.arange(4000)), ("arm_angle", "arm_acceleration"), period_s=1e-4, substeps=1)
+    rows = axis.run(
+        1.0 + 0.5 * np.sin(0.02 * np.arange(4000)), ("arm_angle_rad", "arm_acceleration_rad_s2"), period_s=1e-4, substeps=1
+    )
     numeric = np.diff(rows[:, 0], 2) / 1e-8
     np.testing.assert_allclose(numeric, rows[1:-1, 1], atol=2e-3 * np.max(np.abs(rows[:, 1])))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.control.trajectory import PlanarChain
-from plant_emulator.physics.tip import Sensor, chain_acceleration, lever_acceleration
+from plant_emulator.physics.tip import TipSensor, chain_acceleration, lever_acceleration
 
 CHAIN = PlanarChain(0.050, 0.330, 0.440, (0.420, 0.035), 0.130)
 
@@ -38,7 +38,7 @@ def test_a_lever_feels_the_centripetal_and_the_tangential_acceleration():
 
 
 def sensor(noise=0.0, resolution=0.0, reach=19.62, seed=1):
-    return Sensor(noise, resolution, reach, np.random.default_rng(seed))
+    return TipSensor(noise, resolution, reach, np.random.default_rng(seed))
 
 
 def test_a_sensor_without_noise_rounds_to_its_nearest_step():

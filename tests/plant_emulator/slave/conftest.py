@@ -9,7 +9,7 @@ import struct
 import canopen
 import pytest
 
-from drive_profiles.cia301 import DataType, NmtCommand, SdoAbortCode
+from drive_profiles.standard.cia301 import DataType, NmtCommand, SdoAbortCode
 from hil.can.frame import CAN_RTR_FLAG, Frame
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
 from plant_emulator.slave.eds import DeviceInfo, write_eds
@@ -95,10 +95,10 @@ class Bench:
 
     def write(self, index, subindex, data):
         """Download, expedited up to four bytes, else in segments; give the abort code, or None."""
-        place = struct.pack("<HB", index, subindex)
+        address = struct.pack("<HB", index, subindex)
         if 0 < len(data) <= 4:
-            return code_of(self.request(0x23 | (4 - len(data)) << 2, *place, *data))
-        answer = self.request(0x21, *place, *struct.pack("<I", len(data)))
+            return code_of(self.request(0x23 | (4 - len(data)) << 2, *address, *data))
+        answer = self.request(0x21, *address, *struct.pack("<I", len(data)))
         toggle = 0
         while code_of(answer) is None:
             segment, data = data[:7], data[7:]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drive_profiles.cia301 import DataType, SdoAbortCode
+from drive_profiles.standard.cia301 import DataType, SdoAbortCode
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry, ResetKind, SdoAbort
 
 U8, U16, U32, I16 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32, DataType.INTEGER16
@@ -110,15 +110,15 @@ def test_a_given_subindex_0_is_kept():
 
 
 def test_entries_come_in_the_order_of_their_places(dictionary):
-    places = [(entry.index, entry.subindex) for entry in dictionary]
-    assert places == sorted(places)
-    assert len(dictionary) == len(places) == 10
+    addresses = [(entry.index, entry.subindex) for entry in dictionary]
+    assert addresses == sorted(addresses)
+    assert len(dictionary) == len(addresses) == 10
     assert (0x2003, 0) in dictionary
     assert (0x2003, 2) not in dictionary
 
 
 @pytest.mark.parametrize(
-    ("place", "code"),
+    ("address", "code"),
     [
         ((0x2FFF, 0), SdoAbortCode.NO_OBJECT),
         ((0x2FFF, 1), SdoAbortCode.NO_OBJECT),
@@ -127,12 +127,12 @@ def test_entries_come_in_the_order_of_their_places(dictionary):
         ((0x2002, 0), SdoAbortCode.WRITE_ONLY),
     ],
 )
-def test_reads_are_refused_with_the_standards_code(dictionary, place, code):
-    assert code_of(dictionary.read, *place) is code
+def test_reads_are_refused_with_the_standards_code(dictionary, address, code):
+    assert code_of(dictionary.read, *address) is code
 
 
 @pytest.mark.parametrize(
-    ("place", "data", "code"),
+    ("address", "data", "code"),
     [
         ((0x2FFF, 0), b"\0", SdoAbortCode.NO_OBJECT),
         ((0x2000, 1), b"\0", SdoAbortCode.NO_SUBINDEX),
@@ -148,9 +148,9 @@ def test_reads_are_refused_with_the_standards_code(dictionary, place, code):
         ((0x2003, 1), struct.pack("<f", -math.inf), SdoAbortCode.INVALID_VALUE),
     ],
 )
-def test_writes_are_refused_with_the_standards_code_and_change_nothing(dictionary, place, data, code):
+def test_writes_are_refused_with_the_standards_code_and_change_nothing(dictionary, address, data, code):
     before = [dictionary.get(entry.index, entry.subindex) for entry in dictionary]
-    assert code_of(dictionary.write, *place, data) is code
+    assert code_of(dictionary.write, *address, data) is code
     assert [dictionary.get(entry.index, entry.subindex) for entry in dictionary] == before
 
 
@@ -209,8 +209,8 @@ def test_a_write_hook_is_not_asked_about_what_the_limits_refuse(dictionary):
 
 
 def test_a_communication_reset_restores_1000h_to_1fffh_only(dictionary):
-    for place in ((0x1017, 0), (0x2000, 0), (0x6041, 0)):
-        dictionary.set(*place, 5)
+    for address in ((0x1017, 0), (0x2000, 0), (0x6041, 0)):
+        dictionary.set(*address, 5)
     dictionary.reset(ResetKind.COMMUNICATION)
     assert [dictionary.get(index) for index in (0x1017, 0x2000, 0x6041)] == [100, 5, 5]
     dictionary.reset(ResetKind.NODE)
@@ -241,7 +241,7 @@ def numbered(default=0x85 - 5, **more):
 )
 def test_a_kept_cob_id_follows_the_node_id_where_it_is_the_nodes_own(kept, then):
     dictionary = Dictionary([numbered(), Entry(0x2000, 0, "Other", DataType.UNSIGNED32, Access.RW, 0)], node_id=5)
-    dictionary.kept = {(0x1014, 0): kept, (0x2000, 0): 5}
+    dictionary.stored = {(0x1014, 0): kept, (0x2000, 0): 5}
     dictionary.renumber(9)
     dictionary.reset(ResetKind.NODE)
     assert (dictionary.node_id, dictionary.get(0x1014), dictionary.get(0x2000)) == (9, then, 5)
@@ -258,7 +258,7 @@ def test_a_value_that_its_owner_refuses_gives_way_to_the_default():
     dictionary.load(0x2000)  # whom nobody owns, nobody refuses
     dictionary.on_write(0x2000, 0, even)
     for kept, value in ((4, 4), (5, 2)):
-        dictionary.kept = {(0x2000, 0): kept}
+        dictionary.stored = {(0x2000, 0): kept}
         dictionary.reset(ResetKind.NODE)
         dictionary.load(0x2000)
         assert dictionary.get(0x2000) == value

@@ -7,7 +7,7 @@ import canopen
 import pytest
 
 from drive_profiles import eds
-from drive_profiles.cia301 import DataType
+from drive_profiles.standard.cia301 import DataType
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
 from plant_emulator.slave.eds import DeviceInfo, write_eds
 
@@ -41,13 +41,13 @@ def test_a_stranger_finds_every_entry_with_its_type_access_default_and_mapping(b
 
 
 def test_a_stranger_finds_no_entry_that_is_not_there(bench, imported):
-    places = {(entry.index, entry.subindex) for entry in bench.dictionary}
+    addresses = {(entry.index, entry.subindex) for entry in bench.dictionary}
     found = set()
     for index, thing in imported.items():
         if index > 7:  # below: dummies
             subindices = [0] if isinstance(thing, canopen.objectdictionary.ODVariable) else list(thing)
             found |= {(index, subindex) for subindex in subindices}
-    assert found == places
+    assert found == addresses
 
 
 def test_a_stranger_finds_the_limits_of_whole_numbers(bench, imported):

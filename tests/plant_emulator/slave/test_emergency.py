@@ -2,7 +2,7 @@
 
 import pytest
 
-from drive_profiles.cia301 import ErrorRegister, NmtCommand, SdoAbortCode
+from drive_profiles.standard.cia301 import ErrorRegister, NmtCommand, SdoAbortCode
 
 MS = 1_000_000
 CURRENT, PROFILE, TEMPERATURE = ErrorRegister.CURRENT, ErrorRegister.PROFILE, ErrorRegister.TEMPERATURE
@@ -155,7 +155,7 @@ def test_the_cob_id_decides_where_and_whether_frames_are_sent(bench):
 
 @pytest.mark.parametrize("kept", [0x2000_0085, 0x0000_0585])
 def test_a_kept_cob_id_that_could_not_be_written_is_not_in_force(bench, kept):
-    bench.dictionary.kept = {(0x1014, 0): kept}
+    bench.dictionary.stored = {(0x1014, 0): kept}
     bench.nmt(NmtCommand.RESET_COMMUNICATION)
     assert bench.read(0x1014) == b"\x85\0\0\0"
     bench.slave.raise_emergency("a", 0x1000)
@@ -247,7 +247,7 @@ def test_what_waits_is_dropped_when_the_node_stops_or_is_reset(bench, command):
 
 
 def test_the_inhibit_time_is_stored_and_in_force_after_a_reset(bench):
-    bench.dictionary.kept = {(0x1015, 0): 50}
+    bench.dictionary.stored = {(0x1015, 0): 50}
     bench.nmt(NmtCommand.RESET_COMMUNICATION)
     for cause in "ab":
         bench.slave.raise_emergency(cause, 0x1000)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drive_profiles.cia301 import NmtCommand, NmtState
+from drive_profiles.standard.cia301 import NmtCommand, NmtState
 from hil.can.frame import CAN_RTR_FLAG
 from tests.plant_emulator.slave.conftest import MS, PumpedNetwork
 
@@ -172,7 +172,7 @@ def test_a_lost_master_leads_where_1029h_says(bench, lost, behaviour, before, af
 
 def test_stored_times_are_in_force_after_a_reset(bench, lost):
     guarded(bench)
-    bench.dictionary.kept = {(0x100C, 0): 20, (0x100D, 0): 2}
+    bench.dictionary.stored = {(0x100C, 0): 20, (0x100D, 0): 2}
     bench.nmt(NmtCommand.RESET_COMMUNICATION)
     guard(bench)
     bench.wait(39)

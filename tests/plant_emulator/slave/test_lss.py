@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drive_profiles.cia301 import DataType, NmtCommand, NmtState
+from drive_profiles.standard.cia301 import DataType, NmtCommand, NmtState
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
 from plant_emulator.slave.lss import BIT_RATES, UNCONFIGURED, LssSlave, LssState
 from plant_emulator.slave.objects import communication_entries
@@ -305,7 +305,7 @@ def test_stored_cob_ids_follow_the_node_id_where_they_are_its_own(bench):
     assert bench.write(0x1010, 1, b"save") is None
     rename(bench, 0x42)
     bench.nmt(NmtCommand.RESET_NODE)
-    values = [bench.dictionary.get(*place) for place in ((0x1014, 0), (0x1400, 1), (0x1402, 1), (0x1403, 1), (0x1800, 1))]
+    values = [bench.dictionary.get(*address) for address in ((0x1014, 0), (0x1400, 1), (0x1402, 1), (0x1403, 1), (0x1800, 1))]
     assert values == [0xC2, 0x242, 0x442, 0x80000542, 0x1AA]
 
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from drive_profiles.cia301 import NmtCommand, NmtState, SdoAbortCode
+from drive_profiles.standard.cia301 import NmtCommand, NmtState, SdoAbortCode
 from hil.can.frame import Frame
 from plant_emulator.slave.dictionary import Dictionary, ResetKind
-from plant_emulator.slave.nmt import SERVICES, TRANSITIONS, Service
+from plant_emulator.slave.nmt import SERVICES, TRANSITIONS, NmtService
 from plant_emulator.slave.node import Slave
 
 NODE = 5
@@ -62,8 +62,8 @@ def test_each_command_in_each_state_leads_where_the_standard_says(make_bench, st
 
 def test_the_table_has_a_row_for_each_command_in_each_listening_state():
     assert set(TRANSITIONS) == {(state, command) for state in LISTENING for command in NmtCommand}
-    assert Service.PDO in SERVICES[OP]
-    assert all(Service.PDO not in SERVICES[state] for state in NmtState if state is not OP)
+    assert NmtService.PDO in SERVICES[OP]
+    assert all(NmtService.PDO not in SERVICES[state] for state in NmtState if state is not OP)
 
 
 @pytest.mark.parametrize("data", [b"", b"\x01", b"\x01\x05\x00", b"\x00\x05", b"\x03\x05", b"\xff\x00"])
@@ -139,7 +139,7 @@ def test_a_reset_before_the_boot_up_message_was_taken_sends_one_of_its_own(bench
 
 @pytest.mark.parametrize("command", list(RESETS))
 def test_a_reset_reloads_what_was_stored(bench, command):
-    bench.dictionary.kept = {(0x1017, 0): 10, (0x1016, 1): 0x0001_0064}
+    bench.dictionary.stored = {(0x1017, 0): 10, (0x1016, 1): 0x0001_0064}
     bench.nmt(command)
     assert [time for time, _ in bench.wait(20)] == [10 * MS, 20 * MS]
     bench.send(0x701, b"\x05")
@@ -290,7 +290,7 @@ def test_one_node_cannot_be_watched_twice(bench):
 
 
 def test_kept_watches_of_one_node_are_taken_once(bench, lost):
-    bench.dictionary.kept = {(0x1016, 1): 0x0001_0064, (0x1016, 2): 0x0001_0032, (0x1016, 3): 0xFF02_0032}
+    bench.dictionary.stored = {(0x1016, 1): 0x0001_0064, (0x1016, 2): 0x0001_0032, (0x1016, 3): 0xFF02_0032}
     bench.nmt(NmtCommand.RESET_COMMUNICATION)
     assert [bench.dictionary.get(0x1016, subindex) for subindex in (1, 2, 3)] == [0x0001_0064, 0, 0]
     bench.send(0x701, b"\x05")

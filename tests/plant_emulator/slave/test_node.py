@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from drive_profiles.cia301 import NmtState
+from drive_profiles.standard.cia301 import NmtState
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.lss import UNCONFIGURED
@@ -18,7 +18,7 @@ PDOS = {
 }
 GUARD = 0x705 | CAN_RTR_FLAG
 IDS = [0x000, 0x080, 0x100, 0x205, 0x305, 0x605, 0x701, 0x702, 0x085, 0x185, 0x585, 0x705, GUARD, 0x7E5, 0x7FF]
-PLACES = [
+ADDRESSES = [
     0x1000,
     0x1003,
     0x1005,
@@ -45,7 +45,7 @@ nmt_frames = st.builds(
 sdo_frames = st.builds(
     lambda first, index, sub, rest: Frame(0x605, bytes((first, index & 0xFF, index >> 8, sub)) + rest),
     st.integers(0, 255),
-    st.sampled_from(PLACES),
+    st.sampled_from(ADDRESSES),
     st.integers(0, 9),
     st.binary(min_size=4, max_size=4),
 )
@@ -87,7 +87,7 @@ def test_any_frames_at_any_times_make_no_exception_and_each_sdo_request_gets_its
         else:
             assert len(answers) == (hears_sdo and is_sdo and frame.data[0] >> 5 != 4)
         assert all(len(answer.data) == 8 for answer in answers)
-        assert all(server.kept_bytes <= 1030 for server in bench.slave._sdo.servers.values())
+        assert all(server.buffered_bytes <= 1030 for server in bench.slave._sdo.servers.values())
         due = bench.slave.due
         assert due is None or due > bench.now
         assert bench.slave.take_frames() == []

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drive_profiles.cia301 import SdoAbortCode
+from drive_profiles.standard.cia301 import SdoAbortCode
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.objects import PdoDefault, communication_entries, pdo_entries
 
@@ -34,8 +34,8 @@ def test_the_arguments_are_the_defaults():
         ),
         node_id=5,
     )
-    places = [(0x1000, 0), (0x1008, 0), (0x1009, 0), (0x100A, 0), (0x1014, 0), (0x1017, 0), (0x1029, 1)]
-    assert [dictionary.get(*place) for place in places] == [0x00020192, "Drive", "hw", "sw", 0x85, 100, 1]
+    addresses = [(0x1000, 0), (0x1008, 0), (0x1009, 0), (0x100A, 0), (0x1014, 0), (0x1017, 0), (0x1029, 1)]
+    assert [dictionary.get(*address) for address in addresses] == [0x00020192, "Drive", "hw", "sw", 0x85, 100, 1]
     assert [dictionary.get(0x1018, subindex) for subindex in range(5)] == [4, 1, 2, 3, 4]
 
 
@@ -66,5 +66,5 @@ def test_the_defaults_are_those_of_the_standard_where_it_has_some():
     """CiA 301, 7.5.2: error control and inhibit times off, TIME heard at 100h, nothing verified."""
     dictionary = Dictionary(communication_entries(device_type=0, name="x"), node_id=5)
     expected = {(0x100C, 0): 0, (0x100D, 0): 0, (0x1012, 0): 0x8000_0100, (0x1015, 0): 0, (0x1020, 1): 0, (0x1020, 2): 0}
-    assert {place: dictionary.get(*place) for place in expected} == expected
+    assert {address: dictionary.get(*address) for address in expected} == expected
     assert dictionary.get(0x1020, 0) == 2

@@ -5,7 +5,7 @@ import struct
 import canopen
 import pytest
 
-from drive_profiles.cia301 import DataType, NmtCommand, SdoAbortCode
+from drive_profiles.standard.cia301 import DataType, NmtCommand, SdoAbortCode
 from plant_emulator.slave.dictionary import Access, Dictionary, Entry
 from plant_emulator.slave.eds import DeviceInfo, write_eds
 from plant_emulator.slave.store import (
@@ -52,12 +52,12 @@ def save(bench, subindex=ALL, data=SAVE_BYTES, index=STORE):
     return code, (bench.now - begin) / 1e6
 
 
-def write(bench, place, value):
-    assert bench.write_value(*place, value) is None
+def write(bench, address, value):
+    assert bench.write_value(*address, value) is None
 
 
-def values(bench, *places):
-    return [bench.dictionary.get(*place) for place in places]
+def values(bench, *addresses):
+    return [bench.dictionary.get(*address) for address in addresses]
 
 
 def change_all(bench):
@@ -67,7 +67,7 @@ def change_all(bench):
 
 
 CHANGED, FACTORY = [55, 700, 999], [10, 0, 100]
-PLACES = LIMITED, HEARTBEAT, OPTION
+ADDRESSES = LIMITED, HEARTBEAT, OPTION
 
 
 # -- what it says ------------------------------------------------------------------------------------------------------
@@ -91,7 +91,7 @@ def test_the_signatures_are_the_words_least_significant_byte_first():
 def test_without_a_store_a_loss_of_power_brings_the_factorys_values_back(bench):
     change_all(bench)
     bench.slave.power_on(bench.now)
-    assert values(bench, *PLACES) == FACTORY
+    assert values(bench, *ADDRESSES) == FACTORY
 
 
 def test_what_is_stored_survives_a_loss_of_power_and_what_is_written_later_does_not(bench):
@@ -99,7 +99,7 @@ def test_what_is_stored_survives_a_loss_of_power_and_what_is_written_later_does_
     assert save(bench) == (None, STORE_MS)
     write(bench, LIMITED, 66)
     bench.slave.power_on(bench.now)
-    assert values(bench, *PLACES) == CHANGED
+    assert values(bench, *ADDRESSES) == CHANGED
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_a_group_is_stored_without_the_others(bench, subindex, expected):
     change_all(bench)
     assert save(bench, subindex)[0] is None
     bench.slave.power_on(bench.now)
-    assert values(bench, *PLACES) == expected
+    assert values(bench, *ADDRESSES) == expected
 
 
 def test_a_second_store_of_one_group_leaves_what_the_others_hold(bench):
@@ -125,7 +125,7 @@ def test_a_second_store_of_one_group_leaves_what_the_others_hold(bench):
     write(bench, OPTION, 1)
     save(bench, MANUFACTURER_GROUP)
     bench.slave.power_on(bench.now)
-    assert values(bench, *PLACES) == [77, 700, 999]
+    assert values(bench, *ADDRESSES) == [77, 700, 999]
 
 
 def test_a_reset_of_communication_puts_back_the_communication_part_only(bench):
@@ -166,11 +166,11 @@ def test_restoring_acts_after_the_next_reset_and_not_before(bench):
     change_all(bench)
     save(bench)
     assert save(bench, ALL, LOAD_BYTES, RESTORE) == (None, 0)
-    assert values(bench, *PLACES) == CHANGED
+    assert values(bench, *ADDRESSES) == CHANGED
     bench.nmt(NmtCommand.RESET_COMMUNICATION)
-    assert values(bench, *PLACES) == [55, 0, 999]
+    assert values(bench, *ADDRESSES) == [55, 0, 999]
     bench.nmt(NmtCommand.RESET_NODE)
-    assert values(bench, *PLACES) == FACTORY
+    assert values(bench, *ADDRESSES) == FACTORY
 
 
 def test_a_group_is_restored_without_the_others(bench):
@@ -178,14 +178,14 @@ def test_a_group_is_restored_without_the_others(bench):
     save(bench)
     save(bench, MANUFACTURER_GROUP, LOAD_BYTES, RESTORE)
     bench.slave.power_on(bench.now)
-    assert values(bench, *PLACES) == [10, 700, 999]
+    assert values(bench, *ADDRESSES) == [10, 700, 999]
 
 
 def test_commands_and_set_points_are_never_kept(bench):
-    for place, value in (((0x6040, 0), 0x0F), ((0x6060, 0), 8), ((0x607A, 0), 12345)):
-        write(bench, place, value)
+    for address, value in (((0x6040, 0), 0x0F), ((0x6060, 0), 8), ((0x607A, 0), 12345)):
+        write(bench, address, value)
     save(bench)
-    assert not {index for index, _ in bench.slave.store.kept} & VOLATILE
+    assert not {index for index, _ in bench.slave.store.stored} & VOLATILE
     bench.slave.power_on(bench.now)
     assert values(bench, (0x6040, 0), (0x6060, 0), (0x607A, 0)) == [0, 0, 0]
 
@@ -193,7 +193,7 @@ def test_commands_and_set_points_are_never_kept(bench):
 def test_every_other_entry_that_can_be_written_is_kept(bench):
     save(bench)
     writable = {(e.index, e.subindex) for e in bench.dictionary if e.access.is_writable and e.index not in VOLATILE}
-    assert set(bench.slave.store.kept) == writable
+    assert set(bench.slave.store.stored) == writable
     assert {(0x2001, 0), (0x2002, 0), (0x2003, 2), (0x1014, 0), (0x1A00, 1)} <= writable
 
 
@@ -205,7 +205,7 @@ def test_another_signature_is_refused_at_once_and_nothing_is_stored(bench, index
     change_all(bench)
     assert save(bench, ALL, word, index) == (SdoAbortCode.NOT_STORED, 0)
     bench.slave.power_on(bench.now)
-    assert values(bench, *PLACES) == FACTORY
+    assert values(bench, *ADDRESSES) == FACTORY
 
 
 def test_a_signature_of_the_wrong_length_or_to_a_missing_group_is_refused(bench):
@@ -248,17 +248,17 @@ def test_the_date_of_the_configuration_survives_with_it(bench):
     assert values(bench, DATE, TIME) == [15_000, 3_600_000]
 
 
-@pytest.mark.parametrize("place", [LIMITED, HEARTBEAT, OPTION, (0x1029, 1)])
-def test_a_change_of_anything_that_would_be_kept_takes_the_date_away(bench, place):
+@pytest.mark.parametrize("address", [LIMITED, HEARTBEAT, OPTION, (0x1029, 1)])
+def test_a_change_of_anything_that_would_be_kept_takes_the_date_away(bench, address):
     date(bench)
-    write(bench, place, 1)
+    write(bench, address, 1)
     assert values(bench, DATE, TIME) == [0, 0]
 
 
-@pytest.mark.parametrize(("place", "value"), [(LIMITED, 10), ((0x6040, 0), 15), ((0x607A, 0), 1000), (DATE, 15_000)])
-def test_what_changes_nothing_or_is_never_kept_leaves_the_date(bench, place, value):
+@pytest.mark.parametrize(("address", "value"), [(LIMITED, 10), ((0x6040, 0), 15), ((0x607A, 0), 1000), (DATE, 15_000)])
+def test_what_changes_nothing_or_is_never_kept_leaves_the_date(bench, address, value):
     date(bench)
-    write(bench, place, value)
+    write(bench, address, value)
     assert values(bench, DATE, TIME) == [15_000, 3_600_000]
 
 
@@ -333,7 +333,7 @@ def test_a_store_by_segments_is_answered_late_too(bench):
     assert bench.request(0x21, 0x10, 0x10, 1, 4, 0, 0, 0)[0] == 0x60
     assert bench.request(0x07, *SAVE_BYTES) is None
     assert [frame.data[0] for _, frame in bench.wait(STORE_MS) if frame.can_id == 0x585] == [0x20]
-    assert bench.slave.store.kept
+    assert bench.slave.store.stored
 
 
 def test_a_slow_store_answers_when_it_is_over(bench):
@@ -352,7 +352,7 @@ def test_what_is_stored_are_the_values_of_the_moment_of_the_command(bench):
     bench.request(0x23, 0x10, 0x10, 1, *SAVE_BYTES)
     bench.dictionary.set(*LIMITED, 6)
     bench.wait(STORE_MS)
-    assert bench.slave.store.kept[LIMITED] == 5
+    assert bench.slave.store.stored[LIMITED] == 5
 
 
 @pytest.mark.parametrize("ending", ["power", "node", "communication", "stop"])
@@ -372,7 +372,7 @@ def test_a_loss_of_power_or_a_reset_in_the_middle_leaves_the_old_store_untouched
         case "stop":
             bench.nmt(NmtCommand.STOP)
     assert not [frame for _, frame in bench.wait(2 * STORE_MS) if frame.can_id == 0x585]
-    assert bench.slave.store.kept[LIMITED] == 1
+    assert bench.slave.store.stored[LIMITED] == 1
     bench.slave.power_on(bench.now)
     assert values(bench, LIMITED) == [1]
 
@@ -381,18 +381,18 @@ def test_a_loss_of_power_or_a_reset_in_the_middle_leaves_the_old_store_untouched
 
 
 def test_a_vendors_own_store_object_takes_the_vendors_signature():
-    place = 0x2F00, 3
-    dictionary = Dictionary([command_entry(place, "Save"), Entry(0x2000, 0, "Gain", DataType.UNSIGNED32, Access.RW, 7)])
-    store = ParameterStore(dictionary, (StoreCommand(place, 0x1234),))
-    assert dictionary.cell(*place).assign(SAVE) is SdoAbortCode.NOT_STORED
-    assert dictionary.get(*place) == 1
-    assert not store.is_kept(dictionary.cell(*place).entry)
+    address = 0x2F00, 3
+    dictionary = Dictionary([command_entry(address, "Save"), Entry(0x2000, 0, "Gain", DataType.UNSIGNED32, Access.RW, 7)])
+    store = ParameterStore(dictionary, (StoreCommand(address, 0x1234),))
+    assert dictionary.cell(*address).assign(SAVE) is SdoAbortCode.NOT_STORED
+    assert dictionary.get(*address) == 1
+    assert not store.is_storable(dictionary.cell(*address).entry)
 
 
 def test_a_node_without_the_objects_stores_nothing(make_bench, synchronous):
     bench = make_bench(**synchronous)
     assert bench.read(STORE, 1) is SdoAbortCode.NO_OBJECT
-    assert bench.slave.store.kept == {}
+    assert bench.slave.store.stored == {}
 
 
 def test_a_time_that_goes_back_is_the_callers_mistake():

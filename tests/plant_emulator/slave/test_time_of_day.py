@@ -7,7 +7,7 @@ from canopen.timestamp import TimeProducer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drive_profiles.cia301 import NmtCommand, SdoAbortCode
+from drive_profiles.standard.cia301 import NmtCommand, SdoAbortCode
 from tests.plant_emulator.slave.conftest import MS, PumpedNetwork
 
 TIME = 0x100
@@ -91,7 +91,7 @@ def test_the_cob_id_decides_where_and_whether_it_is_heard(bench):
 
 
 def test_a_kept_cob_id_that_could_not_be_written_is_not_in_force(bench):
-    bench.dictionary.kept = {(0x1012, 0): 0xC000_0100}
+    bench.dictionary.stored = {(0x1012, 0): 0xC000_0100}
     bench.nmt(NmtCommand.RESET_COMMUNICATION)
     assert bench.read(0x1012) == struct.pack("<I", 0x8000_0100)
     assert bench.slave.listens(TIME)

@@ -1,0 +1,216 @@
+"""Console of the commands of ``drive-profiles``: tables, JSON, errors and exit status, progress, the question before writing."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from enum import IntEnum
+from types import FrameType
+from typing import Any, Self
+
+import typer
+
+
+class ToolExitStatus(IntEnum):
+    """Exit statuses of one tool: each member is its number and the sentence that the help says of it.
+
+    Attributes:
+        sentence: The meaning, without a full stop.
+    """
+
+    sentence: str
+
+    def __new__(cls, number: int, sentence: str) -> Self:
+        """Keep the sentence beside the number."""
+        member = int.__new__(cls, number)
+        member._value_ = number
+        member.sentence = sentence
+        return member
+
+
+class ExitStatus(ToolExitStatus):
+    """Exit statuses of `drive-profiles`."""
+
+    DONE = 0, "done"
+    INTERNAL = 1, "an error that nobody expected"
+    USAGE = 2, "usage"
+    FILE = 3, "a bad file, or what it asks for is refused"
+    BUS = 4, "no bus"
+    NODE = 5, "no answer, the wrong device or one that is enabled"
+    SDO = 6, "an SDO abort or a failed read-back (all is put back)"
+    DIFFERS = 7, "differs"
+    UNKNOWN = 8, "it is not known what the drive holds"
+    NOT_REALISABLE = 9, "not realisable, with the reasons"
+    INTERRUPTED = 130, "interrupted (all is put back)"
+
+
+def epilog(statuses: Iterable[ToolExitStatus], own: Mapping[ToolExitStatus, str] | None = None) -> str:
+    """Return the end of a command's help: the exit statuses that it can give, each with its sentence.
+
+    Args:
+        statuses: The exit statuses of the command.
+        own: Sentences that replace the tool's for this command.
+    """
+    sentences = own or {}
+    return f"Exit status: {'; '.join(f'{status:d} {sentences.get(status, status.sentence)}' for status in statuses)}."
+
+
+EPILOG = epilog(status for status in ExitStatus if status is not ExitStatus.INTERNAL)
+"""End of the tool's own help."""
+
+_FILES = (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE)
+_READING = (*_FILES, ExitStatus.BUS, ExitStatus.NODE, ExitStatus.SDO)
+_NOTHING_WRITTEN: dict[ToolExitStatus, str] = {ExitStatus.SDO: "an SDO abort", ExitStatus.INTERRUPTED: "interrupted"}
+
+FILE_EPILOG = epilog((*_FILES, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
+"""End of the help of a command that needs no bus."""
+
+REALISE_EPILOG = epilog((*_FILES, ExitStatus.NOT_REALISABLE, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
+"""End of the help of a command that realises values in a drive family."""
+
+READ_EPILOG = epilog((*_READING, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
+"""End of the help of a command that reads a drive."""
+
+COMPARE_EPILOG = epilog((*_READING, ExitStatus.DIFFERS, ExitStatus.INTERRUPTED), _NOTHING_WRITTEN)
+"""End of the help of a command that compares with a drive."""
+
+WRITE_EPILOG = epilog((*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED))
+"""End of the help of a command that writes to a drive."""
+
+
+@contextlib.contextmanager
+def exit_on_error() -> Iterator[None]:
+    """Turn the package's errors into their message and exit status; never a traceback for what the user can mend."""
+    from drive_profiles.address import AddressError  # noqa: PLC0415
+    from drive_profiles.errors import DriveProfileError, ProfileNotFoundError  # noqa: PLC0415
+
+    try:
+        yield
+    except (AddressError, ProfileNotFoundError) as error:
+        raise fail(str(error), ExitStatus.USAGE) from None
+    except DriveProfileError as error:
+        raise fail(str(error), error.exit_code) from None
+    except KeyboardInterrupt:
+        raise fail("interrupted", ExitStatus.INTERRUPTED) from None
+
+
+def fail(message: str, code: int) -> typer.Exit:
+    """Print what is wrong, and return the exit to raise."""
+    typer.echo(message, err=True)
+    return typer.Exit(code)
+
+
+def print_json(document: Any) -> None:
+    """Print one document on standard output."""
+    typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, err: bool = False) -> None:
+    """Print a rich table on a terminal, and tab-separated columns for cut and awk elsewhere.
+
+    Args:
+        title: Title above the table; empty for none.
+        header: Names of the columns.
+        rows: Cells, row by row.
+        err: Print on standard error.
+    """
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    console = Console(stderr=err)
+    if not console.is_terminal:
+        if title:
+            typer.echo(f"\n# {title}", err=err)
+        for row in (header, *rows):
+            typer.echo("\t".join(row), err=err)
+        return
+    shown = Table(title=title or None, title_justify="left")
+    for column in header:
+        shown.add_column(column, overflow="fold")
+    for row in rows:
+        shown.add_row(*(Text(cell) for cell in row))  # a name is not markup
+    console.print(shown)
+
+
+@contextlib.contextmanager
+def progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar on standard error, where that is a terminal; the context's function is called with each number of steps."""
+    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        yield lambda count: None
+        return
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, total=total)
+        yield lambda count: bar.advance(task, count)
+
+
+def confirm(question: str, *, yes: bool) -> None:
+    """Ask before something is written; without a terminal ``--yes`` is needed.
+
+    Raises:
+        typer.Exit: The answer is no.
+    """
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise fail("nothing has been written: give --yes, or answer on a terminal", ExitStatus.USAGE)
+    try:
+        agreed = typer.confirm(question, err=True)
+    except typer.Abort:  # Ctrl-C, or the end of the input
+        raise fail("\nnothing has been written", ExitStatus.INTERRUPTED) from None
+    if not agreed:
+        raise fail("nothing has been written", ExitStatus.USAGE)
+
+
+class Interrupts:
+    """Ctrl-C, SIGTERM and SIGHUP while a drive is written to: from `hold` on they are remembered, and do not end the program.
+
+    Attributes:
+        event: Set when one of them has come.
+    """
+
+    SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+    def __init__(self) -> None:
+        self.event = threading.Event()
+        self._came = False
+        self._before: dict[signal.Signals, Any] = {}
+        self._message = b""
+
+    def __enter__(self) -> Self:
+        """Keep the signals' handlers; nothing is held yet."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Put the handlers back."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        self._before.clear()
+
+    def hold(self, message: str) -> None:
+        """Remember signals from now on.
+
+        Args:
+            message: Line that is printed when one comes.
+        """
+        self._message = f"\n{message}\n".encode()
+        for number in self.SIGNALS:
+            if signal.getsignal(number) is not signal.SIG_IGN:  # nohup stays nohup
+                self._before[number] = signal.signal(number, self._remember)
+
+    def _remember(self, number: int, frame: FrameType | None) -> None:
+        if self._came:  # an event's lock is not to be taken twice by one thread
+            return
+        self._came = True
+        self.event.set()
+        with contextlib.suppress(OSError):  # the terminal may have gone
+            os.write(2, self._message)

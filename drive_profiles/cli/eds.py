@@ -1,0 +1,234 @@
+"""``drive-profiles eds``: show a device description, check it, and write it again without its faults."""
+
+# ruff: noqa: PLC0415 - canopen and rich are imported inside the commands, so that --help and completion stay quick
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drive_profiles.cli.console import ExitStatus, epilog, table
+from drive_profiles.cli.options import JsonOption
+
+if TYPE_CHECKING:
+    from drive_profiles.eds import Description
+    from drive_profiles.errors import Problem
+
+EDS_EPILOG = epilog(
+    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE),
+    {ExitStatus.DONE: "done, perhaps with warnings", ExitStatus.FILE: "a file, or a part of it, had to be refused"},
+)
+
+app = typer.Typer(
+    help="Device descriptions of any vendor (EDS, DCF, XDD): check, show, convert.",
+    epilog=EDS_EPILOG,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+NodeId = Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="For $NODEID; counts before that of the file.")]
+File = Annotated[Path, typer.Argument(metavar="FILE", help="An EDS, DCF, XDD or XDC file.")]
+_ADDRESS = re.compile(r"(?:0x)?([0-9a-f]{4})h?(?:(?:sub|:|\.)(?:0x)?([0-9a-f]{1,2})h?)?", re.IGNORECASE)
+
+
+def mount(parent: typer.Typer) -> None:
+    """Add the group `eds` to an application."""
+    parent.add_typer(app, name="eds")
+
+
+@app.command(epilog=EDS_EPILOG)
+def check(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="EDS, DCF, XDD or XDC files.")],
+    *,
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse a file with any fault.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Name every fault of the files with its line, and what was made of it.
+
+    Example: drive-profiles eds check --strict drive.eds
+    """
+    reports = [_checked(path, strict=strict) for path in files]
+    if as_json:
+        typer.echo(json.dumps([report for report, _ in reports], indent=2, ensure_ascii=False))
+    else:
+        for _, text in reports:
+            typer.echo(text)
+    if any(report["refused"] or not report["accepted"] for report, _ in reports):
+        raise typer.Exit(ExitStatus.FILE)
+
+
+@app.command(epilog=EDS_EPILOG)
+def show(
+    file: File,
+    wanted: Annotated[
+        str | None, typer.Argument(metavar="[OBJECT]", help="0x2147:1, 2147sub1, 2147, or a part of a name. All if not given.")
+    ] = None,
+    *,
+    node_id: NodeId = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show identity and objects: type, access, default, limits, mappable, value.
+
+    Example: drive-profiles eds show drive.eds 60C2sub2
+    """
+    from drive_profiles.eds.export import entries, entry_data, summary
+
+    description = _load(file, node_id)
+    rows = [entry_data(item, variable) for item, variable in entries(description.dictionary)]
+    facts = summary(description)
+    if wanted is not None:
+        rows = [row for row in rows if _is_wanted(row, wanted)]
+        if not rows:
+            raise typer.BadParameter(f"no object of {file} is, or is named, {wanted!r}", param_hint="OBJECT")
+    if as_json:
+        typer.echo(json.dumps({**facts, "objects": rows}, indent=2, ensure_ascii=False))
+    else:
+        if wanted is None:
+            table("", ("fact", "value"), [(name.replace("_", " "), _shown(name, value)) for name, value in facts.items()])
+        table(
+            "objects" if wanted is None else "",
+            ("object", "name", "type", "access", "default", "limits", "mappable", "value"),
+            [_row(row) for row in rows],
+        )
+    _point_to_check(description)
+
+
+@app.command(epilog=EDS_EPILOG)
+def convert(
+    file: File,
+    out: Annotated[Path, typer.Option("--out", metavar="OUT", help="The file to write: .eds, .dcf or .json.", dir_okay=False)],
+    *,
+    node_id: NodeId = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite OUT.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Report as one JSON document.")] = False,
+) -> None:
+    """Write a clean EDS or DCF, or JSON, with what was understood of the file.
+
+    Example: drive-profiles eds convert drive.xdd --out drive.eds
+    """
+    from drive_profiles.eds.export import as_data, as_text, lost
+    from drive_profiles.errors import FileError
+
+    suffix = out.suffix.lower().removeprefix(".")
+    if suffix not in {"eds", "dcf", "json"}:
+        raise typer.BadParameter(f"{out} has none of the suffixes .eds, .dcf, .json", param_hint="--out")
+    description = _load(file, node_id)
+    notes = lost(description, suffix)
+    if suffix == "json":
+        data = (json.dumps(as_data(description), indent=2, ensure_ascii=False) + "\n").encode()
+    else:
+        data = as_text(description, "dcf" if suffix == "dcf" else "eds").encode()
+        notes += _read_again(data, out, node_id)
+    try:
+        with out.open("wb" if force else "xb") as target:
+            target.write(data)
+    except FileExistsError:
+        raise typer.BadParameter(f"{out} exists; --force overwrites it", param_hint="--out") from None
+    except OSError as error:
+        raise typer.BadParameter(f"{out} cannot be written ({error.strerror})", param_hint="--out") from None
+    if as_json:
+        typer.echo(json.dumps({"path": str(out), "bytes": len(data), "notes": [note._asdict() for note in notes]}, indent=2))
+        return
+    if notes:
+        typer.echo(str(FileError(out, notes)), err=True)
+    typer.echo(f"{out}: written, {len(data)} bytes")
+
+
+def _checked(path: Path, *, strict: bool) -> tuple[dict[str, Any], str]:
+    """Findings in one file, as data and as text."""
+    from drive_profiles.eds import load
+    from drive_profiles.eds.export import summary
+    from drive_profiles.errors import FileError
+
+    try:
+        description = load(path, strict=strict)
+    except FileError as error:
+        report = {"path": str(path), "accepted": False, "warnings": [], "refused": _data(error.problems)}
+        return report, f"{error}\n{path}: refused, {_count(len(error.problems), 'problem')}"
+    facts = summary(description)
+    report = {**facts, "accepted": True, "warnings": _data(description.warnings), "refused": _data(description.refused)}
+    problems = tuple(sorted((*description.warnings, *description.refused)))
+    text = (
+        f"{path}: {facts['kind']}, {_count(facts['object_count'], 'object')}, "
+        f"{_count(facts['entry_count'], 'entry', 'entries')}; "
+        f"{_count(len(description.warnings), 'warning')}, {len(description.refused)} left out"
+    )
+    return report, f"{FileError(path, problems)}\n{text}" if problems else text
+
+
+def _data(problems: tuple[Problem, ...]) -> list[dict[str, Any]]:
+    return [problem._asdict() for problem in problems]
+
+
+def _count(number: int, one: str, many: str = "") -> str:
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def _load(path: Path, node_id: int | None) -> Description:
+    """Load a description, or exit with the reasons why it cannot be read."""
+    from drive_profiles.eds import load
+    from drive_profiles.errors import FileError
+
+    try:
+        return load(path, node_id=node_id)
+    except FileError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(ExitStatus.FILE) from None
+
+
+def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, ...]:
+    """Problems of a file just made: faults of the device, not of the file's form."""
+    from drive_profiles.eds import loads
+    from drive_profiles.errors import FileError
+
+    try:
+        return loads(data, out, node_id=node_id).warnings
+    except FileError as error:
+        typer.echo(f"{error}\nnot written, since it could not be read again", err=True)
+        raise typer.Exit(ExitStatus.FILE) from None
+
+
+def _point_to_check(description: Description) -> None:
+    """Point on standard error to the problems; standard output stays clean."""
+    count = len(description.warnings) + len(description.refused)
+    if count:
+        typer.echo(f"{_count(count, 'problem')} in this file: drive-profiles eds check {description.path}", err=True)
+
+
+def _is_wanted(row: dict[str, Any], wanted: str) -> bool:
+    match = _ADDRESS.fullmatch(wanted.strip())
+    if match is not None:
+        index, subindex = int(match.group(1), 16), match.group(2)
+        if row["index"] == index and (subindex is None or row["subindex"] == int(subindex, 16)):
+            return True
+    return wanted.lower() in f"{row['object']}\n{row['name']}".lower()
+
+
+def _shown(name: str, value: object) -> str:
+    if value is None or value == "":
+        return "-"
+    return f"0x{value:08X}" if name in {"vendor_id", "product_code", "revision"} else str(value)
+
+
+def _row(row: dict[str, Any]) -> tuple[str, ...]:
+    default = "" if row["default"] is None else str(row["default"])
+    low, high = ("" if row[key] is None else str(row[key]) for key in ("low", "high"))
+    name = row["name"] if row["name"] == row["object"] else f"{row['object']} / {row['name']}"
+    return (
+        f"{row['index']:04X}:{row['subindex']:02X}",
+        name,
+        row["type"],
+        row["access"],
+        f"{default} with node-ID" if row["relative"] else _printable(default),
+        f"{low}..{high}" if low or high else "",
+        "yes" if row["mappable"] else "no",
+        "" if row["value"] is None else _printable(str(row["value"])),
+    )
+
+
+def _printable(text: str) -> str:
+    """Text of a file, with nothing in it that a terminal would take for a command."""
+    return text if text.isprintable() else repr(text)

@@ -1,0 +1,34 @@
+"""``drive-profiles``: drive families as data, and the parameters of drives: read, compare, write, put back."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+
+import typer
+
+from drive_profiles.cli import compare, convert, eds, profiles, read, realise, restore, write
+from drive_profiles.cli.console import EPILOG, ExitStatus
+
+app = typer.Typer(
+    help="Drive families as data, and the parameters of real drives: who they are, what they can do, and what they hold.",
+    epilog=EPILOG,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+for group in (profiles, read, write, compare, restore, convert, eds, realise):
+    group.mount(app)
+
+
+def main() -> None:
+    """Entry point of the ``drive-profiles`` command."""
+    try:
+        app()
+    except BrokenPipeError:
+        os._exit(141)  # the reader of the output has gone; nothing can be printed for it
+    except OSError as error:  # such as a full disk behind standard output
+        with contextlib.suppress(OSError):
+            os.write(2, f"{error}\n".encode())
+        os._exit(ExitStatus.INTERNAL)

@@ -1,0 +1,67 @@
+"""Options and arguments that several commands of ``drive-profiles`` take."""
+
+# ruff: noqa: PLC0415 - pydantic is imported inside the functions, so that --help and completion stay quick
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drive_profiles.cli.console import ExitStatus, fail
+
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document instead of text.")]
+ProfileName = Annotated[
+    str, typer.Argument(metavar="NAME", help="A name from `drive-profiles list`, or the path of a profile file.")
+]
+BusOption = Annotated[
+    str,
+    typer.Option(
+        "--bus",
+        help="INTERFACE:CHANNEL[@BITRATE]: local:/tmp/robot.sock, socketcan:can0, slcan:/dev/ttyACM0@1M.",
+        envvar="HIL_BUS",
+    ),
+]
+OptionalBusOption = Annotated[str | None, typer.Option("--bus", help="As everywhere.", envvar="HIL_BUS")]
+NodeOption = Annotated[int, typer.Option("--node", min=1, max=127, help="Node-ID.")]
+OptionalNodeOption = Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID.")]
+ProfileOption = Annotated[str | None, typer.Option("--profile", help="A name or a file; else the one that matches the identity.")]
+EdsOption = Annotated[Path | None, typer.Option("--eds", help="The device's own EDS: more objects, and their limits.")]
+TimeoutOption = Annotated[float, typer.Option("--timeout-s", min=0.01, max=60.0, help="How long an answer may take.")]
+ClassesOption = Annotated[str, typer.Option("--classes", help="Comma-separated: tuning, limits, communication, commissioning.")]
+ALL = "tuning,limits,communication,commissioning"
+YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writing.")]
+DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show what would be written, and write nothing.")]
+JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for the snapshots and journals.")]
+UnverifiedOption = Annotated[bool, typer.Option("--allow-unverified", help="Write also by facts that nobody has verified.")]
+StoreOption = Annotated[bool, typer.Option("--store", help="Let the drive keep the values over a loss of power.")]
+RollBackOption = Annotated[
+    bool, typer.Option("--rollback-on-error/--no-rollback-on-error", help="Put everything back when something fails.")
+]
+JOURNALS = Path("drive-journals")
+
+
+def complete_objects(ctx: typer.Context, incomplete: str) -> Iterable[str]:
+    """Names of parameters for the shell: of the profile that is given, else of all."""
+    from drive_profiles.errors import DriveProfileError
+    from drive_profiles.family.profile import Profile, available
+
+    chosen = ctx.params.get("profile")
+    try:
+        names = {name for each in ([chosen] if chosen else available()) for name in Profile.load(each).parameters}
+    except DriveProfileError:
+        return []
+    return sorted(name for name in names if incomplete in name)
+
+
+def class_names(text: str) -> tuple[str, ...]:
+    """Parameter classes of an option's text."""
+    from drive_profiles.parameter_set.parameters import CLASSES
+
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    unknown = [name for name in names if name not in CLASSES]
+    if unknown or not names:
+        raise fail(f"--classes {text}: expected some of {', '.join(CLASSES)}", ExitStatus.USAGE)
+    return names

@@ -1,0 +1,140 @@
+"""Commands of ``drive-profiles`` that show drive families."""
+
+# ruff: noqa: PLC0415 - pydantic and rich are imported inside the commands, so that --help and completion stay quick
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+
+from drive_profiles.cli.console import FILE_EPILOG, exit_on_error, print_json, table
+from drive_profiles.cli.options import JsonOption, ProfileName
+
+if TYPE_CHECKING:
+    from drive_profiles.family.profile import Profile
+
+
+def mount(app: typer.Typer) -> None:
+    """Add these commands to an application."""
+    app.command("list", epilog=FILE_EPILOG)(list_profiles)
+    app.command("show", epilog=FILE_EPILOG)(show)
+
+
+def list_profiles(*, as_json: JsonOption = False) -> None:
+    """List the profiles of the package: what each can do for a variable notch, and why.
+
+    Example: drive-profiles list --json
+    """
+    from drive_profiles.family.profile import Profile, available
+
+    with exit_on_error():
+        profiles = [Profile.load(name) for name in available()]
+    if as_json:
+        print_json(
+            [
+                {
+                    "name": p.name,
+                    "title": p.title,
+                    "kind": p.kind,
+                    **p.identity.model_dump(),
+                    "capabilities": None if p.capabilities is None else p.capabilities.model_dump(),
+                }
+                for p in profiles
+            ]
+        )
+        return
+    rows: list[tuple[str, ...]] = []
+    for p in profiles:
+        able = p.capabilities
+        if able is None:
+            rows.append((p.name, p.kind, "-", "-", "-", "-"))
+            continue
+        answers = (able.p_pi_inside, able.notch_inside, able.host_closed)
+        rows.append((p.name, p.kind, *(each.answer for each in answers), able.notch_inside.reason))
+    table("", ("name", "kind", "P-PI inside", "notch inside", "host-closed", "of the notch"), rows)
+
+
+def show(
+    name: ProfileName,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Show one profile: identity, capabilities with their reasons, parameters with objects and units.
+
+    Example: drive-profiles show emulated_drive
+    """
+    from drive_profiles.family.profile import Profile
+
+    with exit_on_error():
+        profile = Profile.load(name)
+    if as_json:
+        print_json(profile.model_dump(by_alias=True))
+        return
+    table("", ("fact", "value", "evidence"), _facts(profile))
+    if profile.capabilities is not None:
+        rows = [(name.replace("_", " "), entry.answer, entry.reason) for name, entry in profile.capabilities]
+        table("capabilities", ("what", "answer", "reason"), rows)
+    if profile.quirks:
+        table("good to know", ("what",), [(text,) for text in profile.quirks])
+    table(
+        "parameters",
+        ("name", "object", "type", "unit", "step on the wire", "access", "class", "acts", "evidence"),
+        [
+            (
+                name,
+                entry.written_address,
+                entry.data_type,
+                entry.unit,
+                entry.step,
+                entry.access,
+                entry.parameter_class,
+                {"now": "now", "disabled": "set while disabled", "reset": "after a reset"}[entry.effective],
+                entry.evidence,
+            )
+            for name, entry in profile.parameters.items()
+        ],
+    )
+
+
+def _facts(profile: Profile) -> list[tuple[str, ...]]:
+    identity, sync, store = profile.identity, profile.sync, profile.store
+    products = ", ".join(f"0x{code:08X}" for code in identity.product_codes) or "not known"
+    facts: list[tuple[str, ...]] = [
+        ("name", profile.name, ""),
+        ("title", profile.title, ""),
+        ("kind", profile.kind, ""),
+        (
+            "device type (1000h)",
+            "not known" if identity.device_type is None else f"0x{identity.device_type:08X}",
+            identity.evidence,
+        ),
+        ("vendor (1018h:1)", f"0x{identity.vendor_id:08X}", identity.evidence),
+        ("product (1018h:2)", products, identity.evidence),
+        ("revision (1018h:3)", "any" if identity.revision is None else f"0x{identity.revision:X}", identity.evidence),
+        ("SYNC period", f"{_ms(sync.min_period_s)} to {_ms(sync.max_period_s)} ms", sync.evidence),
+        ("store command", store.note if store.object is None else f"{store.object}, up to {store.wait_s:g} s", store.evidence),
+    ]
+    if profile.modes is not None:
+        facts.append(("modes (6502h)", ", ".join(profile.modes.names), profile.modes.evidence))
+    if profile.loop is not None:
+        period = profile.loop.period_s
+        facts.append(("loop", profile.loop.structure, profile.loop.evidence))
+        facts.append(("control period", "not known" if period is None else f"{1e6 * period:g} us", profile.loop.evidence))
+    if profile.notch is not None:
+        notch = profile.notch
+        span = f"{_or_unknown(notch.min_frequency_hz)} to {_or_unknown(notch.max_frequency_hz)} Hz"
+        facts.append(("filter", f"{notch.form}, {len(notch.sections)} sections, {span}, on the {notch.place}", notch.evidence))
+    if profile.torque is not None:
+        rated = profile.torque.rated_torque
+        step = f"{rated}, steps of {profile.torque.rated_torque_step_nm:g} N·m"
+        facts.append(("rated torque", "not known" if rated is None else step, profile.torque.evidence))
+    return facts
+
+
+def _ms(period_s: float | None) -> str:
+    return "?" if period_s is None else f"{1e3 * period_s:g}"
+
+
+def _or_unknown(value: float | None) -> str:
+    return "?" if value is None else f"{value:g}"

@@ -1,0 +1,250 @@
+"""Commands of ``drive-profiles`` that read a bus and write nothing to it."""
+
+# ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the commands, so that --help and completion stay quick
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail, print_json, progress, table
+from drive_profiles.cli.options import (
+    ALL,
+    BusOption,
+    ClassesOption,
+    EdsOption,
+    JsonOption,
+    NodeOption,
+    ProfileOption,
+    TimeoutOption,
+    class_names,
+    complete_objects,
+)
+
+if TYPE_CHECKING:
+    from drive_profiles.device.device import DeviceIdentity
+
+
+def mount(app: typer.Typer) -> None:
+    """Add these commands to an application."""
+    app.command("scan", epilog=READ_EPILOG)(scan)
+    app.command("info", epilog=READ_EPILOG)(info)
+    app.command("pull", epilog=READ_EPILOG)(pull)
+    app.command("get", epilog=READ_EPILOG)(get)
+
+
+def scan(
+    bus: BusOption,
+    *,
+    nodes: Annotated[str, typer.Option("--nodes", help="Node-IDs to ask: 1-127, or 1,2,5.")] = "1-127",
+    timeout_s: TimeoutOption = 0.5,
+    as_json: JsonOption = False,
+) -> None:
+    """Ask every node who it is: only reads of 1000h, 1008h, 100Ah and 1018h.
+
+    Example: drive-profiles scan --bus local:/tmp/robot.sock
+    """
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.device.device import identity_at
+    from drive_profiles.device.target import matching
+
+    wanted = _nodes(nodes)
+    with exit_on_error(), SdoBus(bus, timeout_s) as opened:
+        there = opened.answering(wanted)
+        rows = []
+        with progress("asking", len(there)) as step:
+            for node in there:
+                identity = identity_at(opened.port(node))
+                rows.append((identity, matching(identity)))
+                step(1)
+    if as_json:
+        print_json([{**asdict(identity), "profiles": names} for identity, names in rows])
+    else:
+        header = ("node", "vendor", "product", "revision", "serial", "name", "profile")
+        table("", header, [_row(identity, names) for identity, names in rows])
+    if not rows:
+        raise fail(
+            f"no node of {nodes} answers on {bus} within {timeout_s:g} s: is the bit rate right, is everything powered?",
+            ExitStatus.NODE,
+        )
+
+
+def _nodes(text: str) -> list[int]:
+    numbers: set[int] = set()
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        if re.fullmatch(r"\s*\d{1,3}\s*(-\s*\d{1,3}\s*)?", part) is None:
+            raise fail(f"--nodes {text}: expected node-IDs as 1-127, or 1,2,5", ExitStatus.USAGE)
+        if last and int(last) < int(first):
+            raise fail(f"--nodes {text}: {first}-{last} runs backwards", ExitStatus.USAGE)
+        numbers |= set(range(int(first), int(last or first) + 1))
+    if not numbers or not numbers <= set(range(1, 128)):
+        raise fail(f"--nodes {text}: node-IDs are 1 to 127", ExitStatus.USAGE)
+    return sorted(numbers)
+
+
+def _row(identity: DeviceIdentity, names: list[str]) -> tuple[str, ...]:
+    return (
+        str(identity.node),
+        _hex(identity.vendor_id),
+        _hex(identity.product_code),
+        _hex(identity.revision),
+        "-" if identity.serial_number is None else str(identity.serial_number),
+        identity.name or "-",
+        " or ".join(names) or "-",
+    )
+
+
+def _hex(value: int | None) -> str:
+    return "-" if value is None else f"0x{value:08X}"
+
+
+def info(
+    bus: BusOption,
+    node: NodeOption,
+    *,
+    profile: ProfileOption = None,
+    eds: EdsOption = None,
+    timeout_s: TimeoutOption = 0.5,
+    as_json: JsonOption = False,
+) -> None:
+    """Show who a node is, its state, its errors and what is known of it.
+
+    Example: drive-profiles info --bus socketcan:can0 --node 2
+    """
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.device.target import catalogue_of, device_at, matching
+    from drive_profiles.errors import NodeError, SdoAbortedError
+
+    with exit_on_error(), SdoBus(bus, timeout_s) as opened:
+        try:
+            device = device_at(opened, node, profile, eds)
+        except NodeError:
+            from drive_profiles.device.device import Device
+
+            device = Device(opened.port(node), catalogue_of(None, None))
+        identity = device.identify()
+        state = device.state()
+        try:
+            register: int | None = device.read((0x1001, 0))[0]
+        except (SdoAbortedError, IndexError):
+            register = None
+        names = matching(identity)
+    facts: dict[str, Any] = {
+        **asdict(identity),
+        "state": None if state is None else state.value,
+        "error_register": register,
+        "profiles": names,
+        "known_objects": len(device.catalogue),
+    }
+    if as_json:
+        print_json(facts)
+        return
+    hexadecimal = {"device_type", "vendor_id", "product_code", "revision", "error_register"}
+    shown = [
+        (key.replace("_", " "), "-" if value in (None, "", []) else f"0x{value:X}" if key in hexadecimal else _plain(value))
+        for key, value in facts.items()
+    ]
+    table("", ("fact", "value"), shown)
+
+
+def _plain(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def pull(
+    bus: BusOption,
+    node: NodeOption,
+    *,
+    out: Annotated[Path | None, typer.Option("--out", help="File to write; left out, or -: standard output.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    classes: ClassesOption = ALL,
+    profile: ProfileOption = None,
+    eds: EdsOption = None,
+    timeout_s: TimeoutOption = 0.5,
+    as_json: JsonOption = False,
+) -> None:
+    """Read everything that could be written back: the parameter set that the drive is.
+
+    What could not be read is said on standard error and in the set's header.
+
+    Example: drive-profiles pull --bus local:/tmp/robot.sock --node 2 --out axis2.toml
+    """
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.device.target import device_at
+
+    wanted = class_names(classes)
+    if out == Path("-"):
+        out = None
+    with exit_on_error(), SdoBus(bus, timeout_s) as opened:
+        device = device_at(opened, node, profile, eds)
+        with progress("reading", len(device.catalogue)) as step:
+            pulled = device.pull(wanted, lambda done, total: step(1))
+        if out is not None:
+            pulled.save(out, force=force)
+    for line in pulled.header.not_read:
+        typer.echo(f"not read: {line}", err=True)
+    count = sum(1 for _ in pulled.items())
+    if not count:
+        typer.echo(f"node {node}: none of its known objects could be read and written back", err=True)
+    if as_json:
+        print_json(pulled.model_dump())
+    elif out is None:
+        typer.echo(pulled.dumps(), nl=False)
+    else:
+        typer.echo(f"{count} values of node {node} in {out}")
+
+
+def get(
+    objects: Annotated[
+        list[str], typer.Argument(metavar="OBJECT...", help="0x2147:1, or a name.", autocompletion=complete_objects)
+    ],
+    bus: BusOption,
+    node: NodeOption,
+    *,
+    profile: ProfileOption = None,
+    eds: EdsOption = None,
+    timeout_s: TimeoutOption = 0.5,
+    as_json: JsonOption = False,
+) -> None:
+    """Read objects.
+
+    Example: drive-profiles get position_gain_per_s 0x6041 --bus local:/tmp/robot.sock --node 2
+    """
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.device.target import device_at
+    from drive_profiles.standard.object_address import address_text
+
+    with exit_on_error(), SdoBus(bus, timeout_s) as opened:
+        device = device_at(opened, node, profile, eds)
+        entries = [device.catalogue.find(text) for text in objects]
+        scaling = device.scaling(entries)
+        values = []
+        for entry in entries:
+            data = device.read(entry.address)
+            try:
+                value: float | str = entry.decoded(data, scaling)
+            except ValueError as error:
+                value = f"{data.hex(' ')} ({error})"
+            values.append((entry, data, value))
+    if as_json:
+        print_json(
+            [
+                {
+                    "object": f"0x{address_text(e.address)}",
+                    "name": e.name,
+                    "value": str(v) if isinstance(v, float) and not math.isfinite(v) else v,
+                    "unit": e.unit,
+                    "bytes": d.hex(),
+                }
+                for e, d, v in values
+            ]
+        )
+        return
+    rows = [(address_text(e.address), e.name or "-", str(v), e.unit, d.hex(" ")) for e, d, v in values]
+    table("", ("object", "name", "value", "unit", "bytes"), rows)

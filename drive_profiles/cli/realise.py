@@ -1,0 +1,217 @@
+"""Commands of ``drive-profiles`` that realise a notch and gains in a drive family, and write the documentation's pages."""
+
+# ruff: noqa: PLC0415 - pydantic and numpy are imported inside the commands, so that --help and completion stay quick
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+from drive_profiles.cli.console import FILE_EPILOG, REALISE_EPILOG, exit_on_error, print_json, table
+from drive_profiles.cli.options import JsonOption, ProfileName
+
+if TYPE_CHECKING:
+    from drive_profiles.family.capability import LoopFacts, NotchFacts
+    from drive_profiles.family.profile import Profile
+    from drive_profiles.realisation import NotRealisableError, Realisation
+
+
+SetOutOption = Annotated[
+    Path | None, typer.Option("--out", help="Write the values as a parameter set, for `drive-profiles upload`.")
+]
+
+
+def mount(app: typer.Typer) -> None:
+    """Add these commands to an application."""
+    app.command("realise", epilog=REALISE_EPILOG)(realise)
+    app.command("gains", epilog=REALISE_EPILOG)(gains)
+    app.command("pages", epilog=FILE_EPILOG)(pages)
+
+
+def realise(
+    name: ProfileName,
+    *,
+    order: Annotated[int, typer.Option(min=1, help="Harmonic order k of the transmission error.")] = 2,
+    speed_rps: Annotated[float, typer.Option(help="Motor speed f_m, rev/s.")],
+    offset_hz: Annotated[float, typer.Option(help="How far the poles are above the zeros.")] = 0.5,
+    zeta_rn: Annotated[float, typer.Option(help="Damping of the zeros.")] = 0.028,
+    zeta_rd: Annotated[float, typer.Option(help="Damping of the poles.")] = 0.1,
+    section: Annotated[int, typer.Option(min=1, help="Which of the drive's filters.")] = 1,
+    period_us: Annotated[float | None, typer.Option(help="Period of the drive's filter, where the profile has none.")] = None,
+    approximate: Annotated[bool, typer.Option("--approximate", help="Take the nearest that the drive can hold.")] = False,
+    out: SetOutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show what a drive would hold of the notch at one speed, and how far off that is.
+
+    Example: drive-profiles realise harmonic_drive_yukondrive --speed-rps 5.92 --period-us 125
+    """
+    from drive_profiles.family.profile import Profile
+    from drive_profiles.realisation import NotchTarget, NotRealisableError
+    from drive_profiles.realisation import realise as realised
+
+    with exit_on_error():
+        profile = Profile.load(name)
+    if period_us is not None and not (period_us > 0.0 and math.isfinite(period_us)):
+        raise typer.BadParameter(f"{period_us} must be positive", param_hint="--period-us")
+    try:
+        target = NotchTarget.at_speed(order, speed_rps, offset_hz, zeta_rn, zeta_rd)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+    period_s = None if period_us is None else period_us * 1e-6
+    try:
+        realisation = realised(profile, target, section=section - 1, period_s=period_s, allow_approximate=approximate)
+    except NotRealisableError as error:
+        _refuse(error, as_json=as_json)
+    _save(profile, realisation.values, out, profile.notch)
+    if as_json:
+        facts = dataclasses.asdict(realisation) | {
+            "is_exact": realisation.is_exact,
+            "biquads": [b._asdict() for b in realisation.biquads],
+        }
+        print_json(_finite(facts))
+        return
+    _show(profile, realisation)
+
+
+def _show(profile: Profile, realisation: Realisation) -> None:
+    target, held, off = realisation.target, realisation.held, realisation.deviations
+    match = "exact" if realisation.is_exact else "approximate"
+    typer.echo(f"{realisation.profile}: {match}, filter period {1e6 * realisation.period_s:g} us")
+    for reason in realisation.reasons:
+        typer.echo(f"  {reason}")
+    wanted_db, held_db = (shape.gain_db(target.zero_hz) for shape in (target.shape, held))
+    if held_db > 0.5 * wanted_db:
+        typer.echo(f"  the notch is as good as lost: {held_db:.1f} dB at its frequency instead of {wanted_db:.1f} dB")
+    _doubt(profile.notch)
+    rows = [
+        ("zeros, Hz", f"{target.zero_hz:.4f}", f"{held.zero_hz:.4f}", f"{off.zero_hz:+z.4f}"),
+        ("damping of the zeros", f"{target.zeta_zero:.5f}", f"{held.zeta_zero:.5f}", f"{100 * off.zeta_zero:+z.2f} %"),
+        ("poles, Hz", f"{target.pole_hz:.4f}", f"{held.pole_hz:.4f}", f"{off.pole_hz:+z.4f}"),
+        ("damping of the poles", f"{target.zeta_pole:.5f}", f"{held.zeta_pole:.5f}", f"{100 * off.zeta_pole:+z.2f} %"),
+        ("gain at DC", "1", f"{held.dc_gain:.6f}", f"{off.dc_gain:+z.6f}"),
+        (
+            "gain at the wanted zeros, dB",
+            *(f"{s.gain_db(target.zero_hz):.2f}" for s in (target.shape, held)),
+            f"{off.depth_db:+z.2f}",
+        ),
+    ]
+    table("", ("quantity", "wanted", "held", "off"), rows)
+    values = [(n, profile.parameter(n).written_address, f"{v:.9g}") for n, v in realisation.values.items()]
+    table("values", ("parameter", "object", "value"), values)
+
+
+def gains(
+    name: ProfileName,
+    *,
+    position_gain: Annotated[float, typer.Option(help="K_p, 1/s.")],
+    velocity_gain: Annotated[float, typer.Option(help="K_v, N·m·s/rad, motor side.")],
+    velocity_integral_gain: Annotated[float, typer.Option(help="K_v/T_i, N·m/rad, motor side.")],
+    torque_constant: Annotated[float | None, typer.Option(help="Of the motor, N·m/A; for drives that work in amperes.")] = None,
+    out: SetOutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show the loop's gains in a drive's own units.
+
+    Example: drive-profiles gains emulated_drive --position-gain 25 --velocity-gain 0.196 --velocity-integral-gain 3.92
+    """
+    from drive_profiles.family.profile import Profile
+    from drive_profiles.realisation import NotRealisableError, gains_for, pid_gains
+
+    with exit_on_error():
+        profile = Profile.load(name)
+    try:
+        values = gains_for(
+            profile,
+            position_gain_per_s=position_gain,
+            velocity_gain_nm_s_rad=velocity_gain,
+            velocity_integral_gain_nm_rad=velocity_integral_gain,
+            torque_constant_nm_a=torque_constant,
+        )
+    except NotRealisableError as error:
+        _refuse(error, as_json=as_json)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+    _save(profile, values, out, profile.loop)
+    pid = None
+    if profile.loop is not None and profile.loop.structure == "PID":
+        pid = pid_gains(position_gain, velocity_gain, velocity_integral_gain)
+    if as_json:
+        facts = {"profile": profile.name, "values": values, "pid": dataclasses.asdict(pid) if pid else None}
+        print_json(facts)
+        return
+    rows = [(n, profile.parameter(n).written_address, f"{v:.9g}", profile.parameter(n).unit) for n, v in values.items()]
+    table("", ("parameter", "object", "value", "unit"), rows)
+    _doubt(profile.loop)
+    if pid is not None:
+        typer.echo(f"A PID on the error is the P-PI only if the reference is low-passed by {1e3 * pid.reference_lag_s:g} ms.")
+
+
+def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact: NotchFacts | LoopFacts | None) -> None:
+    """Save the values as a parameter set, where --out is given; an existing file is not replaced."""
+    if out is None:
+        return
+    from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet
+
+    identity = profile.identity
+    header = Header(profile=profile.name, vendor_id=identity.vendor_id, product_code=None, unverified=_why_unverified(fact))
+    items = {name: Item(value=value, unit=profile.parameter(name).unit) for name, value in values.items()}
+    with exit_on_error():
+        ParameterSet(header=header, tuning=items).save(out)
+    typer.echo(f"{len(items)} values in {out}", err=True)
+
+
+def pages(*, out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Where the pages go.")] = Path("docs/drives")) -> None:
+    """Write the documentation's pages: one per profile, and their index.
+
+    Example: drive-profiles pages --out docs/drives
+    """
+    from drive_profiles.family.profile import Profile, available
+    from drive_profiles.pages import written
+
+    with exit_on_error():
+        files = written([Profile.load(name) for name in available()])
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        (out / name).write_text(text, encoding="utf-8")
+    typer.echo(f"{len(files)} pages in {out}")
+
+
+def _doubt(fact: NotchFacts | LoopFacts | None) -> None:
+    if why := _why_unverified(fact):
+        typer.echo(f"  unverified: {why}")
+
+
+def _why_unverified(fact: NotchFacts | LoopFacts | None) -> str:
+    return "" if fact is None or fact.is_verified else " ".join((fact.note or fact.source).split())
+
+
+def _finite(facts: Any) -> Any:
+    """Facts without infinities, which JSON does not have: the depth of an undamped zero is null."""
+    if isinstance(facts, dict):
+        return {key: _finite(value) for key, value in facts.items()}
+    if isinstance(facts, list | tuple):
+        return [_finite(value) for value in facts]
+    return None if isinstance(facts, float) and not math.isfinite(facts) else facts
+
+
+def _refuse(error: NotRealisableError, *, as_json: bool) -> NoReturn:
+    if as_json:
+        print_json({"profile": error.profile, "reasons": error.reasons})
+    else:
+        lines = [f"  {reason}{_option_for(reason)}" for reason in error.reasons]
+        typer.echo("\n".join([f"{error.profile}: not realisable", *lines]), err=True)
+    raise typer.Exit(error.exit_code)
+
+
+def _option_for(reason: str) -> str:
+    """Option that resolves a reason, in brackets."""
+    for words, option in (("period at which its filter runs", "--period-us"), ("torque constant is needed", "--torque-constant")):
+        if words in reason:
+            return f" ({option})"
+    return ""

@@ -1,0 +1,157 @@
+"""Transaction of the commands of ``drive-profiles`` that write: ask, write, report."""
+
+# ruff: noqa: PLC0415 - canopen, pydantic and rich are imported inside the functions, so that --help and completion stay quick
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from drive_profiles.cli.console import ExitStatus, Interrupts, confirm, print_json, progress, table
+
+if TYPE_CHECKING:
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.parameter_set.parameters import ParameterSet
+    from drive_profiles.upload.result import UploadOptions, UploadResult
+    from drive_profiles.upload.upload import Upload
+
+
+@dataclass(frozen=True)
+class TransactionRequest:
+    """Request of a command that writes, beside the values.
+
+    Attributes:
+        bus: Address of the bus.
+        options: Options of the upload.
+        profile: Name or file of the drive profile; None for the one that matches.
+        eds: The device's own EDS.
+        timeout_s: Longest time to an answer.
+        yes: Do not ask before writing.
+        dry_run: Show what would be written, and write nothing.
+        as_json: The result as one JSON document.
+    """
+
+    bus: str
+    options: UploadOptions
+    profile: str | None = None
+    eds: Path | None = None
+    timeout_s: float = 0.5
+    yes: bool = False
+    dry_run: bool = False
+    as_json: bool = False
+
+
+def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSet | Path]]) -> None:
+    """Prepare all uploads, show the changes, ask, run all, and report how each ended.
+
+    From the first write until the report is printed and the bus is closed, Ctrl-C does not end the program.
+
+    Raises:
+        typer.Exit: Not every drive holds its set.
+    """
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.errors import RefusedError
+    from drive_profiles.upload import fleet
+
+    with Interrupts() as interrupts, SdoBus(request.bus, request.timeout_s) as opened:
+        uploads = [_upload(opened, node, wanted, request) for node, wanted in pairs]
+        if empty := [item.device.node for item in uploads if next(iter(item.parameter_set.items()), None) is None]:
+            raise RefusedError(f"the parameter set for node {', node '.join(map(str, empty))} holds no values")
+        fleet.prepare(uploads)
+        for item in uploads:
+            for warning in item.warnings:
+                typer.echo(f"node {item.device.node}: {warning}", err=True)
+        _show_changes(uploads, request)
+        if request.dry_run:
+            return
+        count = sum(len(item.changes) for item in uploads)
+        if count or request.options.store:
+            storing = " and store" if request.options.store else ""
+            nodes = ", ".join(f"node {node}" for node, _ in pairs)
+            confirm(f"write {count} objects{storing} on {nodes}?", yes=request.yes)
+        total = sum(len(item.changes) + len(item.writes) for item in uploads)
+        interrupts.hold("interrupted: what has been written is put back; wait for the outcome")
+        with progress("writing", total) as step:
+            outcomes = fleet.run(uploads, fleet.UploadControl(interrupts.event, lambda node, made: step(made)))
+        report(outcomes, request)
+        if interrupts.event.is_set() and all(outcome.kind == "done" for outcome in outcomes):
+            typer.echo("the interrupt came too late: everything had been written", err=True)
+        status = exit_status(outcomes)
+    if status:
+        raise typer.Exit(status)
+
+
+def exit_status(outcomes: Sequence[UploadResult]) -> int:
+    """Exit status of a command with these results: an unknown state takes precedence over any failure."""
+    if any(outcome.kind == "unknown" for outcome in outcomes):
+        return ExitStatus.UNKNOWN
+    return max((outcome.exit_code for outcome in outcomes), default=0)
+
+
+def _upload(bus: SdoBus, node: int, wanted: ParameterSet | Path, request: TransactionRequest) -> Upload:
+    """Upload to one node; a DCF serves as its own EDS."""
+    from drive_profiles.device.target import device_at
+    from drive_profiles.parameter_set import formats
+    from drive_profiles.upload.upload import Upload
+
+    if isinstance(wanted, Path):
+        own = wanted if request.eds is None and wanted.suffix.lower() in formats.DEVICE_FILES else request.eds
+        device = device_at(bus, node, request.profile, own)
+        wanted = formats.read(wanted, device.catalogue, node)
+        for line in wanted.header.not_read:
+            typer.echo(f"node {node}: not taken: {line}", err=True)
+    else:
+        device = device_at(bus, node, request.profile or wanted.header.profile or None, request.eds)
+    return Upload(device, wanted, request.options, bus.address)
+
+
+def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> None:
+    """Print the changes as a table; on standard error where standard output is for the JSON document of the results."""
+    rows: list[tuple[str, ...]] = []
+    documents: list[dict[str, Any]] = []
+    for item in uploads:
+        node = item.device.node
+        scaling = item.device.scaling([write.entry for write in item.writes])
+        for write, held in item.changes:
+            now = write.entry.decoded(held, scaling) if held else ""
+            rows.append((str(node), str(write.entry), str(now), str(write.value), write.entry.unit))
+            documents.append({
+                "node": node, "object": str(write.entry), "now": now, "new": write.value, "unit": write.entry.unit,
+            })  # fmt: skip
+    if request.dry_run and request.as_json:
+        print_json(documents)
+    elif rows:
+        table("", ("node", "object", "now", "new", "unit"), rows, err=request.as_json)
+    else:
+        typer.echo("nothing differs", err=request.as_json)
+
+
+def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> None:
+    """Print how each upload ended, and the next command where the drive's state is not known."""
+    if request.as_json:
+        print_json(
+            [{**asdict(outcome), "journal": None if outcome.journal is None else str(outcome.journal)} for outcome in outcomes]
+        )
+    for outcome in outcomes:
+        if not request.as_json or outcome.kind != "done":
+            typer.echo(str(outcome), err=outcome.kind != "done")
+        if outcome.journal is not None and not request.as_json:
+            typer.echo(f"node {outcome.node}: what it held before is in {outcome.journal}", err=True)
+        if hint := _hint(outcome, request):
+            typer.echo(f"node {outcome.node}: once it answers: {hint}", err=True)
+
+
+def _hint(outcome: UploadResult, request: TransactionRequest) -> str:
+    if outcome.kind != "unknown":
+        return ""
+    where = f"--bus {request.bus} --node {outcome.node}"
+    if outcome.others == "old":
+        return "" if outcome.journal is None else f"drive-profiles restore --snapshot {outcome.journal} {where}"
+    check = f"check that it holds the set (drive-profiles verify SET {where})"
+    if outcome.stored == "unknown":
+        return f"{check}, then drive-profiles store {where}"
+    return f"{check}, and upload the set again where it does not"

@@ -1,0 +1,183 @@
+"""A CAN bus for the parameter tool: SDO ports, NMT commands and a scan for nodes, on any bus that python-can knows."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+import time
+from typing import Any, Self
+
+import can
+
+from drive_profiles.address import LOCAL, parse_address
+from drive_profiles.device.sdo import SdoPort
+from drive_profiles.errors import BusError
+from drive_profiles.standard.cia301 import BROADCAST, MAX_NODE_ID, FunctionCode, NmtCommand
+
+_INTERFACES = {LOCAL: "hil_local"}
+"""Interfaces that python-can knows by another name than ours."""
+_FILTERS = [
+    {"can_id": FunctionCode.SDO_RESPONSE, "can_mask": 0x780, "extended": False},
+    {"can_id": FunctionCode.HEARTBEAT, "can_mask": 0x780, "extended": False},
+]
+_FUNCTION = 0x780
+_POLL_S = 0.05
+_BACKLOG = 256
+_SCAN_BURST = 8
+"""Number of requests that a scan sends together: the queue of a small adapter holds so many."""
+
+
+class _Line:
+    """The SDO frames of one node on a shared bus."""
+
+    def __init__(self, bus: SdoBus) -> None:
+        self._bus = bus
+        self.answers: queue.Queue[bytes] = queue.Queue(_BACKLOG)
+        self.boots = 0
+
+    def send(self, can_id: int, data: bytes) -> None:
+        self._bus.send(can_id, data)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        """Wait for the next answer; raise when the bus is lost, rather than wait in vain."""
+        self._bus.check()
+        try:
+            return self.answers.get(timeout=timeout_s)
+        except queue.Empty:
+            self._bus.check()
+            return None
+
+    def clear(self) -> list[bytes]:
+        old: list[bytes] = []
+        with contextlib.suppress(queue.Empty):
+            while True:
+                old.append(self.answers.get_nowait())
+        return old
+
+
+class SdoBus:
+    """A CAN bus that several threads may use: each node has one SDO port, and a thread sorts the received frames.
+
+    Attributes:
+        address: The bus address as it was given.
+    """
+
+    def __init__(self, address: str, timeout_s: float = 0.5) -> None:
+        """Open the bus.
+
+        Args:
+            address: ``interface:channel[@bitrate]``, as everywhere.
+            timeout_s: Time that a node may take to answer, s.
+
+        Raises:
+            AddressError: `address` is no bus address.
+            BusError: There is no such bus.
+        """
+        parsed = parse_address(address)
+        self.address = str(parsed)
+        self.timeout_s = timeout_s
+        settings: dict[str, Any] = {} if parsed.bitrate is None else {"bitrate": parsed.bitrate}
+        try:
+            self._bus = can.Bus(
+                interface=_INTERFACES.get(parsed.interface, parsed.interface),
+                channel=parsed.channel,
+                can_filters=_FILTERS,
+                **settings,
+            )
+        except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
+            said = str(error)
+            raise BusError(said if self.address in said else f"no bus at {self.address}: {said}") from error
+        self._lines: dict[int, _Line] = {}
+        self._ports: dict[int, SdoPort] = {}
+        self._lost: Exception | None = None
+        self._closing = threading.Event()
+        self._sending = threading.Lock()
+        self._reader = threading.Thread(target=self._read, name=f"bus {self.address}", daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> Self:
+        """Return the bus itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the bus."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the bus; closing it again does nothing."""
+        if not self._closing.is_set():
+            self._closing.set()
+            self._reader.join(2 * _POLL_S + 1.0)
+            with contextlib.suppress(can.CanError, OSError):  # of a bus that is lost there is nothing left to close
+                self._bus.shutdown()
+
+    def port(self, node: int) -> SdoPort:
+        """SDO client of a node; every call returns the same one.
+
+        Raises:
+            ValueError: The node-ID is not from 1 to 127.
+        """
+        if not 1 <= node <= MAX_NODE_ID:
+            raise ValueError(f"node-ID {node} is not in 1 to {MAX_NODE_ID}")
+        if node not in self._ports:
+            self._lines[node] = _Line(self)
+            self._ports[node] = SdoPort(node, self._lines[node], self.timeout_s)
+        return self._ports[node]
+
+    def nmt(self, command: NmtCommand, node: int) -> None:
+        """Send an NMT command to one node (0: to all)."""
+        self.send(FunctionCode.NMT, bytes((command, BROADCAST if node == 0 else node)))
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Put a frame on the bus.
+
+        Raises:
+            BusError: The frame cannot be sent.
+        """
+        self.check()
+        try:
+            with self._sending:
+                self._bus.send(can.Message(arbitration_id=can_id, is_extended_id=False, data=data), timeout=self.timeout_s)
+        except (can.CanError, OSError) as error:
+            raise BusError(f"bus {self.address} takes no frame: {error}") from error
+
+    def check(self) -> None:
+        """Raise `BusError` if the bus was lost."""
+        if self._lost is not None:
+            raise BusError(f"bus {self.address} lost: {self._lost}")
+
+    def answering(self, nodes: range | list[int]) -> list[int]:
+        """Ask all nodes at once for 1000h, and return those that answer, in rising order."""
+        for node in nodes:
+            self.port(node)
+            self._lines[node].clear()
+        for count, node in enumerate(nodes, 1):
+            self.send(FunctionCode.SDO_REQUEST + node, b"\x40\x00\x10\x00\x00\x00\x00\x00")
+            if count % _SCAN_BURST == 0:
+                time.sleep(0.002)
+        deadline = time.monotonic() + self.timeout_s
+        while time.monotonic() < deadline:
+            time.sleep(min(0.02, self.timeout_s))
+            self.check()
+        return [node for node in nodes if self._lines[node].clear()]
+
+    def _read(self) -> None:
+        """Hand each received frame to its node's port, until the bus is closed or lost."""
+        while not self._closing.is_set():
+            try:
+                message = self._bus.recv(_POLL_S)
+            except Exception as error:  # noqa: BLE001 - adapters raise what they like, and silence would look like a dead node
+                self._lost = error
+                for line in list(self._lines.values()):
+                    with contextlib.suppress(queue.Full):
+                        line.answers.put_nowait(b"")  # wakes whoever waits
+                return
+            if message is None or message.is_extended_id or message.is_error_frame or message.is_remote_frame or message.is_fd:
+                continue
+            node, function = message.arbitration_id & 0x7F, message.arbitration_id & _FUNCTION
+            if function == FunctionCode.SDO_RESPONSE and node in self._lines:
+                with contextlib.suppress(queue.Full):  # a babbling node loses its own answers
+                    self._lines[node].answers.put_nowait(bytes(message.data))
+            elif function == FunctionCode.HEARTBEAT and bytes(message.data) == b"\0" and node in self._lines:
+                self._lines[node].boots += 1

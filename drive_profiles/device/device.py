@@ -1,0 +1,380 @@
+"""A device behind an SDO port: its identity, its CiA 402 state, its scaling and the values in its dictionary."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import time
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
+
+from drive_profiles.device.sdo import SdoPort
+from drive_profiles.errors import DriveProfileError, NoAnswerError, NodeError, OutOfRangeError, RefusedError, SdoAbortedError
+from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
+from drive_profiles.family.profile import Profile
+from drive_profiles.parameter_set.parameters import CLASSES, Header, Item, ParameterSet, Write, is_command, item_of
+from drive_profiles.standard.cia301 import DataType, NmtCommand, SdoAbortCode, decode
+from drive_profiles.standard.cia402 import Object, State, state_of
+from drive_profiles.standard.object_address import ObjectAddress, object_address
+from drive_profiles.standard.units import Scaling
+
+_MOVING = frozenset({State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE})
+_POLL_S = 0.05
+_AXIS_STEP = 0x800
+_DRIVE = 402
+"""Device profile number in the lower half of 1000h."""
+
+
+@dataclass(frozen=True)
+class DeviceIdentity:
+    """Identity that a device states of itself.
+
+    Attributes:
+        node: Node-ID.
+        device_type: Device type, 1000h; None, as all numbers below, where the device does not state it.
+        vendor_id: Vendor-ID, 1018h:1.
+        product_code: Product code, 1018h:2.
+        revision: Revision number, 1018h:3.
+        serial_number: Serial number, 1018h:4.
+        name: Manufacturer device name, 1008h.
+        firmware: Manufacturer software version, 100Ah.
+    """
+
+    node: int
+    device_type: int | None
+    vendor_id: int | None
+    product_code: int | None
+    revision: int | None
+    serial_number: int | None
+    name: str = ""
+    firmware: str = ""
+
+    @property
+    def is_drive(self) -> bool:
+        """True where the device states that it is a CiA 402 device."""
+        return self.device_type is not None and self.device_type & 0xFFFF == _DRIVE
+
+
+class Device:
+    """A device on a bus, read and written through the objects of its catalogue.
+
+    Attributes:
+        port: SDO client of the node.
+        catalogue: The objects of the device, as profile and EDS describe them.
+    """
+
+    def __init__(self, port: SdoPort, catalogue: Catalogue, nmt: Callable[[NmtCommand, int], None] | None = None) -> None:
+        """Join port and catalogue; nothing is sent.
+
+        Args:
+            port: SDO client of the node.
+            catalogue: The objects of the device, as profile and EDS describe them.
+            nmt: Function that sends an NMT command to a node; needed for `reset` only.
+        """
+        self.port = port
+        self.catalogue = catalogue
+        self._nmt = nmt
+        self._counts: int | None = None
+        self._feed: dict[str, int] = {}
+        self._torque_nm: float | None = None
+
+    @property
+    def node(self) -> int:
+        """Node-ID of the device."""
+        return self.port.node
+
+    @property
+    def profile(self) -> Profile | None:
+        """Drive profile of the device's family, None where it is not known."""
+        return self.catalogue.profile
+
+    def name_of(self, address: ObjectAddress) -> str:
+        """Name of an object, empty where it has none."""
+        entry = self.catalogue.get(address)
+        return "" if entry is None else entry.name
+
+    def read(self, address: ObjectAddress) -> bytes:
+        """Read the bytes of an object. A read that is not answered is repeated once, since reading changes nothing.
+
+        Raises:
+            SdoAbortedError: The device refuses; the text is the vendor's where the profile has it.
+            NoAnswerError: The device does not answer, twice.
+        """
+        try:
+            return _read(self.port, address, self.name_of(address))
+        except SdoAbortedError as error:
+            raise self._in_words(error) from None
+
+    def write(self, address: ObjectAddress, data: bytes, value: object = None, timeout_s: float | None = None) -> None:
+        """Write the bytes of an object, once.
+
+        Args:
+            address: The object.
+            data: Its bytes, little-endian.
+            value: The value as a message shall show it; None: the bytes.
+            timeout_s: Time that the device may take to answer, s; None: the port's.
+
+        Raises:
+            SdoAbortedError: The device refuses; the text is the vendor's where the profile has it.
+            NoAnswerError: The device does not answer; whether it has taken the value is not known.
+        """
+        try:
+            self.port.write(address, data, self.name_of(address), value, timeout_s)
+        except SdoAbortedError as error:
+            raise self._in_words(error) from None
+
+    def _in_words(self, error: SdoAbortedError) -> SdoAbortedError:
+        for abort in self.profile.aborts if self.profile else ():
+            if abort.code == error.code:
+                return SdoAbortedError(error.node, error.index, error.subindex, error.code, abort.text, error.name, error.action)
+        return error
+
+    def identify(self) -> DeviceIdentity:
+        """Read the identity objects; one that the device does not have is None.
+
+        Raises:
+            NoAnswerError: The device does not answer.
+        """
+        return identity_at(self.port)
+
+    def state(self) -> State | None:
+        """Read the CiA 402 state; None where the device has no status word."""
+        try:
+            word = decode(DataType.UNSIGNED16, self.read((Object.STATUS_WORD, 0)))
+        except (SdoAbortedError, ValueError):
+            return None
+        return state_of(int(word))
+
+    def check_quiet(self, axes: Collection[int] = (0,)) -> None:
+        """Refuse a drive that is enabled: its gains are not touched while a motor is under torque.
+
+        Args:
+            axes: Axes to check, counted from 0; the objects of axis n are at + 800h n (CiA 402).
+
+        Raises:
+            NodeError: The drive is enabled, or its state cannot be read.
+        """
+        for axis in axes:
+            address = (Object.STATUS_WORD + _AXIS_STEP * axis, 0)
+            try:
+                data = self.read(address)
+            except SdoAbortedError as error:
+                is_drive = self.profile is not None and self.profile.kind == "drive"
+                if (is_drive and axis == 0) or error.code not in {SdoAbortCode.NO_OBJECT, SdoAbortCode.NO_SUBINDEX}:
+                    raise NodeError(self.node, f"its state cannot be read ({error})", "nothing has been written") from None
+                continue  # no drive, or no such axis
+            state = state_of(int.from_bytes(data, "little"))
+            if state is None:
+                raise NodeError(self.node, f"its status word {data.hex(' ')} is no state of CiA 402", "is it a drive?")
+            if state in _MOVING:
+                raise NodeError(self.node, f"it is in state {state.value!r}", "disable it first; it is not written to")
+
+    def reset(self, within_s: float) -> None:
+        """Reset the node as a loss of power would, and wait until it answers again.
+
+        Args:
+            within_s: Time that the whole may take, s.
+
+        Raises:
+            NoAnswerError: No boot-up message comes in time, or the node does not answer after it.
+            RefusedError: The device was made without `nmt`.
+        """
+        if self._nmt is None:
+            raise RefusedError(f"node {self.node} cannot be reset here")
+        before = self.port.boots
+        self._nmt(NmtCommand.RESET_NODE, self.node)
+        deadline = time.monotonic() + within_s
+        while self.port.boots == before:
+            if time.monotonic() > deadline:
+                raise NoAnswerError(self.node, "its reset: no boot-up message", within_s)
+            with contextlib.suppress(NoAnswerError, SdoAbortedError):
+                self.port.read((0x1000, 0))
+            time.sleep(_POLL_S)
+        while True:
+            try:
+                self.port.read((0x1000, 0))
+                return
+            except (NoAnswerError, SdoAbortedError):
+                if time.monotonic() > deadline:
+                    raise NoAnswerError(self.node, "anything after its reset", within_s) from None
+
+    def scaling(self, entries: Collection[CatalogueEntry]) -> Scaling | None:
+        """Read the drive's scaling, as far as these objects need it; None where none does.
+
+        Raises:
+            RefusedError: The profile does not name the objects that hold the scaling.
+            OutOfRangeError: The drive holds a zero in one of them.
+        """
+        needed = {str(entry.parameter.scale) for entry in entries if entry.parameter is not None and entry.needs_scaling}
+        if not needed:
+            return None
+        if "counts" in needed and self._counts is None:
+            self._counts, self._feed = self._counts_per_rev(), self._feed_constant()
+        if "per mille" in needed and self._torque_nm is None:
+            self._torque_nm = self._rated_torque_nm()
+        # what is not needed gets a stand-in; what is needed and 0 is refused by the scaling itself
+        scaling = Scaling(1 if self._counts is None else self._counts, 1.0 if self._torque_nm is None else self._torque_nm)
+        return replace(scaling, **self._feed) if "counts" in needed else scaling
+
+    def scaling_addresses(self) -> set[ObjectAddress]:
+        """Addresses of the objects that decide the scaling of others."""
+        encoder = self.profile.encoder if self.profile else None
+        torque = self.profile.torque if self.profile else None
+        named = [torque.rated_torque] if torque else []
+        if encoder:
+            named += [encoder.increments, encoder.revolutions]
+            if encoder.feed:
+                named += [encoder.feed, encoder.feed_shaft_revs, encoder.gear_motor_revs, encoder.gear_shaft_revs, *encoder.zero]
+        return {object_address(address) for address in named if address}
+
+    def _scaling_for(self, entry: CatalogueEntry) -> Scaling | None:
+        """Scaling for one object; None where it cannot be read."""
+        try:
+            return self.scaling([entry])
+        except (RefusedError, OutOfRangeError, SdoAbortedError):
+            return None
+
+    def _counts_per_rev(self) -> int:
+        facts = self.profile.encoder if self.profile else None
+        if facts is None or (facts.increments is None and facts.counts_per_rev is None):
+            raise RefusedError(f"node {self.node}: no object is known that says how its encoder counts")
+        if facts.increments is None:
+            return facts.counts_per_rev or 0
+        increments = self._number(facts.increments)
+        revolutions = 1 if facts.revolutions is None else self._number(facts.revolutions)
+        if revolutions <= 0 or increments % revolutions:
+            what = f"node {self.node}, {facts.increments}"
+            raise OutOfRangeError(what, f"{increments}/{revolutions}", "counts/rev", "must be a whole number per revolution")
+        return increments // revolutions
+
+    def _feed_constant(self) -> dict[str, int]:
+        """Gear ratio and feed constant (6091h, 6092h), where the profile says that positions are counted by them."""
+        facts = self.profile.encoder if self.profile else None
+        if facts is None:
+            return {}
+        for address in facts.zero:
+            if self._number(address):
+                raise RefusedError(f"node {self.node} counts in units of its own: {address} is not 0")
+        named = {
+            "gear_motor_revs": facts.gear_motor_revs,
+            "gear_shaft_revs": facts.gear_shaft_revs,
+            "feed": facts.feed,
+            "feed_shaft_revs": facts.feed_shaft_revs,
+        }
+        return {name: self._number(address) for name, address in named.items() if address} if facts.feed else {}
+
+    def _rated_torque_nm(self) -> float:
+        facts = self.profile.torque if self.profile else None
+        if facts is None or facts.rated_torque is None:
+            raise RefusedError(f"node {self.node}: no object is known that holds its rated torque")
+        return self._number(facts.rated_torque) * facts.rated_torque_step_nm
+
+    def _number(self, address: str) -> int:
+        return int.from_bytes(self.read(object_address(address)), "little")
+
+    def resolve(self, parameter_set: ParameterSet, classes: Collection[str] = CLASSES, *, limits: bool = True) -> list[Write]:
+        """Turn each line of a parameter set into the bytes for this very drive; see `ParameterSet.writes`."""
+        named = {key for _, key, item in parameter_set.items() if item.type is None}
+        scaling = self.scaling([entry for entry in self.catalogue if entry.needs_scaling and entry.name in named])
+        return parameter_set.writes(self.catalogue, scaling, classes=classes, limits=limits)
+
+    def pull(
+        self, classes: Collection[str] = CLASSES, progress: Callable[[int, int], None] = lambda done, total: None
+    ) -> ParameterSet:
+        """Read every value that could be written back, as a parameter set.
+
+        Values that the device refuses to give, or that make no sense, are listed in the header's ``not_read``.
+
+        Args:
+            classes: Parameter classes to read.
+            progress: Called after each object with the number read and the total.
+
+        Raises:
+            NoAnswerError: The device does not answer.
+        """
+        identity = self.identify()
+        wanted = [
+            e
+            for e in self.catalogue
+            if e.is_readable and e.is_writable and not is_command(e.address) and e.parameter_class in classes
+        ]
+        held = _PulledValues()
+        for number, entry in enumerate(wanted, 1):
+            try:
+                data = self.read(entry.address)
+                key, item = item_of(entry, data, self._scaling_for(entry))
+            except NodeError:
+                raise
+            except (ValueError, DriveProfileError) as error:
+                held.not_read.append(f"{entry}: {error}")
+                continue
+            finally:
+                progress(number, len(wanted))
+            held.tables[entry.parameter_class][key] = item
+        return ParameterSet.model_validate({"header": self._header(identity, tuple(held.not_read)), **held.tables})
+
+    def _header(self, identity: DeviceIdentity, not_read: tuple[str, ...]) -> Header:
+        now = datetime.datetime.now(datetime.UTC)
+        return Header(
+            profile=self.profile.name if self.profile else "",
+            node_id=self.node,
+            title=identity.name,
+            vendor_id=identity.vendor_id,
+            product_code=identity.product_code,
+            revision=identity.revision,
+            serial_number=identity.serial_number,
+            firmware=identity.firmware,
+            date=now.isoformat(timespec="seconds"),
+            not_read=not_read,
+        )
+
+
+@dataclass
+class _PulledValues:
+    """Values that a pull has read so far, by class and name, and the objects that it could not read."""
+
+    tables: dict[str, dict[str, Item]] = field(default_factory=lambda: {name: {} for name in CLASSES})
+    not_read: list[str] = field(default_factory=list)
+
+
+def identity_at(port: SdoPort) -> DeviceIdentity:
+    """Read the identity of the device behind a port.
+
+    Raises:
+        NoAnswerError: The device does not answer.
+    """
+
+    def number(index: int, subindex: int) -> int | None:
+        data = _ask(port, (index, subindex))
+        return None if data is None or not 1 <= len(data) <= 4 else int.from_bytes(data, "little")
+
+    def text(index: int) -> str:
+        data = _ask(port, (index, 0)) or b""
+        return "".join(c for c in data.decode("latin-1") if c.isprintable()).strip()[:64]
+
+    return DeviceIdentity(
+        port.node,
+        number(0x1000, 0),
+        number(0x1018, 1),
+        number(0x1018, 2),
+        number(0x1018, 3),
+        number(0x1018, 4),
+        text(0x1008),
+        text(0x100A),
+    )
+
+
+def _ask(port: SdoPort, address: ObjectAddress) -> bytes | None:
+    """Read an object; None where the device refuses."""
+    try:
+        return _read(port, address)
+    except SdoAbortedError:
+        return None
+
+
+def _read(port: SdoPort, address: ObjectAddress, name: str = "") -> bytes:
+    """Read an object, and once more where no answer comes: reading changes nothing."""
+    try:
+        return port.read(address, name)
+    except NoAnswerError:
+        return port.read(address, name)

@@ -1,0 +1,14 @@
+r"""Files of users: written whole or not at all (`safefile`), and TOML that is validated with line numbers (`toml`).
+
+>>> from drive_profiles.errors import FileError
+>>> from drive_profiles.files.toml import Table, loads
+>>> class Axis(Table):
+...     node: int
+>>> loads("node = 2", Axis).node
+2
+>>> try:
+...     loads("\nnode = 'two'", Axis, "axis.toml")
+... except FileError as error:
+...     print(error.problems[0].line, error.problems[0].key)
+2 node
+"""

@@ -1,0 +1,53 @@
+"""Atomic writing of files: after a crash a file is there whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+from pathlib import Path
+
+from drive_profiles.errors import FileError, Problem, RefusedError
+
+
+def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
+    """Write a file atomically, through a temporary file: fsync, rename, fsync of the folder.
+
+    Args:
+        path: The file. Its folder is made; a link is followed.
+        data: Contents of the file.
+        force: Replace a file that exists.
+
+    Raises:
+        RefusedError: The file exists already, and ``force`` is not given.
+        FileError: The file cannot be written.
+    """
+    try:
+        if not force and path.exists():
+            raise RefusedError(f"{path} is there already; choose another name, or --force")
+        if path.exists() and not path.is_file():
+            problem = Problem(0, "", "is no file that could be replaced", "a file")
+            raise FileError(path, (problem,))
+        path = path.resolve()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}")
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)  # less what the user's mask takes away
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+            raise
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        problem = Problem(0, "", f"cannot be written ({reason})", "a place that can be written")
+        raise FileError(path, (problem,)) from error

@@ -1,0 +1,371 @@
+"""A parameter set: values that a drive holds or shall hold, as a text file with one object per line.
+
+    [header]
+    profile = "emulated_drive"
+    …
+    [tuning]
+    "position_gain_per_s" = { value = 25.0, unit = "1/s" }
+    "0x2200:1" = { value = 7, type = "UNSIGNED16" }          # raw, as on the wire: no profile is asked
+
+The tables are the four classes. ``commissioning`` (offsets, encoder facts) belongs to one device and is never copied to another
+unless that is forced.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, NamedTuple, Self, get_args
+
+import pydantic
+
+from drive_profiles.errors import DriveProfileError, FileError, Problem, RefusedError
+from drive_profiles.family.catalogue import Catalogue, CatalogueEntry, address_from
+from drive_profiles.family.parameter import ParameterClass
+from drive_profiles.files import toml as files
+from drive_profiles.files.safefile import write_atomically
+from drive_profiles.files.toml import Table, toml_value
+from drive_profiles.parameter_set.steps import pdo_of, steps, support
+from drive_profiles.standard.cia301 import DataType, Value, encode
+from drive_profiles.standard.object_address import ObjectAddress, address_text
+from drive_profiles.standard.units import Scaling
+
+CLASSES: tuple[ParameterClass, ...] = get_args(ParameterClass)
+MAX_OBJECTS = 8192
+
+_COMMANDS = frozenset({
+    0x1003, 0x100C, 0x100D, 0x1010, 0x1011, 0x1014, 0x1015, 0x1020, 0x1021, 0x1023, 0x1024, 0x1025, 0x1026,
+    0x1F22, 0x1F50, 0x1F51, 0x1F56, 0x1F57, 0x1F80, 0x1F82,
+    0x6040, 0x6060, 0x6042, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60C1, 0x60FE, 0x60FF,
+})  # fmt: skip
+"""Objects that command or move a drive, rewrite its program or its history: never written from a file, never pulled."""
+
+
+_SDO_PARAMETERS = range(0x1200, 0x1300)
+"""Identifiers of the SDO channels: changed in the middle of an upload they would end it."""
+
+
+def is_command(address: ObjectAddress) -> bool:
+    """True where writing the object *does* something rather than sets something, on any axis (CiA 402: + 800h each)."""
+    index = address[0]
+    return (
+        index in _COMMANDS
+        or index in _SDO_PARAMETERS
+        or (0x6800 <= index < 0xA000 and 0x6000 + (index - 0x6000) % 0x800 in _COMMANDS)
+    )
+
+
+class Item(Table):
+    """One line of a parameter set.
+
+    Attributes:
+        value: Value in ``unit``; text for strings, hexadecimal text for bytes.
+        unit: Unit as in the profile.
+        type: Data type of a raw value, as on the wire; None for a value in ``unit``.
+        name: Name of the object, for people.
+    """
+
+    value: int | float | str
+    unit: str = ""
+    type: str | None = None
+    name: str = ""
+
+    @pydantic.field_validator("type")
+    @classmethod
+    def _known(cls, name: str | None) -> str | None:
+        if name is not None and name not in DataType.__members__:
+            raise ValueError(f"{name!r} is no data type; expected one of {', '.join(DataType.__members__)}")
+        return name
+
+
+class Header(Table):
+    """Header of a parameter set: the device that it belongs to.
+
+    Attributes:
+        unverified: The unverified facts from which the values were computed; empty where all are verified.
+        not_read: Objects that could not be read, each with the reason.
+    """
+
+    format: Literal[1] = 1
+    profile: str = ""
+    node_id: int | None = None
+    title: str = ""
+    vendor_id: int | None = None
+    product_code: int | None = None
+    revision: int | None = None
+    serial_number: int | None = None
+    firmware: str = ""
+    date: str = ""
+    hash: str = ""
+    unverified: str = ""
+    not_read: tuple[str, ...] = ()
+
+
+class Write(NamedTuple):
+    """An object, and the bytes and the value that it shall hold."""
+
+    entry: CatalogueEntry
+    data: bytes
+    value: float | str
+    parameter_class: ParameterClass
+
+    @property
+    def address(self) -> ObjectAddress:
+        """Index and sub-index."""
+        return self.entry.address
+
+
+class Difference(NamedTuple):
+    """One object in which two sets differ; a side without the object is None."""
+
+    key: str
+    left: float | str | None
+    right: float | str | None
+    unit: str
+
+
+class ParameterSet(Table):
+    """Values by class and by name or address."""
+
+    header: Header = Header()
+    tuning: dict[str, Item] = pydantic.Field(default_factory=dict)
+    limits: dict[str, Item] = pydantic.Field(default_factory=dict)
+    communication: dict[str, Item] = pydantic.Field(default_factory=dict)
+    commissioning: dict[str, Item] = pydantic.Field(default_factory=dict)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a parameter set from a file.
+
+        Raises:
+            FileError: The file has problems; the error has all of them, by line.
+        """
+        loaded = files.load(path, cls)
+        if sum(1 for _ in loaded.items()) > MAX_OBJECTS:
+            problem = Problem(0, "", f"holds more than {MAX_OBJECTS} objects", f"at most {MAX_OBJECTS}")
+            raise FileError(Path(path), (problem,))
+        return loaded
+
+    def items(self) -> Iterator[tuple[ParameterClass, str, Item]]:
+        """Iterate over class, key and line of every object."""
+        for name in CLASSES:
+            for key, item in getattr(self, name).items():
+                yield name, key, item
+
+    def digest(self) -> str:
+        """SHA-256 over classes, keys, values and units; the header does not count."""
+        lines = [json.dumps([name, key, item.value, item.unit, item.type]) for name, key, item in self.items()]
+        return "sha256:" + hashlib.sha256("\n".join(sorted(lines)).encode()).hexdigest()
+
+    @property
+    def is_edited(self) -> bool:
+        """True where the values were changed after the hash in the header was made."""
+        return bool(self.header.hash) and self.header.hash != self.digest()
+
+    def dumps(self) -> str:
+        """Text of the file."""
+        lines = ["# Parameter set: one object per line. See docs/parameters.md.", "", "[header]"]
+        header = self.header.model_copy(update={"hash": self.digest()})
+        for key, value in header.model_dump(exclude_none=True, exclude_defaults=True, exclude={"format"}).items():
+            lines.append(f"{key} = {toml_value(value, hexadecimal=key in {'vendor_id', 'product_code', 'revision'})}")
+        for name in CLASSES:
+            table = getattr(self, name)
+            lines += ["", f"[{name}]"] if table else []
+            for key, item in table.items():
+                parts = [f"value = {toml_value(item.value)}"]
+                parts += [f"{part} = {toml_value(text)}" for part in ("unit", "type", "name") if (text := getattr(item, part))]
+                lines.append(f"{toml_value(key)} = {{ {', '.join(parts)} }}")
+        return "\n".join(lines) + "\n"
+
+    def save(self, path: Path, *, force: bool = False) -> None:
+        """Write the file atomically.
+
+        Raises:
+            RefusedError: The file exists already, and ``force`` is not given.
+            FileError: The file cannot be written.
+        """
+        write_atomically(path, self.dumps().encode(), force=force)
+
+    def writes(
+        self,
+        catalogue: Catalogue,
+        scaling: Scaling | None = None,
+        *,
+        classes: Collection[str] = CLASSES,
+        limits: bool = True,
+    ) -> list[Write]:
+        """Turn each line into bytes, in the order in which the objects are best written.
+
+        Args:
+            catalogue: The objects of the device.
+            scaling: Scaling of the drive, where a unit depends on its encoder or rated torque.
+            classes: Classes to write; the others are left out.
+            limits: True: the limits of profile and EDS hold for raw lines too. False is for values that the device itself held.
+
+        Raises:
+            RefusedError: Some lines cannot be written: unknown, read only, out of range, a wrong unit, a command, or the same
+                object twice. The error has all of them; no value is clamped.
+        """
+        reasons: list[str] = []
+        writes: dict[ObjectAddress, Write] = {}
+        for name, key, item in self.items():
+            if name not in classes:
+                continue
+            try:
+                write = _write(name, key, item, catalogue, scaling, limits=limits)
+            except DriveProfileError as error:
+                reasons.append(f"{key}: {error}")
+                continue
+            if write.address in writes:
+                reasons.append(f"{key}: {write.entry} is in the set twice")
+            writes[write.address] = write
+        if reasons:
+            raise RefusedError(*reasons)
+        return sorted(writes.values(), key=lambda write: 0 if write.entry.parameter is None else write.entry.parameter.order)
+
+    def differences(self, other: ParameterSet) -> list[Difference]:
+        """List the objects in which this set (left) and another (right) differ, in this set's order."""
+        left = {key: item for _, key, item in self.items()}
+        right = {key: item for _, key, item in other.items()}
+        differences = []
+        for key in (*left, *(key for key in right if key not in left)):
+            a, b = left.get(key), right.get(key)
+            if a is None or b is None or (a.value, a.unit, a.type) != (b.value, b.unit, b.type):
+                unit = (a or b or Item(value=0)).unit
+                differences.append(Difference(key, None if a is None else a.value, None if b is None else b.value, unit))
+        return differences
+
+
+def item_of(entry: CatalogueEntry, data: bytes, scaling: Scaling | None) -> tuple[str, Item]:
+    """Make key and line of an object from its bytes; raw, with the address as key, where the scaling is not known.
+
+    Raises:
+        ValueError: The bytes are no value of the object's type, or not finite.
+    """
+    if entry.parameter is not None and (scaling is not None or not entry.needs_scaling):
+        value = entry.decoded(data, scaling)
+        _check_finite(value)
+        return entry.name, Item(value=value, unit=entry.unit)
+    data_type = entry.data_type or DataType.DOMAIN
+    value = replace(entry, data_type=data_type, parameter=None).decoded(data)
+    _check_finite(value)
+    return f"0x{address_text(entry.address)}", Item(value=value, type=data_type.name, name=entry.name)
+
+
+def _check_finite(value: float | str) -> None:
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        raise ValueError(f"{value} is no finite number")
+
+
+def from_values(catalogue: Catalogue, values: Mapping[ObjectAddress, Value], scaling: Scaling | None = None) -> ParameterSet:
+    """Make a parameter set of a DCF's values.
+
+    Commands and read-only objects are left out, and listed in the header's ``not_read``.
+    """
+    tables: dict[str, dict[str, Item]] = {name: {} for name in CLASSES}
+    left_out: list[str] = []
+    for address, value in sorted(values.items()):
+        entry = catalogue.get(address)
+        if entry is None or is_command(address) or not entry.is_writable:
+            why = "is in no object of the file" if entry is None else "is a command" if is_command(address) else "is read only"
+            left_out.append(f"{address_text(address)} {why}")
+            continue
+        data_type = entry.data_type or (DataType.VISIBLE_STRING if isinstance(value, str) else DataType.DOMAIN)
+        try:
+            key, item = item_of(entry, encode(data_type, value), scaling)
+        except (ValueError, DriveProfileError) as error:
+            left_out.append(f"{entry}: {error}")
+            continue
+        tables[entry.parameter_class][key] = item
+    return ParameterSet.model_validate({"header": Header(not_read=tuple(left_out)), **tables})
+
+
+def to_concise(writes: Collection[Write]) -> bytes:
+    """Write a concise DCF, the value of 1F22h: count, then index, sub-index, length and bytes of each (CiA 302-3, 1F22h).
+
+    It is sent entry by entry, so PDOs whose COB-ID is in the set are made invalid first and valid last.
+    """
+    goal = {write.address: write.data for write in writes}
+    # as if the device held something else everywhere, and every PDO were valid
+    held = {address: data + b"\0" for address, data in goal.items()}
+    held |= {address: b"\1" for address in goal if address[1] == 0 and pdo_of(address) is not None}
+    held |= {
+        address: data[:3] + bytes((data[3] & 0x7F,)) for address, data in goal.items() if _is_cob_id(address) and len(data) == 4
+    }
+    whole = {address for address in goal if support([address]) <= set(goal)}
+    order = steps({address: goal[address] for address in goal if address in whole}, held)
+    order += [(address, data) for address, data in goal.items() if address not in whole]
+    entries = [struct.pack("<HBI", *address, len(data)) + data for address, data in order]
+    return struct.pack("<I", len(entries)) + b"".join(entries)
+
+
+def _is_cob_id(address: ObjectAddress) -> bool:
+    return address[1] == 1 and pdo_of(address) == address[0]
+
+
+def from_concise(data: bytes) -> dict[ObjectAddress, bytes]:
+    """Read a concise DCF: the bytes of each object. Where it writes an object several times, the last bytes count.
+
+    Raises:
+        RefusedError: The data are too short, or go on after the end.
+    """
+    if len(data) < 4:
+        raise RefusedError(f"a concise DCF begins with a count of 4 bytes, this one has {len(data)} bytes")
+    count, position = struct.unpack_from("<I", data)[0], 4
+    contents: dict[ObjectAddress, bytes] = {}
+    for number in range(1, count + 1):
+        if position + 7 > len(data):
+            raise RefusedError(f"entry {number} of {count} of the concise DCF is cut off at byte {len(data)}")
+        index, subindex, length = struct.unpack_from("<HBI", data, position)
+        position += 7
+        if position + length > len(data):
+            raise RefusedError(f"entry {number}, {index:04X}:{subindex:X}, says {length} bytes, {len(data) - position} are left")
+        contents[index, subindex] = data[position : position + length]
+        position += length
+    if position != len(data):
+        raise RefusedError(f"{len(data) - position} bytes follow the {count} entries of the concise DCF")
+    return contents
+
+
+def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, scaling: Scaling | None, *, limits: bool) -> Write:
+    if item.type is None:
+        entry = catalogue.find(key, whole=True)
+    else:
+        address = address_from(key)
+        entry = _as_on_the_wire(address, None if address is None else catalogue.get(address), item, scaling, limits=limits)
+    if is_command(entry.address):
+        raise RefusedError(f"{entry} is a command; a file does not give commands")
+    if not entry.is_writable:
+        raise RefusedError(f"{entry} is read only")
+    if not entry.is_readable:
+        raise RefusedError(f"{entry} is write only and cannot be checked after it is written")
+    if item.type is not None and item.unit:
+        raise RefusedError(f"says {item.unit}, but a line with a type is as on the wire and has no unit")
+    if item.type is None and item.unit != entry.unit:
+        raise RefusedError(f"says {item.unit or 'no unit'}, its unit is {entry.unit or 'none'}")
+    # a line that is moved to another table is still what the profile says of it
+    parameter_class: ParameterClass = "commissioning" if entry.parameter_class == "commissioning" else name
+    return Write(entry, entry.encoded(item.value, scaling), item.value, parameter_class)
+
+
+def _as_on_the_wire(
+    address: ObjectAddress | None, known: CatalogueEntry | None, item: Item, scaling: Scaling | None, *, limits: bool
+) -> CatalogueEntry:
+    """Entry for a line with a type, and so with a raw value; known limits and access still hold."""
+    data_type = DataType[item.type or ""]
+    if known is None:
+        if address is None:
+            raise RefusedError("a line with a type names its object as 0x2147:1")
+        return CatalogueEntry(address, item.name, data_type)
+    if known.data_type not in {None, data_type}:
+        raise RefusedError(f"{known} is a {known.data_type.name if known.data_type else '?'}, the set says {data_type.name}")
+    raw = replace(known, data_type=data_type, parameter=None)
+    if not limits:
+        return replace(raw, low=None, high=None)
+    if known.parameter is not None and (scaling is not None or not known.needs_scaling):
+        known.encoded(known.decoded(raw.encoded(item.value), scaling), scaling)  # the profile's limits
+    return raw

@@ -1,0 +1,119 @@
+"""Objections to an upload before anything is written: another device, unverified facts, another device's values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from drive_profiles.device.device import Device, DeviceIdentity
+from drive_profiles.parameter_set.parameters import Header, ParameterSet, Write
+from drive_profiles.parameter_set.steps import pdo_of
+from drive_profiles.upload.result import UploadOptions
+
+
+def against_identity(device: Device, header: Header, identity: DeviceIdentity, options: UploadOptions) -> list[str]:
+    """Reasons why profile, EDS or parameter set are not of the device that answers; empty where all fit.
+
+    Args:
+        device: The device, with its profile and its EDS.
+        header: Header of the parameter set.
+        identity: Identity that the device states.
+        options: Options of the upload.
+    """
+    profile, description = device.profile, device.catalogue.description
+    reasons: list[str] = []
+    if profile is not None:
+        expected, who = profile.identity, f"profile {profile.name}"
+        types = () if expected.device_type is None else (expected.device_type,)
+        reasons += _differs("vendor (1018h:1)", identity.vendor_id, (expected.vendor_id,), who)
+        reasons += _differs("product (1018h:2)", identity.product_code, expected.product_codes, who)
+        reasons += _differs("device type (1000h)", identity.device_type, types, who)
+        if not (expected.is_verified and expected.product_codes) and not options.allow_unverified:
+            reasons.append(f"the identity in {who} is not verified ({expected.source}); --allow-unverified")
+    if description is not None:  # 0 and nothing are what an EDS says that does not know
+        who = str(description.path)
+        reasons += _differs("vendor (1018h:1)", identity.vendor_id, filter(None, (description.vendor_id,)), who)
+        reasons += _differs("product (1018h:2)", identity.product_code, filter(None, (description.product_code,)), who)
+    who = "the parameter set"
+    reasons += _differs("vendor", identity.vendor_id, () if header.vendor_id is None else (header.vendor_id,), who)
+    reasons += _differs("product", identity.product_code, () if header.product_code is None else (header.product_code,), who)
+    return reasons
+
+
+def doubts(parameter_set: ParameterSet, identity: DeviceIdentity, writes: Sequence[Write] = ()) -> list[str]:
+    """Warnings to the user that do not forbid the upload."""
+    header, said = parameter_set.header, []
+    if header.revision is not None and identity.revision != header.revision:
+        said.append(f"the set is of revision {header.revision}, the device of {identity.revision}")
+    if parameter_set.is_edited:
+        said.append("the set has been edited since it was written")
+    theirs = [str(write.entry) for write in writes if write.parameter_class == "limits"]
+    if header.serial_number and header.serial_number != identity.serial_number and theirs:
+        serials = f"serial number {header.serial_number}, this one has {identity.serial_number}"
+        said.append(f"limits of another drive ({serials}): {', '.join(theirs[:5])}{', …' if len(theirs) > 5 else ''}")
+    return said
+
+
+def against_values(
+    device: Device, header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions
+) -> list[str]:
+    """Reasons why the values must not be written to this very device, although each of them could be.
+
+    Args:
+        device: The device.
+        header: Header of the parameter set.
+        identity: Identity that the device states.
+        writes: The objects and their bytes.
+        options: Options of the upload.
+    """
+    guesses = [] if options.allow_unverified else [write for write in writes if not write.entry.is_verified]
+    why = "nobody has verified what is known of it; --allow-unverified writes it all the same"
+    reasons = [f"{write.entry}: {why}" for write in guesses]
+    if header.unverified and writes and not options.allow_unverified:
+        reasons.append(f"the values were made of facts that nobody has verified ({header.unverified}); --allow-unverified")
+    reasons += _commissioning(header, identity, writes, options)
+    reasons += _foreign_identifiers(header, device.node, writes)
+    reasons += _moving_scale(device, writes)
+    return reasons
+
+
+def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
+    """Refuse offsets and the like on a device with another serial number than the set's."""
+    theirs = [write for write in writes if write.parameter_class == "commissioning"]
+    # 0 is what a device says that has no serial number
+    same = bool(header.serial_number) and header.serial_number == identity.serial_number
+    if not theirs or same or options.force_commissioning:
+        return []
+    serials = f"the set is of serial number {header.serial_number}, the device has {identity.serial_number}"
+    names = ", ".join(str(write.entry) for write in theirs[:5])
+    remedy = "--force-commissioning writes them all the same, upload --classes leaves them out"
+    return [f"{names}: commissioning values of another device ({serials}); {remedy}"]
+
+
+def _foreign_identifiers(header: Header, own: int, writes: Sequence[Write]) -> list[str]:
+    """Refuse PDO identifiers of the node from which the set was pulled: its set-points would move this node."""
+    theirs = header.node_id
+    if theirs in {None, own}:
+        return []
+    pdos = [write for write in writes if write.address[1] == 1 and pdo_of(write.address) == write.address[0]]
+    named = ", ".join(str(write.entry) for write in pdos if int.from_bytes(write.data, "little") & 0x7F == theirs)
+    what = f"{named}: identifiers of node {theirs}, this is node {own}; leave communication out (--classes)"
+    return [what] if named else []
+
+
+def _moving_scale(device: Device, writes: Sequence[Write]) -> list[str]:
+    """Refuse a set that changes the scaling in which its own values count."""
+    sources = device.scaling_addresses()
+    scaled = [write for write in writes if write.entry.needs_scaling]
+    moved = [write for write in writes if write.address in sources and scaled and device.read(write.address) != write.data]
+    if not moved:
+        return []
+    named = ", ".join(str(write.entry) for write in moved)
+    return [f"{named} decides what a step of {scaled[0].entry} is worth: upload it first, in a set of its own"]
+
+
+def _differs(what: str, actual: int | None, wanted: Iterable[int], who: str) -> list[str]:
+    values = tuple(wanted)
+    if not values or actual in values:
+        return []
+    shown = " or ".join(f"0x{value:X}" for value in values)
+    return [f"its {what} is {'not given' if actual is None else f'0x{actual:X}'}, {who} says {shown}"]

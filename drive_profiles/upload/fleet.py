@@ -1,0 +1,144 @@
+"""Uploads to several drives at once: all of them, or none."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+from drive_profiles.device.memory import store_command
+from drive_profiles.errors import DriveProfileError, InterruptedUploadError, NoAnswerError
+from drive_profiles.upload.result import UploadReadBackError, UploadResult
+from drive_profiles.upload.upload import Upload
+
+RESTART_S = 15.0
+"""Time that a drive may take to come back after a reset."""
+
+
+@dataclass
+class UploadControl:
+    """Control of running uploads: their progress, and a way to stop them.
+
+    Attributes:
+        cancel: Event that stops the uploads when it is set; everything is put back.
+        progress: Called with a node and the number of steps made, from several threads.
+    """
+
+    cancel: threading.Event = field(default_factory=threading.Event)
+    progress: Callable[[int, int], None] = lambda node, count: None
+
+
+def prepare(uploads: Sequence[Upload]) -> None:
+    """Prepare all uploads, in parallel.
+
+    Raises:
+        DriveProfileError: An upload failed (the first is reported); nothing has been written to any drive.
+    """
+    for error in _each(uploads, Upload.prepare).values():
+        raise error
+
+
+def run(uploads: Sequence[Upload], control: UploadControl | None = None) -> list[UploadResult]:
+    """Carry out prepared uploads, all or none: write, read back and store on every drive, or put back on every drive.
+
+    Raises:
+        DriveProfileError: A journal cannot be written, or a drive cannot store; nothing has been written to any drive.
+    """
+    control = UploadControl() if control is None else control
+    options = uploads[0].options
+    if options.store:
+        for upload in uploads:
+            store_command(upload.device)
+    for error in _each(uploads, Upload.still_as_prepared).values():
+        raise error
+    for upload in uploads:
+        upload.open_journal()
+    failures = _each(uploads, lambda upload: upload.write(control.cancel.is_set, lambda: control.progress(upload.device.node, 1)))
+    if not failures and control.cancel.is_set():
+        failures = {upload: InterruptedUploadError(f"node {upload.device.node}: interrupted") for upload in uploads}
+    if not failures and options.store:
+        failures = _each(uploads, Upload.store)
+    silent = {upload for upload, error in failures.items() if isinstance(error, NoAnswerError) and upload.stored == "unknown"}
+    if failures and set(failures) != silent:
+        return _roll_back(uploads, failures)
+    if failures:  # some do not say whether they have stored: every drive holds the set, and that is said
+        return [upload.done() for upload in uploads]
+    if options.reset:
+        return _after_reset(uploads)
+    return [upload.done() for upload in uploads]
+
+
+def _roll_back(uploads: Sequence[Upload], failures: Mapping[Upload, DriveProfileError]) -> list[UploadResult]:
+    first = next(iter(failures.values()))
+    outcomes: dict[Upload, UploadResult] = {}
+
+    def back(upload: Upload) -> None:
+        error = failures.get(upload) or ElsewhereError(f"another drive failed: {first}", first.exit_code)
+        outcomes[upload] = upload.roll_back(error, store_again=upload.stored != "no")
+
+    for upload, error in _each(uploads, back).items():  # a mistake of this program on the way back
+        every = tuple(upload.named(address) for address in upload.addresses)
+        outcomes[upload] = upload.end("unknown", every, f"putting it back failed: {error}", 1)
+    return [outcomes[upload] for upload in uploads]
+
+
+def _after_reset(uploads: Sequence[Upload]) -> list[UploadResult]:
+    """Reset the drives and read everything once more, to prove what they have stored."""
+    failures = _each(uploads, _reset_and_verify)
+    outcomes = []
+    for upload in uploads:
+        error = failures.get(upload)
+        if error is None:
+            outcomes.append(upload.done())
+            continue
+        objects = (
+            error.objects
+            if isinstance(error, UploadReadBackError)
+            else tuple(upload.named(address) for address in upload.addresses)
+        )
+        outcomes.append(upload.end("unknown", objects, f"after the reset: {error}", error.exit_code, others="new"))
+    return outcomes
+
+
+def _reset_and_verify(upload: Upload) -> None:
+    upload.device.check_quiet()
+    upload.device.reset(RESTART_S)
+    upload.restarted()
+    upload.verify()
+
+
+class UnexpectedError(DriveProfileError):
+    """An error in this program."""
+
+    exit_code = 1
+
+
+class ElsewhereError(DriveProfileError):
+    """Another drive of the same upload failed."""
+
+    def __init__(self, text: str, code: int) -> None:
+        super().__init__(text)
+        self.exit_code = code  # type: ignore[misc]  # that of the failure itself
+
+
+def _each(uploads: Sequence[Upload], step: Callable[[Upload], None]) -> dict[Upload, DriveProfileError]:
+    """Do a step on every drive, in parallel; return the errors of those that failed."""
+    failures: dict[Upload, DriveProfileError] = {}
+
+    def guarded(upload: Upload) -> None:
+        try:
+            step(upload)
+        except DriveProfileError as error:
+            failures[upload] = error
+        except Exception as error:  # noqa: BLE001 - whatever it is, the drives are put back before anything else
+            failures[upload] = UnexpectedError(f"unexpected: {error!r}")
+            failures[upload].__cause__ = error
+
+    if len(uploads) == 1:
+        guarded(uploads[0])
+        return failures
+    with ThreadPoolExecutor(max_workers=max(1, len(uploads))) as pool:
+        for future in [pool.submit(guarded, upload) for upload in uploads]:
+            future.result()
+    return {upload: failures[upload] for upload in uploads if upload in failures}

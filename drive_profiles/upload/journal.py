@@ -1,0 +1,207 @@
+"""The journal of an upload on disk: a snapshot to go back to, and a record from which a killed upload can be judged.
+
+One JSON object per line. The first, written by way of a temporary file and fsync before anything is sent, holds for every object
+its bytes before and its bytes wanted. Each write is announced before it is sent and confirmed after it is answered; those
+lines survive the death of the tool. After a loss of power they may be missing: then every object of the snapshot is uncertain.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from drive_profiles.errors import FileError, Problem
+from drive_profiles.files.safefile import write_atomically
+from drive_profiles.standard.object_address import ObjectAddress, address_text, object_address
+
+MAX_BYTES = 16 << 20
+Answer = Literal["yes", "no", "unknown"]
+
+
+@dataclass(frozen=True)
+class UploadSnapshot:
+    """Bytes that a drive held before an upload, and the bytes that it was to hold.
+
+    Attributes:
+        node: Node-ID.
+        bus: Address of the bus.
+        identity: 1018h and 1000h as the drive gave them.
+        profile: Name of the drive profile.
+        old: Bytes before, by address.
+        new: Bytes wanted, by address.
+        names: Names of the objects, by address.
+    """
+
+    node: int
+    bus: str
+    identity: dict[str, int | None]
+    profile: str
+    old: dict[ObjectAddress, bytes]
+    new: dict[ObjectAddress, bytes]
+    names: dict[ObjectAddress, str] = field(default_factory=dict)
+
+
+@dataclass
+class JournalStatement:
+    """The conclusions that a journal allows about a drive.
+
+    Attributes:
+        snapshot: The snapshot in its first line.
+        possible: Bytes that each object may hold now, by address; a single value where that is certain.
+        stored: ``yes``, ``no`` or ``unknown``: the drive has stored the values.
+        outcome: End of the upload as it noted it; empty where it was killed before.
+        stored_before: Value of `stored` before the last attempt.
+    """
+
+    snapshot: UploadSnapshot
+    possible: dict[ObjectAddress, frozenset[bytes]]
+    stored: Answer = "no"
+    outcome: str = ""
+    stored_before: Answer = "no"
+
+    @property
+    def uncertain(self) -> list[ObjectAddress]:
+        """Addresses of the objects whose bytes are not certain."""
+        return [address for address, values in self.possible.items() if len(values) != 1]
+
+    def __str__(self) -> str:
+        """Return the conclusions in words."""
+        changed = [address for address, values in self.possible.items() if values == {self.snapshot.new.get(address)}]
+        end = f"ended: {self.outcome}" if self.outcome else "was not ended"
+        doubt = ", ".join(address_text(address) for address in self.uncertain) or "none"
+        stored = {"yes": "stored", "no": "not stored", "unknown": "perhaps stored"}[self.stored]
+        return (
+            f"upload to node {self.snapshot.node} {end}; {len(changed)} of {len(self.possible)} objects hold what was wanted, "
+            f"uncertain: {doubt}; {stored}"
+        )
+
+
+class Journal:
+    """The open journal of one upload."""
+
+    def __init__(self, path: Path, snapshot: UploadSnapshot) -> None:
+        """Write the snapshot to disk.
+
+        Raises:
+            FileError: The journal cannot be written; then nothing may be sent.
+        """
+        self.path = path
+        head = {
+            "format": 1,
+            "node": snapshot.node,
+            "bus": snapshot.bus,
+            "identity": snapshot.identity,
+            "profile": snapshot.profile,
+            "objects": [
+                {
+                    "object": address_text(address),
+                    "name": snapshot.names.get(address, ""),
+                    "old": old.hex(),
+                    "new": snapshot.new.get(address, old).hex(),
+                }
+                for address, old in snapshot.old.items()
+            ],
+        }
+        write_atomically(path, _line(head))
+        self._file = os.open(path, os.O_WRONLY | os.O_APPEND)
+
+    def note(self, event: str, address: ObjectAddress | None = None, **more: Any) -> None:
+        """Add a line, at once and whole."""
+        where = {} if address is None else {"object": address_text(address)}
+        line = _line({"event": event, **where, **more})
+        while line:
+            line = line[os.write(self._file, line) :]
+
+    def close(self) -> None:
+        """Close the journal; it is on disk when this returns. Closing it again does nothing."""
+        if self._file >= 0:
+            os.fsync(self._file)
+            os.close(self._file)
+            self._file = -1
+
+    def __enter__(self) -> Self:
+        """Return the journal."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the journal."""
+        self.close()
+
+
+def read(path: str | Path) -> JournalStatement:
+    """Read a journal, also that of a killed upload; an unfinished last line does not count.
+
+    Raises:
+        FileError: The file is no journal.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise FileError(path, (Problem(0, "", f"cannot be read ({error.strerror})", "a journal of an upload"),)) from error
+    if len(data) > MAX_BYTES:
+        raise FileError(path, (Problem(0, "", "is larger than 16 MiB", "a journal of an upload"),))
+    lines = data.split(b"\n")[:-1]  # what is behind the last line end was not written whole
+    number = 1
+    try:
+        snapshot = _snapshot(json.loads(lines[0]))
+        statement = JournalStatement(snapshot, {address: frozenset({old}) for address, old in snapshot.old.items()})
+        for number, line in enumerate(lines[1:], 2):  # noqa: B007 - the error below says where it stopped
+            _apply(statement, json.loads(line))
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, RecursionError) as error:
+        raise FileError(path, (Problem(number, "", f"is no line of a journal ({error})", "a journal of an upload"),)) from None
+    return statement
+
+
+def _apply(statement: JournalStatement, line: dict[str, Any]) -> None:
+    event = line["event"]
+    if event == "write":
+        address = object_address(line["object"])
+        before = statement.possible.get(address, frozenset())
+        written = bytes.fromhex(line["data"])
+        statement.possible[address] = (
+            before | {written} if before else before
+        )  # of what may hold anything, nothing is certain yet
+    elif event in {"written", "read"}:
+        statement.possible[object_address(line["object"])] = frozenset({bytes.fromhex(line["data"])})
+    elif event == "lost":
+        statement.possible[object_address(line["object"])] = frozenset()
+    elif event == "storing":
+        statement.stored_before, statement.stored = statement.stored, "unknown"
+    elif event == "stored":
+        statement.stored = "yes"
+    elif event == "not stored":
+        statement.stored = statement.stored_before  # refused: what was stored before, still is
+    elif event == "outcome":
+        statement.outcome = str(line["outcome"])
+        if statement.outcome == "done":  # everything has been read back
+            statement.possible |= {address: frozenset({new}) for address, new in statement.snapshot.new.items()}
+
+
+def _snapshot(head: dict[str, Any]) -> UploadSnapshot:
+    if head["format"] != 1:
+        raise ValueError(f"format {head['format']!r}")
+    old: dict[ObjectAddress, bytes] = {}
+    new: dict[ObjectAddress, bytes] = {}
+    names: dict[ObjectAddress, str] = {}
+    for item in head["objects"]:
+        address = object_address(item["object"])
+        old[address], new[address], names[address] = bytes.fromhex(item["old"]), bytes.fromhex(item["new"]), _text(item["name"])
+    identity = dict(head["identity"])
+    if any(type(value) is not int for value in identity.values() if value is not None):
+        raise ValueError(f"identity {identity!r}")
+    return UploadSnapshot(int(head["node"]), _text(head["bus"]), identity, _text(head["profile"]), old, new, names)
+
+
+def _text(value: object) -> str:
+    text = str(value)
+    text.encode()  # JSON can write half a character, which no file and no terminal takes: a ValueError
+    return text
+
+
+def _line(content: dict[str, Any]) -> bytes:
+    return json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"

@@ -1,0 +1,106 @@
+"""Options of an upload, and its result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from drive_profiles.errors import DriveProfileError
+from drive_profiles.parameter_set.parameters import CLASSES
+
+UploadStatus = Literal["done", "rolled back", "unknown"]
+Stored = Literal["no", "yes", "unknown", "again"]
+"""``again``: the new values had been stored, and then the old ones, with whatever else the drive held unsaved."""
+
+_SHOWN = 8
+"""Most unknown objects that a message names; the journal and ``--json`` have all."""
+
+
+class UploadReadBackError(DriveProfileError):
+    """Objects that do not hold the bytes that were written to them."""
+
+    exit_code = 6
+
+    def __init__(self, node: int, mismatches: Sequence[tuple[str, str]]) -> None:
+        """Compose the message; each mismatch is an object by address and name, and its fault."""
+        self.node, self.mismatches = node, tuple(mismatches)
+        super().__init__(f"node {node}: " + "; ".join(f"{name} {what}" for name, what in mismatches))
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Addresses and names of the objects."""
+        return tuple(name for name, _ in self.mismatches)
+
+
+@dataclass(frozen=True)
+class UploadOptions:
+    """Options of an upload.
+
+    Attributes:
+        classes: Classes of the parameters that are written.
+        store: Let the drive store the values over a loss of power.
+        reset: Reset the drive after storing, and read everything once more.
+        rollback: Put everything back when something fails.
+        allow_unverified: Write values that rest on unverified facts.
+        force_commissioning: Write one device's offsets to another.
+        limits: Hold raw lines to the limits of profile and EDS; not where the drive's own values go back.
+        journals: Folder of the journals.
+    """
+
+    classes: tuple[str, ...] = CLASSES
+    store: bool = False
+    reset: bool = False
+    rollback: bool = True
+    allow_unverified: bool = False
+    force_commissioning: bool = False
+    limits: bool = True
+    journals: Path = Path("drive-journals")
+
+
+@dataclass(frozen=True)
+class UploadResult:
+    """Result of an upload on one drive. Its fields are the JSON of ``--json``.
+
+    Attributes:
+        node: Node-ID.
+        kind: *done*, *rolled back* or *unknown*, as `upload.upload` defines them.
+        written: Number of objects that differed and were written.
+        unknown: Objects that may hold anything, by address and name.
+        others: ``new``: all other objects of the set hold the new values; ``old``: they hold their former values.
+        stored: ``yes``, ``no``, ``unknown`` or ``again``: the drive has stored the values.
+        reason: Reason why the upload was not done.
+        journal: Path of the journal; None where nothing had to be written.
+        exit_code: Exit status of a command that ends with this result.
+    """
+
+    node: int
+    kind: UploadStatus
+    written: int = 0
+    unknown: tuple[str, ...] = ()
+    others: Literal["new", "old"] = "new"
+    stored: Stored = "no"
+    reason: str = ""
+    journal: Path | None = None
+    exit_code: int = 0
+
+    def __str__(self) -> str:
+        """Return the result in words."""
+        stored = {
+            "yes": ", stored",
+            "no": "",
+            "unknown": ", whether it was stored is not known",
+            "again": ", and these values, with whatever else the drive held unsaved, are stored again",
+        }[self.stored]
+        match self.kind:
+            case "done":
+                what = f"{self.written} written and read back" if self.written else "nothing to write, everything is there"
+                return f"node {self.node}: done, {what}{stored}"
+            case "rolled back":
+                return f"node {self.node}: rolled back, everything is as it was{stored}: {self.reason}"
+            case _:
+                others = {"new": "all others hold the new values", "old": "all others are as they were"}[self.others]
+                more = len(self.unknown) - _SHOWN
+                named = ", ".join(self.unknown[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+                return f"node {self.node}: unknown: {named}; {others}{stored}: {self.reason}"

@@ -1,0 +1,130 @@
+"""The design file: filters that have been designed for a robot, with their predicted margins and tip peaks."""
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from drive_profiles.files.safefile import write_atomically
+from drive_profiles.files.toml import Table, load, toml_value
+from hil.bench.bench import Bench
+from hil.control.notch import NOTCH_TRAPEZOID, NOTCHES, Notch
+from hil.errors import NotPossibleError
+from hil.robot_tables import NotchTable, NotNegative, Positive
+
+
+class DesignedAxis(Table):
+    """The filters of one axis.
+
+    Attributes:
+        notch: The filters, written as in a bench file.
+        tip_peak_mm: Tip peak predicted for the believed plant on the bench file's ramp, by order.
+        worst_tip_peak_mm: Tip peak of the worst of the plants, up or down the ramp, by order.
+        sensitivity_peak: Largest M_s of all speeds and plants.
+        phase_margin_deg: Smallest phase margin of all speeds and plants.
+        gain_margin_db: Smallest gain margin of all speeds and plants.
+        period_s: Sampling time of the loop for which the numbers were computed.
+        delay_samples: Delay of that loop in samples.
+        note: Origin of the plant.
+    """
+
+    notch: Annotated[tuple[NotchTable, ...], Field(min_length=1, max_length=NOTCHES)]
+    tip_peak_mm: dict[str, NotNegative] = Field(default_factory=dict)
+    worst_tip_peak_mm: dict[str, NotNegative] = Field(default_factory=dict)
+    sensitivity_peak: Positive
+    phase_margin_deg: NotNegative
+    gain_margin_db: NotNegative
+    period_s: Positive
+    delay_samples: Annotated[int, Field(ge=0)] = 0
+    note: str = ""
+
+
+class Designs(Table):
+    """A design file.
+
+    Attributes:
+        robot: Name of the bench for which the filters were designed.
+        axis: Filters of each axis, by its number.
+    """
+
+    robot: str
+    axis: dict[Annotated[int, Field(ge=1, le=6)], DesignedAxis] = Field(default_factory=dict)
+
+    def dumps(self) -> str:
+        """The file as TOML; its `[[axis.N.notch]]` may be copied into a bench file."""
+        lines = [f"robot = {toml_value(self.robot)}"]
+        for number, axis in sorted(self.axis.items()):
+            lines += ["", f"[axis.{number}]"]
+            plain = axis.model_dump(exclude={"notch"})
+            lines += [f"{key} = {toml_value(value)}" for key, value in plain.items()]
+            lines += ["", *snippet(number, axis.notch)]
+        return "\n".join(lines) + "\n"
+
+    def save(self, path: Path) -> None:
+        """Write the file whole or not at all; an existing one is replaced.
+
+        Raises:
+            FileError: The file cannot be written.
+        """
+        write_atomically(path, self.dumps().encode(), force=True)
+
+
+def load_designs(path: Path) -> Designs:
+    """Read a design file.
+
+    Raises:
+        FileError: The file is not valid; every problem is listed by line.
+    """
+    return load(path, Designs)
+
+
+def update_designs(path: Path, robot: str, number: int, axis: DesignedAxis) -> Designs:
+    """Put one axis into a design file; a missing file is created.
+
+    Args:
+        path: The file.
+        robot: Name of the bench that the filters were designed for.
+        number: Number of the axis.
+        axis: Filters of the axis.
+
+    Raises:
+        FileError: The file is not a design file, or cannot be written.
+        NotPossibleError: The file belongs to another robot.
+    """
+    known = load_designs(path) if path.exists() else Designs(robot=robot)
+    if known.robot != robot:
+        raise NotPossibleError(f"{path} holds filters of {known.robot!r}, this is {robot!r}: choose another file")
+    updated = known.model_copy(update={"axis": {**known.axis, number: axis}})
+    updated.save(path)
+    return updated
+
+
+def with_designs(bench: Bench, designs: Designs) -> Bench:
+    """The bench with its axes' filters replaced by those that have been designed for them.
+
+    Raises:
+        NotPossibleError: The file belongs to another robot, or names an axis that the bench does not have.
+    """
+    if designs.robot != bench.name:
+        raise NotPossibleError(f"the design file is of {designs.robot!r}, this bench is {bench.name!r}")
+    if foreign := sorted(set(designs.axis) - set(bench.axis)):
+        raise NotPossibleError(f"the design file has filters of axis {foreign[0]}, which bench {bench.name!r} has not")
+    changed = {
+        number: bench.axis[number].model_copy(update={"notch": designed.notch}) for number, designed in designs.axis.items()
+    }
+    return bench.model_copy(update={"axis": {**bench.axis, **changed}})
+
+
+def notch_table(notch: Notch) -> NotchTable:
+    """A filter as a bench file writes it."""
+    values = {name: value for name, value in vars(notch).items() if name != "mode"}
+    return NotchTable(shape="trapezoid" if notch.mode == NOTCH_TRAPEZOID else "switched", **values)
+
+
+def snippet(number: int, tables: tuple[NotchTable, ...]) -> list[str]:
+    """Lines for a bench file or a design file."""
+    lines: list[str] = []
+    for table in tables:
+        lines += ["" for _ in lines[:1]]
+        lines += [f"[[axis.{number}.notch]]", *(f"{key} = {toml_value(value)}" for key, value in table.model_dump().items())]
+    return lines

@@ -1,0 +1,19 @@
+"""Opening the bus at an address."""
+
+from drive_profiles.address import LOCAL, SOCKETCAN, Address
+from hil.can.channel import Channel
+
+
+def open_channel(address: Address) -> Channel:
+    """Open the bus at an address: the local bus and SocketCAN raw, all others by python-can.
+
+    Raises:
+        BusUnavailableError: The bus does not exist, or cannot be used.
+    """
+    if address.interface in {LOCAL, SOCKETCAN}:
+        from hil.can.raw import RawChannel  # noqa: PLC0415 - a bus loads its own means only
+
+        return RawChannel(address)
+    from hil.can.adapter import AdapterChannel  # noqa: PLC0415 - python-can is slow to load
+
+    return AdapterChannel(address)

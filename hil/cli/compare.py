@@ -1,0 +1,213 @@
+"""hil compare: treatments of the vibration side by side, over experiments and robots, in one report."""
+
+# ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.cli.console import fail
+from hil.cli.console import (
+    ExitStatus,
+    RunProgress,
+    bench_on,
+    confirm,
+    epilog_of_runs,
+    exit_on_error,
+    exit_with,
+    is_emulated,
+    motion_lines,
+    new_directory,
+    say,
+    say_not_restored,
+)
+from hil.cli.options import FORMER_SPELLINGS, JsonOption, NewOutOption, OverloadOption, TreatmentListOption, YesOption
+
+if TYPE_CHECKING:
+    from hil.bench.bench import Bench
+    from hil.experiments.comparison.plan import ComparisonPlan, ComparisonRequest
+    from hil.experiments.comparison.run import ComparisonOutcome
+    from hil.experiments.treatment import Knowledge
+
+COMPARE_EPILOG = epilog_of_runs({
+    ExitStatus.DONE: "compared",
+    ExitStatus.NOT_MET: "what was asked for by name was left out, a cancellation was refused by its trial, or a run could not be "
+    "judged",
+})  # fmt: skip
+EXPERIMENTS = ("constant-acceleration", "line-motion")
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil`."""
+    app.command(epilog=COMPARE_EPILOG, context_settings=FORMER_SPELLINGS)(compare)
+
+
+def compare(
+    bench_file: Annotated[list[str], typer.Option("--bench", help="Bench file (TOML), or `reference`; again for more robots.")],
+    experiment: Annotated[
+        list[str] | None, typer.Option("--experiment", help="constant-acceleration or line-motion; left out: both.")
+    ] = None,
+    axis: Annotated[
+        list[int] | None, typer.Option("--axis", help="Axes of constant-acceleration; left out: those with a filter or a model.")
+    ] = None,
+    treatment: TreatmentListOption = None,
+    model: Annotated[list[Path] | None, typer.Option(help="Model file of hil identify; one per robot.")] = None,
+    design: Annotated[list[Path] | None, typer.Option(help="Design file of hil design; one per robot.")] = None,
+    learnt: Annotated[list[Path] | None, typer.Option(help="Model file of hil learn; one per robot.")] = None,
+    bus: Annotated[str | None, typer.Option("--bus", help="Bus address instead of the bench file's; for a single robot.")] = None,
+    emulate: Annotated[
+        list[str] | None,
+        typer.Option(help="Start an emulated robot (its file, or `reference`) for each bench: one for all, or one each."),
+    ] = None,
+    repeat: Annotated[
+        int, typer.Option(min=1, max=100, help="Run each so often and judge the mean, in which the sensor's noise is less.")
+    ] = 1,
+    out: NewOutOption = None,
+    overload: OverloadOption = False,
+    yes: YesOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare what can act against the transmission error: nothing, lower gains, filters, cancellation, in one table.
+
+    Example: hil compare --bench bench.toml --model model.toml --design design.toml --out compared
+    """
+    with exit_on_error():
+        from hil.experiments.comparison.plan import KnownRobot, plan
+
+        request = _request(experiment or [], axis or [], treatment or [])
+        benches = [bench_on(name, bus) for name in bench_file]
+        _check_buses(benches, bus, emulate or [])
+        knowledge = _knowledge(benches, model or [], design or [], learnt or [])
+        with ExitStack() as emulators:
+            benches = _emulated(benches, emulate or [], emulators)
+            robots = [KnownRobot(bench, knowledge[bench.name], name) for bench, name in zip(benches, bench_file, strict=True)]
+            plans = [plan(each, request, overload=overload) for each in robots]
+            if not yes:
+                _confirm(plans)
+            _run(plans, request, out or new_directory("compare"), repeat, overload=overload, as_json=as_json)
+
+
+def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> "ComparisonRequest":
+    """Return the request of the options, every name checked.
+
+    Raises:
+        typer.Exit: A name is unknown, or axes are given for an experiment that is not run.
+    """
+    from hil.control.treatments import present_name
+    from hil.experiments.comparison.plan import ComparisonRequest
+    from hil.experiments.treatment import TREATMENTS
+
+    for name in experiments:
+        if name not in EXPERIMENTS:
+            raise fail(f"--experiment {name}: expected {' or '.join(EXPERIMENTS)}", ExitStatus.USAGE)
+    wanted = tuple(name for name in EXPERIMENTS if name in experiments) or EXPERIMENTS
+    if axes and EXPERIMENTS[0] not in wanted:
+        raise fail("--axis is for constant-acceleration, which is not among the experiments", ExitStatus.USAGE)
+    names = [present_name(name.strip()) for text in treatments for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in TREATMENTS:
+            raise fail(f"--treatment {name}: expected of {', '.join(TREATMENTS)}", ExitStatus.USAGE)
+    chosen = tuple(name for name in TREATMENTS if not names or name in names)
+    if set(chosen) == {"none"}:
+        raise fail("--treatment none: there is nothing to compare it with", ExitStatus.USAGE)
+    return ComparisonRequest(wanted, tuple(dict.fromkeys(axes)), chosen, frozenset(names))
+
+
+def _knowledge(benches: list["Bench"], models: list[Path], designs: list[Path], learnt: list[Path]) -> dict[str, "Knowledge"]:
+    """Return the knowledge of each robot from its files, by its name."""
+    from hil.bench.design import load_designs
+    from hil.bench.model import load_identified
+    from hil.experiments.comparison.plan import knowledge_by_robot
+
+    return knowledge_by_robot(
+        [load_identified(path) for path in models],
+        [load_designs(path) for path in designs],
+        [load_identified(path) for path in learnt],
+        [bench.name for bench in benches],
+    )
+
+
+def _check_buses(benches: list["Bench"], bus: str | None, robots: list[str]) -> None:
+    if bus is not None and len(benches) > 1:
+        raise fail("--bus is for a single robot; of several each bench file names its own", ExitStatus.USAGE)
+    if robots and bus is not None:
+        raise fail("--emulate starts a bus of its own; it takes no --bus", ExitStatus.USAGE)
+    if len(robots) not in {0, 1, len(benches)}:
+        raise fail(
+            f"{len(robots)} times --emulate for {len(benches)} bench files: give one for all, or one each", ExitStatus.USAGE
+        )
+
+
+def _emulated(benches: list["Bench"], robots: list[str], emulators: ExitStack) -> list["Bench"]:
+    """Benches, each on the bus of its emulator where --emulate is given."""
+    if not robots:
+        return benches
+    from hil.emulator import EmulatorProcess
+
+    each = robots * len(benches) if len(robots) == 1 else robots
+    addresses = [str(emulators.enter_context(EmulatorProcess(robot)).address) for robot in each]
+    return [
+        bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": address})})
+        for bench, address in zip(benches, addresses, strict=True)
+    ]
+
+
+def _confirm(plans: list["ComparisonPlan"]) -> None:
+    """Ask once before real robots move, and name each motion once."""
+    real = [each for each in plans if not is_emulated(each.robot.bench)]
+    if not real:
+        return
+    motions = {
+        (number, experiment.name, experiment.axis, experiment.loop): (each.robot.bench, experiment)
+        for number, each in enumerate(real)
+        for experiment in each.experiments
+    }
+    count = sum(len(each.experiments) for each in real)
+    say(f"{count} runs, and before each cancellation its trial, of these motions:")
+    confirm(motion_lines(motions.values()))
+
+
+def _run(
+    plans: list["ComparisonPlan"], request: "ComparisonRequest", out: Path, repeat: int, *, overload: bool, as_json: bool
+) -> None:
+    """Run, write the report, print the table, and leave with the exit status."""
+    from hil.experiments.comparison.run import compare as run_all
+    from hil.experiments.comparison.table import summary
+    from hil.report.pages.compare import write_compare_report
+
+    for each in plans:
+        for reason in dict.fromkeys(left.reason for left in each.left_out):
+            say(f"left out of {each.robot.bench.name}: {reason}")
+    total = sum(len(each.experiments) for each in plans)
+    with RunProgress(total, is_live=all(is_emulated(each.robot.bench) for each in plans)) as progress:
+        done = run_all(
+            plans,
+            request,
+            out,
+            overload=overload,
+            repeat=repeat,
+            reporter=progress,
+        )
+    report = write_compare_report(out)
+    if as_json:
+        typer.echo(done.result.dumps())
+    else:
+        for line in summary(done.result):
+            typer.echo(line)
+    say(f"report: {report}")
+    _leave(done)
+
+
+def _leave(done: "ComparisonOutcome") -> None:
+    """Leave with the exit status, and say why."""
+    say_not_restored(done.not_restored)
+    if done.failure is not None:
+        raise exit_with(done.failure)
+    for what in dict.fromkeys(done.unmet):
+        say(f"not compared: {what}")
+    if done.not_restored:
+        raise typer.Exit(ExitStatus.SDO)
+    if done.unmet:
+        raise typer.Exit(ExitStatus.NOT_MET)

@@ -1,0 +1,228 @@
+"""Exit statuses, the handler of errors, progress and questions, as all commands of ``hil`` use them."""
+
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from drive_profiles.cli.console import ToolExitStatus, epilog
+from hil.reporter import SilentReporter
+
+if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
+    from hil.bench.bench import Bench
+    from hil.experiments.plan import Experiment
+
+
+class ExitStatus(ToolExitStatus):
+    """Exit statuses of `hil`."""
+
+    DONE = 0, "done"
+    INTERNAL = 1, "an error that nobody expected"
+    USAGE = 2, "usage"
+    FILE = 3, "bad file or a request beyond its limits"
+    BUS = 4, "no bus"
+    NODE = 5, "no answer, wrong device, or already moving"
+    SDO = 6, "SDO abort"
+    SAFETY_STOP = 8, "safety stop"
+    NOT_MET = 9, "a claim does not hold"
+    INTERRUPTED = 130, "interrupted, after a safe stop"
+
+
+def epilog_of_runs(own: dict[ToolExitStatus, str] | None = None) -> str:
+    """Return the exit statuses of a command that moves a robot, for the end of its help.
+
+    Args:
+        own: Sentences that replace the tool's for this command.
+    """
+    return epilog((status for status in ExitStatus if status is not ExitStatus.INTERNAL), own)
+
+
+EPILOG = epilog_of_runs()
+"""Exit statuses of the tool, and of commands that have no sentences of their own."""
+
+
+def say(message: str) -> None:
+    """Print a line on standard error."""
+    typer.echo(message, err=True)
+
+
+def exit_status_of(error: Exception) -> int:
+    """Return the exit status of an error; `ExitStatus.INTERNAL` for an unexpected one."""
+    from drive_profiles.address import AddressError  # noqa: PLC0415
+    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415
+    from hil.can.errors import BusLostError, ChannelError  # noqa: PLC0415
+    from hil.control.trajectory import UnreachableError  # noqa: PLC0415
+    from hil.errors import HilError  # noqa: PLC0415
+
+    if isinstance(error, HilError):
+        return error.exit_code
+    if isinstance(error, DriveProfileError | UnreachableError | OSError):
+        return ExitStatus.FILE
+    if isinstance(error, AddressError):
+        return ExitStatus.USAGE
+    if isinstance(error, BusLostError):
+        return ExitStatus.SAFETY_STOP
+    return ExitStatus.BUS if isinstance(error, ChannelError) else ExitStatus.INTERNAL
+
+
+def message_of(error: Exception) -> str:
+    """Return the message of an error; for a file, its name and the reason."""
+    if isinstance(error, OSError):
+        return f"{error.filename or 'output'}: {error.strerror or error}"
+    return str(error)
+
+
+def exit_with(error: Exception) -> typer.Exit:
+    """Print the message of an error, and return the exit for the command to raise.
+
+    Raises:
+        Exception: The error itself, where it is unexpected, with its traceback; or where standard output is closed.
+    """
+    status = exit_status_of(error)
+    if status == ExitStatus.INTERNAL or isinstance(error, BrokenPipeError):
+        raise error
+    say(message_of(error))
+    return typer.Exit(status)
+
+
+@contextmanager
+def exit_on_error(interrupted: str = "interrupted before anything moved") -> Iterator[None]:
+    """Turn errors into a message and an exit status; an unexpected one keeps its traceback.
+
+    Args:
+        interrupted: The message where the user has stopped the command.
+    """
+    try:
+        yield
+    except (typer.Exit, BrokenPipeError):
+        raise
+    except KeyboardInterrupt:
+        say(interrupted)
+        raise typer.Exit(ExitStatus.INTERRUPTED) from None
+    except Exception as error:  # noqa: BLE001 - an unexpected one is raised again
+        raise exit_with(error) from None
+
+
+def say_not_restored(objects: Iterable[str]) -> None:
+    """Print the objects that could not be put back in the nodes."""
+    for name in objects:
+        say(f"not put back as it was found: {name}")
+
+
+def bench_on(bench_file: str, bus: str | None) -> "Bench":
+    """Return a bench, on another bus where one is given.
+
+    Raises:
+        AddressError: The address cannot be read.
+        FileError: The bench file cannot be used.
+    """
+    from drive_profiles.address import parse_address  # noqa: PLC0415
+    from hil.bench.bench import load_bench  # noqa: PLC0415
+
+    bench = load_bench(bench_file)
+    if bus is None:
+        return bench
+    parse_address(bus)
+    return bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": bus})})
+
+
+def is_emulated(bench: "Bench") -> bool:
+    """Return True for a bench on a local bus, where all robots are emulated."""
+    from drive_profiles.address import LOCAL, parse_address  # noqa: PLC0415
+
+    return parse_address(bench.bus.address).interface == LOCAL
+
+
+def new_directory(name: str) -> Path:
+    """Return a directory that is new each time, so that no recording replaces another."""
+    import datetime  # noqa: PLC0415
+
+    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+    return Path("bench-out") / f"{stamp}-{name}"
+
+
+class SpokenReporter(SilentReporter):
+    """Reporter that says each run and each step in a line on standard error."""
+
+    def run(self, title: str) -> None:
+        """Show that a run begins."""
+        say(title)
+
+    def step(self, sentence: str) -> None:
+        """Show that a step begins."""
+        say(sentence)
+
+
+class RunProgress(SpokenReporter):
+    """A bar on a terminal, a line per run elsewhere; on standard error, so that standard output stays for results.
+
+    Not live, it has no thread, which would take the interpreter from a run in real time.
+    """
+
+    def __init__(self, total: int, *, is_live: bool = True) -> None:
+        from rich.console import Console  # noqa: PLC0415
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+
+        self._console = Console(stderr=True)
+        self._is_live = is_live and self._console.is_terminal
+        self._bar = Progress(
+            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(),
+            console=self._console, disable=not self._is_live,
+        )  # fmt: skip
+        self._task: Any = None
+        self._total, self._count = total, 0
+
+    def __enter__(self) -> "RunProgress":
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def run(self, title: str) -> None:
+        """Show that a run begins."""
+        self._count += 1
+        label = f"[{self._count}/{self._total}] {title}"
+        if self._is_live:
+            self._task = self._bar.add_task(label.replace("[", r"\["), total=1.0)
+        else:
+            say(label)
+
+    def progress(self, fraction: float) -> None:
+        """Move the bar."""
+        if self._task is not None:
+            self._bar.update(self._task, completed=fraction)
+
+
+def motion_lines(pairs: "Iterable[tuple[Bench, Experiment]]") -> Iterator[str]:
+    """Return the lines on how experiments move a robot, for `confirm`."""
+    for bench, experiment in pairs:
+        motion = experiment.motion(bench)
+        yield f"This moves {experiment.title} on {bench.bus.address}:"
+        for column, number in enumerate(motion.axes):
+            limits, angle = bench.axis[number].limits, motion.motor_angle_rad[:, column] / 6.283185307179586
+            yield (
+                f"  axis {number}: {angle.min():+.2f} … {angle.max():+.2f} motor revolutions, at most {limits.speed_rps:g} rps "
+                f"and {limits.torque_nm:g} N·m; positions {limits.position_min_rev:g} … {limits.position_max_rev:g} rev"
+            )
+
+
+def confirm(motions: Iterable[str]) -> None:
+    """Ask before a robot that is not emulated moves, once for all motions.
+
+    Args:
+        motions: Lines that say what moves, how far and how fast.
+
+    Raises:
+        typer.Exit: The user does not agree, or cannot be asked.
+    """
+    for line in motions:
+        say(line)
+    if not sys.stdin.isatty():
+        say("nobody can be asked here; --yes moves it without asking")
+        raise typer.Exit(ExitStatus.USAGE)
+    if not typer.confirm("Is everyone clear of the robot, and its emergency stop in reach?", err=True):
+        raise typer.Exit(ExitStatus.USAGE)

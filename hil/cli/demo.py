@@ -1,0 +1,74 @@
+"""hil demo: the paper's experiments on an emulated robot, and the story of a robot of which nothing is known."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil.cli.console import EPILOG, ExitStatus, SpokenReporter, exit_on_error, exit_status_of, message_of, say
+from hil.cli.options import JsonOption
+from hil.cli.run import run_and_report
+
+OutOption = Annotated[Path, typer.Option("--out", help="Directory for recordings, result.json and report.html.")]
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil`."""
+    app.command(epilog=EPILOG)(demo)
+
+
+def demo(
+    out: OutOption = Path("demo"),
+    as_json: JsonOption = False,
+    robot: Annotated[str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.")] = "reference",
+    no_story: Annotated[
+        bool, typer.Option("--no-story", help="Only the paper's experiments, without the story of a robot of one's own.")
+    ] = False,
+) -> None:
+    """Start an emulated robot, run the paper's experiments over CAN, and write the report; then the same for your own robot.
+
+    The second part takes the same robot as somebody meets it who knows nothing of it: identify, design, upload, and run with
+    nothing, the notch, the designed notch and cancellation side by side.
+
+    Example: hil demo --out demo
+    """
+    with exit_on_error():
+        from hil.emulator import EmulatorProcess  # noqa: PLC0415
+
+        with EmulatorProcess(robot) as emulator:
+            from hil.bench.bench import load_bench  # noqa: PLC0415
+            from hil.experiments.plan import demo_experiments  # noqa: PLC0415
+
+            bench = load_bench("reference")
+            bus = bench.bus.model_copy(update={"address": str(emulator.address)})
+            bench = bench.model_copy(update={"bus": bus})
+            status = run_and_report(bench, demo_experiments(bench), out, as_json=as_json, is_paper=True)
+            if not no_story and status in {0, ExitStatus.NOT_MET}:
+                status = _tell_story(str(emulator.address), out, as_json=as_json) or status
+        if status:
+            raise typer.Exit(status)
+
+
+def _tell_story(address: str, out: Path, *, as_json: bool) -> int:
+    """Tell the story, the demo's second part, link to it from the first part's report, and return the exit status."""
+    from hil import story  # noqa: PLC0415
+    from hil.experiments.comparison.table import summary  # noqa: PLC0415
+    from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
+    from hil.report.pages.demo import write_report  # noqa: PLC0415
+
+    say("your own robot: of which nothing is known")
+    done = story.tell(address, out / "story", reporter=SpokenReporter())
+    page = write_compare_report(out / "story")
+    write_report(out)
+    for line in summary(done.result):
+        typer.echo(line, err=as_json)
+    say(f"your own robot: {page}")
+    for what in [] if done.comparison is None else done.comparison.unmet:
+        say(f"not compared: {what}")
+    if done.failure is not None:
+        code = exit_status_of(done.failure)
+        if code == ExitStatus.INTERNAL:
+            raise done.failure
+        say(f"your own robot: {message_of(done.failure)}")
+        return code
+    return ExitStatus.NOT_MET if done.comparison is not None and done.comparison.unmet else 0

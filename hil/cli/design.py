@@ -1,0 +1,250 @@
+"""hil design notch: a variable notch for an axis, from its plant; nothing is sent, it needs no robot."""
+
+# ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.cli.console import epilog, fail
+from hil.cli.console import ExitStatus, exit_on_error, exit_with, say
+from hil.cli.options import BenchOption
+from hil.reporter import Reporter, SilentReporter
+
+if TYPE_CHECKING:
+    from hil.bench.bench import Bench
+    from hil.design.notch_design import Requirements
+    from hil.experiments.notch_design import NotchDesignOutcome, NotchDesignRequest
+
+DESIGN_EPILOG = epilog(
+    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
+    {
+        ExitStatus.DONE: "a filter that keeps all that is asked",
+        ExitStatus.FILE: "bad file, or a bench that lacks what a design needs",
+        ExitStatus.NOT_MET: "no filter keeps all, with the reason",
+        ExitStatus.INTERRUPTED: "interrupted",
+    },
+)
+
+
+class OrderName(StrEnum):
+    """Orders of the transmission error that get a filter."""
+
+    SECOND = "2"
+    FOURTH = "4"
+    BOTH = "both"
+
+
+class ShapeName(StrEnum):
+    """Shape of the poles' damping over the speed."""
+
+    SWITCHED = "switched"
+    TRAPEZOID = "trapezoid"
+    BEST = "best"
+
+
+ORDERS = {OrderName.SECOND: (2,), OrderName.FOURTH: (4,), OrderName.BOTH: (2, 4)}
+
+
+ModelOption = Annotated[Path | None, typer.Option("--model", help="Model file of hil identify, before the bench file's model.")]
+UncertaintyOption = Annotated[
+    float | None, typer.Option(help="Of K_g and J_l; left out: the model file's standard errors, or 5. 0: none.")
+]
+OutOption = Annotated[Path, typer.Option("--out", help="Directory for design.json, design.html and the files below.")]
+SetFileOption = Annotated[
+    Path | None, typer.Option("--set", help="Parameter set for drive-profiles upload; left out: notch-axisN.toml in --out.")
+]
+DesignFileOption = Annotated[
+    Path | None, typer.Option("--design", help="Design file, this axis of it replaced; left out: design.toml in --out.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print design.json on standard output, all else on standard error.")]
+
+
+def mount(app: typer.Typer) -> None:
+    """Add `hil design notch` to `hil`."""
+    group = typer.Typer(help="Filters from a plant; nothing is sent.", no_args_is_help=True)
+    group.command("notch", epilog=DESIGN_EPILOG)(notch)
+
+    @group.callback()
+    def _group() -> None:
+        """Keep it a group while it has a single command."""
+
+    app.add_typer(group, name="design", help="Filters from a plant; nothing is sent.")
+
+
+def notch(
+    bench_file: BenchOption,
+    axis: Annotated[int, typer.Option("--axis", help="Axis whose notch is wanted.")],
+    model: ModelOption = None,
+    order: Annotated[OrderName, typer.Option(help="Harmonic orders k.")] = OrderName.SECOND,
+    shape: Annotated[
+        ShapeName, typer.Option(help="switched: constant between f_s and f_e; trapezoid: scheduled.")
+    ] = ShapeName.BEST,
+    given: Annotated[bool, typer.Option("--given", help="Only judge the bench file's own notch.")] = False,
+    max_sensitivity: Annotated[float, typer.Option(help="M_s at every speed, at most.")] = 1.7,
+    phase_margin_deg: Annotated[float, typer.Option(help="At every speed, at least.")] = 35.0,
+    gain_margin_db: Annotated[float, typer.Option(help="At every speed, at least.")] = 6.0,
+    tip_mm: Annotated[float | None, typer.Option(help="A_acc; left out: the bench file's specification.")] = None,
+    uncertainty_percent: UncertaintyOption = None,
+    period_s: Annotated[float | None, typer.Option(help="Sampling time of the loop; left out: the drive family's.")] = None,
+    delay_samples: Annotated[int, typer.Option(min=0, max=20, help="Whole samples between measurement and torque.")] = 0,
+    out: OutOption = Path("design"),
+    set_file: SetFileOption = None,
+    design_file: DesignFileOption = None,
+    jobs: Annotated[int | None, typer.Option(min=1, max=256, help="Processes; left out: one per processor.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Equal seeds give equal filters.")] = 1,
+    quick: Annotated[bool, typer.Option("--quick", help="Search a fifth as long.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Design the variable notch of an axis: smallest tip peak on the ramp within all margins, for every plant of a set.
+
+    Nothing is sent: it needs no robot. Example: hil design notch --bench bench.toml --axis 2 --model model.toml --out design
+    """
+    with exit_on_error("interrupted"):
+        from hil.bench.bench import load_bench
+        from hil.design.notch_search import Effort
+        from hil.experiments.notch_design import NotchDesignRequest
+
+        bench = load_bench(bench_file)
+        _check_set_file(bench, axis, set_file)
+        try:
+            request = NotchDesignRequest(
+                axis=axis,
+                orders=ORDERS[order],
+                shapes=("switched", "trapezoid") if shape is ShapeName.BEST else (shape.value,),
+                requirements=_requirements(bench, max_sensitivity, phase_margin_deg, gain_margin_db, tip_mm),
+                uncertainty_percent=uncertainty_percent,
+                period_s=period_s,
+                delay_samples=delay_samples,
+                effort=Effort.quick(seed) if quick else Effort(seed=seed),
+                jobs=jobs or _processors(),
+                is_given=given,
+            )
+            outcome = _design(bench, request, model)
+        except ValueError as error:
+            raise fail(str(error), ExitStatus.USAGE) from None
+        _keep(outcome, out, set_file, design_file, as_json=as_json)
+
+
+def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
+    """Refuse a parameter set that could not be written, before the search.
+
+    Raises:
+        NotPossibleError: The file exists, or the drive has no room for the filter.
+    """
+    from hil.errors import NotPossibleError
+    from hil.experiments.notch_design import check_drive
+
+    if path is None or axis not in bench.axis:
+        return
+    check_drive(bench, axis)
+    if path.exists():
+        raise NotPossibleError(f"{path} is there already, and is not replaced: choose another name")
+
+
+def _requirements(
+    bench: "Bench", max_sensitivity: float, phase_margin_deg: float, gain_margin_db: float, tip_mm: float | None
+) -> "Requirements":
+    """Return the requirements on a filter; the tip's is the bench file's unless it is given."""
+    from hil.design.notch_design import Requirements
+
+    return Requirements(
+        max_sensitivity, phase_margin_deg, gain_margin_db, bench.specification.tip_mm if tip_mm is None else tip_mm
+    )
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _design(bench: "Bench", request: "NotchDesignRequest", model: Path | None) -> "NotchDesignOutcome":
+    from hil.bench.model import load_identified
+    from hil.experiments.notch_design import design
+
+    identified = None if model is None else load_identified(model)
+    with _bar(f"axis {request.axis}") as progress:
+        return design(bench, request, identified, progress)
+
+
+class _Bar(SilentReporter):
+    """Reporter that moves a bar."""
+
+    def __init__(self, move: Callable[[float], None]) -> None:
+        self._move = move
+
+    def progress(self, fraction: float) -> None:
+        self._move(fraction)
+
+
+@contextmanager
+def _bar(label: str) -> Iterator[Reporter]:
+    """Show a bar on standard error, where that is a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(),
+               TimeRemainingColumn())  # fmt: skip
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(label, total=1.0)
+        yield _Bar(lambda fraction: bar.update(task, completed=fraction))
+
+
+def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, design_file: Path | None, *, as_json: bool) -> None:
+    """Write the files, print the summary, and leave with the exit status."""
+    from hil.bench.design import notch_table, snippet, update_designs
+    from hil.errors import NotPossibleError
+    from hil.experiments.notch_design import designed_axis, parameter_set, result_of
+    from hil.report.pages.design import write_design_report
+
+    number, best = outcome.request.axis, outcome.best
+    out.mkdir(parents=True, exist_ok=True)
+    result = result_of(outcome)
+    result.write(out / "design.json")
+    report = write_design_report(outcome, out / "design.html")
+    show: Callable[[str], None] = say if as_json else typer.echo
+    _summary(outcome, show)
+    if as_json:
+        typer.echo(result.dumps())
+    if outcome.failure is None:
+        if not outcome.request.is_given:
+            show("\n".join(["", *snippet(number, tuple(notch_table(one) for one in best.notches)), ""]))
+            path = design_file or out / "design.toml"
+            update_designs(path, outcome.bench.name, number, designed_axis(outcome))
+            say(f"design file: {path}")
+        path = set_file or out / f"notch-axis{number}.toml"
+        try:
+            parameter_set(outcome.bench, number, best, outcome.f_al_hz).save(path, force=set_file is None)
+            say(f"parameter set: {path} (drive-profiles upload)")
+        except NotPossibleError as error:
+            if set_file is not None:
+                raise
+            say(f"no parameter set: {error}")
+    say(f"report: {report}")
+    if outcome.failure is not None:
+        raise exit_with(outcome.failure)
+
+
+def _summary(outcome: "NotchDesignOutcome", show: Callable[[str], None]) -> None:
+    """Print filters, margins and predicted peaks."""
+    members = len(outcome.problem.members)
+    show(
+        f"axis {outcome.request.axis}, plant from {outcome.source}, loop every {1e6 * outcome.problem.period_s:g} µs with "
+        f"{outcome.problem.delay_samples} samples of delay, {members} plants, {outcome.seconds:.1f} s"
+    )
+    show(f"{'filters':<12}{'k':<4}{'peak mm':<10}{'falling':<10}{'worst':<10}{'M_s':<7}{'phase °':<9}{'gain dB':<9}(5)")
+    for name, verdict in (("none", outcome.none), ("given", outcome.given), ("designed", outcome.designed)):
+        if verdict is None:
+            continue
+        worst = {check.name: check.value for check in verdict.checks}
+        for row in verdict.peaks:
+            line = worst[f"|G_al| on the line over constraint (5), k = {row.order},"]
+            show(
+                f"{name:<12}{row.order:<4}{row.rising_mm:<10.4f}{row.falling_mm:<10.4f}{row.worst_mm:<10.4f}{worst['M_s']:<7.3f}"
+                f"{worst['phase margin']:<9.2f}{worst['gain margin']:<9.2f}{line:.3f}"
+            )

@@ -1,0 +1,132 @@
+"""hil identify ate: the transmission error of one axis, from ramps in both directions."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hil.cli.console import (
+    ExitStatus,
+    SpokenReporter,
+    bench_on,
+    confirm,
+    epilog_of_runs,
+    exit_on_error,
+    exit_with,
+    is_emulated,
+    new_directory,
+    say,
+    say_not_restored,
+)
+from hil.cli.options import BenchOption, BusOption, JsonOption, MovedAxisOption, NewOutOption, OverloadOption, YesOption
+
+if TYPE_CHECKING:  # --help must not wait for numpy and scipy
+    from hil.bench.bench import Bench
+    from hil.experiments.ate.on_bus import AteOutcome
+    from hil.experiments.ate.request import AteRequest
+
+ATE_EPILOG = epilog_of_runs({
+    ExitStatus.DONE: "identified as well as asked",
+    ExitStatus.FILE: "bad file, or limits that leave no room",
+    ExitStatus.NOT_MET: "not identified, or less well than asked",
+})  # fmt: skip
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil identify`."""
+    app.command(epilog=ATE_EPILOG)(ate)
+
+
+def ate(
+    bench_file: BenchOption,
+    axis: MovedAxisOption,
+    bus: BusOption = None,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", help="Model file: read where it is there, and written. Left out: model.toml in the directory."),
+    ] = None,
+    acceleration_rps_s: Annotated[float, typer.Option(help="Of the first pass; later ones are slower.")] = 4.0,
+    passes: Annotated[int, typer.Option(help="How many passes there may be, each forwards and back.")] = 6,
+    sensorless: Annotated[
+        bool, typer.Option("--sensorless", help="From motor torque and encoder only; needs J_m and J_l.")
+    ] = False,
+    out: NewOutOption = None,
+    overload: OverloadOption = False,
+    yes: YesOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Identify the angular transmission error of one axis: ramps through f_m4 and f_m2, forwards and back.
+
+    Nothing needs to be knowledge but the bench file. Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
+    """
+    with exit_on_error():
+        from hil.bench.model import load_identified, update_file  # noqa: PLC0415
+        from hil.experiments.ate.on_bus import identify_ate  # noqa: PLC0415
+        from hil.experiments.ate.request import AteRequest, axis_knowledge, first_end_speed  # noqa: PLC0415
+
+        bench = bench_on(bench_file, bus)
+        identified = load_identified(model) if model is not None and model.exists() else None
+        request = AteRequest(axis, acceleration_rps_s, passes, sensorless)
+        knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)
+        end_rps = first_end_speed(bench, request, knowledge)
+        if not yes and not is_emulated(bench):
+            confirm([_motion_line(bench, request, end_rps)])
+        where = out or new_directory(f"identify-ate-axis{axis}")
+        outcome = identify_ate(bench, request, where, identified, overload=overload, reporter=SpokenReporter())
+        file = model or where / "model.toml"
+        if outcome.part is not None:
+            update_file(file, bench.name, axis, outcome.part)
+        _tell(outcome, where, file, as_json=as_json)
+
+
+def _tell(outcome: "AteOutcome", where: Path, model: Path, *, as_json: bool) -> None:
+    """Write the report, print the result, and leave with the exit status of a failure."""
+    from hil.report.pages.ate import write_ate_report  # noqa: PLC0415
+
+    report = write_ate_report(where)
+    if as_json:
+        typer.echo(outcome.result.dumps())
+    else:
+        _summary(outcome)
+    if outcome.part is not None:
+        say(f"model file: {model}")
+    say(f"report: {report}")
+    say_not_restored(outcome.not_restored)
+    if outcome.failure is not None:
+        raise exit_with(outcome.failure)
+    if outcome.not_restored:
+        raise typer.Exit(ExitStatus.SDO)
+    if not outcome.result.is_within_goal:
+        raise typer.Exit(ExitStatus.NOT_MET)
+
+
+def _summary(outcome: "AteOutcome") -> None:
+    """Print the identified numbers."""
+    part, result = outcome.part, outcome.result
+    fit = result.fit
+    if part is None or fit is None:
+        return
+    values, errors = part.values.model_dump(), part.standard_error
+    typer.echo(f"axis {result.axis}, {len(result.passes)} passes, {part.learnt_by}")
+    for name, unit, form in (("a2", "arcsec", ".3f"), ("phi2", "deg", ".2f"), ("a4", "arcsec", ".3f"), ("phi4", "deg", ".2f")):
+        key = f"{name}_{unit}"
+        typer.echo(f"  {key:<12}{values[key]:>9{form}} ± {errors[key]:{form}}")
+    typer.echo(f"  {'arm_hz':<12}{part.arm_hz:>9.3f} ± {errors['arm_hz']:.3f}")
+    typer.echo(f"  {'damping':<12}{part.damping:>9.4f} ± {errors['damping']:.4f}")
+    late = "torque" if result.sensorless else "accelerometer"
+    typer.echo(f"  the {late} lags the motor angle by {1e3 * fit.delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
+    worst = max(fit.agreement, key=lambda each: each.sigma)
+    typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} standard errors at most ({worst.name})")
+    typer.echo(f"  the transmission error explains {100.0 * fit.explained_by_error:.1f} % of the vibration")
+    for note in result.notes or ():
+        typer.echo(f"  note: {note}")
+
+
+def _motion_line(bench: "Bench", request: "AteRequest", end_rps: float) -> str:
+    """Return the line on how the robot is moved."""
+    limits = bench.axis[request.axis].limits
+    return (
+        f"This moves axis {request.axis} on {bench.bus.address}: at most {request.passes} passes forwards and back, to "
+        f"{end_rps:.2f} rps at {request.acceleration_rps_s:g} rps/s or slower, anywhere within {limits.position_min_rev:g} … "
+        f"{limits.position_max_rev:g} motor revolutions; at most {limits.speed_rps:g} rps and {limits.torque_nm:g} N·m."
+    )

@@ -1,0 +1,170 @@
+"""hil identify plant: inertias, stiffness, damping, friction and gravity of one axis, from no knowledge of it."""
+
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hil.cli.console import (
+    ExitStatus,
+    SpokenReporter,
+    bench_on,
+    confirm,
+    epilog_of_runs,
+    exit_on_error,
+    exit_with,
+    is_emulated,
+    new_directory,
+    say,
+    say_not_restored,
+)
+from hil.cli.options import BenchOption, BusOption, JsonOption, MovedAxisOption, NewOutOption, OverloadOption, YesOption
+
+if TYPE_CHECKING:  # --help must not wait for numpy and scipy
+    from hil.bench.bench import Bench
+    from hil.experiments.plant.motion import PlantRequest
+    from hil.results.plant import PlantResult
+
+PLANT_EPILOG = epilog_of_runs({
+    ExitStatus.DONE: "identified",
+    ExitStatus.NOT_MET: "not identified, with what is wrong and what is needed",
+})  # fmt: skip
+
+ROWS = (
+    ("motor_inertia_kg_m2", "J_m", "kg·m²"),
+    ("arm_inertia_kg_m2", "J_l", "kg·m²"),
+    ("gear_stiffness_nm_rad", "K_g", "N·m/rad"),
+    ("gear_damping_nm_s_rad", "D_g", "N·m·s/rad"),
+    ("motor_damping_nm_s_rad", "D_m", "N·m·s/rad"),
+    ("arm_damping_nm_s_rad", "D_l", "N·m·s/rad"),
+    ("viscous_damping_nm_s_rad", "D_m + D_l/N²", "N·m·s/rad"),
+    ("antiresonance_hz", "f_a", "Hz"),
+    ("resonance_hz", "f_r", "Hz"),
+    ("damping", "ζ", ""),
+    ("friction_coulomb_nm", "τ_C", "N·m"),
+    ("friction_viscous_nm_s_rad", "friction slope", "N·m·s/rad"),
+    ("gravity_moment_nm", "m g l", "N·m"),
+    ("gravity_phase_deg", "q_0", "°"),
+    ("lever_ratio", "lever seen / bench file's", ""),
+    ("torque_age_s", "age of the torque", "s"),
+    ("accelerometer_delay_s", "accelerometer delay", "s"),
+)
+"""Numbers of the summary: name in result.json, symbol, unit."""
+
+
+class PlantExcitation(StrEnum):
+    """Signal to which the excitation is added."""
+
+    AUTO = "auto"
+    TORQUE = "torque"
+    REFERENCE = "reference"
+
+
+class PlantShape(StrEnum):
+    """Form of the excitation."""
+
+    MULTISINE = "multisine"
+    CHIRP = "chirp"
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil identify`."""
+    app.command(epilog=PLANT_EPILOG)(plant)
+
+
+def plant(
+    bench_file: BenchOption,
+    axis: MovedAxisOption,
+    bus: BusOption = None,
+    model: Annotated[
+        Path | None, typer.Option("--model", help="Model file to put it into. Left out: model.toml in the directory.")
+    ] = None,
+    amplitude_nm: Annotated[
+        float | None, typer.Option(help="Peak of the excitation, as a torque at the motor; left out: found by a pilot run.")
+    ] = None,
+    low_hz: Annotated[float, typer.Option(help="Lower end of the band.")] = 3.0,
+    high_hz: Annotated[float, typer.Option(help="Upper end of the band.")] = 60.0,
+    bias_rps: Annotated[float, typer.Option(help="Motor speed under the excitation, out of the friction.")] = 2.0,
+    periods: Annotated[int, typer.Option(help="Periods to average over, at least.")] = 10,
+    excitation: Annotated[
+        PlantExcitation, typer.Option(help="Torque offset (60B2h), or reference; auto: torque where the drive takes it.")
+    ] = PlantExcitation.AUTO,
+    shape: Annotated[PlantShape, typer.Option(help="Form of the excitation.")] = PlantShape.MULTISINE,
+    no_accelerometer: Annotated[
+        bool, typer.Option("--no-accelerometer", help="Leave the accelerometer out of the fit and its checks.")
+    ] = False,
+    out: NewOutOption = None,
+    overload: OverloadOption = False,
+    yes: YesOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Identify the plant of one axis: K_g, J_m, J_l, dampings, f_a, f_r, ζ, friction and gravity, with standard errors.
+
+    Nothing needs to be known but the bench file. Example: hil identify plant --bench bench.toml --axis 2 --model model.toml
+    """
+    with exit_on_error():
+        from hil.experiments.plant.motion import PlantRequest, axis_table  # noqa: PLC0415
+
+        bench = bench_on(bench_file, bus)
+        request = PlantRequest(
+            axis, amplitude_nm, low_hz, high_hz, bias_rps, periods, excitation.value, shape.value,
+            with_accelerometer=not no_accelerometer,
+        )  # fmt: skip
+        axis_table(bench, axis)
+        if not yes and not is_emulated(bench):
+            confirm(_motion_lines(bench, request))
+        where = out or new_directory(f"identify-plant-axis{axis}")
+        _identify(bench, request, where, model or where / "model.toml", overload=overload, as_json=as_json)
+
+
+def _identify(bench: "Bench", request: "PlantRequest", where: Path, file: Path, *, overload: bool, as_json: bool) -> None:
+    """Identify, write the report, and print the result."""
+    from hil.experiments.plant.on_bus import run_identify_plant  # noqa: PLC0415
+    from hil.report.pages.plant import write_plant_report  # noqa: PLC0415
+
+    outcome = run_identify_plant(bench, request, where, model=file, overload=overload, reporter=SpokenReporter())
+    report = write_plant_report(where)
+    if as_json:
+        typer.echo(outcome.result.dumps())
+    else:
+        _summary(outcome.result)
+    if outcome.result.model_file is not None:
+        say(f"model file: {file}")
+    say(f"report: {report}")
+    say_not_restored(outcome.not_restored)
+    if outcome.failure is not None:
+        raise exit_with(outcome.failure)
+    if outcome.not_restored:
+        raise typer.Exit(ExitStatus.SDO)
+
+
+def _summary(result: "PlantResult") -> None:
+    """Print the identified numbers."""
+    plan, parameters = result.plan, result.parameters
+    if plan is None or parameters is None:
+        return
+    typer.echo(
+        f"axis {result.axis}: {plan.periods} periods of {plan.period_s:g} s, {plan.excitation} excitation of "
+        f"{plan.amplitude_nm:.3g} N·m at {plan.bias_rps:.3g} rps"
+    )
+    for name, symbol, unit in ROWS:
+        if name in parameters:
+            typer.echo(f"  {symbol:<26}{parameters[name].value:>12.5g} ± {parameters[name].standard_error:<10.2g}{unit}")
+    for remark in result.remarks:
+        typer.echo(f"  note: {remark}")
+    for line in result.cannot_tell or ():
+        typer.echo(f"  cannot tell: {line}")
+
+
+def _motion_lines(bench: "Bench", request: "PlantRequest") -> Iterator[str]:
+    """Return the lines on how the robot is moved."""
+    limits = bench.axis[request.axis].limits
+    amplitude = "found by a pilot run" if request.amplitude_nm is None else f"{request.amplitude_nm:g} N·m"
+    yield f"This moves axis {request.axis} on {bench.bus.address}:"
+    yield (
+        f"  to and fro within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions at up to "
+        f"{max(bench.approach_rps, request.bias_rps):g} rps, shaken at {request.low_hz:g} … {request.high_hz:g} Hz with an "
+        f"amplitude {amplitude}; at most {limits.speed_rps:g} rps and {limits.torque_nm:g} N·m"
+    )

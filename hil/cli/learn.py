@@ -1,0 +1,104 @@
+"""hil learn: adaptive cancellation, pass by pass, then frozen in a model file."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hil.cli.console import (
+    ExitStatus,
+    SpokenReporter,
+    bench_on,
+    confirm,
+    epilog_of_runs,
+    exit_on_error,
+    exit_with,
+    is_emulated,
+    new_directory,
+    say,
+    say_not_restored,
+)
+from hil.cli.options import BenchOption, BusOption, JsonOption, NewOutOption, OverloadOption, YesOption
+
+if TYPE_CHECKING:  # --help must not wait for numpy and scipy
+    from hil.bench.bench import Bench
+    from hil.experiments.cancellation.learn_run import LearningOutcome, LearnRequest
+
+LEARN_EPILOG = epilog_of_runs({
+    ExitStatus.DONE: "learnt",
+    ExitStatus.FILE: "bad file, or limits that leave no room",
+    ExitStatus.NOT_MET: "not learnt, or a cancellation did not help",
+})  # fmt: skip
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil`."""
+    app.command(epilog=LEARN_EPILOG)(learn)
+
+
+def learn(
+    bench_file: BenchOption,
+    axis: Annotated[list[int], typer.Option("--axis", help="The axis that is moved; several, one after the other.")],
+    model: Annotated[
+        Path, typer.Option("--model", help="Model file: read where it is there, for the motor's inertia, and written.")
+    ],
+    bus: BusOption = None,
+    passes: Annotated[int, typer.Option(min=2, max=50, help="To and fro; the first is without cancellation.")] = 5,
+    acceleration_rps_s: Annotated[float, typer.Option(min=0.1, max=100.0, help="Of every ramp.")] = 4.0,
+    note: Annotated[str, typer.Option(help="Load, temperature: goes into the model file beside the date.")] = "",
+    out: NewOutOption = None,
+    overload: OverloadOption = False,
+    yes: YesOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Learn what cancels the transmission error: an axis goes to and fro, and each pass cancels more of it.
+
+    What is learnt is frozen in the model file, for hil run --treatment cancellation-learnt --learnt.
+
+    Example: hil learn --bench bench.toml --axis 2 --axis 3 --model learnt.toml --note "22 °C, no load"
+    """
+    with exit_on_error():
+        from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus  # noqa: PLC0415
+
+        bench = bench_on(bench_file, bus)
+        request = LearnRequest(tuple(dict.fromkeys(axis)), passes, acceleration_rps_s, note=note)
+        if not yes and not is_emulated(bench):
+            confirm(_motion_lines(bench, request))
+        where = out or new_directory(f"learn-axis{'-'.join(map(str, request.axes))}")
+        outcome = learn_on_bus(bench, request, where, model, overload=overload, reporter=SpokenReporter())
+        _tell(outcome, where, model, as_json=as_json)
+
+
+def _tell(outcome: "LearningOutcome", where: Path, model: Path, *, as_json: bool) -> None:
+    """Write the report, print the result, and leave with the exit status of a failure."""
+    from hil.experiments.cancellation.learn_run import summary  # noqa: PLC0415
+    from hil.report.pages.learn import write_learning_report  # noqa: PLC0415
+
+    report = write_learning_report(where)
+    if as_json:
+        typer.echo(outcome.result.dumps())
+    else:
+        for line in summary(outcome):
+            typer.echo(line)
+    if outcome.learnt:
+        say(f"model file: {model}")
+    say(f"report: {report}")
+    say_not_restored(outcome.not_restored)
+    if outcome.failure is not None:
+        raise exit_with(outcome.failure)
+    if outcome.not_restored:
+        raise typer.Exit(ExitStatus.SDO)
+
+
+def _motion_lines(bench: "Bench", request: "LearnRequest") -> Iterator[str]:
+    """Return the lines on how the robot is moved."""
+    for axis in request.axes:
+        if axis not in bench.axis:
+            continue
+        limits = bench.axis[axis].limits
+        yield (
+            f"This moves axis {axis} on {bench.bus.address}: {request.passes} times to and fro at {request.acceleration_rps_s:g} "
+            f"rps/s, anywhere within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions; at most "
+            f"{limits.speed_rps:g} rps and {limits.torque_nm:g} N·m."
+        )

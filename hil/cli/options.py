@@ -1,0 +1,45 @@
+"""Options that several commands of ``hil`` take."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil.control.treatments import TABLE, LoopName, PlainTreatmentName, Treatment, TreatmentName, present_token
+
+FORMER_SPELLINGS = {"token_normalize_func": present_token}
+"""Context settings of a command that takes `--treatment`: former names are understood, and no help shows them."""
+
+
+def names_of(*needs: str) -> str:
+    """Return the names of the treatments with one of these needs, for a help text."""
+    return ", ".join(each.name for each in TABLE if each.needs in needs)
+
+
+def described(row: Treatment) -> str:
+    """Return a treatment's name and its title, where that says more than the name."""
+    return row.name if row.title == row.name else f"{row.name} ({row.title})"
+
+
+BenchOption = Annotated[str, typer.Option("--bench", help="Bench file (TOML), or `reference`.")]
+BusOption = Annotated[str | None, typer.Option("--bus", help="Bus address instead of the bench file's.")]
+MovedAxisOption = Annotated[int, typer.Option("--axis", help="The axis that is moved.")]
+LoopOption = Annotated[LoopName, typer.Option("--loop", help="Where the loop is closed.")]
+TreatmentOption = Annotated[
+    TreatmentName,
+    typer.Option("--treatment", help=f"What acts against the vibration: {', '.join(described(row) for row in TABLE)}."),
+]
+TreatmentListOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--treatment",
+        help=f"Names with commas between: {', '.join(row.name for row in TABLE)}. Left out: all that the given files allow.",
+    ),
+]
+PlainTreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="Plan with the notch or without.")]
+NewOutOption = Annotated[Path | None, typer.Option("--out", help="Directory; left out: a new one in bench-out.")]
+OverloadOption = Annotated[
+    bool, typer.Option("--overload", help="Run even what does not fit on the bus at its bit rate (hil plan).")
+]
+YesOption = Annotated[bool, typer.Option("--yes", help="Move a real robot without asking.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print result.json on standard output, all else on standard error.")]

@@ -1,0 +1,251 @@
+"""hil plan: the frames of a cycle, the check that they fit, and the stability of the loop at their delay."""
+
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drive_profiles.cli.console import epilog, fail, print_json, table
+from hil.cli.console import ExitStatus, exit_on_error
+from hil.cli.options import FORMER_SPELLINGS, BenchOption, LoopOption, PlainTreatmentOption
+
+if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
+    from hil.bench.bench import Bench
+    from hil.plan.advice import Advice, Adviser
+    from hil.plan.check import AxisStability, PlanVerdict
+    from hil.plan.wire import WireTiming
+
+PLAN_EPILOG = epilog(
+    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
+    {
+        ExitStatus.DONE: "fits and is stable",
+        ExitStatus.FILE: "bad bench file",
+        ExitStatus.NOT_MET: "does not fit, or is not stable",
+        ExitStatus.INTERRUPTED: "interrupted",
+    },
+)
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil`."""
+    app.command(epilog=PLAN_EPILOG, context_settings=FORMER_SPELLINGS)(plan)
+
+
+def plan(
+    bench_file: BenchOption,
+    loop: LoopOption = "drive",
+    sync_period_s: Annotated[float | None, typer.Option(help="SYNC period instead of the bench file's.")] = None,
+    bitrate: Annotated[str | None, typer.Option(help="Bit rate instead of the bus address': 500k, 1M.")] = None,
+    axes: Annotated[str | None, typer.Option(help="Axes that take part, e.g. 2,3,5; left out: all.")] = None,
+    treatment: PlainTreatmentOption = "notch",
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead of tables.")] = False,
+) -> None:
+    """Say what a cycle puts on the bus, whether it fits, and whether the loop is stable at the delay that this makes.
+
+    Nothing is sent: it needs no robot. Example: hil plan --bench bench.toml --loop host --bitrate 1M
+    """
+    from hil.bench.bench import load_bench  # noqa: PLC0415
+    from hil.control.treatments import treatment as row_of  # noqa: PLC0415
+    from hil.errors import NotPossibleError  # noqa: PLC0415
+    from hil.plan.advice import Adviser  # noqa: PLC0415
+    from hil.plan.check import check  # noqa: PLC0415
+
+    rate = None if bitrate is None else _bitrate(bitrate)
+    if sync_period_s is not None and not 1e-5 <= sync_period_s <= 10.0:
+        raise fail(f"--sync-period-s {sync_period_s:g} is not between 10 µs and 10 s", ExitStatus.USAGE)
+    with_notch = row_of(treatment).filters == "variable"
+    with exit_on_error("interrupted"):
+        bench = load_bench(bench_file)
+        numbers = tuple(sorted(bench.axis)) if axes is None else _axes(axes)
+        period = sync_period_s or (bench.bus.host_sync_period_s if loop == "host" else bench.bus.sync_period_s)
+        state = with_notch and loop == "drive"
+        try:
+            verdict = check(bench, numbers, loop, period, state, with_notch=with_notch, bitrate=rate)
+        except NotPossibleError as error:
+            raise fail(str(error), ExitStatus.USAGE) from None
+    adviser = Adviser(bench, numbers, loop, verdict, with_notch=with_notch)
+    if as_json:
+        print_json(document(bench, loop, verdict, adviser))
+    else:
+        _print(verdict, adviser)
+        typer.echo("\n" + _sentence(verdict, adviser))
+    if not verdict.is_good:
+        raise typer.Exit(ExitStatus.NOT_MET)
+
+
+def _bitrate(text: str) -> int:
+    from drive_profiles.address import AddressError, parse_address  # noqa: PLC0415
+
+    try:
+        rate = parse_address(f"any:bus@{text}").bitrate
+    except AddressError:
+        rate = None
+    if rate is None or not 10_000 <= rate <= 1_000_000:
+        raise fail(f"--bitrate {text!r} is no bit rate of classic CAN; expected 10k to 1M, e.g. 500k", ExitStatus.USAGE)
+    return rate
+
+
+def _axes(text: str) -> tuple[int, ...]:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() for part in parts) or len(set(parts)) != len(parts):
+        raise fail(f"--axes {text!r} is no list of different axes; expected e.g. 2,3,5", ExitStatus.USAGE)
+    return tuple(sorted(int(part) for part in parts))
+
+
+# -- the tables ---------------------------------------------------------------------------------------------------------
+
+
+def _wires(verdict: "PlanVerdict") -> "list[WireTiming]":
+    """Timing of the plan's bus, or of all bit rates where none is given."""
+    from hil.plan.check import RATES  # noqa: PLC0415
+    from hil.plan.wire import WireTiming  # noqa: PLC0415
+
+    return [WireTiming(rate) for rate in RATES] if verdict.wire is None else [verdict.wire]
+
+
+def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
+    at = adviser.wire.name
+    period = f"{1e3 * verdict.cycle.period_s:g} ms"
+    table("One cycle, bits on the wire", ("frame", "id", "bytes", "bits, no stuffing", "typical", "worst"), _frame_rows(verdict))
+    table(f"The cycle every {period}, worst case", _HEADINGS, [_rate(verdict, wire) for wire in _wires(verdict)])
+    table(f"Per second at {at}", ("what", "frames/s", "worst bits/s", "load %"), _second_rows(verdict, adviser.wire))
+    header = ("frame", "id", "with heartbeats", "with SDO, EMCY", "deadline", "met")
+    table(f"Latest arrival at {at}, µs from SYNC or from when it is queued", header, _response_rows(verdict, adviser.wire))
+    table("Stability at that delay", _STABILITY, [_stability_row(axis) for axis in verdict.stability])
+    if adviser.advice:
+        columns = ("change", "cycle µs", "worst", "shortest period µs", "at ms", "fits", "loop", "needs")
+        table(f"What would shorten or mend it, at {at}", columns, [_advice_row(one) for one in adviser.advice])
+    longest = adviser.longest_stable_period_s if adviser.loop == "host" else None
+    if longest is not None:
+        typer.echo(f"\nhost-closed, one period of delay: of the usual periods stable up to {1e3 * longest:g} ms with these gains")
+
+
+def _sentence(verdict: "PlanVerdict", adviser: "Adviser") -> str:
+    if verdict.is_good:
+        return verdict.sentence
+    remedies = [
+        one.title if "SYNC" in one.title else f"{one.title}, SYNC every {1e3 * one.period_s:g} ms" for one in adviser.good
+    ]
+    return f"{verdict.sentence} What would do: {'; '.join(remedies) or 'nothing that this program knows of'}."
+
+
+_STABILITY = ("axis", "period ms", "delay, periods", "worst at rps", "M_s", "gain margin dB", "phase margin °", "pole radius",
+              "verdict")  # fmt: skip
+_HEADINGS = ("bit rate", "cycle µs", "load %", "typical load %", "last answer µs", "with SDO, EMCY", "shortest period µs",
+             "with 10 % free", "delay, periods")  # fmt: skip
+
+
+def _frame_rows(verdict: "PlanVerdict") -> list[tuple[str, ...]]:
+    cycle = verdict.cycle
+    rows = [
+        (frame.name, f"{frame.can_id:03X}h", str(frame.length), str(frame.nominal_bits), f"{frame.typical_bits:.1f}",
+         str(frame.worst_bits))
+        for frame in cycle.frames
+    ]  # fmt: skip
+    total = sum(frame.length for frame in cycle.frames)
+    return [*rows, ("sum", "", str(total), str(cycle.nominal_bits), f"{cycle.typical_bits:.1f}", str(cycle.worst_bits))]
+
+
+def _rate(verdict: "PlanVerdict", wire: "WireTiming") -> tuple[str, ...]:
+    from hil.plan.bus_plan import MARGIN  # noqa: PLC0415
+
+    cycle = verdict.cycle
+    delay = cycle.delay_periods(wire)
+    typical = 100.0 * cycle.typical_bits / wire.bitrate / cycle.period_s
+    return (
+        wire.name,
+        f"{1e-3 * cycle.worst_ns(wire):.0f}",
+        f"{100.0 * cycle.load(wire):.1f}",
+        f"{typical:.1f}",
+        _microseconds(cycle.last_answer_ns(wire)),
+        _microseconds(cycle.last_answer_ns(wire, is_busy=True)),
+        f"{1e6 * cycle.shortest_period_s(wire):.0f}",
+        f"{1e6 * cycle.shortest_period_s(wire, margin=MARGIN):.0f}",
+        "does not fit" if delay is None else str(delay),
+    )
+
+
+def _second_rows(verdict: "PlanVerdict", wire: "WireTiming") -> list[tuple[str, ...]]:
+    """Rows of the load by the cycle and by all other frames."""
+    cycle = verdict.cycle
+    groups: dict[str, tuple[float, float]] = {"cycle": (len(cycle.frames) / cycle.period_s, cycle.load(wire))}
+    for message in cycle.background.messages(wire, is_busy=True):
+        name = "heartbeats" if message.name.startswith("heartbeat") else message.name
+        frames, load = groups.get(name, (0.0, 0.0))
+        groups[name] = frames + 1e9 / message.period_ns, load + message.length_ns / message.period_ns
+    groups["all"] = (sum(frames for frames, _ in groups.values()), sum(load for _, load in groups.values()))
+    return [
+        (name, f"{frames:.0f}", f"{load * wire.bitrate:.0f}", f"{100.0 * load:.1f}") for name, (frames, load) in groups.items()
+    ]
+
+
+def _response_rows(verdict: "PlanVerdict", wire: "WireTiming") -> list[tuple[str, ...]]:
+    return [
+        (one.name, f"{one.can_id:03X}h", _microseconds(one.quiet_ns), _microseconds(one.busy_ns), _microseconds(one.deadline_ns),
+         "yes" if one.is_met else "no")
+        for one in verdict.cycle.responses(wire)
+    ]  # fmt: skip
+
+
+def _stability_row(axis: "AxisStability") -> tuple[str, ...]:
+    verdict = f"{axis.level}: {axis.reason}" if axis.reason else axis.level
+    period = "-" if axis.period_s is None else f"{1e3 * axis.period_s:g}"
+    numbers = (axis.sensitivity_peak, axis.gain_margin_db, axis.phase_margin_deg)
+    shown = ["-" if math.isnan(number) else f"{number:.2f}" for number in numbers]
+    radius = "-" if math.isnan(axis.pole_radius) else f"{axis.pole_radius:.5f}"
+    speed = f"{axis.speed_rps:g}" if axis.speed_rps else "no notch"
+    return (str(axis.axis), period, str(axis.delay_samples), "-" if axis.reason else speed, *shown, radius, verdict)
+
+
+def _advice_row(one: "Advice") -> tuple[str, ...]:
+    fits = "yes" if one.fits else "no"
+    shortest = f"{1e6 * one.shortest_period_s:.0f}"
+    numbers = (f"{one.nominal_us:.0f}", f"{one.worst_us:.0f}", shortest, f"{1e3 * one.period_s:g}")
+    return (one.title, *numbers, fits, one.level, one.needs)
+
+
+def _microseconds(time_ns: int | None) -> str:
+    return "no bound" if time_ns is None else f"{1e-3 * time_ns:.0f}"
+
+
+def document(bench: "Bench", loop: str, verdict: "PlanVerdict", adviser: "Adviser") -> dict[str, Any]:
+    """Plan as JSON data: SI units, times of arrival in ns, None for unknown and unbounded values.
+
+    Args:
+        bench: The bench file.
+        loop: Side that closes the loop, the drive or the host.
+        verdict: PlanVerdict on the plan.
+        adviser: Advice on the plan.
+    """
+    cycle = verdict.cycle
+    frames = [
+        {"name": f.name, "kind": f.kind, "id": f.can_id, "bytes": f.length, "nominal_bits": f.nominal_bits,
+         "typical_bits": f.typical_bits, "worst_bits": f.worst_bits}
+        for f in cycle.frames
+    ]  # fmt: skip
+    rates = [
+        {"bitrate": wire.bitrate, "load": cycle.load(wire), "background_load": cycle.background_load(wire),
+         "cycle_worst_ns": cycle.worst_ns(wire), "last_answer_ns": cycle.last_answer_ns(wire),
+         "last_answer_busy_ns": cycle.last_answer_ns(wire, is_busy=True), "shortest_period_s": cycle.shortest_period_s(wire),
+         "delay_periods": cycle.delay_periods(wire)}
+        for wire in _wires(verdict)
+    ]  # fmt: skip
+    whole = {
+        "bench": bench.name, "loop": loop, "period_s": cycle.period_s, "bitrate": verdict.wire and verdict.wire.bitrate,
+        "fits": verdict.fits, "stable": verdict.is_stable, "ok": verdict.is_good, "verdict": verdict.sentence,
+        "frames": frames, "bits": {"nominal": cycle.nominal_bits, "typical": cycle.typical_bits, "worst": cycle.worst_bits},
+        "rates": rates, "responses": [asdict(one) for one in cycle.responses(adviser.wire)],
+        "stability": [asdict(axis) for axis in verdict.stability], "advice": [asdict(one) for one in adviser.advice],
+    }  # fmt: skip
+    finite: dict[str, Any] = _finite(whole)
+    return finite
+
+
+def _finite(value: Any) -> Any:
+    """Value without NaN and infinity, which JSON does not have."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {key: _finite(part) for key, part in value.items()}
+    return [_finite(part) for part in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,226 @@
+"""hil run: one experiment on the robot of a bench file."""
+
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.cli.console import fail
+from hil.cli.console import (
+    EPILOG,
+    ExitStatus,
+    RunProgress,
+    bench_on,
+    confirm,
+    exit_on_error,
+    is_emulated,
+    motion_lines,
+    new_directory,
+    say,
+    say_not_restored,
+)
+from hil.cli.options import (
+    FORMER_SPELLINGS,
+    BenchOption,
+    BusOption,
+    JsonOption,
+    LoopOption,
+    NewOutOption,
+    OverloadOption,
+    TreatmentOption,
+    YesOption,
+    names_of,
+)
+
+if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
+    from hil.bench.bench import Bench
+    from hil.experiments.plan import Experiment
+    from hil.experiments.runner import ExperimentsOutcome
+    from hil.experiments.treatment import Knowledge
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil`."""
+    app.command(epilog=EPILOG, context_settings=FORMER_SPELLINGS)(run)
+
+
+class ExperimentName(StrEnum):
+    """Experiments that can be run."""
+
+    CONSTANT_ACCELERATION = "constant-acceleration"
+    LINE_MOTION = "line-motion"
+
+
+class ClockName(StrEnum):
+    """Clock of the bus."""
+
+    LOCK_STEP = "lock-step"
+    WALL = "wall"
+
+
+def run(
+    experiment: Annotated[ExperimentName, typer.Argument(help="Experiment to run.")],
+    bench_file: BenchOption,
+    axis: Annotated[int | None, typer.Option("--axis", help="Axis of a constant-acceleration run.")] = None,
+    treatment: TreatmentOption = "none",
+    model: Annotated[
+        Path | None, typer.Option(help=f"Model file of hil identify, for {names_of('model')}; left out: the bench file's.")
+    ] = None,
+    design: Annotated[Path | None, typer.Option(help=f"Design file of hil design, for {names_of('design')}.")] = None,
+    learnt: Annotated[Path | None, typer.Option(help=f"Model file of hil learn, for {names_of('learnt')}.")] = None,
+    repeat: Annotated[
+        int, typer.Option(min=1, max=100, help="Run it so often and judge the mean, in which the sensor's noise is less.")
+    ] = 1,
+    loop: LoopOption = "drive",
+    bus: BusOption = None,
+    out: NewOutOption = None,
+    as_json: JsonOption = False,
+    clock: Annotated[
+        ClockName | None, typer.Option(help="The clock that the bus must have; left out: whichever it has (docs/realtime.md).")
+    ] = None,
+    overload: OverloadOption = False,
+    reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
+    yes: YesOption = False,
+) -> None:
+    """Run one experiment on the robot of a bench file.
+
+    Example: hil run constant-acceleration --axis 2 --treatment notch --bench bench.toml
+    """
+    with exit_on_error():
+        from hil.experiments.plan import Experiment  # noqa: PLC0415
+
+        is_line = experiment is ExperimentName.LINE_MOTION
+        if is_line != (axis is None):
+            raise fail(
+                "a line-motion takes no --axis" if is_line else "a constant-acceleration run needs --axis", ExitStatus.USAGE
+            )
+        bench = bench_on(bench_file, bus)
+        plan = Experiment(experiment.value, axis, treatment, loop)
+        if not yes and not is_emulated(bench):
+            confirm(motion_lines([(bench, plan)]))
+        where = out or new_directory(Path(plan.file_name).stem)
+        known_robot = knowledge(model, design, learnt)
+        status = run_and_report(
+            bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload,
+            knowledge=known_robot, repeat=repeat,
+        )  # fmt: skip
+        if status:
+            raise typer.Exit(status)
+
+
+def knowledge(model: Path | None, design: Path | None, learnt: Path | None) -> "Knowledge":
+    """Return the knowledge of the robot from its files."""
+    from hil.bench.design import load_designs  # noqa: PLC0415
+    from hil.bench.model import load_identified  # noqa: PLC0415
+    from hil.experiments.treatment import Knowledge  # noqa: PLC0415
+
+    return Knowledge(
+        identified=None if model is None else load_identified(model),
+        designs=None if design is None else load_designs(design),
+        learnt=None if learnt is None else load_identified(learnt),
+    )
+
+
+def run_and_report(
+    bench: "Bench",
+    experiments: list["Experiment"],
+    out: Path,
+    *,
+    as_json: bool,
+    is_paper: bool = False,
+    reset_faults: bool = False,
+    clock: ClockName | None = None,
+    overload: bool = False,
+    knowledge: "Knowledge | None" = None,
+    repeat: int = 1,
+) -> int:
+    """Run experiments, write the report, print the result, and return the exit status.
+
+    Args:
+        bench: The bench file.
+        experiments: Experiments in their order.
+        out: Directory of the files; made where it is missing.
+        as_json: Print result.json instead of text.
+        is_paper: Judge all of the paper's claims.
+        reset_faults: Reset drives that are in fault first.
+        clock: Clock that the bus must have; None for either.
+        overload: Run even what does not fit on the bus.
+        knowledge: Knowledge that some treatments need beside the bench file.
+        repeat: Number of runs of each motion.
+    """
+    from hil.experiments.runner import run_experiments  # noqa: PLC0415
+
+    is_lock_step = is_emulated(bench) and clock is not ClockName.WALL
+    with RunProgress(len(experiments), is_live=is_lock_step) as progress:
+        outcome = run_experiments(
+            bench,
+            experiments,
+            out,
+            is_paper=is_paper,
+            reset_faults=reset_faults,
+            clock=None if clock is None else clock.value,
+            overload=overload,
+            knowledge=knowledge,
+            repeat=repeat,
+            reporter=progress,
+        )
+    say("writing the report")
+    from hil.report.pages.demo import write_report  # noqa: PLC0415
+
+    report = write_report(out)
+    if as_json:
+        typer.echo(outcome.result.dumps())
+    else:
+        _summary(outcome, typer.echo)
+    say(f"report: {report}")
+    if outcome.failure is not None and outcome.stopped is None:
+        raise outcome.failure
+    return _status(outcome)
+
+
+def _status(outcome: "ExperimentsOutcome") -> int:
+    """Return the exit status of runs, and say why."""
+    say_not_restored(outcome.not_restored)
+    if outcome.stopped is not None:
+        say(str(outcome.stopped))
+        return outcome.stopped.exit_code
+    for reason in dict.fromkeys(outcome.invalid):
+        say(f"not judged: {reason}")
+    if outcome.not_restored:
+        return ExitStatus.SDO
+    return ExitStatus.NOT_MET if outcome.failed_claims or outcome.invalid else ExitStatus.DONE
+
+
+def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
+    """Print the runs, the comparisons and the claims."""
+    from hil.master.lateness import timing_lines  # noqa: PLC0415
+
+    limit = outcome.result.bench.file.specification.tip_mm
+    say(f"{'experiment':<24}{'axis':<6}{'loop':<7}{'treatment':<21}{'order':<7}{'tip peak mm':<13}within ±{limit:g} mm")
+    for run in outcome.result.runs:
+        axis = "2,3,5" if run.axis is None else str(run.axis)
+        without = "stopped" if run.invalid is None else "not judged"
+        peak = without if run.tip_peak_mm is None else f"{run.tip_peak_mm:.4f}"
+        order = "-" if run.order is None else str(run.order)
+        verdict = "yes" if run.within_spec else "no"
+        say(f"{run.experiment:<24}{axis:<6}{run.loop:<7}{run.treatment:<21}{order:<7}{peak:<13}{verdict}")
+    for run in {run.recording: run for run in outcome.result.runs}.values():
+        for words, number in (run.bus_errors or {}).items():
+            say(f"{run.recording}: on the bus: {words} ({number} times)")
+        if run.discarded_positions is not None:
+            say(f"{run.recording}: {run.discarded_positions} positions that cannot be were forgotten")
+    for timing in {run.recording: run.timing for run in outcome.result.runs if run.timing is not None}.values():
+        for line in timing_lines(timing.model_dump()):
+            say(line)
+    for pair in outcome.result.comparisons:
+        axis = "axes 2, 3, 5" if pair.axis is None else f"axis {pair.axis}"
+        tip_pct, area_pct = -pair.tip_peak_reduction_pct, -pair.spectrum_area_reduction_pct
+        text = f"tip peak {tip_pct:+.1f} %, spectrum area {area_pct:+.1f} %".replace("-", "−")
+        say(f"{pair.experiment}, {axis}, {pair.loop}-closed, {pair.treatment}: {text}")
+    if outcome.result.paper:
+        held = sum(bool(claim.holds) for claim in outcome.result.paper)
+        say(f"{held} of {len(outcome.result.paper)} claims of the paper hold")
+    for claim in outcome.failed_claims:
+        say(f"does not hold: {claim.claim} ({claim.source}): {claim.bench} {claim.unit}, paper {claim.paper}")

@@ -1,0 +1,300 @@
+"""Cancellation of the transmission error: an addition to the set-point that follows from the measured motor angle and speed.
+
+With θ_sync = Σ A_k cos(k θ_m + φ_k) the gear's torsion does not feel the error any more where the motor does
+
+    Δθ_m = −N Σ A_k cos(k θ_m + φ_k),
+
+so each order asks for a sine of known angle k θ_m, whose frequency k f_m follows the motor. What a loop, its set-points and the
+bus make of a sine at that frequency is one complex number, G_k(f_m); here it is a table over |f_m|, worked out beforehand
+(`hil.design.inverse`), delays included: a delay d is a phase k ω d, so that the sine is that of the angle at which it will act.
+Turning backwards everything but k θ_m + φ_k changes the sign of its phase: G_k is then its own conjugate.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.control.compiled import compiled, inlined
+from hil.control.notch import lowpass_blend
+from hil.control.records import Rows, record_dtype
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+class CancellationConfigRow(Protocol):
+    """Parameters of one axis' cancellation.
+
+    Distance of the table's speeds; corner of the low-pass that gives f_m; time to full strength; step to which a torque is
+    rounded.
+    """
+
+    step_rps: float
+    speed_lowpass_hz: float
+    fade_s: float
+    torque_step_nm: float
+
+
+class CancellationStateRow(Protocol):
+    """Memory of one axis' cancellation.
+
+    Last angle; low-passed speed; fraction to which it is faded in; remainder that rounding has left of the torque.
+    """
+
+    motor_angle_rad: float
+    speed_rad_s: float
+    fraction: float
+    left_nm: float
+    is_running: int
+
+
+CANCELLATION_CONFIG = record_dtype(CancellationConfigRow)
+CANCELLATION_STATE = record_dtype(CancellationStateRow)
+
+SPEED_LOWPASS_HZ = 20.0
+"""At 4 rps/s the lag of 8 ms is 0.03 rps of 6: 0.5 % of G_k. One count of a 17-bit encoder in 1 ms is 0.008 rps."""
+FADE_S = 0.2
+"""A cancellation that began at once would be a step of N A_k: 3 mrad at the motor."""
+
+
+@dataclass(frozen=True)
+class CancellationTable:
+    """Additions to the set-points of one axis, by order and motor speed.
+
+    Attributes:
+        orders: The orders k.
+        phase_rad: Phases φ_k.
+        step_rps: Distance of the table's speeds, which begin at 0.
+        reference: G_k by speed, −N A_k included, in rad at the motor; shape (orders, speeds).
+        torque: G_k of the torque offset, in N·m; shape (orders, speeds).
+
+    Raises:
+        ValueError: The shapes do not fit, or a number is not finite.
+    """
+
+    orders: tuple[int, ...]
+    phase_rad: tuple[float, ...]
+    step_rps: float
+    reference: Complex
+    torque: Complex
+
+    def __post_init__(self) -> None:
+        """Refuse what the law cannot read."""
+        shape = np.shape(self.reference)
+        fits = len(shape) == 2 and shape[0] == len(self.orders) == len(self.phase_rad) and shape[1] >= 2
+        if not fits or np.shape(self.torque) != shape:
+            raise ValueError(f"tables of shapes {shape} and {np.shape(self.torque)} for {len(self.orders)} orders")
+        if not self.step_rps > 0.0:
+            raise ValueError(f"step_rps = {self.step_rps} must be above 0")
+        if not (np.all(np.isfinite(self.reference)) and np.all(np.isfinite(self.torque))):
+            raise ValueError("a table holds what is not finite")
+
+    @property
+    def speeds_rps(self) -> NDArray[np.float64]:
+        """Motor speeds of the table; shape (speeds,)."""
+        return np.arange(np.shape(self.reference)[1], dtype=np.float64) * self.step_rps
+
+    def scaled(self, gain: float) -> "CancellationTable":
+        """The table with all additions multiplied by `gain`."""
+        return CancellationTable(self.orders, self.phase_rad, self.step_rps, gain * self.reference, gain * self.torque)
+
+    def largest_reference_rad(self, up_to_rps: float = math.inf) -> float:
+        """The largest addition to the set-point up to a motor speed."""
+        return self._largest(self.reference, up_to_rps)
+
+    def largest_torque_nm(self, up_to_rps: float = math.inf) -> float:
+        """The largest torque offset up to a motor speed."""
+        return self._largest(self.torque, up_to_rps)
+
+    def largest_rate_rps(self, up_to_rps: float = math.inf) -> float:
+        """The fastest change of the addition to the set-point, in rev/s, up to a motor speed."""
+        turning = np.asarray(self.orders)[:, np.newaxis] * self.speeds_rps * self.reference
+        return self._largest(turning, up_to_rps)
+
+    def _largest(self, table: Complex, up_to_rps: float) -> float:
+        inside = self.speeds_rps <= up_to_rps + self.step_rps  # between two speeds it is between their values
+        return float(np.max(np.sum(np.abs(table[:, inside]), axis=0)))
+
+
+@inlined
+def cancellation_step(
+    c: CancellationConfigRow, s: CancellationStateRow, orders: Real, table: Real, period_s: float, angle: float
+) -> tuple[float, float]:
+    """One sample of one axis: the additions to its set-point in rad, and to its torque in N·m.
+
+    Args:
+        c: The axis' parameters.
+        s: The axis' memory; changed in place.
+        orders: k and φ_k; shape (n_orders, 2).
+        table: Re and Im of G_k for the set-point, then for the torque; shape (n_orders, n_speeds, 4).
+        period_s: Sampling time.
+        angle: θ_m in rad, as measured.
+    """
+    if s.is_running == 0:
+        s.motor_angle_rad, s.speed_rad_s, s.fraction, s.left_nm, s.is_running = angle, 0.0, 0.0, 0.0, 1
+    s.speed_rad_s += lowpass_blend(c.speed_lowpass_hz, period_s) * ((angle - s.motor_angle_rad) / period_s - s.speed_rad_s)
+    s.motor_angle_rad = angle
+    s.fraction = min(1.0, s.fraction + period_s / c.fade_s)
+    column = min(abs(s.speed_rad_s) / (2.0 * math.pi * c.step_rps), table.shape[1] - 1.0)
+    low = min(int(column), table.shape[1] - 2)
+    part = column - low
+    side = -1.0 if s.speed_rad_s < 0.0 else 1.0
+    reference, torque = 0.0, 0.0
+    for i in range(table.shape[0]):
+        below, above = table[i, low], table[i, low + 1]
+        turned = orders[i, 0] * angle + orders[i, 1]
+        cosine, sine = math.cos(turned), side * math.sin(turned)
+        reference += (below[0] + part * (above[0] - below[0])) * cosine - (below[1] + part * (above[1] - below[1])) * sine
+        torque += (below[2] + part * (above[2] - below[2])) * cosine - (below[3] + part * (above[3] - below[3])) * sine
+    reference, torque = s.fraction * reference, s.fraction * torque
+    if c.torque_step_nm > 0.0:  # what is rounded off now is added next time: below 25 Hz nothing of it is left
+        wanted = torque + s.left_nm
+        torque = math.floor(wanted / c.torque_step_nm + 0.5) * c.torque_step_nm
+        s.left_nm = wanted - torque
+    return reference, torque
+
+
+class InnerCancellation(NamedTuple):
+    """Parameters of the cancellation inside a drive, orders 2 and 4.
+
+    Attributes:
+        a2_rad: N A_2, at the motor.
+        phi2_rad: φ_2.
+        a4_rad: N A_4.
+        phi4_rad: φ_4.
+        inertia_kg_m2: J_m.
+        damping_nm_s_rad: D_m.
+    """
+
+    a2_rad: float
+    phi2_rad: float
+    a4_rad: float
+    phi4_rad: float
+    inertia_kg_m2: float
+    damping_nm_s_rad: float
+
+
+@inlined
+def inner_cancellation(
+    known: InnerCancellation, lowpass_hz: float, period_s: float, angle: float, speed_rad_s: float
+) -> tuple[float, float, float]:
+    """One sample inside a drive, which knows angle and speed: Δθ_ref, Δθ̇_ff and Δτ, without a table.
+
+    With Δθ_m = −Σ a_k cos(k θ_m + φ_k), a_k = N A_k: the set-point moves by Δθ_m, so that the position loop sees nothing of it;
+    the velocity offset is F_lp s Δθ_m, as the loop measures it (F_lp as its delay, 1/2πf); the torque is J_m Δθ̈_m + D_m Δθ̇_m,
+    half a period ahead for its hold. What θ̈_m adds to Δθ̈_m, a fraction of θ̈_m/(k θ̇_m²), is left out.
+
+    Args:
+        known: Amplitudes and phases, and the motor.
+        lowpass_hz: Corner of F_lp.
+        period_s: The drive's own sampling time.
+        angle: θ_m as measured.
+        speed_rad_s: θ̇_m as measured.
+    """
+    a2_rad, phi2_rad, a4_rad, phi4_rad, inertia_kg_m2, damping_nm_s_rad = known
+    reference = -a2_rad * math.cos(2.0 * angle + phi2_rad) - a4_rad * math.cos(4.0 * angle + phi4_rad)
+    late = angle - speed_rad_s / (2.0 * math.pi * lowpass_hz)
+    rate = 2.0 * a2_rad * math.sin(2.0 * late + phi2_rad) + 4.0 * a4_rad * math.sin(4.0 * late + phi4_rad)
+    ahead = angle + 0.5 * period_s * speed_rad_s
+    x2, x4 = 2.0 * ahead + phi2_rad, 4.0 * ahead + phi4_rad
+    bend = 4.0 * a2_rad * math.cos(x2) + 16.0 * a4_rad * math.cos(x4)
+    slope = 2.0 * a2_rad * math.sin(x2) + 4.0 * a4_rad * math.sin(x4)
+    torque = inertia_kg_m2 * speed_rad_s * speed_rad_s * bend + damping_nm_s_rad * speed_rad_s * slope
+    return reference, speed_rad_s * rate, torque
+
+
+@compiled
+def cancel(
+    configs: Rows[CancellationConfigRow],
+    states: Rows[CancellationStateRow],
+    orders: Real,
+    table: Real,
+    period_s: float,
+    values: Real,
+) -> None:
+    """Run `cancellation_step` for every axis.
+
+    Args:
+        configs: `CANCELLATION_CONFIG` array, shape (n_axes,).
+        states: `CANCELLATION_STATE` array, shape (n_axes,).
+        orders: k and φ_k; shape (n_axes, n_orders, 2).
+        table: Re and Im of G_k as in `cancellation_step`; shape (n_axes, n_orders, n_speeds, 4).
+        period_s: Sampling time.
+        values: Row θ_m in; rows Δθ_ref and Δτ out; shape (3, n_axes).
+    """
+    for row in range(len(configs)):
+        reference, torque = cancellation_step(configs[row], states[row], orders[row], table[row], period_s, values[0, row])
+        values[1, row], values[2, row] = reference, torque
+
+
+class CancellationLaw:
+    """The cancellations of several axes with their states, one compiled call per control period."""
+
+    def __init__(
+        self,
+        tables: Sequence[CancellationTable | None],
+        period_s: float,
+        torque_steps_nm: Sequence[float] | None = None,
+        *,
+        speed_lowpass_hz: float = SPEED_LOWPASS_HZ,
+        fade_s: float = FADE_S,
+    ) -> None:
+        """Lay out the arrays; an axis whose table is None gets no additions.
+
+        Args:
+            tables: Table of each axis.
+            period_s: Sampling time.
+            torque_steps_nm: Step to which each axis' torque offset is rounded; 0: it is not rounded.
+            speed_lowpass_hz: Corner of the low-pass that gives the motor speed.
+            fade_s: Time to full strength.
+
+        Raises:
+            ValueError: There is no axis, or a time is not above zero.
+        """
+        if not tables:
+            raise ValueError("no axis to cancel for")
+        if not (period_s > 0.0 and fade_s > 0.0 and speed_lowpass_hz > 0.0):
+            raise ValueError(
+                f"period_s = {period_s}, fade_s = {fade_s} and speed_lowpass_hz = {speed_lowpass_hz} must be above 0"
+            )
+        given = [table for table in tables if table is not None]
+        count = max((len(table.orders) for table in given), default=1)
+        points = max((np.shape(table.reference)[1] for table in given), default=2)
+        self.period_s = period_s
+        self._config = np.zeros(len(tables), CANCELLATION_CONFIG)
+        self._config["speed_lowpass_hz"], self._config["fade_s"], self._config["step_rps"] = speed_lowpass_hz, fade_s, 1.0
+        if torque_steps_nm is not None:
+            self._config["torque_step_nm"] = torque_steps_nm
+        self._state = np.zeros(len(tables), CANCELLATION_STATE)
+        self._orders = np.zeros((len(tables), count, 2))
+        self._table = np.zeros((len(tables), count, points, 4))
+        for row, table in enumerate(tables):
+            if table is not None:
+                self._write(row, table)
+        self._values = np.zeros((3, len(tables)))
+        self.step([0.0] * len(tables))  # compiled, or loaded, before the first cycle waits for it
+        self.reset()
+
+    def _write(self, row: int, table: CancellationTable) -> None:
+        columns, given = len(table.orders), np.shape(table.reference)[1]
+        self._config["step_rps"][row] = table.step_rps
+        self._orders[row, :columns] = np.stack([table.orders, table.phase_rad], axis=1)
+        for part, values in ((0, table.reference), (2, table.torque)):
+            self._table[row, :columns, :given, part], self._table[row, :columns, :given, part + 1] = values.real, values.imag
+        self._table[row, :, given:] = self._table[row, :, given - 1 : given]
+
+    def reset(self) -> None:
+        """Forget angle and speed, and fade in again."""
+        self._state[:] = np.zeros(1, CANCELLATION_STATE)[0]
+
+    def step(self, angles_rad: Sequence[float]) -> tuple[list[float], list[float]]:
+        """Give the additions to set-points (rad) and torques (N·m) at the measured motor angles, in the order of the axes."""
+        values = self._values
+        values[0] = angles_rad
+        cancel(self._config, self._state, self._orders, self._table, self.period_s, values)
+        references, torques = values[1:].tolist()
+        return references, torques

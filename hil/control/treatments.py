@@ -1,0 +1,120 @@
+"""Treatments of the vibration by name, as data for both sides: effect, place in the loop and knowledge needed."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+LoopName = Literal["drive", "host"]
+
+TreatmentName = Literal[
+    "none",
+    "low-gains",
+    "fixed-notch",
+    "notch",
+    "notch-designed",
+    "cancellation",
+    "cancellation+notch",
+    "cancellation-inside",
+    "cancellation-learnt",
+]
+
+PlainTreatmentName = Literal["none", "notch"]
+"""Names of the treatments that are plain: `Treatment.is_plain`."""
+
+
+@dataclass(frozen=True)
+class Treatment:
+    """A treatment of the vibration.
+
+    Attributes:
+        name: Its name on the command line, in results and in the names of recordings.
+        title: A few words for tables and figures.
+        filters: `variable`: the filters follow the speed; `fixed`: filters that stay where they are; empty: none act.
+        cancels: `set-points`: an addition to the set-points cancels the error; `inside`: the drives do it in their own loops.
+        gain_factor: Factor of all three gains.
+        loops: Loops in which it can act.
+        needs: Knowledge beside the gains and filters of a bench or robot file. `model`: of the plant and its error, from a
+            model file or the bench file; `design`: a design file; `learnt`: a model file of `hil learn`.
+        aliases: Former names, still understood on the command line.
+    """
+
+    name: TreatmentName
+    title: str
+    filters: Literal["", "variable", "fixed"] = ""
+    cancels: Literal["", "set-points", "inside"] = ""
+    gain_factor: float = 1.0
+    loops: tuple[LoopName, ...] = ("drive", "host")
+    needs: Literal["", "model", "design", "learnt"] = ""
+    aliases: tuple[str, ...] = ()
+
+    @property
+    def is_plain(self) -> bool:
+        """True where a bench or robot file says everything and its gains stay: the filters act or they do not."""
+        return not self.needs and self.gain_factor == 1.0
+
+    @property
+    def is_remedy(self) -> bool:
+        """True where the tip is meant to keep the specification; the other treatments are there to compare with."""
+        return self.filters == "variable" or bool(self.cancels)
+
+
+TABLE: tuple[Treatment, ...] = (
+    Treatment("none", "nothing"),
+    Treatment("low-gains", "gains halved", gain_factor=0.5),  # about what an engineer takes back until the arm is quiet
+    Treatment("fixed-notch", "fixed notch", filters="fixed", loops=("host",), needs="model"),
+    Treatment("notch", "notch", filters="variable"),
+    Treatment("notch-designed", "designed notch", filters="variable", needs="design", aliases=("notch-optimised",)),
+    Treatment("cancellation", "cancellation", cancels="set-points", loops=("drive",), needs="model", aliases=("ate",)),
+    Treatment(
+        "cancellation+notch",
+        "cancellation and notch",
+        filters="variable",
+        cancels="set-points",
+        loops=("drive",),
+        needs="model",
+        aliases=("ate+notch",),
+    ),
+    Treatment(
+        "cancellation-inside",
+        "cancellation in the drives",
+        cancels="inside",
+        loops=("drive",),
+        needs="model",
+        aliases=("ate-inside",),
+    ),
+    Treatment(
+        "cancellation-learnt",
+        "learnt cancellation",
+        cancels="set-points",
+        loops=("drive",),
+        needs="learnt",
+        aliases=("adaptive",),
+    ),
+)
+
+_PRESENT: dict[str, TreatmentName] = {alias: each.name for each in TABLE for alias in (each.name, *each.aliases)}
+_ROWS: dict[str, Treatment] = {each.name: each for each in TABLE}
+
+
+def present_name(name: str) -> str:
+    """Return the present name of a treatment; any other word stays as it is."""
+    return _PRESENT.get(name, name)
+
+
+def treatment(name: str) -> Treatment:
+    """Return the row of a treatment by its name.
+
+    Raises:
+        ValueError: No treatment has that name.
+    """
+    try:
+        return _ROWS[name]
+    except KeyError:
+        raise ValueError(f"no treatment {name!r}; there are {', '.join(_ROWS)}") from None
+
+
+def present_token(word: str) -> str:
+    """Return the present spelling of a word of a command line: an option without its dashes, or the name of a treatment.
+
+    As a command's `token_normalize_func` it lets typer understand former spellings, which no help shows.
+    """
+    return "treatment" if word == "compensation" else present_name(word)

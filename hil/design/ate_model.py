@@ -1,0 +1,218 @@
+"""The model of ramps with a transmission error, as a sensor sees them that lags the motor angle; see `ate_identification`.
+
+For given ω, ζ and Δ it is linear in A_k cos φ_k and A_k sin φ_k: `SweepModel` and `RampsModel` give its columns.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, signal
+
+from hil.design.transmission_error import RING_DOWN, TransmissionError, acceleration_spectrum
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Signs = NDArray[np.int8]
+
+GEAR_FRACTION = 0.9
+"""ζ_g/ζ unless a plant gives it: most of the damping is the gear's. A tenth more or less is 0.2 ζ/ω in Δ, 0.1 ms, and no more."""
+FLOOR = 0.02
+"""Smallest ζ ω, as a fraction of ω, for which a transform is padded."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Recorded ramps, in one piece that begins and ends at rest.
+
+    The time between the ramps belongs to it: the arm still rings from there when the next ramp begins.
+
+    Attributes:
+        motor_angle_rad: θ_m, equally spaced; shape (n,).
+        signal: The tip acceleration in m/s², or the motor torque in N·m, sampled with it; shape (n,).
+        period_s: Sampling period.
+        direction: +1 where the motor speeds up forwards, −1 backwards, 0 for samples that do not count; shape (n,).
+    """
+
+    motor_angle_rad: Real
+    signal: Real
+    period_s: float
+    direction: Signs
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """The kind of signal that the ramps hold.
+
+    Attributes:
+        gain: g: the tip lever in m, or J_l/N in kg·m² for the motor torque.
+        motor_inertia_kg_m2: J: 0 for the tip, J_m for the motor torque. Left free it would take A_k 5 % with it, since the
+            motor moves as θ_sync makes it; 5 % wrong it changes A_k by 0.3 %.
+    """
+
+    gain: float
+    motor_inertia_kg_m2: float = 0.0
+
+
+@dataclass(frozen=True)
+class Arm:
+    """The arm on its gear and the sensor's delay.
+
+    Attributes:
+        resonance_hz: Resonance ω/2π.
+        damping: Damping ratio ζ.
+        delay_s: Delay Δ.
+        gear_fraction: Fraction ζ_g/ζ of the damping, believed.
+    """
+
+    resonance_hz: float
+    damping: float
+    delay_s: float = 0.0
+    gear_fraction: float = GEAR_FRACTION
+
+    def response(self, frequency_hz: Real) -> Complex:
+        """H(jω) e^{−jωΔ}; shape of `frequency_hz`."""
+        x = np.asarray(frequency_hz) / self.resonance_hz
+        late = np.exp(-2j * math.pi * frequency_hz * self.delay_s)
+        return np.asarray((1.0 + 2j * self.gear_fraction * self.damping * x) / (1.0 + 2j * self.damping * x - x**2) * late)
+
+
+class SweepModel:
+    """Model of one recording: the transforms are computed once, then one inverse transform for each arm."""
+
+    def __init__(
+        self, sweep: Sweep, reduction_ratio: float, sensing: Sensing, orders: Sequence[int], band_hz: tuple[float, float]
+    ) -> None:
+        angle, period_s = sweep.motor_angle_rad, sweep.period_s
+        # nothing passes beyond four times the band, so every n-th sample says all
+        self._every = max(1, int(0.5 / period_s / (4.0 * band_hz[1])))
+        self.direction = sweep.direction[:: self._every]
+        self._rows, self._count = self.direction != 0, len(self.direction)
+        ring_down = round(min(RING_DOWN / (FLOOR * 2.0 * math.pi * band_hz[0]), 4.0) / period_s)
+        self._length = int(fft.next_fast_len(-(-(len(angle) + ring_down) // self._every), real=True))
+        full = self._length * self._every
+        waves = [angle / reduction_ratio]
+        for order in orders:  # A cos(kθ + φ) = (A cos φ) cos kθ − (A sin φ) sin kθ
+            waves += [np.cos(order * angle), -np.sin(order * angle)]
+        frequency, spectra = acceleration_spectrum(np.stack(waves), period_s, full)
+        band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
+        _, gain = signal.sosfreqz(band, frequency, fs=1.0 / period_s)
+        weight = np.abs(gain) ** 2  # forward and backward: no phase
+        inside = slice(0, self._length // 2)
+        self._frequency = frequency[inside]
+        self._spectra = sensing.gain * weight[inside] * spectra[:, inside]
+        inertia = sensing.motor_inertia_kg_m2 * reduction_ratio  # the first spectrum is that of θ̈_m/N
+        self._own = inertia * weight[inside] * spectra[0, inside]
+        # the fraction of white noise that comes through, hence of the samples that are independent
+        self.independent = self._every * float(np.mean(weight**2))
+        self.signal = self._samples(weight[inside] * fft.rfft(_level(sweep.signal), full)[inside])
+
+    def _samples(self, spectra: Complex) -> Real:
+        """Spectra as samples in the rows that count."""
+        samples = fft.irfft(spectra, self._length, axis=-1) / self._every
+        return np.asarray(samples[..., : self._count][..., self._rows], dtype=np.float64)
+
+    def columns(self, arm: Arm) -> tuple[Real, Real]:
+        """Signal from the motor's motion alone, shape (n,), and from a unit of each linear unknown, shape (n, unknowns)."""
+        spectra = self._spectra * arm.response(self._frequency)
+        spectra[0] += self._own * np.exp(-2j * math.pi * self._frequency * arm.delay_s)
+        rows = self._samples(spectra)
+        return rows[0], rows[1:].T
+
+
+def _level(values: Real, edge: int = 16) -> Real:
+    """Subtract the straight line from beginning to end: gravity's part, which would be a step where a recording is cut off."""
+    few = min(edge, len(values))
+    return np.asarray(values - np.linspace(float(np.mean(values[:few])), float(np.mean(values[-few:])), len(values)))
+
+
+class RampsModel:
+    """Model of several recordings at once."""
+
+    def __init__(
+        self,
+        sweeps: Sequence[Sweep],
+        reduction_ratio: float,
+        sensing: Sensing,
+        orders: tuple[int, ...],
+        band_hz: tuple[float, float],
+    ) -> None:
+        self._parts = [SweepModel(sweep, reduction_ratio, sensing, orders, band_hz) for sweep in sweeps]
+        self.directions = np.concatenate([part.direction[part.direction != 0] for part in self._parts])
+        self.signal = np.concatenate([part.signal for part in self._parts])
+        self.independent = float(np.mean([part.independent for part in self._parts]))
+        self.orders, self.band_hz = orders, band_hz
+
+    def columns(self, arm: Arm) -> tuple[Real, Real]:
+        """Columns of all recordings, one behind the other."""
+        parts = [part.columns(arm) for part in self._parts]
+        return np.concatenate([motion for motion, _ in parts]), np.concatenate([matrix for _, matrix in parts])
+
+    def solve(self, arm: Arm) -> tuple[Real, Real]:
+        """The linear unknowns, and the residual."""
+        motion, matrix = self.columns(arm)
+        unknowns = least_squares(matrix, self.signal - motion)
+        return unknowns, self.signal - motion - matrix @ unknowns
+
+    def power_apart(self, arm: Arm) -> float:
+        """Power of the residual where each direction may have its own amplitudes and phases, which hides a delay."""
+        motion, matrix = self.columns(arm)
+        total = 0.0
+        for direction in (1, -1):
+            rows = self.directions == direction
+            if rows.any():
+                wanted = (self.signal - motion)[rows]
+                total += float(np.sum((wanted - matrix[rows] @ least_squares(matrix[rows], wanted)) ** 2))
+        return total
+
+    def power(self, arm: Arm) -> float:
+        """Power of the residual."""
+        return float(np.sum(self.solve(arm)[1] ** 2))
+
+
+def least_squares(matrix: Real, wanted: Real) -> Real:
+    """Solve by normal equations on scaled columns, for half a dozen well-separated unknowns and many thousand rows."""
+    scale = np.sqrt(np.sum(matrix**2, axis=0)) + 1e-300
+    scaled = matrix / scale
+    return np.asarray(np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) @ (scaled.T @ wanted) / scale)
+
+
+class FreeMotionModel:
+    """A model in which the scale of the motor's own motion is one more linear unknown, the last."""
+
+    def __init__(self, model: RampsModel) -> None:
+        self._model, self.signal = model, model.signal
+
+    def columns(self, arm: Arm) -> tuple[Real, Real]:
+        """Zeros for the given motion, and the columns of the unknowns."""
+        motion, matrix = self._model.columns(arm)
+        return np.zeros_like(motion), np.column_stack([matrix, motion])
+
+    def solve(self, arm: Arm) -> tuple[Real, Real]:
+        """The linear unknowns, and the residual."""
+        _, matrix = self.columns(arm)
+        unknowns = least_squares(matrix, self.signal)
+        return unknowns, self.signal - matrix @ unknowns
+
+
+def modelled(sweep: Sweep, reduction_ratio: float, sensing: Sensing, arm: Arm, error: TransmissionError) -> Real:
+    """The signal that the model predicts over a whole recording, without gravity's part; shape (n,).
+
+    Args:
+        sweep: The recording; its signal is not used.
+        reduction_ratio: Reduction ratio N.
+        sensing: The kind of signal.
+        arm: Arm with ω, ζ and Δ.
+        error: Transmission error with A_k and φ_k.
+    """
+    angle, period_s = np.asarray(sweep.motor_angle_rad, dtype=np.float64), sweep.period_s
+    waves = np.stack([angle / reduction_ratio + error.angle_rad(angle), angle])
+    length = int(
+        fft.next_fast_len(len(angle) + round(RING_DOWN / (FLOOR * 2.0 * math.pi * arm.resonance_hz) / period_s), real=True)
+    )
+    frequency, (driven, own) = acceleration_spectrum(waves, period_s, length)
+    late = np.exp(-2j * math.pi * frequency * arm.delay_s)
+    spectrum = sensing.gain * driven * arm.response(frequency) + sensing.motor_inertia_kg_m2 * own * late
+    return np.asarray(fft.irfft(spectrum, length)[: len(angle)])

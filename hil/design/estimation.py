@@ -1,0 +1,37 @@
+"""Parts that every identification needs: a number with its standard error, and the error for insufficient data."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+
+class UnidentifiableError(ValueError):
+    """Data from which nothing can be identified, with their fault, their amount and the amount needed."""
+
+    def __init__(self, what: str, value: float, needed: float, unit: str = "") -> None:
+        """Keep the numbers."""
+        self.what, self.value, self.needed, self.unit = what, value, needed, unit
+        super().__init__(f"{what}: {value:.4g}{' ' + unit if unit else ''}, needed {needed:.4g}{' ' + unit if unit else ''}")
+
+
+@dataclass(frozen=True)
+class EstimatedParameter:
+    """A number with its standard error, which is 0 only where nothing was estimated."""
+
+    value: float
+    standard_error: float
+
+    @property
+    def relative(self) -> float:
+        """Standard error over value; infinite for a value of 0."""
+        return self.standard_error / abs(self.value) if self.value else math.inf
+
+
+def inverse(square: Real) -> Real:
+    """The pseudo-inverse of a JᵀJ whose unknowns may have very different units."""
+    scale = np.sqrt(np.maximum(np.diag(square), 1e-300))
+    return np.asarray(np.linalg.pinv(square / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale))

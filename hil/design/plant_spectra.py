@@ -1,0 +1,101 @@
+"""Spectra of a periodic excitation and of its answers, period by period, without the slow drifts of gravity."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.design.frequency import Complex, Real
+
+Lines = NDArray[np.int64]
+
+TREND_ORDER = 4
+"""Gravity over a stretch of arm angle, as a polynomial of the time."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Whole periods at constant speed, in one direction, one row per SYNC.
+
+    Attributes:
+        excitation: The excitation that was sent: N·m, or rad for a reference; shape (n,).
+        angle_rad: Motor angle less the bias motion; shape (n,).
+        torque_nm: The torque that the drive reported; shape (n,).
+        tip_m_s2: Tip acceleration; shape (n,); None without accelerometer.
+    """
+
+    excitation: Real
+    angle_rad: Real
+    torque_nm: Real
+    tip_m_s2: Real | None
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Spectra on the excited lines, period by period; all but the frequency of shape (periods, lines).
+
+    Attributes:
+        frequency_hz: Frequencies of the lines; shape (lines,).
+        excitation: Spectra D of the excitation.
+        angle: Spectra Y of the motor angle.
+        torque: Spectra U of the torque.
+        tip: Spectra A of the tip acceleration; None without accelerometer.
+    """
+
+    frequency_hz: Real
+    excitation: Complex
+    angle: Complex
+    torque: Complex
+    tip: Complex | None
+
+    @property
+    def periods(self) -> int:
+        """Number of periods."""
+        return len(self.angle)
+
+
+def spectra(stretches: Sequence[Stretch], samples: int, lines: Lines, sync_s: float) -> Spectra:
+    """Spectra of the periods of some stretches on the excited lines, slow drifts removed.
+
+    A drift differs from the periodic signal in that it changes from period to period, so its removal leaves the signal whole.
+
+    Args:
+        stretches: Stretches of whole periods.
+        samples: Number of samples per period.
+        lines: Excited bins; shape (m,).
+        sync_s: Time between two samples.
+
+    Raises:
+        ValueError: A stretch is not a whole number of periods, or only one.
+    """
+    names = ("excitation", "angle_rad", "torque_nm", "tip_m_s2")
+    by_name: dict[str, list[Complex] | None] = {name: [] for name in names}
+    for stretch in stretches:
+        for name in names:
+            values, periods = getattr(stretch, name), by_name[name]
+            if values is None or periods is None:
+                by_name[name] = None
+                continue
+            if len(values) % samples or len(values) < 2 * samples:
+                raise ValueError(f"{len(values)} rows are no whole number of periods of {samples}, at least two")
+            steady = values.reshape(-1, samples) if name == "excitation" else _without_trend(values.reshape(-1, samples))
+            periods.append(np.fft.rfft(steady, axis=1)[:, lines] * (2.0 / samples))
+    whole = {name: None if periods is None else np.concatenate(periods) for name, periods in by_name.items()}
+    frequency = lines / (samples * sync_s)
+    excitation, angle, torque = whole["excitation"], whole["angle_rad"], whole["torque_nm"]
+    if excitation is None or angle is None or torque is None:
+        raise ValueError("excitation, angle and torque are needed")
+    return Spectra(frequency, excitation, angle, torque, whole["tip_m_s2"])
+
+
+def _without_trend(rows: Real) -> Real:
+    """Rows of periods less a polynomial of the time, fitted to what is not periodic."""
+    periods, samples = rows.shape
+    time = np.linspace(-1.0, 1.0, periods * samples)
+    basis = np.stack([time**power for power in range(1, TREND_ORDER + 1)], axis=1)
+    per_period = basis.reshape(periods, samples, -1)
+    changing = (per_period - per_period.mean(axis=0)).reshape(periods * samples, -1)
+    wanted = (rows - rows.mean(axis=0)).ravel()
+    coefficients = np.linalg.lstsq(changing, wanted, rcond=None)[0]
+    return np.asarray(rows - (basis @ coefficients).reshape(periods, samples))

@@ -1,0 +1,177 @@
+"""The motion from which the transmission error is identified: one ramp forwards, one back, within the bench file's limits."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.bench.bench import AxisTable, Bench
+from hil.control.trajectory import ConstantAcceleration, Smooth, sample_times
+from hil.errors import NotPossibleError
+from hil.master.motion import Motion
+from hil.master.run import APPROACH_RAMP_S
+
+Real = NDArray[np.float64]
+
+BEYOND_RESONANCE = 1.15
+"""Least end speed of a ramp over f_m2: the vibration has its largest amplitude behind the resonance."""
+END_OVER_RESONANCE = 1.35
+"""End speed of a ramp over f_m2 where f_a is known: a faster ramp gives no more information."""
+MARGIN_REV = 0.5
+"""Distance of a ramp from the bench file's position limits: a motor lags its set-point, 0.4 rev at 10 rps and K_pp = 25/s."""
+DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
+SPEED_FRACTION = 0.95
+"""Fraction of the speed limit that a ramp uses."""
+DWELL_S, TAIL_S = 0.3, 0.5
+
+
+@dataclass(frozen=True)
+class Ramps:
+    """One pass: a ramp in either direction.
+
+    Attributes:
+        trajectory: The ramp forwards.
+        motion: Motion of the robot, the approach to the ramp's beginning included.
+        forward: Rows of the ramp forwards.
+        backward: Rows of the ramp back.
+        low_rev: Lower turning point of the motor, absolute.
+        high_rev: Upper turning point of the motor, absolute.
+    """
+
+    trajectory: ConstantAcceleration
+    motion: Motion
+    forward: slice
+    backward: slice
+    low_rev: float
+    high_rev: float
+
+    def direction(self, skip: float = 0.0) -> NDArray[np.int8]:
+        """+1 and −1 in the rows in which the speed rises, less the first fraction `skip` of each ramp, else 0; shape (n,)."""
+        signs = np.zeros(len(self.motion.time_s), dtype=np.int8)
+        period, ramp = self.motion.period_s, self.trajectory.ramp_s
+        for rows, sign in ((self.forward, 1), (self.backward, -1)):
+            time = np.arange(rows.stop - rows.start) * period - self.trajectory.dwell_s
+            signs[rows] = sign * ((time >= skip * ramp) & (time <= ramp))
+        return signs
+
+
+def travel_rev(acceleration_rps_s: float, deceleration_rps_s: float, end_rps: float) -> float:
+    """Motor revolutions of a ramp: v²/2 (1/a + 1/d)."""
+    return 0.5 * end_rps**2 * (1.0 / acceleration_rps_s + 1.0 / deceleration_rps_s)
+
+
+def room_rev(table: AxisTable) -> float:
+    """Motor revolutions that a ramp may take."""
+    return table.limits.position_max_rev - table.limits.position_min_rev - 2.0 * MARGIN_REV
+
+
+def slowest(table: AxisTable, deceleration_rps_s: float, end_rps: float) -> float:
+    """The smallest acceleration in rps/s with which a ramp to a speed has room; inf where not even the braking has."""
+    left = 2.0 * room_rev(table) / end_rps**2 - 1.0 / deceleration_rps_s
+    return 1.0 / left if left > 0.0 else math.inf
+
+
+def deceleration(bench: Bench) -> float:
+    """Deceleration at the end of a ramp, rev/s²."""
+    table = bench.constant_acceleration
+    return DEFAULT_DECELERATION_RPS_S if table is None else table.deceleration_rps_s
+
+
+def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float | None) -> float:
+    """End speed of a ramp in rev/s: beyond f_m2 = f_a/2 where f_a is known, else as far as the limits allow.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        acceleration_rps_s: Acceleration of the ramp.
+        arm_hz: f_a; None where it is not known.
+
+    Raises:
+        NotPossibleError: Limits keep it from passing f_m2; with the number needed.
+    """
+    table = bench.axis[axis]
+    if not math.isfinite(acceleration_rps_s) or acceleration_rps_s <= 0.0:
+        raise NotPossibleError(f"an acceleration of {acceleration_rps_s:g} rps/s makes no ramp; it must be above 0")
+    motion = bench.constant_acceleration
+    wanted = DEFAULT_END_RPS if motion is None else motion.end_rps
+    if arm_hz is not None:
+        wanted = END_OVER_RESONANCE * arm_hz / 2.0
+    room, braking = max(room_rev(table), 0.0), deceleration(bench)
+    by_room = math.sqrt(2.0 * room / (1.0 / acceleration_rps_s + 1.0 / braking))
+    reached = min(wanted, SPEED_FRACTION * table.limits.speed_rps, by_room)
+    if arm_hz is not None and reached < BEYOND_RESONANCE * arm_hz / 2.0:
+        raise NotPossibleError(too_short(bench, axis, acceleration_rps_s, arm_hz, reached))
+    if reached < 0.5:
+        raise NotPossibleError(
+            f"axis {axis} has {room:.2f} rev to move in, which at {acceleration_rps_s:g} rps/s ends at {reached:.2f} rps: wider "
+            "position limits are needed"
+        )
+    return reached
+
+
+def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float, reached_rps: float) -> str:
+    """Sentence on why f_m2 is not passed, and what would be needed for it.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        acceleration_rps_s: Acceleration of the ramp.
+        arm_hz: f_a.
+        reached_rps: Speed that the ramp reaches.
+    """
+    table, needed = bench.axis[axis], BEYOND_RESONANCE * arm_hz / 2.0
+    head = f"axis {axis} reaches {reached_rps:.2f} rps; to pass f_m2 = {arm_hz / 2.0:.2f} rps, {needed:.2f} rps are needed"
+    if SPEED_FRACTION * table.limits.speed_rps < needed:
+        return f"{head}: its limit speed_rps is {table.limits.speed_rps:g}, {needed / SPEED_FRACTION:.2f} is needed"
+    room, taken = room_rev(table), travel_rev(acceleration_rps_s, deceleration(bench), needed)
+    if taken <= room:
+        return f"{head}: constant_acceleration.end_rps is too small"
+    least = slowest(table, deceleration(bench), needed)
+    remedy = f"accelerate with {least:.2f} rps/s or more, or " if least < 50.0 else ""
+    return (
+        f"{head}: {taken:.1f} rev at {acceleration_rps_s:g} rps/s, between its position limits are {room:.1f}; {remedy}widen them"
+    )
+
+
+def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, end_rps: float, period_s: float) -> Ramps:
+    """One pass from the present position: to the ramp's beginning, forwards, back; centred there as far as the limits allow.
+
+    Args:
+        bench: The bench.
+        axis: Axis number.
+        start_rev: Present position of its motor, rev.
+        acceleration_rps_s: Acceleration of the ramp.
+        end_rps: Speed at its end.
+        period_s: SYNC period.
+
+    Raises:
+        NotPossibleError: The ramp has no room.
+    """
+    table = bench.axis[axis]
+    trajectory = ConstantAcceleration(acceleration_rps_s, end_rps, deceleration(bench), DWELL_S, TAIL_S)
+    travel = travel_rev(acceleration_rps_s, trajectory.deceleration_rps_s, end_rps)
+    if travel > room_rev(table) + 1e-6:
+        raise NotPossibleError(
+            f"a ramp to {end_rps:.2f} rps at {acceleration_rps_s:g} rps/s takes {travel:.1f} rev; between axis {axis}'s position "
+            f"limits are {room_rev(table):.1f}"
+        )
+    lowest = table.limits.position_min_rev + MARGIN_REV
+    low = min(max(start_rev - 0.5 * travel, lowest), table.limits.position_max_rev - MARGIN_REV - travel)
+    turn = 2.0 * math.pi
+    away = turn * (low - start_rev)
+    there = _approach(away, bench.approach_rps, period_s)
+    up = trajectory.motor_angle(sample_times(trajectory.duration_s, period_s))
+    angle = np.concatenate([there, away + up, away + up[-1] - up])
+    first, second = len(there), len(there) + len(up)
+    times = np.arange(len(angle), dtype=np.float64) * period_s
+    motion = Motion((axis,), times, angle[:, np.newaxis], starts_at_home=False)
+    return Ramps(trajectory, motion, slice(first, second), slice(second, second + len(up)), low, low + travel)
+
+
+def _approach(away_rad: float, speed_rps: float, period_s: float) -> Real:
+    distance = abs(away_rad) / (2.0 * math.pi)
+    if distance < 1e-3:
+        return np.full(1, away_rad)
+    smooth = Smooth(max(distance / speed_rps + APPROACH_RAMP_S, 2.0 * APPROACH_RAMP_S), APPROACH_RAMP_S)
+    return np.asarray(away_rad * smooth.position(sample_times(smooth.duration_s, period_s)))

@@ -1,0 +1,137 @@
+"""`hil identify ate` on a bench: passes on the bus, with their recordings and their result."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hil.bench.bench import Bench
+from hil.bench.model import Identified, IdentifiedError
+from hil.can.channel import Channel
+from hil.design.ate_identification import JointEstimate
+from hil.experiments.ate.identify import Identification, as_part, identify_on
+from hil.experiments.ate.motion import Ramps
+from hil.experiments.ate.request import AteRequest, axis_knowledge, first_end_speed, sensing_of
+from hil.experiments.bus_demand import BusDemand
+from hil.experiments.measurement import Measurement, MeasurementOutcome
+from hil.experiments.plan import timing_of
+from hil.master.motion import RunResult
+from hil.reporter import SILENT, Reporter
+from hil.results.ate import AteFit, AteResult, AteRun, AteStandardErrors, KnownArm
+from hil.results.base import MeasuredBench
+
+
+@dataclass(frozen=True)
+class AteOutcome(MeasurementOutcome[AteResult]):
+    """End of an identification of the transmission error."""
+
+    @property
+    def part(self) -> IdentifiedError | None:
+        """Entry for the model file; None where nothing was identified."""
+        return self.result.ate
+
+
+def identify_ate(
+    bench: Bench,
+    request: AteRequest,
+    out: Path,
+    identified: Identified | None = None,
+    *,
+    channel: Channel | None = None,
+    overload: bool = False,
+    reporter: Reporter = SILENT,
+) -> AteOutcome:
+    """Run passes on the bus, and write recordings, bus log and result.json, also where the identification fails.
+
+    Args:
+        bench: The bench file.
+        request: Axis, passes and goal.
+        out: Directory of the result; made where it is missing.
+        identified: The model file; None without one.
+        channel: The bus; opened from the bench file's address, and closed, unless it is given.
+        overload: Run even what does not fit on the bus.
+        reporter: Listener of each pass and its progress.
+
+    Raises:
+        HilError: Nothing has moved yet: nodes or limits do not allow it.
+        ChannelError: The bus cannot be opened, or was lost before anything was recorded.
+    """
+    knowledge = axis_knowledge(bench, request.axis, identified, sensorless=request.sensorless)
+    first_end_speed(bench, request, knowledge)
+    demand = BusDemand(
+        f"identification of the transmission error of axis {request.axis}", (request.axis,), bench.bus.sync_period_s
+    )
+
+    def empty(described: MeasuredBench) -> AteResult:
+        return AteResult(
+            bench=described,
+            axis=request.axis,
+            sensorless=request.sensorless,
+            known_before=KnownArm(source=knowledge.source, start=knowledge.start),
+            sensing=sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
+        )
+
+    with Measurement(bench, out, empty, channel=channel, reporter=reporter) as measurement:
+        with measurement.session([demand], overload=overload) as session:
+            identification = identify_on(session, request, knowledge, _Keeper(measurement, request.axis), reporter)
+        _enter(
+            measurement.result, identification, as_part(identification.estimate, request, measurement.started.date().isoformat())
+        )
+    return AteOutcome(measurement.result, measurement.failure)
+
+
+class _Keeper:
+    """Saves each pass of an axis, and enters it into the result."""
+
+    def __init__(self, measurement: Measurement[AteResult], axis: int) -> None:
+        self._measurement, self._axis = measurement, axis
+
+    def __call__(self, number: int, result: RunResult, motion: Ramps) -> None:
+        period_s, dwell_s = motion.motion.period_s, motion.trajectory.dwell_s
+        entry = AteRun(
+            acceleration_rps_s=motion.trajectory.acceleration_rps_s,
+            end_rps=motion.trajectory.end_rps,
+            ramp_s=motion.trajectory.ramp_s,
+            forward_from_s=motion.forward.start * period_s + dwell_s,
+            backward_from_s=motion.backward.start * period_s + dwell_s,
+            low_rev=motion.low_rev,
+            high_rev=motion.high_rev,
+            sync_period_s=period_s,
+            cycles=result.cycles,
+            missed_cycles=result.missed_cycles,
+            sensor_missed=result.sensor_missed,
+            motion_s=round(result.motion_s, 6),
+            wall_s=round(result.wall_s, 4),
+            recording=self._measurement.keep(result.recording, f"ate-axis{self._axis}-pass{number}"),
+            timing=timing_of(result),
+            stopped=None if result.stopped is None else result.stopped.reason,
+        )
+        self._measurement.result.passes.append(entry)
+
+
+def _enter(result: AteResult, identification: Identification, part: IdentifiedError) -> None:
+    """Enter an identification into a result."""
+    estimate = identification.estimate
+    result.ate = part
+    result.fit = AteFit(
+        delay_s=estimate.arm.delay_s,
+        delay_error_s=estimate.arm_error.delay_s,
+        gear_fraction=estimate.arm.gear_fraction,
+        residual=estimate.residual,
+        explained=estimate.explained,
+        explained_by_error=estimate.explained_by_error,
+        motion_scale=estimate.motion_scale,
+        motion_scale_error=estimate.motion_scale_error,
+        widened=estimate.widened,
+        band_hz=estimate.band_hz,
+        agreement=tuple(estimate.agreement),
+    )
+    result.history = tuple(_standard_errors(each.estimate) for each in identification.passes)
+    result.is_within_goal = not identification.missed
+    result.notes = tuple(identification.notes)
+
+
+def _standard_errors(estimate: JointEstimate) -> AteStandardErrors:
+    """The standard errors after a pass."""
+    amplitudes, phases = estimate.amplitude_error_arcsec, estimate.phase_error_deg
+    return AteStandardErrors(
+        a2_error_arcsec=amplitudes[2], a4_error_arcsec=amplitudes[4], phi2_error_deg=phases[2], phi4_error_deg=phases[4]
+    )

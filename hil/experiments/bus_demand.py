@@ -1,0 +1,53 @@
+"""Demand of a motion on the bus between two SYNCs, and the check that the bus carries it."""
+
+from dataclasses import dataclass
+
+from hil.bench.bench import Bench
+from hil.can.channel import Channel
+from hil.errors import NotPossibleError
+from hil.master.motion import LoopName
+
+
+@dataclass(frozen=True)
+class BusDemand:
+    """Frames that a motion needs in every cycle.
+
+    Attributes:
+        title: The motion in words.
+        axes: Numbers of the axes that move.
+        period_s: SYNC period.
+        loop: Side that closes the loop, the drive or the host.
+        with_notch: True where the drives' variable filters act; they report their state where there is room.
+        with_torque_offset: True where a torque offset (60B2h) is sent beside each position.
+    """
+
+    title: str
+    axes: tuple[int, ...]
+    period_s: float
+    loop: LoopName = "drive"
+    with_notch: bool = False
+    with_torque_offset: bool = False
+
+
+def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
+    """Refuse a motion whose frames do not fit between two SYNCs, where the bit rate is known.
+
+    Returns:
+        True where there is room for the state of the drives' filters as well.
+
+    Raises:
+        NotPossibleError: The frames do not fit.
+    """
+    if channel.address.bitrate is None:
+        return True
+    from hil.plan.check import check  # noqa: PLC0415 - a bus without bit times does not need it
+
+    where = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": str(channel.address)})})
+    for shows_filter in (True, False) if demand.with_notch and demand.loop == "drive" else (False,):
+        verdict = check(
+            where, demand.axes, demand.loop, demand.period_s, notch_state=shows_filter, with_notch=demand.with_notch,
+            torque_offset=demand.with_torque_offset,
+        )  # fmt: skip
+        if verdict.fits is not False:
+            return shows_filter
+    raise NotPossibleError(f"{demand.title} at a SYNC period of {1e3 * demand.period_s:g} ms: {verdict.sentence} (--overload)")

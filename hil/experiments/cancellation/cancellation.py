@@ -1,0 +1,303 @@
+"""Cancellation of the transmission error in a run, by additions to the set-points or inside the drives.
+
+What is added is bounded by its table, and checked with the motion against every limit before anything moves. No cancellation is
+trusted before its trial on the accelerometer: `hil.experiments.cancellation.trial`.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from drive_profiles.family.profile import Profile
+from hil.bench.bench import Bench, Model
+from hil.bench.model import Identified, with_identified
+from hil.control.angles import ARCSEC
+from hil.control.cancellation import CancellationLaw, CancellationTable
+from hil.design.frequency import CONTROL_PERIOD_S
+from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
+from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.master.motion import Motion
+from hil.master.session import Session
+from hil.robot_tables import TransmissionErrorTable
+
+MAX_REFERENCE_REV = 0.02
+"""Largest addition to a set-point, motor side: 120″ on a gear of 120 at 12 Hz. A transmission error never needs more."""
+MAX_TORQUE_FRACTION = 0.1
+"""Largest torque offset as a fraction of the torque limit."""
+
+
+@dataclass
+class CancellationAdder:
+    """The `hil.master.set_point_adder.SetPointAdder` of a cancellation; each run needs a new one.
+
+    Attributes:
+        uses_torque: True where torque offsets (60B2h) are mapped.
+    """
+
+    uses_torque: bool
+    _laws: CancellationLaw
+
+    def step(self, references_rad: Sequence[float], positions_rad: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
+        """Additions of the next cycle, from the measured angles of the last.
+
+        Args:
+            references_rad: Not used: the cancellation follows the measured angles.
+            positions_rad: Measured motor angles, in the order of the axes.
+
+        Returns:
+            Additions to the references in rad at the motor, and torque offsets in N·m.
+        """
+        return self._laws.step(positions_rad)
+
+
+@dataclass(frozen=True)
+class Cancellation:
+    """Additions to the set-points of some axes.
+
+    Attributes:
+        axes: Axis numbers in the order of the motion.
+        tables: Cancellation tables by axis; an axis without one is left alone.
+        period_s: SYNC period.
+        actuation: `reference` for the set-point alone, `torque` with a torque offset.
+        torque_steps_nm: Resolution of the torque offsets, by axis.
+    """
+
+    axes: tuple[int, ...]
+    tables: Mapping[int, CancellationTable]
+    period_s: float
+    actuation: Actuation = "reference"
+    torque_steps_nm: Mapping[int, float] = field(default_factory=dict)
+
+    def adder(self, gain: float = 1.0, only: int | None = None) -> CancellationAdder:
+        """Adder for one run.
+
+        Args:
+            gain: Fraction of the cancellation, 0 to 1.
+            only: The only axis to which anything is added; None for all.
+        """
+        wanted = [self.tables[n].scaled(gain) if n in self.tables and only in {None, n} else None for n in self.axes]
+        steps = [self.torque_steps_nm.get(number, 0.0) for number in self.axes]
+        return CancellationAdder(self.actuation == "torque", CancellationLaw(wanted, self.period_s, steps))
+
+    def check(self, bench: Bench, motion: Motion, starts_rad: Sequence[float] | None = None) -> None:
+        """Check the motion, and the approach to its start, with the largest possible additions against the limits.
+
+        Raises:
+            UnsafeRequestError: A limit could be exceeded.
+        """
+        turn = 2.0 * math.pi
+        for column, number in enumerate(self.axes):
+            if number not in self.tables:
+                continue
+            limits, name, own = bench.axis[number].limits, f"axis {number}", self.tables[number]
+            angle = motion.motor_angle_rad[:, column] + (0.0 if starts_rad is None else starts_rad[column])
+            peak_rps = max(float(np.max(np.abs(np.diff(angle)))) / motion.period_s / turn, bench.approach_rps)
+            reach_rev = own.largest_reference_rad(peak_rps) / turn
+            remedy = "is this its transmission error?"
+            if reach_rev > MAX_REFERENCE_REV:
+                raise UnsafeRequestError(f"the cancellation of {name}", reach_rev, MAX_REFERENCE_REV, "rev", remedy)
+            torque, allowed = own.largest_torque_nm(peak_rps), MAX_TORQUE_FRACTION * limits.torque_nm
+            if torque > allowed:
+                raise UnsafeRequestError(f"the torque offset of {name}", torque, allowed, "N·m", remedy)
+            speed = peak_rps + own.largest_rate_rps(peak_rps)
+            if speed > limits.speed_rps:
+                raise UnsafeRequestError(f"the speed of {name} with its cancellation", speed, limits.speed_rps, "rps")
+            high, low = float(angle.max()) / turn + reach_rev, float(angle.min()) / turn - reach_rev
+            if high > limits.position_max_rev:
+                raise UnsafeRequestError(f"the position of {name} with its cancellation", high, limits.position_max_rev, "rev")
+            if low < limits.position_min_rev:
+                raise UnsafeRequestError(f"the position of {name} with its cancellation", low, limits.position_min_rev, "rev")
+
+
+def cancellation_for(
+    bench: Bench,
+    identified: Identified | None,
+    axes: Sequence[int],
+    period_s: float,
+    *,
+    actuation: Actuation = "reference",
+    with_notch: bool = False,
+    control_periods_s: Mapping[int, float] | None = None,
+    torque_steps_nm: Mapping[int, float] | None = None,
+    delay_s: float = 0.0,
+) -> Cancellation:
+    """Cancellation of some axes, from their models.
+
+    By the set-point alone (607Ah) needs no more of a drive than CSP, and no room on the bus. With a torque offset (60B2h, two
+    more bytes for each axis) the law has nothing to do for the cancellation, so no filter in it matters. Both do equally well at
+    SYNC periods of 1 and 2 ms without a filter; on 1 Mbit/s three axes with torque offsets need 2 ms.
+
+    Args:
+        bench: The bench file.
+        identified: The model file; None for the bench file's own model.
+        axes: Axis numbers in the order of the motion.
+        period_s: SYNC period.
+        actuation: `reference` for the set-point alone, `torque` with a torque offset.
+        with_notch: True where the drives' filters act.
+        control_periods_s: T_c by axis; 250 µs where it is not given.
+        torque_steps_nm: Resolution of the drives' torque offsets, by axis.
+        delay_s: Delay of the set-points beyond the SYNC period, the interpolation, and the model file's delay.
+
+    Raises:
+        NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
+    """
+    tables: dict[int, CancellationTable] = {}
+    for number in axes:
+        model = _model(bench, identified, number)
+        if model is None:
+            continue
+        table = bench.axis[number].model_copy(update={"model": model})
+        phases = {order: math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
+        period = (control_periods_s or {}).get(number) or CONTROL_PERIOD_S
+        loop = table.loop(period, with_notch=with_notch)
+        assert loop is not None  # noqa: S101 - it has a model
+        try:
+            timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
+            tables[number] = cancellation_table(loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
+        except ValueError as error:
+            raise NotPossibleError(f"axis {number}: {error}") from error
+    if not tables:
+        raise NotPossibleError(_nothing_known(axes))
+    return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {})
+
+
+def measured_delay_s(identified: Identified | None, number: int) -> float:
+    """Delay of an axis' set-points as measured in the model file, s; 0 without one."""
+    part = None if identified is None or number not in identified.axis else identified.axis[number].ate
+    return 0.0 if part is None else part.set_point_delay_s
+
+
+def adder_for(
+    bench: Bench, identified: Identified | None, axes: Sequence[int], period_s: float, *, gain: float = 1.0, **options: Any
+) -> CancellationAdder:
+    """Adder of `cancellation_for`, which takes the `options`.
+
+    Args:
+        bench: The bench file.
+        identified: The model file; None for the bench file's own model.
+        axes: Axis numbers in the order of the motion.
+        period_s: SYNC period.
+        gain: Fraction of the cancellation, 0 to 1.
+        **options: Further arguments of `cancellation_for`.
+    """
+    return cancellation_for(bench, identified, axes, period_s, **options).adder(gain)
+
+
+def cancellation_on(
+    session: Session,
+    identified: Identified | None,
+    motion: Motion,
+    *,
+    actuation: Actuation = "reference",
+    with_notch: bool = False,
+    delay_s: float = 0.0,
+) -> Cancellation:
+    """Cancellation of a motion on a session that has been brought up: periods and scales from the drives, limits checked.
+
+    Args:
+        session: Session that has been brought up.
+        identified: The model file; None for the bench file's own model.
+        motion: Motion of the run.
+        actuation: `reference` for the set-point alone, `torque` with a torque offset.
+        with_notch: True where the drives' filters act.
+        delay_s: Delay of the set-points beyond that of `cancellation_for`.
+
+    Raises:
+        NotPossibleError: As `cancellation_for`.
+        UnsafeRequestError: The motion with its additions could exceed a limit.
+        HilError: A drive does not answer.
+    """
+    axes = {number: session.axes[number] for number in motion.axes}
+    cancellation = cancellation_for(
+        session.bench,
+        identified,
+        motion.axes,
+        motion.period_s,
+        actuation=actuation,
+        with_notch=with_notch,
+        control_periods_s={number: axis.control_period_s() for number, axis in axes.items()},
+        torque_steps_nm={number: axis.scaling.torque_nm(1) for number, axis in axes.items()},
+        delay_s=delay_s,
+    )
+    starts = None if motion.starts_at_home else [axis.position_rad() for axis in axes.values()]
+    cancellation.check(session.bench, motion, starts)
+    return cancellation
+
+
+def cancel_inside(session: Session, identified: Identified | None, axes: Sequence[int], gain: float = 1.0) -> tuple[int, ...]:
+    """Let the drives cancel the error in their own loops, where their family can, in the next run; it puts everything back.
+
+    Nothing more goes over the bus in a cycle, and no delay has to be known.
+
+    Args:
+        session: Session that has been brought up.
+        identified: The model file; None for the bench file's own model.
+        axes: Axis numbers of the motion.
+        gain: Fraction of the cancellation, 0 to 1.
+
+    Returns:
+        Numbers of the axes whose drives cancel.
+
+    Raises:
+        NotPossibleError: A drive cannot cancel, its limits do not hold the values, or no transmission error is known of any axis.
+        HilError: A drive does not answer, or refuses.
+    """
+    models = inside_models(session.bench, identified, axes)
+    for number, model in models.items():
+        axis, amplitudes = session.axes[number], _amplitudes(model.ate)
+        motor = {f"a{order}_rad": gain * axis.table.reduction_ratio * size for order, size in amplitudes.items()}
+        turns = {f"phi{order}_rad": math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
+        values = {f"a{order}_rad": 0.0 for order in (2, 4)} | motor | turns
+        values |= {"motor_inertia_kg_m2": model.motor_inertia_kg_m2, "motor_damping_nm_s_rad": model.motor_damping_nm_s_rad}
+        for name, value in values.items():
+            axis.write_parameter(f"cancellation.{name}", value)
+        axis.write_parameter("cancellation.mode", 1)
+    return tuple(models)
+
+
+def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> dict[int, Model]:
+    """Models of the axes whose drives are to cancel the error by themselves, by axis number.
+
+    Raises:
+        NotPossibleError: A drive family cannot cancel, or no transmission error is known of any axis.
+    """
+    models = {number: model for number in axes if (model := _model(bench, identified, number)) is not None}
+    for number in models:
+        profile = Profile.load(bench.axis[number].profile)
+        if "cancellation.mode" not in profile.parameters:
+            raise NotPossibleError(f"axis {number}: drive family {profile.name} cancels nothing by itself")
+    if not models:
+        raise NotPossibleError(_nothing_known(axes))
+    return models
+
+
+def _model(bench: Bench, identified: Identified | None, number: int) -> Model | None:
+    """Model of an axis; None where it has no transmission error to cancel.
+
+    Raises:
+        NotPossibleError: The model file is another robot's, or the bench has no such axis.
+    """
+    if identified is not None and identified.robot != bench.name:
+        raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    if number not in bench.axis:
+        raise NotPossibleError(f"bench {bench.name!r} has no axis {number}")
+    model = (bench if identified is None else with_identified(bench, identified)).axis[number].model
+    return model if model is not None and _amplitudes(model.ate) else None
+
+
+def _amplitudes(ate: TransmissionErrorTable) -> dict[int, float]:
+    """A_k in rad, by order; only amplitudes above 0."""
+    return {order: a * ARCSEC for order, a in ((2, ate.a2_arcsec), (4, ate.a4_arcsec)) if a > 0.0}
+
+
+def _phases_deg(ate: TransmissionErrorTable) -> dict[int, float]:
+    """φ_k from 0 to 360°."""
+    return {2: ate.phi2_deg % 360.0, 4: ate.phi4_deg % 360.0}
+
+
+def _nothing_known(axes: Sequence[int]) -> str:
+    names = " or ".join(map(str, axes))
+    return f"no transmission error, or no motor inertia, is known of axis {names}: hil identify, or a model in the bench file"

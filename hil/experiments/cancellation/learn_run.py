@@ -1,0 +1,147 @@
+"""`hil learn`: adaptive cancellation of some axes on the bus, with recordings of its passes and estimates in the model file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hil.bench.bench import Bench
+from hil.bench.model import load_identified
+from hil.can.channel import Channel
+from hil.design.inverse import Actuation
+from hil.errors import NotPossibleError
+from hil.experiments.ate.motion import Ramps, end_speed
+from hil.experiments.bus_demand import BusDemand
+from hil.experiments.cancellation.learning import ACCELERATION_RPS_S, PASSES, AxisLearning, learn
+from hil.experiments.measurement import Measurement, MeasurementOutcome
+from hil.master.motion import RunResult
+from hil.reporter import SILENT, Reporter
+from hil.results.learning import LearningResult, LearningRun
+
+
+@dataclass(frozen=True)
+class LearnRequest:
+    """Request of adaptive cancellation.
+
+    Attributes:
+        axes: Axis numbers, learnt one after the other.
+        passes: Number of passes of each axis.
+        acceleration_rps_s: Acceleration of every ramp.
+        actuation: `reference` for the set-point alone, `torque` with a torque offset.
+        note: Load, temperature: goes into the model file beside the date.
+    """
+
+    axes: tuple[int, ...]
+    passes: int = PASSES
+    acceleration_rps_s: float = ACCELERATION_RPS_S
+    actuation: Actuation = "reference"
+    note: str = ""
+
+    def bus_demand(self, bench: Bench, axis: int) -> BusDemand:
+        """Demand of an axis' passes on the bus."""
+        title = f"learning, axis {axis}"
+        return BusDemand(title, (axis,), bench.bus.sync_period_s, with_torque_offset=self.actuation == "torque")
+
+
+@dataclass(frozen=True)
+class LearningOutcome(MeasurementOutcome[LearningResult]):
+    """End of learning.
+
+    Attributes:
+        learnt: Learning of each axis that is in the model file, by axis number.
+    """
+
+    learnt: dict[int, AxisLearning]
+
+
+def learn_on_bus(
+    bench: Bench,
+    request: LearnRequest,
+    out: Path,
+    model: Path,
+    *,
+    channel: Channel | None = None,
+    overload: bool = False,
+    reporter: Reporter = SILENT,
+) -> LearningOutcome:
+    """Learn axis by axis; the estimate of each is written to the model file before the next axis begins.
+
+    Args:
+        bench: The bench file.
+        request: Axes and passes.
+        out: Directory for recordings, bus log and result.json; made where it is missing.
+        model: The model file: read for the motors' inertia where it exists, and written.
+        channel: The bus; opened from the bench file's address, and closed, unless it is given.
+        overload: Run even what does not fit on the bus.
+        reporter: Listener of each pass and its progress.
+
+    Raises:
+        HilError: Nothing has moved yet: nodes, limits or files do not allow it.
+        ChannelError: The bus cannot be opened, or was lost before anything was recorded.
+    """
+    identified = load_identified(model) if model.exists() else None
+    if identified is not None and identified.robot != bench.name:
+        raise NotPossibleError(f"{model} is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    axes = [axis for axis in request.axes if axis in bench.axis]  # another one is refused when it is its turn
+    for axis in axes:
+        end_speed(bench, axis, request.acceleration_rps_s, None)
+    demands = [request.bus_demand(bench, axis) for axis in axes]
+    learnt: dict[int, AxisLearning] = {}
+    with (
+        Measurement(
+            bench, out, lambda described: LearningResult(bench=described, model=str(model)), channel=channel, reporter=reporter
+        ) as measurement,
+        measurement.session(demands, overload=overload) as session,
+    ):
+        today = measurement.started.date()
+        for axis in request.axes:
+            learnt[axis] = learn(
+                session,
+                axis,
+                identified,
+                passes=request.passes,
+                acceleration_rps_s=request.acceleration_rps_s,
+                actuation=request.actuation,
+                keep=_Keeper(measurement, axis),
+                reporter=reporter,
+            )
+            measurement.result.learnt.append(learnt[axis].entry(request.note, today))
+            identified = learnt[axis].store(model, bench.name, request.note, today)
+    return LearningOutcome(measurement.result, measurement.failure, learnt)
+
+
+class _Keeper:
+    """Saves each pass of an axis, and enters it into the result."""
+
+    def __init__(self, measurement: Measurement[LearningResult], axis: int) -> None:
+        self._measurement, self._axis = measurement, axis
+
+    def __call__(self, number: int, result: RunResult, motion: Ramps) -> None:
+        entry = LearningRun(
+            axis=self._axis,
+            number=number,
+            acceleration_rps_s=motion.trajectory.acceleration_rps_s,
+            end_rps=motion.trajectory.end_rps,
+            cycles=result.cycles,
+            missed_cycles=result.missed_cycles,
+            wall_s=round(result.wall_s, 4),
+            recording=self._measurement.keep(result.recording, f"learn-axis{self._axis}-pass{number}"),
+            stopped=None if result.stopped is None else result.stopped.reason,
+        )
+        self._measurement.result.runs.append(entry)
+
+
+def summary(outcome: LearningOutcome) -> Sequence[str]:
+    """Estimates and reduction of the vibration as text, a line per axis."""
+    lines = []
+    for axis, learnt in outcome.learnt.items():
+        error, delay_ms = learnt.estimate.error, 1e3 * learnt.passes[-1].set_point_delay_s
+        orders = ", ".join(
+            f"A_{k} = {error.amplitude_arcsec[k]:.2f}″ ± {learnt.estimate.amplitude_error_arcsec[k]:.2f}″, "
+            f"φ_{k} = {error.phase_deg[k]:.1f}° ± {learnt.estimate.phase_error_deg[k]:.1f}°"
+            for k in error.amplitude_arcsec
+        )
+        late = f"; the motor follows {delay_ms:.2f} ms later than known" if delay_ms else ""
+        lines.append(
+            f"axis {axis}: {orders}; vibration −{100.0 * learnt.reduction_fraction:.0f} % after {len(learnt.passes)} passes{late}"
+        )
+    return lines

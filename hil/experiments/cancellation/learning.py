@@ -1,0 +1,306 @@
+"""Adaptive cancellation: an axis goes to and fro, and its transmission error is learnt from pass to pass, then frozen.
+
+The first pass is without cancellation, the second with half of it, every later one with all of it. After each pass the fit is
+made anew from all passes and from the motor angle as it was measured: it finds the transmission error itself, and not what the
+cancellation leaves of it. Learning is between passes only: a cancellation that adapted during acceleration would follow the
+motion, not the error. For the method see docs/cancellation.md.
+"""
+
+import datetime
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.analysis import TIP_BAND_HZ, motor_speed_rps
+from hil.bench.bench import AxisTable, Bench
+from hil.bench.model import Identified, IdentifiedError, update_file
+from hil.design.ate_identification import JointEstimate, identify
+from hil.design.ate_model import Arm, Sensing, Sweep
+from hil.design.inverse import Actuation
+from hil.errors import NotPossibleError
+from hil.experiments.ate.checks import check_estimate, check_run
+from hil.experiments.ate.identify import sweep_of
+from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, end_speed, ramps
+from hil.experiments.ate.passes import PassKeeper, keep_nothing
+from hil.experiments.cancellation.cancellation import CancellationAdder, cancellation_on
+from hil.experiments.cancellation.trial import CancellationRefusedError, judged_rows, vibration_m_s2
+from hil.master.session import Session
+from hil.recording import Recording
+from hil.reporter import SILENT, Reporter
+from hil.results.learning import LearningPass, LearntAxis
+from hil.robot_tables import TransmissionErrorTable
+
+Real = NDArray[np.float64]
+
+ORDERS = (2, 4)
+PASSES = 5
+ACCELERATION_RPS_S = 4.0
+SECOND_GAIN = 0.5
+LEAST_FRACTION = 0.5
+"""Least reduction of the vibration, as a fraction of a pass' gain."""
+LEAST_DELAY_S = 1e-4
+"""Least delay of the motor that is not the gear's effect on it: 0.03 ms on the reference robot, and 0.4° at 12 Hz."""
+EDGE_S = 0.3
+"""Beginning and end of a ramp that say nothing on how the motor follows: there the motion itself is in the band."""
+
+
+@dataclass(frozen=True)
+class LearntPass:
+    """One pass and the estimate after it.
+
+    Attributes:
+        gain: Fraction of the cancellation that acted.
+        vibration_m_s2: Vibration of the tip, both ramps, 6 to 25 Hz, at the speeds that excite the arm.
+        estimate: Estimate from all passes so far.
+        set_point_delay_s: Delay of the set-points as estimated after this pass.
+        following: Motor's motion over the intended one, after a pass with the whole cancellation; 1 where the motor follows.
+    """
+
+    gain: float
+    vibration_m_s2: float
+    estimate: JointEstimate
+    set_point_delay_s: float
+    following: float | None
+
+    def entry(self) -> LearningPass:
+        """The pass as a result file has it."""
+        error = self.estimate.error
+        return LearningPass(
+            gain=self.gain,
+            vibration_m_s2=self.vibration_m_s2,
+            set_point_delay_s=self.set_point_delay_s,
+            following=self.following,
+            a2_arcsec=error.amplitude_arcsec[2],
+            a4_arcsec=error.amplitude_arcsec[4],
+            phi2_deg=error.phase_deg[2],
+            phi4_deg=error.phase_deg[4],
+        )
+
+
+@dataclass
+class AxisLearning:
+    """Passes of one axis, and the transmission error learnt from them.
+
+    Attributes:
+        axis: Axis number.
+        passes: Passes in their order.
+    """
+
+    axis: int
+    passes: list[LearntPass] = field(default_factory=list)
+
+    @property
+    def estimate(self) -> JointEstimate:
+        """Estimate from all passes."""
+        return self.passes[-1].estimate
+
+    @property
+    def reduction_fraction(self) -> float:
+        """Fraction by which the last pass' vibration is below the first's."""
+        return 1.0 - self.passes[-1].vibration_m_s2 / max(self.passes[0].vibration_m_s2, 1e-30)
+
+    def part(self, note: str = "", on: datetime.date | None = None) -> IdentifiedError:
+        """Entry of the model file.
+
+        Args:
+            note: Load, temperature: a note of the engineer.
+            on: Date of the passes; today's unless it is given.
+        """
+        estimate, last = self.estimate, self.passes[-1]
+        errors = {}
+        for order in ORDERS:
+            errors[f"a{order}_arcsec"] = estimate.amplitude_error_arcsec[order]
+            errors[f"phi{order}_deg"] = estimate.phase_error_deg[order]
+        date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
+        return IdentifiedError(
+            values=TransmissionErrorTable(
+                a2_arcsec=estimate.error.amplitude_arcsec[2],
+                phi2_deg=estimate.error.phase_deg[2],
+                a4_arcsec=estimate.error.amplitude_arcsec[4],
+                phi4_deg=estimate.error.phase_deg[4],
+            ),
+            standard_error=errors,
+            arm_hz=estimate.arm.resonance_hz,
+            damping=estimate.arm.damping,
+            accelerometer_delay_s=estimate.arm.delay_s,
+            set_point_delay_s=last.set_point_delay_s,
+            learnt_by="adaptive",
+            note="; ".join(text for text in (date, f"{len(self.passes)} passes", note) if text),
+        )
+
+    def store(self, path: Path, robot: str, note: str = "", on: datetime.date | None = None) -> Identified:
+        """Write the transmission error into the model file.
+
+        Args:
+            path: The model file; made where it is missing.
+            robot: Name of the bench.
+            note: Load, temperature: a note of the engineer.
+            on: Date of the passes; today's unless it is given.
+
+        Raises:
+            FileError: The file is no model file, or cannot be written.
+            NotPossibleError: The file is another robot's.
+        """
+        return update_file(path, robot, self.axis, self.part(note, on))
+
+    def entry(self, note: str = "", on: datetime.date | None = None) -> LearntAxis:
+        """The axis as a result file has it."""
+        return LearntAxis(
+            axis=self.axis,
+            reduction_fraction=self.reduction_fraction,
+            passes=tuple(each.entry() for each in self.passes),
+            ate=self.part(note, on),
+        )
+
+
+def learn(
+    session: Session,
+    axis: int,
+    identified: Identified | None = None,
+    *,
+    passes: int = PASSES,
+    acceleration_rps_s: float = ACCELERATION_RPS_S,
+    actuation: Actuation = "reference",
+    keep: PassKeeper = keep_nothing,
+    reporter: Reporter = SILENT,
+) -> AxisLearning:
+    """Learn the transmission error of one axis by cancelling it.
+
+    Args:
+        session: Session that has been brought up.
+        axis: Axis number.
+        identified: The model file, for the motor's inertia; its transmission error is not used. None: the bench file's model.
+        passes: Number of passes, each to and fro; two at least.
+        acceleration_rps_s: Acceleration of every ramp.
+        actuation: `reference` for the set-point alone, `torque` with a torque offset.
+        keep: Keeper of every pass, a stopped one included, before it is checked.
+        reporter: Listener of each pass.
+
+    Raises:
+        NotPossibleError: Fewer than two passes, no motor inertia, or limits that keep the motor from the resonance.
+        AteNotIdentifiedError: The runs do not identify the transmission error.
+        CancellationRefusedError: A cancellation did not lower the vibration.
+        SafetyStopError: A run was stopped.
+        HilError: Limits or nodes do not allow a run.
+    """
+    bench, period = session.bench, session.bench.bus.sync_period_s
+    table = _table_of(bench, axis, passes)
+    end = end_speed(bench, axis, acceleration_rps_s, None)
+    learning, sweeps, start, delay_s = AxisLearning(axis), list[Sweep](), None, 0.0
+    for number in range(1, passes + 1):
+        gain = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0
+        reporter.step(f"pass {number} of {passes}: axis {axis} to {end:.2f} rps and back, {100.0 * gain:g} % of the cancellation")
+        session.check_interrupt()
+        here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
+        motion = ramps(bench, axis, here_rev, acceleration_rps_s, end, period)
+        adder = _adder(session, identified, learning, delay_s, motion, actuation, gain)
+        result = session.run(motion.motion, "none", "drive", adder)
+        keep(number, result, motion)
+        if result.stopped is not None:
+            raise result.stopped
+        check_run(result, sensorless=False)
+        recording, following = result.recording, None
+        if adder is not None and gain == 1.0:
+            following, late_s = motor_following(recording, motion, axis, table.reduction_ratio, learning.estimate)
+            delay_s += late_s if abs(late_s) > LEAST_DELAY_S else 0.0
+        sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
+        estimate = _fitted(sweeps, table, start)
+        check_estimate(estimate, sensorless=False)
+        vibration = vibration_m_s2(recording, judged_rows(session.bench, recording) & (motion.direction() != 0))
+        learning.passes.append(LearntPass(gain, vibration, estimate, delay_s, following))
+        _check_reduction(learning, axis, number, gain)
+        start = estimate.arm
+        end = min(end, max(END_OVER_RESONANCE * start.resonance_hz / 2.0, 1.0))
+    return learning
+
+
+def _check_reduction(learning: AxisLearning, axis: int, number: int, gain: float) -> None:
+    """Refuse to go on where the cancellation of a pass did not lower the vibration as far as its gain should."""
+    if learning.reduction_fraction < LEAST_FRACTION * gain:
+        what = f"what pass {number - 1} has learnt of axis {axis}"
+        raise CancellationRefusedError(what, learning.reduction_fraction, LEAST_FRACTION * gain)
+
+
+def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
+    """The table of the axis that is to be learnt in so many passes.
+
+    Raises:
+        NotPossibleError: The passes are too few, or there is no such axis.
+    """
+    if passes < 2:
+        raise NotPossibleError(f"{passes} pass cannot learn: the first is without cancellation, so 2 are needed at least")
+    if axis not in bench.axis:
+        raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
+    return bench.axis[axis]
+
+
+def _adder(
+    session: Session,
+    identified: Identified | None,
+    learning: AxisLearning,
+    delay_s: float,
+    motion: Ramps,
+    actuation: Actuation,
+    gain: float,
+) -> CancellationAdder | None:
+    """Adder of what has been learnt so far; None before the first pass."""
+    if not learning.passes:
+        return None
+    so_far = _with_estimate(session, identified, learning, delay_s)
+    return cancellation_on(session, so_far, motion.motion, actuation=actuation).adder(gain)
+
+
+def _fitted(sweeps: Sequence[Sweep], table: AxisTable, start: Arm | None) -> JointEstimate:
+    """The transmission error from all passes so far.
+
+    Raises:
+        NotPossibleError: The passes do not carry a fit.
+    """
+    try:
+        return identify(sweeps, table.reduction_ratio, Sensing(table.tip_lever_m), start, ORDERS)
+    except ValueError as error:
+        raise NotPossibleError(f"not learnt: {error}") from error
+
+
+def _with_estimate(session: Session, identified: Identified | None, learning: AxisLearning, delay_s: float) -> Identified:
+    """Model file with the estimate that has been learnt so far."""
+    model = Identified(robot=session.bench.name) if identified is None else identified
+    part_of = learning.part().model_copy(update={"set_point_delay_s": delay_s})
+    return model.with_part(learning.axis, part_of)
+
+
+def motor_following(
+    recording: Recording, motion: Ramps, axis: int, reduction_ratio: float, estimate: JointEstimate
+) -> tuple[float, float]:
+    """Factor and delay with which a motor made the intended motion Δθ_m = −N θ_sync(θ_m).
+
+    Least squares of the measured angle on the intended motion and its derivative, g Δθ_m − g δ Δθ̇_m, both band-passed from 6 to
+    25 Hz.
+
+    Args:
+        recording: Recording of a pass with the whole cancellation.
+        motion: Ramps of the pass.
+        axis: Axis number.
+        reduction_ratio: N.
+        estimate: Estimate that was cancelled with.
+
+    Returns:
+        g and δ in s.
+    """
+    period, angle = recording.period_s, recording.axis(axis, "position_rad")
+    intended = -reduction_ratio * estimate.error.angle_rad(angle)
+    from scipy import signal  # noqa: PLC0415 - see hil/analysis.py
+
+    band = signal.butter(2, TIP_BAND_HZ, "bandpass", fs=1.0 / period, output="sos")
+    measured, wanted, rate = signal.sosfiltfilt(band, np.stack([angle, intended, np.gradient(intended, period)]))
+    rows = motion.direction(EDGE_S / motion.trajectory.ramp_s) != 0
+    rows &= np.roll(rows, -round(EDGE_S / period))  # the end of a ramp says nothing either
+    rows &= np.abs(motor_speed_rps(recording, axis)) > TIP_BAND_HZ[0] / min(ORDERS)
+    columns = np.stack([wanted[rows], rate[rows]], axis=1)
+    solution = np.linalg.lstsq(columns, measured[rows], rcond=None)[0]
+    gain = float(solution[0])
+    return gain, -float(solution[1]) / gain if gain > 0.1 else 0.0

@@ -1,0 +1,214 @@
+"""Plan of a comparison: treatments over experiments, each with its set-up or the reason why it is left out."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from drive_profiles.address import parse_address
+from hil.bench.bench import Bench
+from hil.bench.design import Designs
+from hil.bench.model import Identified, with_identified
+from hil.can.channel import Channel
+from hil.can.opening import open_channel
+from hil.control.trajectory import UnreachableError
+from hil.control.treatments import TreatmentName, treatment
+from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.experiments.bus_demand import check_load
+from hil.experiments.cancellation.cancellation import cancellation_for, inside_models
+from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION
+from hil.experiments.plan import Experiment
+from hil.experiments.runner import check_band
+from hil.experiments.treatment import HOST_CLOSED, TREATMENTS, Knowledge, TreatmentSetup, treatment_setup
+from hil.master.request import check_host_loop
+
+
+@dataclass(frozen=True)
+class ComparisonRequest:
+    """Request of a comparison.
+
+    Attributes:
+        experiments: Names of the experiments.
+        axes: Axes of constant-acceleration runs; empty for those with a filter or a model.
+        treatments: Treatments in their order; `none` is always run, as all others are compared with it.
+        named: Treatments that the user has named: only of these it is an error when they are not possible.
+    """
+
+    experiments: tuple[str, ...] = (CONSTANT_ACCELERATION, LINE_MOTION)
+    axes: tuple[int, ...] = ()
+    treatments: tuple[TreatmentName, ...] = TREATMENTS
+    named: frozenset[str] = frozenset()
+
+    def wanted(self, bench: Bench) -> list[Experiment]:
+        """Every run, drive-closed ones first: what the host closes may be refused at the last moment."""
+        axes = self.axes or tuple(number for number, table in sorted(bench.axis.items()) if table.notch or table.model)
+        motions: list[tuple[str, int | None]] = []
+        if CONSTANT_ACCELERATION in self.experiments:
+            motions += [(CONSTANT_ACCELERATION, axis) for axis in axes]
+        if LINE_MOTION in self.experiments:
+            motions.append((LINE_MOTION, None))
+        inside: list[TreatmentName] = ["none", *(name for name in self.treatments if name not in HOST_CLOSED and name != "none")]
+        outside: list[TreatmentName] = [name for name in self.treatments if name in HOST_CLOSED]
+        experiments = [Experiment(name, axis, treatment) for name, axis in motions for treatment in inside]
+        if outside:
+            experiments += [
+                Experiment(name, axis, treatment, "host") for name, axis in motions for treatment in ("none", *outside)
+            ]
+        return experiments
+
+
+@dataclass(frozen=True)
+class KnownRobot:
+    """A robot of a comparison, and the knowledge of it.
+
+    Attributes:
+        bench: Bench file of the robot.
+        knowledge: Knowledge beside the bench file.
+        source: Path of the bench file.
+    """
+
+    bench: Bench
+    knowledge: Knowledge = field(default_factory=Knowledge)
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A run that is not made, with the reason."""
+
+    experiment: Experiment
+    reason: str
+
+
+@dataclass(frozen=True)
+class ComparisonPlan:
+    """Runs of a comparison on one robot.
+
+    Attributes:
+        robot: The robot, with the identified model in its bench file.
+        setups: Set-up of each run.
+        left_out: Runs that are not made.
+    """
+
+    robot: KnownRobot
+    setups: Mapping[Experiment, TreatmentSetup]
+    left_out: tuple[LeftOut, ...]
+
+    @property
+    def experiments(self) -> list[Experiment]:
+        """The runs in their order."""
+        return list(self.setups)
+
+
+def plan(
+    robot: KnownRobot, request: ComparisonRequest, *, channel: Channel | None = None, overload: bool = False
+) -> ComparisonPlan:
+    """Sort the requested runs into those that are made and those that are left out; nothing is sent.
+
+    Args:
+        robot: The robot.
+        request: Experiments, axes and treatments.
+        channel: Bus of the robot, for its bit rate; opened and closed unless it is given.
+        overload: Run even what does not fit on the bus.
+
+    Raises:
+        NotPossibleError: Nothing is left but runs without any treatment; or the model file is another robot's.
+        ChannelError: The bus cannot be opened.
+    """
+    bench, identified = robot.bench, robot.knowledge.identified
+    if identified is not None:
+        if identified.robot != bench.name:
+            raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+        robot = replace(robot, bench=with_identified(bench, identified))
+    bus = open_channel(parse_address(bench.bus.address)) if channel is None else channel
+    setups: dict[Experiment, TreatmentSetup] = {}
+    left_out: list[LeftOut] = []
+    try:
+        for experiment in request.wanted(robot.bench):
+            try:
+                setups[experiment] = _setup(robot, experiment, None if overload else bus)
+            except (NotPossibleError, UnsafeRequestError, UnreachableError) as error:
+                if (experiment.treatment, experiment.loop) != ("none", "host"):  # it is run for the comparison only
+                    left_out.append(LeftOut(experiment, str(error)))
+    finally:
+        if channel is None:
+            bus.close()
+    needed = {_conditions(each) for each in setups if each.treatment != "none"}
+    compared = {each: setup for each, setup in setups.items() if _conditions(each) in needed}
+    if not compared:
+        reasons = "; ".join(dict.fromkeys(each.reason for each in left_out))
+        raise NotPossibleError(f"{bench.name}: there is nothing to compare" + (f": {reasons}" if reasons else ""))
+    return ComparisonPlan(robot, compared, tuple(left_out))
+
+
+def _conditions(experiment: Experiment) -> tuple[str, int | None, str]:
+    """Conditions in which runs that are compared with each other agree."""
+    return experiment.name, experiment.axis, experiment.loop
+
+
+def _setup(robot: KnownRobot, experiment: Experiment, channel: Channel | None) -> TreatmentSetup:
+    """Set-up of a run.
+
+    Raises:
+        NotPossibleError: Something is missing for it, or the bus does not carry it.
+        UnsafeRequestError: It would leave a limit.
+        UnreachableError: The line leaves the arm's reach.
+    """
+    bench, name = robot.bench, experiment.treatment
+    motion = experiment.motion(bench)
+    check_band(experiment, motion)
+    setup = treatment_setup(bench, name, robot.knowledge, motion.period_s, experiment.loop)
+    where = "none of its axes" if experiment.axis is None else f"axis {experiment.axis}"
+    if setup.filters == "notch" and not any(setup.bench.axis[number].notch for number in motion.axes):
+        raise NotPossibleError(f"{name}: the bench file has no notch for {where}")
+    designs = robot.knowledge.designs
+    if treatment(name).needs == "design" and designs is not None and not set(designs.axis) & set(motion.axes):
+        raise NotPossibleError(f"{name}: the design file has no filter for {where}")
+    if name in HOST_CLOSED and not set(setup.fixed) & set(motion.axes):
+        raise NotPossibleError(f"{name}: no notch and no model of {where}")
+    if setup.is_cancelled:
+        with_notch = setup.filters == "notch"
+        cancellation_for(setup.bench, setup.cancel_with, motion.axes, motion.period_s, with_notch=with_notch).check(
+            setup.bench, motion
+        )
+    if setup.is_inside:
+        inside_models(setup.bench, setup.cancel_with, motion.axes)
+    if experiment.loop == "host":
+        for number in motion.axes:
+            table = setup.bench.axis[number]
+            check_host_loop(number, table, motion.period_s, with_notch=setup.filters == "notch", held=setup.fixed.get(number))
+    if channel is not None:
+        check_load(setup.bench, channel, experiment.bus_demand(motion))
+    return setup
+
+
+def knowledge_by_robot(
+    identified: Sequence[Identified], designs: Sequence[Designs], learnt: Sequence[Identified], names: Sequence[str]
+) -> dict[str, Knowledge]:
+    """Model and design files sorted by the robot that they are of.
+
+    Args:
+        identified: Model files of `hil identify`.
+        designs: Design files.
+        learnt: Model files of `hil learn`.
+        names: Names of the robots.
+
+    Raises:
+        NotPossibleError: A file belongs to none of the robots, or two files of a kind to the same.
+    """
+    _check_files((identified, designs, learnt), names)
+    by_robot = {}
+    for name in names:
+        own = [next((file for file in files if file.robot == name), None) for files in (identified, learnt)]
+        design = next((file for file in designs if file.robot == name), None)
+        by_robot[name] = Knowledge(identified=own[0], designs=design, learnt=own[1])
+    return by_robot
+
+
+def _check_files(kinds: Iterable[Sequence[Identified | Designs]], names: Sequence[str]) -> None:
+    for files in kinds:
+        seen: set[str] = set()
+        for file in files:
+            if file.robot not in names:
+                raise NotPossibleError(f"a file is of {file.robot!r}; the robots here are {', '.join(map(repr, names))}")
+            if file.robot in seen:
+                raise NotPossibleError(f"two files of the same kind are of {file.robot!r}: choose one")
+            seen.add(file.robot)

@@ -1,0 +1,193 @@
+"""Table of a comparison: a row for each experiment and treatment, the compliance that each costs, and the table as text."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, replace
+
+from hil.bench.bench import Bench
+from hil.design.compliance import Compliance, compliance, judged_speeds
+from hil.experiments.comparison.plan import ComparisonPlan, ComparisonRequest
+from hil.experiments.plan import Experiment
+from hil.experiments.treatment import TreatmentSetup
+from hil.results.comparison import (
+    AxisCompliance,
+    ComparisonRobot,
+    ComparisonRow,
+    ComplianceFactors,
+    TreatmentTable,
+)
+from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison
+from hil.robot_tables import CHAIN_AXES
+
+Key = tuple[str, int | None, str, str]
+"""Experiment, axis, treatment, and the side that closes the loop."""
+Runs = Mapping[Key, RunEntry]
+"""Runs by key; of a ramp the window of the second order."""
+
+
+def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | None, ended: str) -> ComparisonRobot:
+    """Gather one robot's rows.
+
+    Args:
+        plan: Plan of its runs.
+        directory: Its directory, below the comparison's.
+        result: Result of its runs; None without one.
+        ended: Reason why they ended early; empty where they did not.
+    """
+    bench = plan.robot.bench
+    runs = {_key(run): run for run in ([] if result is None else result.runs) if run.order != 4}
+    changes = {_key(change): change for change in ([] if result is None else result.comparisons)}
+    rows = []
+    for experiment, setup in plan.setups.items():
+        key = _key_of(experiment)
+        row = _row(experiment, _factors(bench, experiment, setup, runs.get(key)))
+        rows.append(_measured(row, runs.get(key), changes.get(key), ended))
+    rows += [_row(left.experiment, left_out=left.reason) for left in plan.left_out]
+    return ComparisonRobot(
+        name=bench.name,
+        source=plan.robot.source,
+        directory=directory,
+        bus=bench.bus.address,
+        tip_mm=bench.specification.tip_mm,
+        rows=tuple(rows),
+        compliance=tuple(entry for number in sorted(bench.axis) for entry in _compliances(plan, number, runs)),
+        not_restored=(() if result is None else result.not_restored) or (),
+        versions=None if result is None else result.bench.versions,
+        ended=ended or None,
+    )
+
+
+def _key(of: RunEntry | TreatmentComparison) -> Key:
+    return of.experiment, of.axis, of.treatment, of.loop
+
+
+def _key_of(experiment: Experiment) -> Key:
+    return experiment.name, experiment.axis, experiment.treatment, experiment.loop
+
+
+def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, left_out: str | None = None) -> ComparisonRow:
+    """A row without numbers."""
+    return ComparisonRow(
+        experiment=experiment.name,
+        axis=experiment.axis,
+        treatment=experiment.treatment,
+        loop=experiment.loop,
+        tip_peak_mm=None,
+        tip_peak_change_pct=None,
+        spectrum_area=None,
+        spectrum_area_change_pct=None,
+        within_spec=None,
+        trial=None,
+        compliance=compliance,
+        left_out=left_out,
+    )
+
+
+def _measured(row: ComparisonRow, run: RunEntry | None, change: TreatmentComparison | None, ended: str) -> ComparisonRow:
+    """The row with the numbers of its run; a cancellation that was refused has none, since the run was made without it."""
+    if run is None:
+        return row.model_copy(update={"not_judged": ended or "not run"})
+    values: dict[str, object] = {"recording": run.recording}
+    if run.trial is not None:
+        values["trial"] = "accepted" if run.trial.is_good else "refused"
+    if run.invalid is not None or run.stopped is not None:
+        return row.model_copy(update=values | {"not_judged": run.invalid or run.stopped})
+    values |= {"tip_peak_mm": run.tip_peak_mm, "spectrum_area": run.spectrum_area, "within_spec": run.within_spec}
+    if change is not None:
+        values["tip_peak_change_pct"] = round(-change.tip_peak_reduction_pct, 3)
+        values["spectrum_area_change_pct"] = round(-change.spectrum_area_reduction_pct, 3)
+    return row.model_copy(update=values)
+
+
+# -- compliance of treatments --------------------------------------------------------------------------------------------------
+
+
+def _moved(experiment: Experiment) -> tuple[int, ...]:
+    return CHAIN_AXES if experiment.axis is None else (experiment.axis,)
+
+
+def _factors(bench: Bench, experiment: Experiment, setup: TreatmentSetup, run: RunEntry | None) -> ComplianceFactors | None:
+    """Factors by which the worst of the moved axes is more compliant than without the treatment, closed on the same side."""
+    if run is None:
+        return None
+    moved = _moved(experiment)
+    pairs = [(_compliance(bench, number, None, run), _compliance(setup.bench, number, setup, run)) for number in moved]
+    ratios = [(after.slow / before.slow, after.peak / before.peak) for before, after in pairs if before and after]
+    if not ratios:
+        return None
+    slow, peak = (round(max(each), 3) for each in zip(*ratios, strict=True))
+    return ComplianceFactors(slow=slow, peak=peak)
+
+
+def _compliance(bench: Bench, number: int, setup: TreatmentSetup | None, run: RunEntry) -> Compliance | None:
+    """Compliance of one axis at the period of the run; None where the axis has no model."""
+    with_notch = setup is not None and setup.filters == "notch"
+    loop = bench.axis[number].loop(run.control_period_s, int(run.loop == "host"), with_notch=with_notch)
+    if loop is None:
+        return None
+    if setup is not None and number in setup.fixed:
+        loop = replace(loop, fixed=(setup.fixed[number],))
+    return compliance(loop, judged_speeds(loop))
+
+
+def _compliances(plan: ComparisonPlan, number: int, runs: Runs) -> Iterable[AxisCompliance]:
+    """The compliance of one axis with each treatment that changes gains or filters, as far as it was run."""
+    entries: dict[tuple[str, str], AxisCompliance] = {}
+    for experiment, setup in plan.setups.items():
+        run = runs.get(_key_of(experiment))
+        key = (experiment.treatment, experiment.loop)
+        if run is None or number not in _moved(experiment) or setup.is_cancelled or setup.is_inside or key in entries:
+            continue
+        one = _compliance(setup.bench, number, setup, run)
+        if one is not None:
+            entries[key] = AxisCompliance(axis=number, treatment=key[0], loop=key[1], **asdict(one))
+    return entries.values()
+
+
+# -- the table as text -----------------------------------------------------------------------------------------------------
+
+
+def unmet(robots: Sequence[ComparisonRobot], request: ComparisonRequest) -> list[str]:
+    """Sentences on named treatments that were not compared or judged."""
+    reasons = []
+    for robot in robots:
+        for row in robot.rows:
+            reason = row.not_judged or (row.left_out if row.treatment in request.named else None)
+            if reason:
+                reasons.append(f"{robot.name}, {_where(row)}, {row.treatment}: {reason}")
+    return reasons
+
+
+def _where(row: ComparisonRow) -> str:
+    return "line motion" if row.axis is None else f"axis {row.axis}"
+
+
+def summary(result: TreatmentTable) -> list[str]:
+    """Table as text, with the runs that were left out."""
+    lines = []
+    for robot in result.robots:
+        lines.append(f"{robot.name} ({robot.bus})")
+        head = f"{'experiment':<30}{'loop':<7}{'treatment':<21}{'tip mm':<9}{'change':<10}{'area':<9}{'change':<10}"
+        lines.append(f"  {head}{'within':<8}compliance at 1 Hz, largest")
+        lines += ["  " + _line(row) for row in robot.rows if row.left_out is None]
+        reasons: dict[str, list[str]] = {}
+        for row in robot.rows:
+            if row.left_out is not None:
+                reasons.setdefault(row.left_out, []).append(f"{row.treatment} ({_where(row)}, {row.loop}-closed)")
+        lines += [f"  left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
+    return lines
+
+
+def _line(row: ComparisonRow) -> str:
+    where = row.experiment + ("" if row.axis is None else f", axis {row.axis}")
+    head = f"{where:<30}{row.loop:<7}{row.treatment:<21}"
+    if row.tip_peak_mm is None or row.spectrum_area is None:
+        return head + f"not judged: {row.not_judged}"
+    factors = "-" if row.compliance is None else f"×{row.compliance.slow:.2f}, ×{row.compliance.peak:.2f}"
+    return (
+        f"{head}{row.tip_peak_mm:<9.4f}{_percent(row.tip_peak_change_pct):<10}{row.spectrum_area:<9.3f}"
+        f"{_percent(row.spectrum_area_change_pct):<10}{'yes' if row.within_spec else 'no':<8}{factors}"
+    )
+
+
+def _percent(change: float | None) -> str:
+    return "-" if change is None else f"{change:+.1f} %".replace("-", "−")

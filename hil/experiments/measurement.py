@@ -1,0 +1,170 @@
+"""Measurement on a bench, the same for all commands: bus, load check, log of frames, session, recordings and result."""
+
+import datetime
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Generic, Literal, Self, TypeVar
+
+from drive_profiles.address import parse_address
+from hil.bench.bench import Bench
+from hil.can.channel import Channel
+from hil.can.opening import open_channel
+from hil.errors import NotPossibleError, SafetyStopError
+from hil.experiments.bus_demand import BusDemand, check_load
+from hil.master.session import Session
+from hil.recording import BusLog, Recording
+from hil.reporter import SILENT, Reporter
+from hil.results.base import RESULT_FILE, MeasuredBench, MeasuredResult
+
+ClockName = Literal["lock-step", "wall"]
+
+R = TypeVar("R", bound=MeasuredResult)
+
+
+@dataclass(frozen=True)
+class MeasurementOutcome(Generic[R]):
+    """End of a measurement.
+
+    Attributes:
+        result: Content of `result.json`.
+        failure: Error that ended it early, or None.
+    """
+
+    result: R
+    failure: Exception | None
+
+    @property
+    def not_restored(self) -> tuple[str, ...]:
+        """Objects that could not be put back in the nodes; empty when all were."""
+        return self.result.not_restored or ()
+
+
+class Measurement(Generic[R]):
+    """A bench on which something is measured, and the directory of its files.
+
+    Within its context the bus is open; within that of `session` the nodes are brought up. Once a recording has been saved or a
+    run was stopped, the result is written at the end. An error that ends the measurement is then noted in the result and in
+    `failure`, and not raised. Before that nothing is written, and errors pass.
+
+    Attributes:
+        result: Content of `result.json` to be.
+        failure: Error that ended the measurement early, or None.
+        started: Instant of its beginning (UTC).
+        shows_filter: For each demand of `session`, True where there is room for the state of the drives' filters as well.
+    """
+
+    result: R
+
+    def __init__(
+        self,
+        bench: Bench,
+        out: Path,
+        make_result: Callable[[MeasuredBench], R],
+        *,
+        channel: Channel | None = None,
+        reporter: Reporter = SILENT,
+    ) -> None:
+        """Keep the bench and the directory; nothing is opened yet.
+
+        Args:
+            bench: The bench file.
+            out: Directory of the files; made where it is missing.
+            make_result: Maker of the result as it is before anything has been measured.
+            channel: The bus; opened from the bench file's address, and closed, unless it is given.
+            reporter: Listener of progress.
+        """
+        self._bench, self._out, self._make_result = bench, out, make_result
+        self._given, self._reporter = channel, reporter
+        self._has_saved = False
+        self.failure: Exception | None = None
+        self.shows_filter: list[bool] = []
+        self.started = datetime.datetime.now(datetime.UTC)
+
+    def __enter__(self) -> Self:
+        """Make the directory and open the bus.
+
+        Raises:
+            ChannelError: The bus cannot be opened.
+        """
+        (self._out / "runs").mkdir(parents=True, exist_ok=True)  # before anything moves: a recording needs a directory
+        self._channel = open_channel(parse_address(self._bench.bus.address)) if self._given is None else self._given
+        self.result = self._make_result(MeasuredBench.of(self._bench, self.started, is_lock_step=self._channel.is_lock_step))
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> bool:
+        """Close the bus and write the result; an error is noted instead of raised where something has been measured."""
+        if self._given is None:
+            self._channel.close()
+        if error is not None:
+            if not self._has_saved and not isinstance(error, SafetyStopError):
+                return False
+            self.result.note_failure(error)
+        self.result.write(self._out / RESULT_FILE)
+        if isinstance(error, Exception):
+            self.failure = error
+        return self.failure is not None
+
+    def check_clock(self, wanted: ClockName | None) -> None:
+        """Refuse a bus with another clock than the wanted one; None accepts either.
+
+        Raises:
+            NotPossibleError: The bus has the other clock; nothing has been sent.
+        """
+        address, is_lock_step = self._channel.address, self._channel.is_lock_step
+        if wanted == "wall" and is_lock_step:
+            raise NotPossibleError(
+                f"time on {address} is counted in SYNCs, so --clock wall is not possible there: start its emulator "
+                "with the wall clock (plant-emulator serve --wall)"
+            )
+        if wanted == "lock-step" and not is_lock_step:
+            raise NotPossibleError(
+                f"time on {address} is the wall clock's, so --clock lock-step is not possible there: what is on it "
+                "does not wait for SYNC"
+            )
+
+    @contextmanager
+    def session(
+        self,
+        demands: Sequence[BusDemand],
+        *,
+        overload: bool = False,
+        reset_faults: bool = False,
+    ) -> Iterator[Session]:
+        """Bring up a session whose every frame is logged, on a bus that carries the motions.
+
+        Args:
+            demands: Demands of the motions to come.
+            overload: Do not check the demands.
+            reset_faults: Reset drives that are in fault before anything else.
+
+        Raises:
+            NotPossibleError: The bus does not carry a motion; nothing has been sent.
+            HilError: Nodes or limits do not allow it.
+        """
+        self.shows_filter = [overload or check_load(self._bench, self._channel, demand) for demand in demands]
+        log = BusLog(self._out / "bus.log", log_label(self._channel))
+        with Session(self._bench, self._channel, log, self._reporter.progress) as session:
+            try:
+                session.bring_up(reset_faults=reset_faults)
+                yield session
+            finally:
+                self.result.not_restored = tuple(session.not_restored) or None
+
+    def keep(self, recording: Recording, name: str) -> str:
+        """Save a recording as `runs/name.csv`; from now on the result is written whatever happens.
+
+        Returns:
+            Its path, relative to the directory.
+        """
+        path = self._out / "runs" / f"{name}.csv"
+        recording.save(path)
+        self._has_saved = True
+        return path.relative_to(self._out).as_posix()
+
+
+def log_label(channel: Channel) -> str:
+    """The bus' name in a candump log: that of its interface in the system, so that the log can be played back to it."""
+    return channel.address.channel if channel.address.interface == "socketcan" else channel.address.interface

@@ -1,0 +1,165 @@
+"""Checks of an identified plant; each failure names the number that is wrong and the number needed."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.design.plant_identification import PlantEstimate, ResponseEstimate
+from hil.errors import HilError
+from hil.master.motion import Real
+
+SATURATED_FRACTION = 1e-3
+"""Fraction of the rows that may be at the torque limit."""
+REVERSED_FRACTION = 5e-3
+"""Fraction of the rows in which the motor may turn against its bias."""
+SENSOR_MISSED_FRACTION = 5e-3
+"""Fraction of the rows that may lack the accelerometer."""
+AT_RANGE_ROWS = 4
+"""Rows in which the accelerometer may show its very largest value; noise leaves that to one or two."""
+COHERENCE = 0.8
+"""Median coherence of motor angle and torque that is needed around f_a and f_r."""
+TIP_COHERENCE = 0.5
+"""Median coherence of the tip with the motor that shows that it is this axis' tip."""
+LEVER_RATIO = 2.0
+"""Factor by which the lever seen may differ from the bench file's before it is another axis' or another sensor."""
+ANTIRESONANCE_PCT, STIFFNESS_PCT = 1.0, 5.0
+"""Largest standard errors with which a plant is accepted, %."""
+MISFIT = 4.0
+"""Residual in standard deviations above which the two-inertia model does not explain the data."""
+
+
+class PlantNotIdentifiedError(HilError):
+    """The data do not identify the plant; nothing is written to the model file."""
+
+    exit_code = 9
+
+    def __init__(self, axis: int, reasons: tuple[str, ...]) -> None:
+        """Keep the reasons, one sentence each."""
+        self.axis, self.reasons = axis, reasons
+        super().__init__(f"axis {axis} is not identified: {'; '.join(reasons)}")
+
+
+@dataclass(frozen=True)
+class DataCheck:
+    """One check of the data.
+
+    Attributes:
+        name: Quantity in words.
+        value: Value of the quantity.
+        needed: Value that is needed.
+        unit: Unit of both values.
+        holds: True where the value is sufficient.
+        remedy: Advice where it is not.
+    """
+
+    name: str
+    value: float
+    needed: float
+    unit: str
+    holds: bool
+    remedy: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """Check in words."""
+        unit = f" {self.unit}" if self.unit else ""
+        tail = f": {self.remedy}" if self.remedy else ""
+        return f"{self.name} is {self.value:.3g}{unit}, needed: {self.needed:.3g}{unit}{tail}"
+
+
+def torque_check(torque_nm: Real, limit_nm: float, amplitude_nm: float) -> DataCheck:
+    """Check that the torque, shape (n,), stayed below its limit."""
+    fraction = float(np.mean(np.abs(torque_nm) >= 0.985 * limit_nm))
+    remedy = (
+        f"the torque reached {np.max(np.abs(torque_nm)):.3g} of {limit_nm:.3g} N·m; try --amplitude-nm {0.6 * amplitude_nm:.2g}"
+    )
+    return DataCheck(
+        "fraction of the time at the torque limit", fraction, SATURATED_FRACTION, "", fraction <= SATURATED_FRACTION, remedy
+    )
+
+
+def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> DataCheck:
+    """Check that the motor kept its direction: at a reversal Coulomb friction is no constant. `speed_rps` is along the bias."""
+    fraction = float(np.mean(speed_rps <= 0.0))
+    ripple = bias_rps - float(np.min(speed_rps))
+    calm = 0.7 * amplitude_nm * bias_rps / max(ripple, 1e-9)
+    remedy = f"raise --bias-rps to {1.2 * ripple:.2g} or lower --amplitude-nm to {calm:.2g}"
+    return DataCheck(
+        "fraction of the time in which the motor turned back",
+        fraction,
+        REVERSED_FRACTION,
+        "",
+        fraction <= REVERSED_FRACTION,
+        remedy,
+    )
+
+
+def travel_check(angle_rad: Real, bias_rad: Real) -> DataCheck:
+    """Check that the requested axis has moved."""
+    fraction = float(np.ptp(angle_rad)) / max(float(np.ptp(bias_rad)), 1e-9)
+    remedy = "is the encoder the axis' own, and its brake open?"
+    return DataCheck("fraction of the travel that the motor angle shows", fraction, 0.8, "", 0.8 <= fraction <= 1.25, remedy)
+
+
+def sensor_trouble(tip_m_s2: Real, missed: int, rows: int) -> str | None:
+    """Reason why the accelerometer is left out, or None."""
+    if missed > SENSOR_MISSED_FRACTION * rows:
+        return f"the accelerometer was missing in {missed} of {rows} cycles, allowed: {math.floor(SENSOR_MISSED_FRACTION * rows)}"
+    largest = float(np.max(np.abs(tip_m_s2)))
+    if largest == 0.0 or float(np.ptp(tip_m_s2)) == 0.0:
+        return f"the accelerometer shows {float(tip_m_s2[0]):.3g} m/s² and nothing else"
+    often = int(np.count_nonzero(np.abs(tip_m_s2) >= largest * (1.0 - 1e-9)))
+    if often > AT_RANGE_ROWS:
+        return (
+            f"the accelerometer is at the end of its range, {largest:.3g} m/s², in {often} rows, allowed: {AT_RANGE_ROWS}; "
+            f"lower --amplitude-nm"
+        )
+    return None
+
+
+def _around(response: ResponseEstimate, *frequencies_hz: float) -> Real:
+    near = np.zeros(len(response.frequency_hz), dtype=np.bool_)
+    for frequency in frequencies_hz:
+        near |= np.abs(response.frequency_hz / frequency - 1.0) < 0.2
+    return response.coherence[near] if np.any(near) else response.coherence
+
+
+def tip_checks(estimate: PlantEstimate, lever_m: float) -> list[DataCheck]:
+    """Checks that the motion of the tip is this axis'."""
+    if estimate.tip is None:
+        return []
+    coherence = float(np.median(_around(estimate.tip, estimate.plant.antiresonance_hz)))
+    ratio = estimate.parameters["lever_ratio"].value
+    remedy = "does this axis move the accelerometer (right axis, sensor mounted)? --no-accelerometer goes without"
+    lever = f"the tip acts as on a lever of {ratio * lever_m:.3g} m, the bench file says {lever_m:.3g} m; {remedy}"
+    far = max(ratio, 1.0 / max(ratio, 1e-9))
+    return [
+        DataCheck("coherence of the tip with the motor", coherence, TIP_COHERENCE, "", coherence >= TIP_COHERENCE, remedy),
+        DataCheck("factor between the lever seen and the bench file's", far, LEVER_RATIO, "", far <= LEVER_RATIO, lever),
+    ]
+
+
+def estimate_checks(estimate: PlantEstimate, amplitude_nm: float) -> list[DataCheck]:
+    """Checks that the plant is identified well enough."""
+    f_a, f_r = estimate.parameters["antiresonance_hz"], estimate.parameters["resonance_hz"]
+    low, high = float(estimate.response.frequency_hz[0]), float(estimate.response.frequency_hz[-1])
+    coherence = float(np.median(_around(estimate.response, f_a.value, f_r.value)))
+    odds = math.sqrt(COHERENCE / (1.0 - COHERENCE) * max(1e-9, 1.0 - coherence) / max(1e-9, coherence))
+    stronger = f"raise --amplitude-nm from {amplitude_nm:.2g} to {amplitude_nm * max(odds, 1.05):.2g}"
+    checks = [
+        DataCheck(
+            "coherence of motor angle and torque around f_a and f_r", coherence, COHERENCE, "", coherence >= COHERENCE, stronger
+        ),
+        DataCheck("lowest frequency of the band", low, f_a.value / 1.3, "Hz", low <= f_a.value / 1.3, "lower --low-hz"),
+        DataCheck("highest frequency of the band", high, 1.15 * f_r.value, "Hz", high >= 1.15 * f_r.value, "raise --high-hz"),
+    ]
+    for name, parameter, allowed in (
+        ("standard error of f_a", f_a, ANTIRESONANCE_PCT),
+        ("standard error of K_g", estimate.parameters["gear_stiffness_nm_rad"], STIFFNESS_PCT),
+    ):
+        percent = 100.0 * parameter.relative
+        times = percent / allowed
+        more = f"raise --amplitude-nm to {amplitude_nm * times:.2g}, or --periods by {times**2:.2g} times"
+        checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed, more))
+    return checks

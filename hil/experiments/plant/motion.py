@@ -1,0 +1,353 @@
+"""Motions of a plant identification: slow turns for friction and gravity, and stretches at bias speed for the excitation."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from drive_profiles.family.profile import Profile
+from hil.bench.bench import AxisTable, Bench
+from hil.control.excitation import Excitation, band_lines, chirp, multisine, quiet_bias_rps
+from hil.control.trajectory import Smooth, sample_times
+from hil.design.frequency import Complex
+from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.experiments.bus_demand import BusDemand
+from hil.master.motion import Motion, Real
+
+TURN = 2.0 * math.pi
+RAMP_S = 0.5
+"""Duration of a change of speed; the turns between stretches are not evaluated."""
+MARGIN_REV = 0.5
+"""Distance of the planned travel from the position limits, for the excitation on top of it."""
+SETTLE_S = 0.4
+"""Time from the start of a slow stretch to its evaluated part."""
+PERIODS_S = (2.0, 1.0)
+"""Periods of the excitation that are tried: lines every 0.5 Hz, or every 1 Hz where the travel is short."""
+PER_STRETCH = (9, 8, 7, 6, 5, 3)
+"""Periods in a row that average the transmission error to nothing (not 4: it divides the order)."""
+FEWEST = 6
+"""Periods in all below which the scatter between them is no measure of confidence."""
+SLOW_TURNS = 6.0
+"""Motor turns of a slow stretch."""
+
+ExcitedSignal = Literal["torque", "reference"]
+Shape = Literal["multisine", "chirp"]
+
+
+@dataclass(frozen=True)
+class PlantRequest:
+    """Request of a plant identification.
+
+    Attributes:
+        axis: Axis number.
+        amplitude_nm: Peak of the excitation as a torque at the motor; None to choose it by a pilot run.
+        low_hz: Lower end of the band.
+        high_hz: Upper end of the band.
+        bias_rps: Approximate motor speed under the excitation.
+        periods: Least number of periods to average over.
+        excitation: Signal to which the excitation is added; `auto` for the torque where the drive allows it.
+        shape: Form of the excitation.
+        with_accelerometer: Use the accelerometer, and refuse where it does not follow the axis.
+    """
+
+    axis: int
+    amplitude_nm: float | None = None
+    low_hz: float = 3.0
+    high_hz: float = 60.0
+    bias_rps: float = 2.0
+    periods: int = 10
+    excitation: Literal["auto", "torque", "reference"] = "auto"
+    shape: Shape = "multisine"
+    with_accelerometer: bool = True
+
+
+@dataclass(frozen=True)
+class Travel:
+    """Travel of the axis under the excitation.
+
+    Attributes:
+        bias_rps: Motor speed under the excitation.
+        wave: One period of the excitation.
+        per_stretch: Periods of each stretch that are evaluated, after one to settle.
+        stretches: Number of stretches, to and fro.
+        low_rev: Lower end of the travel, as the drive counts.
+        high_rev: Upper end.
+    """
+
+    bias_rps: float
+    wave: Excitation
+    per_stretch: int
+    stretches: int
+    low_rev: float
+    high_rev: float
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of one period."""
+        return len(self.wave.wave)
+
+
+def axis_table(bench: Bench, number: int) -> AxisTable:
+    """Table of an axis in the bench file.
+
+    Raises:
+        NotPossibleError: The bench has no such axis.
+    """
+    if number not in bench.axis:
+        raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
+    return bench.axis[number]
+
+
+def takes_torque_offset(profile: Profile) -> bool:
+    """True where the drives of a family add a torque offset (60B2h) to the torque of their loop."""
+    capabilities = profile.capabilities
+    return capabilities is not None and capabilities.torque_offset.answer in {"exact", "yes"}
+
+
+def bus_demand(bench: Bench, request: PlantRequest) -> BusDemand:
+    """Demand of the runs on the bus: an excitation of the torque is one more object in each command.
+
+    Raises:
+        NotPossibleError: The bench has no such axis.
+    """
+    table = axis_table(bench, request.axis)
+    by_torque = request.excitation == "torque" or (
+        request.excitation == "auto" and takes_torque_offset(Profile.load(table.profile))
+    )
+    title = f"the identification of the plant of axis {request.axis}"
+    return BusDemand(title, (request.axis,), bench.bus.sync_period_s, with_torque_offset=by_torque)
+
+
+def stretch_rev(bias_rps: float, period_s: float, periods: int) -> float:
+    """Motor turns of a stretch: one period to settle, the evaluated periods, and a ramp at either end."""
+    return bias_rps * (period_s * (1 + periods) + RAMP_S)
+
+
+def plan_travel(bench: Bench, request: PlantRequest, start_rev: float, excited: ExcitedSignal) -> Travel:
+    """Travel between the position limits that carries the requested periods in as few stretches as possible.
+
+    Args:
+        bench: The bench file.
+        request: Axis, band and excitation.
+        start_rev: Present position of the motor, rev.
+        excited: Signal to which the excitation is added.
+
+    Raises:
+        NotPossibleError: The bench has no such axis, or the band is empty.
+        UnsafeRequestError: Travel, speed or torque would leave the bench file's limits.
+    """
+    table, sync = axis_table(bench, request.axis), bench.bus.sync_period_s
+    limits = table.limits
+    if request.periods < FEWEST:
+        raise NotPossibleError(f"{request.periods} periods are too few to tell their scatter: at least {FEWEST} are needed")
+    if request.bias_rps < 0.2:
+        raise NotPossibleError(f"a bias of {request.bias_rps:g} rps does not keep the motor out of its friction; needed: 0.2 rps")
+    if 2.0 * request.bias_rps > limits.speed_rps:
+        what = f"the speed of axis {request.axis} with the excitation on the bias"
+        raise UnsafeRequestError(what, 2.0 * request.bias_rps, limits.speed_rps, "rps", "lower --bias-rps")
+    if request.amplitude_nm is not None and request.amplitude_nm > 0.8 * limits.torque_nm:
+        what = f"the torque of the excitation on axis {request.axis}"
+        raise UnsafeRequestError(what, request.amplitude_nm, 0.8 * limits.torque_nm, "N·m", "lower --amplitude-nm")
+    low, high = limits.position_min_rev + MARGIN_REV, limits.position_max_rev - MARGIN_REV
+    if not low <= start_rev <= high:
+        where = low if start_rev < low else high
+        what = f"the position of axis {request.axis} where it stands"
+        raise UnsafeRequestError(what, start_rev, where, "rev", "move it away from its limit first")
+    needed = math.inf
+    for period_s in PERIODS_S:
+        for periods in PER_STRETCH:
+            stretches = max(2, 2 * math.ceil(request.periods / periods / 2.0))
+            if periods > math.ceil(request.periods / 2):
+                continue
+            bias = quiet_bias_rps(request.bias_rps, period_s, periods)
+            length = stretch_rev(bias, period_s, periods)
+            needed = min(needed, length)
+            if length > high - low:
+                continue
+            begin = min(max(start_rev, low), high - length)
+            return Travel(bias, _wave(request, period_s, sync, table, excited), periods, stretches, begin, begin + length)
+    what = f"the travel of axis {request.axis} at {request.bias_rps:g} rps"
+    raise UnsafeRequestError(what, needed, high - low, "rev", f"lower --bias-rps (the limits leave {high - low:.4g} rev)")
+
+
+def _wave(request: PlantRequest, period_s: float, sync_s: float, table: AxisTable, excited: ExcitedSignal) -> Excitation:
+    """One period with a peak of 1 N·m, as torque or as the reference that makes the drive's law give that torque."""
+    samples = round(period_s / sync_s)
+    try:
+        lines = band_lines(request.low_hz, request.high_hz, period_s, sync_s)
+    except ValueError as error:
+        raise NotPossibleError(f"{error} (--low-hz, --high-hz, bus.sync_period_s)") from error
+    law = table.control
+    jw = 2j * math.pi * lines / period_s
+    gain: Complex = np.ones(len(lines), dtype=np.complex128)
+    if excited == "reference":
+        pi = law.velocity_gain_nm_s_rad + law.velocity_integral_gain_nm_rad / jw
+        gain = np.asarray(law.position_gain_per_s * pi, dtype=np.complex128)
+        if not np.all(np.abs(gain) > 0.0):
+            raise NotPossibleError(f"axis {request.axis}: without position and velocity gain a reference excites nothing")
+    make = multisine if request.shape == "multisine" else chirp
+    wave = make(lines, 1.0 / np.abs(gain), samples, sync_s)
+    if excited == "torque":
+        return wave
+    spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
+    spectrum[lines] = np.fft.rfft(wave.wave)[lines] * gain
+    return Excitation(wave.wave / np.max(np.abs(np.fft.irfft(spectrum, samples))), sync_s, lines)
+
+
+@dataclass
+class MotionBuilder:
+    """Builder of a motion from pieces, in motor turns from its start; always at rest between pieces."""
+
+    sync_s: float
+    turns: list[Real] = field(default_factory=lambda: [np.zeros(1)])
+    offset: list[Real] = field(default_factory=lambda: [np.zeros(1)])
+    rows: int = 1
+
+    def _append(self, turns: Real, offset: Real | None = None) -> None:
+        self.turns.append(turns)
+        self.offset.append(np.zeros(len(turns)) if offset is None else offset)
+        self.rows += len(turns)
+
+    @property
+    def here(self) -> float:
+        """Present end of the motion, motor turns."""
+        return float(self.turns[-1][-1])
+
+    def rest(self, duration_s: float) -> None:
+        """Add a rest."""
+        self._append(np.full(max(1, round(duration_s / self.sync_s)), self.here))
+
+    def go(self, there: float, rps: float) -> None:
+        """Add a smooth move to a position in motor turns."""
+        distance = there - self.here
+        if abs(distance) < 1e-9:
+            return
+        duration = max(abs(distance) / rps + RAMP_S, 2.0 * RAMP_S)
+        fraction = Smooth(duration, RAMP_S).position(sample_times(duration, self.sync_s)[1:])
+        self._append(self.here + distance * fraction)
+
+    def cruise(self, rps: float, count: int, excitation: Real | None = None) -> slice:
+        """Add a ramp up, a stretch at constant speed and a ramp down.
+
+        Args:
+            rps: Speed of the stretch; its sign is the direction.
+            count: Number of rows at that speed.
+            excitation: Excitation on these rows, which fades after them; shape (count,).
+
+        Returns:
+            The rows at constant speed.
+        """
+        ramp = round(RAMP_S / self.sync_s)
+        rising = 0.5 - 0.5 * np.cos(math.pi * (np.arange(ramp) + 0.5) / ramp)
+        speed = np.concatenate([rising, np.ones(count), rising[::-1]])
+        where = self.here + rps * self.sync_s * np.cumsum(speed)
+        added = np.zeros(len(speed))
+        if excitation is not None:
+            added[ramp : ramp + count] = excitation
+            fade = min(ramp, count)
+            added[ramp + count : ramp + count + fade] = excitation[:fade] * rising[::-1][:fade]
+        first = self.rows + ramp
+        self._append(where, added)
+        return slice(first, first + count)
+
+
+@dataclass(frozen=True)
+class PlannedMotion:
+    """A motion with the rows that are evaluated.
+
+    Attributes:
+        motion: Motion of the robot.
+        bias_rad: The motion without the excitation, from its start; shape (n,).
+        excitation: Excitation in N·m or rad; shape (n,).
+        stretches: Evaluated rows at constant speed.
+        speeds_rps: Speeds of the stretches, signed.
+    """
+
+    motion: Motion
+    bias_rad: Real
+    excitation: Real
+    stretches: tuple[slice, ...]
+    speeds_rps: tuple[float, ...]
+
+
+def _planned(
+    builder: MotionBuilder, request: PlantRequest, excited: ExcitedSignal, stretches: list[slice], speeds: list[float]
+) -> PlannedMotion:
+    bias, added = TURN * np.concatenate(builder.turns), np.concatenate(builder.offset)
+    times = np.arange(len(bias), dtype=np.float64) * builder.sync_s
+    has_offset = excited == "torque" and bool(np.any(added))
+    angle = bias + added if excited == "reference" else bias
+    motion = Motion(
+        (request.axis,), times, angle[:, np.newaxis], starts_at_home=False,
+        torque_offset_nm=added[:, np.newaxis] if has_offset else None,
+    )  # fmt: skip
+    return PlannedMotion(motion, bias, added, tuple(stretches), tuple(speeds))
+
+
+def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: float) -> PlannedMotion:
+    """Motion to and fro at three speeds, the fastest over the whole travel, for friction and gravity.
+
+    Args:
+        bench: The bench file.
+        request: Request of the identification.
+        travel: Travel of the axis.
+        start_rev: Present position of the motor, rev.
+    """
+    builder = MotionBuilder(bench.bus.sync_period_s)
+    builder.rest(0.1)
+    whole = travel.high_rev - travel.low_rev
+    stretches, speeds = [], []
+    builder.go(travel.low_rev - start_rev, bench.approach_rps)
+    for fraction in (0.25, 0.5, 1.0):
+        speed = fraction * travel.bias_rps
+        turns = whole - speed * RAMP_S if fraction == 1.0 else min(SLOW_TURNS, whole - speed * RAMP_S)
+        count = round(turns / speed / builder.sync_s)
+        skip = round(SETTLE_S / builder.sync_s)
+        for sign in (1.0, -1.0):
+            rows = builder.cruise(sign * speed, count)
+            stretches.append(slice(rows.start + skip, rows.stop))
+            speeds.append(sign * speed)
+    builder.go(0.0, bench.approach_rps)
+    builder.rest(0.1)
+    return _planned(builder, request, "torque", stretches, speeds)
+
+
+def excited_motion(
+    bench: Bench,
+    request: PlantRequest,
+    travel: Travel,
+    start_rev: float,
+    excited: ExcitedSignal,
+    amplitude_nm: float,
+    *,
+    is_pilot: bool,
+) -> PlannedMotion:
+    """Motion to and fro at the bias speed under the excitation; the pilot is a single short stretch.
+
+    Args:
+        bench: The bench file.
+        request: Request of the identification.
+        travel: Travel of the axis.
+        start_rev: Present position of the motor, rev.
+        excited: Signal to which the excitation is added.
+        amplitude_nm: Peak of the excitation.
+        is_pilot: True for the pilot.
+    """
+    builder = MotionBuilder(bench.bus.sync_period_s)
+    builder.rest(0.1)
+    builder.go(travel.low_rev - start_rev, bench.approach_rps)
+    periods = 2 if is_pilot else travel.per_stretch
+    samples = travel.samples
+    wave = np.tile(amplitude_nm * travel.wave.wave, periods + 1)
+    lead = max(1, samples // 2)
+    wave[:lead] *= 0.5 - 0.5 * np.cos(math.pi * (np.arange(lead) + 0.5) / lead)
+    stretches, speeds = [], []
+    for number in range(1 if is_pilot else travel.stretches):
+        speed = travel.bias_rps if number % 2 == 0 else -travel.bias_rps
+        rows = builder.cruise(speed, len(wave), wave)
+        stretches.append(slice(rows.start + samples, rows.stop))
+        speeds.append(speed)
+    builder.go(0.0, bench.approach_rps)
+    builder.rest(0.1)
+    return _planned(builder, request, excited, stretches, speeds)

@@ -1,0 +1,149 @@
+"""`hil identify plant` on a bench: the runs on the bus, their recordings and result, and the model file."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from hil.bench.bench import Bench
+from hil.bench.model import update_file
+from hil.can.channel import Channel
+from hil.design.estimation import EstimatedParameter
+from hil.design.friction import Friction
+from hil.design.plant_identification import ResponseEstimate
+from hil.experiments.measurement import Measurement, MeasurementOutcome
+from hil.experiments.plant.checks import PlantNotIdentifiedError
+from hil.experiments.plant.identify import PlantEvaluation, PlantIdentification
+from hil.experiments.plant.motion import PlantRequest, bus_demand
+from hil.master.session import Session
+from hil.reporter import SILENT, Reporter
+from hil.results.plant import (
+    ExcitationPlan,
+    FrequencyResponseEntry,
+    FrictionCurve,
+    PlantCheck,
+    PlantRequestEntry,
+    PlantResult,
+)
+
+
+@dataclass(frozen=True)
+class PlantOutcome(MeasurementOutcome[PlantResult]):
+    """End of a plant identification."""
+
+
+def run_identify_plant(
+    bench: Bench,
+    request: PlantRequest,
+    out: Path,
+    *,
+    model: Path | None = None,
+    channel: Channel | None = None,
+    overload: bool = False,
+    reporter: Reporter = SILENT,
+) -> PlantOutcome:
+    """Identify a plant, and write `out/runs/*.csv`, `out/bus.log`, `out/result.json` and the model file.
+
+    Where the plant was not identified, the recordings and a result with the reasons are written, but no model file.
+
+    Args:
+        bench: The bench file.
+        request: Axis, band and excitation.
+        out: Directory of the result; made where it is missing.
+        model: Model file for the plant; None for none.
+        channel: The bus; opened from the bench file's address, and closed, unless it is given.
+        overload: Run even what does not fit on the bus.
+        reporter: Listener of each run and its progress.
+
+    Raises:
+        HilError: Nothing has moved yet: the request, nodes, limits or the bus do not allow it.
+        ChannelError: The bus cannot be opened, or was lost before anything was recorded.
+    """
+    demand = bus_demand(bench, request)
+    request_entry = PlantRequestEntry(**asdict(request))
+    with Measurement(
+        bench,
+        out,
+        lambda described: PlantResult(bench=described, axis=request.axis, request=request_entry),
+        channel=channel,
+        reporter=reporter,
+    ) as measurement:
+        result = measurement.result
+        with measurement.session([demand], overload=overload) as session:
+            evaluation = _perform(measurement, session, request, reporter)
+        how = f"{evaluation.excited} excitation of {evaluation.amplitude_nm:.3g} N·m"
+        entry = evaluation.identified(f"identified {result.bench.started_utc}, {how}")
+        enter(result, evaluation)
+        result.identified = entry
+        if model is not None:
+            update_file(model, bench.name, request.axis, entry)
+            result.model_file = str(model)
+    return PlantOutcome(measurement.result, measurement.failure)
+
+
+def _perform(
+    measurement: Measurement[PlantResult], session: Session, request: PlantRequest, reporter: Reporter
+) -> PlantEvaluation:
+    """Identify a plant; recordings, checks and remarks are in the result also where it fails."""
+    result, identification = measurement.result, PlantIdentification(session, request, reporter)
+    try:
+        return identification.perform()
+    except PlantNotIdentifiedError as error:
+        result.not_identified = error.reasons
+        raise
+    finally:
+        result.checks = tuple(PlantCheck(**vars(check)) for check in identification.checks)
+        result.remarks = tuple(identification.remarks)
+        for name, recording in identification.recordings.items():
+            result.recordings[name] = measurement.keep(recording, f"identify-plant-axis{request.axis}-{name}")
+
+
+def enter(result: PlantResult, evaluation: PlantEvaluation) -> None:
+    """Enter an evaluation into a result: SI units, every number with its standard error."""
+    estimate, travel = evaluation.estimate, evaluation.travel
+    result.plan = ExcitationPlan(
+        excitation=evaluation.excited,
+        amplitude_nm=evaluation.amplitude_nm,
+        crest_factor=travel.wave.crest_factor,
+        bias_rps=travel.bias_rps,
+        period_s=travel.wave.period_s,
+        periods=estimate.periods,
+        travel_rev=(travel.low_rev, travel.high_rev),
+    )
+    result.plant = estimate.plant
+    result.parameters = {**estimate.parameters, **_friction_parameters(evaluation.friction)}
+    result.misfit = estimate.misfit
+    result.cannot_tell = evaluation.cannot_tell
+    result.response = _response(estimate.response)
+    result.tip_response = None if estimate.tip is None else _response(estimate.tip)
+    result.friction = _curve(evaluation.friction)
+
+
+def _friction_parameters(friction: Friction) -> dict[str, EstimatedParameter]:
+    return {
+        "friction_coulomb_nm": friction.coulomb_nm,
+        "friction_viscous_nm_s_rad": friction.viscous_nm_s_rad,
+        "gravity_moment_nm": friction.gravity_moment_nm,
+        "gravity_phase_deg": friction.gravity_phase_deg,
+    }
+
+
+def _response(response: ResponseEstimate) -> FrequencyResponseEntry:
+    return FrequencyResponseEntry(
+        frequency_hz=response.frequency_hz.tolist(),
+        real=response.value.real.tolist(),
+        imaginary=response.value.imag.tolist(),
+        deviation=response.deviation.tolist(),
+        radius=response.radius.tolist(),
+        coherence=response.coherence.tolist(),
+    )
+
+
+def _curve(friction: Friction) -> FrictionCurve:
+    return FrictionCurve(
+        residual_nm=friction.residual_nm,
+        arm_span_deg=friction.arm_span_deg,
+        speed_rad_s=friction.speed_rad_s.tolist(),
+        arm_angle_rad=friction.arm_angle_rad.tolist(),
+        torque_nm=friction.torque_nm.tolist(),
+        model_nm=friction.model_nm.tolist(),
+        gravity_nm=friction.gravity_nm.tolist(),
+    )

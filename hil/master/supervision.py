@@ -1,0 +1,78 @@
+"""Supervision of the nodes while axes move: the master's heartbeat and theirs, emergencies, resets, and the user's Ctrl-C."""
+
+import math
+from collections.abc import Iterable
+
+from drive_profiles.standard.cia301 import FunctionCode, NmtState
+from hil.bench.bench import Bus
+from hil.can.frame import Frame
+from hil.master.cyclic import CyclicExchange
+from hil.master.guard import heartbeat_fault
+from hil.master.network import Network
+
+
+class Supervisor:
+    """Sends the master's heartbeat with the cycles, so that it stops with them, and knows the reasons to stop.
+
+    Args:
+        network: The bus.
+        bus: Table with the master's node-ID and the heartbeat period.
+
+    Attributes:
+        bus: The same table; a new one counts from the next `begin` on.
+        interrupted_by: The signal that asked for an end, or None.
+    """
+
+    def __init__(self, network: Network, bus: Bus) -> None:
+        self.network, self.bus = network, bus
+        self.interrupted_by: str | None = None
+        self._nodes: frozenset[int] = frozenset()
+        self._last_heartbeat_s = -math.inf
+        self._since_s = 0.0
+        self._silent_until_s = -math.inf
+
+    def begin(self, nodes: Iterable[int]) -> None:
+        """Watch these nodes from now on, and forget former reports of all nodes."""
+        self._nodes = frozenset(nodes)
+        self.network.emergencies.clear()
+        self.network.boots.clear()
+        self._since_s = self.network.now()
+        self._silent_until_s = -math.inf
+
+    def send_heartbeat(self) -> Frame:
+        """Send the master's heartbeat; return the frame."""
+        self._last_heartbeat_s = self.network.now()
+        frame = Frame(FunctionCode.HEARTBEAT + self.bus.master_node_id, bytes((NmtState.OPERATIONAL,)))
+        self.network.send(frame)
+        return frame
+
+    def cycle(self, exchange: CyclicExchange) -> None:
+        """Run one cycle with all nodes; before it send the master's heartbeat where one is due."""
+        if self.network.now() - self._last_heartbeat_s >= self.bus.heartbeat_s - 1e-9:
+            exchange.saw(self.send_heartbeat())
+        exchange.exchange()
+
+    def fault(self) -> str | None:
+        """The reason to stop that nodes or user give: an emergency, a reset, a lost heartbeat, Ctrl-C; or None."""
+        network = self.network
+        if not network.emergencies and not network.boots and network.now() <= self._silent_until_s:
+            return self.interrupted_by
+        while network.emergencies:
+            emergency = network.emergencies.popleft()
+            if emergency.code:
+                return str(emergency)
+        for node in network.boots & self._nodes:
+            return f"node {node} has been reset"
+        return self._lost_heartbeat() or self.interrupted_by
+
+    def _lost_heartbeat(self) -> str | None:
+        """The node that is silent for too long, in words; without one the next check is postponed."""
+        heartbeats, now, period, since = self.network.heartbeats, self.network.now(), self.bus.heartbeat_s, self._since_s
+        heard = {node: heartbeats[node][0] if node in heartbeats else None for node in self._nodes}
+        for node, last in heard.items():
+            fault = heartbeat_fault(node, last, now, since, period)
+            if fault is not None:
+                return fault
+        # what has been heard by now keeps until then, and what will be heard longer
+        self._silent_until_s = min((since if last is None else max(last, since)) for last in heard.values()) + 3.0 * period
+        return None

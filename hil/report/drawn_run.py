@@ -1,0 +1,146 @@
+"""Runs as figures draw them: the vibration over time, the specification, and the spectrum."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from scipy import fft, signal
+
+from hil.analysis import band_passed, motor_speed_rps, speed_window
+from hil.recording import Recording
+from hil.report import style
+from hil.report.material import Material, finite
+from hil.report.style import Real
+from hil.results.runs import RunEntry
+
+FEWEST = 16
+"""Least number of samples in a window that was reached, as in the analysis."""
+
+
+@dataclass(frozen=True)
+class DrawnRun:
+    """A run in a figure: entry, recording, label and line style."""
+
+    entry: RunEntry
+    recording: Recording
+    label: str
+    look: style.Line
+
+
+def drawn_run(material: Material, run: RunEntry | None, label: str, look: style.Line) -> DrawnRun | None:
+    """Run of a figure, or None without its recording; the label of a stopped run says so.
+
+    Args:
+        material: Result and recordings.
+        run: Entry of the run; None for none.
+        label: Label in the legend.
+        look: Line style.
+    """
+    recording = material.recording(run)
+    if run is None or recording is None:
+        return None
+    return DrawnRun(run, recording, label + (" (stopped early)" if run.stopped else ""), look)
+
+
+def draw_vibration(panel: Axes, run: DrawnRun, *, with_peak: bool = True) -> None:
+    """Draw the band-passed vertical acceleration over time."""
+    vibration = band_passed(run.recording.columns["tip_z_m_s2"], run.recording.period_s)
+    label = run.label + (number_or_nothing(run.entry.tip_peak_mm, ": peak {:.3f} mm") if with_peak else "")
+    panel.plot(*style.thin(run.recording.time_s, vibration), label=label, **run.look)
+
+
+def finish_vibration(
+    material: Material, panel: Axes, f_al: float | None, *, with_name: bool = True, with_scale: bool = True
+) -> float:
+    """Draw labels, the limit, and the displacement scale on the right.
+
+    Args:
+        material: Bench of the specification.
+        panel: Panel with the vibration.
+        f_al: Peak of |G_al| in Hz; None without a model.
+        with_name: True to name the vertical axis.
+        with_scale: True to draw the displacement scale.
+
+    Returns:
+        The largest value between the panel's times, m/s².
+    """
+    panel.set_xlabel("Time (s)")
+    if with_name:
+        panel.set_ylabel("Tip acceleration, band-passed (m/s²)")
+    reach = max(map(_within, [panel] * len(panel.get_lines()), panel.get_lines()), default=0.0)
+    if f_al is not None:
+        limit = limit_m_s2(material, f_al)
+        reach = max(reach, limit)
+        for sign, name in ((1.0, f"specification ±{material.bench.specification.tip_mm:g} mm"), (-1.0, None)):
+            panel.axhline(sign * limit, label=name, **style.LIMIT)
+        if with_scale:
+            scale = 1e3 / (2.0 * math.pi * f_al) ** 2
+            right = panel.secondary_yaxis("right", functions=(lambda a: np.asarray(a) * scale, lambda d: np.asarray(d) / scale))
+            right.set_ylabel("Equivalent displacement (mm)")
+    if reach > 0.0:
+        panel.set_ylim(-1.08 * reach, 1.08 * reach)
+    return reach
+
+
+def _within(panel: Axes, line: Line2D) -> float:
+    """Largest |y| of a line between the panel's limits in x; 0 for a marker line across it."""
+    x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data())
+    low, high = panel.get_xlim()
+    shown = (x >= low) & (x <= high)
+    return float(np.max(np.abs(y[shown]))) if len(x) > 2 and shown.any() else 0.0
+
+
+def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axes, *, with_names: bool = True) -> None:
+    """Shade the judged window, and mark the speeds at which the notch switches.
+
+    Args:
+        material: Bench of the notch.
+        axis: Axis number.
+        recording: Recording of the run.
+        panel: Panel over time.
+        with_names: True to mark f_s and f_e.
+    """
+    time = recording.time_s
+    inside = np.flatnonzero(speed_window(recording, axis, 2))
+    if len(inside):
+        panel.axvspan(float(time[inside[0]]), float(time[inside[-1]]), color=style.SHADE, zorder=0)
+    notches = material.bench.axis[axis].notch if axis in material.bench.axis else ()
+    if not notches or not with_names:
+        return
+    speed = np.abs(motor_speed_rps(recording, axis))
+    for value, name in ((notches[0].start_rps, "$f_s$"), (notches[0].end_rps, "$f_e$")):
+        reached = np.flatnonzero(speed >= value)
+        if len(reached):
+            style.flag(panel, float(time[reached[0]]), f"{name} = {value:g} rev/s", side="right")
+
+
+def limit_m_s2(material: Material, f_al: float) -> float:
+    """Specification as an acceleration in m/s²: A_acc (2π f_al)²."""
+    return 1e-3 * material.bench.specification.tip_mm * (2.0 * math.pi * f_al) ** 2
+
+
+def limit_words(material: Material, axis: int, where: str = "") -> str:
+    """Sentence on the dotted lines of a diagram; `where` ends it, for lines around a mean."""
+    if axis not in material.f_al_hz:
+        return "Without a model there is no frequency by which the specification becomes an acceleration."
+    limit = limit_m_s2(material, material.f_al_hz[axis])
+    return (
+        f"Dotted: the specification of ±{material.bench.specification.tip_mm:g} mm as an acceleration, ±{limit:.3f} m/s²{where}."
+    )
+
+
+def smooth_spectrum(values: Real, period_s: float, up_to_hz: float) -> tuple[Real, Real]:
+    """Frequencies and Hann amplitude spectrum, each of shape (m,), of values of shape (n,) without their mean, zero-padded."""
+    weights = signal.get_window("hann", len(values))
+    length = fft.next_fast_len(8 * len(values), real=True)
+    amplitude = 2.0 * np.abs(fft.rfft((values - np.mean(values)) * weights, length)) / float(np.sum(weights))
+    frequency = fft.rfftfreq(length, period_s)
+    shown = frequency <= up_to_hz
+    return frequency[shown], amplitude[shown]
+
+
+def number_or_nothing(value: float | None, form: str) -> str:
+    """Number in its format, or an empty text."""
+    return form.format(value) if finite(value) else ""

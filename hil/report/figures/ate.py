@@ -1,0 +1,361 @@
+"""Figures and tables of an identification of the transmission error: the paper's Figs. 5, 7, 8 and Table 2."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+from scipy import signal
+
+from hil.bench.model import IdentifiedError
+from hil.control.angles import ARCSEC
+from hil.design.ate_model import Arm, Sensing, Sweep, modelled
+from hil.design.transmission_error import TransmissionError
+from hil.recording import Recording
+from hil.report import style
+from hil.report.drawn_run import smooth_spectrum
+from hil.report.paper import TABLE_2
+from hil.report.style import Drawing, Real
+from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
+from hil.results.ate import AteResult, AteRun, AteStandardErrors
+from hil.results.files import load_result
+
+AROUND = (0.75, 1.3)
+"""Motor speeds of a window, by that at which its order meets the resonance."""
+SPEED_HZ = 20.0
+TURNS = {1: "forwards", -1: "backwards"}
+
+
+@dataclass(frozen=True)
+class DrawnPass:
+    """One pass as it is drawn; all of shape (n,).
+
+    Attributes:
+        time_s: Time from the first sample.
+        speed_rps: Motor speed f_m, with its sign.
+        measured: Signal in the fit's band.
+        model: Prediction of the model in that band.
+        direction: +1 and −1 in the rows of the ramps, else 0.
+    """
+
+    time_s: Real
+    speed_rps: Real
+    measured: Real
+    model: Real
+    direction: Real
+
+
+class AteMaterial:
+    """Material of the page: result.json of an identification, and its passes in the fit's band."""
+
+    def __init__(self, directory: Path) -> None:
+        """Read result.json.
+
+        Raises:
+            OSError: The file cannot be read.
+            ResultFileError: The file is not the result of an identification of the transmission error.
+        """
+        self.directory = directory
+        self.result = load_result(directory, AteResult, "an identification of the transmission error")
+        self.axis, self.is_sensorless = self.result.axis, self.result.sensorless
+
+    @property
+    def part(self) -> IdentifiedError | None:
+        """Transmission error that was identified, or None."""
+        return self.result.ate
+
+    @property
+    def unit(self) -> str:
+        """Unit of the signal."""
+        return "N·m" if self.is_sensorless else "m/s²"
+
+    @property
+    def signal_name(self) -> str:
+        """Signal in words."""
+        return "Motor torque" if self.is_sensorless else "Tip acceleration"
+
+    @cached_property
+    def passes(self) -> list[DrawnPass]:
+        """Passes as they are drawn; empty where nothing was identified."""
+        part, fit = self.part, self.result.fit
+        if part is None or fit is None or part.arm_hz is None or part.damping is None:
+            return []
+        arm = Arm(part.arm_hz, part.damping, fit.delay_s, fit.gear_fraction)
+        ratio = self.result.bench.file.axis[self.axis].reduction_ratio
+        return [self._drawn(each, arm, self.result.sensing, ratio, error_of(part), fit.band_hz) for each in self.result.passes]
+
+    def _drawn(
+        self,
+        entry: AteRun,
+        arm: Arm,
+        sensing: Sensing,
+        ratio: float,
+        error: TransmissionError,
+        band_hz: tuple[float, float],
+    ) -> DrawnPass:
+        recording = Recording.load(self.directory / entry.recording)
+        time, period = recording.time_s, recording.period_s
+        angle = recording.axis(self.axis, "position_rad")
+        measured = recording.axis(self.axis, "torque_nm") if self.is_sensorless else recording.columns["tip_z_m_s2"]
+        direction = np.zeros(len(time), dtype=np.int8)
+        for from_s, sign in ((entry.forward_from_s, 1), (entry.backward_from_s, -1)):
+            since = time - from_s
+            direction[(since >= 0.0) & (since <= entry.ramp_s)] = sign
+        model = modelled(Sweep(angle, measured, period, direction), ratio, sensing, arm, error)
+        band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period, output="sos")
+        slow = signal.butter(2, min(SPEED_HZ, 0.2 / period), fs=1.0 / period, output="sos")
+        speed = signal.sosfiltfilt(slow, np.gradient(angle, period)) / (2.0 * math.pi)
+        return DrawnPass(
+            time, speed, signal.sosfiltfilt(band, measured), signal.sosfiltfilt(band, model), direction.astype(np.float64)
+        )
+
+
+def error_of(part: IdentifiedError) -> TransmissionError:
+    """θ_sync as a function of the motor angle."""
+    values = part.values
+    return TransmissionError({2: values.a2_arcsec, 4: values.a4_arcsec}, {2: values.phi2_deg, 4: values.phi4_deg})
+
+
+def waveform(axis: int, part: IdentifiedError | None) -> Drawing | None:
+    """θ_sync over two motor revolutions with its confidence; Fig. 5."""
+    if part is None:
+        return None
+    error, key = error_of(part), f"waveform-axis{axis}"
+    figure, panels = style.panels(1, 1, 2.7)
+    panel, turns = panels[0, 0], np.linspace(0.0, 2.0, 721)
+    angle = 2.0 * math.pi * turns
+    middle = error.angle_rad(angle) / ARCSEC
+    variance = np.zeros_like(angle)
+    for order in (2, 4):
+        amplitude, phase = error.amplitude_arcsec[order], order * angle + math.radians(error.phase_deg[order])
+        variance += (part.standard_error.get(f"a{order}_arcsec", 0.0) * np.cos(phase)) ** 2
+        variance += (amplitude * math.radians(part.standard_error.get(f"phi{order}_deg", 0.0)) * np.sin(phase)) ** 2
+    spread = 2.0 * np.sqrt(variance)
+    panel.fill_between(turns, middle - spread, middle + spread, color=style.SKY, alpha=0.6, label="± 2 standard errors")
+    panel.plot(turns, middle, label="identified", **style.MEASURED)
+    if axis in TABLE_2:
+        paper = TABLE_2[axis]
+        printed = TransmissionError({2: paper.a2_arcsec, 4: paper.a4_arcsec}, {2: paper.phi2_deg, 4: paper.phi4_deg})
+        panel.plot(turns, printed.angle_rad(angle) / ARCSEC, label="paper, Table 2", **style.MODEL)
+    for turn in (1.0, 2.0):
+        panel.axvline(turn, **style.MARK)
+    panel.set_xlim(0.0, 2.0)
+    panel.set_xlabel("Motor angle (rev)")
+    panel.set_ylabel(r"$\theta_{sync}$ (arcsec)")
+    style.legend_above(figure, panel)
+    return Drawing(
+        key,
+        f"Synchronous transmission error of axis {axis}",
+        "Fig. 5",
+        "measured and computed",
+        "θ_sync at the arm over two revolutions of the motor, of the 2nd and 4th order as they were identified, with its "
+        "confidence. Dotted lines: whole revolutions.",
+        style.to_svg(figure, key),
+    )
+
+
+def against_speed(material: AteMaterial) -> Drawing | None:
+    """The signal against the motor speed, both directions, measured and modelled."""
+    if not material.passes:
+        return None
+    drawn, part = material.passes[0], material.part
+    figure, panels = style.panels(2, 1, 4.3, sharex=True, sharey=True)
+    for panel, sign in zip(panels[:, 0], (1, -1), strict=True):
+        rows = drawn.direction == sign
+        panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.measured[rows]), label="measured", **style.BROAD)
+        panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.model[rows]), label="model", **style.MODEL)
+        if part is not None and part.arm_hz is not None:
+            for order in (4, 2):
+                speed = part.arm_hz / order
+                style.flag(panel, speed, f"$f_a$/{order} = {speed:.2f} rev/s", side="right")
+        panel.set_title(f"motor turning {TURNS[sign]}")
+        panel.set_ylabel(f"{material.signal_name} ({material.unit})")
+    panels[-1, 0].set_xlabel("Motor speed (rev/s)")
+    style.legend_above(figure, panels[0, 0])
+    return Drawing(
+        "against-speed",
+        f"{material.signal_name} against motor speed",
+        "Fig. 7" if material.axis == 2 else "Fig. 8",
+        "measured and computed",
+        f"The {material.signal_name.lower()} of the first pass in the band of the fit, and what the identified model makes of "
+        "the measured motor angle, over the speed of the motor. The 4th order meets the arm's resonance first, the 2nd at twice "
+        "that speed.",
+        style.to_svg(figure, "against-speed"),
+    )
+
+
+def windows(material: AteMaterial, direction: int) -> Drawing | None:
+    """Speed, signal and spectrum around f_m2 and f_m4 in one direction, measured and modelled; Figs. 7 and 8."""
+    part = material.part
+    if not material.passes or part is None or part.arm_hz is None:
+        return None
+    drawn = material.passes[0]
+    figure, panels = style.panels(3, 2, 5.6, height_ratios=(2, 3, 3), sharey="row")
+    for column, order in enumerate((2, 4)):
+        centre = part.arm_hz / order
+        speed = np.abs(drawn.speed_rps)
+        rows = (drawn.direction == direction) & (speed >= AROUND[0] * centre) & (speed <= AROUND[1] * centre)
+        top, middle, bottom = panels[:, column]
+        top.set_title(f"k = {order}: {AROUND[0] * centre:.1f} to {AROUND[1] * centre:.1f} rev/s")
+        if np.count_nonzero(rows) < 16:
+            style.note(top, "the run did not reach these speeds")
+            continue
+        time, period = drawn.time_s[rows], float(drawn.time_s[1] - drawn.time_s[0])
+        top.plot(*style.thin(time, speed[rows]), **style.BROAD)
+        middle.plot(*style.thin(time, drawn.measured[rows]), label="measured", **style.BROAD)
+        middle.plot(*style.thin(time, drawn.model[rows]), label="model", **style.MODEL)
+        for values, look in ((drawn.measured, style.BROAD), (drawn.model, style.MODEL)):
+            bottom.plot(*smooth_spectrum(values[rows], period, 30.0), **look)
+        for panel in (top, middle):
+            panel.set_xlabel("Time (s)")
+        bottom.set_xlabel("Frequency (Hz)")
+        bottom.set_xlim(0.0, 30.0)
+        bottom.set_ylim(0.0, None)
+    panels[0, 0].set_ylabel("Speed (rev/s)")
+    panels[1, 0].set_ylabel(f"{material.signal_name} ({material.unit})")
+    panels[2, 0].set_ylabel(f"Amplitude ({material.unit})")
+    style.legend_above(figure, panels[1, 0])
+    key = f"windows-{TURNS[direction]}"
+    return Drawing(
+        key,
+        f"Axis {material.axis} through its resonant speeds, {TURNS[direction]}",
+        {2: "Fig. 7", 3: "Fig. 8"}.get(material.axis, "as Figs. 7 and 8"),
+        "measured and computed",
+        "Constant acceleration of one motor in the first pass. Top: its speed. Middle: the signal in the band of the fit. "
+        "Broken: what the identified transmission error and arm make of the motor angle as it was measured. Bottom: amplitude "
+        "spectrum (Hann window, interpolated between its bins).",
+        style.to_svg(figure, key),
+    )
+
+
+def errors(axis: int, part: IdentifiedError | None, *, is_sensorless: bool = False) -> ReportTable | None:
+    """Table of the transmission error with its standard errors, beside the paper's Table 2."""
+    if part is None:
+        return None
+    rows: list[list[Cell]] = []
+    paper = TABLE_2.get(axis)
+    values = part.values.model_dump()
+    for column, (name, symbol, unit) in enumerate(
+        (
+            ("a2_arcsec", Markup("A<sub>2</sub>"), "arcsec"),
+            ("phi2_deg", Markup("φ<sub>2</sub>"), "°"),
+            ("a4_arcsec", Markup("A<sub>4</sub>"), "arcsec"),
+            ("phi4_deg", Markup("φ<sub>4</sub>"), "°"),
+        )
+    ):
+        form = "{:.3f}" if unit == "arcsec" else "{:.2f}"
+        printed = number(None if paper is None else paper[column], "{:g}")
+        rows.append([symbol, unit, printed, number(values[name], form), number(part.standard_error.get(name), form)])
+    return ReportTable(
+        f"table-2-axis{axis}",
+        f"Parameters of the synchronous transmission error of axis {axis}",
+        "Table 2",
+        ("Parameter", "Unit", "Paper", "Identified", "Standard error"),
+        rows,
+        frozenset({0, 1}),
+        "The standard error is that of the noise. "
+        + (
+            "Without an accelerometer an error of J_l goes straight into the amplitudes, "
+            if is_sensorless
+            else "An error of the tip lever goes straight into the amplitudes, "
+        )
+        + "one of the motor angle's zero into the phases.",
+    )
+
+
+def arm(material: AteMaterial) -> ReportTable | None:
+    """Table of the arm and of the alignment in time."""
+    part, fit = material.part, material.result.fit
+    if part is None or fit is None:
+        return None
+    errors = part.standard_error
+    late = "torque" if material.is_sensorless else "accelerometer"
+    rows: list[list[Cell]] = [
+        ["arm on its gear", "Hz", number(part.arm_hz, "{:.3f}"), number(errors.get("arm_hz"), "{:.3f}")],
+        ["its damping ζ", "", number(part.damping, "{:.4f}"), number(errors.get("damping"), "{:.4f}")],
+        [
+            f"delay of the {late} behind the motor angle",
+            "ms",
+            number(1e3 * fit.delay_s, "{:.3f}"),
+            number(1e3 * fit.delay_error_s, "{:.3f}"),
+        ],
+        [
+            "factor of the motor's own motion (1: lever and ratio fit)",
+            "",
+            number(fit.motion_scale, "{:.3f}"),
+            number(fit.motion_scale_error, "{:.3f}"),
+        ],
+        ["explained of the vibration by θ_sync", "%", number(100.0 * fit.explained_by_error, "{:.2f}"), ""],
+        ["left over in the band", material.unit, number(fit.residual, "{:.4f}"), ""],
+    ]
+    return ReportTable(
+        "arm",
+        "Arm and time alignment",
+        "",
+        ("", "Unit", "Found", "Standard error"),
+        rows,
+        frozenset({0, 1}),
+        f"Of the damping {100.0 * fit.gear_fraction:.0f} % are taken to be the gear's; ten percent more or less change the delay "
+        "by 0.2 ζ/ω, about 0.1 ms, and nothing else.",
+    )
+
+
+def agreement(material: AteMaterial) -> ReportTable | None:
+    """Table of both directions against each other."""
+    fit = material.result.fit
+    if fit is None:
+        return None
+    rows: list[list[Cell]] = []
+    for each in fit.agreement:
+        numbers = (number(each.forward, "{:.3f}"), number(each.backward, "{:.3f}"), number(each.sigma, "{:.1f}"))
+        rows.append([each.name, *numbers, Mark(each.sigma <= 4.0)])
+    return ReportTable(
+        "agreement",
+        "Both directions against each other",
+        "",
+        ("", "Forwards", "Backwards", "Apart by (standard errors)", "Agree"),
+        rows,
+        frozenset({0, 4}),
+        "Amplitudes and phases from the ramps of either direction alone, at the arm and delay of both together. The standard "
+        f"errors of the result have been widened {fit.widened:.2f} times, 1 where noise explains all "
+        "differences.",
+    )
+
+
+def _in_table_order(errors: AteStandardErrors | None) -> tuple[float | None, ...]:
+    if errors is None:
+        return (None,) * 4
+    return errors.a2_error_arcsec, errors.phi2_error_deg, errors.a4_error_arcsec, errors.phi4_error_deg
+
+
+def passes(material: AteMaterial) -> ReportTable | None:
+    """Table of every pass, and the standard errors after it."""
+    if not material.result.passes:
+        return None
+    history = material.result.history or ()
+    rows: list[list[Cell]] = []
+    for index, each in enumerate(material.result.passes):
+        after = history[index] if index < len(history) else None
+        rows.append(
+            [
+                str(index + 1),
+                number(each.acceleration_rps_s, "{:.2f}"),
+                number(each.end_rps, "{:.2f}"),
+                f"{each.low_rev:.1f} … {each.high_rev:.1f}".replace("-", "−"),
+                number(each.sensor_missed + each.missed_cycles, "{:d}"),
+                *(number(value, "{:.3f}") for value in _in_table_order(after)),
+                each.recording if each.stopped is None else "stopped",
+            ]
+        )
+    header = ("Pass", "Acceleration (rps/s)", "To (rps)", "Between (rev)", "Missed")
+    return ReportTable(
+        "passes",
+        "Passes",
+        "",
+        (*header, "A₂ ± (arcsec)", "φ₂ ± (°)", "A₄ ± (arcsec)", "φ₄ ± (°)", "Recording"),
+        rows,
+        frozenset({0, 9}),
+        "Each pass goes forwards and back; the standard errors are those of all passes so far together.",
+    )

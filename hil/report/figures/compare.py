@@ -1,0 +1,192 @@
+"""Figures of a comparison: the tip's vibration with every treatment, and the peaks side by side."""
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from hil.analysis import LINE_WINDOW_S, TIP_BAND_HZ, WINDOWS_RPS, motor_speed_rps
+from hil.recording import Recording
+from hil.report import style
+from hil.report.drawn_run import DrawnRun, draw_vibration, drawn_run, finish_vibration, shade_speeds
+from hil.report.material import Material
+from hil.report.style import Drawing
+from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
+from hil.results.comparison import ComparisonRobot, ComparisonRow, TreatmentTable
+
+OVERLAID = 4
+"""Largest number of lines in one diagram; beyond it each treatment has its own, with the untreated run behind it."""
+OVERLAY_LINES: tuple[style.Line, ...] = (
+    style.WITHOUT,
+    style.WITH,
+    {"color": style.VERMILLION, "linestyle": (0, (5, 1.2, 1, 1.2)), "linewidth": 1.2},
+    {"color": style.GREEN, "linestyle": "-", "linewidth": 1.8},
+)
+BEHIND: style.Line = {"color": style.ORANGE, "linestyle": "-", "linewidth": 0.9, "alpha": 0.75}
+
+
+def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
+    """Figure of the band-passed tip acceleration of all treatments of one experiment, with the limit.
+
+    Args:
+        robot: Robot of the comparison.
+        material: Result and recordings of its runs.
+        experiment: Name of the experiment.
+        axis: Axis of a constant-acceleration run, else None.
+        several: True where the comparison has more than one robot.
+    """
+    rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
+    runs = [(row, run) for row in rows if (run := _drawn(material, row)) is not None]
+    if len(runs) < 2:
+        return None
+    key = f"vibration-{robot.directory}-{key_of(experiment, axis)}"
+    f_al = material.line_f_al_hz if axis is None else material.f_al_hz.get(axis)
+    overlaid = len(runs) <= OVERLAID
+    svg = _overlay(material, runs, axis, f_al, key) if overlaid else _multiples(material, runs, axis, f_al, key)
+    case = case_name(experiment, axis)
+    title = f"{robot.name}, {case}: tip vibration" if several else f"{case.capitalize()}: tip vibration"
+    window = (
+        f"{LINE_WINDOW_S[0]:g} to {LINE_WINDOW_S[1]:g} s after the start"
+        if axis is None
+        else f"{WINDOWS_RPS[2][0]:g} to {WINDOWS_RPS[2][1]:g} rev/s, where the second harmonic crosses the resonance"
+    )
+    limit = (
+        "Without a model there is no frequency by which the specification becomes an acceleration."
+        if f_al is None
+        else f"Dotted: the specification of ±{robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
+    )
+    behind = "" if overlaid else " Behind each in orange: nothing acting, closed in the same place."
+    return Drawing(
+        key,
+        title,
+        "",
+        "measured",
+        f"Vertical tip acceleration, band-passed {TIP_BAND_HZ[0]:g} to {TIP_BAND_HZ[1]:g} Hz without phase. Shaded: {window}, in "
+        f"which the run is judged. {limit}{behind}",
+        svg,
+    )
+
+
+def _drawn(material: Material, row: ComparisonRow) -> DrawnRun | None:
+    run = material.find(row.experiment, row.axis, row.treatment, row.loop)
+    return drawn_run(material, run, treatment_words(row), style.WITH)
+
+
+def _label(row: ComparisonRow) -> str:
+    """Treatment of a run, with its peak and its change."""
+    if row.tip_peak_mm is None:
+        return f"{treatment_words(row)}: " + ("refused by its trial" if row.trial == "refused" else "not judged")
+    change_text = "" if row.tip_peak_change_pct is None else f" ({change(row.tip_peak_change_pct)})"
+    return f"{treatment_words(row)}: {row.tip_peak_mm:.3f} mm{change_text}"
+
+
+def _shade(material: Material, panel: Axes, axis: int | None, recording: Recording) -> None:
+    """Shade the judged window, and show the time from before the fourth harmonic's window to behind the second's."""
+    time = recording.time_s
+    if axis is None:
+        motion = material.bench.line_motion
+        begin = float(time[0]) + (0.0 if motion is None else motion.dwell_s)
+        panel.axvspan(begin + LINE_WINDOW_S[0], begin + LINE_WINDOW_S[1], color=style.SHADE, zorder=0)
+        panel.set_xlim(float(time[0]), float(time[-1]))
+        return
+    shade_speeds(material, axis, recording, panel, with_names=False)
+    speed = np.abs(motor_speed_rps(recording, axis))
+    rising = np.arange(len(speed)) < int(np.argmax(speed))
+    shown = time[(speed >= 0.8 * WINDOWS_RPS[4][0]) & (speed <= 1.15 * WINDOWS_RPS[2][1]) & rising]
+    if len(shown):
+        panel.set_xlim(float(shown[0]), float(shown[-1]))
+
+
+def _overlay(
+    material: Material, runs: list[tuple[ComparisonRow, DrawnRun]], axis: int | None, f_al: float | None, key: str
+) -> str:  # fmt: skip
+    figure, panels = style.panels(1, 1, 3.6)
+    panel = panels[0, 0]
+    for (row, run), look in zip(runs, OVERLAY_LINES, strict=False):
+        draw_vibration(panel, DrawnRun(run.entry, run.recording, _label(row), look), with_peak=False)
+    _shade(material, panel, axis, runs[0][1].recording)
+    finish_vibration(material, panel, f_al)
+    style.legend_above(figure, panel, 3)
+    return style.to_svg(figure, key)
+
+
+def _multiples(
+    material: Material, runs: list[tuple[ComparisonRow, DrawnRun]], axis: int | None, f_al: float | None, key: str
+) -> str:  # fmt: skip
+    plain = {row.loop: run for row, run in runs if row.treatment == "none"}
+    shown = [(row, run) for row, run in runs if row.treatment != "none" or len(runs) == 1]
+    count = -(-len(shown) // 2)
+    figure, panels = style.panels(count, 2, 0.5 + 1.75 * count, sharex=axis is None, sharey=True)
+    reach = 0.0
+    for number, (row, run) in enumerate(shown):
+        panel = panels[number // 2, number % 2]
+        behind = plain.get(row.loop)
+        if behind is not None:
+            draw_vibration(panel, DrawnRun(behind.entry, behind.recording, "nothing", BEHIND), with_peak=False)
+        draw_vibration(panel, DrawnRun(run.entry, run.recording, "with the treatment", style.WITH), with_peak=False)
+        _shade(material, panel, axis, run.recording)
+        reach = max(reach, finish_vibration(material, panel, f_al, with_name=False, with_scale=False))
+        if f_al is not None and (number % 2 == 1 or number == len(shown) - 1):
+            _millimetres(panel, f_al)
+        panel.set_title(_label(row))
+        if number + 2 < len(shown):
+            panel.set_xlabel("")
+    for number in range(len(shown), 2 * count):
+        panels[number // 2, number % 2].set_visible(False)
+    if reach > 0.0:
+        panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
+    figure.supylabel("Tip acceleration, band-passed (m/s²)", fontsize=8.5)
+    style.legend_above(figure, panels[0, 0], 3)
+    return style.to_svg(figure, key)
+
+
+def _millimetres(panel: Axes, f_al: float) -> None:
+    """Draw the scale of displacement on the right, with a name that fits the panel's height."""
+    scale = 1e3 / (2.0 * math.pi * f_al) ** 2
+    right = panel.secondary_yaxis("right", functions=(lambda a: np.asarray(a) * scale, lambda d: np.asarray(d) / scale))
+    right.set_ylabel("mm")
+
+
+def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
+    """Figure of the tip's peak with every treatment, one experiment beside the other, with the specification."""
+    columns = [case for case in cases(result) if any(_is_judged(row, case) for row in robot.rows)]
+    names = list(dict.fromkeys(treatment_words(row) for row in robot.rows if row.tip_peak_mm is not None))
+    if not columns or len(names) < 2:
+        return None
+    key = f"peaks-{robot.directory}"
+    figure, panels = style.panels(1, len(columns), 0.9 + 0.3 * len(names), sharey=True, sharex=True)
+    reach = 1.12 * max([robot.tip_mm, *(row.tip_peak_mm for row in robot.rows if row.tip_peak_mm is not None)])
+    height = {name: len(names) - 1 - number for number, name in enumerate(names)}
+    for column, case in enumerate(columns):
+        panel = panels[0, column]
+        own = [(row, row.tip_peak_mm) for row in robot.rows if _is_judged(row, case) and row.tip_peak_mm is not None]
+        plain = {row.loop: peak for row, peak in own if row.treatment == "none"}
+        panel.axvspan(0.0, robot.tip_mm, color=style.SHADE, zorder=0)
+        panel.axvline(robot.tip_mm, **style.LIMIT)
+        for row, peak in own:
+            y, within = height[treatment_words(row)], row.within_spec
+            panel.plot([plain.get(row.loop, peak), peak], [y, y], color=style.GREY, linewidth=0.9, zorder=1)
+            look = {"marker": "o", "color": style.BLUE} if within else {"marker": "s", "color": style.VERMILLION}
+            panel.plot([peak], [y], linestyle="", markersize=5.5, zorder=3, **look)
+            side = "center" if peak > 0.08 * reach else "left"
+            panel.annotate(f"{peak:.3f}", (peak, y), xytext=(0, 5.5), textcoords="offset points", ha=side, fontsize=7.0)
+        panel.set_title(case_name(*case).capitalize())
+        panel.set_xlabel("Tip peak (mm)")
+        panel.set_ylim(-0.6, len(names) - 0.2)
+    panels[0, 0].set_xlim(0.0, reach)
+    panels[0, 0].locator_params(axis="x", nbins=5)
+    panels[0, 0].set_yticks([height[name] for name in names], names)
+    several = len(result.robots) > 1
+    return Drawing(
+        key,
+        f"{robot.name}: tip peaks against the specification" if several else "Tip peaks against the specification",
+        "",
+        "measured",
+        f"Dotted line and shade: the specification of ±{robot.tip_mm:g} mm. Blue discs are within it, red squares outside; "
+        "the thin line leads to the peak with nothing acting, closed in the same place.",
+        style.to_svg(figure, key),
+    )
+
+
+def _is_judged(row: ComparisonRow, case: tuple[str, int | None]) -> bool:
+    return (row.experiment, row.axis) == case and row.tip_peak_mm is not None

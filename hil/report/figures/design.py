@@ -1,0 +1,214 @@
+"""Figures of a designed notch: the paper's Figs. 11 and 12 for it, its margins over the speed, and the tip on the ramp."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from hil.analysis import WINDOWS_RPS, tip_displacement_mm
+from hil.control.angles import ARCSEC
+from hil.control.notch import Notch
+from hil.design.frequency import acceleration_bound
+from hil.design.notch_design import NotchVerdict
+from hil.design.ramp import follow
+from hil.experiments.notch_design import NotchDesignOutcome
+from hil.report import style
+from hil.report.figures.notch import FAMILY, SPEED_COLOURS
+from hil.report.style import Drawing, Real
+
+GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "linewidth": 1.2}
+
+
+def verdicts(outcome: NotchDesignOutcome) -> list[tuple[str, NotchVerdict, style.Line]]:
+    """Verdicts to draw, with name and line style; a bare loop is not drawn twice."""
+    drawn: list[tuple[str, NotchVerdict, style.Line]] = [("no filter", outcome.none, style.WITHOUT)]
+    if outcome.given is not None:
+        drawn.append(("given filter", outcome.given, GIVEN))
+    if outcome.designed is not None and outcome.designed.notches:
+        drawn.append(("designed filter", outcome.designed, style.WITH))
+    return drawn
+
+
+def families(outcome: NotchDesignOutcome) -> Drawing | None:
+    """|F_n| and |G_al| for speeds from f_s to f_e, and |G_al| on the line, per filter; Figs. 9 and 11."""
+    best = outcome.best
+    own = [notch for notch in best.notches if notch.order in outcome.request.orders]
+    if not own:
+        return None
+    figure, panels = style.panels(3, len(own), 7.6, sharey="row", height_ratios=(2, 3, 3))
+    norm = _norm(own)
+    frequency = np.linspace(4.0, 26.0, 1601)
+    loop = outcome.loop(best.notches)
+    for column, notch in enumerate(own):
+        gain, arm, line = panels[:, column]
+        bound = _bound(outcome, notch.order, frequency)
+        for speed in np.linspace(notch.start_rps, notch.end_rps, FAMILY):
+            colour = SPEED_COLOURS(norm(speed))
+            response = style.decibel(loop.acceleration_per_transmission_error(frequency, float(speed)))
+            gain.plot(frequency, style.decibel(loop.notch_response(frequency, float(speed))), color=colour, linewidth=0.8)
+            arm.plot(frequency, response, color=colour, linewidth=0.8)
+            here = notch.order * float(speed)
+            arm.plot([here], [np.interp(here, frequency, response)], "o", color=colour, markersize=3.2)
+        arm.plot(frequency, bound, **style.CONSTRAINT)
+        bare = outcome.loop().acceleration_per_transmission_error(frequency)
+        arm.plot(frequency, style.decibel(bare), **style.WITHOUT)
+        _on_the_line(outcome, line, notch.order)
+        gain.set_title(f"k = {notch.order}")
+        for panel in (gain, arm):
+            panel.set_xlim(4.0, 26.0)
+            panel.set_xlabel("Frequency (Hz)")
+        line.set_xlabel(r"Frequency on the line, $k\,f_m$ (Hz)")
+    for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB re 1/s²)"), strict=True):
+        panel.set_ylabel(name)
+    style.legend_above(figure, panels[2, 0])
+    _colour_bar(figure, panels[:2], norm)
+    return Drawing(
+        "families",
+        "Gain of the filter and of G_al",
+        "Figs. 9 and 11",
+        "computed",
+        "Filters frozen at motor speeds from f_s (light) to f_e (dark), for the believed plant. Middle: dots mark each curve at "
+        "its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; broken: without a filter. "
+        "Bottom: these dots for all speeds as one curve.",
+        style.to_svg(figure, "families"),
+    )
+
+
+def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
+    top = min(outcome.problem.speed_limit_rps, 26.0 / order)
+    speeds = np.linspace(1.0 / order, top, 361)
+    line = order * speeds
+    for name, verdict, look in verdicts(outcome):
+        loop = outcome.loop(verdict.notches)
+        gain = [loop.acceleration_per_transmission_error(np.array([f]), float(v))[0] for f, v in zip(line, speeds, strict=True)]
+        panel.plot(line, style.decibel(np.array(gain)), label=name, **look)
+    panel.plot(line, _bound(outcome, order, line), label="constraint (5)", **style.CONSTRAINT)
+    panel.set_xlim(4.0, 26.0)
+    panel.set_ylim(bottom=style.decibel(np.array([(2.0 * math.pi * 4.0) ** 2]))[0] - 3.0)
+
+
+def _bound(outcome: NotchDesignOutcome, order: int, frequency: Real) -> Real:
+    problem = outcome.problem
+    amplitude = problem.members[0].error.amplitude_arcsec[order] * ARCSEC
+    limit = 1e-3 * problem.requirements.tip_mm
+    return style.decibel(acceleration_bound(frequency, amplitude, problem.lever_m, limit))
+
+
+def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
+    """The open loop for speeds from f_s to f_e, whole and near −1, with the circle of the M_s that is allowed; Fig. 12."""
+    best = outcome.best
+    if not best.notches:
+        return None
+    figure, panels = style.panels(1, 2, 4.4)
+    norm = _norm(best.notches)
+    loop = outcome.loop(best.notches)
+    grid = np.unique(np.concatenate([np.geomspace(1.0, 0.49 / loop.period_s, 700), np.linspace(4.0, 32.0, 1400)]))
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    low, high = min(n.start_rps for n in best.notches), max(n.end_rps for n in best.notches)
+    for speed in np.linspace(low, high, 2 * FAMILY):
+        response = loop.open_loop(grid, float(speed))
+        for panel in panels[0]:
+            panel.plot(response.real, response.imag, color=SPEED_COLOURS(norm(speed)), linewidth=0.8)
+    allowed = outcome.problem.requirements.max_sensitivity
+    worst = max(one.sensitivity_peak for one in best.margins.values())
+    for panel in panels[0]:
+        panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
+        for radius, name, look in (
+            (1.0 / allowed, f"$M_s$ = {allowed:g}, allowed", style.CONSTRAINT),
+            (1.0 / worst, f"$M_s$ = {worst:.2f}, reached", style.MODEL),
+        ):
+            panel.plot(-1.0 + radius * np.cos(angle), radius * np.sin(angle), label=name, **look)
+        panel.plot([-1.0], [0.0], "+", color=style.BLACK, markersize=8, markeredgewidth=1.4)
+        panel.set_aspect("equal")
+        panel.set_xlabel("Real part (–)")
+    panels[0, 0].set(xlim=(-5.0, 5.0), ylim=(-5.0, 4.0), ylabel="Imaginary part (–)")
+    panels[0, 1].set(xlim=(-1.9, 0.3), ylim=(-1.2, 0.8), title="near −1")
+    style.legend_above(figure, panels[0, 0])
+    _colour_bar(figure, panels, norm)
+    return Drawing(
+        "nyquist",
+        "Open loop with the filter",
+        "Fig. 12",
+        "computed",
+        f"Nyquist diagrams of L(jω) for the believed plant with the filters frozen at motor speeds from f_s (light) to f_e "
+        f"(dark), sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay; cross: −1. No curve may "
+        "enter the broken circle of the allowed M_s.",
+        style.to_svg(figure, "nyquist"),
+    )
+
+
+def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
+    """M_s, gain margin and phase margin over the motor speed, with the requirements."""
+    figure, panels = style.panels(1, 3, 2.6, sharex=True)
+    requirements = outcome.problem.requirements
+    for name, verdict, look in verdicts(outcome):
+        speeds = list(verdict.margins)
+        for panel, attribute in zip(panels[0], ("sensitivity_peak", "gain_margin_db", "phase_margin_deg"), strict=True):
+            values = [getattr(one, attribute) for one in verdict.margins.values()]
+            panel.plot(speeds, [value if math.isfinite(value) else math.nan for value in values], label=name, **look)
+    limits = (requirements.max_sensitivity, requirements.gain_margin_db, requirements.phase_margin_deg)
+    for column, (panel, limit) in enumerate(zip(panels[0], limits, strict=True)):
+        panel.axhline(limit, label="asked", **style.LIMIT)
+        panel.set_xlabel("Motor speed $f_m$ (rev/s)")
+        panel.set_xlim(0.0, outcome.problem.speed_limit_rps)
+        bottom, top = panel.get_ylim()
+        panel.set_ylim(1.0 if column == 0 else 0.0, max(top, 1.1 * limit) if column else max(top, limit + 0.1, bottom + 0.2))
+    for panel, name in zip(panels[0], ("$M_s$ (–)", "Gain margin (dB)", "Phase margin (°)"), strict=True):
+        panel.set_ylabel(name)
+    style.legend_above(figure, panels[0, 0])
+    return Drawing(
+        "margins",
+        "Margins at every motor speed",
+        "with Fig. 12",
+        "computed",
+        "Believed plant, filters frozen at each speed from rest to the speed limit; a switched filter counts as in within its "
+        "hysteresis too. Dotted: what is asked. The table of requirements holds the worst of all plants.",
+        style.to_svg(figure, "margins"),
+    )
+
+
+def ramps(outcome: NotchDesignOutcome) -> Drawing:
+    """The tip on the ramp over the motor speed, rising and falling, as the simulation predicts it."""
+    figure, panels = style.panels(1, 2, 3.0, sharey=True)
+    problem, limit = outcome.problem, outcome.problem.requirements.tip_mm
+    low = min(problem.windows_rps[order][0] for order in outcome.request.orders) - 0.8
+    for name, verdict, look in verdicts(outcome):
+        motion = follow(outcome.loop(verdict.notches), problem.members[0].error, problem.reference_rad)
+        tip = tip_displacement_mm(problem.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, outcome.f_al_hz)
+        top = int(np.argmax(motion.motor_speed_rps))
+        for panel, rows in zip(panels[0], (slice(0, top), slice(top, None)), strict=True):
+            inside = motion.motor_speed_rps[rows] >= low
+            panel.plot(motion.motor_speed_rps[rows][inside], tip[rows][inside], label=name, **{**look, "linewidth": 0.9})
+    for panel, title in zip(panels[0], ("speed rising", "speed falling"), strict=True):
+        for sign in (-1.0, 1.0):
+            panel.axhline(sign * limit, **style.LIMIT)
+        for order in outcome.request.orders:
+            panel.axvspan(*WINDOWS_RPS[order], color=style.SHADE, zorder=0)
+        panel.set(title=title, xlabel="Motor speed $f_m$ (rev/s)")
+    panels[0, 1].invert_xaxis()
+    panels[0, 0].set_ylabel("Tip displacement (mm)")
+    style.legend_above(figure, panels[0, 0])
+    return Drawing(
+        "ramps",
+        "Tip on the ramp, predicted",
+        "Figs. 13 and 14",
+        "computed",
+        "The bench file's constant acceleration up, and the same down, in a simulation of the believed plant with the law at its "
+        "sampling time, without friction: equivalent displacement, 6 to 25 Hz. Shaded: the speeds in which it is judged; dotted: "
+        "the specification. At constant speed the filter does better: on a ramp it has no time to settle.",
+        style.to_svg(figure, "ramps"),
+    )
+
+
+def _norm(notches: Sequence[Notch]) -> Normalize:
+    return Normalize(min(notch.start_rps for notch in notches), max(notch.end_rps for notch in notches))
+
+
+def _colour_bar(figure: Figure, panels: Any, norm: Normalize) -> None:
+    bar = figure.colorbar(ScalarMappable(norm, SPEED_COLOURS), ax=list(panels.flat), shrink=0.6, aspect=30, pad=0.02)
+    bar.set_label("Motor speed $f_m$ (rev/s)")

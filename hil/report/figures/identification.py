@@ -1,0 +1,89 @@
+"""Figures from which the transmission error is identified: the paper's Figs. 7 and 8."""
+
+import numpy as np
+
+from hil.analysis import WINDOWS_RPS, motor_speed_rps, speed_window
+from hil.design.transmission_error import arm_response
+from hil.recording import Recording
+from hil.report import style
+from hil.report.drawn_run import FEWEST, limit_m_s2, limit_words, smooth_spectrum
+from hil.report.material import CONSTANT_ACCELERATION, Material
+from hil.report.style import Drawing, Real
+
+
+def identification(material: Material, axis: int) -> Drawing | None:
+    """Speed, tip acceleration and its spectrum in both windows, measured and modelled; Figs. 7 and 8."""
+    run = material.find(CONSTANT_ACCELERATION, axis, "none", "drive") or material.find(
+        CONSTANT_ACCELERATION, axis, "none", "host"
+    )
+    recording = material.recording(run)
+    if run is None or recording is None:
+        return None
+    model = _modelled(material, axis, recording)
+    figure, panels = style.panels(3, 2, 5.9, height_ratios=(2, 3, 3), sharey="row")
+    for column, order in enumerate((2, 4)):
+        _window(material, axis, recording, model, order, panels[:, column])
+    panels[0, 0].set_ylabel("Speed (rev/s)")
+    panels[1, 0].set_ylabel("Tip acceleration (m/s²)")
+    panels[2, 0].set_ylabel("Amplitude (m/s²)")
+    style.legend_above(figure, panels[1, 0])
+    paper = {2: "Fig. 7", 3: "Fig. 8"}.get(axis, "as Figs. 7 and 8")
+    computed = (
+        " Broken: what the arm on its gear does, computed from the motor angle as measured and the bench file's θ_sync."
+        if model is not None
+        else " The axis has no model to compare with."
+    )
+    limit = limit_words(material, axis, ", around the mean")
+    return Drawing(
+        f"identification-{axis}",
+        f"Axis {axis} through its resonant speeds, without notch",
+        paper,
+        "measured" if model is None else "measured and computed",
+        "Constant acceleration of one motor. Top: its speed; shaded: the speeds in which the run is judged. Middle: "
+        "vertical "
+        f"acceleration of the tip, as the sensor gave it.{computed} {limit} Bottom: amplitude spectrum of the shaded "
+        "part (Hann window, interpolated between its bins, mean removed).",
+        style.to_svg(figure, f"identification-{axis}"),
+    )
+
+
+def _modelled(material: Material, axis: int, recording: Recording) -> Real | None:
+    error = material.transmission_error(axis)
+    if error is None:
+        return None
+    lever = material.bench.axis[axis].tip_lever_m
+    return arm_response(material.loop(axis).plant, recording.axis(axis, "position_rad"), recording.period_s, lever, error)
+
+
+def _window(material: Material, axis: int, recording: Recording, model: Real | None, order: int, panels: style.Panels) -> None:
+    top, middle, bottom = panels
+    low, high = WINDOWS_RPS[order]
+    top.set_title(f"k = {order}: {low:g} to {high:g} rev/s")
+    inside = np.flatnonzero(speed_window(recording, axis, order))
+    for panel in (top, middle):
+        panel.set_xlabel("Time (s)")
+    bottom.set_xlabel("Frequency (Hz)")
+    bottom.set_xlim(0.0, 30.0)
+    if len(inside) < FEWEST:
+        for panel in panels:
+            style.note(panel, "the run did not reach these speeds")
+        return
+    time, tip = recording.time_s, recording.columns["tip_z_m_s2"]
+    margin = round(0.3 / recording.period_s)
+    rows = slice(max(0, inside[0] - margin), inside[-1] + margin)
+    begin, end = float(time[inside[0]]), float(time[inside[-1]])
+    for panel in (top, middle):
+        panel.axvspan(begin, end, color=style.SHADE, zorder=0)
+        panel.set_xlim(float(time[rows][0]), float(time[rows][-1]))
+    top.plot(*style.thin(time[rows], np.abs(motor_speed_rps(recording, axis)[rows])), **style.BROAD)
+    middle.plot(*style.thin(time[rows], tip[rows]), label="measured", **style.BROAD)
+    if model is not None:
+        middle.plot(*style.thin(time[rows], model[rows]), label="model", **style.MODEL)
+    if axis in material.f_al_hz:
+        centre, limit = float(np.mean(tip[inside])), limit_m_s2(material, material.f_al_hz[axis])
+        for sign, name in ((1.0, f"±{material.bench.specification.tip_mm:g} mm equivalent"), (-1.0, None)):
+            middle.axhline(centre + sign * limit, label=name, **style.LIMIT)
+    for values, look in ((tip, style.BROAD), (model, style.MODEL)):
+        if values is not None:
+            bottom.plot(*smooth_spectrum(values[inside], recording.period_s, 30.0), **look)
+    bottom.set_ylim(0.0, None)

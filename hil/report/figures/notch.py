@@ -1,0 +1,303 @@
+"""Figures of the variable notch and its loop: the paper's Figs. 10, 11 and 12, and the margins at all speeds."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+
+from hil.analysis import motor_speed_rps
+from hil.control.angles import ARCSEC
+from hil.control.notch import NOTCH_TRAPEZOID, Notch, notch_weight
+from hil.design.frequency import Loop, acceleration_bound, margins
+from hil.report import style
+from hil.report.material import CONSTANT_ACCELERATION, MARGIN_SPEEDS_RPS, Material
+from hil.report.style import Drawing, Real
+
+FAMILY = 11
+"""Speeds in a family of curves."""
+
+SPEED_COLOURS = LinearSegmentedColormap.from_list("speed", ["#9ecae9", "#3787c0", "#0a4a90", "#041f42"])
+"""Light for slow, dark for fast, as in the paper."""
+
+
+def notch_axes(material: Material) -> tuple[int, ...]:
+    """Axes with both a model and a notch."""
+    return tuple(number for number in material.model_axes if material.bench.axis[number].notch)
+
+
+def schedules(material: Material) -> Drawing | None:
+    """ζ_rd and the filter's frequencies over the motor speed, with what the drive reported; Fig. 10."""
+    axes = [number for number in sorted(material.bench.axis) if material.bench.axis[number].notch]
+    if not axes:
+        return None
+    figure, panels = style.panels(2, len(axes), 4.2, sharex=True, sharey="row", height_ratios=(2, 3))
+    speed = np.linspace(0.0, 11.0, 1101)
+    reported = 0
+    for column, number in enumerate(axes):
+        damping, frequency = panels[:, column]
+        for index, table in enumerate(material.bench.axis[number].notch):
+            notch = table.notch()
+            _schedule(damping, frequency, notch, speed, with_names=index == 0)
+        reported += _reported(material, number, frequency)
+        damping.set_title(f"Axis {number}")
+        frequency.set_xlim(2.0, 11.0)
+        frequency.set_xlabel("Motor speed $f_m$ (rev/s)")
+    panels[0, 0].set_ylabel(r"Pole damping $\zeta_{rd}$ (–)")
+    panels[0, 0].set_ylim(0.0, 1.12 * panels[0, 0].get_ylim()[1])
+    panels[1, 0].set_ylabel("Frequency (Hz)")
+    style.legend_above(figure, panels[1, 0], 5)
+    dots = (
+        " Dots: the zero frequency that the drive reported while it ran, over the measured motor speed."
+        if reported
+        else " No drive reported its filter's frequency in these runs."
+    )
+    return Drawing(
+        "schedules",
+        "Variable parameters of the notch",
+        "Fig. 10",
+        "measured and computed" if reported else "computed",
+        "Above: the damping of the poles. The filter acts from f_s to f_e and, once in, stays in until the speed has "
+        "left that range by "
+        "the hysteresis (thin lines). Below: its zeros follow k f_m, its poles lie ω_d above." + dots,
+        style.to_svg(figure, "schedules"),
+    )
+
+
+def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, *, with_names: bool) -> None:
+    inside = speed[(speed >= notch.start_rps) & (speed <= notch.end_rps)]
+    weight = np.array([notch_weight(notch.mode, f, notch.start_rps, notch.end_rps, notch.ramp_rps) for f in inside])
+    zeta = notch.zeta_rn + weight * (notch.zeta_rdth - notch.zeta_rn)
+    damping.plot(inside, zeta, color=style.BLUE, linewidth=1.6)
+    damping.axhline(notch.zeta_rn, **style.MARK)
+    damping.annotate(
+        rf"$\zeta_{{rn}}$ = {notch.zeta_rn:g}",
+        (10.9, notch.zeta_rn),
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="right",
+        fontsize=7.5,
+    )
+    for edge, outside, text, side in (
+        (notch.start_rps, notch.start_rps - notch.hysteresis_rps, f"$f_s$ = {notch.start_rps:g} rev/s", "right"),
+        (notch.end_rps, notch.end_rps + notch.hysteresis_rps, f"$f_e$ = {notch.end_rps:g} rev/s", "left"),
+    ):
+        if notch.mode != NOTCH_TRAPEZOID:
+            damping.plot([edge, edge], [0.0, notch.zeta_rdth], color=style.BLUE, linewidth=1.6)
+            damping.plot([outside, outside, edge], [0.0, notch.zeta_rdth, notch.zeta_rdth], color=style.BLUE, linewidth=0.7)
+        pad = -3 if side == "right" else 3
+        damping.annotate(
+            text, (outside, notch.zeta_rdth), xytext=(pad, -2), textcoords="offset points", ha=side, va="top", fontsize=7.5
+        )
+    names = (r"zeros, $k\,f_m$", r"poles, $k\,f_m + \omega_d/2\pi$") if with_names else (None, None)
+    frequency.plot(inside, notch.order * inside, color=style.BLUE, label=names[0])
+    frequency.plot(inside, notch.order * inside + weight * notch.offset_hz, label=names[1], **style.MODEL)
+
+
+def _reported(material: Material, number: int, panel: Axes) -> int:
+    """Draw the filter's frequency as reported by the drive; return 1 if there was any, else 0."""
+    run = material.find(CONSTANT_ACCELERATION, number, "notch")
+    recording = material.recording(run)
+    if recording is None or f"axis{number}_notch_hz" not in recording.columns:
+        return 0
+    speed, zero = np.abs(motor_speed_rps(recording, number)), recording.axis(number, "notch_hz")
+    rising = (zero > 0.0) & (np.arange(len(speed)) < int(np.argmax(speed)))
+    if not rising.any():
+        return 0
+    speed, zero = style.thin(speed[rising], zero[rising], points=25)
+    panel.plot(speed, zero, "o", color=style.BLACK, markerfacecolor="white", markersize=3.8, label="zeros, reported by the drive")
+    return 1
+
+
+def families(material: Material) -> Drawing | None:
+    """|F_n| and |G_al| for speeds from f_s to f_e, and |G_al| on the line ω = 2π k f_m against (5); Fig. 11."""
+    axes = notch_axes(material)
+    if not axes:
+        return None
+    figure, panels = style.panels(3, len(axes), 7.0, sharex="row", sharey="row", height_ratios=(2, 3, 3))
+    frequency = np.linspace(5.0, 25.0, 901)
+    norm = _norm(material, axes)
+    for column, number in enumerate(axes):
+        loop = material.loop(number)
+        notch = loop.notches[0]
+        bound = _bound(material, number, notch.order)
+        gain, arm, line = panels[:, column]
+        for speed, colour in _speeds(notch, norm):
+            gain.plot(frequency, style.decibel(loop.notch_response(frequency, speed)), color=colour, linewidth=0.8)
+            response = style.decibel(loop.acceleration_per_transmission_error(frequency, speed))
+            arm.plot(frequency, response, color=colour, linewidth=0.8)
+            here = notch.order * speed
+            arm.plot([here], [np.interp(here, frequency, response)], "o", color=colour, markersize=3.2)
+        if bound is not None:
+            arm.plot(frequency, bound(frequency), label="constraint (5)", **style.CONSTRAINT)
+        _on_the_line(line, loop, notch, bound)
+        gain.set_title(f"Axis {number}, k = {notch.order}")
+        gain.set_xlim(5.0, 25.0)
+        arm.set_xlim(5.0, 25.0)
+        for panel in (gain, arm):
+            panel.set_xticks([5, 10, 15, 20, 25])
+        gain.set_xlabel("Frequency (Hz)")
+        arm.set_xlabel("Frequency (Hz)")
+        line.set_xlabel(r"Frequency on the line, $k\,f_m$ (Hz)")
+    panels[0, 0].set_ylabel("Notch $|F_n|$ (dB)")
+    panels[1, 0].set_ylabel(r"$|G_{al}|$ (dB re 1/s²)")
+    panels[2, 0].set_ylabel("$|G_{al}|$ on the line (dB re 1/s²)")
+    style.legend_above(figure, panels[2, 0])
+    _colour_bar(figure, panels[:2], norm)
+    return Drawing(
+        "families",
+        "Gain of the notch and of G_al",
+        "Fig. 11",
+        "computed",
+        "Filters frozen at motor speeds from f_s (light) to f_e (dark). Middle: dots mark each curve at its own "
+        "harmonic ω = 2π k f_m, "
+        "which is the only frequency that the transmission error has at that speed, and the only one at which "
+        "constraint (5), "
+        "|G_al| ≤ A_acc ω²/(L A_k), has to hold. Bottom: the same dots for all speeds as one curve, without and with "
+        "the notch, "
+        "at constant speed.",
+        style.to_svg(figure, "families"),
+    )
+
+
+def _on_the_line(panel: Axes, loop: Loop, notch: Notch, bound: Any) -> None:
+    speed = np.linspace(max(0.5, notch.start_rps - 1.2), notch.end_rps + 1.2, 261)
+    here = notch.order * speed
+    bare = loop.acceleration_per_transmission_error(here)
+    on = np.array([loop.acceleration_per_transmission_error(np.array([f]), v)[0] for f, v in zip(here, speed, strict=True)])
+    panel.plot(here, style.decibel(bare), label="without notch", **style.WITHOUT)
+    panel.plot(here, style.decibel(on), label="with notch", **style.WITH)
+    if bound is not None:
+        panel.plot(here, bound(here), label="constraint (5)", **style.CONSTRAINT)
+    panel.set_xlim(here[0], here[-1])
+    style.flag(panel, notch.order * notch.start_rps, r"$k\,f_s$", side="right")
+    style.flag(panel, notch.order * notch.end_rps, r"$k\,f_e$", height=0.12)
+
+
+def _bound(material: Material, number: int, order: int) -> Any:
+    """Constraint (5) in dB as a function of the frequency, or None where no amplitude is known."""
+    amplitude = material.amplitude_arcsec(number, order) * ARCSEC
+    if amplitude <= 0.0:
+        return None
+    lever, limit = material.bench.axis[number].tip_lever_m, 1e-3 * material.bench.specification.tip_mm
+    return lambda frequency: style.decibel(acceleration_bound(frequency, amplitude, lever, limit))
+
+
+def nyquist(material: Material) -> Drawing | None:
+    """The open loop for speeds from f_s to f_e, whole and near −1; Fig. 12."""
+    axes = notch_axes(material)
+    if not axes:
+        return None
+    figure, panels = style.panels(2, len(axes), 7.4, sharex="row", sharey="row")
+    norm = _norm(material, axes)
+    grid = np.geomspace(1.0, 0.49 / material.control_period_s, 700)
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    peaks = []
+    for column, number in enumerate(axes):
+        loop = material.loop(number)
+        notch = loop.notches[0]
+        whole, near = panels[:, column]
+        drawn = [margins(loop, speed, points=1000) for speed, _ in _speeds(notch, norm)]
+        worst = max(margin.sensitivity_peak for margin in [*material.margins(number).values(), *drawn])
+        peaks.append(f"{worst:.2f} (axis {number})")
+        for speed, colour in _speeds(notch, norm):
+            here = notch.order * speed
+            around = np.linspace(0.85 * here, 1.15 * here, 201)
+            response = loop.open_loop(np.unique(np.concatenate([grid, around, np.linspace(8.0, 30.0, 700)])), speed)
+            for panel in (whole, near):
+                panel.plot(response.real, response.imag, color=colour, linewidth=0.8)
+        for panel in (whole, near):
+            panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
+            panel.plot(
+                -1.0 + np.cos(angle) / worst,
+                np.sin(angle) / worst,
+                label="1/$M_s$ around −1",
+                color=style.VERMILLION,
+                linewidth=1.1,
+                linestyle=(0, (4, 1.6)),
+            )
+            panel.plot([-1.0], [0.0], "+", color=style.BLACK, markersize=8, markeredgewidth=1.4)
+            panel.set_aspect("equal")
+            panel.set_xlabel("Real part (–)")
+        whole.set(xlim=(-5.0, 5.0), ylim=(-5.0, 4.0), title=f"Axis {number}")
+        near.set(xlim=(-1.9, 0.3), ylim=(-1.2, 0.8), title=f"Axis {number}, near −1", xticks=[-1.5, -1.0, -0.5, 0.0])
+    for panel in panels[:, 0]:
+        panel.set_ylabel("Imaginary part (–)")
+    style.legend_above(figure, panels[0, 0])
+    _colour_bar(figure, panels, norm)
+    return Drawing(
+        "nyquist",
+        "Open loop with the notch",
+        "Fig. 12",
+        "computed",
+        f"Nyquist diagrams of L(jω) with the filter frozen at motor speeds from f_s (light) to f_e (dark), sampled at "
+        f"{1e6 * material.control_period_s:.0f} µs; cross: −1. The broken circle around it has the radius 1/M_s, the "
+        f"closest "
+        f"approach of all speeds: M_s = {', '.join(peaks)}.",
+        style.to_svg(figure, "nyquist"),
+    )
+
+
+def margin_curves(material: Material) -> Drawing | None:
+    """M_s, gain margin and phase margin over the motor speed."""
+    axes = notch_axes(material)
+    if not axes:
+        return None
+    figure, panels = style.panels(1, 3, 2.5, sharex=True)
+    stable = True
+    for number, line in zip(axes, style.AXIS_LINES, strict=False):
+        by_speed = material.margins(number)
+        stable = stable and all(margin.stable for margin in by_speed.values())
+        speeds = list(by_speed)
+        values = [
+            [m.sensitivity_peak for m in by_speed.values()],
+            [m.gain_margin_db if math.isfinite(m.gain_margin_db) else math.nan for m in by_speed.values()],
+            [m.phase_margin_deg if math.isfinite(m.phase_margin_deg) else math.nan for m in by_speed.values()],
+        ]
+        for panel, value in zip(panels[0], values, strict=True):
+            panel.plot(speeds, value, label=f"axis {number}", markevery=4, **line)
+    for panel, name in zip(panels[0], ("$M_s$ (–)", "Gain margin (dB)", "Phase margin (°)"), strict=True):
+        panel.set_ylabel(name)
+        panel.set_xlabel("Motor speed $f_m$ (rev/s)")
+        panel.set_xlim(0.0, 11.0)
+    low, high = panels[0, 0].get_ylim()
+    panels[0, 0].set_ylim(min(1.0, low), max(2.0, high))
+    for panel in panels[0, 1:]:
+        panel.set_ylim(0.0, 1.12 * panel.get_ylim()[1])
+    style.legend_above(figure, panels[0, 0])
+    verdict = (
+        "inside the unit circle at every one of these speeds: the loop is stable throughout"
+        if stable
+        else ("NOT inside the unit circle at all of these speeds: the loop is unstable somewhere")
+    )
+    return Drawing(
+        "margins",
+        "Stability margins at all motor speeds",
+        "with Fig. 12",
+        "computed",
+        f"Peak of the sensitivity |1/(1 + L)|, gain margin and phase margin with the filter frozen at "
+        f"{len(MARGIN_SPEEDS_RPS)} speeds from "
+        f"{MARGIN_SPEEDS_RPS[0]:g} to {MARGIN_SPEEDS_RPS[-1]:g} rev/s. All closed-loop poles of the sampled loop lie "
+        f"{verdict}.",
+        style.to_svg(figure, "margins"),
+    )
+
+
+def _norm(material: Material, axes: tuple[int, ...]) -> Normalize:
+    notches = [material.loop(number).notches[0] for number in axes]
+    return Normalize(min(notch.start_rps for notch in notches), max(notch.end_rps for notch in notches))
+
+
+def _speeds(notch: Notch, norm: Normalize) -> Iterator[tuple[float, Any]]:
+    """Speeds from f_s to f_e, with their colours."""
+    for speed in np.linspace(notch.start_rps, notch.end_rps, FAMILY):
+        yield float(speed), SPEED_COLOURS(norm(speed))
+
+
+def _colour_bar(figure: Figure, panels: style.Panels, norm: Normalize) -> None:
+    bar = figure.colorbar(ScalarMappable(norm, SPEED_COLOURS), ax=list(panels.flat), shrink=0.5, aspect=30, pad=0.02)
+    bar.set_label("Motor speed $f_m$ (rev/s)")

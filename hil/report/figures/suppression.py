@@ -1,0 +1,208 @@
+"""Figures of the notch at work: the paper's Figs. 13, 14 and 15, and the loop in the drive beside that on the host."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from hil.analysis import LINE_WINDOW_S, TIP_BAND_HZ, WINDOWS_RPS, amplitude_spectrum, motor_speed_rps, speed_window
+from hil.recording import Recording
+from hil.report import style
+from hil.report.drawn_run import (
+    FEWEST,
+    DrawnRun,
+    draw_vibration,
+    drawn_run,
+    finish_vibration,
+    limit_words,
+    number_or_nothing,
+    shade_speeds,
+    smooth_spectrum,
+)
+from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite
+from hil.report.style import Drawing
+
+BRAKING_S = 0.12
+"""Time from the end of the vibration's diagrams to the end of the ramp."""
+
+
+def suppression(material: Material, axis: int) -> Drawing | None:
+    """Tip vibration and its spectrum with and without the notch, drive-closed; Figs. 13 and 14."""
+    runs = _pair(material, CONSTANT_ACCELERATION, axis)
+    if not runs:
+        return None
+    figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
+    top, bottom = panels[:, 0]
+    f_al = material.f_al_hz.get(axis)
+    for run in runs:
+        draw_vibration(top, run)
+        inside = np.flatnonzero(speed_window(run.recording, axis, 2))
+        if len(inside) >= FEWEST:
+            tip = run.recording.columns["tip_z_m_s2"][inside]
+            label = run.label + number_or_nothing(run.entry.spectrum_peak_m_s2, ": peak {:.3f} m/s²")
+            bottom.plot(*smooth_spectrum(tip, run.recording.period_s, 30.0), label=label, **run.look)
+    recording = runs[-1].recording
+    shade_speeds(material, axis, recording, top)
+    top.set_xlim(float(recording.time_s[0]), _end_of_ramp(recording, axis))
+    finish_vibration(material, top, f_al)
+    bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 30.0))
+    bottom.set_ylim(0.0, None)
+    _inner_legend(bottom)
+    style.legend_above(figure, top)
+    paper = {2: "Fig. 13", 3: "Fig. 14"}.get(axis, "as Figs. 13 and 14")
+    return Drawing(
+        f"suppression-{axis}",
+        f"Axis {axis}: tip vibration with and without the notch",
+        paper,
+        "measured",
+        f"Vertical tip acceleration of the constant-acceleration runs, band-passed {TIP_BAND_HZ[0]:g} to "
+        f"{TIP_BAND_HZ[1]:g} Hz without phase, "
+        "which is what the run is judged by; the scale on the right is the same as a displacement, divided by (2π "
+        "f_al)². Shaded: "
+        f"{WINDOWS_RPS[2][0]:g} to {WINDOWS_RPS[2][1]:g} rev/s, where the second harmonic crosses the resonance. "
+        f"{limit_words(material, axis)} "
+        f"Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are the "
+        f"bins').{_change(material, CONSTANT_ACCELERATION, axis)}",
+        style.to_svg(figure, f"suppression-{axis}"),
+    )
+
+
+def line_motion(material: Material) -> Drawing | None:
+    """Tip vibration on the line and its spectrum up to 50 Hz, with and without the notch; Fig. 15."""
+    runs = _pair(material, LINE_MOTION, None)
+    if not runs:
+        return None
+    figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
+    top, bottom = panels[:, 0]
+    motion = material.bench.line_motion
+    for run in runs:
+        time = run.recording.time_s
+        begin = time[0] + (0.0 if motion is None else motion.dwell_s)
+        end = time[-1] if motion is None else begin + motion.duration_s
+        draw_vibration(top, run)
+        moving = (time >= begin) & (time <= end)
+        frequency, amplitude = amplitude_spectrum(run.recording.columns["tip_z_m_s2"][moving], run.recording.period_s, "boxcar")
+        shown = frequency <= 50.0
+        label = run.label + number_or_nothing(run.entry.spectrum_area, ": area {:.3f} m/s²·Hz")
+        bottom.plot(frequency[shown], amplitude[shown], label=label, **run.look)
+    time = runs[-1].recording.time_s
+    begin = float(time[0]) + (0.0 if motion is None else motion.dwell_s)
+    top.axvspan(begin + LINE_WINDOW_S[0], begin + LINE_WINDOW_S[1], color=style.SHADE, zorder=0)
+    top.set_xlim(float(time[0]), float(time[-1]))
+    finish_vibration(material, top, material.line_f_al_hz)
+    bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 50.0))
+    bottom.set_ylim(0.0, None)
+    _inner_legend(bottom)
+    style.legend_above(figure, top)
+    return Drawing(
+        "line-motion",
+        "Line motion: tip vibration with and without the notch",
+        "Fig. 15",
+        "measured",
+        f"Straight line of the tip with axes 2, 3 and 5. Above: vertical acceleration, band-passed "
+        f"{TIP_BAND_HZ[0]:g} to {TIP_BAND_HZ[1]:g} Hz "
+        f"without phase; shaded: {LINE_WINDOW_S[0]:g} to {LINE_WINDOW_S[1]:g} s after the start, in which it is "
+        f"judged. Below: amplitude "
+        "spectrum of the unfiltered acceleration over the whole motion (rectangular window); its area from 0 to 50 "
+        "Hz is compared. "
+        f"The paper has −26 %.{_change(material, LINE_MOTION, None)}",
+        style.to_svg(figure, "line-motion"),
+    )
+
+
+def loop_sides(material: Material, axis: int) -> Drawing | None:
+    """The loop closed in the drive and on the host, without and with the notch."""
+    looks = (("drive", "closed in the drive", style.BROAD), ("host", "closed on the host, over the bus", style.OTHER_LOOP))
+    pairs: dict[str, list[DrawnRun]] = {}
+    for treatment in ("none", "notch"):
+        drawn = [
+            drawn_run(material, material.find(CONSTANT_ACCELERATION, axis, treatment, loop), label, look)
+            for loop, label, look in looks
+        ]
+        runs = [run for run in drawn if run is not None]
+        if any(run.entry.loop == "host" for run in runs):
+            pairs[treatment] = runs
+    if not pairs:
+        return None
+    figure, panels = style.panels(2, len(pairs), 4.6, height_ratios=(3, 2), sharey="row")
+    reach = 0.0
+    for column, (treatment, runs) in enumerate(pairs.items()):
+        top, bottom = panels[:, column]
+        for run in runs:
+            draw_vibration(top, run, with_peak=False)
+            inside = np.flatnonzero(speed_window(run.recording, axis, 2))
+            if len(inside) >= FEWEST:
+                tip = run.recording.columns["tip_z_m_s2"][inside]
+                bottom.plot(*smooth_spectrum(tip, run.recording.period_s, 30.0), **run.look)
+        recording = runs[-1].recording
+        shade_speeds(material, axis, recording, top, with_names=False)
+        last = column == len(pairs) - 1
+        inside = np.flatnonzero(speed_window(recording, axis, 2))
+        if len(inside) >= FEWEST:
+            top.set_xlim(float(recording.time_s[inside[0]]) - 0.25, float(recording.time_s[inside[-1]]) + 0.25)
+        reach = max(reach, finish_vibration(material, top, material.f_al_hz.get(axis), with_name=column == 0, with_scale=last))
+        top.set_title(("Without notch" if treatment == "none" else "With notch") + _peaks(runs))
+        bottom.set(xlabel="Frequency (Hz)", xlim=(0.0, 30.0))
+    if reach > 0.0:
+        panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
+    panels[1, 0].set_ylabel("Amplitude (m/s²)")
+    panels[1, 0].set_ylim(0.0, None)
+    style.legend_above(figure, panels[0, 0])
+    return Drawing(
+        f"loop-places-{axis}",
+        f"Axis {axis}: the loop in the drive and on the host",
+        "",
+        "measured",
+        "The same law in two places: inside the drive, with set-points over the bus, and on the host, with torque "
+        "over the bus in every "
+        f"period of the loop. {_periods(pairs)} Band-passed tip acceleration around the k = 2 window (shaded) and "
+        f"its Hann spectrum there.",
+        style.to_svg(figure, f"loop-places-{axis}"),
+    )
+
+
+def _peaks(runs: list[DrawnRun]) -> str:
+    parts = [number_or_nothing(run.entry.tip_peak_mm, run.entry.loop + " {:.3f} mm") for run in runs]
+    return ": " + ", ".join(filter(None, parts)) if any(parts) else ""
+
+
+def _periods(pairs: dict[str, list[DrawnRun]]) -> str:
+    runs = {run.entry.loop: run.entry for runs in pairs.values() for run in runs}
+    parts = [f"{loop}-closed: {1e3 * run.sync_period_s:g} ms" for loop, run in runs.items() if run.sync_period_s]
+    return f"SYNC period {', '.join(parts)}." if parts else ""
+
+
+def _pair(material: Material, experiment: str, axis: int | None) -> list[DrawnRun]:
+    """The runs without and with the notch, as far as they are there; drive-closed before host-closed."""
+    for loop in ("drive", "host"):
+        runs = [
+            drawn_run(material, material.find(experiment, axis, "none", loop), "without notch", style.WITHOUT),
+            drawn_run(material, material.find(experiment, axis, "notch", loop), "with notch", style.WITH),
+        ]
+        recorded = [run for run in runs if run is not None]
+        if recorded:
+            return recorded
+    return []
+
+
+def _end_of_ramp(recording: Recording, axis: int) -> float:
+    speed = np.abs(motor_speed_rps(recording, axis))
+    # the filter without phase shows the braking's jerk a little before it happens
+    before = round(BRAKING_S / recording.period_s)
+    return float(recording.time_s[max(FEWEST, int(np.argmax(speed)) - before)])
+
+
+def _inner_legend(panel: Axes) -> None:
+    if panel.get_legend_handles_labels()[0]:
+        panel.legend(loc="upper right")
+
+
+def _change(material: Material, experiment: str, axis: int | None) -> str:
+    """The comparison in a sentence, where there is one."""
+    comparison = material.comparison(experiment, axis)
+    if comparison is None:
+        return ""
+    parts = []
+    if finite(comparison.tip_peak_reduction_pct):
+        parts.append(f"tip peak {-comparison.tip_peak_reduction_pct:+.0f} %")
+    if finite(comparison.spectrum_area_reduction_pct):
+        parts.append(f"spectrum area {-comparison.spectrum_area_reduction_pct:+.0f} %")
+    return f" With the notch: {', '.join(parts)}.".replace("-", "−") if parts else ""

@@ -1,0 +1,98 @@
+"""The page of an identification of the transmission error: one self-contained HTML file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hil.report import style
+from hil.report.figures import ate as figures_ate
+from hil.report.figures.ate import AteMaterial
+from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.style import Drawing
+from hil.report.tables.paper_runs import ReportTable
+
+
+@dataclass(frozen=True)
+class _Chapter:
+    key: str
+    title: str
+    items: tuple[Drawing | ReportTable | None, ...]
+
+
+def write_ate_report(directory: Path) -> Path:
+    """Write `report.html` into a directory that `hil identify ate` has filled.
+
+    Raises:
+        OSError: result.json or a recording cannot be read, or the page cannot be written.
+        ValueError: result.json is not that of an identification of the transmission error.
+    """
+    material = AteMaterial(directory)
+    with style.styled():
+        chapters = sections(material)
+    result = material.result
+    head = PageHead(
+        result.bench.name,
+        result.bench.started_utc,
+        tuple(f"not put back as it was found: {what}" for what in result.not_restored or ()),
+        heading=f"Transmission error of axis {material.axis}",
+    )
+    return render(directory / "report.html", head, verdict(material), chapters, provenance=provenance(material))
+
+
+def sections(material: AteMaterial) -> list[Section]:
+    """All chapters for which there is data."""
+    chapters = [
+        _Chapter("result", "Transmission error", _result(material)),
+        _Chapter(
+            "evidence",
+            "Measured against modelled",
+            (figures_ate.against_speed(material), figures_ate.windows(material, 1), figures_ate.windows(material, -1)),
+        ),
+        _Chapter("confidence", "Confidence", (figures_ate.arm(material), figures_ate.agreement(material))),
+        _Chapter("runs", "Runs", (figures_ate.passes(material),)),
+    ]
+    filled = [Section(each.key, each.title, tuple(item for item in each.items if item is not None)) for each in chapters]
+    return [section for section in filled if section.items]
+
+
+def _result(material: AteMaterial) -> tuple[Drawing | ReportTable | None, ...]:
+    axis, part = material.axis, material.part
+    return figures_ate.errors(axis, part, is_sensorless=material.is_sensorless), figures_ate.waveform(axis, part)
+
+
+def verdict(material: AteMaterial) -> PageVerdict:
+    """Verdict at the top of the page."""
+    result = material.result
+    if result.stopped is not None:
+        return PageVerdict("bad", "■", "A run was stopped", (result.stopped,))
+    part = material.part
+    if part is None:
+        return PageVerdict("bad", "✘", "The transmission error was not identified", (result.not_identified or "",))
+    details = (
+        f"By {'motor torque and encoder alone' if material.is_sensorless else 'tip acceleration and motor angle'}.",
+        *(result.notes or ()),
+    )
+    values, errors = part.values.model_dump(), part.standard_error
+    numbers = ", ".join(
+        f"{symbol} = {values[name]:.2f} ± {errors.get(name, 0.0):.2f}{unit}"
+        for symbol, name, unit in (
+            ("A_2", "a2_arcsec", " arcsec"), ("φ_2", "phi2_deg", "°"), ("A_4", "a4_arcsec", " arcsec"), ("φ_4", "phi4_deg", "°"),
+        )
+    )  # fmt: skip
+    if result.is_within_goal:
+        return PageVerdict("good", "✔", "The transmission error is identified", (numbers, *details))
+    return PageVerdict("open", "▲", "The transmission error is known less well than asked", (numbers, *details))
+
+
+def provenance(material: AteMaterial) -> list[tuple[str, str]]:
+    """Bench, instant and versions of the runs."""
+    record = material.result.bench
+    versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
+    lines = [
+        ("Bench", record.name),
+        ("Bus", record.bus),
+        ("Clock", record.clock),
+        ("Started (UTC)", record.started_utc),
+        ("Known before", material.result.known_before.source),
+        ("Versions", versions),
+    ]
+    return [(name, text) for name, text in lines if text]

@@ -1,0 +1,184 @@
+"""The page of a comparison: one self-contained HTML file."""
+
+from pathlib import Path
+
+from hil.experiments.treatment import TITLES
+from hil.report import style
+from hil.report.figures import compare as figures_compare
+from hil.report.material import Material
+from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
+from hil.report.style import Drawing
+from hil.report.tables import compare as tables_compare
+from hil.report.tables.compare import case_name, cases
+from hil.report.tables.paper_runs import Mark, ReportTable
+from hil.results.comparison import ComparisonRow, StoryResult, TreatmentTable
+from hil.results.files import load_result
+
+
+def write_compare_report(directory: Path) -> Path:
+    """Write `report.html` into a directory that `hil compare` has filled.
+
+    Raises:
+        OSError: result.json cannot be read, or the page cannot be written.
+        ValueError: result.json is not that of a comparison.
+    """
+    result = load_result(directory, TreatmentTable, "a comparison")
+    materials = {robot.directory: _material(directory / robot.directory) for robot in result.robots}
+    with style.styled():
+        chapters = sections(result, materials)
+    names = ", ".join(robot.name for robot in result.robots)
+    head = PageHead(
+        names or "none",
+        result.started_utc,
+        tuple(_notes(result, materials)),
+        heading="Your own robot" if isinstance(result, StoryResult) else "Treatments side by side",
+    )
+    return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
+
+
+def _material(directory: Path) -> Material | None:
+    """Material of one robot, or None where nothing was run."""
+    return Material(directory) if (directory / "result.json").is_file() else None
+
+
+def _notes(result: TreatmentTable, materials: dict[str, Material | None]) -> list[str]:
+    notes = [note for material in materials.values() if material is not None for note in material.notes]
+    return notes + [
+        f"{robot.name}: not put back as it was found: {what}" for robot in result.robots for what in robot.not_restored
+    ]
+
+
+def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> list[Section]:
+    """All chapters for which there is data."""
+    several = len(result.robots) > 1
+    chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
+        ("way", "How it came to that", [tables_compare.story(result)]),
+        (
+            "side-by-side",
+            "Side by side",
+            [tables_compare.overview(result), *(figures_compare.peaks(result, robot) for robot in result.robots)],
+        ),
+    ]
+    for experiment, axis in cases(result):
+        items: list[Drawing | ReportTable | None] = [tables_compare.experiment(result, experiment, axis)]
+        for robot in result.robots:
+            material = materials[robot.directory]
+            if material is not None:
+                items.append(figures_compare.vibration(robot, material, experiment, axis, several=several))
+        title = case_name(experiment, axis).capitalize()
+        chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
+    chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
+    chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
+    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
+    return [section for section in filled if section.items]
+
+
+def _judged_rows(result: TreatmentTable) -> list[tuple[str, ComparisonRow]]:
+    """Every row that was judged, with its robot."""
+    return [
+        (robot.directory, row) for robot in result.robots for row in robot.rows if row.within_spec is not None
+    ]  # fmt: skip
+
+
+def verdict(result: TreatmentTable) -> PageVerdict:
+    """Verdict: the treatment that keeps the specification everywhere."""
+    judged = _judged_rows(result)
+    everywhere = {(robot, row.experiment, row.axis) for robot, row in judged}
+    limits = {robot.tip_mm for robot in result.robots}
+    limit = f"±{next(iter(limits)):g} mm" if len(limits) == 1 else "its specification"
+    by_treatment: dict[str, list[tuple[str, ComparisonRow]]] = {}
+    for robot, row in judged:
+        by_treatment.setdefault(row.treatment, []).append((robot, row))
+    details = [f"Stopped early: {robot.name}: {robot.ended}" for robot in result.robots if robot.ended is not None]
+    failure = result.story.failure if isinstance(result, StoryResult) else None
+    if failure:
+        details.append(f"The story ended early: {failure}")
+    details += [_sentence(name, rows, len(everywhere)) for name, rows in by_treatment.items()]
+    details += _refused(result)
+    if failure or any(robot.ended is not None for robot in result.robots):
+        return PageVerdict("bad", "■", "The comparison is not complete", tuple(details))
+    keeping = {
+        name: max(row.tip_peak_mm for _, row in rows if row.tip_peak_mm is not None)
+        for name, rows in by_treatment.items()
+        if name != "none" and all(row.within_spec for _, row in rows) and _covered(rows) == everywhere
+    }
+    where = "the experiment" if len(everywhere) == 1 else f"all {len(everywhere)} experiments"
+    if keeping:
+        best = min(keeping, key=lambda name: keeping[name])
+        return PageVerdict("good", "✔", f"{_title(best)} keeps the tip within {limit} in {where}", tuple(details))
+    if not any(name != "none" for name in by_treatment):
+        return PageVerdict("bad", "✘", "Nothing could be compared", tuple(details))
+    return PageVerdict("open", "▲", f"No single treatment keeps the tip within {limit} in {where}", tuple(details))
+
+
+def _covered(rows: list[tuple[str, ComparisonRow]]) -> set[tuple[str, str, int | None]]:
+    return {(robot, row.experiment, row.axis) for robot, row in rows}
+
+
+def _title(name: str) -> str:
+    words = TITLES.get(name, name)
+    return words[0].upper() + words[1:]
+
+
+def _sentence(name: str, rows: list[tuple[str, ComparisonRow]], count: int) -> str:
+    """A treatment in a sentence."""
+    within = sum(bool(row.within_spec) for _, row in rows if row.loop == "drive" or name != "none")
+    rows = [(robot, row) for robot, row in rows if row.loop == "drive" or name != "none"]
+    text = f"{_title(name)}: within the specification in {within} of {count}"
+    changes = [row.tip_peak_change_pct for _, row in rows if row.tip_peak_change_pct is not None]
+    if changes:
+        low, high = min(changes), max(changes)
+        text += f", tip peak {low:+.0f} %" if round(low) == round(high) else f", tip peak {low:+.0f} … {high:+.0f} %"
+    factors = [row.compliance.slow for _, row in rows if row.compliance is not None]
+    if factors and max(factors) > 1.05:
+        text += f"; the motor gives way {max(factors):.1f} times as far at 1 Hz"
+    return text.replace("-", "−") + "."
+
+
+def _refused(result: TreatmentTable) -> list[str]:
+    return [
+        f"Refused by its trial: {robot.name}, {case_name(row.experiment, row.axis)}, {TITLES[row.treatment]}."
+        for robot in result.robots
+        for row in robot.rows
+        if row.trial == "refused"
+    ]
+
+
+def cards(result: TreatmentTable) -> list[Card]:
+    """Card of every experiment: the treatment with the smallest peak."""
+    made = []
+    for robot in result.robots:
+        for experiment, axis in cases(result):
+            own = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis)]
+            peaks = [(row.tip_peak_mm, row) for row in own if row.tip_peak_mm is not None]
+            acting = [(peak, row) for peak, row in peaks if row.treatment != "none"]
+            if not acting:
+                continue
+            after_mm, best = min(acting, key=lambda pair: pair[0])
+            before_mm = next((peak for peak, row in peaks if row.treatment == "none" and row.loop == best.loop), None)
+            if before_mm is None:
+                continue
+            head = f"{robot.name}, " if len(result.robots) > 1 else ""
+            made.append(
+                Card(
+                    f"{head}{case_name(experiment, axis)}: {tables_compare.treatment_words(best)}",
+                    f"{before_mm:.3f}",
+                    f"{after_mm:.3f}",
+                    "mm",
+                    f"{tables_compare.change(best.tip_peak_change_pct)} peak",
+                    Mark(best.within_spec, f"asked: ±{robot.tip_mm:g} mm"),
+                )
+            )
+    return made
+
+
+def provenance(result: TreatmentTable) -> list[tuple[str, str]]:
+    """Robots, instant and versions of the runs."""
+    lines = []
+    for robot in result.robots:
+        source = f", {robot.source}" if robot.source else ""
+        lines.append(("Robot", f"{robot.name} on {robot.bus}{source}"))
+    lines.append(("Started (UTC)", result.started_utc))
+    versions: dict[str, str] = next((robot.versions for robot in result.robots if robot.versions is not None), {})
+    lines.append(("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())))
+    return [(name, text) for name, text in lines if text]

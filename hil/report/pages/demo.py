@@ -1,0 +1,226 @@
+"""One self-contained HTML file out of a directory of results."""
+
+import datetime
+from collections.abc import Iterable
+from pathlib import Path
+
+from markupsafe import Markup
+
+from hil.bench.bench import Bench
+from hil.report import style
+from hil.report.figures import identification, model, notch, suppression
+from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite, run_name, treatment_name
+from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
+from hil.report.style import Drawing
+from hil.report.tables import compare as tables_compare
+from hil.report.tables import paper_runs as tables
+from hil.report.tables.paper_runs import Mark, ReportTable
+from hil.report.timing import timing_table
+from hil.results.comparison import StoryResult
+from hil.results.files import ResultFileError, load_result
+
+
+def write_report(directory: Path, bench: Bench | None = None) -> Path:
+    """Write `report.html` into a directory that holds `result.json` and the recordings it names.
+
+    Args:
+        directory: Where result.json is.
+        bench: The bench of the runs; from result.json unless it is given.
+
+    Returns:
+        The path of the page: one file, no network, no scripts.
+
+    Raises:
+        OSError: result.json cannot be read or the page cannot be written.
+        ValueError: result.json is not what a run writes.
+    """
+    material = Material(directory, bench)
+    with style.styled():
+        chapters = sections(material)
+    return render(
+        directory / "report.html",
+        PageHead(material.bench.name, material.result.bench.started_utc, tuple(material.notes)),
+        verdict(material),
+        chapters,
+        cards=cards(material),
+        provenance=provenance(material),
+    )
+
+
+def sections(material: Material) -> list[Section]:
+    """All chapters for which there is data."""
+    driven = sorted({run.axis for run in material.result.runs if run.axis is not None})
+    chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
+        ("paper", "Paper and bench", [tables.claims(material)]),
+        (
+            "model",
+            "Axes and transmission error",
+            [
+                tables.resonances(material),
+                model.plants(material),
+                model.resonances(material),
+                tables.transmission_errors(material),
+                model.transmission_errors(material),
+                *(identification.identification(material, axis) for axis in driven),
+            ],
+        ),
+        (
+            "notch",
+            "Variable notch",
+            [
+                tables.notches(material),
+                notch.schedules(material),
+                notch.families(material),
+                notch.nyquist(material),
+                notch.margin_curves(material),
+            ],
+        ),
+        (
+            "verification",
+            "Verification",
+            [
+                *(suppression.suppression(material, axis) for axis in driven),
+                suppression.line_motion(material),
+                *(suppression.loop_sides(material, axis) for axis in driven),
+            ],
+        ),
+        ("own-robot", "Your own robot", [_own_robot(material)]),
+        ("all-runs", "Runs", [tables.runs(material), tables.motions(material), timing_table(material)]),
+    ]
+    filled = [Section(key, title, tuple(_present(items))) for key, title, items in chapters]
+    return [section for section in filled if section.items]
+
+
+def _own_robot(material: Material) -> ReportTable | None:
+    """Table of the demo's second part below this directory; None without it, or for that of an earlier demo."""
+    try:
+        result = load_result(material.directory / "story", StoryResult, "a story")
+    except (OSError, ResultFileError):
+        return None
+    if _moment(result.started_utc) < _moment(material.result.bench.started_utc):
+        return None
+    link = Markup(
+        "The same robot as somebody meets it who knows nothing of it: identified, a notch designed and uploaded, and run side by "
+        "side. <a href='story/report.html'>The whole story</a>."
+    )
+    table = tables_compare.overview(result, "own-robot-table", link)
+    if result.story.failure is None and table is not None:
+        return table
+    rows: list[list[tables.Cell]] = [[step.name, step.what, Mark(step.holds, "")] for step in result.story.steps]
+    return ReportTable("own-robot-table", "It ended early", "", ("step", "result", "done"), rows, frozenset({0, 1, 2}), link)
+
+
+def _moment(text: str) -> datetime.datetime:
+    instant = datetime.datetime.fromisoformat(text)
+    return instant if instant.tzinfo is not None else instant.replace(tzinfo=datetime.UTC)
+
+
+def _present(items: Iterable[Drawing | ReportTable | None]) -> Iterable[Drawing | ReportTable]:
+    return (item for item in items if item is not None)
+
+
+def stopped(material: Material) -> list[tuple[str, str]]:
+    """Runs that ended early, each once, with the reason."""
+    return list({run_name(run, with_window=False): run.stopped for run in material.result.runs if run.stopped}.items())
+
+
+def verdict(material: Material) -> PageVerdict:
+    """Verdict on the paper's claims where they were judged, else on the runs against the specification."""
+    claims = material.result.paper
+    failed = [claim for claim in claims if claim.holds is False]
+    held = [claim for claim in claims if claim.holds is True]
+    early = stopped(material)
+    details = [f"Stopped early: {name}: {reason}" for name, reason in early]
+    details += [
+        f"Does not hold: {claim.claim} (paper {_with_unit(claim.paper, claim.unit)}, bench {_with_unit(claim.bench, claim.unit)})"
+        for claim in failed
+    ]
+    details += [f"Not judged: {run_name(run)}: {run.invalid}" for run in material.result.runs if run.invalid]
+    details += _missed(material)
+    if early:
+        many = "A run was" if len(early) == 1 else f"{len(early)} runs were"
+        return PageVerdict("bad", "■", f"{many} stopped early", tuple(details))
+    if failed:
+        return PageVerdict(
+            "bad", "✘", f"{len(failed)} of the paper's {len(claims)} claims do not hold on this bench", tuple(details)
+        )
+    if held:
+        left = len(claims) - len(held)
+        rest = "" if not left else f"; {left} could not be judged from these runs"
+        headline = f"The bench reproduces the paper: {len(held)} of {len(claims)} claims hold{rest}"
+        return PageVerdict("open" if left else "good", "▲" if left else "✔", headline, tuple(details))
+    return _by_specification(material, details)
+
+
+def _by_specification(material: Material, details: list[str]) -> PageVerdict:
+    limit = f"±{material.bench.specification.tip_mm:g} mm"
+    judged = [run for run in material.result.runs if run.within_spec is not None and not run.invalid and run.order in (None, 2)]
+    details = [f"{run_name(run)}: tip peak {tables.number(run.tip_peak_mm, '{:.3f}')} mm" for run in judged] + details
+    if not judged:
+        return PageVerdict("open", "▲", "Nothing was judged against the specification", tuple(details))
+    outside = [run for run in judged if not run.within_spec]
+    if not outside:
+        return PageVerdict("good", "✔", f"All judged runs keep the tip within {limit}", tuple(details))
+    if all(run.treatment == "none" for run in outside):
+        return PageVerdict("open", "▲", f"Without the notch the tip leaves {limit}", tuple(details))
+    return PageVerdict("bad", "✘", f"The tip leaves {limit}", tuple(details))
+
+
+def _missed(material: Material) -> list[str]:
+    """A sentence on missed cycles, counting each recording once."""
+    by_recording = {run.recording: run for run in material.result.runs}
+    missed = sum(run.missed_cycles for run in by_recording.values())
+    cycles = sum(run.cycles for run in by_recording.values())
+    if not by_recording:
+        return []
+    return [f"Missed cycles: {missed} of {cycles} in {len(by_recording)} motions."]
+
+
+def _with_unit(value: float | str | None, unit: str) -> str:
+    return f"{tables.number(value, '{:.4g}')} {unit}".strip()
+
+
+def cards(material: Material) -> list[Card]:
+    """Card of every pair of runs: before and after."""
+    made = []
+    for comparison in material.result.comparisons:
+        order = 2 if comparison.experiment == CONSTANT_ACCELERATION else None
+        without = material.find(comparison.experiment, comparison.axis, "none", comparison.loop, order)
+        with_notch = material.find(comparison.experiment, comparison.axis, comparison.treatment, comparison.loop, order)
+        if without is None or with_notch is None:
+            continue
+        title = "Line motion" if comparison.experiment == LINE_MOTION else f"Axis {comparison.axis}, constant acceleration"
+        if comparison.treatment != "notch":
+            title += f", {treatment_name(with_notch.treatment)}"
+        area = comparison.spectrum_area_reduction_pct
+        # the line motion is judged by its spectrum, as the paper does; the ramps by the tip's peak
+        if order is None and finite(area):
+            wanted = material.bench.specification.line_area_reduction_pct
+            before, after = (tables.number(run.spectrum_area, "{:.2f}") for run in (without, with_notch))
+            mark = Mark(area >= wanted, f"asked: −{wanted:g} %")
+            made.append(Card(f"{title}, {comparison.loop}-closed", before, after, "m/s²·Hz", f"{_percent(area)} area", mark))
+            continue
+        before, after = (tables.number(run.tip_peak_mm, "{:.3f}") for run in (without, with_notch))
+        change = "" if not finite(comparison.tip_peak_reduction_pct) else f"{_percent(comparison.tip_peak_reduction_pct)} peak"
+        text = f"asked: ±{material.bench.specification.tip_mm:g} mm"
+        mark = Mark(with_notch.within_spec, text)
+        made.append(Card(f"{title}, {comparison.loop}-closed", before, after, "mm", change, mark))
+    return made
+
+
+def _percent(reduction: float | None) -> str:
+    return f"{-(reduction or 0.0):+.0f} %".replace("-", "−")
+
+
+def provenance(material: Material) -> list[tuple[str, str]]:
+    """Bench, instant and versions of the runs."""
+    record = material.result.bench
+    versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
+    lines = [
+        ("Bench", record.name),
+        ("Bus", record.bus),
+        ("Clock", record.clock),
+        ("Started (UTC)", record.started_utc),
+        ("Versions", versions),
+    ]
+    return [(name, text) for name, text in lines if text]

@@ -1,0 +1,164 @@
+"""The page of a designed notch: one self-contained HTML file."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from hil.bench.design import notch_table
+from hil.design.notch_design import NotchVerdict
+from hil.experiments.notch_design import NotchDesignOutcome
+from hil.report import style
+from hil.report.figures import design as figures_design
+from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
+from hil.report.style import Drawing
+from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number
+
+
+def write_design_report(outcome: NotchDesignOutcome, path: Path) -> Path:
+    """Write the report of a design: one file, no network, no scripts.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    with style.styled():
+        chapters = sections(outcome)
+    head = PageHead(
+        outcome.bench.name,
+        heading=f"Variable notch of axis {outcome.request.axis}",
+        subtitle="Designed from a plant; nothing was measured and nothing was sent",
+    )
+    return render(path, head, verdict(outcome), chapters, cards=cards(outcome), provenance=provenance(outcome))
+
+
+def sections(outcome: NotchDesignOutcome) -> list[Section]:
+    """All chapters."""
+    chapters: list[tuple[str, str, Iterable[Drawing | ReportTable | None]]] = [
+        ("result", "Filter", (filters(outcome), peaks(outcome), requirements(outcome))),
+        ("gain", "Gain", (figures_design.families(outcome),)),
+        ("stability", "Stability", (figures_design.nyquist(outcome), figures_design.margin_curves(outcome))),
+        ("ramp", "On the ramp", (figures_design.ramps(outcome),)),
+        ("plants", "Plants", (plants(outcome),)),
+    ]
+    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
+    return [section for section in filled if section.items]
+
+
+def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
+    """NotchVerdict at the top of the page."""
+    failure = outcome.failure
+    if failure is not None:
+        headline = "The given filters miss what is asked" if outcome.request.is_given else "No filter keeps all that is asked"
+        return PageVerdict("bad", "✘", headline, (str(failure), *(str(check) for check in failure.missed)))
+    best, members = outcome.best, len(outcome.problem.members)
+    which = "The given filters keep" if outcome.request.is_given else "The designed filters keep"
+    details = tuple(str(check) for check in best.checks)
+    return PageVerdict("good", "✔", f"{which} all that is asked, at every speed, for {members} plants", details)
+
+
+def cards(outcome: NotchDesignOutcome) -> list[Card]:
+    """The tip before and after, by order."""
+    made = []
+    for row in outcome.best.peaks:
+        before = (outcome.none if outcome.request.is_given or outcome.given is None else outcome.given).peak(row.order)
+        change = f"{100.0 * (row.rising_mm / before.rising_mm - 1.0):+.0f} % peak".replace("-", "−")
+        limit = outcome.problem.requirements.tip_mm
+        mark = Mark(row.worst_mm <= limit, f"worst plant {row.worst_mm:.3f}, asked: ±{limit:g} mm")
+        title = f"Tip on the ramp, k = {row.order}, predicted"
+        made.append(Card(title, f"{before.rising_mm:.3f}", f"{row.rising_mm:.3f}", "mm", change, mark))
+    return made
+
+
+def filters(outcome: NotchDesignOutcome) -> ReportTable | None:
+    """The parameters, given and designed."""
+    columns: list[tuple[str, dict[str, object]]] = []
+    for name, verdict in (("given", outcome.given), ("designed", outcome.designed)):
+        if verdict is not None:
+            columns += [(f"{name}, k = {notch.order}", notch_table(notch).model_dump()) for notch in verdict.notches]
+    if not columns:
+        return None
+    names = {
+        "shape": "shape over the speed", "order": "k", "offset_hz": "ω_d/2π (Hz)", "zeta_rn": "ζ_rn", "zeta_rdth": "ζ_rdth",
+        "start_rps": "f_s (rev/s)", "end_rps": "f_e (rev/s)", "ramp_rps": "slopes of a trapezoid (rev/s)",
+        "hysteresis_rps": "hysteresis (rev/s)", "speed_lowpass_hz": "low-pass of f_m (Hz)",
+    }  # fmt: skip
+    rows: list[list[Cell]] = [[text, *(_cell(values[key]) for _, values in columns)] for key, text in names.items()]
+    return ReportTable("filters", "Parameters of the notch", "Table 3", ("", *(name for name, _ in columns)), rows)
+
+
+def _cell(value: object) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def _verdicts(outcome: NotchDesignOutcome) -> list[tuple[str, NotchVerdict]]:
+    pairs = (("none", outcome.none), ("given", outcome.given), ("designed", outcome.designed))
+    return [(name, one) for name, one in pairs if one is not None]
+
+
+def peaks(outcome: NotchDesignOutcome) -> ReportTable:
+    """The tip on the ramp: without, given, designed."""
+    rows: list[list[Cell]] = []
+    limit = outcome.problem.requirements.tip_mm
+    for name, verdict in _verdicts(outcome):
+        for row in verdict.peaks:
+            before = NONE
+            if outcome.given is not None and name == "designed":
+                before = f"{100.0 * (row.rising_mm / outcome.given.peak(row.order).rising_mm - 1.0):+.1f} %".replace("-", "−")
+            numbers = (number(value, "{:.4f}") for value in (row.rising_mm, row.falling_mm, row.worst_mm))
+            rows.append([name, str(row.order), *numbers, row.worst_member, before, Mark(row.worst_mm <= limit)])
+    header = ("filters", "k", "rising (mm)", "falling (mm)", "worst plant (mm)", "which", "against given", f"≤ {limit:g} mm")
+    caption = (
+        "Largest equivalent displacement of the tip in the speeds in which it is judged, predicted for the bench file's constant "
+        "acceleration up and the same down; rising is what `hil run constant-acceleration` measures."
+    )
+    return ReportTable("peaks", "Predicted tip peak on the ramp", "Figs. 13 and 14", header, rows, frozenset({0, 5}), caption)
+
+
+def requirements(outcome: NotchDesignOutcome) -> ReportTable:
+    """Table of the requirements, with the worst value of each."""
+    rows: list[list[Cell]] = []
+    for name, verdict in _verdicts(outcome):
+        for check in verdict.checks:
+            asked = f"{'≤' if check.is_ceiling else '≥'} {check.limit:g}"
+            speed = NONE if check.speed_rps is None else f"{check.speed_rps:.2f}"
+            worst = number(check.value, "{:.4g}")
+            cells: list[Cell] = [name, check.name.rstrip(","), worst, asked, check.unit, speed, check.member, Mark(check.holds)]
+            rows.append(cells)
+    header = ("filters", "what", "worst", "asked", "unit", "at (rev/s)", "plant", "holds")
+    caption = "The worst of all plants and of all motor speeds from rest to the speed limit, every 0.1 rev/s."
+    return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 1, 4, 6, 7}), caption)
+
+
+def plants(outcome: NotchDesignOutcome) -> ReportTable:
+    """The set of plants."""
+    rows: list[list[Cell]] = []
+    for member in outcome.problem.members:
+        plant = member.plant
+        peak = outcome.problem.loop(member).peak_hz()
+        numbers = (
+            plant.gear_stiffness_nm_rad,
+            plant.arm_inertia_kg_m2,
+            plant.gear_damping_nm_s_rad,
+            plant.antiresonance_hz,
+            peak,
+        )
+        amplitudes = (f"{member.error.amplitude_arcsec[order]:.3g}" for order in (2, 4))
+        rows.append([member.label, *(number(value, "{:.5g}") for value in numbers), *amplitudes])
+    header = ("plant", "K_g (N·m/rad)", "J_l (kg·m²)", "D_g (N·m·s/rad)", "f_a (Hz)", "f_al (Hz)", "A_2 (arcsec)", "A_4 (arcsec)")
+    caption = f"Plant from {outcome.source}. Every requirement holds for each of them, or is said not to."
+    return ReportTable("plant-set", "Plants for which the filter is designed", "", header, rows, caption=caption)
+
+
+def provenance(outcome: NotchDesignOutcome) -> list[tuple[str, str]]:
+    """Bench, plant, loop and search of the design."""
+    request, problem = outcome.request, outcome.problem
+    effort = request.effort
+    lines = [
+        ("Bench", outcome.bench.name),
+        ("Plant from", outcome.source),
+        ("Loop", f"every {1e6 * problem.period_s:g} µs, {problem.delay_samples} samples of delay"),
+        ("Speed limit", f"{problem.speed_limit_rps:g} rev/s"),
+    ]
+    if not request.is_given:
+        lines.append(
+            ("Search", f"{', '.join(request.shapes)}; {effort.evaluations * len(request.shapes)} evaluations, seed {effort.seed}")
+        )
+    return lines

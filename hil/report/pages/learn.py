@@ -1,0 +1,135 @@
+"""The page of adaptive cancellation: one self-contained HTML file."""
+
+from pathlib import Path
+
+from hil.report import style
+from hil.report.figures import ate as figures_ate
+from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
+from hil.report.style import Drawing
+from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
+from hil.results.files import load_result
+from hil.results.learning import LearningPass, LearningResult, LearningRun
+
+
+def write_learning_report(directory: Path) -> Path:
+    """Write `report.html` into a directory that `hil learn` has filled, whether it has learnt or not.
+
+    Raises:
+        OSError: result.json cannot be read, or the page cannot be written.
+        ValueError: result.json is not that of adaptive cancellation.
+    """
+    result = load_result(directory, LearningResult, "adaptive cancellation")
+    with style.styled():
+        chapters = sections(result)
+    notes = tuple(f"not put back as it was found: {what}" for what in result.not_restored or ())
+    head = PageHead(result.bench.name, result.bench.started_utc, notes, heading="Adaptive cancellation")
+    return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
+
+
+def sections(result: LearningResult) -> list[Section]:
+    """All chapters for which there is data."""
+    learnt: list[Drawing | ReportTable | None] = []
+    for each in result.learnt:
+        learnt += [figures_ate.errors(each.axis, each.ate), figures_ate.waveform(each.axis, each.ate)]
+    chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
+        ("result", "Transmission error", learnt),
+        ("passes", "Passes", [estimates(result), passes(result)]),
+    ]
+    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
+    return [section for section in filled if section.items]
+
+
+def estimates(result: LearningResult) -> ReportTable | None:
+    """Table of the estimates after each pass."""
+    rows: list[list[Cell]] = []
+    for axis in result.learnt:
+        for index, each in enumerate(axis.passes, start=1):
+            values = (each.a2_arcsec, each.phi2_deg, each.a4_arcsec, each.phi4_deg)
+            delay = number(1e3 * each.set_point_delay_s, "{:.2f}")
+            rows.append([f"axis {axis.axis}", str(index), *(number(value, "{:.3f}") for value in values), delay])
+    if not rows:
+        return None
+    header = ("", "After pass", "A₂ (arcsec)", "φ₂ (°)", "A₄ (arcsec)", "φ₄ (°)", "Set-point delay (ms)")
+    caption = (
+        "Each estimate is from all passes so far, from the motor angle as it was measured: it finds the transmission error "
+        "itself and not what the cancellation has left of it. Set-point delay: by how much later the motor follows than its "
+        "SYNC period and its interpolation explain."
+    )
+    return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)
+
+
+def passes(result: LearningResult) -> ReportTable | None:
+    """Table of every pass: the fraction of the cancellation, and the vibration."""
+    if not result.runs:
+        return None
+    estimate_after = {(axis.axis, index): each for axis in result.learnt for index, each in enumerate(axis.passes, start=1)}
+    rows = [_pass(run, estimate_after.get((run.axis, run.number))) for run in result.runs]
+    header = (
+        "",
+        "Pass",
+        "Cancellation (%)",
+        "Vibration (m/s²)",
+        "Followed (%)",
+        "Acceleration (rps/s)",
+        "To (rps)",
+        "Cycles",
+        "Missed",
+        "Recording",
+    )
+    caption = (
+        "The first pass is without cancellation, the second with half of it, every later one with all. Vibration: root mean "
+        "square of the tip's vertical acceleration, 6 to 25 Hz, at the speeds that excite the arm. Followed: how much of the "
+        "motion that the cancellation asks for the motor has made."
+    )
+    return ReportTable("passes", "Passes", "", header, rows, frozenset({0, 9}), caption)
+
+
+def _pass(run: LearningRun, after: LearningPass | None) -> list[Cell]:
+    following = None if after is None or after.following is None else 100.0 * after.following
+    return [
+        f"axis {run.axis}",
+        str(run.number),
+        number(None if after is None else 100.0 * after.gain, "{:.0f}"),
+        number(None if after is None else after.vibration_m_s2, "{:.4f}"),
+        number(following, "{:.1f}"),
+        number(run.acceleration_rps_s, "{:.2f}"),
+        number(run.end_rps, "{:.2f}"),
+        str(run.cycles),
+        str(run.missed_cycles),
+        run.recording if run.stopped is None else "stopped",
+    ]
+
+
+def verdict(result: LearningResult) -> PageVerdict:
+    """Verdict at the top of the page."""
+    names = " and ".join(str(each.axis) for each in result.learnt)
+    learnt = (f"In the model file {result.model}: axis {names}.",) if result.learnt else ()
+    if result.stopped is not None:
+        return PageVerdict("bad", "■", "A pass was stopped", (result.stopped, *learnt))
+    if result.not_learnt is not None:
+        return PageVerdict("bad", "✘", "Not everything was learnt", (result.not_learnt, *learnt))
+    return PageVerdict("good", "✔", f"What cancels the transmission error of axis {names} is learnt", learnt)
+
+
+def cards(result: LearningResult) -> list[Card]:
+    """The vibration of the first and of the last pass, by axis."""
+    made = []
+    for each in result.learnt:
+        before, after = each.passes[0].vibration_m_s2, each.passes[-1].vibration_m_s2
+        change = f"{-100.0 * each.reduction_fraction:+.0f} % vibration".replace("-", "−")
+        mark = Mark(after < before, f"after {len(each.passes)} passes")
+        made.append(Card(f"Axis {each.axis}, ramps", f"{before:.3f}", f"{after:.3f}", "m/s²", change, mark))
+    return made
+
+
+def provenance(result: LearningResult) -> list[tuple[str, str]]:
+    """Bench, instant and versions of the passes."""
+    bench = result.bench
+    return [
+        ("Bench", bench.name),
+        ("Bus", bench.bus),
+        ("Clock", bench.clock),
+        ("Started (UTC)", bench.started_utc),
+        ("Model file", result.model),
+        ("Versions", ", ".join(f"{name} {version}" for name, version in bench.versions.items())),
+    ]

@@ -1,0 +1,145 @@
+"""One self-contained HTML file: head, verdict, cards, chapters; the template is report.html.j2."""
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import jinja2
+from markupsafe import Markup, escape
+
+from hil.report.paper import CITATION
+from hil.report.style import Drawing
+from hil.report.tables.paper_runs import Mark, ReportTable
+
+
+@dataclass(frozen=True)
+class PageHead:
+    """The head of a page.
+
+    Attributes:
+        bench: Name of the bench, or of several, that it tells of.
+        started_utc: Instant at which the runs began; None where nothing was run.
+        notes: Sentences on what is missing on this page.
+        heading: Title above the verdict.
+        subtitle: Sentence below the title.
+    """
+
+    bench: str
+    started_utc: str | None = None
+    notes: tuple[str, ...] = ()
+    heading: str = "Vibration suppression with a variable notch"
+    subtitle: str = "Hardware-in-the-loop run of a robot with harmonic drive gearings over CANopen"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A chapter of the page: figures and tables in the order in which they are read."""
+
+    key: str
+    title: str
+    items: tuple[Drawing | ReportTable, ...]
+
+
+@dataclass(frozen=True)
+class PageVerdict:
+    """Verdict at the top of a page.
+
+    Attributes:
+        kind: `good`, `bad` or `open`, which chooses the colour.
+        sign: Symbol of the verdict.
+        headline: The verdict in words.
+        details: Sentences below the headline.
+    """
+
+    kind: str
+    sign: str
+    headline: str
+    details: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Card:
+    """A number that stands for a run pair: before and after.
+
+    Attributes:
+        title: Motion in words.
+        before: Number without the treatment.
+        after: Number with the treatment.
+        unit: Unit of both numbers.
+        change: Change in words.
+        mark: Mark of the specification.
+    """
+
+    title: str
+    before: str
+    after: str
+    unit: str
+    change: str
+    mark: Mark
+
+
+_SYMBOL = re.compile(r"(?<!\w)([A-Za-zα-ωΑ-Ω])_([A-Za-z0-9]+)(?!\w)")
+
+
+def typeset(text: str) -> Markup:
+    """Text for HTML, with f_al and the like set as symbols with an index."""
+    if isinstance(text, Markup):
+        return text
+    return Markup(_SYMBOL.sub(r"\1<sub>\2</sub>", str(escape(text))))  # noqa: S704 - escaped before
+
+
+def render(
+    path: Path,
+    head: PageHead,
+    verdict: PageVerdict,
+    sections: list[Section],
+    *,
+    cards: list[Card] | None = None,
+    provenance: list[tuple[str, str]] | None = None,
+) -> Path:
+    """Write a page: one file, no network, no scripts.
+
+    Args:
+        path: File to write.
+        head: Title, bench and notes.
+        verdict: Result in a sentence, at the top.
+        sections: Chapters in the order in which they are read.
+        cards: Numbers before and after, below the verdict.
+        provenance: Names and texts on where, when and with what the runs were made.
+
+    Returns:
+        `path`.
+
+    Raises:
+        OSError: The page cannot be written.
+    """
+    page = (
+        _environment()
+        .get_template("report.html.j2")
+        .render(
+            head=head,
+            verdict=verdict,
+            cards=cards or [],
+            sections=sections,
+            provenance=provenance or [],
+            citation=CITATION,
+            is_drawing=lambda item: isinstance(item, Drawing),
+            is_mark=lambda cell: isinstance(cell, Mark),
+        )
+    )
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["typeset"] = typeset
+    return environment

@@ -1,0 +1,84 @@
+"""The page of a plant identification: one self-contained HTML file."""
+
+from pathlib import Path
+
+from hil.report import style
+from hil.report.figures import plant as figures_plant
+from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.style import Drawing
+from hil.report.tables.paper_runs import ReportTable
+from hil.results.files import load_result
+from hil.results.plant import PlantResult
+
+
+def write_plant_report(directory: Path) -> Path:
+    """Write `report.html` into a directory that `hil identify plant` has filled, whether it has identified or not.
+
+    Raises:
+        OSError: result.json cannot be read, or the page cannot be written.
+        ValueError: result.json is not that of a plant identification.
+    """
+    result = load_result(directory, PlantResult, "a plant identification")
+    with style.styled():
+        chapters = sections(result)
+    notes = tuple(f"not put back as it was found: {what}" for what in result.not_restored or ())
+    head = PageHead(result.bench.name, result.bench.started_utc, notes, heading=f"Plant of axis {result.axis}")
+    return render(directory / "report.html", head, verdict(result), chapters, provenance=provenance(result))
+
+
+def sections(result: PlantResult) -> list[Section]:
+    """All chapters for which there is data."""
+    chapters: list[tuple[str, str, tuple[Drawing | ReportTable | None, ...]]] = [
+        ("plant", "Plant", (figures_plant.parameters(result), figures_plant.frequency_response(result))),
+        ("arm", "The arm at the tip", (figures_plant.tip(result),)),
+        ("slow", "Friction and gravity", (figures_plant.friction(result),)),
+        ("limits", "What these data can tell", (_cannot_tell(result), figures_plant.checks(result))),
+    ]
+    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
+    return [section for section in filled if section.items]
+
+
+def _cannot_tell(result: PlantResult) -> ReportTable | None:
+    lines = result.cannot_tell or ()
+    if not lines:
+        return None
+    return ReportTable("claims", "What these data cannot tell", "", ("",), [[line] for line in lines])
+
+
+def verdict(result: PlantResult) -> PageVerdict:
+    """Verdict at the top of the page."""
+    remarks, parameters = result.remarks, result.parameters
+    if result.stopped is not None:
+        return PageVerdict("bad", "■", "The run was stopped", (result.stopped, *remarks))
+    if parameters is None:
+        return PageVerdict("bad", "✘", "Not identified", (*(result.not_identified or ()), *remarks))
+    f_a, stiffness = parameters["antiresonance_hz"], parameters["gear_stiffness_nm_rad"]
+    headline = (
+        f"f_a = {f_a.value:.3f} ± {f_a.standard_error:.1g} Hz, "
+        f"K_g = {stiffness.value:.4g} ± {stiffness.standard_error:.1g} N·m/rad"
+    )
+    return PageVerdict("good", "✔", headline, remarks)
+
+
+def provenance(result: PlantResult) -> list[tuple[str, str]]:
+    """Bench, instant, versions and excitation of the measurement."""
+    record, plan = result.bench, result.plan
+    versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
+    lines = [
+        ("Bench", record.name),
+        ("Bus", record.bus),
+        ("Clock", record.clock),
+        ("Started (UTC)", record.started_utc),
+        ("Versions", versions),
+    ]
+    if plan is not None:
+        low, high = plan.travel_rev
+        shape = result.request.shape
+        lines += [
+            (
+                "Excitation",
+                f"{shape} on the {plan.excitation}, peak {plan.amplitude_nm:.3g} N·m, crest {plan.crest_factor:.2f}",
+            ),
+            ("Motion", f"{plan.bias_rps:.3g} rev/s to and fro, {low:.1f} … {high:.1f} motor revolutions"),
+        ]
+    return lines

@@ -1,0 +1,1 @@
+"""Tables of the reports: each function returns a `hil.report.tables.paper_runs.ReportTable`, or None without data for it."""

@@ -1,0 +1,203 @@
+"""Tables of a comparison: treatments side by side, their compliance, and the runs that were left out."""
+
+from collections.abc import Iterable
+
+from markupsafe import Markup
+
+from hil.experiments.treatment import TITLES
+from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number
+from hil.results.comparison import AxisCompliance, ComparisonRow, StoryResult, TreatmentTable
+
+
+def cases(result: TreatmentTable) -> list[tuple[str, int | None]]:
+    """Cases of a comparison, each an experiment with its axis or None, in the order of the runs."""
+    return list(dict.fromkeys((row.experiment, row.axis) for robot in result.robots for row in robot.rows))
+
+
+def case_name(experiment: str, axis: int | None) -> str:
+    """Name of a case in words."""
+    return experiment.replace("-", " ") if axis is None else f"axis {axis}, {experiment.replace('-', ' ')}"
+
+
+def treatment_words(row: ComparisonRow | AxisCompliance) -> str:
+    """Treatment of a row in words; drive-closed unless it says otherwise."""
+    name: str = row.treatment
+    return TITLES.get(name, name) + (", host-closed" if row.loop == "host" else "")
+
+
+def change(percent: float | None) -> str:
+    """A change in percent with its sign."""
+    return NONE if percent is None else number(percent, "{:+.0f} %")
+
+
+def overview(result: TreatmentTable, key: str = "overview", caption: str | Markup = "") -> ReportTable | None:
+    """The tip's peak of every treatment in every experiment."""
+    if not any(row.tip_peak_mm is not None for robot in result.robots for row in robot.rows):
+        return None
+    columns, several = cases(result), len(result.robots) > 1
+    rows: list[list[Cell]] = []
+    for robot in result.robots:
+        treatments = list(dict.fromkeys((row.treatment, row.loop) for row in robot.rows if row.left_out is None))
+        for treatment in treatments:
+            own = {(row.experiment, row.axis): row for row in robot.rows if (row.treatment, row.loop) == treatment}
+            name = treatment_words(next(iter(own.values())))
+            rows.append([*([robot.name] if several else []), name, *(_peak(own.get(case)) for case in columns)])
+    head = ("robot", "treatment") if several else ("what acts",)
+    header = (*head, *(f"{case_name(*case)} (mm)" for case in columns))
+    limits = {robot.tip_mm for robot in result.robots}
+    limit_text = f" Asked: ±{limits.pop():g} mm." if len(limits) == 1 else ""
+    text = caption or "Largest equivalent displacement of the tip in the window in which each run is judged."
+    return ReportTable(key, "Tip peaks side by side", "", header, rows, frozenset(range(len(head))), text + limit_text)
+
+
+def _peak(row: ComparisonRow | None) -> Cell:
+    if row is None or row.left_out is not None:
+        return Mark(None, "left out")
+    if row.tip_peak_mm is None:
+        return Mark(None, "refused by its trial" if row.trial == "refused" else "not judged")
+    return Mark(row.within_spec, f"{row.tip_peak_mm:.3f}")
+
+
+def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTable | None:
+    """Table of one experiment, with a row per robot and treatment."""
+    several, rows = len(result.robots) > 1, list[list[Cell]]()
+    for robot in result.robots:
+        for row in _in_order(robot.rows, name, axis):
+            rows.append([*([robot.name] if several else []), *_cells(row)])
+    if not rows:
+        return None
+    head = ("robot",) if several else ()
+    header = (
+        *head,
+        "treatment",
+        "closed in",
+        "tip peak (mm)",
+        "change",
+        "spectrum area (m/s²·Hz)",
+        "change",
+        "specification",
+        "trial",
+        "compliance at 1 Hz",
+        "largest",
+    )
+    left = len(head)
+    return ReportTable(
+        f"table-{key_of(name, axis)}",
+        f"{case_name(name, axis).capitalize()}: every treatment",
+        "",
+        header,
+        rows,
+        frozenset({*range(left + 2), left + 6, left + 7}),
+        "Changes are against nothing, closed in the same place. The trial is a cancellation's own check on the accelerometer "
+        "before it is used. Compliance: how many times further the motor gives way to a disturbing torque than without the "
+        "treatment, at 1 Hz and at the frequency from 0.1 to 30 Hz where it gives way most, for the worst of the moved axes at "
+        "the worst speed; from the model, so without one there is none." + _host_words(rows, left),
+    )
+
+
+def _host_words(rows: list[list[Cell]], left: int) -> str:
+    if not any(row[left + 1] == "host" for row in rows):
+        return ""
+    return (
+        " The fixed notch runs on the host alone, which closes the loop over the bus with a sample of delay, and is compared "
+        "with nothing acting there."
+    )
+
+
+def _in_order(rows: Iterable[ComparisonRow], name: str, axis: int | None) -> list[ComparisonRow]:
+    """Drive-closed first, as they were run; what was left out behind."""
+    own = [row for row in rows if (row.experiment, row.axis) == (name, axis)]
+    return sorted(own, key=lambda row: row.left_out is not None)
+
+
+def _cells(row: ComparisonRow) -> list[Cell]:
+    factors = row.compliance
+    factor_cells = [NONE, NONE] if factors is None else [f"× {factors.slow:.2f}", f"× {factors.peak:.2f}"]
+    if row.left_out is not None:
+        within = Mark(None, "left out")
+    elif row.not_judged is not None:
+        within = Mark(None, "not judged")
+    else:
+        within = Mark(row.within_spec, "within" if row.within_spec else "outside")
+    trial: Cell = NONE if row.trial is None else Mark(row.trial == "accepted", row.trial)
+    return [
+        TITLES.get(row.treatment, row.treatment),
+        row.loop,
+        number(row.tip_peak_mm, "{:.4f}"),
+        change(row.tip_peak_change_pct),
+        number(row.spectrum_area, "{:.3f}"),
+        change(row.spectrum_area_change_pct),
+        within,
+        trial,
+        *factor_cells,
+    ]
+
+
+def left_out(result: TreatmentTable) -> ReportTable | None:
+    """Table of the runs that were not made or not judged, grouped by the reason."""
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for robot in result.robots:
+        for row in robot.rows:
+            reason = row.left_out or row.not_judged
+            if reason:
+                where = "line motion" if row.axis is None else f"axis {row.axis}"
+                reasons.setdefault((robot.name, reason), []).append(f"{treatment_words(row)} ({where})")
+    if not reasons:
+        return None
+    rows: list[list[Cell]] = [[name, "; ".join(names), reason] for (name, reason), names in reasons.items()]
+    return ReportTable("left-out", "What was left out or not judged", "", ("robot", "what", "why"), rows, frozenset({0, 1, 2}))
+
+
+def compliances(result: TreatmentTable) -> ReportTable | None:
+    """Table of the motor's compliance by axis and treatment."""
+    rows: list[list[Cell]] = []
+    several = len(result.robots) > 1
+    for robot in result.robots:
+        plain = {(each.axis, each.loop): each for each in robot.compliance if each.treatment == "none"}
+        for each in robot.compliance:
+            own = plain.get((each.axis, each.loop))
+            pairs = () if own is None else ((each.slow, own.slow), (each.peak, own.peak))
+            factors = [f"× {with_it / without:.2f}" for with_it, without in pairs] or [NONE, NONE]
+            rows.append([
+                *([robot.name] if several else []), f"axis {each.axis}", treatment_words(each),
+                number(each.slow, "{:.4f}"), factors[0], number(each.peak, "{:.4f}"), factors[1],
+                number(each.peak_hz, "{:.1f}"),
+            ])  # fmt: skip
+    if not rows:
+        return None
+    head = ("robot",) if several else ()
+    header = (*head, "axis", "treatment", "at 1 Hz (rad/(N·m))", "", "largest (rad/(N·m))", "", "at (Hz)")
+    return ReportTable(
+        "compliance",
+        "What lower gains and filters cost: compliance of the motor",
+        "",
+        header,
+        rows,
+        frozenset(range(len(head) + 2)),
+        "|θ_m/τ_d| = |P/(1 + P C)|: how far the motor turns under a disturbing torque beside its own, the loop closed, from the "
+        "model. Filters that follow the speed: the worst speed, where they act. Cancellation leaves the loop as it is.",
+    )
+
+
+def story(result: TreatmentTable) -> ReportTable | None:
+    """Table of the steps that led to a comparison, where it has a story."""
+    if not isinstance(result, StoryResult) or not result.story.steps:
+        return None
+    part = result.story
+    rows: list[list[Cell]] = []
+    for step in part.steps:
+        linked: Cell = NONE
+        if step.link:
+            linked = Markup('<a href="{}">{}</a>').format(step.link, "report" if step.link.endswith(".html") else "file")
+        rows.append([step.name, step.what, Mark(step.holds, ""), number(step.seconds, "{:.1f}"), linked])
+    caption = Markup(
+        "The bench file knew nothing of plant and transmission error: <a href='{}'>{}</a>. Each step is a command of its own "
+        "that can be repeated on a real robot."
+    ).format(part.bench_file, part.bench_file)
+    header = ("step", "result", "done", "time (s)", "")
+    return ReportTable("story", "From a bench file to a quiet arm", "", header, rows, frozenset({0, 1, 2, 4}), caption)
+
+
+def key_of(experiment: str, axis: int | None) -> str:
+    """Anchor of a case."""
+    return experiment if axis is None else f"{experiment}-axis{axis}"

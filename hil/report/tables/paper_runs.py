@@ -1,0 +1,328 @@
+"""The report's tables: the paper's numbers beside the bench's."""
+
+import math
+from dataclasses import dataclass, field
+
+from markupsafe import Markup
+
+from hil.design.frequency import Margins
+from hil.report.material import MARGIN_SPEEDS_RPS, Material, treatment_name
+from hil.report.paper import TABLE_1, TABLE_2, TABLE_3
+from hil.results.runs import RunEntry
+
+NONE = "–"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Yes, no or not judged, shown by colour, sign and word.
+
+    Attributes:
+        value: True for yes, False for no, None for not judged.
+        text: Word beside the sign.
+    """
+
+    value: bool | None
+    text: str = ""
+
+
+Cell = str | Mark
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """One table; cells that are not text start with a number or a dash and stand to the right.
+
+    Attributes:
+        key: Anchor of the table.
+        title: Title of the table.
+        paper: Corresponding table of the paper; empty for none.
+        header: Column names with units.
+        rows: Cells, row by row.
+        text_columns: Indices of left-aligned columns.
+        caption: Sentences below the table.
+    """
+
+    key: str
+    title: str
+    paper: str
+    header: tuple[str, ...]
+    rows: list[list[Cell]]
+    text_columns: frozenset[int] = field(default_factory=lambda: frozenset({0}))
+    caption: str = ""
+
+
+def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
+    """Number as text of a cell, with a proper minus sign; a dash for None."""
+    if value is None:
+        return NONE
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    return form.format(value).replace("-", "−")
+
+
+def claims(material: Material) -> ReportTable | None:
+    """The paper's claims beside the bench's numbers."""
+    if not material.result.paper:
+        return None
+    rows: list[list[Cell]] = [
+        [
+            claim.claim,
+            claim.source,
+            number(claim.paper, "{:.4g}"),
+            number(claim.bench, "{:.4g}"),
+            claim.unit,
+            Mark(claim.holds),
+        ]
+        for claim in material.result.paper
+    ]
+    header = ("Claim", "Where in the paper", "Paper", "Bench", "Unit", "Holds")
+    return ReportTable("claims", "The paper's claims beside the bench's numbers", "", header, rows, frozenset({0, 1, 4, 5}))
+
+
+def resonances(material: Material) -> ReportTable | None:
+    """Table of the resonances, beside the paper's Table 1."""
+    if not material.f_al_hz:
+        return None
+    rows: list[list[Cell]] = []
+    for axis, f_al in material.f_al_hz.items():
+        paper = TABLE_1.get(axis, (None, None, None))
+        pairs = zip(paper, (f_al, f_al / 2.0, f_al / 4.0), strict=True)
+        estimate = material.estimate(axis)
+        measured = NONE if estimate is None else number(estimate.resonance_hz, "{:.2f}")
+        rows.append([f"axis {axis}", *(number(x, "{:.2f}") for pair in pairs for x in pair), measured])
+    header = (
+        "",
+        _sub("f", "al", "Hz, paper"),
+        _sub("f", "al", "Hz, bench"),
+        _sub("f", "m2", "rev/s, paper"),
+        _sub("f", "m2", "rev/s, bench"),
+        _sub("f", "m4", "rev/s, paper"),
+        _sub("f", "m4", "rev/s, bench"),
+        "arm on its gear (Hz, identified)",
+    )
+    return ReportTable(
+        "table-1",
+        "Resonance and the motor speeds that excite it",
+        "Table 1",
+        header,
+        rows,
+        caption="Bench: peak of |G_al| of the bench file's model with its loop, and the motor speeds at which the 2nd and the "
+        "4th harmonic meet it. Last column: the anti-resonance refined from the measured ramp without a notch.",
+    )
+
+
+def transmission_errors(material: Material) -> ReportTable | None:
+    """Table of the transmission errors, beside the paper's Table 2."""
+    if not material.model_axes:
+        return None
+    rows: list[list[Cell]] = []
+    for axis in material.model_axes:
+        believed, estimate, paper = material.transmission_error(axis), material.estimate(axis), TABLE_2.get(axis)
+        if believed is None:
+            continue
+        for row, order in enumerate((2, 4)):
+            for column in range(2):
+                name, unit = ("A", "arcsec") if column == 0 else ("φ", "°")
+                identified = NONE
+                if estimate is not None:
+                    value = (estimate.error.amplitude_arcsec, estimate.error.phase_deg)[column][order]
+                    error = (estimate.amplitude_error_arcsec, estimate.phase_error_deg)[column][order]
+                    identified = f"{value:.2f} ± {error:.2f}" if column == 0 else f"{value:.1f} ± {error:.1f}"
+                rows.append(
+                    [
+                        f"axis {axis}",
+                        Markup("{}<sub>{}</sub>").format(name, order),
+                        unit,
+                        number(None if paper is None else paper[2 * row + column], "{:g}"),
+                        number((believed.amplitude_arcsec, believed.phase_deg)[column][order], "{:g}"),
+                        identified,
+                    ]
+                )
+    return ReportTable(
+        "table-2",
+        "Parameters of the synchronous transmission error",
+        "Table 2",
+        ("", "Parameter", "Unit", "Paper", "Bench file", "Identified ± standard error"),
+        rows,
+        frozenset({0, 1, 2}),
+        "Identified from the tip acceleration of the ramp without a notch. The standard error is that of the noise; "
+        "an error of the tip "
+        "lever goes straight into the amplitudes, one of the motor angle's zero into the phases.",
+    )
+
+
+def notches(material: Material) -> ReportTable | None:
+    """Table of the notches with their margins at the worst speed, beside the paper's Table 3."""
+    rows: list[list[Cell]] = []
+    for axis, table in sorted(material.bench.axis.items()):
+        paper = TABLE_3.get(axis)
+        worst = _worst(material, axis) if axis in material.model_axes else None
+        for notch in table.notch:
+            own = (notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, notch.order, notch.start_rps, notch.end_rps)
+            cells = [_both(paper[i] if paper is not None and notch.order == paper.order else None, own[i]) for i in range(6)]
+            rows.append([f"axis {axis}", *cells, *_margin_cells(worst)])
+    if not rows:
+        return None
+    header = (
+        "",
+        Markup("ω<sub>d</sub>/2π (Hz)"),
+        Markup("ζ<sub>rn</sub>"),
+        Markup("ζ<sub>rdth</sub>"),
+        "k",
+        _sub("f", "s", "rev/s"),
+        _sub("f", "e", "rev/s"),
+        Markup("largest M<sub>s</sub>"),
+        "least gain margin (dB)",
+        "least phase margin (°)",
+        "stable",
+    )
+    return ReportTable(
+        "table-3",
+        "Designed variable notch filter, with its margins",
+        "Table 3",
+        header,
+        rows,
+        caption="The bench's values; where the paper has another, it stands in brackets. Margins: the worst of "
+        f"{len(MARGIN_SPEEDS_RPS)} motor speeds from {MARGIN_SPEEDS_RPS[0]:g} to {MARGIN_SPEEDS_RPS[-1]:g} rev/s.",
+    )
+
+
+def _worst(material: Material, axis: int) -> Margins:
+    by_speed = list(material.margins(axis).values())
+    return Margins(
+        max(m.sensitivity_peak for m in by_speed),
+        min(m.gain_margin_db for m in by_speed),
+        min(m.phase_margin_deg for m in by_speed),
+        all(m.stable for m in by_speed),
+        max(m.pole_radius for m in by_speed),
+    )
+
+
+def _margin_cells(worst: Margins | None) -> list[Cell]:
+    if worst is None:
+        return [NONE, NONE, NONE, NONE]
+    return [
+        number(worst.sensitivity_peak, "{:.2f}"),
+        number(worst.gain_margin_db, "{:.1f}"),
+        number(worst.phase_margin_deg, "{:.0f}"),
+        Mark(worst.stable),
+    ]
+
+
+def _both(paper: float | None, bench: float) -> str:
+    """The bench's value, and the paper's in brackets where it differs."""
+    if paper is None or math.isclose(paper, bench, rel_tol=1e-6):
+        return f"{bench:g}"
+    return f"{bench:g} ({paper:g})"
+
+
+def runs(material: Material) -> ReportTable | None:
+    """Every window of every run with its numbers."""
+    if not material.result.runs:
+        return None
+    rows = [_run(run) for run in material.result.runs]
+    header = (
+        "Run",
+        "Window",
+        "Tip peak (mm)",
+        "Tip rms (mm)",
+        "Spectrum peak (m/s²)",
+        "at (Hz)",
+        "Spectrum area (m/s²·Hz)",
+        "Specification",
+    )
+    return ReportTable(
+        "runs",
+        "Results of all runs",
+        "",
+        header,
+        rows,
+        frozenset({0, 7}),
+        "Tip: equivalent displacement in the window in which the run is judged. A ramp is judged in two windows, by "
+        "the order k whose line "
+        "crosses the resonance there.",
+    )
+
+
+def _run(run: RunEntry) -> list[Cell]:
+    within: Cell = Mark(run.within_spec, _WITHIN.get(run.within_spec, ""))
+    if run.stopped or run.invalid:
+        within = Mark(None, "stopped early" if run.stopped else "not judged")
+    return [
+        _name(run),
+        NONE if run.order is None else f"k = {run.order}",
+        number(run.tip_peak_mm, "{:.4f}"),
+        number(run.tip_rms_mm, "{:.4f}"),
+        number(run.spectrum_peak_m_s2, "{:.4f}"),
+        number(run.spectrum_peak_hz, "{:.2f}"),
+        number(run.spectrum_area, "{:.3f}"),
+        within,
+    ]
+
+
+_WITHIN = {True: "within", False: "outside", None: ""}
+
+
+def _name(run: RunEntry) -> str:
+    what = f"axis {run.axis}, ramp" if run.axis is not None else run.experiment.replace("-", " ")
+    return f"{what}, {treatment_name(run.treatment)}, {run.loop}-closed" + (" (stopped early)" if run.stopped else "")
+
+
+def motions(material: Material) -> ReportTable | None:
+    """Every motion once: what the bus carried, and how long it took."""
+    by_recording = {run.recording: run for run in material.result.runs}
+    if not by_recording:
+        return None
+    rows: list[list[Cell]] = [
+        [
+            _name(run),
+            number(1e3 * run.sync_period_s, "{:g}"),
+            number(1e6 * run.control_period_s, "{:g}"),
+            number(run.cycles, "{:d}"),
+            number(run.missed_cycles, "{:d}"),
+            number(run.motion_s, "{:.2f}"),
+            number(run.wall_s, "{:.2f}"),
+            _speed(run),
+            run.recording,
+        ]
+        for run in by_recording.values()
+    ]
+    header = (
+        "Motion",
+        "SYNC (ms)",
+        "Loop (µs)",
+        "Cycles",
+        "Missed",
+        "Motion (s)",
+        "Wall (s)",
+        "Motion / wall (–)",
+        "Recording",
+    )
+    return ReportTable(
+        "motions",
+        "Cycles and times",
+        "",
+        header,
+        rows,
+        frozenset({0, 8}),
+        "A cycle is a SYNC period; missed are those in which an answer was late or lost. Motion: what passed for the "
+        "robot; wall: what the "
+        "clock on the wall showed meanwhile, less than the motion where an emulated robot runs faster than time.",
+    )
+
+
+def _speed(run: RunEntry) -> str:
+    if run.wall_s <= 0.0:
+        return NONE
+    return number(run.motion_s / run.wall_s, "{:.1f}")
+
+
+def _sub(symbol: str, index: str, unit: str) -> Markup:
+    return Markup("{}<sub>{}</sub> ({})").format(symbol, index, unit)

@@ -1,0 +1,38 @@
+"""Writer of a directory's page, by the kind of its result."""
+
+from pathlib import Path
+
+from hil.report.pages.ate import write_ate_report
+from hil.report.pages.compare import write_compare_report
+from hil.report.pages.demo import write_report
+from hil.report.pages.learn import write_learning_report
+from hil.report.pages.plant import write_plant_report
+from hil.results.ate import AteResult
+from hil.results.base import RESULT_FILE
+from hil.results.comparison import TreatmentTable
+from hil.results.files import ResultFileError, load_any
+from hil.results.learning import LearningResult
+from hil.results.plant import PlantResult
+from hil.results.runs import ExperimentsResult
+
+
+def write_report_of(directory: Path) -> Path:
+    """Write `report.html` into a directory that a command has filled, and return its path.
+
+    Raises:
+        OSError: result.json or a recording cannot be read, or the page cannot be written.
+        ValueError: result.json is no readable result, or one without a page.
+    """
+    result = load_any(directory / RESULT_FILE)
+    match result:
+        case ExperimentsResult():
+            return write_report(directory)
+        case TreatmentTable():
+            return write_compare_report(directory)
+        case LearningResult():
+            return write_learning_report(directory)
+        case AteResult():
+            return write_ate_report(directory)
+        case PlantResult():
+            return write_plant_report(directory)
+    raise ResultFileError(directory / RESULT_FILE, f"a result of the kind {result.kind!r} has no report of its own")

@@ -1,0 +1,18 @@
+"""Results of commands as types: each class writes its JSON file and reads it again.
+
+`runs` has the result of `hil run`, `comparison` those of `hil compare` and of a story, `learning`, `plant`, `ate` and
+`notch_design` those of `hil learn`, `hil identify` and `hil design`. `base` is what they have in common, and `files` reads a file
+by its `kind`.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> from hil.results.base import RESULT_FILE
+>>> from hil.results.comparison import ComparisonRequestEntry, ComparisonResult
+>>> from hil.results.files import load_any
+>>> request = ComparisonRequestEntry(experiments=("line-motion",), axes=(), treatments=("none", "notch"), named=())
+>>> result = ComparisonResult(started_utc="2025-01-01T12:00:00+00:00", request=request)
+>>> with tempfile.TemporaryDirectory() as folder:
+...     result.write(Path(folder) / RESULT_FILE)
+...     load_any(Path(folder) / RESULT_FILE) == result
+True
+"""

@@ -1,0 +1,122 @@
+"""Result of `hil identify ate`: the transmission error of one axis, the passes, and the standard errors."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from hil.bench.model import IdentifiedError
+from hil.design.ate_identification import Agreement
+from hil.design.ate_model import Arm, Sensing
+from hil.results.base import MeasuredResult, ResultPart
+from hil.results.runs import RunTiming
+
+
+class KnownArm(ResultPart):
+    """Arm that was known before the passes.
+
+    Attributes:
+        source: Source of the knowledge, in words.
+        start: Arm from which the fit started; None where it was searched for.
+    """
+
+    source: str
+    start: Arm | None
+
+
+class AteRun(ResultPart):
+    """One pass as it was run.
+
+    Attributes:
+        acceleration_rps_s: Acceleration of its ramps.
+        end_rps: Speed at the end of its ramps.
+        ramp_s: Duration of a ramp.
+        forward_from_s: Beginning of the ramp forwards, in the recording's time.
+        backward_from_s: Beginning of the ramp back, in the recording's time.
+        low_rev: Lower turning point of the motor, absolute.
+        high_rev: Upper turning point of the motor, absolute.
+        sync_period_s: SYNC period.
+        cycles: SYNCs of the motion.
+        missed_cycles: Cycles that lack an answer.
+        sensor_missed: Cycles that lack the accelerometer.
+        motion_s: Duration of the motion in the bench's time.
+        wall_s: Duration of the whole run on the wall clock.
+        recording: Path of the CSV file, from the result's directory.
+        timing: Punctuality of the cycles; None in lock-step.
+        stopped: Reason of a stop.
+    """
+
+    acceleration_rps_s: float
+    end_rps: float
+    ramp_s: float
+    forward_from_s: float
+    backward_from_s: float
+    low_rev: float
+    high_rev: float
+    sync_period_s: float
+    cycles: int
+    missed_cycles: int
+    sensor_missed: int
+    motion_s: float
+    wall_s: float
+    recording: str
+    timing: RunTiming | None = None
+    stopped: str | None = None
+
+
+class AteFit(ResultPart):
+    """Fit of all passes together; the fields are those of `hil.design.ate_identification.JointEstimate`."""
+
+    delay_s: float
+    delay_error_s: float
+    gear_fraction: float
+    residual: float
+    explained: float
+    explained_by_error: float
+    motion_scale: float
+    motion_scale_error: float
+    widened: float
+    band_hz: tuple[float, float]
+    agreement: tuple[Agreement, ...]
+
+
+class AteStandardErrors(ResultPart):
+    """Standard errors of the transmission error after a pass, from all passes so far."""
+
+    a2_error_arcsec: float
+    a4_error_arcsec: float
+    phi2_error_deg: float
+    phi4_error_deg: float
+
+
+class AteResult(MeasuredResult):
+    """Result of an identification of the transmission error.
+
+    Attributes:
+        axis: Axis number.
+        sensorless: True where motor torque and encoder alone were used.
+        known_before: Arm that was known before the passes.
+        sensing: Signal that was fitted.
+        passes: Passes in their order.
+        ate: Entry of the model file; None, like all below, where nothing was identified.
+        fit: Fit of all passes.
+        history: Standard errors after each pass.
+        is_within_goal: True where the standard errors reach the goal.
+        notes: Sentences for the engineer.
+        not_identified: Reason why nothing was identified.
+    """
+
+    kind: Literal["identify-ate"] = "identify-ate"
+    axis: int
+    sensorless: bool
+    known_before: KnownArm
+    sensing: Sensing
+    passes: list[AteRun] = Field(default_factory=list)
+    ate: IdentifiedError | None = None
+    fit: AteFit | None = None
+    history: tuple[AteStandardErrors, ...] | None = None
+    is_within_goal: bool | None = None
+    notes: tuple[str, ...] | None = None
+    not_identified: str | None = None
+
+    def _note_other_failure(self, text: str) -> None:
+        self.not_identified = text

@@ -1,0 +1,137 @@
+"""Base of all result files: the writing, the schema, and the bench of a measurement."""
+
+import datetime
+import json
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+
+from hil.bench.bench import Bench
+from hil.errors import SafetyStopError
+
+SCHEMA: Literal[2] = 2
+
+RESULT_FILE = "result.json"
+
+
+class _Written(BaseModel):
+    """Base that leaves out absent values: an optional field without a value is no key of the file.
+
+    A field that has no default is a key in any case, with null where there is no number.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    @model_serializer(mode="wrap")
+    def _without_absent(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
+        values: dict[str, object] = write(self)
+        fields = type(self).model_fields
+        optional = {field.alias or name for name, field in fields.items() if not field.is_required()}
+        return {key: value for key, value in values.items() if value is not None or key not in optional}
+
+
+class ResultPart(_Written):
+    """Base of every table in a result file."""
+
+    model_config = ConfigDict(frozen=True)
+
+
+class MeasuredBench(ResultPart):
+    """Bench of a measurement: which one, on which bus, when, and with what.
+
+    Attributes:
+        name: Name in the bench file.
+        bus: Address of the bus.
+        clock: Clock of the bus: SYNCs, or the wall clock.
+        started_utc: Instant of the beginning, ISO 8601.
+        versions: Versions by package.
+        file: The whole bench file.
+    """
+
+    name: str
+    bus: str
+    clock: Literal["lock-step", "wall"]
+    started_utc: str
+    versions: dict[str, str]
+    file: Bench
+
+    @classmethod
+    def of(cls, bench: Bench, started: datetime.datetime, *, is_lock_step: bool) -> "MeasuredBench":
+        """Describe a bench whose measurement has just begun."""
+        return cls(
+            name=bench.name,
+            bus=bench.bus.address,
+            clock="lock-step" if is_lock_step else "wall",
+            started_utc=started.isoformat(timespec="seconds"),
+            versions=versions(),
+            file=bench,
+        )
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that a result depends on."""
+    numbers = {"python": platform.python_version()}
+    for package in ("hil-bench", "python-can", "canopen", "numpy", "scipy", "numba"):
+        try:
+            numbers[package] = version(package)
+        except PackageNotFoundError:
+            numbers[package] = "not installed"
+    return numbers
+
+
+class Result(_Written):
+    """Base of every result file.
+
+    Attributes:
+        schema_version: `schema` in the file.
+        kind: Command that has written the file.
+    """
+
+    schema_version: Literal[2] = Field(SCHEMA, alias="schema")
+    kind: str
+
+    def dumps(self, indent: int | None = None) -> str:
+        """Content of the file as JSON text."""
+        value: dict[str, Any] = self.model_dump(mode="json", by_alias=True)
+        return json.dumps(value, indent=indent, ensure_ascii=False, allow_nan=False)
+
+    def write(self, path: Path) -> None:
+        """Write the file whole or not at all; an existing file is replaced.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(path.name + ".part")
+        temporary.write_text(self.dumps(indent=1) + "\n", encoding="utf-8")
+        os.replace(temporary, path)
+
+
+class MeasuredResult(Result):
+    """Base of the results of a measurement on one bench.
+
+    Attributes:
+        bench: Bench of the measurement.
+        stopped: Reason why the measurement was stopped.
+        not_restored: Objects that could not be put back in the nodes.
+    """
+
+    bench: MeasuredBench
+    stopped: str | None = None
+    not_restored: tuple[str, ...] | None = None
+
+    def note_failure(self, error: BaseException) -> None:
+        """Note why the measurement ended early."""
+        text = str(error) or type(error).__name__
+        if isinstance(error, SafetyStopError):
+            self.stopped = text
+        else:
+            self._note_other_failure(text)
+
+    def _note_other_failure(self, text: str) -> None:
+        """Note why it failed where no run was stopped."""
+        self.stopped = text

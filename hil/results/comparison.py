@@ -1,0 +1,173 @@
+"""Result of `hil compare`: treatments side by side, over experiments and robots, and of a story that ends with one."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from hil.results.base import Result, ResultPart
+
+
+class ComparisonRequestEntry(ResultPart):
+    """Request of a comparison.
+
+    Attributes:
+        experiments: Names of the experiments.
+        axes: Axes of constant-acceleration runs; empty for those with a filter or a model.
+        treatments: Treatments in their order.
+        named: Treatments that the user has named.
+    """
+
+    experiments: tuple[str, ...]
+    axes: tuple[int, ...]
+    treatments: tuple[str, ...]
+    named: tuple[str, ...]
+
+
+class ComplianceFactors(ResultPart):
+    """Factors by which the motor is more compliant than without the treatment: at 1 Hz, and at the largest compliance."""
+
+    slow: float
+    peak: float
+
+
+class AxisCompliance(ResultPart):
+    """Compliance of one axis with one treatment, in rad/(N·m) at the motor.
+
+    Attributes:
+        axis: Axis number.
+        treatment: Name of the treatment.
+        loop: Side that closes the loop, the drive or the host.
+        slow: Compliance at 1 Hz.
+        peak: Largest compliance from 0.1 to 30 Hz.
+        peak_hz: Frequency of the largest compliance.
+    """
+
+    axis: int
+    treatment: str
+    loop: str
+    slow: float
+    peak: float
+    peak_hz: float
+
+
+class ComparisonRow(ResultPart):
+    """One treatment in one experiment.
+
+    Attributes:
+        experiment: Name of the experiment.
+        axis: Axis of a constant-acceleration run, else None.
+        treatment: Name of the treatment.
+        loop: Side that closes the loop, the drive or the host.
+        tip_peak_mm: Largest tip displacement in the judged window; None where the run was not made or not judged.
+        tip_peak_change_pct: Change of the peak against no treatment.
+        spectrum_area: Area of the spectrum, m/s²·Hz.
+        spectrum_area_change_pct: Change of the area against no treatment.
+        within_spec: True where the tip keeps the specification.
+        trial: End of the cancellation's trial.
+        compliance: Compliance that the treatment costs; None without a model.
+        recording: Path of the CSV file, from the robot's directory.
+        not_judged: Reason why there is no number.
+        left_out: Reason why the run was not made.
+    """
+
+    experiment: str
+    axis: int | None
+    treatment: str
+    loop: str
+    tip_peak_mm: float | None
+    tip_peak_change_pct: float | None
+    spectrum_area: float | None
+    spectrum_area_change_pct: float | None
+    within_spec: bool | None
+    trial: Literal["accepted", "refused"] | None
+    compliance: ComplianceFactors | None
+    recording: str | None = None
+    not_judged: str | None = None
+    left_out: str | None = None
+
+
+class ComparisonRobot(ResultPart):
+    """One robot of a comparison.
+
+    Attributes:
+        name: Name in its bench file.
+        source: Path of the bench file.
+        directory: Directory of its runs, below the comparison's.
+        bus: Address of its bus.
+        tip_mm: Specification of its tip peak.
+        rows: Row for each experiment and treatment.
+        compliance: Compliance by axis and treatment.
+        not_restored: Objects that could not be put back in the nodes.
+        versions: Versions by package; None where nothing was run.
+        ended: Reason why it was not run to the end.
+    """
+
+    name: str
+    source: str
+    directory: str
+    bus: str
+    tip_mm: float
+    rows: tuple[ComparisonRow, ...]
+    compliance: tuple[AxisCompliance, ...]
+    not_restored: tuple[str, ...]
+    versions: dict[str, str] | None = None
+    ended: str | None = None
+
+
+class StoryStep(ResultPart):
+    """One step of a story.
+
+    Attributes:
+        name: Name of the step in words.
+        what: Result of the step in words, or its error.
+        holds: True where the step succeeded.
+        link: Path of its report, from the story's directory; empty for none.
+        seconds: Duration of the step.
+    """
+
+    name: str
+    what: str
+    holds: bool
+    link: str
+    seconds: float
+
+
+class StoryPart(ResultPart):
+    """Steps of a story up to its comparison.
+
+    Attributes:
+        bench_file: Path of the bench file, from the story's directory.
+        steps: Steps in their order.
+        failure: Reason why it ended early, or None.
+    """
+
+    bench_file: str
+    steps: tuple[StoryStep, ...]
+    failure: str | None
+
+
+class TreatmentTable(Result):
+    """Base of the results that put treatments side by side.
+
+    Attributes:
+        started_utc: Instant of the beginning, ISO 8601.
+        request: Request of the comparison.
+        robots: Robots in their order; empty where none was run.
+    """
+
+    started_utc: str
+    request: ComparisonRequestEntry
+    robots: list[ComparisonRobot] = Field(default_factory=list)
+
+
+class ComparisonResult(TreatmentTable):
+    """Result of a comparison."""
+
+    kind: Literal["compare"] = "compare"
+
+
+class StoryResult(TreatmentTable):
+    """Result of a story: its steps, and the comparison that it ends with."""
+
+    kind: Literal["story"] = "story"
+    story: StoryPart

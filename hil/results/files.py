@@ -1,0 +1,90 @@
+"""Reading of result files: every kind is read by the class that has written it."""
+
+import json
+from pathlib import Path
+from typing import Annotated, ClassVar, TypeVar
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from hil.errors import HilError
+from hil.results.ate import AteResult
+from hil.results.base import RESULT_FILE, SCHEMA, Result
+from hil.results.comparison import ComparisonResult, StoryResult
+from hil.results.learning import LearningResult
+from hil.results.notch_design import NotchDesignResult
+from hil.results.plant import PlantResult
+from hil.results.runs import ExperimentsResult
+
+AnyResult = Annotated[
+    ExperimentsResult | ComparisonResult | StoryResult | LearningResult | PlantResult | AteResult | NotchDesignResult,
+    Field(discriminator="kind"),
+]
+_ANY: TypeAdapter[AnyResult] = TypeAdapter(AnyResult)
+
+R = TypeVar("R", bound=Result)
+
+SHOWN = 5
+"""Problems of a file that are shown; one wrong key often causes many."""
+
+
+class ResultFileError(HilError, ValueError):
+    """A file is not a result that can be read here."""
+
+    exit_code: ClassVar[int] = 3
+
+    def __init__(self, path: Path, problem: str) -> None:
+        """Keep the file and what is wrong with it."""
+        self.path, self.problem = path, problem
+        super().__init__(f"{path}: {problem}")
+
+
+def load_any(path: Path) -> AnyResult:
+    """Read a result of any kind.
+
+    Raises:
+        OSError: The file cannot be read.
+        ResultFileError: The file has another schema, no known kind, or wrong fields for its kind.
+    """
+    text = path.read_text(encoding="utf-8")
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise ResultFileError(path, f"no JSON: {error}") from error
+    schema = value.get("schema") if isinstance(value, dict) else None
+    if schema is None:
+        raise ResultFileError(path, "no result: it has no `schema`")
+    if schema != SCHEMA:
+        raise ResultFileError(
+            path,
+            f"schema {schema} is not {SCHEMA}, the one known here; run the command again, or take the version that has written "
+            "it (recordings and bus.log beside it can be read as before)",
+        )
+    try:
+        return _ANY.validate_json(text)
+    except ValidationError as error:
+        raise ResultFileError(path, _problems(error)) from error
+
+
+def load_result(directory: Path, kind: type[R], what: str) -> R:
+    """Read the result.json of a directory, which must be of one kind.
+
+    Args:
+        directory: Directory of the file.
+        kind: Class of the result.
+        what: Origin of the result in words, for the error: `a comparison`.
+
+    Raises:
+        OSError: The file is missing, or cannot be read.
+        ResultFileError: The file is of another kind, or no result.
+    """
+    path = directory / RESULT_FILE
+    result = load_any(path)
+    if not isinstance(result, kind):
+        raise ResultFileError(path, f"the result of hil {result.kind.replace('-', ' ')}, not that of {what}")
+    return result
+
+
+def _problems(error: ValidationError) -> str:
+    problems = [f"{'.'.join(map(str, each['loc'][1:] or each['loc']))}: {each['msg']}" for each in error.errors()]
+    more = "" if len(problems) <= SHOWN else f"; and {len(problems) - SHOWN} more"
+    return "; ".join(problems[:SHOWN]) + more

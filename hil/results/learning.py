@@ -1,0 +1,94 @@
+"""Result of `hil learn`: every pass of every axis, and the transmission errors that were learnt."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from hil.bench.model import IdentifiedError
+from hil.results.base import MeasuredResult, ResultPart
+
+
+class LearningRun(ResultPart):
+    """One pass as it was run.
+
+    Attributes:
+        axis: Axis number.
+        number: Number of the pass, from 1.
+        acceleration_rps_s: Acceleration of the ramps.
+        end_rps: Speed at the end of the ramps.
+        cycles: SYNCs of the motion.
+        missed_cycles: Cycles that lack an answer.
+        wall_s: Duration of the whole run on the wall clock.
+        recording: Path of the CSV file, from the result's directory.
+        stopped: Reason of a stop.
+    """
+
+    axis: int
+    number: int
+    acceleration_rps_s: float
+    end_rps: float
+    cycles: int
+    missed_cycles: int
+    wall_s: float
+    recording: str
+    stopped: str | None = None
+
+
+class LearningPass(ResultPart):
+    """Estimate after a pass.
+
+    Attributes:
+        gain: Fraction of the cancellation that acted.
+        vibration_m_s2: Vibration of the tip, 6 to 25 Hz, at the speeds that excite the arm.
+        set_point_delay_s: Delay of the set-points as estimated after this pass.
+        following: Motor's motion over the intended one; None where it was not measured.
+        a2_arcsec: A_2.
+        phi2_deg: φ_2.
+        a4_arcsec: A_4.
+        phi4_deg: φ_4.
+    """
+
+    gain: float
+    vibration_m_s2: float
+    set_point_delay_s: float
+    following: float | None
+    a2_arcsec: float
+    a4_arcsec: float
+    phi2_deg: float
+    phi4_deg: float
+
+
+class LearntAxis(ResultPart):
+    """Transmission error that the passes of one axis gave.
+
+    Attributes:
+        axis: Axis number.
+        reduction_fraction: Fraction by which the last pass' vibration is below the first's.
+        passes: Passes in their order.
+        ate: Entry of the model file.
+    """
+
+    axis: int
+    reduction_fraction: float
+    passes: tuple[LearningPass, ...]
+    ate: IdentifiedError
+
+
+class LearningResult(MeasuredResult):
+    """Result of adaptive cancellation.
+
+    Attributes:
+        model: Path of the model file.
+        runs: Passes as they were run.
+        learnt: Axes that are in the model file.
+        not_learnt: Reason why not all axes are.
+    """
+
+    kind: Literal["learn"] = "learn"
+    model: str
+    runs: list[LearningRun] = Field(default_factory=list)
+    learnt: list[LearntAxis] = Field(default_factory=list)
+    not_learnt: str | None = None
+
+    def _note_other_failure(self, text: str) -> None:
+        self.not_learnt = text

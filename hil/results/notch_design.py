@@ -1,0 +1,135 @@
+"""Result of `hil design notch` (`design.json`): the filters, with their predicted margins and peaks."""
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator
+
+from hil.design.notch_design import Requirements
+from hil.design.notch_search import Effort
+from hil.results.base import Result, ResultPart
+from hil.robot_tables import NotchTable
+
+
+def _without_infinity(value: object) -> object:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+Bounded = Annotated[float | None, BeforeValidator(_without_infinity)]
+"""A number, or None where it has no bound: JSON has no infinity."""
+
+
+class DesignPlant(ResultPart):
+    """One plant of the set that the filters were designed for; the fields are those of `hil.design.frequency.TwoInertia`."""
+
+    label: str
+    reduction_ratio: float
+    motor_inertia_kg_m2: float
+    motor_damping_nm_s_rad: float
+    arm_inertia_kg_m2: float
+    arm_damping_nm_s_rad: float
+    gear_stiffness_nm_rad: float
+    gear_damping_nm_s_rad: float
+
+
+class DesignCheck(ResultPart):
+    """One requirement and its worst value; the fields are those of `hil.design.notch_design.Check`."""
+
+    name: str
+    value: Bounded
+    limit: Bounded
+    unit: str
+    is_ceiling: bool
+    speed_rps: float | None
+    member: str
+    holds: bool
+
+
+class TipPeak(ResultPart):
+    """Tip peak on the ramp, predicted, in the window of one order.
+
+    Attributes:
+        order: Order k.
+        rising_mm: Peak of the believed plant while the speed rises.
+        falling_mm: Peak of the believed plant while the speed falls.
+        worst_mm: Peak of the worst plant, rising or falling.
+        worst_member: Label of the worst plant.
+    """
+
+    order: int
+    rising_mm: Bounded
+    falling_mm: Bounded
+    worst_mm: Bounded
+    worst_member: str
+
+
+class SpeedMarginsEntry(ResultPart):
+    """Margins of the believed plant's loop at one motor speed; `hil.design.frequency.Margins`."""
+
+    speed_rps: float
+    sensitivity_peak: Bounded
+    gain_margin_db: Bounded
+    phase_margin_deg: Bounded
+    stable: bool
+    pole_radius: Bounded
+
+
+class DesignVerdict(ResultPart):
+    """Verdict on some filters.
+
+    Attributes:
+        notch: Filters as a bench file writes them.
+        holds: True where they meet all requirements.
+        checks: Check of each requirement.
+        tip_peaks: Tip peak by order.
+        margins: Margins by motor speed.
+    """
+
+    notch: tuple[NotchTable, ...]
+    holds: bool
+    checks: tuple[DesignCheck, ...]
+    tip_peaks: tuple[TipPeak, ...]
+    margins: tuple[SpeedMarginsEntry, ...]
+
+
+class NotchDesignResult(Result):
+    """Result of a notch design.
+
+    Attributes:
+        bench: Name of the bench.
+        axis: Axis number.
+        orders: Orders k, in the order in which their filters were designed.
+        plant_from: Source of the plant, in words.
+        period_s: Sampling time of the loop.
+        delay_samples: Delay of the loop in samples.
+        speed_limit_rps: Largest motor speed at which the requirements must hold.
+        f_al_hz: Peak of |G_al| without a filter.
+        requirements: Margins and tip peak to keep.
+        plants: Plants for which they must hold.
+        feasible: True where a filter meets all requirements.
+        reason: Reason why none does.
+        none: Verdict without filters.
+        given: Verdict on the bench file's filters; None without them.
+        designed: Verdict on the designed filters; None where only the given ones were judged.
+        effort: Evaluations and seed of the search.
+        seconds: Duration of the design.
+    """
+
+    kind: Literal["design-notch"] = "design-notch"
+    bench: str
+    axis: int
+    orders: tuple[int, ...]
+    plant_from: str
+    period_s: float
+    delay_samples: int
+    speed_limit_rps: float
+    f_al_hz: float
+    requirements: Requirements
+    plants: tuple[DesignPlant, ...]
+    feasible: bool
+    reason: str | None
+    none: DesignVerdict
+    given: DesignVerdict | None
+    designed: DesignVerdict | None
+    effort: Effort
+    seconds: float

@@ -1,0 +1,167 @@
+"""Result of `hil run`, and of the first part of `hil demo`: runs, the changes by treatments, and the paper's claims."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from hil.master.lateness import Percentiles
+from hil.master.realtime import Measure
+from hil.results.base import MeasuredResult, ResultPart
+
+
+class RunTiming(ResultPart):
+    """Punctuality of a run on the wall clock: `hil.master.lateness.Timing`, and the motion's dropped cycles."""
+
+    dropped_cycles: int
+    period_s: float
+    limit_s: float
+    beats: int
+    dropped: int
+    late: int
+    missed: int
+    lateness: Percentiles
+    arrivals: Percentiles
+    bus_bits: int
+    duration_s: float
+    bitrate: int | None
+    bus_load: float | None
+    receive_overflows: int | None
+    measures: tuple[Measure, ...]
+
+
+class TrialRun(ResultPart):
+    """One run of a trial against the run without cancellation.
+
+    Attributes:
+        what: Cancellation of this run, in words.
+        rms_m_s2: Vibration of the tip in the window, 6 to 25 Hz.
+        reduction_fraction: Fraction by which the vibration is below that of the run without.
+        needed_fraction: Least fraction that is needed.
+        is_good: True where the vibration fell far enough.
+    """
+
+    what: str
+    rms_m_s2: float
+    reduction_fraction: float
+    needed_fraction: float
+    is_good: bool
+
+
+class CancellationTrial(ResultPart):
+    """Trial of a cancellation on the accelerometer, before the run.
+
+    Attributes:
+        before_m_s2: Vibration without it.
+        gain: Fraction of the cancellation that was tried.
+        is_good: True where the cancellation may be trusted.
+        trials: Runs with all axes, then with each alone where there are several.
+    """
+
+    before_m_s2: float
+    gain: float
+    is_good: bool
+    trials: tuple[TrialRun, ...]
+
+
+class RunEntry(ResultPart):
+    """One run in one window: a ramp is judged in two, by the order that meets the resonance there.
+
+    Attributes:
+        experiment: `constant-acceleration` or `line-motion`.
+        axis: The axis of a constant-acceleration run, else None.
+        treatment: Name of the treatment.
+        loop: Side that closed the loop, the drive or the host.
+        sync_period_s: SYNC period.
+        control_period_s: Sampling time of the loop.
+        order: Order k of the window; None for the line motion, and for a run that was stopped.
+        tip_peak_mm: Largest tip displacement, see `hil.analysis.Metrics` like the next four; None where it could not be judged.
+        tip_rms_mm: Root mean square of the tip displacement.
+        spectrum_peak_m_s2: Largest amplitude of the spectrum.
+        spectrum_peak_hz: Frequency of the largest amplitude.
+        spectrum_area: Area of the spectrum, m/s²·Hz.
+        within_spec: True where the tip keeps the specification; None where the run was not judged.
+        cycles: SYNCs of the motion.
+        missed_cycles: Cycles that lack an answer.
+        wall_s: Duration of the whole run on the wall clock.
+        motion_s: Duration of the motion in the bench's time.
+        recording: Path of the CSV file, from the result's directory.
+        bus_errors: Error reports of the CAN controller, with their counts.
+        discarded_positions: Number of implausible positions that were discarded.
+        timing: Punctuality of the cycles; None in lock-step.
+        stopped: Reason why the run was stopped.
+        invalid: Reason why the run cannot be judged.
+        trial: Trial of the cancellation before the run.
+        repeated: Number of runs in the recording's mean.
+    """
+
+    experiment: str
+    axis: int | None
+    treatment: str
+    loop: str
+    sync_period_s: float
+    control_period_s: float
+    order: int | None
+    tip_peak_mm: float | None
+    tip_rms_mm: float | None
+    spectrum_peak_m_s2: float | None
+    spectrum_peak_hz: float | None
+    spectrum_area: float | None
+    within_spec: bool | None
+    cycles: int
+    missed_cycles: int
+    wall_s: float
+    motion_s: float
+    recording: str
+    bus_errors: dict[str, int] | None = None
+    discarded_positions: int | None = None
+    timing: RunTiming | None = None
+    stopped: str | None = None
+    invalid: str | None = None
+    trial: CancellationTrial | None = None
+    repeated: int | None = None
+
+
+class TreatmentComparison(ResultPart):
+    """Change by a treatment against a run without any, in percent of that run."""
+
+    experiment: str
+    axis: int | None
+    loop: str
+    treatment: str
+    tip_peak_reduction_pct: float
+    spectrum_area_reduction_pct: float
+
+
+class PaperClaim(ResultPart):
+    """A number of the paper beside the bench's.
+
+    Attributes:
+        claim: Claim in words.
+        source: Section, figure or table of the paper.
+        paper: Number of the paper.
+        bench: Number of the bench.
+        unit: Unit of both numbers.
+        holds: True where the bench's number confirms the claim; None where it could not be judged.
+    """
+
+    claim: str
+    source: str
+    paper: int | float | str | None
+    bench: int | float | str | None
+    unit: str
+    holds: bool | None
+
+
+class ExperimentsResult(MeasuredResult):
+    """Result of runs on one bench, one after the other.
+
+    Attributes:
+        runs: Entry for each window of each run.
+        comparisons: Comparison of each treatment with none.
+        paper: Claims that the runs concern; empty where they ended early.
+    """
+
+    kind: Literal["run"] = "run"
+    runs: list[RunEntry] = Field(default_factory=list)
+    comparisons: list[TreatmentComparison] = Field(default_factory=list)
+    paper: list[PaperClaim] = Field(default_factory=list)

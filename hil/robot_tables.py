@@ -1,0 +1,141 @@
+"""Tables that bench files and robot files have in common: the same keys and ranges on both sides of the bus.
+
+The values stay apart: a bench file has those that an engineer believes, a robot file those of the emulated robot. A side with
+more keys derives its table from the one here.
+"""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from drive_profiles.files.toml import Table
+from hil.control.cascade import Cascade
+from hil.control.notch import NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
+from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, Smooth
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+
+CHAIN_AXES = (2, 3, 5)
+"""The axes that move the arm in its vertical plane."""
+
+
+class PlantTable(Table):
+    """The linear plant of an axis: motor side for the motor, arm side for gear and arm."""
+
+    motor_inertia_kg_m2: Positive
+    motor_damping_nm_s_rad: NotNegative
+    arm_inertia_kg_m2: Positive
+    arm_damping_nm_s_rad: NotNegative
+    gear_stiffness_nm_rad: Positive
+    gear_damping_nm_s_rad: NotNegative
+
+
+class TransmissionErrorTable(Table):
+    """Amplitudes and phases of the transmission error θ_sync; eq. (2)."""
+
+    a2_arcsec: NotNegative
+    phi2_deg: float
+    a4_arcsec: NotNegative = 0.0
+    phi4_deg: float = 0.0
+
+
+class Control(Table):
+    """Gains of the P-PI cascade."""
+
+    position_gain_per_s: NotNegative
+    velocity_gain_nm_s_rad: NotNegative
+    velocity_integral_gain_nm_rad: NotNegative
+    lowpass_hz: Positive = 300.0
+
+    def cascade(self) -> Cascade:
+        """The gains for the law."""
+        return Cascade(**self.model_dump())
+
+
+class NotchShape(Table):
+    """Range and depth of a variable notch: Table 3 of the paper."""
+
+    shape: Literal["switched", "trapezoid"] = "switched"
+    order: Annotated[int, Field(ge=1, le=8)] = 2
+    start_rps: Positive
+    end_rps: Positive
+    offset_hz: NotNegative
+    zeta_rn: Positive
+    zeta_rdth: Positive
+
+    def notch(self) -> Notch:
+        """The filter for the law."""
+        mode = NOTCH_SWITCHED if self.shape == "switched" else NOTCH_TRAPEZOID
+        return Notch(mode=mode, **self.model_dump(exclude={"shape"}))
+
+
+class NotchTable(NotchShape):
+    """A variable notch with the parameters of its switching: hysteresis, low-pass of the speed, slopes of the trapezoid."""
+
+    hysteresis_rps: NotNegative = 0.15
+    speed_lowpass_hz: Positive = 50.0
+    ramp_rps: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _is_a_filter(self) -> Self:
+        if self.start_rps >= self.end_rps:
+            raise ValueError(f"start_rps {self.start_rps} is not below end_rps {self.end_rps}")
+        self.notch()
+        return self
+
+
+class Geometry(Table):
+    """The planar chain of axes 2, 3 and 5."""
+
+    shoulder_offset_m: float
+    shoulder_height_m: float
+    upper_arm_m: Positive
+    forearm_m: tuple[Positive, float]
+    tool_m: Positive
+
+    def chain(self) -> PlanarChain:
+        """The arm for trajectories and the tip."""
+        return PlanarChain(**self.model_dump())
+
+
+class Point(Table):
+    """A tip position in the vertical plane, in m."""
+
+    x: float
+    z: float
+
+
+class LineMotion(Table):
+    """The line motion; its start is the robot's home, where all motor angles are zero."""
+
+    start_m: Point
+    end_m: Point
+    duration_s: Positive
+    ramp_s: Positive = 0.3
+    dwell_s: NotNegative = 0.2
+    tail_s: NotNegative = 0.6
+
+    @model_validator(mode="after")
+    def _ramps_fit(self) -> Self:
+        Smooth(self.duration_s, self.ramp_s)
+        return self
+
+    def line(self, chain: PlanarChain) -> Line:
+        """The trajectory of the joints."""
+        start, end = (self.start_m.x, self.start_m.z), (self.end_m.x, self.end_m.z)
+        return Line(chain, start, end, Smooth(self.duration_s, self.ramp_s), self.dwell_s, self.tail_s)
+
+
+class ConstantAccelerationMotion(Table):
+    """The single-axis motion through the resonant speeds."""
+
+    acceleration_rps_s: Positive
+    end_rps: Positive
+    deceleration_rps_s: Positive = 20.0
+    dwell_s: NotNegative = 0.2
+    tail_s: NotNegative = 0.5
+
+    def trajectory(self) -> ConstantAcceleration:
+        """The trajectory of the motor."""
+        return ConstantAcceleration(**self.model_dump())

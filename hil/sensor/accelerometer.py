@@ -1,0 +1,186 @@
+"""An accelerometer on a serial port: a thread that reads it, and its measurement at each SYNC."""
+
+import contextlib
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import serial
+
+from hil.errors import HilError
+from hil.sensor.clock import MAX_SAMPLES, AtSync, SampleClock, SampleHistory
+from hil.sensor.framing import Framing, Sample, Vector
+
+OPEN_TIMEOUT_S = 2.0
+"""Time that the first sample may take."""
+READ_TIMEOUT_S = 0.1
+BITS_PER_BYTE = 10
+"""Bits on the line for each byte: a start bit, eight data bits, a stop bit."""
+
+
+class SerialAccelerometerError(HilError):
+    """The accelerometer cannot be read; nothing has been enabled."""
+
+    exit_code = 5
+
+    def __init__(self, port: str, what: str, remedy: str = "") -> None:
+        """Keep the port and the fault."""
+        self.port, self.what, self.remedy = port, what, remedy
+        super().__init__(f"accelerometer on {port}: {what}" + (f"; {remedy}" if remedy else ""))
+
+
+@dataclass(frozen=True)
+class SerialSettings:
+    """Port, framing and timing of the sensor; `hil.sensor.table` reads them from a file.
+
+    Attributes:
+        port: Device of the serial port.
+        baud_rate: Bit rate in bit/s, with 8 data bits, no parity, one stop bit.
+        framing: Layout of the samples in the stream.
+        rate_hz: Samples per second.
+        delay_s: Time from the acceleration to the first bit on the line: half the filter's length, and that of a USB converter.
+        at_sync: Choice of the sample that belongs to a SYNC.
+        max_age_s: Largest age of a sample at the SYNC; older ones do not count.
+        counter_modulo: Count at which the sensor's counter starts again; None where it sends none.
+    """
+
+    port: str
+    baud_rate: int
+    framing: Framing
+    rate_hz: float
+    delay_s: float = 0.0
+    at_sync: AtSync = "latest"
+    max_age_s: float = 0.05
+    counter_modulo: int | None = None
+
+
+class AccelerometerReader:
+    """Reads the sensor from `open` to `close`; the rest of the program asks for the value at a SYNC.
+
+    The time of a sample is the arrival of its last byte, less the frame's duration on the line, less `delay_s`; `SampleClock`
+    removes the lateness of the operating system.
+
+    Args:
+        settings: Port, framing and timing of the sensor.
+        now: The clock of all times, in s; the monotonic clock unless it is given.
+
+    Attributes:
+        settings: Port, framing and timing of the sensor.
+        overruns: Samples that newer ones have replaced before they were read.
+    """
+
+    def __init__(self, settings: SerialSettings, now: Callable[[], float] = time.monotonic) -> None:
+        """Prepare the reader; `open` opens the port."""
+        self.settings = settings
+        self._now = now
+        self.overruns = 0
+        self._decoder = settings.framing.decoder()
+        self._clock = SampleClock(settings.rate_hz, settings.counter_modulo)
+        self._history = SampleHistory()
+        self._queue: deque[tuple[float, Sample]] = deque(maxlen=MAX_SAMPLES)
+        self._first = threading.Event()
+        self._end = threading.Event()
+        self._failure: str | None = None
+        self._bytes = self._samples = 0
+        self._port: serial.Serial | None = None
+        self._thread: threading.Thread | None = None
+
+    @property
+    def lost(self) -> int:
+        """Number of samples that the sensor has counted and that have not arrived."""
+        return self._clock.lost
+
+    @property
+    def errors(self) -> int:
+        """Number of frames with a wrong checksum or a wrong content."""
+        return self._decoder.checksum_errors + self._decoder.malformed
+
+    @property
+    def failure(self) -> str | None:
+        """Error that has ended the reading, since the port has gone; or None."""
+        return self._failure
+
+    def open(self, *, is_lock_step: bool) -> None:
+        """Open the port and wait for the first sample.
+
+        Args:
+            is_lock_step: True where the bus counts its time in SYNCs, as `Channel.is_lock_step` says.
+
+        Raises:
+            SerialAccelerometerError: The port does not exist, or gives no bytes, or no readable samples; the message says
+                which. Or the bus counts its time in SYNCs, to which no sample can be assigned.
+        """
+        settings = self.settings
+        if is_lock_step:
+            raise SerialAccelerometerError(
+                settings.port, "it keeps wall-clock time, but time on this bus is counted in SYNCs", "docs/serial.md, Clocks"
+            )
+        try:
+            self._port = serial.Serial(settings.port, settings.baud_rate, timeout=READ_TIMEOUT_S, exclusive=True)
+        except (OSError, ValueError) as error:
+            raise SerialAccelerometerError(settings.port, str(error)) from error
+        with contextlib.suppress(OSError, ValueError, NotImplementedError):
+            self._port.set_low_latency_mode(True)  # an FTDI converter else keeps bytes for 16 ms
+        self._thread = threading.Thread(target=self._run, args=(self._port,), name="accelerometer", daemon=True)
+        self._thread.start()
+        if not self._first.wait(OPEN_TIMEOUT_S) or self._failure is not None:
+            failure = self._diagnosis()
+            self.close()
+            raise failure
+
+    def _diagnosis(self) -> SerialAccelerometerError:
+        port, decoder = self.settings.port, self._decoder
+        if self._failure is not None:
+            return SerialAccelerometerError(port, self._failure)
+        if not self._bytes:
+            return SerialAccelerometerError(port, f"nothing within {OPEN_TIMEOUT_S:g} s", "is it powered, is this its port?")
+        counted = f"{self._bytes} bytes, {decoder.checksum_errors} wrong checksums, {decoder.malformed} malformed frames"
+        return SerialAccelerometerError(
+            port, f"no sample within {OPEN_TIMEOUT_S:g} s, in {counted}", "check baud_rate, framing, fields, checksum and range"
+        )
+
+    def _run(self, port: serial.Serial) -> None:
+        settings, decoder, queue = self.settings, self._decoder, self._queue
+        frame_bytes = settings.framing.frame_bytes
+        byte_s = BITS_PER_BYTE / settings.baud_rate
+        while not self._end.is_set():
+            try:
+                data = port.read(1)
+                data += port.read(port.in_waiting) if data else b""
+            except (OSError, TypeError, ValueError) as error:  # TypeError: pyserial's, where the port is closed meanwhile
+                self._failure = str(error) or "the port has gone"
+                self._first.set()
+                return
+            now = self._now()
+            self._bytes += len(data)
+            samples = decoder.feed(data)
+            if not samples:
+                continue
+            self._samples += len(samples)
+            length = frame_bytes if frame_bytes is not None else self._bytes / self._samples
+            arrival = now - length * byte_s - settings.delay_s
+            for sample in samples:
+                self.overruns += len(queue) == MAX_SAMPLES
+                queue.append((self._clock.time_s(arrival, sample.counter), sample))
+            self._first.set()
+
+    def value_at_sync(self, sync_s: float) -> Vector | None:
+        """The measurement of the SYNC that was sent at this instant of `now`; None where the sensor is silent."""
+        queue = self._queue
+        while queue:
+            self._history.add(*queue.popleft())
+        settings = self.settings
+        return self._history.at(sync_s, settings.at_sync, settings.max_age_s)
+
+    def close(self) -> None:
+        """Close the port; a second call does nothing."""
+        self._end.set()
+        port, thread = self._port, self._thread
+        if port is not None and thread is not None:
+            with contextlib.suppress(OSError, AttributeError):
+                port.cancel_read()
+            thread.join()
+            port.close()
+        self._port = self._thread = None

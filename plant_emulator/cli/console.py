@@ -1,0 +1,76 @@
+"""Exit statuses, options and the handler of errors, as all commands of ``plant-emulator`` use them."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+
+from drive_profiles.cli.console import ToolExitStatus, fail
+
+
+class EmulatorExitStatus(ToolExitStatus):
+    """Exit statuses of `plant-emulator`."""
+
+    DONE = 0, "done"
+    INTERNAL = 1, "an error that nobody expected"
+    USAGE = 2, "usage"
+    FILE = 3, "bad robot file"
+    BUS = 4, "the bus cannot be served, or is lost"
+    INTERRUPTED = 130, "interrupted"
+
+
+RobotOption = Annotated[str, typer.Option("--robot", help="Robot file (TOML), or `reference`.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+
+
+@contextmanager
+def exit_on_error() -> Iterator[None]:
+    """Turn errors of files and an interrupt into a message and an exit status; any other error keeps its traceback."""
+    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415 - --help must not wait for it
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise fail("interrupted", EmulatorExitStatus.INTERRUPTED) from None
+    except DriveProfileError as error:
+        raise fail(str(error), EmulatorExitStatus.FILE) from None
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise fail(f"{error.filename or 'output'}: {error.strerror or error}", EmulatorExitStatus.FILE) from None
+
+
+@contextmanager
+def exit_on_value_error(file: str | None = None) -> Iterator[None]:
+    """Turn a `ValueError` into a message and an exit status.
+
+    Args:
+        file: The file whose contents are to blame; None: an option is.
+    """
+    from drive_profiles.errors import DriveProfileError  # noqa: PLC0415 - --help must not wait for it
+
+    try:
+        yield
+    except DriveProfileError:  # some are a ValueError as well, and name their file themselves
+        raise
+    except ValueError as error:
+        status, where = (EmulatorExitStatus.USAGE, "") if file is None else (EmulatorExitStatus.FILE, f"{file}: ")
+        raise fail(f"{where}{error}", status) from None
+
+
+def by_axis(option: str, given: list[str] | None) -> dict[int, str]:
+    """Return the values of a repeated option AXIS=VALUE, by axis.
+
+    Raises:
+        typer.Exit: One is not of that form, or an axis is given twice.
+    """
+    values = {}
+    for text in given or ():
+        axis, _, value = text.partition("=")
+        if not (axis.isascii() and axis.isdigit() and value):
+            raise fail(f"{option} {text}: AXIS=VALUE is wanted, such as 2={value or 'VALUE'}", EmulatorExitStatus.USAGE)
+        if int(axis) in values:
+            raise fail(f"{option}: axis {axis} is given twice", EmulatorExitStatus.USAGE)
+        values[int(axis)] = value
+    return values

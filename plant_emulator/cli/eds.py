@@ -1,0 +1,58 @@
+"""plant-emulator eds: the EDS files of the emulated nodes."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drive_profiles.cli.console import epilog, fail
+from plant_emulator.cli.console import EmulatorExitStatus, by_axis, exit_on_error, exit_on_value_error
+
+EDS_EPILOG = epilog(
+    (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
+    {EmulatorExitStatus.FILE: "a bad robot file, or the files cannot be written"},
+)
+
+
+def mount(app: typer.Typer) -> None:
+    """Make it a command of `plant-emulator`."""
+    app.command(epilog=EDS_EPILOG)(eds)
+
+
+def eds(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the files; made if it is not there.")],
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", help="One file for each node of this robot, a robot file or `reference`, instead of each kind."),
+    ] = None,
+    drive: Annotated[
+        list[str] | None,
+        typer.Option("--drive", metavar="AXIS=PROFILE", help="With --robot, as of `serve`; repeatable."),
+    ] = None,
+) -> None:
+    """Write the EDS files of the emulated drive and accelerometer, for tools that configure CANopen nodes.
+
+    With --robot the file of every node: axis2.eds and so on, accelerometer.eds, each with its node's serial number, motor, gains
+    and, of a vendor's drive, the vendor's objects.
+
+    Examples:
+        plant-emulator eds --out eds
+
+        plant-emulator eds --robot robot.toml --drive 3=kollmorgen_akd --out eds
+    """
+    from plant_emulator.data_sheets import data_sheets, data_sheets_of  # noqa: PLC0415 - --help must not wait for the compiler
+    from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
+
+    drives = by_axis("--drive", drive)
+    if drives and robot is None:
+        raise fail("--drive says which drive an axis of --robot has: --robot is missing", EmulatorExitStatus.USAGE)
+    with exit_on_error():
+        with exit_on_value_error():
+            model = None if robot is None else with_drives(load_robot(robot), drives)
+        with exit_on_value_error(robot):
+            sheets = data_sheets() if model is None else data_sheets_of(model)
+        out.mkdir(parents=True, exist_ok=True)
+        for name, text in sheets.items():
+            path = out / name
+            path.write_text(text, encoding="ascii", newline="\n")
+            typer.echo(path)

@@ -1,0 +1,363 @@
+"""plant-emulator robustness: which fraction of the possible plants keeps the specification, and which unknown matters."""
+
+# ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
+
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from drive_profiles.cli.console import epilog, fail, print_json, progress, table
+from hil.control.treatments import PlainTreatmentName, present_token
+from hil.control.treatments import treatment as treatment_named
+from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, RobotOption, exit_on_error, exit_on_value_error
+
+if TYPE_CHECKING:
+    from hil.control.notch import Notch
+    from plant_emulator.robots.robot import Robot
+    from plant_emulator.robots.tuning import TunedAxis
+    from plant_emulator.studies.robustness import PlantRunResult, Study
+    from plant_emulator.studies.spread import PlantSpread
+    from plant_emulator.studies.summary import Influence, RunFraction, Summary
+
+ROBUSTNESS_EPILOG = epilog(
+    (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
+    {
+        EmulatorExitStatus.DONE: "done, whatever the fractions",
+        EmulatorExitStatus.FILE: "bad file, or a path that cannot be written",
+    },
+)
+SHOWN = 10
+"""Unknowns in the table on standard output, at least where there are as many; the files have all."""
+
+ExperimentName = Literal["constant-acceleration", "line-motion"]
+
+AxesOption = Annotated[
+    str | None, typer.Option("--axis", metavar="N[,N]", help="Axes, one study each; left out: those that have a filter.")
+]
+ExperimentOption = Annotated[ExperimentName, typer.Option("--experiment", help="What the robot is asked to do.")]
+TreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="none: the same plants without filters.")]
+TuningOption = Annotated[
+    Path | None,
+    typer.Option("--tuning", help="Gains and filters: a bench, robot or tuning file; left out: the robot file's own."),
+]
+NotchOption = Annotated[Path | None, typer.Option("--notch", help="Filters instead: the design file of hil design notch.")]
+SpreadOption = Annotated[Path | None, typer.Option("--spread", help="What is not known, and how far (TOML); docs/robustness.md.")]
+RunsOption = Annotated[int, typer.Option("--runs", min=1, max=100_000, help="Plants of each study.")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Equal seeds give equal plants.")]
+JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; left out: one per processor.")]
+TipOption = Annotated[float, typer.Option("--tip-mm", help="The specification: largest tip peak.")]
+AreaOption = Annotated[
+    float, typer.Option("--area-percent", help="Of a line motion with filters: smallest reduction of the spectrum's area.")
+]
+OnlyOption = Annotated[int | None, typer.Option("--only", min=0, metavar="INDEX", help="Only this plant, in detail.")]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", help="Folder for robustness.json, draws.csv and robustness.svg; with --only, the run.")
+]
+
+
+def mount(app: typer.Typer) -> None:
+    """Make it `plant-emulator robustness`."""
+    settings = {"token_normalize_func": present_token}  # former names are understood, and no help shows them
+    app.command("robustness", epilog=ROBUSTNESS_EPILOG, context_settings=settings)(robustness)
+
+
+def robustness(
+    robot: RobotOption = "reference",
+    axis: AxesOption = None,
+    experiment: ExperimentOption = "constant-acceleration",
+    treatment: TreatmentOption = "notch",
+    tuning: TuningOption = None,
+    notch: NotchOption = None,
+    spread: SpreadOption = None,
+    runs: RunsOption = 1000,
+    seed: SeedOption = 1,
+    jobs: JobsOption = None,
+    tip_mm: TipOption = 0.05,
+    area_percent: AreaOption = 26.0,
+    only: OnlyOption = None,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Simulate many plants that differ in their unknowns; say which fraction keeps the specification, and which unknown matters.
+
+    In one process per core and without a bus: the drives' law, the set-points and the plant of `plant-emulator simulate`.
+
+    Examples:
+        plant-emulator robustness --axis 2,3 --out robustness
+
+        plant-emulator robustness --treatment none
+
+        plant-emulator robustness --axis 2 --notch design/design.toml --spread spread.toml --seed 7
+
+        plant-emulator robustness --axis 2 --only 417 --out robustness
+    """
+    is_line, with_filters = experiment == "line-motion", treatment_named(treatment).filters != ""
+    _check_options(tip_mm, area_percent)
+    if not with_filters and notch is not None:
+        raise fail(f"--notch: --treatment {treatment} runs no filter", EmulatorExitStatus.USAGE)
+    if is_line and axis is not None:
+        raise fail("--axis: the line motion moves all axes of the arm", EmulatorExitStatus.USAGE)
+    with exit_on_error():
+        model, tuned, filters = _robot(robot, tuning, notch)
+        numbers = [None] if is_line else _axes(axis, model, filters)
+        if with_filters:
+            _check_filters(numbers, filters, notch)
+        settings = {
+            "controls": {number: each.control for number, each in tuned.items() if each.control is not None},
+            "notches": filters if with_filters else {},
+            "spread": _spread(spread),
+            "seed": seed,
+            "tip_mm": tip_mm,
+            "area_reduction_percent": area_percent,
+        }
+        studies = _studies(model, numbers, settings)
+        if only is not None:
+            _one(studies, only, out, as_json=as_json)
+        else:
+            _many(studies, runs, jobs or _processors(), out, as_json=as_json)
+
+
+def _robot(
+    name: str, tuning: Path | None, notch: Path | None
+) -> "tuple[Robot, dict[int, TunedAxis], dict[int, tuple[Notch, ...]]]":
+    """Return the robot, and by axis its gains and filters, from the files that were given."""
+    from plant_emulator.robots.robot import load_robot
+
+    model = load_robot(name)
+    tuned = _tuned(name, model, tuning)
+    return model, tuned, _filters(tuned, notch)
+
+
+def _spread(file: Path | None) -> "PlantSpread":
+    """Return how far the unknowns lie apart."""
+    from drive_profiles.files.toml import load
+    from plant_emulator.studies.spread import PlantSpread
+
+    return PlantSpread() if file is None else load(file, PlantSpread)
+
+
+def _check_options(tip_mm: float, area_percent: float) -> None:
+    if not 0.0 < tip_mm < float("inf"):
+        raise fail(f"--tip-mm {tip_mm}: more than 0 is wanted", EmulatorExitStatus.USAGE)
+    if not area_percent < 100.0:  # NaN is not below either
+        raise fail(f"--area-percent {area_percent}: less than 100 is wanted", EmulatorExitStatus.USAGE)
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _tuned(name: str, model: "Robot", given: Path | None) -> dict[int, "TunedAxis"]:
+    """Gains and filters by axis: of the file that is given, else the robot's own; the reference robot's lie beside its file."""
+    from plant_emulator.robots.tuning import load_tuning, robot_tuning
+
+    if given is None and name == "reference":
+        return dict(load_tuning("reference").axis)
+    return robot_tuning(model) if given is None else dict(load_tuning(given).axis)
+
+
+def _filters(tuned: Mapping[int, "TunedAxis"], designed: Path | None) -> dict[int, tuple["Notch", ...]]:
+    """Filters by axis; those of a design file take the place of an axis' others."""
+    from plant_emulator.robots.tuning import load_tuning
+
+    tables = {number: each.notch for number, each in tuned.items()}
+    if designed is not None:
+        tables |= {number: each.notch for number, each in load_tuning(designed).axis.items()}
+    return {number: tuple(table.notch() for table in each) for number, each in tables.items() if each}
+
+
+def _axes(given: str | None, model: "Robot", filters: Mapping[int, object]) -> list[int | None]:
+    """The axes that are asked for."""
+    if given is None:
+        return [*([number for number in sorted(model.axis) if number in filters] or sorted(model.axis))]
+    numbers: list[int | None] = []
+    for text in given.split(","):
+        if not (text.strip().isascii() and text.strip().isdigit()):
+            raise fail(f"--axis {given}: numbers with commas between are wanted, such as 2,3", EmulatorExitStatus.USAGE)
+        number = int(text)
+        if number not in model.axis:
+            there = ", ".join(map(str, sorted(model.axis)))
+            raise fail(f"--axis {given}: robot {model.name!r} has no axis {number}; it has {there}", EmulatorExitStatus.USAGE)
+        if number in numbers:
+            raise fail(f"--axis {given}: axis {number} is given twice", EmulatorExitStatus.USAGE)
+        numbers.append(number)
+    return numbers
+
+
+def _check_filters(numbers: Sequence[int | None], filters: Mapping[int, object], designed: Path | None) -> None:
+    """Refuse a run with filters of an axis that has none."""
+    if not filters:
+        raise fail("no axis has a filter; give --tuning or --notch, or --treatment none", EmulatorExitStatus.USAGE)
+    for number in numbers:
+        if number is not None and number not in filters:
+            where = "" if designed is None else f" in {designed}"
+            raise fail(f"axis {number} has no filter{where}; --treatment none runs it without", EmulatorExitStatus.USAGE)
+
+
+def _studies(model: "Robot", numbers: Sequence[int | None], settings: Mapping[str, object]) -> list["Study"]:
+    from plant_emulator.studies.robustness import Study
+
+    options: dict[str, object] = dict(settings)
+    with exit_on_value_error():
+        return [Study(model, number, **options) for number in numbers]  # type: ignore[arg-type]
+
+
+def _many(studies: Sequence["Study"], runs: int, jobs: int, out: Path | None, *, as_json: bool) -> None:
+    from concurrent.futures.process import BrokenProcessPool
+
+    from plant_emulator.studies.summary import document, summarise
+    from plant_emulator.studies.workers import run_all
+
+    begin = time.monotonic()
+    try:
+        with progress("plants", runs * len(studies)) as step:
+            judged = run_all(studies, runs, jobs, step)
+    except BrokenProcessPool:
+        raise fail("a process that was simulating has died; --jobs 1 does without others", EmulatorExitStatus.INTERNAL) from None
+    took = time.monotonic() - begin
+    summaries = [summarise(study, each, study.judge(-1)) for study, each in zip(studies, judged, strict=True)]
+    whole = {"studies": [document(summary) for summary in summaries]}
+    if out is not None:
+        _keep(out, summaries, whole)
+    if as_json:
+        print_json(whole)
+    else:
+        for summary in summaries:
+            _show(summary)
+    typer.echo(f"{runs * len(studies)} runs in {took:.1f} s, {jobs} {'process' if jobs == 1 else 'processes'}", err=True)
+
+
+def _keep(out: Path, summaries: Sequence["Summary"], whole: Mapping[str, object]) -> None:
+    """The files: one JSON document and one figure of all studies, and a table of draws for each."""
+    import json
+
+    from drive_profiles.files.safefile import write_atomically
+    from plant_emulator.studies.figure import figure_svg
+    from plant_emulator.studies.summary import draws_csv
+
+    text = json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_atomically(out / "robustness.json", text.encode(), force=True)
+    for summary in summaries:
+        name = "draws.csv" if len(summaries) == 1 else f"draws-axis{summary.study.axis}.csv"
+        write_atomically(out / name, draws_csv(summary).encode(), force=True)
+    write_atomically(out / "robustness.svg", figure_svg(summaries).encode(), force=True)
+    typer.echo(f"files in {out}", err=True)
+
+
+def _show(summary: "Summary") -> None:
+    from plant_emulator.studies.figure import title
+    from plant_emulator.studies.summary import PERCENTILES
+
+    study, unit = summary.study, "%" if summary.is_by_area else "mm"
+    limit = f"area −{study.area_reduction_percent:g} % or more" if summary.is_by_area else f"tip peak ≤ {study.tip_mm:g} mm"
+    rows: list[tuple[str, ...]] = [
+        (f"meets the specification, {limit}", *_fraction_cells(summary.meeting)),
+        ("stable", *_fraction_cells(summary.stable)),
+    ]
+    rows += [(f"  not: {fault}", str(count), "", "") for fault, count in summary.faults.items()]
+    table(title(summary), ("", "plants", "share", "95 % interval"), rows)
+    heads = tuple(f"{percent} %" for percent in PERCENTILES)
+    values = tuple(_number(summary.percentiles[percent]) for percent in PERCENTILES)
+    own = _number(_result(summary, summary.nominal))
+    name = "reduction of the area" if summary.is_by_area else "tip peak"
+    table("", (f"{name} in {unit}", "robot file", *heads, "worst"), [(f"seed {study.seed}", own, *values, _worst(summary))])
+    if summary.influences:
+        count = max(SHOWN, sum(each.is_clear for each in summary.influences))
+        rows = [_influence(each) for each in summary.influences[:count]]
+        table("", ("unknown", "rank correlation", "95 % interval", "coefficient", "beyond chance"), rows)
+        if summary.explained is not None:
+            typer.echo(f"A linear regression over all unknowns explains {100.0 * summary.explained:.0f} % of the variance.")
+    worst = summary.worst
+    strongest = [each.name for each in summary.influences[:5]]
+    drawn = ", ".join(f"{name} {worst.values[name]:.4g}" for name in strongest)
+    chosen = "--experiment line-motion" if study.axis is None else f"--axis {study.axis}"
+    typer.echo(f"Worst: plant {worst.index} of seed {study.seed}{': ' if drawn else ''}{drawn}")
+    typer.echo(f"  again, with everything else as here: {chosen} --seed {study.seed} --only {worst.index}")
+
+
+def _fraction_cells(fraction: "RunFraction") -> tuple[str, str, str]:
+    return (
+        str(fraction.count),
+        f"{100.0 * fraction.fraction:.1f} %",
+        f"{100.0 * fraction.low:.1f} … {100.0 * fraction.high:.1f} %",
+    )
+
+
+def _influence(each: "Influence") -> tuple[str, ...]:
+    coefficient = "–" if each.coefficient is None else f"{each.coefficient:+.2f}"
+    return (
+        each.label,
+        f"{each.correlation:+.2f}",
+        f"{each.low:+.2f} … {each.high:+.2f}",
+        coefficient,
+        "yes" if each.is_clear else "no",
+    )
+
+
+def _result(summary: "Summary", judged: "PlantRunResult") -> float:
+    from plant_emulator.studies.summary import result
+
+    return result(summary.study, judged)
+
+
+def _worst(summary: "Summary") -> str:
+    return _number(_result(summary, summary.worst))
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}"
+
+
+def _one(studies: Sequence["Study"], index: int, out: Path | None, *, as_json: bool) -> None:
+    """One plant again, with its run where a folder is given."""
+    from drive_profiles.files.safefile import write_atomically
+    from plant_emulator.studies.summary import run_document
+
+    documents = []
+    for study in studies:
+        judged = study.judge(index)
+        documents.append({"axis": study.axis, "seed": study.seed, **run_document(judged)})
+        if out is not None:
+            where = "line" if study.axis is None else f"axis{study.axis}"
+            path = out / f"run-{where}-{index}.csv"
+            write_atomically(path, _run_csv(study, index).encode(), force=True)
+            typer.echo(f"run in {path}", err=True)
+        if not as_json:
+            found = {
+                "tip peak in mm": _number(judged.tip_peak_mm),
+                **(
+                    {} if judged.area_reduction_percent is None else {"area reduced by %": _number(judged.area_reduction_percent)}
+                ),
+                "following error in rev": _number(judged.following_error_rev),
+                "left at the end in mm": _number(judged.residual_mm),
+                "slowest pole in 1/s": _number(judged.growth_per_s),
+                "stable": "yes" if judged.is_stable else f"no: {', '.join(judged.faults)}",
+                "meets the specification": "yes" if judged.meets else "no",
+            }
+            moved = "line motion" if study.axis is None else f"axis {study.axis}"
+            table(f"{moved}, plant {index} of seed {study.seed}", ("", ""), list(found.items()))
+            table("", ("drawn", ""), [(name, _number(value)) for name, value in judged.values.items()])
+    if as_json:
+        print_json({"runs": documents})
+
+
+def _run_csv(study: "Study", index: int) -> str:
+    """Signals of one run, a line per SYNC."""
+    trace = study.run(*study.draw(index))
+    heads = ["time_s"]
+    for number in study.axes:
+        names = ("reference_counts", "position_counts", "arm_angle_rad", "torque_nm")
+        heads += [f"axis{number}_{name}" for name in names]
+    lines = [",".join([*heads, "tip_z_m_s2", "measured_z_m_s2"])]
+    format_: Callable[[float], str] = "{:.10g}".format
+    for i, at in enumerate(study.times):
+        cells = [float(at)]
+        for column in range(len(study.axes)):
+            row = trace.columns[i, column]
+            cells += [float(study.set_points[i, column]), float(row[0]), float(row[1]), float(row[4])]
+        lines.append(",".join(map(format_, [*cells, float(trace.tip_m_s2[i]), float(trace.measured_m_s2[i])])))
+    return "\n".join(lines) + "\n"

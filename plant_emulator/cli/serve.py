@@ -1,0 +1,288 @@
+"""plant-emulator serve: the emulated robot as a process."""
+
+import contextlib
+import enum
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from drive_profiles.cli.console import epilog, fail
+from plant_emulator.cli.console import EmulatorExitStatus, RobotOption, by_axis, exit_on_error, exit_on_value_error
+
+if TYPE_CHECKING:  # --help must not wait for them
+    from drive_profiles.address import Address
+    from plant_emulator.bus.attach import Attachment
+    from plant_emulator.bus.server import Server
+    from plant_emulator.robots.robot import Robot
+    from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer
+    from plant_emulator.world import World
+
+SERVE_EPILOG = epilog(
+    (
+        EmulatorExitStatus.DONE,
+        EmulatorExitStatus.USAGE,
+        EmulatorExitStatus.FILE,
+        EmulatorExitStatus.BUS,
+        EmulatorExitStatus.INTERRUPTED,
+    ),
+    {
+        EmulatorExitStatus.DONE: "stopped",
+        EmulatorExitStatus.FILE: "bad robot, fault, profile or EDS file",
+        EmulatorExitStatus.INTERRUPTED: "interrupted before it served",
+    },
+)
+
+
+class SerialFraming(enum.StrEnum):
+    """Frame formats of the serial accelerometer."""
+
+    LINE = "line"
+    BINARY = "binary"
+
+
+ServedBusOption = Annotated[str, typer.Option("--bus", help="Where to serve: local:PATH[@BITRATE] of a Unix socket, or any bus.")]
+DriveOption = Annotated[
+    list[str] | None,
+    typer.Option("--drive", metavar="AXIS=PROFILE", help="Drive of an axis: name of a profile, or its file; repeatable."),
+]
+EdsOption = Annotated[
+    list[str] | None,
+    typer.Option("--eds", metavar="AXIS=PATH", help="EDS file of an axis' drive; its further objects do nothing; repeatable."),
+]
+StoreTimeOption = Annotated[
+    float | None, typer.Option("--store-time-s", min=0.0, help="How long a drive is silent while it stores.")
+]
+WallOption = Annotated[
+    bool, typer.Option("--wall", help="The local bus follows the wall clock, whoever sends SYNC; else SYNC moves it.")
+]
+HostLatencyOption = Annotated[
+    float, typer.Option("--host-latency-us", min=0.0, max=1e6, help="From a client's program to its controller, in bus time.")
+]
+FaultsOption = Annotated[
+    Path | None, typer.Option("--faults", help="What goes wrong on the wire: a TOML file of [[fault]] tables.")
+]
+SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all noise instead of the file's.")]
+StreamOption = Annotated[bool, typer.Option("--stream", help="Use a stream socket although the system has seqpacket.")]
+UntilStdinClosesOption = Annotated[
+    bool, typer.Option("--until-stdin-closes", help="End when standard input ends, with the process that holds it.")
+]
+SlcanOption = Annotated[
+    str | None, typer.Option("--slcan", metavar="PATH", help="Also be a serial CAN adapter (slcan) at this path.")
+]
+VirtualcanOption = Annotated[
+    str | None,
+    typer.Option("--virtualcan", metavar="[HOST:]PORT", help="Also serve the bus over TCP, on this machine only (virtualcan)."),
+]
+SerialAccelerometerOption = Annotated[
+    str | None,
+    typer.Option("--serial-accelerometer", metavar="PATH", help="Also send the tip's acceleration on a serial port here."),
+]
+FramingOption = Annotated[SerialFraming, typer.Option("--framing", help="How the serial accelerometer writes; docs/serial.md.")]
+SerialRateOption = Annotated[
+    float, typer.Option("--serial-rate-hz", min=1.0, max=4000.0, help="Samples per second of the serial accelerometer.")
+]
+
+
+def mount(app: typer.Typer) -> None:
+    """Make it a command of `plant-emulator`."""
+    app.command(epilog=SERVE_EPILOG)(serve)
+
+
+def serve(
+    robot: RobotOption = "reference",
+    bus: ServedBusOption = "local:/tmp/robot.sock",
+    drive: DriveOption = None,
+    eds: EdsOption = None,
+    store_time_s: StoreTimeOption = None,
+    wall: WallOption = False,
+    host_latency_us: HostLatencyOption = 0.0,
+    faults: FaultsOption = None,
+    seed: SeedOption = None,
+    stream: StreamOption = False,
+    until_stdin_closes: UntilStdinClosesOption = False,
+    slcan: SlcanOption = None,
+    virtualcan: VirtualcanOption = None,
+    serial_accelerometer: SerialAccelerometerOption = None,
+    framing: FramingOption = SerialFraming.LINE,
+    serial_rate_hz: SerialRateOption = 1000.0,
+) -> None:
+    """Serve the robot on a local bus, or by the wall clock on any other, until Ctrl-C.
+
+    Examples:
+        plant-emulator serve --robot reference --bus local:/tmp/robot.sock
+
+        plant-emulator serve --bus local:/tmp/robot.sock@1M --faults faults.toml
+
+        plant-emulator serve --bus socketcan:vcan0
+
+        plant-emulator serve --drive 2=kollmorgen_akd --store-time-s 0.4
+
+        plant-emulator serve --slcan /tmp/robot.tty --serial-accelerometer /tmp/acc.tty
+
+        plant-emulator serve --virtualcan 18000
+
+        can_viewer -i hil_local -c /tmp/robot.sock
+    """
+    drives, sheets = by_axis("--drive", drive), by_axis("--eds", eds)
+    address, endpoint = _addresses(bus, slcan, virtualcan)
+    model = _robot(robot, drives, sheets, store_time_s, seed)
+
+    from plant_emulator.announcement import announced  # noqa: PLC0415 - --help must not wait for the compiler
+    from plant_emulator.motion.axes import rehearse  # noqa: PLC0415
+    from plant_emulator.serial.accelerometer import EmulatedSerialAccelerometer  # noqa: PLC0415
+
+    sensor = None if serial_accelerometer is None else EmulatedSerialAccelerometer(model, serial_rate_hz, framing.value)
+    world = _world(robot, model, sensor)
+    rehearse(model)  # compile, or load what is compiled, before anyone waits for an answer
+    server = _server(world, address, _Wire(wall, 1e-6 * host_latency_us, faults), stream=stream)
+    _stop_on_signal(server, until_stdin_closes=until_stdin_closes)
+    for line in announced(model, world, str(address)):
+        typer.echo(line)
+    with contextlib.ExitStack() as ports:
+        ports.callback(server.close)
+        _open_ports(ports, address, slcan, serial_accelerometer, sensor)
+        _open_virtualcan(server, endpoint)
+        _run(server)
+
+
+def _robot(robot: str, drives: dict[int, str], sheets: dict[int, str], store_time_s: float | None, seed: int | None) -> "Robot":
+    """Return the robot of a file with the drives and the seed that were asked for."""
+    from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
+
+    with exit_on_error(), exit_on_value_error():
+        model = with_drives(load_robot(robot), drives, eds=sheets, store_time_s=store_time_s)
+    return model if seed is None else model.model_copy(update={"seed": seed})
+
+
+def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) -> None:
+    """Let the server end in good order with Ctrl-C, SIGTERM and, where that is asked for, the end of standard input."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: server.stop())
+    if until_stdin_closes:
+        server.watch(sys.stdin.fileno())
+
+
+def _run(server: "Server | Attachment") -> None:
+    """Serve until something stops the server; those who wait for its announcement read it now."""
+    from hil.can.errors import BusLostError  # noqa: PLC0415
+
+    sys.stdout.flush()
+    try:
+        server.run()
+    except BusLostError as error:
+        raise fail(str(error), EmulatorExitStatus.BUS) from None
+
+
+def _addresses(bus: str, slcan: str | None, virtualcan: str | None) -> "tuple[Address, tuple[str, int] | None]":
+    """Parse the addresses to serve: the bus, and the TCP port beside it."""
+    from drive_profiles.address import LOCAL, AddressError, parse_address  # noqa: PLC0415
+    from plant_emulator.bus.virtualcan import EndpointError, parse_endpoint  # noqa: PLC0415
+
+    try:
+        address = parse_address(bus)
+    except AddressError as error:
+        raise fail(f"--bus {error}", EmulatorExitStatus.USAGE) from None
+    if address.interface != LOCAL and slcan is not None:
+        raise fail(f"--slcan: an adapter joins a bus local:PATH, not {bus}", EmulatorExitStatus.USAGE)
+    if address.interface != LOCAL and virtualcan is not None:
+        raise fail(f"--virtualcan: over TCP a bus local:PATH is served, not {bus}", EmulatorExitStatus.USAGE)
+    try:
+        return address, None if virtualcan is None else parse_endpoint(virtualcan)
+    except EndpointError as error:
+        raise fail(f"--virtualcan {error}", EmulatorExitStatus.USAGE) from None
+
+
+class _Wire(NamedTuple):
+    """Choose the medium of the local bus."""
+
+    wall: bool
+    host_latency_s: float
+    faults: Path | None
+
+
+def _server(world: "World", address: "Address", wire: _Wire, *, stream: bool) -> "Server | Attachment":
+    """The local bus around a world, or the world on a bus that others keep."""
+    from drive_profiles.address import LOCAL  # noqa: PLC0415
+    from drive_profiles.errors import FileError  # noqa: PLC0415
+    from drive_profiles.files.toml import load  # noqa: PLC0415
+    from hil.can.errors import BusUnavailableError  # noqa: PLC0415
+    from hil.can.opening import open_channel  # noqa: PLC0415
+    from plant_emulator.bus.attach import Attachment  # noqa: PLC0415
+    from plant_emulator.bus.faults import FaultsFile  # noqa: PLC0415
+    from plant_emulator.bus.medium import medium_for  # noqa: PLC0415
+    from plant_emulator.bus.server import AddressInUseError, Server  # noqa: PLC0415
+
+    try:
+        if address.interface == LOCAL:
+            faults = None if wire.faults is None else load(wire.faults, FaultsFile).faults()
+            medium = medium_for(world, address.bitrate, wall=wire.wall, host_latency_s=wire.host_latency_s, faults=faults)
+            return Server(world, address.channel, stream=stream, medium=medium)
+        if wire != (False, 0.0, None):
+            raise fail(
+                f"--wall, --host-latency-us and --faults are for a bus local:PATH, not {address}", EmulatorExitStatus.USAGE
+            )
+        return Attachment(world, open_channel(address))
+    except FileError as error:
+        raise fail(str(error), EmulatorExitStatus.FILE) from None
+    except ValueError as error:
+        raise fail(f"{wire.faults}: {error}", EmulatorExitStatus.FILE) from None
+    except BusUnavailableError as error:
+        raise fail(str(error), EmulatorExitStatus.BUS) from None
+    except (AddressInUseError, OSError) as error:
+        raise fail(f"cannot serve {address}: {error}", EmulatorExitStatus.BUS) from None
+
+
+def _world(robot: str, model: "Robot", sensor: "EmulatedSerialAccelerometer | None") -> "World":
+    """The world of a model, with a sensor on a serial line where there is one."""
+    from plant_emulator.serial.accelerometer import MeasuredWorld  # noqa: PLC0415
+    from plant_emulator.world import World  # noqa: PLC0415
+
+    with exit_on_error(), exit_on_value_error(robot):
+        return World(model) if sensor is None else MeasuredWorld(model, sensor)
+
+
+def _open_ports(
+    ports: contextlib.ExitStack,
+    address: "Address",
+    slcan: str | None,
+    accelerometer: str | None,
+    sensor: "EmulatedSerialAccelerometer | None",
+) -> None:
+    """The serial ports beside the bus; `ports` closes them."""
+    if slcan is None and accelerometer is None:
+        return
+    from hil.can.raw import connect_local  # noqa: PLC0415
+    from plant_emulator.serial.accelerometer import LINE_BYTES  # noqa: PLC0415
+    from plant_emulator.serial.pseudo_terminal import PathTakenError, PseudoTerminal  # noqa: PLC0415
+    from plant_emulator.serial.slcan import SlcanPort  # noqa: PLC0415 - a system without terminals serves without them
+
+    try:
+        if slcan is not None:
+            terminal = ports.enter_context(contextlib.closing(PseudoTerminal(slcan)))
+            ports.enter_context(contextlib.closing(SlcanPort(terminal, connect_local(address))))
+            typer.echo(f"slcan adapter: --bus slcan:{slcan}@{address.bitrate or 1_000_000}")
+        if accelerometer is not None and sensor is not None:
+            terminal = ports.enter_context(contextlib.closing(PseudoTerminal(accelerometer, max_backlog_bytes=LINE_BYTES)))
+            sensor.write = terminal.write
+            typer.echo(f"serial accelerometer at {accelerometer}")
+    except (PathTakenError, ImportError, AttributeError, OSError) as error:
+        raise fail(f"no serial port: {error}", EmulatorExitStatus.BUS) from None
+
+
+def _open_virtualcan(server: "Server | Attachment", endpoint: tuple[str, int] | None) -> None:
+    """The bus over TCP, where that is asked for; the server closes it."""
+    from plant_emulator.bus.server import Server  # noqa: PLC0415
+    from plant_emulator.bus.virtualcan import VirtualcanDoor  # noqa: PLC0415
+
+    if endpoint is None or not isinstance(server, Server):
+        return
+    host, port = endpoint
+    try:
+        door = VirtualcanDoor(host, port, lambda line: typer.echo(line, err=True))
+    except OSError as error:
+        raise fail(f"--virtualcan {host}:{port}: {error.strerror or error}", EmulatorExitStatus.BUS) from None
+    server.open(door)
+    typer.echo(f"virtualcan: {door}")

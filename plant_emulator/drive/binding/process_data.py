@@ -1,0 +1,245 @@
+"""A drive's process data: the CiA 402 part of its dictionary in the units and arrays of its axis, and back."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from drive_profiles.standard.cia301 import SdoAbortCode
+from drive_profiles.standard.cia402 import Mode, Object
+from drive_profiles.standard.units import Scaling
+from plant_emulator.drive.binding.limits import DriveLimits
+from plant_emulator.drive.dictionary.counting import INT16_MAX, INT32_MAX, Counting, clip
+from plant_emulator.drive.dictionary.user_units import UserUnits
+from plant_emulator.drive.family.base import DriveFamily
+from plant_emulator.motion import record as law
+from plant_emulator.motion.axes import Axes, live
+
+DC_LINK_MV = 48_000
+"""6079h: the emulated drives are fed with 48 V, whatever the motor takes."""
+
+SET_POINTS = (
+    (Object.VELOCITY_OFFSET, "velocity_offset_rad_s", Counting.speed_rad_s),
+    (Object.TORQUE_OFFSET, "torque_offset_nm", Counting.torque_nm),
+    (Object.TARGET_TORQUE, "target_torque_nm", Counting.torque_nm),
+)
+"""Set-points that act as soon as they are written: object, field of `MOTION`, and what its number means."""
+
+_INTERPOLATING = frozenset({Mode.CSP, Mode.CSV, Mode.CST, Mode.IP})
+
+
+class DriveData:
+    """Ties the entries of a dictionary to one row of the axes: live values, and checks of written values.
+
+    Attributes:
+        axes: The mechanics.
+        row: Row of the axis in `Axes.rows`.
+        motion: The axis' row of process data.
+        dictionary: All entries of the drive.
+        counting: Conversion between the drive's units and the encoder's counts.
+        limits: Limits, ramps and windows.
+    """
+
+    def __init__(self, axes: Axes, number: int, family: DriveFamily, is_powered: Callable[[], bool]) -> None:
+        """Bind the dictionary.
+
+        Args:
+            axes: The mechanics.
+            number: Axis number.
+            family: The drive's family, with the dictionary.
+            is_powered: Whether the motor is, or may be, under torque.
+        """
+        self.axes, self.row = axes, axes.row(number)
+        self.motion: Any = axes.motion[self.row]
+        self.dictionary = family.dictionary
+        self.counting = Counting(family.scaling)
+        self.limits = DriveLimits(axes, number, family, self.counting)
+        self._family = family
+        self._torque_constant_nm_a = axes.robot.axis[number].torque_constant_nm_a
+        self._control_period_s = axes.robot.control_period_s
+        self._is_powered = is_powered
+        self._rated_address, self._rated_step_nm = family.rated_torque
+        self._is_rated_fixed = not self.dictionary.cell(*self._rated_address).entry.access.is_writable
+        self.motion["counts_per_rad"] = family.scaling.encoder_counts_per_rad
+        self.motion["counts_per_rev"] = family.scaling.encoder_counts_per_rev
+        self._speeds, self._torques = live(axes.cascade_state, "speed_rad_s"), live(axes.motion, "torque_nm")
+        self._errors = live(axes.cascade_state, "error_rad_s")
+        self._following_errors = live(axes.motion, "following_error_rad")
+        self._reached = live(axes.motion, "reached")
+        self._demands, self._demand_speeds = live(axes.motion, "demand_rad"), live(axes.motion, "demand_speed_rad_s")
+        self._torque_demands = live(axes.motion, "torque_demand_nm")
+        self._target, self._offset = (self.dictionary.cell(index) for index in (Object.TARGET_POSITION, Object.POSITION_OFFSET))
+        self._target_speed = self.dictionary.cell(Object.TARGET_VELOCITY)
+        self._units = None
+        if family.has_user_units:
+            self._units = UserUnits(self.dictionary, is_powered, lambda: self.counting.scaling, self._use_units)
+        self._bind_values()
+        self._bind_writers()
+
+    # -- units ---------------------------------------------------------------------------------------------------------
+
+    def _use(self, counting: Counting) -> None:
+        """Change the counting; the entries keep their numbers, which then mean other quantities."""
+        self.counting = counting
+        self.limits.use(counting)
+
+    def _use_units(self, scaling: Scaling) -> None:
+        self._use(self.counting.scaled(scaling))
+        self.apply()
+
+    def set_home(self, counts: float) -> None:
+        """Set the zero: the drive shows 607Ch at these counts of the encoder; targets and limits move along."""
+        self._use(self.counting.homed(self.value(Object.HOME_OFFSET), counts))
+        self.apply()
+
+    def shown_position(self, counts: float) -> int:
+        """Position that the drive shows at these counts of the encoder."""
+        return self.counting.shown_position(counts)
+
+    def value(self, index: int, subindex: int = 0) -> Any:
+        """Value that an entry holds."""
+        return self.dictionary.cell(index, subindex).value
+
+    # -- what is read --------------------------------------------------------------------------------------------------
+
+    def _bind_values(self) -> None:
+        read: dict[int, Callable[[], Any]] = {
+            Object.POSITION_DEMAND: self._demand_position,
+            Object.POSITION_ACTUAL_INTERNAL: lambda: clip(self.axes.counts(self.row)),
+            Object.POSITION_ACTUAL: self._position_counts,
+            Object.VELOCITY_SENSOR_ACTUAL: self._shown_actual_speed,
+            Object.VELOCITY_DEMAND: lambda: self.counting.shown_speed(self._demand_speeds[self.row]),
+            Object.VELOCITY_ACTUAL: self._shown_actual_speed,
+            Object.TORQUE_DEMAND: lambda: self.counting.shown_torque(self._torque_demands[self.row]),
+            Object.TORQUE_ACTUAL: lambda: self.counting.shown_torque(self._torques[self.row]),
+            Object.CURRENT_ACTUAL: self._current_per_mille,
+            Object.DC_LINK_VOLTAGE: lambda: DC_LINK_MV,
+            Object.FOLLOWING_ERROR_ACTUAL: self._following_error_counts,
+            Object.CONTROL_EFFORT: self._control_effort,
+            Object.POSITION_DEMAND_INTERNAL: lambda: clip(self._demand_counts()),
+        }
+        for index, hook in read.items():
+            self.dictionary.on_read(index, 0, hook)
+
+    @property
+    def speed_rad_s(self) -> float:
+        """Motor speed as the law sees it."""
+        return float(self._speeds[self.row])
+
+    def _position_counts(self) -> int:
+        counting, counts = self.counting, self.axes.counts(self.row)
+        shown = counts + counting.offset_counts
+        # every TPDO passes here: in increments and within its object the position is what it is
+        return shown if counting.is_encoder and -INT32_MAX <= shown <= INT32_MAX else counting.shown_position(counts)
+
+    def _demand_position(self) -> int:
+        return self.shown_position(self._demand_counts())
+
+    def _demand_counts(self) -> float:
+        return float(self._demands[self.row] * self.counting.scaling.encoder_counts_per_rad)
+
+    def _shown_actual_speed(self) -> int:
+        return self.counting.shown_speed(self._speeds[self.row])
+
+    def _control_effort(self) -> int:
+        return self.counting.shown_speed(self._errors[self.row] + self._speeds[self.row])
+
+    def _current_per_mille(self) -> int:
+        """Current per mille of 6075h: the motor constant makes it of the torque."""
+        rated_ma = self.value(Object.MOTOR_RATED_CURRENT)
+        current_ma = 1000.0 * self._torques[self.row] / self._torque_constant_nm_a
+        return clip(1000.0 * current_ma / rated_ma, INT16_MAX) if rated_ma > 0 else 0
+
+    def _following_error_counts(self) -> int:
+        counting = self.counting
+        return clip(self._following_errors[self.row] * counting.scaling.encoder_counts_per_rad * counting.units_per_count)
+
+    @property
+    def is_target_reached(self) -> bool:
+        """Profile position: the motor itself is where it was sent, or (halted) stands; not only its reference."""
+        motion = self.motion
+        if motion["reference_speed_rad_s"] != 0.0:
+            return False
+        if self.limits.is_profile_halted:
+            return abs(self.speed_rad_s) < law.STOPPED_RAD_S
+        left_rad = motion["target_counts"] / motion["counts_per_rad"] - motion["reference_rad"]
+        return bool(abs(left_rad) < 1e-9 and self._reached[self.row] & law.IN_POSITION)
+
+    def cyclic_target_counts(self) -> int:
+        """Target of cyclic position mode in counts of the encoder: 607Ah + 60B0h (CiA 402: the offset is added to the target)."""
+        target: Any = self._target.value
+        target += self._offset.value
+        counting = self.counting
+        return target - counting.offset_counts if counting.is_encoder else counting.encoder_counts(target)
+
+    def cyclic_target_speed_rad_s(self) -> float:
+        """Target speed of cyclic velocity mode: 60FFh; 60B1h is added in the law."""
+        return self.counting.speed_rad_s(self._target_speed.value)
+
+    # -- what is written -----------------------------------------------------------------------------------------------
+
+    def _bind_writers(self) -> None:
+        on_write = self.dictionary.on_write
+        on_write(0x1006, 0, self._write_cycle_period)
+        for index, field, convert in SET_POINTS:
+            on_write(index, 0, self._set_point_writer(field, convert))
+        for sub in (1, 2):
+            on_write(Object.INTERPOLATION_PERIOD, sub, self._period_writer(sub))
+        if not self._is_rated_fixed:
+            on_write(*self._rated_address, self._write_rated_torque)
+
+    def _write_cycle_period(self, value: int) -> SdoAbortCode | None:
+        """1006h must be a whole number of control periods: the world advances by it."""
+        return SdoAbortCode.INVALID_VALUE if 1000 * value % round(1e9 * self._control_period_s) else None
+
+    def _period_writer(self, sub: int) -> Callable[[int], SdoAbortCode | None]:
+        """60C2h comes into force where a mode begins: under torque in one that counts in it only the same value passes."""
+        cell = self.dictionary.cell(Object.INTERPOLATION_PERIOD, sub)
+
+        def write(value: int) -> SdoAbortCode | None:
+            if value == cell.value or not self._is_powered():
+                return None
+            acting = self.dictionary.get_int(Object.MODES_OF_OPERATION_DISPLAY)
+            return SdoAbortCode.DEVICE_STATE if acting in _INTERPOLATING else None
+
+        return write
+
+    def _write_rated_torque(self, value: float) -> SdoAbortCode | None:
+        """All torques are per mille of it, so it does not change under torque, and 0 has no inverse."""
+        if self._is_powered():
+            return SdoAbortCode.DEVICE_STATE
+        if value <= 0:
+            return SdoAbortCode.VALUE_TOO_LOW
+        self.dictionary.cell(*self._rated_address).value = value
+        self._apply_rated_torque()
+        self.apply()
+        return None
+
+    def _apply_rated_torque(self) -> None:
+        if not self._is_rated_fixed:
+            rated_torque_nm = self.value(*self._rated_address) * self._rated_step_nm
+            self._use(self.counting.scaled(replace(self.counting.scaling, rated_torque_nm=rated_torque_nm)))
+
+    def _set_point_writer(self, field: str, convert: Callable[[Counting, int], float]) -> Callable[[int], SdoAbortCode | None]:
+        column, row = live(self.axes.motion, field), self.row
+
+        def write(value: int) -> SdoAbortCode | None:
+            column[row] = convert(self.counting, value)
+            return None
+
+        return write
+
+    def restart(self) -> None:
+        """Put the whole dictionary into force, after a reset; a halt, and the zero that homing has found, are lost with it."""
+        self.limits.forget_halt()
+        self._use(self.counting.shifted(0))
+        self._apply_rated_torque()
+        if self._units is not None:
+            self._units.apply()
+        self._family.apply()
+        self.apply()
+
+    def apply(self) -> None:
+        """Put limits, ramps and set-points into force."""
+        self.limits.apply()
+        for index, field, convert in SET_POINTS:
+            self.motion[field] = convert(self.counting, self.value(index))

@@ -1,0 +1,92 @@
+"""The objects by which a user chooses the units of a drive: from 607Eh, 6091h, 6092h and 60A8h to 60AAh to its scaling.
+
+They may be written while there is no torque. What another object holds keeps its number and means something else from then on,
+as in real drives. The encoder is what it is: 608Fh and 6090h take no other value than theirs.
+
+Source: CiA 402-2, factor group.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from drive_profiles.errors import OutOfRangeError
+from drive_profiles.standard.cia301 import SdoAbortCode
+from drive_profiles.standard.cia402 import Object
+from drive_profiles.standard.object_address import ObjectAddress
+from drive_profiles.standard.units import Scaling
+from plant_emulator.slave.dictionary import Dictionary
+
+FIELDS: dict[ObjectAddress, str] = {
+    (Object.GEAR_RATIO, 1): "gear_motor_revs",
+    (Object.GEAR_RATIO, 2): "gear_shaft_revs",
+    (Object.FEED_CONSTANT, 1): "feed",
+    (Object.FEED_CONSTANT, 2): "feed_shaft_revs",
+    (Object.POLARITY, 0): "polarity",
+    (Object.SI_UNIT_POSITION, 0): "position_unit",
+    (Object.SI_UNIT_VELOCITY, 0): "velocity_unit",
+    (Object.SI_UNIT_ACCELERATION, 0): "acceleration_unit",
+}
+"""Field of `Scaling` that each of these objects holds."""
+
+FIXED = (
+    (Object.ENCODER_RESOLUTION, 1),
+    (Object.ENCODER_RESOLUTION, 2),
+    (Object.VELOCITY_ENCODER_RESOLUTION, 1),
+    (Object.VELOCITY_ENCODER_RESOLUTION, 2),
+)
+
+
+def only(value: Any) -> Callable[[Any], SdoAbortCode | None]:
+    """A hook that takes no other value."""
+    return lambda wanted: None if wanted == value else SdoAbortCode.INVALID_VALUE
+
+
+class UserUnits:
+    """Ties these objects to the scaling of a drive."""
+
+    def __init__(
+        self,
+        dictionary: Dictionary,
+        is_powered: Callable[[], bool],
+        scaling: Callable[[], Scaling],
+        use: Callable[[Scaling], None],
+    ) -> None:
+        """Bind the objects.
+
+        Args:
+            dictionary: Object dictionary of the drive.
+            is_powered: Whether the motor is, or may be, under torque.
+            scaling: Present scaling of the drive.
+            use: Puts another scaling into force.
+        """
+        self._dictionary, self._is_powered = dictionary, is_powered
+        self._scaling, self._use = scaling, use
+        for (index, sub), name in FIELDS.items():
+            dictionary.on_write(index, sub, self._writer(name))
+        for index, sub in FIXED:
+            dictionary.on_write(index, sub, only(dictionary.cell(index, sub).entry.default))
+
+    def apply(self) -> None:
+        """Put what the objects hold into force, after a reset; a stored combination has been checked when it was written."""
+        self._use(replace(self._scaling(), **{name: self._dictionary.get_int(*address) for address, name in FIELDS.items()}))
+
+    def _writer(self, name: str) -> Callable[[int], SdoAbortCode | None]:
+        def write(value: int) -> SdoAbortCode | None:
+            if self._is_powered():
+                return SdoAbortCode.DEVICE_STATE
+            try:
+                scaling = replace(self._scaling(), **{name: value})
+            except OutOfRangeError:
+                return SdoAbortCode.INVALID_VALUE
+            self._use(scaling)
+            return None
+
+        return write
+
+
+def hold_units(dictionary: Dictionary, stated: set[ObjectAddress]) -> None:
+    """Let a drive whose units are not emulated keep those that it has: what its profile does not state takes no other value."""
+    for address in (*FIELDS, *FIXED):
+        if address in dictionary and address not in stated and dictionary.cell(*address).write_hook is None:
+            dictionary.on_write(*address, only(dictionary.cell(*address).entry.default))

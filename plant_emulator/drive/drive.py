@@ -1,0 +1,418 @@
+"""The emulated servo drive: CANopen slave, CiA 402 state machine, modes and servo law, joined to one axis of the robot."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from drive_profiles.standard.cia301 import EmergencyCode, NmtState, SdoAbortCode
+from drive_profiles.standard.cia402 import (
+    FOLLOWING_ERROR,
+    INTERNAL_LIMIT,
+    TARGET_REACHED,
+    AbortConnectionOption,
+    Mode,
+    Object,
+    State,
+)
+from drive_profiles.standard.units import Scaling
+from hil.can.frame import Frame
+from plant_emulator.drive.binding.process_data import DriveData
+from plant_emulator.drive.family.base import DriveFamily
+from plant_emulator.drive.family.choice import family_of
+from plant_emulator.drive.faults import FAULTS, RPDO_TIMEOUT, TORQUE_OFF, TORQUE_OFF_FAULT, DriveFaults
+from plant_emulator.drive.inputs import DigitalInputs
+from plant_emulator.drive.modes.limit_switches import LimitSwitches
+from plant_emulator.drive.modes.selection import ModeSelection
+from plant_emulator.drive.modes.table import modes_of
+from plant_emulator.drive.option_codes import OptionCodes
+from plant_emulator.drive.power_stage import PowerStage
+from plant_emulator.drive.signals import AxisSignals
+from plant_emulator.drive.standing import Standing
+from plant_emulator.drive.state_machine import (
+    Action,
+    Power,
+    Step,
+    commanded,
+    disconnected,
+    failed,
+    initialised,
+    restarted,
+    stopped,
+    torque_lost,
+)
+from plant_emulator.drive.touch_probe import TouchProbes
+from plant_emulator.motion import record as law
+from plant_emulator.motion.axes import Axes
+from plant_emulator.slave.delays import slave_with
+from plant_emulator.slave.dictionary import ResetKind
+from plant_emulator.slave.node import Slave
+
+
+class DelayedTransition(NamedTuple):
+    """A transition that a drive takes its time for.
+
+    Args:
+        step: Step that it will take.
+        word: The last control word that has come; None where it must not act any more.
+        due: Time of the step in ns; None before the first look at the clock.
+    """
+
+    step: Step
+    word: int | None
+    due: int | None = None
+
+
+class Drive:
+    """A servo drive on the bus, sans IO: `receive`, `advance`, `due` as every node; `update` after each advance of the axes.
+
+    Attributes:
+        axes: The mechanics.
+        row: Row of the axis in `Axes.rows`.
+        behaviour: The quirks that the robot file gives the drive.
+        slave: The CANopen engine underneath.
+        data: The process data, between the dictionary and the axis.
+        stage: The power stage.
+        inputs: The digital inputs, safe torque off among them.
+        probes: The touch probes.
+        limit_switches: Effect of the limit switches on the motion.
+        family: The drive's family: which drive it is, and what of it is not emulated.
+        on_state: Called with the state before and the new one, before the power stage follows.
+    """
+
+    def __init__(self, axes: Axes, number: int, family: DriveFamily | None = None) -> None:
+        """Join an axis to a node with the id that the robot file gives it.
+
+        Args:
+            axes: The mechanics.
+            number: Axis number.
+            family: The drive's family; left out, the one that the robot file names.
+
+        Raises:
+            DriveProfileError: There is no such profile, or its file or the EDS file has errors.
+            ValueError: The profile is no drive's.
+        """
+        self.axes, self.row = axes, axes.row(number)
+        self.behaviour = axes.robot.axis[number].behaviour
+        self.family = family_of(axes.robot, number) if family is None else family
+        dictionary = self.family.dictionary
+        self.slave: Slave = slave_with(
+            self.behaviour,
+            axes.robot.seed + number,
+            axes.robot.node_ids[number],
+            dictionary,
+            store_commands=self.family.store_commands,
+            store_time_ns=round(1e9 * min(axes.robot.axis[number].store_time_s, self.family.store_limit_s)),
+            autostart=self.behaviour.operational_at_boot,
+        )
+        self.on_state: Callable[[State, State], None] = lambda before, after: None
+        self._signals = AxisSignals.of(axes)  # by which the control period wakes the drive
+        self._standing = Standing.of(Power())  # replaced whole with each change of state, input or lack: see `_stand`
+        self._delayed: DelayedTransition | None = None  # where the robot file says that transitions take their time
+        self._is_word_fresh = False  # whether a control word has come since the stop began: it acts when the motor stands
+        self.data = DriveData(axes, number, self.family, self._is_powered)
+        self.inputs = DigitalInputs(axes, number, dictionary)
+        self.stage = PowerStage(axes, self.row, self.data)
+        self.limit_switches = LimitSwitches(self.stage, self.inputs)
+        self.probes = TouchProbes(dictionary, self.inputs, self.data.shown_position)
+        self._faults = DriveFaults(self.slave)  # 603Fh and the emergencies, as far as they are the drive's
+        modes = modes_of(self.stage, self.inputs, self.behaviour)
+        self._modes = ModeSelection(
+            self.slave,
+            self.stage,
+            {number: modes[number] for number in self.family.modes},
+            self._faults,
+            self.limit_switches,
+            power=lambda: self._standing.power,
+            halt_blocks=self.behaviour.halt_blocks_mode_change,
+        )
+        self._options = OptionCodes(self.family, self.behaviour)  # 605Ah to 605Eh
+        self._bind()
+        # the family's write hooks go around those of the parts above, and its values are wanted by `restart`
+        self.family.bind(axes, self.row, self._is_powered)
+        self.data.restart()
+
+    def _bind(self) -> None:
+        """Listen to the parts: from here on they may call back."""
+        slave, dictionary = self.slave, self.slave.dictionary
+        self.inputs.on_sto = self._set_torque_off
+        self._faults.on_lack = self._stand_anew
+        slave.on_nmt = self._on_nmt
+        slave.on_heartbeat_lost = self._on_heartbeat_lost
+        slave.on_reset = self._on_reset
+        slave.on_rpdo_timeout = self._on_rpdo_timeout
+        slave.store.may_store = lambda: SdoAbortCode.DEVICE_STATE if self._is_powered() else None
+        dictionary.on_read(Object.STATUS_WORD, 0, self._status_word)
+        dictionary.on_write(Object.CONTROL_WORD, 0, self._write_control_word)
+
+    @property
+    def scaling(self) -> Scaling:
+        """The units of the drive."""
+        return self.data.counting.scaling
+
+    @property
+    def state(self) -> State:
+        """State of the power drive system."""
+        return self._standing.power.state
+
+    @property
+    def mode(self) -> Mode | None:
+        """The mode that acts; None where there is no torque."""
+        return None if self._modes.acting is None else self._modes.acting.number
+
+    def _is_powered(self) -> bool:
+        return self._standing.is_powered
+
+    # -- the node, for the world ---------------------------------------------------------------------------------------
+
+    @property
+    def node_id(self) -> int:
+        """The node's id."""
+        return self.slave.node_id
+
+    @property
+    def due(self) -> int | None:
+        """The next instant, in ns, at which `advance` must be called."""
+        return self.slave.due
+
+    def power_on(self, now: int) -> list[Frame]:
+        """Start, or start again after a loss of power: the boot-up frame. What was not stored is lost."""
+        self._restart()
+        return self.slave.power_on(now)
+
+    def receive(self, frame: Frame, now: int) -> list[Frame]:
+        """Take any frame from the bus; what the drive answers."""
+        return self.slave.receive(frame, now)
+
+    def advance(self, now: int) -> list[Frame]:
+        """Let time pass up to now."""
+        return self.slave.advance(now)
+
+    def update(self, now: int) -> list[Frame]:
+        """Look at what the axis has done since the last call: broken limits, finished stops, waiting set-points.
+
+        After each advance of the axes.
+
+        Args:
+            now: The time, in ns.
+        """
+        row, signals = self.row, self._signals
+        trip = signals.trip[row]
+        if trip:
+            signals.trip[row] = 0
+            for bit, cause, code in FAULTS:
+                if trip & bit:
+                    self._fault(cause, code)
+        if signals.event[row]:
+            self.inputs.dispatch()
+        if self._delayed is not None:
+            self._wait_for_transition(self._delayed, now)
+        acting = self._modes.acting
+        if self._standing.is_stopping:
+            if self.stage.is_stopped:
+                self._end_stop()
+        elif acting is not None:
+            if acting.watches:
+                acting.look()
+            if self.limit_switches.are_there:
+                self.limit_switches.look(acting)
+        return self.slave.take_frames()
+
+    @property
+    def needs_update(self) -> bool:
+        """True while `update` has work that nothing else announces: a stop, a delayed transition, a queued set-point, homing."""
+        acting = self._modes.acting
+        if self._standing.is_stopping or self._delayed is not None:
+            return True
+        return acting is not None and (acting.watches or self.limit_switches.are_there)
+
+    # -- status and mode -----------------------------------------------------------------------------------------------
+
+    def _stand(self, power: Power) -> None:
+        """Replace the standing, and tell who listens of another state."""
+        before = self.state
+        self._standing = Standing.of(power, torque_off=self.inputs.is_sto_active, lack=self._faults.is_lacking)
+        if power.state is not before:
+            self.on_state(before, power.state)
+
+    def _stand_anew(self) -> None:
+        """Replace the standing where something beside the state has changed."""
+        self._stand(self._standing.power)
+
+    def _status_word(self) -> int:
+        standing, signals, row = self._standing, self._signals, self.row
+        word, acting = standing.plain_word, self._modes.acting
+        if standing.is_enabled and acting is not None:
+            word |= acting.status()
+        else:
+            if signals.following_count[row] > 0:
+                word |= FOLLOWING_ERROR
+            if standing.is_powered and signals.stopped[row]:
+                word |= TARGET_REACHED
+        if signals.limited[row] or self.limit_switches.blocked:
+            word |= INTERNAL_LIMIT
+        return word
+
+    # -- state machine -------------------------------------------------------------------------------------------------
+
+    def _write_control_word(self, word: int) -> None:
+        """Run the state machine on a control word until it stands; the fault reset acts on the edge only."""
+        standing = self._standing
+        if standing.is_following and word == standing.power.control_word:
+            return
+        if self._delayed is not None:
+            self._delayed = self._delayed._replace(word=word)
+            return
+        self._is_word_fresh = standing.is_stopping
+        for _ in range(4):
+            before = self._standing.power
+            step = commanded(before, word, self._options.now())
+            if step.power.state is before.state and step.action is Action.NONE:
+                self._remember(step.power)
+                break
+            if not self._may_take(step):
+                self._remember(before._replace(control_word=word))
+                break
+            if self.behaviour.transition_delay_ms and (step.action is Action.ENERGISE or not self._standing.is_powered):
+                self._delayed = DelayedTransition(step, word)
+                return
+            self._take(step)
+        if self._standing.is_following:
+            self._modes.command(word)
+
+    def _remember(self, power: Power) -> None:
+        """Stay in the state, with another control word; a master repeats the same one with every SYNC."""
+        if power != self._standing.power:
+            self._stand(power)
+
+    def _may_take(self, step: Step) -> bool:
+        if step.action is Action.ENERGISE:
+            return self.slave.nmt_state is NmtState.OPERATIONAL and self._modes.is_ready()
+        # without voltage nothing becomes ready; a fault may be reset
+        return not (self.inputs.is_sto_active and step.power.state is State.READY_TO_SWITCH_ON)
+
+    def _wait_for_transition(self, delayed: DelayedTransition, now: int) -> None:
+        """A drive that takes its time for a transition: of the words that come meanwhile the last counts."""
+        step, latest, due = delayed
+        if due is None:
+            due = now + round(1e6 * self.behaviour.transition_delay_ms)
+            self._delayed = delayed._replace(due=due)
+        if now < due:
+            return
+        self._delayed = None
+        # a transition that has begun is finished, but for the one that opens the brake: that must still be wanted
+        is_meant = step.action is not Action.ENERGISE or (
+            latest is not None and commanded(self._standing.power, latest, self._options.now()).power.state is step.power.state
+        )
+        if is_meant and self._may_take(step):
+            self._take(step)
+        if latest is not None:
+            self._write_control_word(latest)
+
+    def _forget_words(self) -> None:
+        """Forget what the master wrote before a fault, a lost connection or another NMT state: it must write anew."""
+        self._is_word_fresh = False
+        if self._delayed is not None:
+            self._delayed = None if self._delayed.step.action is Action.ENERGISE else self._delayed._replace(word=None)
+
+    def _take(self, step: Step) -> None:
+        """Go one step of the state machine, with what it asks of the power stage."""
+        if step.action is Action.NONE and step.power == self._standing.power:
+            return
+        self._delayed = None
+        self._stand(step.power)
+        match step.action:
+            case Action.ENERGISE:
+                self.data.apply()
+                self._modes.begin()
+            case Action.STOP:
+                self._is_word_fresh = False
+                self._modes.end()
+                self.stage.stop(step.stop)
+                self._stop_at_rest()
+            case Action.RELEASE | Action.CLEAR:
+                self._modes.release()
+                self.stage.close_brake()
+                if step.action is Action.CLEAR:
+                    self._faults.clear()
+            case _:
+                pass
+
+    def _end_stop(self) -> None:
+        """The motor stands. A word that has come since the stop began acts now; the one that began it does not act again."""
+        self._take(stopped(self._standing.power, self._options.now()))
+        if self._is_word_fresh and not self._standing.is_powered:
+            self._write_control_word(self._standing.power.control_word)
+
+    def _stop_at_rest(self) -> None:
+        """Disable operation and shutdown need no ramp where the motor stands; nor does a quick stop that ends by itself."""
+        ends = self._standing.power.leaving is not None or (
+            self.state is State.QUICK_STOP_ACTIVE and self.behaviour.quick_stop_ends_disabled_at_once
+        )
+        if ends and (self.stage.law_mode == law.BRAKED or self.stage.stands):
+            self._take(stopped(self._standing.power, self._options.now()))
+
+    def _fault(self, cause: str, code: int) -> None:
+        self._faults.report(cause, code)
+        self._forget_words()
+        self._take(failed(self._standing.power, self._options.now()))
+
+    # -- safe torque off -----------------------------------------------------------------------------------------------
+
+    def _set_torque_off(self, active: bool) -> None:
+        """Take the torque away by the safe torque off input, or give the voltage back; see `torque_lost`.
+
+        Under torque it is a fault without a ramp. While it is active the voltage is not enabled (bit 4), and the drive does not
+        become ready to switch on. Nothing comes back by itself: the master resets the fault and enables anew.
+        """
+        self._stand_anew()
+        if active:
+            if self._standing.is_powered:
+                self._faults.report(TORQUE_OFF, TORQUE_OFF_FAULT)
+            self._forget_words()
+            self._take(torque_lost(self._standing.power))
+
+    # -- connection ----------------------------------------------------------------------------------------------------
+
+    def _on_nmt(self, old: NmtState, new: NmtState) -> None:
+        if old is NmtState.OPERATIONAL:
+            self._connection_lost()
+        else:
+            self._forget_words()
+
+    def _on_heartbeat_lost(self, *_: object) -> None:
+        self._connection_lost()
+
+    def _on_rpdo_timeout(self, *_: object) -> None:
+        self._connection_lost(RPDO_TIMEOUT)
+
+    def _connection_lost(self, code: int = EmergencyCode.HEARTBEAT, react: Callable[..., Step] = disconnected) -> None:
+        """React as 6007h says; a drive that does not move has nothing to abort, but forgets what it was about to do."""
+        self._forget_words()
+        option = self.data.value(Object.ABORT_CONNECTION_OPTION)
+        step = react(self._standing.power, option, self._options.now())
+        if step.power == self._standing.power:
+            return
+        if option == AbortConnectionOption.FAULT:
+            self._faults.report_connection(code)
+        self._take(step)
+
+    def _on_reset(self, kind: ResetKind) -> None:
+        """NMT reset: the node's own values are back at their defaults.
+
+        A reset of the node closes the brake at once. A reset of communication is a lost connection: 6007h decides, and where it
+        asks for nothing, a quick stop. So a ramp may go on after it, until the motor stands.
+        """
+        if kind is ResetKind.NODE:
+            self._restart()
+            return
+        self._connection_lost(react=restarted)
+        if self.state in {State.FAULT, State.FAULT_REACTION_ACTIVE}:
+            self._faults.repeat_connection()
+        self._stand_anew()
+
+    def _restart(self) -> None:
+        self._faults.forget()
+        self._forget_words()
+        self._take(initialised(self._standing.power))
+        self.stage.motion["trip"] = 0  # what a set-point before the reset has broken is not the new start's fault
+        self.data.restart()
+        self.probes.reset()

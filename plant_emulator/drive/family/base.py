@@ -1,0 +1,166 @@
+"""The family of an emulated drive: identity, gains, filters and storing. For its CiA 402 part see `drive.dictionary`."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from drive_profiles.standard.cia301 import SdoAbortCode
+from drive_profiles.standard.cia402 import Mode, Object
+from drive_profiles.standard.object_address import ObjectAddress
+from drive_profiles.standard.units import Scaling
+from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
+from plant_emulator.drive.dictionary import manufacturer_objects as objects
+from plant_emulator.motion.axes import Axes, live
+from plant_emulator.slave.dictionary import Dictionary
+from plant_emulator.slave.store import StoreCommand, standard_commands
+
+
+class DriveFamily(ABC):
+    """The part of a drive that its family decides, as the emulator plays it.
+
+    Attributes:
+        profile: Name of the profile that describes the drive.
+        dictionary: All entries of the drive.
+        scaling: Scaling of the drive when it leaves the factory.
+        modes: The modes that it has and that are emulated.
+        store_commands: The entries that store and restore.
+        store_limit_s: The longest that storing may take.
+        steps: SI units per step of those CiA 402 objects that do not count as ours do.
+        rated_torque: The object that torques are per mille of, and N·m per step of it.
+        unwatched_windows: Values of 6065h with which the following error is not watched.
+        has_user_units: Whether the objects of the factor group act (6091h, 6092h, 607Eh, 60A8h to 60AAh).
+        set_point_timeout: The object that says for how many interpolation periods a set-point may be missing; None: it is held.
+        equal_limits_are_none: Whether 607Dh with both limits equal means that there are none, as both 0 always does.
+    """
+
+    profile: str
+    dictionary: Dictionary
+    scaling: Scaling
+    modes: tuple[Mode, ...]
+    store_commands: tuple[StoreCommand, ...] = standard_commands()
+    store_limit_s: float = float("inf")
+    steps: Mapping[ObjectAddress, float] = {}
+    rated_torque: tuple[ObjectAddress, float] = ((Object.MOTOR_RATED_TORQUE, 0), 0.001)
+    unwatched_windows: frozenset[int] = frozenset({2**32 - 1})
+    set_point_timeout: ObjectAddress | None = None
+    equal_limits_are_none: bool = False
+    has_user_units: bool = False
+
+    def __init__(self, dictionary: Dictionary, scaling: Scaling) -> None:
+        """Make a family that moves no axis yet: its entries are described, and `bind` ties them."""
+        self.dictionary, self.scaling = dictionary, scaling
+        self._axes: Any = None
+        self._row = 0
+        self._is_powered: Callable[[], bool] = lambda: False
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on where the emulated drive is not as its user may think."""
+        return ()
+
+    def acting(self, address: ObjectAddress) -> Any:
+        """The raw value that acts: what the entry holds, or held at the last reset where it acts after one only."""
+        return self.dictionary.cell(*address).value
+
+    def is_scaled(self, address: ObjectAddress) -> bool:
+        """True where it is known what the numbers of a CiA 402 limit mean; one of unknown scale is held, and does not act."""
+        return True
+
+    def states(self, address: ObjectAddress) -> bool:
+        """True where the family says what an object of CiA 402 may hold: it may have option codes of its own."""
+        return False
+
+    @abstractmethod
+    def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
+        """Tie the family's entries to a row of the axes; the CiA 402 entries and the engine's are tied already.
+
+        Args:
+            axes: The mechanics, and the arrays of the servo law.
+            row: Row of the axis in `Axes.rows`.
+            is_powered: Whether the motor is, or may be, under torque.
+        """
+
+    @abstractmethod
+    def apply(self) -> None:
+        """Put all entries into force, after a reset."""
+
+
+def _while_active(active: Any, values: Any, column: int) -> float:
+    return float(values[column]) if active[column] else 0.0
+
+
+class OwnFamily(DriveFamily):
+    """The emulated drive itself: P-PI gains (2100h, 2101h), two variable notches (2110h, 2111h), a cancellation (2114h)."""
+
+    profile = "emulated_drive"
+    modes = objects.MODES
+    set_point_timeout = (objects.SET_POINT_TIMEOUT, 0)
+    has_user_units = True
+
+    def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:
+        """Tie gains, filters and what the filters show."""
+        self._axes, self._row, self._is_powered = axes, row, is_powered
+        on_read, on_write = self.dictionary.on_read, self.dictionary.on_write
+        for (index, sub), field in objects.GAINS.items():
+            on_write(index, sub, self._gain_writer(field))
+        for column, index in enumerate(objects.NOTCH_OBJECTS):
+            for sub, parameter in enumerate(objects.NOTCH_PARAMETERS, start=1):
+                on_write(index, sub, self._notch_writer(column, parameter[0]))
+        for column, index in enumerate(objects.NOTCH_STATE_OBJECTS):
+            active = live(axes.notch_state[row], "active")
+            on_read(index, 1, partial(active.__getitem__, column))
+            on_read(index, 2, partial(_while_active, active, live(axes.notch_state[row], "frequency_hz"), column))
+            on_read(index, 3, partial(_while_active, active, live(axes.notch_state[row], "zeta_rd"), column))
+        for sub, parameter in enumerate(objects.CANCELLATION_PARAMETERS, start=1):
+            on_write(objects.CANCELLATION, sub, self._cancellation_writer(parameter[0]))
+        on_read(objects.TORQUE_COMMAND, 0, partial(live(axes.motion, "torque_nm").__getitem__, row))
+
+    def _gain_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
+        def write(value: float) -> SdoAbortCode | None:
+            if self._is_powered():
+                return SdoAbortCode.DEVICE_STATE
+            self._axes.cascade_config[self._row][field] = value
+            return None
+
+        return write
+
+    def _cancellation_writer(self, field: str) -> Callable[[float], SdoAbortCode | None]:
+        """It may be switched on and off while the motor turns, and fades; its other parameters do not change meanwhile."""
+
+        def write(value: float) -> SdoAbortCode | None:
+            if self._is_powered() and field != "cancel_mode":
+                return SdoAbortCode.DEVICE_STATE
+            self._axes.motion[self._row][field] = value
+            return None
+
+        return write
+
+    def _notch_writer(self, column: int, field: str) -> Callable[[float], SdoAbortCode | None]:
+        """Filters may be switched on and off while the motor turns; their other parameters not."""
+
+        def write(value: float) -> SdoAbortCode | None:
+            if self._is_powered() and field != "mode":
+                return SdoAbortCode.DEVICE_STATE
+            row = self._axes.notch_config[self._row, column]
+            wanted = {parameter[0]: row[parameter[0]].item() for parameter in objects.NOTCH_PARAMETERS} | {field: value}
+            try:
+                if wanted["mode"] != NOTCH_OFF:
+                    Notch(**wanted)
+            except ValueError:
+                return SdoAbortCode.PARAMETER_INCOMPATIBLE
+            row[field] = value
+            return None
+
+        return write
+
+    def apply(self) -> None:
+        """Put gains and filters into force."""
+        cascade = self._axes.cascade_config[self._row]
+        for address, field in objects.GAINS.items():
+            cascade[field] = self.acting(address)
+        for column in range(NOTCHES):
+            for sub, parameter in enumerate(objects.NOTCH_PARAMETERS, start=1):
+                self._axes.notch_config[self._row, column][parameter[0]] = self.acting((objects.NOTCH_OBJECTS[column], sub))
+        for sub, parameter in enumerate(objects.CANCELLATION_PARAMETERS, start=1):
+            self._axes.motion[self._row][parameter[0]] = self.acting((objects.CANCELLATION, sub))

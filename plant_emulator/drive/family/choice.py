@@ -1,0 +1,95 @@
+"""The choice of the drive that moves an axis: our own, or one of any profile."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+from drive_profiles import eds
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.units import Scaling
+from plant_emulator.drive.dictionary import manufacturer_objects as objects
+from plant_emulator.drive.family.base import DriveFamily, OwnFamily
+from plant_emulator.drive.family.described import DescribedFamily
+from plant_emulator.drive.family.dictionary import FamilyDictionary, vendor_scaling
+from plant_emulator.drive.family.gains import Gains
+from plant_emulator.drive.family.objects import described_entries
+from plant_emulator.robots.robot import Robot
+from plant_emulator.slave.dictionary import Dictionary, Entry
+
+
+def family_of(robot: Robot, number: int) -> DriveFamily:
+    """The family of the drive that moves an axis, as the robot file names it.
+
+    Raises:
+        DriveProfileError: There is no such profile, or its file or the EDS file has errors.
+        ValueError: The profile is no drive's.
+    """
+    axis = robot.axis[number]
+    if axis.profile == OwnFamily.profile:
+        scaling = Scaling(axis.encoder_counts_per_rev, axis.rated_torque)
+        return OwnFamily(_dictionary(_own_entries(robot, number), robot, number), scaling)
+    profile = Profile.load(axis.profile)
+    if profile.kind != "drive":
+        raise ValueError(f"axis.{number}: {profile.name} is no drive but an {profile.kind}")
+    scaling = vendor_scaling(profile, axis)
+    gains = None if profile.loop is None else Gains(profile, profile.loop, axis, scaling)
+    if gains is None:
+        raise ValueError(f"axis.{number}: {profile.name} states no loop")
+    objects_of_it = FamilyDictionary(profile, axis, number, scaling, gains)
+    dictionary = _dictionary(objects_of_it.entries(), robot, number)
+    return DescribedFamily(profile, robot, number, dictionary, scaling, gains, objects_of_it)
+
+
+def _own_entries(robot: Robot, number: int) -> list[Entry]:
+    """The entries of the emulated drive: its motor, its encoder, and the gains that the robot file gives it."""
+    axis = robot.axis[number]
+    gains = (0.0, 0.0, 0.0, 300.0)
+    if axis.control is not None:
+        control = axis.control
+        gains = (
+            control.position_gain_per_s,
+            control.velocity_gain_nm_s_rad,
+            control.velocity_integral_gain_nm_rad,
+            control.lowpass_hz,
+        )
+    shared = _entries_of_a_kind(
+        axis.encoder_counts_per_rev,
+        axis.rated_torque_mnm,
+        axis.peak_per_mille,
+        round(1e9 * robot.control_period_s),
+        gains,
+        axis.rated_current_ma,
+    )
+    serial = (0x1018, 4)
+    return [replace(entry, default=number) if (entry.index, entry.subindex) == serial else entry for entry in shared]
+
+
+@lru_cache(maxsize=16)
+def _entries_of_a_kind(
+    encoder_counts_per_rev: int,
+    rated_torque_mnm: int,
+    max_torque_per_mille: int,
+    control_period_ns: int,
+    gains: tuple[float, float, float, float],
+    rated_current_ma: int,
+) -> tuple[Entry, ...]:
+    """The entries of all drives with one kind of motor; they never change, so that a hundred drives hold them once."""
+    return tuple(
+        objects.drive_entries(
+            encoder_counts_per_rev=encoder_counts_per_rev,
+            rated_torque_mnm=rated_torque_mnm,
+            max_torque_per_mille=max_torque_per_mille,
+            control_period_ns=control_period_ns,
+            gains=gains,
+            rated_current_ma=rated_current_ma,
+        )
+    )
+
+
+def _dictionary(entries: list[Entry], robot: Robot, number: int) -> Dictionary:
+    """The dictionary of these entries and of those objects of the axis' EDS file that are not among them."""
+    path = robot.axis[number].eds
+    if path is None:
+        return Dictionary(entries)
+    present = {(entry.index, entry.subindex): entry for entry in entries}
+    described = described_entries(eds.load(path, node_id=robot.node_ids[number]).dictionary, present)
+    return Dictionary([*entries, *described])

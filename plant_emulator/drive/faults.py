@@ -1,0 +1,88 @@
+"""A drive's faults: what they are called, their error codes, and how 603Fh, 1001h, 1003h and the emergencies tell of them."""
+
+from collections.abc import Callable
+
+from drive_profiles.standard.cia301 import ErrorRegister
+from drive_profiles.standard.cia402 import Object
+from plant_emulator.motion import record as law
+from plant_emulator.slave.node import Slave
+
+FAULTS: tuple[tuple[int, str, int], ...] = (
+    (law.FOLLOWING, "following error", 0x8611),
+    (law.OVERSPEED, "motor speed", 0x8400),
+    (law.OUT_OF_RANGE, "position limit", 0x8612),
+    (law.SET_POINT_RANGE, "set-point outside position limit", 0x8612),
+    (law.SET_POINT_STEP, "set-point faster than the motor", 0x8612),
+    (law.SET_POINT_LATE, "set-point late", 0x8700),
+)
+"""Trip bit, cause and emergency code.
+
+CiA 402, error codes: 8400h velocity, 8611h following error, 8612h reference limit, 8700h sync controller.
+"""
+
+PARAMETER_FAULT = 0x6320
+TORQUE_OFF_FAULT = 0x5441
+"""Safe torque off under torque: CiA 402 has no code of its own for it; 5441h is the first contact of the power section."""
+RPDO_TIMEOUT = 0x8250
+
+CONNECTION, TORQUE_OFF = "connection", "safe torque off"
+NO_MODE, NO_INTERPOLATION, NO_GAINS = "no mode of operation", "interpolation period", "no gains"
+LACKS = (NO_MODE, NO_INTERPOLATION, NO_GAINS)
+"""Cause of the emergency when a mode cannot act, or does not exist: no fault; the status word shows a warning."""
+
+_CAUSES = (*(cause for _, cause, _ in FAULTS), CONNECTION, TORQUE_OFF)
+
+
+class DriveFaults:
+    """Reports faults and withdraws them; what they do to the motion is the state machine's.
+
+    Attributes:
+        on_lack: Called when a mode may lack something, or no longer.
+    """
+
+    def __init__(self, slave: Slave) -> None:
+        """Take hold of the node."""
+        self.on_lack: Callable[[], None] = lambda: None
+        self._slave = slave
+        self._code = slave.dictionary.cell(Object.ERROR_CODE)
+        self._connection: int | None = None
+
+    def report(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.PROFILE) -> None:
+        """A fault: 603Fh shows the last one."""
+        self._code.value = code
+        self._slave.raise_emergency(cause, code, register)
+
+    def report_connection(self, code: int) -> None:
+        """The master has gone. Where the node has just said so with the same code, one emergency is enough."""
+        self._code.value = self._connection = code
+        self._slave.join_emergency(CONNECTION, code, ErrorRegister.COMMUNICATION)
+
+    def repeat_connection(self) -> None:
+        """Tell of it again: a communication reset makes the node forget its errors, but not the drive its fault."""
+        if self._connection is not None:
+            self._slave.join_emergency(CONNECTION, self._connection, ErrorRegister.COMMUNICATION)
+
+    def forget(self) -> None:
+        """The node has been reset, and with it what it had to say."""
+        self._connection = None
+
+    def report_lack(self, lack: str | None) -> None:
+        """Report the lack of a mode that was to act; a lack that is over is withdrawn."""
+        for cause in LACKS:
+            if cause == lack:
+                self._slave.raise_emergency(cause, PARAMETER_FAULT, ErrorRegister.PROFILE)
+                break
+            self._slave.clear_emergency(cause)
+        self.on_lack()
+
+    @property
+    def is_lacking(self) -> bool:
+        """True where a mode has been kept from acting, and nothing has changed since."""
+        return any(cause in LACKS for cause in self._slave.emergency_causes)
+
+    def clear(self) -> None:
+        """Fault reset."""
+        self._code.value = 0
+        self.forget()
+        for cause in _CAUSES:
+            self._slave.clear_emergency(cause)

@@ -1,0 +1,169 @@
+"""A drive's digital inputs and outputs: switches and probes where the robot file puts them, and the safe torque off of its owner.
+
+The compiled control period sees the switches and latches their edges (`plant_emulator.motion.inputs`). Here the edges are
+given to those who wait for them, and 60FDh shows the levels: bits 0 to 2 as CiA 402 has them, bit 3 (interlock) while safe
+torque off is active, and in the manufacturer's half bits 16 and 17 for what the touch probes see, bit 18 for safe torque off.
+
+Source: CiA 402-2, 60FDh and 60FEh.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from drive_profiles.standard.cia402 import Object
+from plant_emulator.motion import record as law
+from plant_emulator.motion.axes import Axes, live
+from plant_emulator.robots.robot import Switches
+from plant_emulator.slave.dictionary import Dictionary
+
+INTERLOCK, PROBE_1_INPUT, PROBE_2_INPUT, SAFE_TORQUE_OFF = 1 << 3, 1 << 16, 1 << 17, 1 << 18
+"""Bits of 60FDh beside those of the switches, which are the bits of `inputs` in `MOTION`."""
+
+SWITCHES = law.NEGATIVE_SWITCH | law.POSITIVE_SWITCH | law.HOME_SWITCH
+_PROBE_SHIFT = 13
+INPUTS = SWITCHES | law.PROBE_1 | law.PROBE_2
+
+EdgeListener = Callable[[int, Sequence[float]], None]
+"""Takes the bits of the edges that were seen, and the counts at the last of each."""
+
+
+class DigitalInputs:
+    """The inputs of one drive.
+
+    Attributes:
+        is_sto_active: True while safe torque off holds the power stage off.
+        on_sto: Called when that changes.
+    """
+
+    def __init__(self, axes: Axes, number: int, dictionary: Dictionary) -> None:
+        """Set the switches of the robot file, and tie 60FDh to them.
+
+        Args:
+            axes: The mechanics.
+            number: Axis number.
+            dictionary: Object dictionary of the drive.
+        """
+        row = axes.row(number)
+        self.is_sto_active = False
+        self.on_sto: Callable[[bool], None] = lambda _: None
+        self._motion: Any = axes.motion[row]
+        self._row, self._levels = row, live(axes.motion, "inputs")
+        self._listeners: dict[str, tuple[int, EdgeListener]] = {}
+        axis = axes.robot.axis[number]
+        if axis.switches is not None:
+            self._set_switches(axis.switches, axis.reduction_ratio)
+        self._look_at(axes.counts(row))
+        dictionary.on_read(Object.DIGITAL_INPUTS, 0, self._digital_inputs)
+
+    def _set_switches(self, switches: Switches, ratio: float) -> None:
+        """Write the first and last active count of each switch, from angles of the joint; the index pulse, of the motor."""
+        motion = self._motion
+        per_degree = motion["counts_per_rev"] / 360.0
+        joint = ratio * per_degree
+        mask = 0
+        if switches.negative_limit_deg is not None:
+            motion["negative_switch_counts"] = math.floor(switches.negative_limit_deg * joint)
+            mask |= law.NEGATIVE_SWITCH
+        if switches.positive_limit_deg is not None:
+            motion["positive_switch_counts"] = math.ceil(switches.positive_limit_deg * joint)
+            mask |= law.POSITIVE_SWITCH
+        for name, bit, range_deg in (
+            ("home", law.HOME_SWITCH, switches.home_deg),
+            ("probe_1", law.PROBE_1, switches.probe_1_deg),
+            ("probe_2", law.PROBE_2, switches.probe_2_deg),
+        ):
+            if range_deg is not None:
+                motion[f"{name}_low_counts"], motion[f"{name}_high_counts"] = (
+                    math.ceil(range_deg[0] * joint),
+                    math.floor(range_deg[1] * joint),
+                )
+                mask |= bit
+        motion["index_counts"] = round(switches.index_deg * per_degree)
+        motion["input_mask"] = mask
+
+    def _look_at(self, counts: int) -> None:
+        """Find the inputs that are active before the first control period."""
+        motion, levels = self._motion, 0
+        for bit, low, high in (
+            (law.NEGATIVE_SWITCH, -math.inf, motion["negative_switch_counts"]),
+            (law.POSITIVE_SWITCH, motion["positive_switch_counts"], math.inf),
+            (law.HOME_SWITCH, motion["home_low_counts"], motion["home_high_counts"]),
+            (law.PROBE_1, motion["probe_1_low_counts"], motion["probe_1_high_counts"]),
+            (law.PROBE_2, motion["probe_2_low_counts"], motion["probe_2_high_counts"]),
+        ):
+            if motion["input_mask"] & bit and low <= counts <= high:
+                levels |= bit
+        motion["inputs"] = levels | motion["forced_inputs"]
+
+    # -- levels --------------------------------------------------------------------------------------------------------
+
+    @property
+    def present(self) -> int:
+        """Bits of the inputs that there are."""
+        return int(self._motion["input_mask"])
+
+    @property
+    def levels(self) -> int:
+        """Bits of the inputs that are active."""
+        return int(self._levels[self._row])
+
+    def _digital_inputs(self) -> int:
+        levels = self.levels
+        word = levels & SWITCHES | (levels & ~SWITCHES) << _PROBE_SHIFT
+        return word | INTERLOCK | SAFE_TORQUE_OFF if self.is_sto_active else word
+
+    def force(self, inputs: int, *, active: bool = True) -> None:
+        """Hold inputs active from outside, wherever the axis stands, or no longer; the edge is where the motor stands.
+
+        Args:
+            inputs: Bits of `plant_emulator.motion.record`: NEGATIVE_SWITCH and so on.
+            active: Whether to hold them.
+
+        Raises:
+            ValueError: There are no such inputs.
+        """
+        if not 0 < inputs <= INPUTS:
+            raise ValueError(f"inputs {inputs:#x}: bits of {INPUTS:#x} are known")
+        motion = self._motion
+        motion["input_mask"] = int(motion["input_mask"]) | inputs
+        forced = int(motion["forced_inputs"])
+        motion["forced_inputs"] = forced | inputs if active else forced & ~inputs
+
+    def set_sto(self, active: bool) -> None:
+        """Close or open the contacts of safe torque off."""
+        if active != self.is_sto_active:
+            self.is_sto_active = active
+            self.on_sto(active)
+
+    # -- edges ---------------------------------------------------------------------------------------------------------
+
+    def listen(self, name: str, edges: int, listener: EdgeListener) -> None:
+        """Tell a listener of these edges from now on, until it listens for others; 0: of none.
+
+        Args:
+            name: Name of the listener.
+            edges: Bits 1 << HOME_RISING and so on, of `plant_emulator.motion.record`.
+            listener: Called by `dispatch`.
+        """
+        self.dispatch()  # what has been seen so far is not for the new listener
+        if edges:
+            self._listeners[name] = edges, listener
+        else:
+            self._listeners.pop(name, None)
+        mask = 0
+        for each, _ in self._listeners.values():
+            mask |= each
+        self._motion["edge_mask"] = mask
+
+    def dispatch(self) -> None:
+        """Give the edges that have been seen to those who wait for them."""
+        motion = self._motion
+        seen = int(motion["edges"])
+        motion["edges"] = motion["event"] = 0
+        if not seen:
+            return
+        latches: Sequence[float] = motion["latch_counts"].tolist()
+        for edges, listener in tuple(self._listeners.values()):
+            if seen & edges:
+                listener(seen & edges, latches)

@@ -1,0 +1,189 @@
+"""Homing mode: bit 4 starts the sequence of `plant_emulator.drive.modes.homing`; the axis is moved by its profiles."""
+
+from collections.abc import Sequence
+
+from drive_profiles.standard.cia402 import HOMING_ATTAINED, HOMING_ERROR, HOMING_START, TARGET_REACHED, Mode, Object
+from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
+from plant_emulator.drive.inputs import DigitalInputs
+from plant_emulator.drive.modes.homing import Demand, GoTo, Homing, HomingAttained, HomingFailed, HomingStep, Move
+from plant_emulator.drive.modes.mode import ModeOfOperation
+from plant_emulator.drive.power_stage import PowerStage
+from plant_emulator.drive.state_machine import Stop
+from plant_emulator.motion import record as law
+from plant_emulator.motion.record import (
+    HOME_FALLING,
+    HOME_RISING,
+    INDEX,
+    NEGATIVE_FALLING,
+    NEGATIVE_RISING,
+    POSITIVE_FALLING,
+    POSITIVE_RISING,
+)
+
+TRAVEL_JOINT_TURNS = 2.0
+"""Longest search without a switch, in turns of the joint."""
+
+_EDGES = sum(
+    1 << edge for edge in (HOME_RISING, HOME_FALLING, INDEX, NEGATIVE_RISING, NEGATIVE_FALLING, POSITIVE_RISING, POSITIVE_FALLING)
+)
+_LISTENER = "homing"
+_NOWHERE = (0.0,) * law.EDGES
+
+
+class HomingMode(ModeOfOperation):
+    """HM: 6098h at the speeds of 6099h and the acceleration of 609Ah; 607Ch is what the found position is called.
+
+    While it runs, software position limits do not act: they count from the zero that is being looked for. Bit 4 taken back, a
+    halt or another mode interrupt it; a halt goes on afterwards, the others do not. An error stops the motor on the quick-stop
+    ramp (6085h), a limit switch that is in the way too.
+
+    The limits come back when the motor stands within them. Outside, where homing has been interrupted or the drive has been
+    enabled, the motor is held without a fault, and there are two ways on: homing, or another 607Dh. Another mode that acts
+    there is a fault, as it is everywhere. 6065h, 6080h and the switches act all the time.
+    """
+
+    number, motion = Mode.HM, law.PROFILE
+
+    def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:
+        """Take hold of the power stage and of the inputs."""
+        super().__init__(stage)
+        self._inputs = inputs
+        self._edges = 0
+        self._latches: Sequence[float] = _NOWHERE
+        self._homing: Homing | None = None
+        self._demand: Demand | None = None
+        self._is_attained = self._has_failed = False
+
+    @property
+    def is_running(self) -> bool:
+        """True where the sequence is under way."""
+        return self._homing is not None
+
+    def start(self) -> None:
+        """Come to rest from the present demand; from behind the brake, stay there."""
+        super().start()
+        self._suspend_limits()
+        self._is_attained = self._has_failed = False
+        self.data.limits.halt_profile(False)
+
+    def end(self) -> None:
+        """Give back what homing has borrowed."""
+        self._finish()
+        self.watches = False
+        self.data.limits.switch_position_limits(on=True)
+
+    def take(self, word: int, rising: int) -> None:
+        """Start with the rising edge of bit 4; the falling one interrupts. An edge that comes during a halt starts nothing."""
+        if rising & HOMING_START and not self.is_halted:
+            self._begin()
+        elif self.is_running and not word & HOMING_START:
+            self._finish()
+            self.stage.begin(law.PROFILE)
+
+    def _begin(self) -> None:
+        self._is_attained = self._has_failed = False
+        method = self.data.value(Object.HOMING_METHOD)
+        speeds = [self.data.limits.acting_si(Object.HOMING_SPEEDS, sub) for sub in (1, 2)]
+        # no method, one that is not known here (a vendor's entry holds it all the same), or none that would ever end
+        if method not in HOMING_METHODS or not min(speeds) > 0.0:
+            self._has_failed = True
+            return
+        motion, axes = self.stage.motion, self.stage.axes
+        axis = axes.robot.axis[axes.numbers[self.row]]
+        per_rev = float(motion["counts_per_rev"])
+        travel = TRAVEL_JOINT_TURNS * axis.reduction_ratio * per_rev
+        self._homing = Homing(method, self._inputs.present, per_rev, travel)
+        self._edges = 0
+        self._inputs.listen(_LISTENER, _EDGES, self._hear)
+        self._suspend_limits()
+        self._do(self._homing.start(axes.counts(self.row), self._inputs.levels))
+
+    def _suspend_limits(self) -> None:
+        self.data.limits.switch_position_limits(on=False)
+        self.watches = True
+
+    def _restore_limits(self) -> None:
+        if self._stands() and self.data.limits.is_within_position_limits:
+            self.data.limits.switch_position_limits(on=True)
+            self.watches = False
+
+    def look(self) -> None:
+        """Go on with what the inputs have seen; at the end of all motion, put the limits back."""
+        if self._homing is None:
+            self._restore_limits()
+            return
+        if self.is_halted:
+            return
+        self._inputs.dispatch()
+        edges, self._edges = self._edges, 0
+        self._do(self._homing.step(self._inputs.levels, edges, self._latches, self.stage.axes.counts(self.row), self._stands()))
+
+    def _hear(self, edges: int, latches: Sequence[float]) -> None:
+        self._edges |= edges
+        self._latches = latches
+
+    def _stands(self) -> bool:
+        """True where the motor is at rest where the last demand sends it."""
+        if isinstance(self._demand, GoTo):
+            return bool(self.data.is_target_reached)
+        return self.stage.motion["reference_speed_rad_s"] == 0.0 and self.stage.stands
+
+    def _do(self, step: HomingStep) -> None:
+        match step:
+            case HomingAttained(counts):
+                self._finish()
+                self.data.set_home(counts)
+                self._is_attained = True
+                self.stage.begin(law.PROFILE)
+            case HomingFailed():
+                self._has_failed = True
+                self._finish()
+                self.stage.stop(Stop.QUICK_STOP_RAMP)
+            case _:
+                self._move(step)
+
+    def _move(self, demand: Demand) -> None:
+        """Put a demand into force, and what a limit that was written meanwhile has changed."""
+        motion, is_new = self.stage.motion, demand != self._demand
+        self._demand = demand
+        acceleration = deceleration = self.data.limits.acting_si(Object.HOMING_ACCELERATION)
+        if demand.is_hard:
+            deceleration = max(acceleration, self.data.limits.acting_si(Object.QUICK_STOP_DECELERATION))
+        motion["profile_acceleration_rad_s2"], motion["profile_deceleration_rad_s2"] = acceleration, deceleration
+        fast, slow = self.data.limits.acting_si(Object.HOMING_SPEEDS, 1), self.data.limits.acting_si(Object.HOMING_SPEEDS, 2)
+        wanted = law.PROFILE if isinstance(demand, GoTo) else law.PROFILE_VELOCITY
+        if self.stage.law_mode != wanted:
+            self.stage.begin(wanted)
+        match demand:
+            case Move(direction, is_fast, _):
+                motion["target_speed_rad_s"] = direction * (fast if is_fast else slow)
+            case GoTo(counts, _):
+                motion["profile_speed_rad_s"] = slow
+                if is_new:
+                    motion["target_counts"] = counts
+                    motion["reached"], motion["position_window_count"] = 0, 0
+
+    def _finish(self) -> None:
+        if self._homing is None:
+            return
+        self._homing = self._demand = None
+        self._inputs.listen(_LISTENER, 0, self._hear)
+        self.data.apply()
+
+    def resume(self) -> None:
+        """Go on with the demand in force, or stay where the motor stands."""
+        if self._demand is None:
+            self.stage.begin(law.PROFILE)
+        else:
+            demand, self._demand = self._demand, None
+            self._move(demand)
+
+    def status(self) -> int:
+        """Bits 13, 12 and 10 as the standard's table for homing has them."""
+        word = 0
+        if self._has_failed:
+            word |= HOMING_ERROR
+        elif self._is_attained:
+            word |= HOMING_ATTAINED
+        is_at_rest = self.stage.motion["demand_speed_rad_s"] == 0.0 and self.stage.stands
+        return word | TARGET_REACHED if is_at_rest and (self.is_halted or not self.is_running) else word

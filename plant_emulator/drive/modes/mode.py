@@ -1,0 +1,90 @@
+"""Common part of all modes of operation: a mode of the compiled law, its bits of control word and status word, and halt."""
+
+from typing import ClassVar
+
+from drive_profiles.standard.cia402 import HALT, TARGET_REACHED, Mode, Object
+from plant_emulator.drive.power_stage import PowerStage
+from plant_emulator.drive.state_machine import stop_of_halt
+
+
+class ModeOfOperation:
+    """A mode in Operation enabled; the drive asks it only there.
+
+    Attributes:
+        number: Number of the mode in 6060h and 6061h.
+        motion: Its mode of the compiled law.
+        needs_gains: Whether it closes a loop, which without gains would let the arm fall.
+        needs_interpolation: Whether its set-points come with SYNC and are interpolated, for which 60C2h must be fit.
+        is_halted: Whether the halt bit holds the axis.
+        watches: Whether `look` is to be called when time has passed.
+    """
+
+    number: ClassVar[Mode]
+    motion: ClassVar[int]
+    needs_gains: ClassVar[bool] = True
+    needs_interpolation: ClassVar[bool] = False
+
+    def __init__(self, stage: PowerStage) -> None:
+        """Take hold of the power stage; nothing moves."""
+        self.stage, self.data, self.targets, self.row = stage, stage.data, stage.targets, stage.row
+        self.is_halted = self.watches = False
+        self._word = 0
+
+    # -- what the drive calls ------------------------------------------------------------------------------------------
+
+    def begin(self, word: int) -> None:
+        """Come into force, from rest or from what the motor does now.
+
+        Args:
+            word: The control word in force: what is set in it already is no rising edge, but halts.
+        """
+        self._word = word
+        self.is_halted = self.watches = False
+        self.start()
+        if word & HALT:
+            self.is_halted = True
+            self.halt()
+
+    def command(self, word: int) -> None:
+        """Take a control word that has changed."""
+        before, self._word = self._word, word
+        if (word ^ before) & HALT:
+            self.is_halted = bool(word & HALT)
+            if self.is_halted:
+                self.halt()
+            else:
+                self.resume()
+        self.take(word, word & ~before)
+
+    def status(self) -> int:
+        """Bits 10, 12 and 13 of the status word."""
+        return TARGET_REACHED if self.is_halted and self.stage.stands_braked else 0
+
+    def synchronise(self, now: int) -> None:
+        """SYNC has come, and the RPDOs are in force."""
+
+    def follow(self) -> None:
+        """60FFh has been written."""
+
+    def look(self) -> None:
+        """Time has passed."""
+
+    def end(self) -> None:
+        """Another mode, or none, comes into force."""
+
+    # -- what the modes differ in --------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Begin to act, without a jump."""
+        self.stage.begin(self.motion)
+
+    def take(self, word: int, rising: int) -> None:
+        """Take the mode's own bits: the control word, and those of its bits that have risen."""
+
+    def halt(self) -> None:
+        """Come to rest as 605Dh says, and stay there under torque."""
+        self.stage.stop(stop_of_halt(self.data.value(Object.HALT_OPTION)))
+
+    def resume(self) -> None:
+        """The halt is over."""
+        self.start()

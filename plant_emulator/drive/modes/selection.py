@@ -1,0 +1,132 @@
+"""The choice of the mode of operation that acts: 6060h and 6061h, and what a mode needs before it may."""
+
+from collections.abc import Callable
+from typing import Any
+
+from drive_profiles.standard.cia301 import SdoAbortCode
+from drive_profiles.standard.cia402 import Mode, Object, State
+from plant_emulator.drive.faults import NO_GAINS, NO_INTERPOLATION, NO_MODE, DriveFaults
+from plant_emulator.drive.modes.limit_switches import LimitSwitches
+from plant_emulator.drive.modes.mode import ModeOfOperation
+from plant_emulator.drive.power_stage import PowerStage
+from plant_emulator.drive.state_machine import Power
+from plant_emulator.slave.node import Slave
+
+
+class ModeSelection:
+    """Lets one of a drive's modes act, or none.
+
+    In Operation enabled another mode comes into force at once, without a jump, and 0 (no mode) changes nothing; in the other
+    states 6060h is what will act with the next enabling.
+
+    Attributes:
+        acting: The mode that acts, or acted until the stop that is under way; None while there is no torque.
+    """
+
+    def __init__(
+        self,
+        slave: Slave,
+        stage: PowerStage,
+        modes: dict[Mode, ModeOfOperation],
+        faults: DriveFaults,
+        limit_switches: LimitSwitches,
+        *,
+        power: Callable[[], Power],
+        halt_blocks: bool,
+    ) -> None:
+        """Bind the objects.
+
+        Args:
+            slave: The node.
+            stage: The power stage.
+            modes: The modes that the drive has.
+            faults: Faults of the drive, which report what a mode lacks.
+            limit_switches: Limit switches, which forget what they have stopped when another mode acts.
+            power: Power of the state machine.
+            halt_blocks: Whether another mode has to wait until the halt bit is clear.
+        """
+        self.acting: ModeOfOperation | None = None
+        self._slave, self._stage, self._modes, self._faults = slave, stage, modes, faults
+        self._limit_switches, self._power, self._halt_blocks = limit_switches, power, halt_blocks
+        self._wanted: Any = slave.dictionary.cell(Object.MODES_OF_OPERATION)
+        self._velocity = slave.dictionary.cell(Object.TARGET_VELOCITY)
+        slave.dictionary.on_read(Object.MODES_OF_OPERATION_DISPLAY, 0, self._shown)
+        slave.dictionary.on_write(Object.MODES_OF_OPERATION, 0, self._write)
+        slave.dictionary.on_write(Object.TARGET_VELOCITY, 0, self._write_velocity)
+
+    def _shown(self) -> int:
+        return int(self._wanted.value if self.acting is None else self.acting.number)
+
+    def _write(self, value: int) -> SdoAbortCode | None:
+        acting = self.acting
+        if acting is not None and value == acting.number:
+            return None
+        if value and value not in self._modes:
+            return SdoAbortCode.INVALID_VALUE
+        power = self._power()
+        if not value or acting is None or power.state is not State.OPERATION_ENABLED or power.leaving is not None:
+            return None
+        if acting.is_halted and self._halt_blocks:
+            return None
+        if not self.is_ready(value):
+            return SdoAbortCode.DEVICE_STATE
+        self._change(self._modes[Mode(value)])
+        return None
+
+    def _write_velocity(self, value: int) -> None:
+        self._velocity.value = value
+        if self.acting is not None:
+            self.acting.follow()
+
+    def command(self, word: int) -> None:
+        """Give the acting mode a control word; after a halt, let the mode act that has waited for its end."""
+        if self.acting is not None:
+            self.acting.command(word)
+            if self._halt_blocks and self._wanted.value:
+                self._write(self._wanted.value)
+
+    def is_ready(self, number: int | None = None) -> bool:
+        """True where a mode, or the one of 6060h, is there and has what it needs; what it lacks is reported.
+
+        It needs gains where it closes a loop, since a brake that opens without lets the arm fall, and an interpolation period
+        (60C2h) of whole control periods where its set-points come with SYNC.
+        """
+        wanted: Any = self._wanted.value if number is None else number
+        if wanted not in self._modes:
+            self._faults.report_lack(NO_MODE)
+            return False
+        mode, span = self._modes[wanted], self._stage.data.limits.control_periods_per_set_point()
+        gains = self._stage.axes.cascade_config[self._stage.row]
+        lack = None
+        if mode.needs_interpolation and (span < 1.0 - 1e-9 or abs(span - round(span)) > 1e-6):
+            lack = NO_INTERPOLATION
+        elif mode.needs_gains and not (gains["position_gain_per_s"] > 0.0 and gains["velocity_gain_nm_s_rad"] > 0.0):
+            lack = NO_GAINS
+        self._faults.report_lack(lack)
+        return lack is None
+
+    def begin(self) -> None:
+        """Let the mode of 6060h act."""
+        self._change(self._modes[Mode(self._wanted.value)])
+
+    def _change(self, mode: ModeOfOperation) -> None:
+        self.end()
+        self.acting = mode
+        self._slave.on_sync = mode.synchronise
+        mode.begin(self._power().control_word)
+
+    def end(self) -> None:
+        """The mode acts no longer; 6061h goes on showing it until the torque is off."""
+        if self.acting is not None:
+            self.acting.end()
+        self._limit_switches.forget()
+        self._slave.on_sync = _nothing
+
+    def release(self) -> None:
+        """There is no torque, and no mode acts."""
+        self.end()
+        self.acting = None
+
+
+def _nothing(_: object) -> None:
+    """Stand in for the mode where none acts."""

@@ -1,0 +1,40 @@
+"""The option codes of CiA 402 that are in force, from a drive's dictionary."""
+
+from drive_profiles.standard.cia301 import SdoAbortCode
+from drive_profiles.standard.cia402 import Object
+from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
+from plant_emulator.drive.family.base import DriveFamily
+from plant_emulator.drive.state_machine import Options
+from plant_emulator.robots.robot import Behaviour
+
+
+def _check_homing_method(method: int) -> SdoAbortCode | None:
+    return None if method in {0, *HOMING_METHODS} else SdoAbortCode.INVALID_VALUE
+
+
+class OptionCodes:
+    """The option codes of one drive; which values they take, the limits of their entries say.
+
+    Homing methods are not in one row, so that no limits can say which there are: those that are not are refused (0609 0030h),
+    but of an entry that is the vendor's to state.
+    """
+
+    def __init__(self, family: DriveFamily, behaviour: Behaviour) -> None:
+        """Take hold of the entries."""
+        dictionary = family.dictionary
+        if not family.states((Object.HOMING_METHOD, 0)):
+            dictionary.on_write(Object.HOMING_METHOD, 0, _check_homing_method)
+        self._quick_stop, self._shutdown = dictionary.cell(Object.QUICK_STOP_OPTION), dictionary.cell(Object.SHUTDOWN_OPTION)
+        self._disable = dictionary.cell(Object.DISABLE_OPERATION_OPTION)
+        self._fault_reaction = dictionary.cell(Object.FAULT_REACTION_OPTION)
+        self._ends = behaviour.quick_stop_ends_disabled_at_once
+
+    def now(self) -> Options:
+        """Give the options in force."""
+        return Options(
+            self._quick_stop.value,  # type: ignore[arg-type] # whole numbers, all of them
+            self._shutdown.value,  # type: ignore[arg-type]
+            self._disable.value,  # type: ignore[arg-type]
+            self._fault_reaction.value,  # type: ignore[arg-type]
+            self._ends,
+        )

@@ -1,0 +1,87 @@
+"""The power stage of one axis: off behind a closed brake, under torque in a mode of the compiled law, or braking to rest."""
+
+import math
+from typing import Any
+
+from drive_profiles.standard.cia402 import Object
+from plant_emulator.drive.binding.process_data import DriveData
+from plant_emulator.drive.binding.set_points import SetPoints
+from plant_emulator.drive.state_machine import Stop
+from plant_emulator.motion import record as law
+from plant_emulator.motion.axes import Axes, live
+
+STOP_PATIENCE_S = 0.5
+"""Time that a stop may take beyond its ramp before the brake closes on the moving motor, in s."""
+
+
+class PowerStage:
+    """The hand of the state machine and of the modes on the motor.
+
+    Attributes:
+        axes: The mechanics.
+        row: Row of the axis in `Axes.rows`.
+        data: The process data, between the dictionary and the axis.
+        targets: The targets of the modes, between the dictionary and the axis.
+        motion: The axis' row of process data.
+    """
+
+    def __init__(self, axes: Axes, row: int, data: DriveData) -> None:
+        """Take hold of the axis; the brake stays as it is."""
+        self.axes, self.row, self.data = axes, row, data
+        self.targets = SetPoints(axes, row, data)
+        self.motion: Any = axes.motion[row]
+        self._mode, self._stopped = live(axes.motion, "mode"), live(axes.motion, "stopped")
+        self._control_period_s = axes.robot.control_period_s
+
+    @property
+    def law_mode(self) -> int:
+        """The mode of the compiled law that acts."""
+        mode: int = self._mode[self.row]
+        return mode
+
+    def begin(self, mode: int) -> None:
+        """Go over to a mode of the law, without a jump: from rest behind the brake, or from what the motor does now."""
+        span = max(1, round(self.data.limits.control_periods_per_set_point()))
+        if self.law_mode == law.BRAKED:
+            self.axes.open_brake(self.row, mode, span)
+        else:
+            self.axes.change_mode(self.row, mode, span)
+
+    def close_brake(self) -> None:
+        """No torque, and the brake closed: the motor stands."""
+        motion = self.motion
+        motion["mode"] = law.BRAKED
+        motion["torque_nm"], motion["following_count"] = 0.0, 0
+
+    def stop(self, stop: Stop) -> None:
+        """Brake; a brake that is closed already stays closed, and without a velocity loop there is none that could ramp."""
+        motion, axes = self.motion, self.axes
+        has_loop = axes.cascade_config[self.row]["velocity_gain_nm_s_rad"] > 0.0
+        if stop is Stop.AT_ONCE or self.law_mode == law.BRAKED or not has_loop:
+            motion["stopped"] = 1
+            self.close_brake()
+            return
+        match stop:
+            case Stop.FULL_TORQUE:
+                deceleration = math.inf
+            case Stop.SLOW_DOWN_RAMP:
+                deceleration = self.data.limits.acting_si(Object.PROFILE_DECELERATION)
+            case _:
+                deceleration = self.data.limits.acting_si(Object.QUICK_STOP_DECELERATION)
+        axes.stop(self.row, deceleration)
+
+    @property
+    def is_stopped(self) -> bool:
+        """True where the stop that was begun has come to its end, or had its time."""
+        motion = self.motion
+        return bool(motion["stopped"] or motion["stop_periods"] * self._control_period_s > STOP_PATIENCE_S)
+
+    @property
+    def stands(self) -> bool:
+        """True where the motor is at rest, as far as the law can see."""
+        return abs(self.data.speed_rad_s) < law.STOPPED_RAD_S
+
+    @property
+    def stands_braked(self) -> bool:
+        """True where a halt or a quick stop has been completed: the motor is at rest and held."""
+        return bool(self._stopped[self.row]) or self.law_mode == law.BRAKED

@@ -1,0 +1,226 @@
+"""The power drive system's state machine, pure: state, control word, options and events in; state and what to do out.
+
+Nothing here knows a motor. `commanded` takes a control word and goes one transition at most, so that no state on the path is
+passed over; the others take what happens by itself. The arrows are `drive_profiles.standard.cia402`'s.
+
+Transitions 5 and 8 (disable operation, shutdown) with option 1 end when the motor stands: until then the state remains
+OPERATION_ENABLED and `Power.leaving` says where it goes. What has begun so is not taken back by enable operation; a quick stop
+and disable voltage come through, and of disable operation and shutdown the last one counts. A word that comes after a stop has
+begun is for its owner to give again when the motor stands.
+
+Source: CiA 402-2 (IEC 61800-7-201), device control: state machine and option codes 6007h, 605Ah to 605Eh.
+"""
+
+from enum import Enum
+from typing import NamedTuple
+
+from drive_profiles.standard.cia402 import (
+    AbortConnectionOption,
+    DisableOperationOption,
+    Event,
+    FaultReactionOption,
+    HaltOption,
+    QuickStopOption,
+    ShutdownOption,
+    State,
+    next_state,
+    state_after,
+)
+
+
+class Action(Enum):
+    """The demand of a step on the power stage."""
+
+    NONE = "nothing"
+    ENERGISE = "open the brake, and begin to follow"
+    STOP = "bring the motor to rest"
+    RELEASE = "no torque, and the brake closed"
+    CLEAR = "no torque, and the faults forgotten"
+
+
+class Stop(Enum):
+    """Method by which the motor is brought to rest."""
+
+    AT_ONCE = "no torque, and the brake closed"
+    SLOW_DOWN_RAMP = "on the ramp of 6084h"
+    QUICK_STOP_RAMP = "on the ramp of 6085h"
+    FULL_TORQUE = "with all the torque that the limits leave"
+
+
+class Options(NamedTuple):
+    """The option codes in force.
+
+    Args:
+        quick_stop: 605Ah.
+        shutdown: 605Bh.
+        disable_operation: 605Ch.
+        fault_reaction: 605Eh.
+        quick_stop_ends: A drive that leaves QUICK_STOP_ACTIVE by itself whatever 605Ah says, as those of some families do.
+    """
+
+    quick_stop: int = QuickStopOption.QUICK_STOP_RAMP
+    shutdown: int = ShutdownOption.DISABLE
+    disable_operation: int = DisableOperationOption.DISABLE
+    fault_reaction: int = FaultReactionOption.QUICK_STOP_RAMP
+    quick_stop_ends: bool = False
+
+
+DEFAULT_OPTIONS = Options()
+
+
+class Power(NamedTuple):
+    """The memory of the state machine.
+
+    Args:
+        state: State of the power drive system.
+        control_word: The last one: the fault reset is an edge.
+        leaving: State after transition 5 or 8, or after the quick stop of a reset, as soon as the motor stands.
+    """
+
+    state: State = State.NOT_READY_TO_SWITCH_ON
+    control_word: int = 0
+    leaving: State | None = None
+
+
+class Step(NamedTuple):
+    """One step: what to remember, and what to do."""
+
+    power: Power
+    action: Action = Action.NONE
+    stop: Stop = Stop.AT_ONCE
+
+
+POWERED = frozenset({State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE})
+"""States in which the motor is, or may be, under torque."""
+
+_STOP_OF_QUICK_STOP: dict[int, Stop] = {
+    QuickStopOption.DISABLE: Stop.AT_ONCE,
+    QuickStopOption.SLOW_DOWN_RAMP: Stop.SLOW_DOWN_RAMP,
+    QuickStopOption.CURRENT_LIMIT: Stop.FULL_TORQUE,
+    QuickStopOption.VOLTAGE_LIMIT: Stop.FULL_TORQUE,
+    QuickStopOption.SLOW_DOWN_RAMP_AND_STAY: Stop.SLOW_DOWN_RAMP,
+    QuickStopOption.CURRENT_LIMIT_AND_STAY: Stop.FULL_TORQUE,
+    QuickStopOption.VOLTAGE_LIMIT_AND_STAY: Stop.FULL_TORQUE,
+}
+_STOP_OF_FAULT_REACTION: dict[int, Stop] = {
+    FaultReactionOption.DISABLE: Stop.AT_ONCE,
+    FaultReactionOption.SLOW_DOWN_RAMP: Stop.SLOW_DOWN_RAMP,
+    FaultReactionOption.CURRENT_LIMIT: Stop.FULL_TORQUE,
+    FaultReactionOption.VOLTAGE_LIMIT: Stop.FULL_TORQUE,
+}
+_STOP_OF_HALT: dict[int, Stop] = {
+    HaltOption.QUICK_STOP_RAMP: Stop.QUICK_STOP_RAMP,
+    HaltOption.CURRENT_LIMIT: Stop.FULL_TORQUE,
+    HaltOption.VOLTAGE_LIMIT: Stop.FULL_TORQUE,
+}
+
+
+def stop_of_quick_stop(option: int) -> Stop:
+    """Stop that 605Ah asks for; a family's own code is taken for the quick-stop ramp."""
+    return _STOP_OF_QUICK_STOP.get(option, Stop.QUICK_STOP_RAMP)
+
+
+def stop_of_fault_reaction(option: int) -> Stop:
+    """Stop that 605Eh asks for; a family's own code is taken for the quick-stop ramp."""
+    return _STOP_OF_FAULT_REACTION.get(option, Stop.QUICK_STOP_RAMP)
+
+
+def stop_of_halt(option: int) -> Stop:
+    """Stop that 605Dh asks for; a family's own code is taken for the slow-down ramp."""
+    return _STOP_OF_HALT.get(option, Stop.SLOW_DOWN_RAMP)
+
+
+def commanded(power: Power, control_word: int, options: Options = DEFAULT_OPTIONS) -> Step:
+    """Take a control word: at most one transition.
+
+    A drive calls it until nothing changes any more: switch on and enable in one word is transition 3, then 4. A caller that
+    must not energise now keeps the state of before.
+
+    Args:
+        power: Before.
+        control_word: 6040h in force.
+        options: The option codes.
+    """
+    quick_stop_option = QuickStopOption.DISABLE if options.quick_stop_ends else options.quick_stop
+    before = power.state
+    after = next_state(before, control_word, power.control_word, quick_stop_option)
+    if after is before:
+        return Step(Power(before, control_word, power.leaving))
+    if before is State.FAULT:
+        return Step(Power(after, control_word), Action.CLEAR)
+    if after is State.OPERATION_ENABLED:
+        return Step(Power(after, control_word), Action.ENERGISE)
+    if after is State.QUICK_STOP_ACTIVE:
+        return Step(Power(after, control_word), Action.STOP, stop_of_quick_stop(options.quick_stop))
+    if before is State.OPERATION_ENABLED and after is not State.SWITCH_ON_DISABLED:
+        option = options.shutdown if after is State.READY_TO_SWITCH_ON else options.disable_operation
+        if option == ShutdownOption.SLOW_DOWN_RAMP:
+            action = Action.STOP if power.leaving is None else Action.NONE
+            return Step(Power(before, control_word, after), action, Stop.SLOW_DOWN_RAMP)
+    return Step(Power(after, control_word), Action.RELEASE)
+
+
+def initialised(power: Power) -> Step:
+    """Transitions 0 and 1: power has come, or the node was reset. The control word is forgotten with it."""
+    return Step(Power(state_after(state_after(power.state, Event.POWERED), Event.INITIALISED)), Action.RELEASE)
+
+
+def stopped(power: Power, options: Options = DEFAULT_OPTIONS) -> Step:
+    """The motor stands after a stop: transition 12 (or none, 605Ah from 5 to 8), 14, or the end of 5, 8 or a reset's stop."""
+    word = power.control_word
+    if power.state is State.FAULT_REACTION_ACTIVE:
+        return Step(Power(state_after(power.state, Event.FAULT_REACTION_COMPLETED), word), Action.RELEASE)
+    if power.state is State.QUICK_STOP_ACTIVE and power.leaving is None:
+        option = QuickStopOption.DISABLE if options.quick_stop_ends else options.quick_stop
+        after = state_after(power.state, Event.QUICK_STOP_COMPLETED, option)
+        return Step(power) if after is power.state else Step(Power(after, word), Action.RELEASE)
+    return Step(power) if power.leaving is None else Step(Power(power.leaving, word), Action.RELEASE)
+
+
+def failed(power: Power, options: Options = DEFAULT_OPTIONS) -> Step:
+    """A fault is detected: transition 13, and 14 at once where there is no motor to stop. In fault it changes nothing."""
+    word, after = power.control_word, state_after(power.state, Event.FAULT_DETECTED)
+    if after is power.state:
+        return Step(power)
+    if power.state in POWERED:
+        return Step(Power(after, word), Action.STOP, stop_of_fault_reaction(options.fault_reaction))
+    return Step(Power(state_after(after, Event.FAULT_REACTION_COMPLETED), word), Action.RELEASE)
+
+
+def torque_lost(power: Power) -> Step:
+    """Safe torque off: no ramp is possible. Under torque it is a fault (13 and 14 at once); else transition 7 or 10."""
+    if power.state in POWERED:
+        return Step(Power(State.FAULT, power.control_word), Action.RELEASE)
+    if power.state in {State.READY_TO_SWITCH_ON, State.SWITCHED_ON}:
+        return Step(Power(State.SWITCH_ON_DISABLED, power.control_word), Action.RELEASE)
+    return Step(power)
+
+
+def disconnected(power: Power, option: int, options: Options = DEFAULT_OPTIONS) -> Step:
+    """The master has gone: what 6007h says, of a drive that moves, or brakes but not for a fault; the others stay as they are.
+
+    With option 1 the caller reports the fault, too.
+    """
+    if power.state not in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}:
+        return Step(power)
+    if option == AbortConnectionOption.FAULT:
+        return failed(power, options)
+    if option == AbortConnectionOption.DISABLE_VOLTAGE:
+        return Step(Power(State.SWITCH_ON_DISABLED, power.control_word), Action.RELEASE)
+    if option == AbortConnectionOption.QUICK_STOP and power.state is State.OPERATION_ENABLED:
+        stop = stop_of_quick_stop(options.quick_stop)
+        return Step(Power(State.QUICK_STOP_ACTIVE, power.control_word), Action.STOP, stop)
+    return Step(power)
+
+
+def restarted(power: Power, option: int, options: Options = DEFAULT_OPTIONS) -> Step:
+    """A reset of communication: what 6007h says; where it says nothing, a quick stop that ends in SWITCH_ON_DISABLED.
+
+    A master that has reset a node knows nothing of it any more, so that torque must not outlast it, also with 605Ah from 5 to 8.
+    """
+    if option != AbortConnectionOption.NO_ACTION or power.state not in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}:
+        return disconnected(power, option, options)
+    after = Power(State.QUICK_STOP_ACTIVE, power.control_word, State.SWITCH_ON_DISABLED)
+    if power.state is State.QUICK_STOP_ACTIVE:
+        return Step(after)
+    return Step(after, Action.STOP, stop_of_quick_stop(options.quick_stop))

@@ -1,0 +1,61 @@
+"""Tuning of the drives in a run without a bus: gains and filters by axis, read from a bench, design or tuning file."""
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import ConfigDict, Field, field_validator
+
+from drive_profiles.files.toml import Table, load
+from hil.control.notch import NOTCHES
+from hil.robot_tables import Control, NotchTable
+from plant_emulator.robots.robot import Robot
+
+
+class TunedAxis(Table):
+    """The part of an axis' table that concerns its drive; other keys are passed over."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+
+    control: Control | None = None
+    notch: Annotated[tuple[NotchTable, ...], Field(max_length=NOTCHES)] = ()
+
+    @field_validator("notch", mode="before")
+    @classmethod
+    def _one_is_a_list(cls, value: object) -> object:
+        """A robot file has one filter as a table, not as a list of one."""
+        if isinstance(value, dict):
+            return (value,)
+        return tuple(value) if isinstance(value, list) else value
+
+
+class Tuning(Table):
+    """Gains and filters by axis: of a tuning file, or what a bench file or a design file says of them.
+
+    Keys that concern neither are passed over, so that those files can be given as they are.
+    """
+
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+
+    axis: Annotated[dict[Annotated[int, Field(ge=1, le=6)], TunedAxis], Field(min_length=1)]
+
+
+REFERENCE_TUNING = Path(__file__).parent / "reference_tuning.toml"
+
+
+def load_tuning(path: str | Path) -> Tuning:
+    """The tuning of a file, or of the name `reference`.
+
+    Raises:
+        FileError: With every problem, by line.
+    """
+    return load(REFERENCE_TUNING if str(path) == "reference" else path, Tuning)
+
+
+def robot_tuning(robot: Robot) -> dict[int, TunedAxis]:
+    """Gains and filters that the robot file itself states, by axis."""
+    found = {}
+    for number, axis in robot.axis.items():
+        filters = () if axis.notch is None else (NotchTable(**axis.notch.model_dump()),)
+        if axis.control is not None or filters:
+            found[number] = TunedAxis(control=axis.control, notch=filters)
+    return found

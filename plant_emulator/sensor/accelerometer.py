@@ -1,0 +1,111 @@
+"""The emulated accelerometer: a CiA 404 node whose three acceleration values leave by TPDO on SYNC."""
+
+from collections.abc import Callable
+
+from drive_profiles.standard.cia301 import DataType
+from hil.can.frame import Frame
+from plant_emulator.drive.dictionary.manufacturer_objects import REVISION, VENDOR_ID, cycle_period_entry
+from plant_emulator.slave.dictionary import Access, Dictionary, Entry, ObjectType
+from plant_emulator.slave.node import Slave
+from plant_emulator.slave.objects import PdoDefault, communication_entries, pdo_entries
+
+PRODUCT_CODE = 0x00000404
+DEVICE_TYPE = 0x00020194
+"""1000h: profile 404, measuring device, with analogue inputs."""
+
+PROCESS_VALUE, PHYSICAL_UNIT, DECIMAL_DIGITS, STATUS = 0x7130, 0x6131, 0x6132, 0x6150
+METRE_PER_SECOND_SQUARED = 0x00015700
+"""CiA 303-2: prefix 00h, numerator metre 01h, denominator second squared 57h."""
+DIGITS = 3
+"""Values are in mm/s²: 3 decimal digits of m/s²."""
+
+_LIMIT = 2**15 - 1
+_PER_UNIT = 10**DIGITS
+_CHANNELS = ("X", "Y", "Z")
+
+
+def accelerometer_entries(serial_number: int = 1) -> list[Entry]:
+    """All entries of the accelerometer: CiA 404 analogue inputs 1 to 3 are X, Y and Z."""
+    entries = list(
+        communication_entries(
+            device_type=DEVICE_TYPE,
+            name="Emulated accelerometer",
+            hardware_version="1",
+            software_version="1.0",
+            vendor_id=VENDOR_ID,
+            product_code=PRODUCT_CODE,
+            revision=REVISION,
+            serial_number=serial_number,
+        )
+    )
+    entries.append(cycle_period_entry())
+    mapped = tuple((PROCESS_VALUE, sub, 16) for sub in (1, 2, 3))
+    entries += pdo_entries(tpdos=(PdoDefault(mapped, transmission_type=1),))
+    for sub, axis in enumerate(_CHANNELS, start=1):
+        entries.append(
+            Entry(PROCESS_VALUE, sub, f"Acceleration {axis}", DataType.INTEGER16, Access.RO, 0, mappable=True,
+                  record_name="AI input process value", object_type=ObjectType.ARRAY)
+        )  # fmt: skip
+        entries.append(
+            Entry(PHYSICAL_UNIT, sub, f"Unit {axis}", DataType.UNSIGNED32, Access.CONST, METRE_PER_SECOND_SQUARED,
+                  record_name="AI physical unit process value", object_type=ObjectType.ARRAY)
+        )  # fmt: skip
+        entries.append(
+            Entry(DECIMAL_DIGITS, sub, f"Digits {axis}", DataType.UNSIGNED8, Access.CONST, DIGITS,
+                  record_name="AI decimal digits process value", object_type=ObjectType.ARRAY)
+        )  # fmt: skip
+        entries.append(
+            Entry(STATUS, sub, f"Status {axis}", DataType.UNSIGNED8, Access.RO, 0, mappable=True,
+                  record_name="AI status", object_type=ObjectType.ARRAY)
+        )  # fmt: skip
+    return entries
+
+
+class AccelerometerNode:
+    """The node at the tip, sans IO.
+
+    A sample is drawn once per SYNC, before the TPDOs are sampled, so that the noise is the same whatever else is asked.
+
+    Args:
+        node_id: Its node-ID, 1 to 127.
+        measure: Gives the sensor's output (X, Y, Z) in m/s² at this instant.
+        range_m_s2: Beyond it the status of the channel says so.
+    """
+
+    def __init__(self, node_id: int, measure: Callable[[], tuple[float, float, float]], range_m_s2: float) -> None:
+        """Make the node; it measures nothing before the first SYNC."""
+        self._measure = measure
+        self._range_m_s2 = range_m_s2
+        dictionary = Dictionary(accelerometer_entries(node_id))
+        self.slave = Slave(node_id, dictionary)
+        self._channels = [(dictionary.cell(PROCESS_VALUE, sub), dictionary.cell(STATUS, sub)) for sub in (1, 2, 3)]
+
+    @property
+    def node_id(self) -> int:
+        """The node's id."""
+        return self.slave.node_id
+
+    @property
+    def due(self) -> int | None:
+        """The next instant, in ns, at which `advance` must be called."""
+        return self.slave.due
+
+    def power_on(self, now: int) -> list[Frame]:
+        """Start: the boot-up frame."""
+        return self.slave.power_on(now)
+
+    def sample(self) -> None:
+        """Measure: CiA 404 status bit 0 is "not valid", here a channel at the end of its range."""
+        reach = self._range_m_s2
+        for (value, status), acceleration in zip(self._channels, self._measure(), strict=True):
+            steps = round(acceleration * _PER_UNIT)
+            value.value = steps if -_LIMIT <= steps <= _LIMIT else max(-_LIMIT, min(_LIMIT, steps))
+            status.value = 0 if -reach < acceleration < reach else 1
+
+    def receive(self, frame: Frame, now: int) -> list[Frame]:
+        """Take any frame from the bus; what the node answers."""
+        return self.slave.receive(frame, now)
+
+    def advance(self, now: int) -> list[Frame]:
+        """Let time pass up to now."""
+        return self.slave.advance(now)

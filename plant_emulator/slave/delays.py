@@ -1,0 +1,121 @@
+"""A node whose frames leave later than their cause, as those of real drives do: held here until their time, in their order."""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from drive_profiles.standard.cia301 import FunctionCode, NmtState
+from hil.can.frame import CAN_SFF_MASK, Frame
+from plant_emulator.robots.robot import Behaviour
+from plant_emulator.slave.emergency import COB_ID as EMERGENCY_COB_ID
+from plant_emulator.slave.lss import RESPONSE_ID as LSS_RESPONSE
+from plant_emulator.slave.nmt import SERVICES, NmtService
+from plant_emulator.slave.node import Slave
+
+MOST_HELD = 1024
+"""Frames of one kind that a node holds at most; what comes then is lost, as in a drive whose buffer is full."""
+
+
+class _Queue:
+    """Frames of one kind, each with its time; the times never go back."""
+
+    __slots__ = ("delay_ns", "frames", "jitter_ns")
+
+    def __init__(self, delay_ns: int, jitter_ns: int = 0) -> None:
+        self.delay_ns, self.jitter_ns = delay_ns, jitter_ns
+        self.frames: deque[tuple[int, Frame]] = deque()
+
+    def put(self, frame: Frame, now: int, dice: np.random.Generator) -> None:
+        if len(self.frames) >= MOST_HELD:
+            return
+        due = now + self.delay_ns + (int(dice.integers(self.jitter_ns, endpoint=True)) if self.jitter_ns else 0)
+        if self.frames:
+            due = max(due, self.frames[-1][0])
+        self.frames.append((due, frame))
+
+
+class DelayedSlave(Slave):
+    """A slave whose TPDOs and SDO answers wait; boot-up, heartbeats, emergencies and LSS answers do not.
+
+    Which frame is which, the identifiers in force say: those of each SDO channel that exists, and 1014h.
+
+    What still waits when the NMT state ends its service is lost: a node that has been stopped or reset sends no PDO and no SDO of
+    before (CiA 301, 7.3.2.2.5).
+
+    Args:
+        behaviour: The delays.
+        seed: Seed of the jitter.
+        arguments: Of `Slave`.
+        options: Of `Slave`.
+    """
+
+    def __init__(self, behaviour: Behaviour, seed: int, *arguments: Any, **options: Any) -> None:
+        self._dice = np.random.default_rng(seed)
+        self._tpdos = _Queue(round(1e3 * behaviour.tpdo_delay_us), round(1e3 * behaviour.tpdo_jitter_us))
+        self._answers = _Queue(round(1e6 * behaviour.sdo_delay_ms))
+        self._answer_ids: frozenset[int] = frozenset()
+        super().__init__(*arguments, **options)
+
+    @property
+    def due(self) -> int | None:
+        """The next instant at which `advance` must be called: a timer, or a frame that has waited long enough."""
+        times = [queue.frames[0][0] for queue in (self._tpdos, self._answers) if queue.frames]
+        own = super().due
+        if own is not None:
+            times.append(own)
+        return min(times, default=None)
+
+    def power_on(self, now: int) -> list[Frame]:
+        """Start, or start again: what was held is lost."""
+        self._tpdos.frames.clear()
+        self._answers.frames.clear()
+        return super().power_on(now)
+
+    def receive(self, frame: Frame, now: int) -> list[Frame]:
+        """Give the frames that are due, and hold the answers to a frame until they are due."""
+        return self._pass(super().receive(frame, now), now)
+
+    def take_frames(self) -> list[Frame]:
+        """Give the waiting frames that are due."""
+        return self._pass(super().take_frames(), self._now or 0)
+
+    def _change(self, new: NmtState) -> None:
+        super()._change(new)
+        for service, queue in ((NmtService.SDO, self._answers), (NmtService.PDO, self._tpdos)):
+            if service not in SERVICES[new]:
+                queue.frames.clear()
+
+    def _pass(self, frames: list[Frame], now: int) -> list[Frame]:
+        released: list[Frame] = []
+        if frames:
+            self._sort(frames, now, released)
+        for queue in (self._answers, self._tpdos):
+            while queue.frames and queue.frames[0][0] <= now:
+                released.append(queue.frames.popleft()[1])
+        self.on_due()
+        return released
+
+    def _sort(self, frames: list[Frame], now: int, released: list[Frame]) -> None:
+        """Hold the frames that have to wait, and release the others."""
+        present = frozenset(server.response_id for server in self._sdo.servers.values())
+        answers, self._answer_ids = self._answer_ids | present, present  # the answer that closes its channel is one, too
+        at_once = {
+            FunctionCode.HEARTBEAT + self.node_id,
+            self.dictionary.get_int(EMERGENCY_COB_ID) & CAN_SFF_MASK,
+            LSS_RESPONSE,
+        }
+        for frame in frames:
+            if frame.can_id in at_once:
+                released.append(frame)
+            elif frame.can_id in answers:
+                self._answers.put(frame, now, self._dice)
+            else:
+                self._tpdos.put(frame, now, self._dice)
+
+
+def slave_with(behaviour: Behaviour, seed: int, *arguments: Any, **options: Any) -> Slave:
+    """Make a slave with these delays; without delays it is a plain `Slave` and costs nothing more."""
+    if behaviour.delays_frames:
+        return DelayedSlave(behaviour, seed, *arguments, **options)
+    return Slave(*arguments, **options)

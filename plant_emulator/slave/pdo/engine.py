@@ -1,0 +1,144 @@
+"""Process data: which RPDO or TPDO acts at SYNC, on arrival, on request and on change (CiA 301, 7.2.2)."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from hil.can.frame import CAN_RTR_FLAG, Frame
+from plant_emulator.slave.dictionary import Dictionary
+from plant_emulator.slave.emergency import EmergencyProducer
+from plant_emulator.slave.pdo.rpdo import Rpdo
+from plant_emulator.slave.pdo.setup import RPDO_COMMUNICATION, TPDO_COMMUNICATION
+from plant_emulator.slave.pdo.tpdo import Tpdo
+from plant_emulator.slave.sync import SyncConsumer
+
+PDO_COUNT = 4
+
+_Listener = Callable[[bytes, int], None]
+
+
+class PdoEngine:
+    """All PDOs of a node, sorted by what drives them, so that a SYNC touches only those it concerns.
+
+    Args:
+        dictionary: Brings the records 1400h to 1403h and 1800h to 1803h, as many as there are.
+        emergency: Hears of frames that have the wrong length or fail to come.
+        sync: Whose counter and window count.
+        changed: Called when the identifiers to listen to have changed.
+        send: Takes the answers to remote requests.
+        on_started: Called when the deadline of an RPDO starts, so that `due` is another than before.
+        on_missing: Called with the number of an RPDO, 1 for the first, whose deadline has passed.
+    """
+
+    def __init__(
+        self,
+        dictionary: Dictionary,
+        *,
+        emergency: EmergencyProducer,
+        sync: SyncConsumer,
+        changed: Callable[[], None],
+        send: Callable[[Frame], None],
+        on_started: Callable[[], None],
+        on_missing: Callable[[int], None],
+    ) -> None:
+        self._sync = sync
+        self._changed = changed
+        self._on_missing = on_missing
+        self._is_running = self._is_loading = False
+        self.rpdos = [
+            Rpdo(dictionary, n, emergency=emergency, sync=sync, changed=self.sort, on_started=on_started)
+            for n in range(PDO_COUNT)
+            if (RPDO_COMMUNICATION + n, 1) in dictionary
+        ]
+        self.tpdos = [Tpdo(dictionary, n, self.sort, send) for n in range(PDO_COUNT) if (TPDO_COMMUNICATION + n, 1) in dictionary]
+        self._listening: list[Rpdo] = []
+        self._watched: list[Rpdo] = []
+        self._asked: list[Tpdo] = []
+        self.event_driven: list[Tpdo] = []
+        self._synchronous_rpdos: list[Rpdo] = []
+        self._synchronous_tpdos: list[Tpdo] = []
+        self._goes_by_counter = False
+
+    def load(self) -> None:
+        """Take all parameters from the dictionary, after a reset."""
+        self._is_loading = True
+        for rpdo in self.rpdos:
+            rpdo.load()
+        for tpdo in self.tpdos:
+            tpdo.load()
+        self._is_loading = False
+        self.sort()
+
+    def start(self) -> None:
+        """Begin anew, the node being operational."""
+        self._is_running = True
+        self._begin_anew()
+
+    def stop(self) -> None:
+        """Neither send nor listen; earlier errors of the PDOs are over."""
+        self._is_running = False
+        self._begin_anew()
+
+    @property
+    def listeners(self) -> dict[int, _Listener]:
+        """Receivers of the frame of each identifier that concerns a PDO; that of a remote request has its flag."""
+        by_id: dict[int, list[_Listener]] = {}
+        for rpdo in self._listening:
+            by_id.setdefault(rpdo.can_id, []).append(rpdo.entrance)
+        for tpdo in self._asked:
+            by_id.setdefault(tpdo.can_id | CAN_RTR_FLAG, []).append(tpdo.answer)
+        return {i: takers[0] if len(takers) == 1 else partial(_hand_to_all, takers) for i, takers in by_id.items()}
+
+    @property
+    def due(self) -> int | None:
+        """Instant at which the first event-driven TPDO, or the first deadline of an RPDO, is to be looked at again."""
+        first = min((tpdo.due for tpdo in self.event_driven if tpdo.due is not None), default=None)
+        if self._watched:
+            deadlines = [due for rpdo in self._watched if (due := rpdo.deadline.due) is not None]
+            first = min(deadlines if first is None else [first, *deadlines], default=None)
+        return first
+
+    def synchronise(self, out: list[Frame]) -> None:
+        """Act on a SYNC: sample the TPDOs, then put received RPDOs into force (CiA 301, 7.2.2.2)."""
+        tpdos = self._synchronous_tpdos
+        if self._goes_by_counter:
+            counter = self._sync.counter
+            tpdos = [tpdo for tpdo in tpdos if tpdo.counts(counter)]
+        for tpdo in tpdos:
+            tpdo.synchronise(out)
+        for rpdo in self._synchronous_rpdos:
+            rpdo.synchronise()
+
+    def poll(self, now: int, out: list[Frame]) -> None:
+        """Send the event-driven TPDOs whose event has come."""
+        for tpdo in self.event_driven:
+            tpdo.poll(now, out)
+
+    def check_deadlines(self, now: int) -> None:
+        """Report the RPDOs that have failed to come."""
+        for rpdo in self._watched:
+            if rpdo.deadline.check(now):
+                self._on_missing(rpdo.number)
+
+    def sort(self) -> None:
+        """Look anew at what drives each PDO."""
+        if self._is_loading:
+            return
+        tpdos = [tpdo for tpdo in self.tpdos if self._is_running and tpdo.is_active]
+        self._listening = [rpdo for rpdo in self.rpdos if self._is_running and rpdo.is_active]
+        self._watched = [rpdo for rpdo in self._listening if rpdo.event_timer_ns]
+        self._asked = [tpdo for tpdo in tpdos if tpdo.allows_requests]
+        self.event_driven = [tpdo for tpdo in tpdos if tpdo.is_event_driven]
+        self._synchronous_tpdos = [tpdo for tpdo in tpdos if tpdo.heeds_sync]
+        self._synchronous_rpdos = [rpdo for rpdo in self._listening if rpdo.is_synchronous]
+        self._goes_by_counter = self._sync.overflow > 0 and any(tpdo.waits_for_counter for tpdo in tpdos)
+        self._changed()
+
+    def _begin_anew(self) -> None:
+        for pdo in (*self.rpdos, *self.tpdos):
+            pdo.start()
+        self.sort()
+
+
+def _hand_to_all(takers: Sequence[_Listener], data: bytes, now: int) -> None:
+    for take in takers:
+        take(data, now)

@@ -1,0 +1,176 @@
+"""The SDO servers of a node: the predefined one, and those that a master opens by 1201h and after (CiA 301, 7.5.2.33)."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from drive_profiles.standard.cia301 import CobIdBit, DataType, FunctionCode, SdoAbortCode, is_restricted
+from hil.can.frame import CAN_SFF_MASK, Frame
+from plant_emulator.slave.dictionary import Access, Dictionary, Entry
+from plant_emulator.slave.sdo.server import SdoServer
+
+PREDEFINED = 0x1200
+ADDITIONAL = range(0x1201, 0x1280)
+REQUEST, RESPONSE = 1, 2
+"""Sub-indices of the COB-ID from the client to the server, and of that from the server to the client."""
+
+_NAMES = "COB-ID client to server", "COB-ID server to client"
+
+
+def channel_entries() -> Iterator[Entry]:
+    """Give the parameters of the predefined channel, and of one that does not exist before a master has opened it."""
+    u32, name = DataType.UNSIGNED32, "SDO server parameter"
+    for subindex, base in ((REQUEST, FunctionCode.SDO_REQUEST), (RESPONSE, FunctionCode.SDO_RESPONSE)):
+        text = _NAMES[subindex - 1]
+        yield Entry(PREDEFINED, subindex, text, u32, Access.RO, int(base), record_name=name, node_relative=True)
+        yield Entry(ADDITIONAL[0], subindex, text, u32, Access.RW, int(CobIdBit.INVALID), record_name=name)
+    yield Entry(ADDITIONAL[0], 3, "Node-ID of the SDO client", DataType.UNSIGNED8, Access.RW, 1, 1, 127, record_name=name)
+
+
+def _is_valid(cob_id: int) -> bool:
+    return not cob_id & CobIdBit.INVALID
+
+
+class AdditionalChannel:
+    """A server that exists while both of its COB-IDs are valid.
+
+    Bit 30 marks a COB-ID that was assigned for the time being: it is not restored. Bit 29 and 29-bit identifiers are not
+    supported.
+
+    Args:
+        dictionary: Brings the record.
+        index: Index of the record.
+        server: SDO server of this channel.
+        changed: Called when the channel exists from now on, or no longer.
+    """
+
+    def __init__(self, dictionary: Dictionary, index: int, server: SdoServer, changed: Callable[[], None]) -> None:
+        self.server = server
+        self._changed = changed
+        self._cells = {subindex: dictionary.cell(index, subindex) for subindex in (REQUEST, RESPONSE)}
+        self._cob_ids = dict.fromkeys(self._cells, int(CobIdBit.INVALID))
+        for subindex in self._cells:
+            dictionary.on_write(index, subindex, partial(self._write, subindex))
+
+    @property
+    def is_open(self) -> bool:
+        """True where the channel exists."""
+        return all(map(_is_valid, self._cob_ids.values()))
+
+    @property
+    def request_id(self) -> int:
+        """Identifier of the requests."""
+        return self._cob_ids[REQUEST] & CAN_SFF_MASK
+
+    def load(self) -> None:
+        """Take both COB-IDs from the dictionary; where the bus could not have written one there, the default is put back."""
+        self._cob_ids = dict.fromkeys(self._cells, int(CobIdBit.INVALID))
+        for subindex, cell in self._cells.items():
+            cob_id = int(cell.current())  # a whole number, as the entry's type says
+            if cob_id & CobIdBit.DYNAMIC or self._take(subindex, cob_id) is not None:
+                cell.value = cell.entry.default
+        self._open()
+
+    def _write(self, subindex: int, cob_id: int) -> SdoAbortCode | None:
+        was_open = self.is_open
+        code = self._take(subindex, cob_id)
+        if code is None and self.is_open != was_open:
+            self._open()
+            self._changed()
+        return code
+
+    def _take(self, subindex: int, cob_id: int) -> SdoAbortCode | None:
+        can_id = cob_id & ~(CobIdBit.INVALID | CobIdBit.DYNAMIC)
+        is_valid = _is_valid(cob_id)
+        if can_id > CAN_SFF_MASK or (is_valid and is_restricted(can_id)):
+            return SdoAbortCode.INVALID_VALUE
+        old, other = self._cob_ids[subindex], self._cob_ids[REQUEST if subindex == RESPONSE else RESPONSE]
+        if is_valid and _is_valid(old) and can_id != old & CAN_SFF_MASK:
+            return SdoAbortCode.INVALID_VALUE  # bits 0 to 29 do not change while the channel exists
+        if is_valid and _is_valid(other) and can_id == other & CAN_SFF_MASK:
+            return SdoAbortCode.PARAMETER_INCOMPATIBLE  # the client would hear its own requests as answers
+        self._cob_ids[subindex] = cob_id
+        return None
+
+    def _open(self) -> None:
+        if self.is_open:
+            self.server.reset()
+            self.server.response_id = self._cob_ids[RESPONSE] & CAN_SFF_MASK
+
+
+class SdoChannels:
+    """The servers over one dictionary, each with a transfer of its own.
+
+    Args:
+        dictionary: Object dictionary that is read and written. Without 1200h the predefined channel has the identifiers of the
+            predefined connection set; each of 1201h to 127Fh that is there with both COB-IDs is a channel.
+        make_server: Gives a server.
+        changed: Called when the node has to listen to other identifiers.
+
+    Attributes:
+        servers: By the identifier of their requests, the servers of the channels that exist.
+        due: Time at which `advance` must be called, or None.
+    """
+
+    def __init__(self, dictionary: Dictionary, make_server: Callable[[], SdoServer], changed: Callable[[], None]) -> None:
+        self.servers: dict[int, SdoServer] = {}
+        self.due: int | None = None
+        self._dictionary = dictionary
+        self._changed = changed
+        self._predefined = make_server()
+        self._request_id = int(FunctionCode.SDO_REQUEST)
+        self._additional = [
+            AdditionalChannel(dictionary, index, make_server(), self._look_again)
+            for index in ADDITIONAL
+            if (index, REQUEST) in dictionary and (index, RESPONSE) in dictionary
+        ]
+
+    def load(self) -> None:
+        """Take the identifiers from the dictionary."""
+        self._request_id, self._predefined.response_id = (
+            (self._dictionary.get_int(PREDEFINED, subindex) if (PREDEFINED, subindex) in self._dictionary else base)
+            & CAN_SFF_MASK
+            for subindex, base in self._predefined_ids()
+        )
+        for channel in self._additional:
+            channel.load()
+        self._collect()
+
+    def receive(self, server: SdoServer, data: bytes, now: int) -> list[Frame]:
+        """Give the answers of one of the servers."""
+        frames = server.receive(data, now)
+        self._plan()
+        return frames
+
+    def advance(self, now: int) -> list[Frame]:
+        """Give what time makes the servers say."""
+        if self.due is None or now < self.due:
+            return []
+        frames = [frame for server in tuple(self.servers.values()) for frame in server.advance(now)]
+        self._plan()
+        return frames
+
+    def reset(self) -> None:
+        """Forget all unfinished transfers, without a word to the clients."""
+        for server in self.servers.values():
+            server.reset()
+        self.due = None
+
+    def _predefined_ids(self) -> tuple[tuple[int, int], ...]:
+        node_id = self._dictionary.node_id
+        return (REQUEST, FunctionCode.SDO_REQUEST + node_id), (RESPONSE, FunctionCode.SDO_RESPONSE + node_id)
+
+    def _look_again(self) -> None:
+        self._collect()
+        self._changed()
+
+    def _collect(self) -> None:
+        # The predefined channel comes last: another that has taken its identifier must not lock the master out.
+        self.servers = {channel.request_id: channel.server for channel in self._additional if channel.is_open}
+        self.servers[self._request_id] = self._predefined
+        self._plan()
+
+    def _plan(self) -> None:
+        if len(self.servers) == 1:
+            self.due = self._predefined.due
+        else:
+            self.due = min((server.due for server in self.servers.values() if server.due is not None), default=None)

@@ -1,0 +1,424 @@
+"""One plant drawn from the unknowns, one closed-loop run of it, and the judgement of the run."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drive_profiles.standard.units import real32
+from hil.control.cascade import Cascade
+from hil.control.notch import Notch
+from hil.robot_tables import CHAIN_AXES, Control
+from plant_emulator.motion.axes import Axes
+from plant_emulator.motion.record import POSITION
+from plant_emulator.physics.axis import settle
+from plant_emulator.physics.tip import chain_acceleration
+from plant_emulator.robots.robot import Robot, RobotAxis
+from plant_emulator.studies.closed_loop import Law, arm_peak_hz, frozen_law, growth_per_s
+from plant_emulator.studies.follow import ARM_ACCELERATION, ARM_ANGLE, ARM_SPEED, COUNTS, TORQUE, follow
+from plant_emulator.studies.simulate import as_uploaded, references
+from plant_emulator.studies.spread import (
+    AXIS_UNKNOWNS,
+    SENSOR_UNKNOWNS,
+    Encoder,
+    PlantSpread,
+    Reading,
+    Unknown,
+    drawn,
+    drawn_axis,
+    drawn_encoder,
+    drawn_reading,
+    nominal,
+)
+from plant_emulator.studies.tip_metrics import (
+    LINE_WINDOW_S,
+    TIP_BAND_HZ,
+    above_band,
+    spectrum_area,
+    speed_window,
+    tip_displacement_mm,
+)
+
+Real = NDArray[np.float64]
+
+WINDOW_SAMPLES = 16
+"""Fewer samples in the window than this are no run through it."""
+
+SETTLE_S = 0.5
+"""Rest of the axes before the motion in s, as in `simulate`."""
+TAIL_S = 0.5
+"""Rest of the axes after it in s: in its second half the residual vibration must be decaying."""
+FOLLOWING_REACH = 2.0
+"""The following error may be this many times what the fastest set-points alone make of it, v/K_pp …"""
+FOLLOWING_REST_REV = 0.05
+"""… and this much more, for friction at low speed."""
+RIPPLE_FRACTION = 0.1
+"""The torque's standard deviation at rest, of the torque limit, above which the motor oscillates."""
+DECAY = 0.9
+"""Largest ratio of the vibration in the last quarter of a second to that in the quarter before, where it can be seen."""
+SEEN_FRACTION = 0.1
+"""A residual vibration below this fraction of the specification is rest."""
+SPEED_STEP_RPS = 0.25
+"""Grid of motor speeds at which the closed loop's poles are looked at, filters frozen."""
+
+
+@dataclass(frozen=True)
+class PlantRunResult:
+    """Result of one run.
+
+    Attributes:
+        index: Number of the draw; −1 for the robot as its file says.
+        values: Drawn values, by name.
+        tip_peak_mm: Largest tip displacement in the window as measured; infinite where the run does not pass through it.
+        tip_rms_mm: Its root mean square there.
+        area_reduction_percent: Reduction of the spectrum's area by the filters, in a line motion with filters; else None.
+        following_error_rev: Largest distance of a motor from its set-point.
+        residual_mm: Largest true tip displacement above 6 Hz in the last quarter of a second.
+        growth_per_s: `closed_loop.growth_per_s`, the worst axis.
+        faults: Reasons why it is not stable: `diverged`, `following`, `vibration`, `torque`, `poles`.
+        meets: It is stable and within the specification.
+    """
+
+    index: int
+    values: Mapping[str, float]
+    tip_peak_mm: float
+    tip_rms_mm: float
+    area_reduction_percent: float | None
+    following_error_rev: float
+    residual_mm: float
+    growth_per_s: float
+    faults: tuple[str, ...] = ()
+    meets: bool = False
+
+    @property
+    def is_stable(self) -> bool:
+        """True where no fault was found."""
+        return not self.faults
+
+
+@dataclass(frozen=True)
+class SimulatedMotion:
+    """One run: true motion at each SYNC of the motion, and the accelerometer's readings.
+
+    Attributes:
+        columns: Shape (n, axes, 5): counts, arm angle, speed and acceleration in rad, torque.
+        tip_m_s2: True vertical acceleration of the tip; shape (n,).
+        measured_m_s2: The accelerometer's reading of it; shape (n,).
+    """
+
+    columns: Real
+    tip_m_s2: Real
+    measured_m_s2: Real
+
+
+@dataclass(frozen=True)
+class DrawnPlant:
+    """A plant: its unknowns, the robot with them, its encoders and its accelerometer."""
+
+    values: dict[str, float]
+    robot: Robot
+    encoders: tuple[Encoder, ...]
+    reading: Reading
+
+
+@dataclass(frozen=True)
+class Study:
+    """Runs of one experiment over many plants.
+
+    Attributes:
+        robot: The robot that its file describes.
+        axis: The axis of a constant-acceleration run, or None for the line motion.
+        controls: Gains by axis.
+        notches: Filters by axis; none for an axis that is left out.
+        spread: Reach of each unknown.
+        seed: Equal seeds give equal plants, whatever the number of processes.
+        tip_mm: The specification of a constant-acceleration run, and of a line motion without filters.
+        area_reduction_percent: The specification of a line motion with filters.
+
+    Raises:
+        ValueError: The robot lacks the motion, an axis, gains, or periods that fit; or a loop without a position gain.
+    """
+
+    robot: Robot
+    axis: int | None
+    controls: Mapping[int, Control]
+    notches: Mapping[int, tuple[Notch, ...]]
+    spread: PlantSpread = field(default_factory=PlantSpread)
+    seed: int = 1
+    tip_mm: float = 0.05
+    area_reduction_percent: float = 26.0
+
+    def __post_init__(self) -> None:
+        """Refuse a study that cannot be run."""
+        period = self.robot.control_period_s
+        if not math.isclose(self.periods * period, self.robot.sync_period_s, rel_tol=1e-9):
+            raise ValueError(f"{self.robot.sync_period_s} s is no whole number of control periods of {period} s")
+        if 0.5 / self.robot.sync_period_s <= TIP_BAND_HZ[1]:
+            raise ValueError(
+                f"a SYNC period of {self.robot.sync_period_s} s does not show vibrations up to {TIP_BAND_HZ[1]:g} Hz"
+            )
+        self._targets()
+        for number in self.axes:
+            if number not in self.controls:
+                raise ValueError(f"axis {number} has no gains: no control table")
+            if not self.controls[number].position_gain_per_s > 0.0:
+                raise ValueError(f"axis {number}: a position_gain_per_s of 0 closes no loop")
+            softness = self.robot.axis[number].wind_up_softness + self.spread.wind_up_softness
+            if softness >= 1.0:
+                raise ValueError(f"axis {number}: wind_up_softness {softness:g} leaves no stiffness; less than 1 is wanted")
+
+    @property
+    def periods(self) -> int:
+        """Control periods per SYNC."""
+        return max(1, round(self.robot.sync_period_s / self.robot.control_period_s))
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The axes that move."""
+        return CHAIN_AXES if self.axis is None else (self.axis,)
+
+    @property
+    def is_by_area(self) -> bool:
+        """A line motion with filters is judged by how much smaller they make its spectrum's area."""
+        return self.axis is None and any(self.notches.get(number) for number in self.axes)
+
+    @cached_property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """All unknowns, by the names of their columns; the axis' number comes first where several axes move."""
+        found = []
+        for number in self.axes:
+            before = f"axis{number}_" if len(self.axes) > 1 else ""
+            said = f"axis {number}: " if before else ""
+            found += [Unknown(before + each.name, each.key, each.kind, said + each.label) for each in AXIS_UNKNOWNS]
+        return (*found, *SENSOR_UNKNOWNS)
+
+    def _targets(self) -> tuple[Real, Real]:
+        """Times and set-points in counts, shape (n, axes); the motion ends in a rest long enough to judge it by."""
+        robot = self.robot
+        for name in ("constant_acceleration", "line_motion"):
+            motion = getattr(robot, name)
+            if motion is not None and motion.tail_s < TAIL_S:
+                robot = robot.model_copy(update={name: motion.model_copy(update={"tail_s": TAIL_S})})
+        _, times, angles = references(robot, self.axis, robot.sync_period_s)
+        per_rad = np.array([robot.axis[number].encoder_counts_per_rev / (2.0 * math.pi) for number in self.axes])
+        return times, np.round(angles * per_rad)
+
+    @cached_property
+    def times(self) -> Real:
+        """Times of the set-points, shape (n,)."""
+        return self._targets()[0]
+
+    @cached_property
+    def set_points(self) -> Real:
+        """Set-points in counts from the beginning of the motion; shape (n, axes)."""
+        return self._targets()[1]
+
+    @cached_property
+    def _all_set_points(self) -> Real:
+        """Set-points with the rest before the motion; shape (n, axes)."""
+        rest = np.zeros((round(SETTLE_S / self.robot.sync_period_s), len(self.axes)))
+        return np.concatenate([rest, self.set_points])
+
+    @cached_property
+    def cascades(self) -> dict[int, Cascade]:
+        """The gains as they are after they have crossed the bus."""
+        return {
+            number: Cascade(**{name: real32(value) for name, value in self.controls[number].model_dump().items()})
+            for number in self.axes
+        }
+
+    @cached_property
+    def filters(self) -> dict[int, tuple[Notch, ...]]:
+        """The filters as they are after they have crossed the bus."""
+        return {number: tuple(as_uploaded(notch) for notch in self.notches.get(number, ())) for number in self.axes}
+
+    @cached_property
+    def f_al_hz(self) -> float:
+        """Frequency of the peak of |G_al| by the robot file, of axis 2 in the line motion, in Hz."""
+        number = self.axes[0]
+        return arm_peak_hz(self.robot.axis[number], self.cascades[number], self.robot.control_period_s)
+
+    @cached_property
+    def _laws(self) -> dict[int, Law]:
+        period, step = self.robot.control_period_s, SPEED_STEP_RPS
+        found = {}
+        for number in self.axes:
+            ends = [notch.end_rps for notch in self.filters[number]]
+            speeds = np.unique(
+                [0.0, *(s for notch in self.filters[number] for s in np.arange(notch.start_rps, notch.end_rps, step)), *ends]
+            )
+            found[number] = frozen_law(self.cascades[number], self.filters[number], speeds, period)
+        return found
+
+    @cached_property
+    def _following_reach_rev(self) -> Real:
+        """Largest distance of each motor from its set-point in revolutions; shape (axes,)."""
+        counts = np.array([self.robot.axis[number].encoder_counts_per_rev for number in self.axes])
+        fastest = np.max(np.abs(np.diff(self.set_points, axis=0)), axis=0) / counts / self.robot.sync_period_s
+        gains = np.array([self.cascades[number].position_gain_per_s for number in self.axes])
+        return np.asarray(FOLLOWING_REACH * fastest / gains + FOLLOWING_REST_REV)
+
+    def draw(self, index: int) -> tuple[DrawnPlant, np.random.Generator]:
+        """A plant, and the source of its runs' noise; index −1 is the robot as its file says.
+
+        Each axis and the accelerometer have a source of their own, `SeedSequence(seed, spawn_key=(axis or 0, index))`: axis 2 in
+        the line motion is the plant of the same index of axis 2 alone.
+        """
+        values: dict[str, float] = {}
+        axes, encoders = {}, []
+        for number in self.axes:
+            source = self._source(number, index)
+            mine = drawn(AXIS_UNKNOWNS, self.spread, source) if index >= 0 else nominal(AXIS_UNKNOWNS)
+            before = f"axis{number}_" if len(self.axes) > 1 else ""
+            values |= {before + name: value for name, value in mine.items()}
+            axes[number] = self._without_short_lag(drawn_axis(self.robot.axis[number], mine))
+            encoders.append(drawn_encoder(self.robot.axis[number], mine))
+        source = self._source(0, index)
+        mine = drawn(SENSOR_UNKNOWNS, self.spread, source) if index >= 0 else nominal(SENSOR_UNKNOWNS)
+        robot = self.robot.model_copy(update={"axis": axes})
+        return DrawnPlant(values | mine, robot, tuple(encoders), drawn_reading(self.robot.accelerometer, mine)), source
+
+    def _without_short_lag(self, axis: RobotAxis) -> RobotAxis:
+        """A current loop that settles within one step of the plant's solver has no lag: the solver could not follow it."""
+        if axis.current_time_constant_s >= self.robot.control_period_s / self.robot.plant_substeps:
+            return axis
+        return axis.model_copy(update={"current_time_constant_s": 0.0})
+
+    def _source(self, number: int, index: int) -> np.random.Generator:
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(number, index) if index >= 0 else (number,)))
+
+    def run(
+        self, plant: DrawnPlant, source: np.random.Generator, filters: Mapping[int, tuple[Notch, ...]] | None = None
+    ) -> SimulatedMotion:
+        """One closed-loop run; `filters` instead of the study's own."""
+        # axes that rest are left out: nothing of them reaches those that move
+        moving = plant.robot.model_copy(
+            update={"axis": {number: plant.robot.axis[number] for number in self.axes}, "geometry": None, "line_motion": None}
+        )
+        axes = Axes(moving)
+        chosen = self.filters if filters is None else filters
+        for row, number in enumerate(axes.numbers):
+            axes.plant[row]["home_angle_rad"] = self.robot.home_angle(number)
+            settle(axes.plant[row], axes.plant_state[row])
+            self.cascades[number].write(axes.cascade_config[row])
+            for column, notch in enumerate(chosen.get(number, ())):
+                notch.write(axes.notch_config[row, column])
+            axes.open_brake(row, POSITION, self.periods)
+        set_points = self._all_set_points
+        noise = np.zeros((len(self.axes), len(set_points) * self.periods))
+        for row, encoder in enumerate(plant.encoders):
+            if encoder.noise_rad > 0.0:
+                noise[row] = encoder.noise_rad * source.standard_normal(noise.shape[1])
+        trace = np.zeros((*set_points.shape, 5))
+        terms = np.array([encoder.terms for encoder in plant.encoders])
+        follow(
+            self.periods,
+            self.robot.control_period_s,
+            self.robot.plant_substeps,
+            axes.rows,
+            set_points,
+            terms,
+            noise,
+            trace,
+        )
+        trace = trace[len(set_points) - len(self.set_points) :]
+        tip, radial = self._tip(trace)
+        return SimulatedMotion(trace, tip, _read(plant.reading, tip, radial, self.robot.sync_period_s, source))
+
+    def _tip(self, trace: Real) -> tuple[Real, Real]:
+        """True vertical and radial acceleration of the tip; shape (n,) each."""
+        if self.axis is not None:
+            lever = self.robot.axis[self.axis].tip_lever_m
+            return lever * trace[:, 0, ARM_ACCELERATION], -lever * trace[:, 0, ARM_SPEED] ** 2
+        home = self.robot.home_joints()
+        if home is None or self.robot.geometry is None:
+            raise ValueError(f"robot {self.robot.name!r} has no line motion")
+        chain = self.robot.geometry.chain()
+        angles = home + trace[:, :, ARM_ANGLE]
+        rows = zip(angles.tolist(), trace[:, :, ARM_SPEED].tolist(), trace[:, :, ARM_ACCELERATION].tolist(), strict=True)
+        found = np.array([chain_acceleration(chain, *row) for row in rows])
+        return found[:, 2], found[:, 0]
+
+    def judge(self, index: int) -> PlantRunResult:
+        """Draw a plant, run it, judge it."""
+        plant, source = self.draw(index)
+        trace = self.run(plant, source)
+        growth = max(growth_per_s(plant.robot.axis[number], self._laws[number]) for number in self.axes)
+        faults = ["poles"] if growth >= 0.0 else []
+        if not np.all(np.isfinite(trace.columns)):
+            return PlantRunResult(
+                index, plant.values, math.inf, math.inf, None, math.inf, math.inf, growth, ("diverged", *faults)
+            )
+        peak, rms = self._tip_in_window(trace)
+        residual = self._residual(trace, faults)
+        following = self._following_error_rev(trace)
+        if np.any(following > self._following_reach_rev):
+            faults.append("following")
+        reduction = None
+        if self.is_by_area:
+            bare = self.run(*self.draw(index), filters={})  # the same noise too
+            reduction = 100.0 * (1.0 - self._area(trace) / self._area(bare))
+        is_within = peak <= self.tip_mm if reduction is None else reduction >= self.area_reduction_percent
+        found = tuple(sorted(faults))
+        return PlantRunResult(
+            index, plant.values, peak, rms, reduction, float(np.max(following)), residual, growth, found, is_within and not found
+        )
+
+    def _tip_in_window(self, trace: SimulatedMotion) -> tuple[float, float]:
+        """Largest and mean square tip displacement where it is judged, as measured."""
+        displacement = tip_displacement_mm(trace.measured_m_s2, self.robot.sync_period_s, self.f_al_hz)[self._window(trace)]
+        if len(displacement) < WINDOW_SAMPLES:
+            return math.inf, math.inf
+        return float(np.max(np.abs(displacement))), float(np.sqrt(np.mean(displacement**2)))
+
+    def _window(self, trace: SimulatedMotion) -> NDArray[np.bool_]:
+        """Rows in which the tip is judged."""
+        if self.axis is None:
+            start = self._line_start_s()
+            return np.asarray((self.times >= start + LINE_WINDOW_S[0]) & (self.times <= start + LINE_WINDOW_S[1]))
+        angle = trace.columns[:, 0, COUNTS] / self.robot.axis[self.axis].encoder_counts_per_rev
+        return speed_window(angle, self.robot.sync_period_s)
+
+    def _line_start_s(self) -> float:
+        return 0.0 if self.robot.line_motion is None else self.robot.line_motion.dwell_s
+
+    def _area(self, trace: SimulatedMotion) -> float:
+        """Area of the amplitude spectrum of a line motion."""
+        start = self._line_start_s()
+        duration = 0.0 if self.robot.line_motion is None else self.robot.line_motion.duration_s
+        inside = (self.times >= start) & (self.times <= start + duration)
+        return spectrum_area(trace.measured_m_s2[inside], self.robot.sync_period_s)
+
+    def _following_error_rev(self, trace: SimulatedMotion) -> Real:
+        """Largest distance of each motor from the set-point that it was to have reached; shape (axes,)."""
+        counts = np.array([self.robot.axis[number].encoder_counts_per_rev for number in self.axes])
+        reached = np.concatenate([self.set_points[:1], self.set_points[:-1]])
+        return np.asarray(np.max(np.abs(reached - trace.columns[:, :, COUNTS]), axis=0) / counts)
+
+    def _residual(self, trace: SimulatedMotion, faults: list[str]) -> float:
+        """The true vibration that is left at the end, in mm; what of it shows that a loop is not stable joins the faults."""
+        quarter = round(0.5 * TAIL_S / self.robot.sync_period_s)
+        swing = 1e3 * above_band(trace.tip_m_s2, self.robot.sync_period_s) / (2.0 * math.pi * self.f_al_hz) ** 2
+        before, last = swing[-2 * quarter : -quarter], swing[-quarter:]
+        residual = float(np.max(np.abs(last)))
+        if residual > SEEN_FRACTION * self.tip_mm and np.std(last) > DECAY * np.std(before):
+            faults.append("vibration")
+        limits = np.array([self.robot.axis[number].torque_limit_nm for number in self.axes])
+        if np.any(np.std(trace.columns[-quarter:, :, TORQUE], axis=0) > RIPPLE_FRACTION * limits):
+            faults.append("torque")
+        return residual
+
+
+def _read(reading: Reading, tip: Real, radial: Real, period_s: float, source: np.random.Generator) -> Real:
+    """The accelerometer's reading of true accelerations at the SYNCs; shape (n,)."""
+    value = reading.sensitivity * tip + reading.cross_axis * radial
+    if reading.delay_s > 0.0:
+        times = np.arange(len(tip)) * period_s
+        value = np.interp(times - reading.delay_s, times, value)
+    value = value + reading.noise_m_s2 * source.standard_normal(len(tip))
+    if reading.resolution_m_s2 > 0.0:
+        value = reading.resolution_m_s2 * np.floor(value / reading.resolution_m_s2 + 0.5)
+    return np.clip(value, -reading.range_m_s2, reading.range_m_s2)

@@ -1,0 +1,128 @@
+"""The experiments without CAN: the same axes, law and set-points in one process, to hold a run over the bus against."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drive_profiles.standard.units import Scaling, real32
+from hil.control.cascade import Cascade
+from hil.control.notch import Notch
+from hil.control.trajectory import sample_times
+from hil.robot_tables import CHAIN_AXES, Control, NotchShape
+from plant_emulator.motion.axes import Axes
+from plant_emulator.motion.record import POSITION
+from plant_emulator.robots.robot import Robot
+
+Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated run, sampled at the SYNC period; row i is the instant at which set-point i comes into force.
+
+    Attributes:
+        time_s: Shape (n,).
+        axes: The axes that moved, in the order of the columns below.
+        reference_counts: Set-points; shape (n, axes).
+        position_counts: Encoders; shape (n, axes).
+        arm_angle_rad: True arm angles; shape (n, axes).
+        torque_nm: Motor torques; shape (n, axes).
+        tip_acceleration_m_s2: True acceleration (X, Y, Z); shape (n, 3).
+    """
+
+    time_s: Real
+    axes: tuple[int, ...]
+    reference_counts: NDArray[np.int64]
+    position_counts: NDArray[np.int64]
+    arm_angle_rad: Real
+    torque_nm: Real
+    tip_acceleration_m_s2: Real
+
+
+def references(robot: Robot, axis: int | None, sync_period_s: float) -> tuple[tuple[int, ...], Real, Real]:
+    """Axes, times and motor angles (n, axes) of the constant-acceleration motion of one axis, or of the line (None).
+
+    Raises:
+        ValueError: The robot file lacks the motion, or the axis.
+    """
+    if axis is not None:
+        if robot.constant_acceleration is None or axis not in robot.axis:
+            raise ValueError(f"robot {robot.name!r} has no constant-acceleration motion of an axis {axis}")
+        trajectory = robot.constant_acceleration.trajectory()
+        times = sample_times(trajectory.duration_s, sync_period_s)
+        return (axis,), times, trajectory.motor_angle(times)[:, np.newaxis]
+    if robot.line_motion is None or robot.geometry is None:
+        raise ValueError(f"robot {robot.name!r} has no line motion")
+    line = robot.line_motion.line(robot.geometry.chain())
+    times = sample_times(line.duration_s, sync_period_s)
+    joints = line.joints(times)
+    ratios = np.array([robot.axis[number].reduction_ratio for number in CHAIN_AXES])
+    return CHAIN_AXES, times, (joints - joints[0]) * ratios
+
+
+def simulate(
+    robot: Robot,
+    axis: int | None,
+    *,
+    controls: Mapping[int, Control],
+    notches: Mapping[int, tuple[NotchShape, ...]],
+    sync_period_s: float = 0.002,
+    settle_s: float = 0.5,
+) -> Simulation:
+    """Run one experiment drive-closed: set-points every SYNC period, the servo law at the control period.
+
+    Set-points are rounded to counts and gains to single precision, as they are when they cross the bus.
+
+    Args:
+        robot: The robot.
+        axis: The axis of a constant-acceleration run, or None for the line motion.
+        controls: Gains by axis.
+        notches: Filters by axis; none for an axis that is left out.
+        sync_period_s: A whole number of control periods.
+        settle_s: Rest of the axes before the motion begins.
+
+    Raises:
+        ValueError: The robot lacks the motion, or the periods do not fit.
+    """
+    periods = round(sync_period_s / robot.control_period_s)
+    if periods < 1 or not math.isclose(periods * robot.control_period_s, sync_period_s, rel_tol=1e-9):
+        raise ValueError(f"{sync_period_s} s is no whole number of control periods of {robot.control_period_s} s")
+    numbers, times, angles = references(robot, axis, sync_period_s)
+    axes = Axes(robot)
+    rows = [axes.row(number) for number in numbers]
+    targets = np.empty(angles.shape, dtype=np.int64)
+    for column, number in enumerate(numbers):
+        row = rows[column]
+        gains = {name: real32(value) for name, value in controls[number].model_dump().items()}
+        Cascade(**gains).write(axes.cascade_config[row])
+        for slot, table in enumerate(notches.get(number, ())):
+            as_uploaded(table.notch()).write(axes.notch_config[row, slot])
+        scaling = Scaling(robot.axis[number].encoder_counts_per_rev, robot.axis[number].rated_torque)
+        targets[:, column] = scaling.position_counts(angles[:, column])
+        axes.open_brake(row, POSITION, periods)
+    for _ in range(round(settle_s / sync_period_s)):
+        for row in rows:
+            axes.set_point(row, 0)
+        axes.advance(periods)
+    count = len(times)
+    position, tip = np.zeros_like(targets), np.zeros((count, 3))
+    arm, torque = np.zeros(angles.shape), np.zeros(angles.shape)
+    for i in range(count):
+        tip[i] = axes.tip_acceleration()
+        for column, row in enumerate(rows):
+            position[i, column] = axes.counts(row)
+            arm[i, column] = axes.plant_state[row]["arm_angle_rad"]
+            torque[i, column] = axes.motion[row]["torque_nm"]
+            axes.set_point(row, int(targets[i, column]))
+        axes.advance(periods)
+    return Simulation(times, numbers, targets, position, arm, torque, tip)
+
+
+def as_uploaded(notch: Notch) -> Notch:
+    """The filter that a drive holds after the parameters have crossed the bus as REAL32."""
+    singles: dict[str, Any] = {name: real32(value) for name, value in vars(notch).items() if isinstance(value, float)}
+    return replace(notch, **singles)

@@ -1,0 +1,286 @@
+"""Summary of many runs: which fraction meets the specification, which is stable, and which unknown matters."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from plant_emulator.studies.robustness import PlantRunResult, Study
+from plant_emulator.studies.spread import Unknown
+
+Real = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+PERCENTILES = (5, 25, 50, 75, 95, 99)
+FEWEST_RUNS = 20
+"""Fewest runs for influences."""
+
+
+@dataclass(frozen=True)
+class RunFraction:
+    """A fraction of the runs with its 95 % interval by Wilson's score."""
+
+    count: int
+    runs: int
+    fraction: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Influence:
+    """Influence of one unknown on the result.
+
+    Attributes:
+        name: The unknown.
+        label: Name for readers.
+        correlation: Spearman's rank correlation; of an angle, unsigned, the multiple one with its cosine and sine.
+        low: Lower end of its 95 % interval.
+        high: Upper end.
+        p_value: Probability of such a correlation by chance.
+        coefficient: Standardised regression coefficient: by how many standard deviations the result moves with one of the
+            unknown, all others held; of an angle unsigned. None with too few runs.
+        is_clear: Too strong for chance among so many unknowns (Bonferroni, 5 %).
+    """
+
+    name: str
+    label: str
+    correlation: float
+    low: float
+    high: float
+    p_value: float
+    coefficient: float | None
+    is_clear: bool
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The runs of one study.
+
+    Attributes:
+        study: The study that was run.
+        judged: Every run, by index.
+        nominal: The robot as its file says.
+        meeting: Stable and within the specification.
+        stable: Without a fault.
+        faults: Number of runs with each fault.
+        percentiles: Percentiles of the results, by percent.
+        influences: The unknowns that are open, the strongest first.
+        explained: Fraction of the variance that the linear regression explains, adjusted for its number of terms; None with too
+            few runs.
+        worst: The run furthest from the specification.
+    """
+
+    study: Study
+    judged: tuple[PlantRunResult, ...]
+    nominal: PlantRunResult
+    meeting: RunFraction
+    stable: RunFraction
+    faults: dict[str, int]
+    percentiles: dict[int, float]
+    influences: tuple[Influence, ...]
+    explained: float | None
+    worst: PlantRunResult
+
+    @property
+    def is_by_area(self) -> bool:
+        """True where a line motion is judged by the reduction of its spectrum's area."""
+        return self.study.is_by_area
+
+    @property
+    def results(self) -> Real:
+        """Results run by run: tip peak in mm, or reduction of the area in percent."""
+        return np.array([result(self.study, each) for each in self.judged])
+
+
+def result(study: Study, judged: PlantRunResult) -> float:
+    """The result by which a run is judged; infinitely bad where it could not be measured."""
+    if not study.is_by_area:
+        return judged.tip_peak_mm
+    return -math.inf if judged.area_reduction_percent is None else judged.area_reduction_percent
+
+
+def run_fraction(count: int, runs: int) -> RunFraction:
+    """A fraction of the runs and its Wilson interval."""
+    interval = stats.binomtest(count, runs).proportion_ci(CONFIDENCE, "wilson")
+    return RunFraction(count, runs, count / runs, float(interval.low), float(interval.high))
+
+
+def summarise(study: Study, judged: Sequence[PlantRunResult], nominal: PlantRunResult) -> Summary:
+    """Add up the runs of a study; there must be one at least."""
+    values = np.array([result(study, each) for each in judged])
+    bad = -values if study.is_by_area else values
+    found, explained = influences(study, judged, values)
+    return Summary(
+        study=study,
+        judged=tuple(judged),
+        nominal=nominal,
+        meeting=run_fraction(sum(each.meets for each in judged), len(judged)),
+        stable=run_fraction(sum(each.is_stable for each in judged), len(judged)),
+        faults=dict(sorted(Counter(fault for each in judged for fault in each.faults).items())),
+        # a percentile that is a run's own: between infinity and a number there is nothing
+        percentiles={percent: float(np.percentile(values, percent, method="nearest")) for percent in PERCENTILES},
+        influences=found,
+        explained=explained,
+        worst=judged[int(np.argmax(bad))],
+    )
+
+
+def influences(study: Study, judged: Sequence[PlantRunResult], values: Real) -> tuple[tuple[Influence, ...], float | None]:
+    """The open unknowns by the strength of their rank correlation with the result, and the variance explained by a regression."""
+    unknowns = [unknown for unknown in study.unknowns if unknown.is_open(study.spread)]
+    if len(judged) < FEWEST_RUNS or not unknowns or np.ptp(stats.rankdata(values)) == 0.0:
+        return (), None
+    columns = [np.array([each.values[unknown.name] for each in judged]) for unknown in unknowns]
+    coefficients, explained = _regression(unknowns, columns, values)
+    found = []
+    for unknown, column, coefficient in zip(unknowns, columns, coefficients, strict=True):
+        correlation, p_value = _angle_correlation(column, values) if _is_angle(unknown) else _correlation(column, values)
+        low, high = _interval(correlation, len(judged), is_signed=not _is_angle(unknown))
+        clear = p_value < (1.0 - CONFIDENCE) / len(unknowns)
+        found.append(Influence(unknown.name, unknown.label, correlation, low, high, p_value, coefficient, clear))
+    return tuple(sorted(found, key=lambda each: -abs(each.correlation))), explained
+
+
+def _is_angle(unknown: Unknown) -> bool:
+    return unknown.name.endswith("_deg")
+
+
+def _correlation(column: Real, values: Real) -> tuple[float, float]:
+    """Spearman's ρ and its p-value; 0 for a column that happens not to vary."""
+    if np.ptp(column) == 0.0:
+        return 0.0, 1.0
+    found: Any = stats.spearmanr(column, values)
+    return float(found.statistic), float(found.pvalue)
+
+
+def _angle_correlation(degrees: Real, values: Real) -> tuple[float, float]:
+    """Multiple correlation of the values' ranks with cosine and sine of an angle, and its p-value by the F test.
+
+    R² = (r_c² + r_s² − 2 r_c r_s r_cs)/(1 − r_cs²).
+
+    Source: K. V. Mardia, Linear-circular correlation coefficients and rhythmometry, Biometrika 63 (1976).
+    """
+    angle, ranks, n = np.radians(degrees), stats.rankdata(values), len(values)
+    matrix = np.corrcoef([ranks, np.cos(angle), np.sin(angle)])
+    c, s, both = float(matrix[0, 1]), float(matrix[0, 2]), float(matrix[1, 2])
+    square = min(1.0, max(0.0, (c * c + s * s - 2.0 * c * s * both) / (1.0 - both * both)))
+    ratio = math.inf if square == 1.0 else (n - 3) * square / (2.0 * (1.0 - square))
+    return math.sqrt(square), float(stats.f.sf(ratio, 2, n - 3))
+
+
+def _interval(correlation: float, n: int, *, is_signed: bool) -> tuple[float, float]:
+    """95 % by Fisher's z with the standard error √((1 + ρ²/2)/(n − 3)) for ranks.
+
+    Source: D. G. Bonett and T. A. Wright, Sample size requirements for correlations, Psychometrika 65 (2000).
+    """
+    z = math.atanh(min(0.999999, max(-0.999999, correlation)))
+    reach = float(stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)) * math.sqrt((1.0 + 0.5 * correlation**2) / (n - 3))
+    low, high = math.tanh(z - reach), math.tanh(z + reach)
+    return (low if is_signed else max(0.0, low)), high
+
+
+def _regression(unknowns: Sequence[Unknown], columns: Sequence[Real], values: Real) -> tuple[list[float | None], float | None]:
+    """Standardised coefficients of a linear regression over all unknowns at once, and its adjusted R²; finite results alone."""
+    finite = np.isfinite(values)
+    terms, owners = [], []
+    for number, (unknown, column) in enumerate(zip(unknowns, columns, strict=True)):
+        parts = [np.cos(np.radians(column)), np.sin(np.radians(column))] if _is_angle(unknown) else [column]
+        for part in parts:
+            terms.append(part[finite])
+            owners.append(number)
+    n, count = int(np.count_nonzero(finite)), len(terms)
+    if n < 2 * count or np.ptp(values[finite]) == 0.0:
+        return [None] * len(unknowns), None
+    x = np.array([_standard(term) for term in terms]).T
+    y = _standard(values[finite])
+    found, *_ = np.linalg.lstsq(x, y, rcond=None)
+    left = float(np.sum((y - x @ found) ** 2)) / float(np.sum(y**2))
+    by_owner: list[list[float]] = [[] for _ in unknowns]
+    for owner, coefficient in zip(owners, found, strict=True):
+        by_owner[owner].append(float(coefficient))
+    coefficients: list[float | None] = [each[0] if len(each) == 1 else math.hypot(*each) for each in by_owner]
+    return coefficients, 1.0 - left * (n - 1) / (n - 1 - count)
+
+
+def _standard(column: Real) -> Real:
+    deviation = float(np.std(column))
+    return np.zeros_like(column) if deviation == 0.0 else (column - np.mean(column)) / deviation
+
+
+def document(summary: Summary) -> dict[str, Any]:
+    """The summary as JSON takes it; infinite numbers are null. It is the same on any machine and number of processes."""
+    study = summary.study
+    return {
+        "robot": study.robot.name,
+        "experiment": "line-motion" if study.axis is None else "constant-acceleration",
+        "axis": study.axis,
+        "seed": study.seed,
+        "runs": len(summary.judged),
+        "sync_period_s": study.robot.sync_period_s,
+        "f_al_hz": study.f_al_hz,
+        "specification": {"area_reduction_percent": study.area_reduction_percent}
+        if summary.is_by_area
+        else {"tip_peak_mm": study.tip_mm},
+        "gains": {str(number): asdict(cascade) for number, cascade in study.cascades.items()},
+        "filters": {str(number): [asdict(notch) for notch in notches] for number, notches in study.filters.items()},
+        "spread": study.spread.model_dump(),
+        "meeting": _fraction_document(summary.meeting),
+        "stable": _fraction_document(summary.stable),
+        "faults": summary.faults,
+        "percentiles": {str(percent): finite(value) for percent, value in summary.percentiles.items()},
+        "nominal": run_document(summary.nominal),
+        "worst": run_document(summary.worst),
+        "influences": [asdict(each) for each in summary.influences],
+        "explained": summary.explained,
+    }
+
+
+def _fraction_document(fraction: RunFraction) -> dict[str, Any]:
+    """A fraction as JSON takes it; the file calls it a share."""
+    return {
+        "count": fraction.count,
+        "runs": fraction.runs,
+        "share": fraction.fraction,
+        "low": fraction.low,
+        "high": fraction.high,
+    }
+
+
+def finite(value: float | None) -> float | None:
+    """A number that JSON has a word for, or None."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def run_document(judged: PlantRunResult) -> dict[str, Any]:
+    """One run as JSON takes it."""
+    return {
+        "index": judged.index,
+        "tip_peak_mm": finite(judged.tip_peak_mm),
+        "tip_rms_mm": finite(judged.tip_rms_mm),
+        "area_reduction_percent": finite(judged.area_reduction_percent),
+        "following_error_rev": finite(judged.following_error_rev),
+        "residual_mm": finite(judged.residual_mm),
+        "growth_per_s": judged.growth_per_s,
+        "faults": list(judged.faults),
+        "meets": judged.meets,
+        "values": dict(judged.values),
+    }
+
+
+def draws_csv(summary: Summary) -> str:
+    """One line per run: its index, how it was judged, and all that was drawn."""
+    names = [unknown.name for unknown in summary.study.unknowns]
+    heads = ["index", "tip_peak_mm", "tip_rms_mm", "area_reduction_percent", "following_error_rev", "residual_mm", "growth_per_s"]
+    lines = [",".join([*heads, "faults", "meets", *names])]
+    for each in summary.judged:
+        numbers = [getattr(each, name) for name in heads]
+        cells = ["" if value is None else f"{value:.9g}" for value in numbers]
+        cells += [" ".join(each.faults), str(int(each.meets)), *(f"{each.values[name]:.9g}" for name in names)]
+        lines.append(",".join(cells))
+    return "\n".join(lines) + "\n"

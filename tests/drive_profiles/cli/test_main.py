@@ -1,0 +1,121 @@
+"""The command: what it prints, and with which code it leaves."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from drive_profiles.cli.main import app
+from drive_profiles.family.profile import VENDORS, Profile, available
+
+runner = CliRunner()
+
+
+def test_list_names_every_profile():
+    result = runner.invoke(app, ["list"])
+    assert result.exit_code == 0
+    rows = [line.split("\t") for line in result.stdout.splitlines()]
+    assert [row[0] for row in rows] == ["name", *available()]
+    by_name = {row[0]: row for row in rows}
+    assert by_name["emulated_drive"][2:5] == ["exact", "exact", "yes"]
+    assert "8 Hz" in by_name["kollmorgen_rgm"][5] or by_name["kollmorgen_rgm"][3] == "unknown"
+    assert all(row[5] for row in rows[1:] if row[1] == "drive")
+
+
+def test_list_as_json():
+    result = runner.invoke(app, ["list", "--json"])
+    assert result.exit_code == 0
+    facts = json.loads(result.stdout)
+    assert [fact["name"] for fact in facts] == available()
+    drive = next(fact for fact in facts if fact["name"] == "emulated_drive")
+    assert drive["product_code"] == 0x402
+    assert drive["capabilities"]["notch_inside"]["answer"] == "exact"
+
+
+def test_show_has_identity_reasons_objects_and_units():
+    result = runner.invoke(app, ["show", "emulated_drive"])
+    assert result.exit_code == 0
+    for words in (
+        "0x00000402",
+        "250 us",
+        "PP, PV, TQ, HM, IP, CSP, CSV, CST",
+        "6072:0\tUNSIGNED16\tN·m\t1 ‰ of 6076h",
+        "not a fit by depth",
+    ):
+        assert words in result.stdout
+    assert "\x1b" not in result.stdout
+
+
+def test_show_as_json_is_the_whole_profile():
+    result = runner.invoke(app, ["show", "emulated_drive", "--json"])
+    assert result.exit_code == 0
+    assert Profile.model_validate_json(result.stdout, strict=True) == Profile.load("emulated_drive")
+
+
+def test_show_on_a_terminal_is_a_table(monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "200")
+    result = runner.invoke(app, ["show", "emulated_accelerometer"])
+    assert result.exit_code == 0
+    assert "┃" in result.stdout
+    assert "acceleration_x_m_s2" in result.stdout
+
+
+def test_a_profile_may_be_a_file(tmp_path):
+    path = tmp_path / "drive.toml"
+    path.write_text((VENDORS / "emulated_drive.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    assert runner.invoke(app, ["show", str(path)]).exit_code == 0
+
+
+@pytest.mark.parametrize("arguments", [["show", "nothing"], ["show"], ["bogus"], ["list", "--bogus"]])
+def test_wrong_usage_is_2(arguments):
+    result = runner.invoke(app, arguments)
+    assert result.exit_code == 2
+    assert "Traceback" not in result.output
+
+
+def test_an_unknown_name_lists_what_there_is():
+    assert "available: copley_plus, elmo_gold" in runner.invoke(app, ["show", "nothing"]).output
+
+
+def test_a_bad_file_is_3_with_every_problem_on_stderr(tmp_path):
+    path = tmp_path / "drive.toml"
+    path.write_text("name = 3\nbogus = 1\n")
+    result = runner.invoke(app, ["show", str(path)])
+    assert result.exit_code == 3
+    assert result.stdout == ""
+    assert f"{path}:1: name: found 3; expected a valid string" in result.stderr
+    assert f"{path}:2: bogus: unknown key" in result.stderr
+    assert runner.invoke(app, ["show", str(tmp_path / "none.toml")]).exit_code == 3
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys, drive_profiles.cli.main\n"
+        "heavy = {'numpy', 'pydantic', 'canopen', 'can', 'scipy', 'numba', 'matplotlib'} & set(sys.modules)\n"
+        "sys.exit(f'imported: {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_help_ends_with_the_exit_statuses():
+    assert "Exit status: 0 done; 2 usage; 3 a bad file" in " ".join(runner.invoke(app, ["--help"]).stdout.split())
+
+
+@pytest.mark.parametrize("command", ["list", "show"])
+def test_help_of_a_command_has_an_example_and_its_exit_statuses(command):
+    result = runner.invoke(app, [command, "--help"])
+    assert result.exit_code == 0
+    assert f"Example: drive-profiles {command}" in result.stdout
+    assert "Exit status: 0 done; 2 usage; 3 a bad file" in " ".join(result.stdout.split())
+
+
+def test_the_package_runs_as_a_module():
+    done = subprocess.run(
+        [sys.executable, "-m", "drive_profiles", "--help"], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Usage: python -m drive_profiles [OPTIONS] COMMAND" in done.stdout

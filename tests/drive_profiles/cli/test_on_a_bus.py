@@ -1,0 +1,386 @@
+"""`drive-profiles` as a user runs it: real processes, a real local bus, emulated drives of three families."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+
+import pytest
+from typer.testing import CliRunner
+
+from drive_profiles.cli.main import app
+from drive_profiles.device.bus import SdoBus
+from drive_profiles.device.device import Device
+from drive_profiles.device.sdo import SdoPort
+from drive_profiles.device.target import device_at
+from drive_profiles.errors import NoAnswerError, SdoAbortedError
+from drive_profiles.parameter_set.parameters import ParameterSet
+from drive_profiles.standard.cia301 import abort_text
+from drive_profiles.upload import journal
+
+pytestmark = pytest.mark.timeout(900)  # minutes on a machine that does other things as well
+
+runner = CliRunner()
+START_TIMEOUT_S = 120.0
+
+
+def served(path, *options):
+    """`plant-emulator serve` as a process that ends with us."""
+    command = [sys.executable, "-m", "plant_emulator", "serve", "--bus", f"local:{path}", "--until-stdin-closes", *options]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while not _answers(path):
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return process
+
+
+def _answers(path):
+    """Whether somebody serves there: a socket file alone may not be listened to yet."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+        return probe.connect_ex(path) == 0
+
+
+@pytest.fixture(scope="module")
+def robot():
+    with tempfile.TemporaryDirectory(prefix="hil-") as folder:
+        path = f"{folder}/r.sock"
+        process = served(path, "--drive", "3=kollmorgen_akd", "--drive", "5=maxon_epos4", "--store-time-s", "0.3")
+        yield f"local:{path}"
+        process.stdin.close()
+        process.wait(10)
+        process.stdout.close()
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch, robot):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HIL_BUS", robot)
+    return tmp_path
+
+
+def run(*arguments, code=0):
+    result = runner.invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, (arguments, result.output, result.exception)
+    assert "Traceback" not in result.output
+    return result
+
+
+def test_scan_finds_every_node_with_its_profile():
+    rows = [line.split("\t") for line in run("scan").stdout.splitlines()]
+    assert [row[0] for row in rows[1:]] == ["2", "3", "5", "16"]
+    assert [row[-1] for row in rows[1:]] == ["emulated_drive", "kollmorgen_akd", "maxon_epos4", "emulated_accelerometer"]
+    found = json.loads(run("scan", "--nodes", "2,16", "--json").stdout)
+    assert [(node["node"], node["profiles"]) for node in found] == [(2, ["emulated_drive"]), (16, ["emulated_accelerometer"])]
+    run("scan", "--nodes", "99", "--timeout-s", "0.05", code=5)
+    for wrong in ("0-5", "128", "x", "", "5-", "5-2"):
+        run("scan", "--nodes", wrong, code=2)
+
+
+def test_info_says_who_a_node_is_and_in_which_state():
+    facts = json.loads(run("info", "--node", "5", "--json").stdout)
+    assert facts["vendor_id"] == 0xFB
+    assert facts["state"] == "switch on disabled"
+    assert "maxon_epos4" in run("info", "--node", "5").stdout
+    assert "-" in run("info", "--node", "16").stdout
+
+
+def test_the_page_of_the_readme_from_scan_to_a_stored_notch(folder):
+    run("pull", "--node", "2", "--out", "axis2.toml")
+    before = ParameterSet.load(folder / "axis2.toml")
+    text = (folder / "axis2.toml").read_text()
+    text = text.replace('"notch_1.mode" = { value = 0 }', '"notch_1.mode" = { value = 1 }')
+    text = text.replace('"notch_1.start_rps" = { value = 4.0', '"notch_1.start_rps" = { value = 4.5')
+    (folder / "notch.toml").write_text(text)
+    assert "notch_1.mode\t0\t1" in run("diff", "axis2.toml", "notch.toml", code=7).stdout
+    assert "notch_1.mode" in run("diff", "notch.toml", "--node", "2", code=7).stdout
+    shown = run("upload", "notch.toml", "--node", "2", "--dry-run")
+    assert "2110:1 (notch_1.mode)\t0\t1" in shown.stdout
+    assert run("get", "notch_1.mode", "--node", "2").stdout.splitlines()[1].split("\t")[2] == "0"
+    run("upload", "notch.toml", "--node", "2", code=2)  # nobody to ask, and no --yes
+    done = run("upload", "notch.toml", "--node", "2", "--store", "--reset", "--yes")
+    assert "done, 2 written and read back, stored" in done.stdout
+    assert "edited" in done.stderr
+    run("verify", "notch.toml", "--node", "2")
+    assert run("diff", "notch.toml", "--node", "2").stdout == "no difference\n"
+    again = run("upload", "notch.toml", "--node", "2", "--yes")
+    assert "nothing to write" in again.stdout
+    [journal] = (folder / "drive-journals").glob("*.jsonl")
+    back = run("restore", "--snapshot", journal, "--yes", "--store")
+    assert "done" in back.stdout
+    run("pull", "--node", "2", "--out", "after.toml")
+    assert ParameterSet.load(folder / "after.toml").differences(before) == []
+    run("verify", "notch.toml", "--node", "2", code=7)
+
+
+def test_one_set_for_two_drives_of_different_families_is_refused_before_anything_is_written(folder):
+    run("pull", "--node", "2", "--out", "axis2.toml")
+    result = run("upload", "axis2.toml", "--node", "2", "--node", "3", "--yes", code=5)
+    assert "vendor" in result.stderr
+    assert not (folder / "drive-journals").exists()
+
+
+def test_two_drives_are_written_together(folder):
+    for node in (2, 5):
+        run("pull", "--node", str(node), "--out", f"{node}.toml")
+    result = run("upload", "2.toml", "5.toml", "--node", "2", "--node", "5", "--yes", "--allow-unverified", "--json")
+    assert [outcome["kind"] for outcome in json.loads(result.stdout)] == ["done", "done"]
+
+
+def test_get_and_set_take_addresses_and_names_and_say_units():
+    assert "1/s" in run("set", "position_gain_per_s=17.5", "--node", "2", "--yes").stdout
+    row = json.loads(run("get", "0x2100:1", "--node", "2", "--json").stdout)[0]
+    assert (row["name"], row["value"], row["unit"]) == ("position_gain_per_s", 17.5, "1/s")
+    assert json.loads(run("get", "2100sub1", "--node", "2", "--json").stdout) == [row]
+    word = json.loads(run("get", "status_word", "--node", "2", "--json").stdout)[0]
+    assert (word["object"], word["value"] & 0x4F) == ("0x6041:0", 0x40)  # switch on disabled
+    run("set", "2100:1=0", "--node", "2", "--yes")
+    result = run("get", "gain", "--node", "2", code=2)
+    assert "2100:1 (position_gain_per_s), 2101:1" in result.stderr
+    assert "did you mean notch_1.mode" in run("get", "notch_1.mod1", "--node", "2", code=2).stderr
+    for wrong in ("position_gain_per_s", "position_gain_per_s=", "position_gain_per_s=fast", "=3"):
+        run("set", wrong, "--node", "2", "--yes", code=2)
+    refused = run("set", "position_gain_per_s=1e9", "--node", "2", "--yes", code=3)
+    assert "outside 0 to 10000" in refused.stderr
+    run("set", "0x6040=15", "--node", "2", "--yes", code=3)
+    run("set", "0x1018:1=15", "--node", "2", "--yes", code=3)
+
+
+def test_an_abort_is_told_in_words_with_the_objects_name():
+    result = run("get", "0x5FFF", "--node", "2", code=6)
+    assert "5FFFh:0 aborted: 0x06020000, Object does not exist" in result.stderr
+
+
+def reset(node):
+    """As a loss of power would."""
+    with SdoBus(os.environ["HIL_BUS"]) as bus:
+        device_at(bus, node).reset(10.0)
+
+
+def held(name, node=2):
+    return json.loads(run("get", name, "--node", node, "--json").stdout)[0]["value"]
+
+
+def test_store_and_factory_defaults():
+    factory = held("position_gain_per_s")
+    run("set", "position_gain_per_s=9", "--node", "2", "--yes")
+    reset(2)
+    assert held("position_gain_per_s") == factory
+    run("set", "position_gain_per_s=9", "--node", "2", "--yes")
+    assert "has stored" in run("store", "--node", "2", "--yes").stdout
+    run("set", "position_gain_per_s=11", "--node", "2", "--yes")
+    reset(2)
+    assert held("position_gain_per_s") == 9
+    assert "1011:1" in run("restore", "--defaults", "--node", "2", "--dry-run").stdout
+    assert "factory" in run("restore", "--defaults", "--node", "2", "--yes").stdout
+    assert held("position_gain_per_s") == 9
+    reset(2)
+    assert held("position_gain_per_s") == factory
+    run("restore", "--node", "2", code=2)
+    run("restore", "--defaults", "--snapshot", "x", "--node", "2", code=2)
+    run("restore", "--defaults", "--store", "--node", "2", code=2)
+    run("restore", "--snapshot", "nowhere.jsonl", code=3)
+
+
+def aborting(place, code):
+    """A port whose writes of one object are answered so; 0: not at all."""
+    write = SdoPort.write
+
+    def instead(self, where, data, *more, **named):
+        if where != place:
+            write(self, where, data, *more, **named)
+        elif code:
+            raise SdoAbortedError(self.node, *where, code, abort_text(code))
+        else:
+            raise NoAnswerError(self.node, "the write", 1.0)
+
+    return instead
+
+
+@pytest.mark.parametrize(("code", "status", "words"), [
+    (0x0800_0022, 6, "present device state"), (0x0606_0000, 8, "not known"), (0, 8, "store again"),
+])  # fmt: skip
+def test_a_store_is_judged_as_that_of_an_upload(code, status, words, monkeypatch):
+    write = SdoPort.write
+    monkeypatch.setattr(SdoPort, "write", aborting((0x1010, 1), code))
+    assert words in run("store", "--node", "2", "--yes", code=status).stderr
+    assert ("unknown" in run("store", "--node", "2", "--yes", "--json", code=status).stdout) == (status == 8)
+    before = held("position_gain_per_s")
+    result = run("set", "position_gain_per_s=21", "--store", "--node", "2", "--yes", code=status)
+    assert ("drive-profiles store --bus" in result.stderr) == (code == 0)
+    assert ("drive-profiles restore --snapshot" in result.stderr) == (code == 0x0606_0000)
+    assert held("position_gain_per_s") == (21 if code == 0 else before)
+    monkeypatch.setattr(SdoPort, "write", aborting((0x1011, 1), code))
+    assert ("its next reset is not known" in run("restore", "--defaults", "--node", "2", "--yes", code=status).stderr) == (
+        status == 8
+    )
+    monkeypatch.setattr(SdoPort, "write", write)
+    run("set", f"position_gain_per_s={before}", "--node", "2", "--yes")
+
+
+def test_set_takes_whole_names_and_one_value_each():
+    before = held("position_gain_per_s")
+    assert "did you mean position_gain_per_s" in run("set", "position_gain=17.5", "--node", "2", "--yes", code=2).stderr
+    twice = run("set", "position_gain_per_s=5", "2100:1=6", "--node", "2", "--yes", code=2)
+    assert "two values for 2100:1 (position_gain_per_s)" in twice.stderr
+    assert held("position_gain_per_s") == before
+
+
+def test_what_will_change_is_shown_before_the_question_also_with_json():
+    result = run("set", "position_gain_per_s=5.5", "--node", "2", "--json", code=2)  # nobody to ask
+    assert "position_gain_per_s)\t" in result.stderr
+    assert result.stdout == ""
+    result = run("set", "position_gain_per_s=5.5", "--node", "2", "--json", "--dry-run")
+    assert json.loads(result.stdout)[0]["new"] == 5.5
+
+
+def test_a_snapshot_goes_to_another_device_only_if_that_is_forced(folder):
+    run("set", "position_gain_per_s=5.5", "--node", "2", "--yes")
+    [path] = (folder / "drive-journals").glob("*.jsonl")
+    serial = json.loads(run("info", "--node", "2", "--json").stdout)["serial_number"]
+    original = path.read_text()
+    path.write_text(original.replace(f'"serial_number":{serial}', '"serial_number":99999'))
+    assert "--force-commissioning" in run("restore", "--snapshot", path, "--yes", code=3).stderr
+    run("restore", "--snapshot", path, "--dry-run", "--force-commissioning")
+    path.write_text(original.replace(f'"serial_number":{serial}', '"serial_number":0'))
+    assert "had no serial number" in run("restore", "--snapshot", path, "--yes").stderr
+    assert held("position_gain_per_s") != 5.5
+
+
+def test_the_newest_journal_of_a_folder_is_the_snapshot(folder):
+    before = held("position_gain_per_s")
+    first = run("set", "position_gain_per_s=5.5", "--node", "2", "--yes")
+    assert "what it held before is in drive-journals/node2-" in first.stderr
+    run("set", "position_gain_per_s=6.5", "--node", "2", "--yes")
+    run("restore", "--snapshot", "drive-journals", "--node", "3", code=3)
+    run("restore", "--snapshot", "drive-journals", "--node", "2", "--yes")
+    assert held("position_gain_per_s") == 5.5
+    run("set", f"position_gain_per_s={before}", "--node", "2", "--yes")
+
+
+def test_what_is_no_parameter_set_or_no_file_is_refused(folder):
+    (folder / "empty.toml").write_text("[header]\n")
+    assert "holds no values" in run("upload", "empty.toml", "--node", "2", "--yes", code=3).stderr
+    os.mkfifo(folder / "pipe")
+    assert "is no file" in run("pull", "--node", "2", "--out", "pipe", "--force", code=3).stderr
+    assert "[header]" in run("pull", "--node", "2", "--out", "-").stdout
+    assert not (folder / "-").exists()
+
+
+def test_limits_of_another_drive_are_remarked(folder):
+    run("pull", "--node", "2", "--classes", "limits", "--out", "limits.toml")
+    text = (folder / "limits.toml").read_text()
+    (folder / "limits.toml").write_text(text.replace("serial_number = ", "serial_number = 9999"))
+    assert "limits of another drive (serial number 9999" in run("upload", "limits.toml", "--node", "2", "--dry-run").stderr
+
+
+def test_an_interrupt_while_the_drive_stores_is_remembered_until_it_has_answered(monkeypatch):
+    write = SdoPort.write
+
+    def interrupted(self, place, *more, **named):
+        if place in {(0x1010, 1), (0x1011, 1)}:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGTERM)
+        write(self, place, *more, **named)
+
+    monkeypatch.setattr(SdoPort, "write", interrupted)
+    for command, said in ((["store"], "has stored"), (["restore", "--defaults"], "after its next reset")):
+        result = run(*command, "--node", "2", "--yes")
+        assert said in result.stdout
+        assert "too late" in result.stderr
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_while_the_bus_is_closed_hides_no_outcome(monkeypatch):
+    close, opened = SdoBus.close, []
+
+    def interrupted(self):
+        close(self)
+        opened.append(self)
+        if len(opened) == 2:  # the first is that of looking up the names
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(SdoBus, "close", interrupted)
+    assert "done" in run("set", "position_gain_per_s=6.5", "--node", "2", "--yes").stdout
+
+
+def test_an_interrupt_before_anything_is_written_says_only_that(monkeypatch):
+    monkeypatch.setattr(Device, "identify", lambda self: os.kill(os.getpid(), signal.SIGINT))
+    result = run("set", "position_gain_per_s=6.5", "--node", "2", "--yes", code=130)
+    assert result.stderr.splitlines()[-1] == "interrupted"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["pull", "--node", "77", "--timeout-s", "0.05"], 5, "node 77: no answer"),
+        (["pull", "--node", "2", "--bus", "local:/nowhere/x.sock"], 4, "no bus at local:/nowhere/x.sock"),
+        (["pull", "--node", "2", "--bus", "nonsense"], 2, "no bus address"),
+        (["pull", "--node", "2", "--bus", "sockettin:can0"], 4, "no bus at sockettin:can0"),
+        (["pull", "--node", "2", "--profile", "nobody"], 2, "no drive profile 'nobody'"),
+        (["pull", "--node", "2", "--eds", "missing.eds"], 3, "missing.eds"),
+        (["pull", "--node", "2", "--classes", "tuned"], 2, "--classes tuned"),
+        (["pull", "--node", "0"], 2, "--node"),
+        (["upload", "missing.toml", "--node", "2"], 3, "missing.toml"),
+        (["upload", "missing.toml", "--node", "2", "--node", "2"], 2, "same drive twice"),
+        (["upload", "missing.toml", "--node", "2", "--reset"], 2, "--reset without --store"),
+        (["diff", "missing.toml"], 3, "missing.toml"),
+    ],
+)
+def test_a_mistake_ends_with_its_code_and_says_what_to_do(arguments, code, words):
+    assert words in run(*arguments, code=code).stderr
+
+
+def test_a_file_that_is_there_is_not_replaced_in_silence(folder):
+    (folder / "axis2.toml").write_text("mine")
+    assert "--force" in run("pull", "--node", "2", "--out", "axis2.toml", code=3).stderr
+    assert (folder / "axis2.toml").read_text() == "mine"
+    run("pull", "--node", "2", "--out", "axis2.toml", "--force")
+
+
+SLOW = """
+import time
+from drive_profiles.cli import main as cli
+from drive_profiles.device import sdo
+write = sdo.SdoPort.write
+def slowly(*arguments, **named):
+    write(*arguments, **named)
+    time.sleep(0.2)
+sdo.SdoPort.write = slowly
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_ctrl_c_in_the_middle_puts_everything_back(number, folder):
+    before = {name: held(name) for name in ("notch_1.mode", "notch_1.start_rps", "position_gain_per_s", "velocity_gain_nm_s_rad")}
+    values = [f"{name}={value + 1}" for name, value in before.items()]
+    command = [sys.executable, "-c", SLOW, "set", *values, "--node", "2", "--yes", "--store"]
+    with subprocess.Popen(
+        command, cwd=folder, env=os.environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        deadline = time.monotonic() + 60.0
+        while not any('"written"' in path.read_text() for path in folder.glob("drive-journals/*.jsonl")):
+            assert process.poll() is None, process.communicate()
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+        process.send_signal(number)
+        process.send_signal(number)  # impatience changes nothing
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, (out, err)
+    assert "rolled back, everything is as it was" in err
+    assert {name: held(name) for name in before} == before
+    [path] = folder.glob("drive-journals/*.jsonl")
+    assert journal.read(path).outcome == "rolled back"
+
+
+def test_help_of_every_command_is_there_and_says_an_example():
+    for command in ("scan", "info", "pull", "diff", "upload", "verify", "store", "restore", "get", "set", "list", "show"):
+        text = run(command, "--help").stdout
+        assert "Example" in text
+        assert "drive-profiles" in text

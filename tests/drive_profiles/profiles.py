@@ -1,0 +1,6 @@
+"""The package's profiles by name, read once for all tests; nobody changes them."""
+
+from drive_profiles.family.profile import Profile, available
+
+PROFILES = {name: Profile.load(name) for name in available()}
+DRIVES = {name: profile for name, profile in PROFILES.items() if profile.kind == "drive"}

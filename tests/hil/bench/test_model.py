@@ -1,0 +1,96 @@
+"""The model file: what goes in comes out, and a bench takes it in the place of what it believed."""
+
+from pathlib import Path
+
+import pytest
+
+from drive_profiles.errors import FileError
+from drive_profiles.files.toml import loads
+from hil.bench.bench import load_bench
+from hil.bench.model import (
+    Identified,
+    IdentifiedError,
+    IdentifiedPlant,
+    PlantTable,
+    load_identified,
+    update_file,
+    with_identified,
+)
+from hil.errors import NotPossibleError
+from hil.robot_tables import TransmissionErrorTable
+
+PLANT = IdentifiedPlant(
+    values=PlantTable(
+        motor_inertia_kg_m2=2.6e-4,
+        motor_damping_nm_s_rad=0.0,
+        arm_inertia_kg_m2=8.1,
+        arm_damping_nm_s_rad=6.0,
+        gear_stiffness_nm_rad=48000.0,
+        gear_damping_nm_s_rad=40.0,
+    ),
+    standard_error={"gear_stiffness_nm_rad": 300.0, "antiresonance_hz": 0.02},
+    antiresonance_hz=12.3,
+    resonance_hz=22.0,
+    damping=0.04,
+    cannot_tell=("the motor's viscous damping: Coulomb friction hides it",),
+    note='warm, 7 kg, "tool B"\n',
+)
+ERROR = IdentifiedError(values=TransmissionErrorTable(a2_arcsec=4.9, phi2_deg=221.0, a4_arcsec=2.9, phi4_deg=125.0))
+
+
+def test_what_is_saved_is_read_again(tmp_path: Path) -> None:
+    model = Identified(robot="reference").with_part(3, ERROR).with_part(2, PLANT).with_part(2, ERROR)
+    path = tmp_path / "model.toml"
+    model.save(path)
+    assert load_identified(path) == model
+    assert loads(model.dumps(), Identified) == model
+    assert list(model.axis) == [2, 3]
+
+
+def test_a_part_that_is_identified_anew_replaces_only_itself(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    update_file(path, "reference", 2, PLANT)
+    update_file(path, "reference", 2, ERROR)
+    again = update_file(path, "reference", 2, ERROR.model_copy(update={"learnt_by": "adaptive"}))
+    assert again.axis[2].plant == PLANT
+    assert again.axis[2].ate is not None
+    assert again.axis[2].ate.learnt_by == "adaptive"
+
+
+def test_another_robots_file_is_not_written_to(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    update_file(path, "reference", 2, PLANT)
+    before = path.read_bytes()
+    with pytest.raises(NotPossibleError, match="'reference', this is 'other'"):
+        update_file(path, "other", 2, ERROR)
+    assert path.read_bytes() == before
+
+
+def test_a_wrong_key_is_named_with_its_line() -> None:
+    text = Identified(robot="reference").with_part(2, ERROR).dumps().replace("a2_arcsec", "a2_arcmin")
+    with pytest.raises(FileError, match="a2_arcmin"):
+        loads(text, Identified)
+
+
+def test_the_bench_takes_what_was_identified_and_keeps_the_rest() -> None:
+    bench = load_bench("reference")
+    taken = with_identified(bench, Identified(robot="reference").with_part(2, PLANT).with_part(3, ERROR))
+    two, three, five = taken.axis[2].model, taken.axis[3].model, taken.axis[5]
+    assert two is not None
+    assert three is not None
+    assert two.gear_stiffness_nm_rad == 48000.0
+    assert two.ate == bench.axis[2].model.ate  # type: ignore[union-attr]
+    assert three.ate == ERROR.values
+    assert three.gear_stiffness_nm_rad == bench.axis[3].model.gear_stiffness_nm_rad  # type: ignore[union-attr]
+    assert five == bench.axis[5]
+    assert taken.axis[2].control == bench.axis[2].control
+
+
+def test_an_axis_without_any_model_gets_one() -> None:
+    bench = load_bench("reference")
+    bare = bench.axis[2].model_copy(update={"model": None})
+    bench = bench.model_copy(update={"axis": {**bench.axis, 2: bare}})
+    assert with_identified(bench, Identified(robot="reference").with_part(2, ERROR)).axis[2].model is None
+    model = with_identified(bench, Identified(robot="reference").with_part(2, PLANT)).axis[2].model
+    assert model is not None
+    assert model.ate.a2_arcsec == 0.0

@@ -1,0 +1,85 @@
+"""`hil plan` as a user meets it: exit status, verdict, JSON, and what it says of a wrong option."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from hil.bench.bench import REFERENCE
+from hil.cli.main import app
+
+
+def plan(*options, bench="reference"):
+    return CliRunner().invoke(app, ["plan", "--bench", str(bench), *options])
+
+
+def test_the_reference_bench_fits_its_bus_without_bit_times():
+    result = plan()
+    assert result.exit_code == 0
+    assert "125 kbit/s" in result.output
+    assert "fits: 2 ms" in result.output.splitlines()[-1].lower()
+    assert "drive-closed stable" in result.output.splitlines()[-1]
+
+
+def test_off_a_terminal_tables_are_tab_separated_with_a_title_each():
+    lines = plan("--bitrate", "1M").stdout.splitlines()
+    assert "# One cycle, bits on the wire" in lines
+    sync = next(line for line in lines if line.startswith("SYNC\t"))
+    assert sync.split("\t") == ["SYNC", "080h", "0", "47", "51.0", "55"]
+    assert not any("│" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("options", "status"),
+    [
+        (["--bitrate", "1M"], 0),
+        (["--bitrate", "500k"], 9),
+        (["--bitrate", "500k", "--treatment", "none"], 0),
+        (["--bitrate", "500k", "--sync-period-s", "0.004"], 0),
+        (["--loop", "host"], 0),
+        (["--loop", "host", "--bitrate", "1M"], 9),
+        (["--loop", "host", "--bitrate", "1M", "--sync-period-s", "0.001"], 9),
+        (["--axes", "2,3", "--treatment", "none", "--bitrate", "1M", "--sync-period-s", "0.001"], 0),
+        (["--bitrate", "2M"], 2),
+        (["--bitrate", "fast"], 2),
+        (["--axes", "2,2"], 2),
+        (["--axes", "two"], 2),
+        (["--axes", "4"], 2),
+        (["--sync-period-s", "0"], 2),
+        (["--sync-period-s", "nan"], 2),
+        (["--loop", "both"], 2),
+    ],
+)
+def test_exit_status(options, status):
+    assert plan(*options).exit_code == status
+
+
+def test_a_plan_that_cannot_run_says_what_would_do():
+    last = plan("--loop", "host", "--bitrate", "1M").stdout.splitlines()[-1]
+    assert last.startswith("Does not fit: 0.25 ms at 1 Mbit/s")
+    assert "close the loop in the drive (--loop drive)" in last.split("What would do: ")[1]
+
+
+def test_a_bad_bench_file_is_told_by_line(tmp_path: Path):
+    bad = tmp_path / "bench.toml"
+    bad.write_text(REFERENCE.read_text().replace("sync_period_s = 0.002", "sync_period_s = -1"))
+    result = plan(bench=bad)
+    assert result.exit_code == 3
+    assert "sync_period_s" in result.output
+    assert plan(bench=tmp_path / "none.toml").exit_code == 3
+
+
+def test_json_is_one_document_without_nan(tmp_path: Path):
+    def refuse(constant):
+        raise AssertionError(constant)
+
+    result = plan("--loop", "host", "--sync-period-s", "0.00025", "--bitrate", "1M", "--json")
+    assert result.exit_code == 9
+    found = json.loads(result.stdout, parse_constant=refuse)
+    assert found["ok"] is False
+    assert found["bits"] == {"nominal": 712, "typical": pytest.approx(755, abs=10), "worst": 860}
+    assert sum(frame["worst_bits"] for frame in found["frames"]) == 860
+    assert found["rates"][0]["delay_periods"] is None
+    assert {advice["title"] for advice in found["advice"]} >= {"one bus per axis", "close the loop in the drive (--loop drive)"}
+    assert all(response["deadline_ns"] for response in found["responses"])

@@ -1,0 +1,55 @@
+"""hil report: which page a directory gets, and what is said of one that gets none."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from hil.cli.main import app
+from hil.results.runs import ExperimentsResult
+from tests.hil.results.made import comparison, measured_bench, robot, row, story, written
+
+
+def report(directory: Path) -> tuple[int, str]:
+    found = CliRunner().invoke(app, ["report", str(directory)])
+    return found.exit_code, found.output
+
+
+ROWS = [row("line-motion", None, "none", None, not_judged="no bus")]
+
+
+@pytest.mark.parametrize(
+    ("result", "heading"),
+    [
+        (comparison(robot(ROWS, ended="no bus")), "Treatments side by side"),
+        (story(robot(ROWS), failure="the wire broke"), "Your own robot"),
+    ],
+)
+def test_every_directory_gets_the_page_of_its_kind(tmp_path, result, heading):
+    code, output = report(written(tmp_path, result))
+    assert code == 0, output
+    assert heading in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_result_of_the_schema_before_is_told_with_what_to_do(tmp_path):
+    old = json.loads(ExperimentsResult(bench=measured_bench()).dumps()) | {"schema": 1}
+    old.pop("kind")
+    (tmp_path / "result.json").write_text(json.dumps(old), encoding="utf-8")
+    code, output = report(tmp_path)
+    assert code == 3
+    assert f"{tmp_path / 'result.json'}: schema 1 is not 2, the one known here; run the command again" in output
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_the_directory_of_a_design_is_told_who_writes_its_report(tmp_path):
+    (tmp_path / "design.json").write_text("{}", encoding="utf-8")
+    code, output = report(tmp_path)
+    assert code == 3
+    assert "hil design notch writes" in output
+
+
+def test_any_other_directory_is_none_of_hils(tmp_path):
+    code, output = report(tmp_path)
+    assert code == 3
+    assert "has no result.json" in output

@@ -1,0 +1,154 @@
+"""The cancellation follows angle, speed and direction, begins gently, and never exceeds what its table says."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hil.control.cancellation import CancellationLaw, CancellationTable, InnerCancellation, inner_cancellation
+
+PERIOD_S = 0.001
+STEP_RPS = 0.05
+
+
+def table(orders: tuple[int, ...] = (2, 4), speeds: int = 200) -> CancellationTable:
+    """Amplitude and phase that grow with the speed."""
+    rps = np.arange(speeds) * STEP_RPS
+    reference = np.array([1e-3 * order * (1.0 + 0.2 * rps) * np.exp(0.1j * order * rps) for order in orders])
+    return CancellationTable(orders, tuple(0.7 * order for order in orders), STEP_RPS, reference, 10.0 * reference.conj())
+
+
+def expected(cancellation: CancellationTable, angle: float, speed_rps: float, *, torque: bool = False) -> float:
+    values = cancellation.torque if torque else cancellation.reference
+    total = 0.0
+    for order, phase, row in zip(cancellation.orders, cancellation.phase_rad, values, strict=True):
+        gain = complex(np.interp(abs(speed_rps), cancellation.speeds_rps, row.real))
+        gain += 1j * complex(np.interp(abs(speed_rps), cancellation.speeds_rps, row.imag))
+        if speed_rps < 0.0:
+            gain = gain.conjugate()
+        total += (gain * np.exp(1j * (order * angle + phase))).real
+    return total
+
+
+@pytest.mark.parametrize("speed_rps", [0.0, 1.234, 5.0, 9.9, -0.7, -6.02])
+def test_at_constant_speed_each_order_has_its_gain_and_phase(speed_rps: float) -> None:
+    cancellation = table()
+    law, angle = CancellationLaw([cancellation], PERIOD_S), 0.3
+    for _ in range(400):
+        (reference,), (torque,) = law.step([angle])
+        angle += 2.0 * math.pi * speed_rps * PERIOD_S
+    angle -= 2.0 * math.pi * speed_rps * PERIOD_S
+    assert reference == pytest.approx(expected(cancellation, angle, speed_rps), abs=1e-9)
+    assert torque == pytest.approx(expected(cancellation, angle, speed_rps, torque=True), abs=1e-8)
+
+
+def test_a_cancellation_fades_in_and_begins_anew_after_a_reset() -> None:
+    law = CancellationLaw([table()], PERIOD_S, fade_s=0.1)
+    first = [law.step([0.2])[0][0] for _ in range(150)]
+    full = expected(table(), 0.2, 0.0)
+    assert first[0] == pytest.approx(0.01 * full)
+    assert first[49] == pytest.approx(0.5 * full)
+    assert first[120] == pytest.approx(full)
+    law.reset()
+    assert law.step([0.2])[0][0] == first[0]
+
+
+def test_an_axis_without_cancellation_is_left_alone() -> None:
+    law = CancellationLaw([None, table((2,)), None], PERIOD_S)
+    for i in range(300):
+        references, torques = law.step([0.01 * i] * 3)
+    assert references[0] == references[2] == torques[0] == torques[2] == 0.0
+    assert references[1] != 0.0
+
+
+def test_axes_do_not_touch_each_other() -> None:
+    one, two = table((2,), 40), table((2, 4))
+    together, alone = CancellationLaw([one, two], PERIOD_S), [CancellationLaw([one], PERIOD_S), CancellationLaw([two], PERIOD_S)]
+    for i in range(300):
+        angles = [0.01 * i, 1.0 - 0.035 * i]
+        references, torques = together.step(angles)
+        apart = [law.step([angle]) for law, angle in zip(alone, angles, strict=True)]
+        assert references == [each[0][0] for each in apart]
+        assert torques == [each[1][0] for each in apart]
+
+
+def test_beyond_the_table_its_last_values_stay() -> None:
+    cancellation = table(speeds=21)  # up to 1 rps
+    law, angle = CancellationLaw([cancellation], PERIOD_S), 0.0
+    for _ in range(500):
+        (reference,), _ = law.step([angle])
+        angle += 2.0 * math.pi * 30.0 * PERIOD_S
+    assert reference == pytest.approx(expected(cancellation, angle - 2.0 * math.pi * 30.0 * PERIOD_S, 1.0), abs=1e-9)
+
+
+def test_whatever_the_motor_does_the_cancellation_stays_below_its_bound() -> None:
+    cancellation, random = table(), np.random.default_rng(1)
+    law, largest = CancellationLaw([cancellation], PERIOD_S), cancellation.largest_reference_rad()
+    angle = 0.0
+    for _ in range(5000):
+        angle += random.normal(0.0, 0.05)
+        (reference,), (torque,) = law.step([angle])
+        assert abs(reference) <= largest
+        assert abs(torque) <= cancellation.largest_torque_nm()
+    assert cancellation.largest_reference_rad(2.0) < largest
+    assert cancellation.largest_rate_rps(2.0) < cancellation.largest_rate_rps()
+
+
+def test_torques_come_in_steps_that_add_up_to_what_is_wanted() -> None:
+    cancellation, step = table(), 0.02
+    fine, coarse = CancellationLaw([cancellation], PERIOD_S), CancellationLaw([cancellation], PERIOD_S, [step])
+    owed = 0.0
+    for i in range(1000):
+        wanted, given = (law.step([0.02 * i])[1][0] for law in (fine, coarse))
+        assert given / step == pytest.approx(round(given / step), abs=1e-9)
+        owed += wanted - given
+        assert abs(owed) <= 0.5001 * step
+
+
+def test_half_of_a_cancellation_is_half_of_it() -> None:
+    half = table().scaled(0.5)
+    assert half.largest_reference_rad() == pytest.approx(0.5 * table().largest_reference_rad())
+    assert half.phase_rad == table().phase_rad
+
+
+@pytest.mark.parametrize("speed", [37.0, -20.0])
+def test_inside_a_drive_speed_and_torque_are_those_of_the_set_points_motion(speed: float) -> None:
+    """Rates by differences of the very set-points, at the instants at which the loop measures and the torque acts."""
+    lowpass_hz, period_s, inertia, damping = 300.0, 250e-6, 2.6e-4, 8e-4
+
+    def at(angle: float) -> tuple[float, float, float]:
+        known = InnerCancellation(3e-3, 1.0, 2e-3, -2.0, inertia, damping)
+        return inner_cancellation(known, lowpass_hz, period_s, angle, speed)
+
+    step = 1e-5
+    for angle in (0.0, 0.4, 2.0, -5.0):
+        late, ahead = angle - speed / (2.0 * math.pi * lowpass_hz), angle + 0.5 * period_s * speed
+        rate = (at(late + speed * step)[0] - at(late - speed * step)[0]) / (2.0 * step)
+        before, here, after = (at(ahead + side * speed * step)[0] for side in (-1, 0, 1))
+        torque = inertia * (after - 2.0 * here + before) / step**2 + damping * (after - before) / (2.0 * step)
+        assert at(angle)[1] == pytest.approx(rate, rel=1e-5, abs=1e-8)
+        assert at(angle)[2] == pytest.approx(torque, rel=1e-4, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"orders": (2,)}, "tables of shapes"),
+        ({"phase_rad": (0.0,)}, "tables of shapes"),
+        ({"torque": np.zeros((2, 3), dtype=complex)}, "tables of shapes"),
+        ({"step_rps": 0.0}, "must be above 0"),
+        ({"reference": np.full((2, 200), math.nan + 0j)}, "not finite"),
+    ],
+)
+def test_what_is_no_table_is_refused(changes: dict[str, object], message: str) -> None:
+    good = table()
+    values = {name: getattr(good, name) for name in ("orders", "phase_rad", "step_rps", "reference", "torque")}
+    with pytest.raises(ValueError, match=message):
+        CancellationTable(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def test_a_law_without_axes_or_time_is_refused() -> None:
+    with pytest.raises(ValueError, match="no axis"):
+        CancellationLaw([], PERIOD_S)
+    with pytest.raises(ValueError, match="must be above 0"):
+        CancellationLaw([table()], 0.0)

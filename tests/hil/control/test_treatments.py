@@ -1,0 +1,62 @@
+"""The table of treatments: names, former names, and what follows from a row."""
+
+from typing import get_args
+
+import pytest
+
+from hil.control.treatments import TABLE, PlainTreatmentName, TreatmentName, present_name, present_token, treatment
+
+
+def names(wanted):
+    return {row.name for row in TABLE if wanted(row)}
+
+
+def test_the_types_of_names_hold_the_names_of_the_table():
+    assert get_args(TreatmentName) == tuple(row.name for row in TABLE)
+    assert set(get_args(PlainTreatmentName)) == names(lambda row: row.is_plain)
+
+
+def test_no_name_and_no_former_name_means_two_treatments():
+    spellings = [spelling for row in TABLE for spelling in (row.name, *row.aliases)]
+    assert len(set(spellings)) == len(spellings)
+    assert len({row.title for row in TABLE}) == len(TABLE)
+
+
+def test_a_row_says_what_acts_and_where():
+    assert names(lambda row: row.cancels == "set-points") == {"cancellation", "cancellation+notch", "cancellation-learnt"}
+    assert names(lambda row: row.cancels == "inside") == {"cancellation-inside"}
+    assert names(lambda row: row.filters == "variable") == {"notch", "notch-designed", "cancellation+notch"}
+    assert names(lambda row: row.loops == ("host",)) == {"fixed-notch"}
+    assert names(lambda row: "host" in row.loops) == {"none", "low-gains", "fixed-notch", "notch", "notch-designed"}
+
+
+def test_remedies_are_those_that_are_meant_to_keep_the_specification():
+    assert names(lambda row: not row.is_remedy) == {"none", "low-gains", "fixed-notch"}
+
+
+@pytest.mark.parametrize(
+    ("former", "present"),
+    [
+        ("ate", "cancellation"),
+        ("ate+notch", "cancellation+notch"),
+        ("ate-inside", "cancellation-inside"),
+        ("adaptive", "cancellation-learnt"),
+        ("notch-optimised", "notch-designed"),
+        ("notch", "notch"),
+        ("magic", "magic"),
+    ],
+)
+def test_a_former_name_means_the_present_one_and_other_words_stay(former, present):
+    assert present_name(former) == present
+    assert present_token(former) == present
+
+
+def test_the_former_option_means_the_present_one():
+    assert present_token("compensation") == "treatment"
+    assert present_token("axis") == "axis"
+
+
+def test_a_name_that_is_none_is_refused_with_those_that_are():
+    assert treatment("notch").title == "notch"
+    with pytest.raises(ValueError, match=r"no treatment 'ate'; there are none, low-gains, .*cancellation-learnt"):
+        treatment("ate")

@@ -1,0 +1,82 @@
+"""Bad data are refused with the number that is wrong and the number needed."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.design.ate_identification import JointEstimate
+from hil.design.ate_model import Arm
+from hil.design.transmission_error import TransmissionError
+from hil.experiments.ate.checks import AteNotIdentifiedError, check_accelerometer, check_estimate, check_run, reached_rps
+from hil.master.motion import RunResult
+from hil.recording import Recording
+
+GOOD = JointEstimate(
+    TransmissionError({2: 5.0, 4: 3.0}, {2: 222.0, 4: 126.0}), {2: 0.03, 4: 0.03}, {2: 0.2, 4: 0.4},
+    Arm(12.4, 0.038, 1e-4), Arm(0.01, 0.001, 1e-4), 0.01, 0.99, 0.99, 1.0, 0.03, (), 1.0, (6.2, 26.0),
+)  # fmt: skip
+
+
+def ringing(noise: float, step: float, reach: float = math.inf) -> np.ndarray:
+    time = np.arange(0.0, 6.0, 0.001)
+    envelope = np.exp(-(((time - 3.0) / 1.5) ** 2))
+    wave = 0.6 * envelope * np.sin(2.0 * math.pi * 12.0 * time) + noise * np.random.default_rng(3).standard_normal(len(time))
+    return np.clip(np.round(wave / step) * step, -reach, reach)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002, 0.05])
+@pytest.mark.parametrize("step", [0.001, 0.01, 0.02])
+def test_a_sensor_within_its_range_passes(noise: float, step: float) -> None:
+    check_accelerometer(ringing(noise, step))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize("reach", [0.2, 0.4])
+def test_a_saturated_sensor_is_found_out(noise: float, reach: float) -> None:
+    with pytest.raises(AteNotIdentifiedError, match=f"stays at -{reach}.*the end of its range") as error:
+        check_accelerometer(ringing(noise, 0.01, reach))
+    assert error.value.value > error.value.needed
+
+
+def test_a_dead_sensor_is_found_out() -> None:
+    with pytest.raises(AteNotIdentifiedError, match=r"different values of the accelerometer in 500 samples is 1, at least 8"):
+        check_accelerometer(np.zeros(500))
+
+
+def test_a_good_estimate_passes() -> None:
+    check_estimate(GOOD, sensorless=False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"explained_by_error": 0.07}, r"explains is 0\.07, at least 0\.5 is needed; is this the axis"),
+        ({"amplitude_error_arcsec": {2: 2.0, 4: 3.0}}, r"largest amplitude over its standard error is 2\.5, at least 5"),
+        ({"motion_scale": 0.62}, r"tip_lever_m / reduction_ratio .* is 0\.38, at most 0\.25"),
+        ({"arm": Arm(12.4, 0.04, 0.0298)}, r"delay between motor angle and accelerometer is 29\.8 ms, at most 29 ms"),
+    ],
+)
+def test_a_bad_estimate_is_refused_with_its_number(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(AteNotIdentifiedError, match=message) as error:
+        check_estimate(replace(GOOD, **changes), sensorless=False)  # type: ignore[arg-type]
+    assert error.value.exit_code == 9
+
+
+def result(**changes: int) -> RunResult:
+    values = {"cycles": 1000, "missed_cycles": 0, "sensor_missed": 0} | changes
+    return RunResult(Recording(), wall_s=1.0, motion_s=1.0, control_period_s=250e-6, stopped=None, **values)  # type: ignore[arg-type]
+
+
+def test_a_pass_with_holes_is_refused() -> None:
+    check_run(result(sensor_missed=5), sensorless=False)
+    with pytest.raises(AteNotIdentifiedError, match=r"without the accelerometer \(of 1000\) is 6, at most 5"):
+        check_run(result(sensor_missed=6), sensorless=False)
+    check_run(result(sensor_missed=1000), sensorless=True)
+    with pytest.raises(AteNotIdentifiedError, match="set-point too late, is 7"):
+        check_run(result(missed_cycles=4, dropped_cycles=3), sensorless=False)
+
+
+def test_the_speed_at_the_end_of_a_ramp() -> None:
+    assert reached_rps(2.0 * math.pi * 7.0 * np.arange(500) * 0.002, 0.002, 400) == pytest.approx(7.0)

@@ -1,0 +1,156 @@
+"""Cancellation from a model file: what it refuses before anything moves, and how a trial is judged."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.bench.bench import Bench, load_bench
+from hil.bench.model import Identified, IdentifiedError
+from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.experiments.cancellation.cancellation import adder_for, cancellation_for
+from hil.experiments.cancellation.trial import CancellationRefusedError, Trial, Verification, averaged, judged_rows
+from hil.experiments.motions import constant_acceleration, line_motion
+from hil.recording import Recording
+from hil.robot_tables import TransmissionErrorTable
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return load_bench("reference")
+
+
+def with_model(bench: Bench, axis: int, **changes: object) -> Bench:
+    table = bench.axis[axis]
+    assert table.model is not None
+    changed = table.model_copy(update={"model": table.model.model_copy(update=changes)})
+    return bench.model_copy(update={"axis": {**bench.axis, axis: changed}})
+
+
+def identified(bench: Bench, axis: int, a2_arcsec: float, phi2_deg: float = 0.0, **more: float) -> Identified:
+    part = IdentifiedError(values=TransmissionErrorTable(a2_arcsec=a2_arcsec, phi2_deg=phi2_deg), **more)  # type: ignore[arg-type]
+    return Identified(robot=bench.name).with_part(axis, part)
+
+
+def test_axes_without_a_known_error_are_left_alone(bench: Bench) -> None:
+    found = cancellation_for(bench, None, (2, 3, 5), 0.001)
+    assert set(found.tables) == {2, 3}
+    assert found.adder().uses_torque is False
+    references, torques = found.adder().step([0.0] * 3, [0.1] * 3)
+    assert references[0] != 0.0
+    assert references[2] == 0.0
+    assert list(torques) == [0.0] * 3
+
+
+def test_one_axis_alone_and_a_share(bench: Bench) -> None:
+    found = cancellation_for(bench, None, (2, 3), 0.001)
+    whole, part, alone = found.adder(), found.adder(0.3), found.adder(1.0, only=3)
+    for i in range(300):
+        angles = [0.01 * i, 0.02 * i]
+        first, second, third = (each.step(angles, angles)[0] for each in (whole, part, alone))
+    assert list(second) == pytest.approx([0.3 * value for value in first])
+    assert list(third) == [0.0, first[1]]
+
+
+def test_the_model_file_replaces_what_the_bench_believes(bench: Bench) -> None:
+    believed = cancellation_for(bench, None, (2,), 0.001).tables[2]
+    found = cancellation_for(bench, identified(bench, 2, 10.0, 30.0), (2,), 0.001).tables[2]
+    assert found.orders == (2,)
+    assert found.phase_rad == (pytest.approx(math.radians(30.0)),)
+    assert np.abs(found.reference[0]) == pytest.approx(2.0 * np.abs(believed.reference[0]))
+
+
+def test_a_measured_delay_of_the_set_points_is_a_phase_ahead(bench: Bench) -> None:
+    plain, late = (
+        cancellation_for(bench, identified(bench, 2, 5.0, 222.0, set_point_delay_s=delay), (2,), 0.001).tables[2]
+        for delay in (0.0, 0.001)
+    )
+    at_6_rps = np.angle(late.reference[0, 120] / plain.reference[0, 120])
+    assert math.degrees(at_6_rps) == pytest.approx(4.32, abs=0.01)
+
+
+def test_the_torque_way_maps_offsets_and_gives_them_in_steps(bench: Bench) -> None:
+    law = cancellation_for(bench, None, (2,), 0.001, actuation="torque", torque_steps_nm={2: 0.002}).adder()
+    assert law.uses_torque
+    given = {round(law.step([0.0], [0.0377 * i])[1][0] / 0.002, 6) for i in range(400)}
+    assert all(value == round(value) for value in given)
+    assert max(given) >= 2.0
+
+
+def test_nothing_known_is_refused(bench: Bench) -> None:
+    with pytest.raises(NotPossibleError, match="axis 5: hil identify"):
+        cancellation_for(bench, None, (5,), 0.001)
+    with pytest.raises(NotPossibleError, match="has no axis 4"):
+        cancellation_for(bench, None, (4,), 0.001)
+    with pytest.raises(NotPossibleError, match="is of 'other'"):
+        adder_for(bench, Identified(robot="other"), (2,), 0.001)
+
+
+def test_a_loop_that_follows_nothing_is_refused(bench: Bench) -> None:
+    control = bench.axis[2].control.model_copy(update={"position_gain_per_s": 0.0})
+    changed = bench.model_copy(update={"axis": {2: bench.axis[2].model_copy(update={"control": control})}})
+    with pytest.raises(NotPossibleError, match="axis 2: a loop without gain"):
+        cancellation_for(changed, None, (2,), 0.001)
+
+
+def test_a_correction_too_large_to_be_one_is_refused(bench: Bench) -> None:
+    motion = constant_acceleration(bench, 2, 0.002)
+    cancellation_for(bench, None, (2,), 0.002).check(bench, motion)
+    huge = cancellation_for(bench, identified(bench, 2, 90.0), (2,), 0.002)
+    with pytest.raises(UnsafeRequestError, match="the cancellation of axis 2 would be"):
+        huge.check(bench, motion)
+    torque = cancellation_for(bench, identified(bench, 2, 500.0), (2,), 0.002, actuation="torque")
+    with pytest.raises(UnsafeRequestError):
+        torque.check(bench, motion)
+
+
+def test_limits_hold_with_the_correction(bench: Bench) -> None:
+    motion = constant_acceleration(bench, 2, 0.002)
+    found = cancellation_for(bench, None, (2,), 0.002)
+
+    def limited(**changes: float) -> Bench:
+        table = bench.axis[2]
+        limits = table.limits.model_copy(update=changes)
+        return bench.model_copy(update={"axis": {**bench.axis, 2: table.model_copy(update={"limits": limits})}})
+
+    end = float(motion.motor_angle_rad.max()) / (2.0 * math.pi)
+    with pytest.raises(UnsafeRequestError, match="the speed of axis 2 with its cancellation"):
+        found.check(limited(speed_rps=10.5), motion)
+    with pytest.raises(UnsafeRequestError, match="the position of axis 2 with its cancellation"):
+        found.check(limited(position_max_rev=end + 0.001), motion)
+    with pytest.raises(UnsafeRequestError, match="the position of axis 2 with its cancellation"):
+        found.check(limited(position_min_rev=-0.001), motion)
+    found.check(limited(position_max_rev=end + 1.02, position_min_rev=0.98), motion, [2.0 * math.pi])
+
+
+def test_a_trial_that_does_not_help_enough_is_refused_with_its_numbers() -> None:
+    good, bad = Trial("30 % of it", 0.7, 0.3, 0.15), Trial("30 % of it on axis 3 alone", 1.1, -0.1, -0.02)
+    fine = Verification(1.0, 0.3, (good,), {})
+    assert fine.is_good
+    fine.demand()
+    assert fine.entry().trials[0].is_good is True
+    with pytest.raises(CancellationRefusedError, match=r"axis 3 alone the vibration rose by 10\.0 %.*the notch stays") as caught:
+        Verification(1.0, 0.3, (good, bad), {}).demand()
+    assert caught.value.exit_code == 9
+    with pytest.raises(CancellationRefusedError, match=r"fell by 5\.0 %, a reduction of at least 15\.0 %"):
+        Verification(1.0, 0.3, (replace(good, reduction_fraction=0.05),), {}).demand()
+
+
+def test_rows_that_are_compared(bench: Bench) -> None:
+    for motion in (line_motion(bench, 0.002), constant_acceleration(bench, 3, 0.002)):
+        columns = {"time_s": motion.time_s, "tip_z_m_s2": np.zeros(len(motion.time_s))}
+        columns |= {f"axis{n}_position_rad": motion.motor_angle_rad[:, i] for i, n in enumerate(motion.axes)}
+        assert 0.4 < np.count_nonzero(judged_rows(bench, Recording(columns))) * 0.002 < 2.0
+    still = Recording({"time_s": motion.time_s, "axis3_position_rad": np.zeros(len(motion.time_s))})
+    with pytest.raises(NotPossibleError, match="does not excite the arm"):
+        judged_rows(bench, still)
+
+
+def test_the_mean_of_recordings() -> None:
+    one, other = (Recording({"time_s": np.arange(3.0), "tip_z_m_s2": np.full(3, value)}) for value in (1.0, 2.0))
+    assert averaged([one, other]).columns["tip_z_m_s2"].tolist() == [1.5] * 3
+    with pytest.raises(ValueError, match="no mean"):
+        averaged([one, Recording({"time_s": np.arange(4.0)})])
+    with pytest.raises(ValueError, match="no mean"):
+        averaged([])

@@ -1,0 +1,70 @@
+"""What is asked of a run: what does not go together is refused, and the rest follows from it."""
+
+import numpy as np
+import pytest
+
+from drive_profiles.standard.cia402 import Mode
+from hil.bench.bench import load_bench
+from hil.control.notch import FixedFilter
+from hil.errors import NotPossibleError
+from hil.master.axis import DriveAxis
+from hil.master.motion import FilterUse, LoopName, Motion
+from hil.master.request import RunRequest
+
+BENCH = load_bench("reference")
+MOTION = Motion((2,), np.arange(4) * 250e-6, np.zeros((4, 1)), starts_at_home=False)
+OFFSET = Motion((2,), np.arange(4) * 250e-6, np.zeros((4, 1)), starts_at_home=False, torque_offset_nm=np.zeros((4, 1)))
+FIXED = {2: FixedFilter(1.0, 0.0, 0.0, 0.0, 0.0)}
+
+
+class Adder:
+    """Adds nothing, with or without torques."""
+
+    def __init__(self, *, uses_torque: bool) -> None:
+        self.uses_torque = uses_torque
+
+    def step(self, references_rad, positions_rad):  # type: ignore[no-untyped-def]
+        return [0.0], [0.0]
+
+
+def axes(number: int) -> list[DriveAxis]:
+    return [DriveAxis(None, number, BENCH.axis[number])]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("request_", "number", "words"),
+    [
+        (RunRequest(MOTION, "notch", "drive"), 5, r"axis\.5\.notch"),
+        (RunRequest(MOTION, "none", "host", Adder(uses_torque=False)), 2, "--loop drive"),
+        (RunRequest(OFFSET, "none", "host"), 2, "--loop drive"),
+        (RunRequest(MOTION, "none", "drive", fixed=FIXED), 2, "--loop host"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(request_: RunRequest, number: int, words: str) -> None:
+    with pytest.raises(NotPossibleError, match=words):
+        request_.check(axes(number))
+
+
+@pytest.mark.parametrize(
+    ("filters", "loop", "mode", "in_drives"),
+    [
+        ("none", "drive", Mode.CSP, False),
+        ("notch", "drive", Mode.CSP, True),
+        ("none", "host", Mode.CST, False),
+        ("notch", "host", Mode.CST, False),
+    ],
+)
+def test_mode_and_place_of_the_filters_follow_from_the_loop(
+    filters: FilterUse, loop: LoopName, mode: Mode, in_drives: bool
+) -> None:
+    asked = RunRequest(MOTION, filters, loop)
+    asked.check(axes(2))
+    assert (asked.mode, asked.filters_in_drives) == (mode, in_drives)
+    assert (asked.host_loops(axes(2)) is None) == (loop == "drive")
+
+
+def test_torque_offsets_are_sent_where_motion_or_adder_has_them() -> None:
+    assert not RunRequest(MOTION, "none", "drive").uses_torque_offset
+    assert not RunRequest(MOTION, "none", "drive", Adder(uses_torque=False)).uses_torque_offset
+    assert RunRequest(MOTION, "none", "drive", Adder(uses_torque=True)).uses_torque_offset
+    assert RunRequest(OFFSET, "none", "drive").uses_torque_offset

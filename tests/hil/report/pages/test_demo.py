@@ -1,0 +1,283 @@
+"""The page: one file that stands alone, says all there is, and says what is missing."""
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+
+import pytest
+
+from hil.bench.bench import Bench, load_bench
+from hil.report.material import Material
+from hil.report.pages.demo import verdict, write_report
+
+VOID = {"meta", "br", "hr", "img", "link", "input"}
+ALL_FIGURES = {
+    "plants", "resonances", "transmission-errors", "identification-2", "identification-3", "schedules", "families", "nyquist",
+    "margins", "suppression-2", "suppression-3", "line-motion", "loop-places-2",
+}  # fmt: skip
+ALL_TABLES = {"claims", "table-1", "table-2", "table-3", "runs", "motions"}
+
+
+class Page(HTMLParser):
+    """Ids, references, text, and whether every element is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.ids, self.references, self.words, self.tags, self.open, self.figures = [], [], [], [], [], []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        found = dict(attrs)
+        self.tags.append(tag)
+        if "id" in found:
+            self.ids.append(found["id"])
+        if tag == "figure":
+            self.figures.append(found["id"])
+        self.references += [value for name, value in attrs if name in {"href", "src", "xlink:href", "action", "data", "srcset"}]
+        self.references += re.findall(r"url\(([^)]*)\)", " ".join(value or "" for _, value in attrs))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture(scope="module")
+def full(full_report):
+    return full_report[0]
+
+
+def altered(full_directory, tmp_path, change, *, with_recordings=True):
+    """A copy of the directory with another result.json, and its page."""
+    result = json.loads((full_directory / "result.json").read_text(encoding="utf-8"))
+    change(result)
+    (tmp_path / "result.json").write_text(json.dumps(result), encoding="utf-8")
+    if with_recordings:
+        shutil.copytree(full_directory / "runs", tmp_path / "runs", dirs_exist_ok=True)
+    page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
+    assert page.open == []
+    return page
+
+
+def test_it_is_well_formed_with_unique_ids(full):
+    page = Page(full)
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+
+
+def test_it_stands_alone(full):
+    page = Page(full)
+    inside = [reference[1:] for reference in page.references if reference.startswith("#")]
+    # colour bars are pictures, held in the page itself
+    assert all(reference.startswith("data:image/png;base64,") for reference in page.references if not reference.startswith("#"))
+    assert set(inside) <= set(page.ids)
+    assert not {"script", "link", "img", "iframe", "object", "embed"} & set(page.tags)
+    addresses = set(re.findall(r"https?://[^\s\"'<)]+", full))
+    assert addresses == {"http://www.w3.org/2000/svg"}
+    assert "@import" not in full
+
+
+def test_every_figure_and_table_is_there_and_in_the_contents(full):
+    page = Page(full)
+    assert set(page.figures) == ALL_FIGURES
+    assert page.tags.count("svg") == len(ALL_FIGURES)
+    assert set(page.ids) >= ALL_TABLES
+    assert {f"#{key}" for key in ALL_FIGURES | ALL_TABLES} <= set(page.references)
+
+
+def test_every_figure_says_whether_it_was_measured(full):
+    for figure in re.findall(r"<figure.*?</figure>", full, flags=re.DOTALL):
+        assert re.search(r'class="tag">(measured|computed|measured and computed)<', figure)
+        caption = re.search(r"<figcaption>(.*?)</figcaption>", figure, flags=re.DOTALL)
+        assert caption is not None
+        assert len(caption[1]) > 80
+
+
+def test_every_run_is_there(full, full_directory):
+    result = json.loads((full_directory / "result.json").read_text(encoding="utf-8"))
+    for run in result["runs"]:
+        assert run["recording"] in full
+        assert f"{run['tip_peak_mm']:.4f}" in full
+    assert full.count("✔ within") + full.count("✘ outside") == len(result["runs"])
+
+
+def test_the_verdict_stands_at_the_top_in_words(full):
+    words = Page(full).text
+    assert "The bench reproduces the paper: 5 of 5 claims hold" in words
+    assert words.index("claims hold") < words.index("Paper and bench")
+    assert "Missed cycles: 0 of" in words
+
+
+def test_identified_and_paper_values_stand_side_by_side(full):
+    words = Page(full).text
+    assert re.search(r"axis 2 A 2 arcsec 5 5 [45]\.\d\d ± 0\.\d\d", words)
+    assert re.search(r"axis 3 φ 4 ° 306 306 30\d\.\d ± \d\.\d", words)
+    assert "11.84 11.84 5.92 5.92 2.96 2.96" in words
+
+
+def test_it_is_small(full):
+    assert sum(map(len, re.findall(r"<svg.*?</svg>", full, flags=re.DOTALL))) < 2_500_000
+
+
+def test_equal_data_give_equal_bytes(full, full_directory):
+    assert write_report(full_directory).read_text(encoding="utf-8") == full
+
+
+def test_the_bench_comes_back_from_json(full_directory):
+    bench = Material(full_directory).bench
+    assert bench == load_bench("reference")
+    assert set(bench.axis) == {2, 3, 5}
+
+
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize("kept", [0, *(pytest.param(kept, marks=pytest.mark.slow) for kept in (4, 7))])
+def test_one_motion_alone_gives_a_report(full_directory, tmp_path, kept):
+    def change(result):
+        recordings = list(dict.fromkeys(run["recording"] for run in result["runs"]))
+        result["runs"] = [run for run in result["runs"] if run["recording"] == recordings[kept]]
+        result["comparisons"], result["paper"] = [], []
+
+    page = altered(full_directory, tmp_path, change)
+    assert {"plants", "resonances", "families", "nyquist", "margins"} <= set(page.figures)
+    assert "claims" not in page.ids
+    assert "cannot be read" not in page.text
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_no_runs_at_all(full_directory, tmp_path):
+    def change(result):
+        result["runs"], result["comparisons"], result["paper"] = [], [], []
+
+    page = altered(full_directory, tmp_path, change, with_recordings=False)
+    assert "Nothing was judged" in page.text
+    assert "runs" not in page.ids
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_no_models_no_notches_no_line(full_directory, tmp_path):
+    def change(result):
+        file = result["bench"]["file"]
+        file["geometry"] = file["line_motion"] = file["constant_acceleration"] = None
+        for axis in file["axis"].values():
+            axis["model"], axis["notch"] = None, []
+
+    page = altered(full_directory, tmp_path, change)
+    assert set(page.figures) == {
+        "identification-2", "identification-3", "suppression-2", "suppression-3", "line-motion", "loop-places-2",
+    }  # fmt: skip
+    assert "has no model" in page.text
+
+
+@pytest.mark.slow
+def test_an_axis_without_amplitudes_has_no_constraint(full_directory, tmp_path):
+    def change(result):
+        for axis in ("2", "3"):
+            result["bench"]["file"]["axis"][axis]["model"]["ate"].update(a2_arcsec=0.0, a4_arcsec=0.0)
+
+    assert set(altered(full_directory, tmp_path, change).figures) == ALL_FIGURES
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_missing_recordings_are_said(full_directory, tmp_path):
+    page = altered(full_directory, tmp_path, lambda result: None, with_recordings=False)
+    assert "What is missing here" in page.text
+    assert page.text.count("cannot be read") == 8
+    assert set(page.figures) == {"plants", "resonances", "transmission-errors", "schedules", "families", "nyquist", "margins"}
+
+
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize("rows", [40, *(pytest.param(rows, marks=pytest.mark.slow) for rows in (0, 1, 200, 700))])
+def test_a_run_that_was_stopped_early_says_so_at_the_top(full_directory, tmp_path, rows):
+    name = "runs/constant-acceleration-2-none-drive.csv"
+    shutil.copytree(full_directory / "runs", tmp_path / "runs")
+    lines = (tmp_path / name).read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / name).write_text("".join(lines[: rows + 1]), encoding="utf-8")
+
+    def change(result):
+        measured = ("tip_peak_mm", "tip_rms_mm", "spectrum_peak_m_s2", "spectrum_peak_hz", "spectrum_area", "within_spec")
+        for run in result["runs"]:
+            if run["recording"] == name:
+                run.update(dict.fromkeys(measured), stopped="axis 2: speed 12.4 rev/s is above the limit")
+
+    result = json.loads((full_directory / "result.json").read_text(encoding="utf-8"))
+    change(result)
+    (tmp_path / "result.json").write_text(json.dumps(result), encoding="utf-8")
+    text = write_report(tmp_path).read_text(encoding="utf-8")
+    words = Page(text).text
+    assert "A run was stopped early" in words
+    assert words.index("speed 12.4 rev/s is above the limit") < words.index("Paper and bench")
+    assert 'class="verdict bad"' in text
+
+
+@pytest.mark.slow
+def test_holes_in_a_recording_are_bridged_and_said(full_directory, tmp_path):
+    name = "runs/constant-acceleration-3-notch-drive.csv"
+    shutil.copytree(full_directory / "runs", tmp_path / "runs")
+    lines = (tmp_path / name).read_text(encoding="utf-8").splitlines(keepends=True)
+    for row in (500, 501):
+        values = lines[row].rstrip("\n").split(",")
+        lines[row] = ",".join([values[0], *["nan"] * (len(values) - 1)]) + "\n"
+    (tmp_path / name).write_text("".join(lines), encoding="utf-8")
+    shutil.copy(full_directory / "result.json", tmp_path)
+    page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
+    assert f"{name}: 2 samples did not come in" in page.text
+    assert "suppression-3" in page.figures
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_failed_claims_and_markup_in_names(full_directory, tmp_path):
+    def change(result):
+        result["bench"]["file"]["name"] = "<b>&robot"
+        result["paper"][1].update(holds=False, bench=12.1)
+        result["paper"][0].update(holds=None, bench=None)
+
+    page = altered(full_directory, tmp_path, change)
+    assert "<b>&robot" in page.text
+    assert "1 of the paper's 5 claims do not hold" in page.text
+    assert "paper 11.45 Hz, bench 12.1 Hz" in page.text
+    assert "not judged" in page.text
+
+
+@pytest.mark.parametrize(
+    ("treatment", "within", "kind"),
+    [("none", False, "open"), ("notch", False, "bad"), ("notch", True, "good"), ("none", None, "open")],
+)
+def test_without_claims_the_specification_decides(full_directory, tmp_path, treatment, within, kind):
+    result = json.loads((full_directory / "result.json").read_text(encoding="utf-8"))
+    run = next(run for run in result["runs"] if run["treatment"] == treatment and run["order"] == 2)
+    result.update(runs=[{**run, "within_spec": within}], comparisons=[], paper=[])
+    (tmp_path / "result.json").write_text(json.dumps(result), encoding="utf-8")
+    assert verdict(Material(tmp_path)).kind == kind
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_given_bench_is_taken(full_directory, tmp_path):
+    result = json.loads((full_directory / "result.json").read_text(encoding="utf-8"))
+    result["bench"].pop("file")
+    (tmp_path / "result.json").write_text(json.dumps({**result, "runs": []}), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"bench\.file: Field required"):
+        write_report(tmp_path)
+    shutil.copy(full_directory / "result.json", tmp_path)
+    bench = Bench.model_validate({**load_bench("reference").model_dump(), "name": "another"})
+    assert "another" in write_report(tmp_path, bench).read_text(encoding="utf-8")
+
+
+def test_another_schema_is_refused(tmp_path):
+    (tmp_path / "result.json").write_text('{"schema": 3}', encoding="utf-8")
+    with pytest.raises(ValueError, match="schema 3"):
+        write_report(tmp_path)
