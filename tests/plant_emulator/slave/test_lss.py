@@ -66,7 +66,8 @@ def switch(bench, mode):
 
 
 @pytest.mark.parametrize(
-    ("command", "hears"), [(None, True), (NmtCommand.STOP, True), (NmtCommand.ENTER_PRE_OPERATIONAL, True), (NmtCommand.START, False)]
+    ("command", "hears"),
+    [(None, True), (NmtCommand.STOP, True), (NmtCommand.ENTER_PRE_OPERATIONAL, True), (NmtCommand.START, False)],
 )
 def test_every_nmt_state_but_operational_hears_lss(bench, command, hears):
     if command is not None:
