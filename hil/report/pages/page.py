@@ -23,6 +23,7 @@ class PageHead:
         notes: Sentences on what is missing on this page.
         heading: Title above the verdict.
         subtitle: Sentence below the title.
+        aftermath: Sentences on all that the drives were not left as they were found.
     """
 
     bench: str
@@ -30,6 +31,7 @@ class PageHead:
     notes: tuple[str, ...] = ()
     heading: str = "Vibration suppression with a variable notch"
     subtitle: str = "Hardware-in-the-loop run of a robot with harmonic drive gearings over CANopen"
+    aftermath: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
