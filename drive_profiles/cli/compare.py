@@ -35,7 +35,7 @@ def mount(app: typer.Typer) -> None:
 def diff(
     context: typer.Context,
     left: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set.")],
-    right: Annotated[Path | None, typer.Argument(metavar="[SET]", help="Another; left out: the drive at --node.")] = None,
+    right: Annotated[Path | None, typer.Argument(metavar="OTHER", help="Another; left out: the drive at --node.")] = None,
     *,
     bus: OptionalBusOption = None,
     node: OptionalNodeOption = None,

@@ -44,7 +44,9 @@ def plan(
 ) -> None:
     """Say what a cycle puts on the bus, whether it fits, and whether the loop is stable at the delay that this makes.
 
-    Nothing is sent: it needs no robot. Example: hil plan --bench bench.toml --loop host --bitrate 1M
+    Nothing is sent: it needs no robot.
+
+    Example: hil plan --bench bench.toml --loop host --bitrate 1M
     """
     from hil.control.treatments import treatment as row_of  # noqa: PLC0415
     from hil.errors import NotPossibleError  # noqa: PLC0415
