@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from drive_profiles.address import AddressError, parse_address
 from drive_profiles.family.profile import is_profile_name
@@ -88,6 +88,17 @@ class Model(PlantTable):
     ate: TransmissionErrorTable
 
 
+def _kind_of_gains(value: object) -> str:
+    return "text" if isinstance(value, str) else "table"
+
+
+Gains = Annotated[
+    Annotated[Control, Tag("table")] | Annotated[Literal["as found"], Tag("text")],
+    Discriminator(_kind_of_gains),  # so that a mistake in the table is not reported as a text that it is not
+]
+"""Gains of a loop, or `AS_FOUND`."""
+
+
 class AxisTable(Table):
     """One axis of the robot and the drive that moves it.
 
@@ -111,7 +122,7 @@ class AxisTable(Table):
     reduction_ratio: Positive
     tip_lever_m: Positive
     limits: Limits
-    control: Control | Literal["as found"]
+    control: Gains
     notch: Annotated[tuple[NotchTable, ...], Field(max_length=NOTCHES)] = ()
     model: Model | None = None
     encoder_counts_per_rev: Annotated[int, Field(gt=0)] | None = None
