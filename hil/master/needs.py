@@ -8,9 +8,10 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Mode, Object
 from drive_profiles.standard.object_address import ObjectAddress, address_text
-from hil.bench.bench import AS_FOUND, AxisTable
+from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.errors import NodeError, NotPossibleError
 from hil.master import mapping
+from hil.master.motion import LoopName
 from hil.robot_tables import Control
 
 ABSENT: Final = frozenset({SdoAbortCode.NO_OBJECT, SdoAbortCode.NO_SUBINDEX})
@@ -151,6 +152,26 @@ def _pdo(name: str, communication: int, purpose: str) -> Iterator[Need]:
     yield Need((communication, 1), f"COB-ID of {name}", purpose)
     yield Need((communication, 2), f"transmission type of {name}", purpose)
     yield Need((communication + 0x200, 0), f"mapping of {name}", purpose)
+
+
+def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: bool) -> list[str]:
+    """What a run needs and the drives' profiles, or the bench file, do not have, a sentence each.
+
+    Args:
+        bench: The bench file.
+        axes: Numbers of the axes that take part; others than the bench's are left out.
+        loop: Place of the loop, drive or host.
+        with_notch: True where variable filters act.
+    """
+    found: list[str] = []
+    mode, in_drive = Mode.CST if loop == "host" else Mode.CSP, with_notch and loop == "drive"
+    tables = {number: bench.axis[number] for number in axes if number in bench.axis}
+    profiles = {name: Profile.load(name) for name in {table.profile for table in tables.values()}}
+    for number, table in tables.items():
+        found += profile_gaps(number, table, profiles[table.profile], mode, with_notch=in_drive)
+        if loop == "host" and table.control == AS_FOUND:
+            found.append(f'axis {number}: control = "{AS_FOUND}", and the host closes the loop with the gains of the bench file')
+    return found
 
 
 def profile_gaps(

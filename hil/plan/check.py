@@ -15,7 +15,7 @@ from hil.design.frequency import Loop, margins
 from hil.errors import NotPossibleError
 from hil.master import mapping
 from hil.master.motion import LoopName
-from hil.master.needs import profile_gaps
+from hil.master.needs import run_gaps
 from hil.master.pdo import MappedObject
 from hil.master.request import MAX_SENSITIVITY
 from hil.plan.bus_plan import Background, Cycle, CyclicFrame, FrameKind, Range
@@ -286,30 +286,10 @@ def check(
     loops = stability(bench, axes, loop, period_s, delay, with_notch=with_notch)
     levels = {axis.level for axis in loops}
     is_stable = False if levels & {"unstable", "at the edge"} else (None if levels == {"not known"} else True)
-    lacking = gaps(bench, axes, loop, with_notch=with_notch)
+    lacking = tuple(run_gaps(bench, axes, loop, with_notch=with_notch))
     sentence = f"{bus}; {_loop_words(loops, loop)}."
     sentence = f"{sentence[0].upper()}{sentence[1:]}{' Not possible as it is: ' if lacking else ''}{'; '.join(lacking)}"
     return PlanVerdict(fits, is_stable, sentence, cycle, wire, delay, loops, lacking)
-
-
-def gaps(bench: Bench, axes: tuple[int, ...], loop: LoopName, *, with_notch: bool) -> tuple[str, ...]:
-    """Sentences on what a run needs and the drives' profiles, or the bench file, do not have.
-
-    Args:
-        bench: The bench file.
-        axes: Numbers of the axes that take part.
-        loop: Place of the loop, drive or host.
-        with_notch: True where the filters act.
-    """
-    found: list[str] = []
-    mode = Mode.CST if loop == "host" else Mode.CSP
-    for number in axes:
-        table = bench.axis[number]
-        in_drive = with_notch and loop == "drive"
-        found += profile_gaps(number, table, Profile.load(table.profile), mode, with_notch=in_drive)
-        if loop == "host" and table.control == AS_FOUND:
-            found.append(f'axis {number}: control = "{AS_FOUND}", and the host closes the loop with the gains of the bench file')
-    return tuple(found)
 
 
 def _bus_words(cycle: Cycle, wire: WireTiming | None, fits: bool | None) -> str:
