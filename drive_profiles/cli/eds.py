@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drive_profiles.cli.console import ExitStatus, epilog, table
+from drive_profiles.cli.console import ExitStatus, epilog, exit_on_error, table
 from drive_profiles.cli.options import JsonOption
 
 if TYPE_CHECKING:
@@ -111,6 +111,7 @@ def convert(
     """
     from drive_profiles.eds.export import as_data, as_text, lost
     from drive_profiles.errors import FileError
+    from drive_profiles.files.safefile import write_atomically
 
     suffix = out.suffix.lower().removeprefix(".")
     if suffix not in {"eds", "dcf", "json"}:
@@ -122,13 +123,12 @@ def convert(
     else:
         data = as_text(description, "dcf" if suffix == "dcf" else "eds").encode()
         notes += _read_again(data, out, node_id)
-    try:
-        with out.open("wb" if force else "xb") as target:
-            target.write(data)
-    except FileExistsError:
-        raise typer.BadParameter(f"{out} exists; --force overwrites it", param_hint="--out") from None
-    except OSError as error:
-        raise typer.BadParameter(f"{out} cannot be written ({error.strerror})", param_hint="--out") from None
+    if not out.parent.is_dir():
+        raise typer.BadParameter(f"there is no folder {out.parent}", param_hint="--out")
+    if out.exists() and not force:
+        raise typer.BadParameter(f"{out} exists; --force overwrites it", param_hint="--out")
+    with exit_on_error():
+        write_atomically(out, data, force=force)
     if as_json:
         typer.echo(json.dumps({"path": str(out), "bytes": len(data), "notes": [note._asdict() for note in notes]}, indent=2))
         return

@@ -27,6 +27,7 @@ from drive_profiles.eds.objects import Builder, parts_of
 from drive_profiles.eds.text import MAX_BYTES, Document, Findings, quoted, read
 from drive_profiles.eds.variables import Content
 from drive_profiles.errors import FileError, OutOfRangeError, Problem
+from drive_profiles.files.reading import read_file
 from drive_profiles.standard.cia301 import MAX_NODE_ID
 
 __all__ = ["MAX_BYTES", "Description", "FileFormat", "load", "loads"]
@@ -117,12 +118,7 @@ def load(path: str | Path, *, node_id: int | None = None, strict: bool = False) 
         OutOfRangeError: `node_id` is not from 1 to 127.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise FileError(path, (Problem(0, "", f"cannot be read ({reason})", "an EDS, DCF or XDD file"),)) from error
+    data = read_file(path, "an EDS, DCF or XDD file", max_bytes=MAX_BYTES)
     return loads(data, path, node_id=node_id, strict=strict)
 
 

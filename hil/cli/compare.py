@@ -22,6 +22,8 @@ from hil.cli.console import (
     new_directory,
     say,
     say_not_restored,
+    say_page,
+    write_page,
 )
 from hil.cli.options import FORMER_SPELLINGS, JsonOption, NewOutOption, OverloadOption, TreatmentListOption, YesOption
 
@@ -175,7 +177,6 @@ def _run(
     """Run, write the report, print the table, and leave with the exit status."""
     from hil.experiments.comparison.run import compare as run_all
     from hil.experiments.comparison.table import summary
-    from hil.report.pages.compare import write_compare_report
 
     for each in plans:
         for reason in dict.fromkeys(left.reason for left in each.left_out):
@@ -190,13 +191,13 @@ def _run(
             repeat=repeat,
             reporter=progress,
         )
-    report = write_compare_report(out)
+    page = write_page(out)
     if as_json:
         typer.echo(done.result.dumps())
     else:
         for line in summary(done.result):
             typer.echo(line)
-    say(f"report: {report}")
+    say_page(page)
     _leave(done)
 
 

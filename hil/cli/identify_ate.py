@@ -17,6 +17,8 @@ from hil.cli.console import (
     new_directory,
     say,
     say_not_restored,
+    say_page,
+    write_page,
 )
 from hil.cli.options import BenchOption, BusOption, JsonOption, MovedAxisOption, NewOutOption, OverloadOption, YesOption
 
@@ -81,16 +83,14 @@ def ate(
 
 def _tell(outcome: "AteOutcome", where: Path, model: Path, *, as_json: bool) -> None:
     """Write the report, print the result, and leave with the exit status of a failure."""
-    from hil.report.pages.ate import write_ate_report  # noqa: PLC0415
-
-    report = write_ate_report(where)
+    page = write_page(where)
     if as_json:
         typer.echo(outcome.result.dumps())
     else:
         _summary(outcome)
     if outcome.part is not None:
         say(f"model file: {model}")
-    say(f"report: {report}")
+    say_page(page)
     say_not_restored(outcome.not_restored)
     if outcome.failure is not None:
         raise exit_with(outcome.failure)

@@ -118,7 +118,7 @@ class Drive:
         self._modes = ModeSelection(
             self.slave,
             self.stage,
-            {number: modes[number] for number in self.family.modes},
+            {number: mode for number, mode in modes.items() if number == 0 or number in self.family.modes},
             self._faults,
             self.limit_switches,
             power=lambda: self._standing.power,
@@ -155,8 +155,9 @@ class Drive:
 
     @property
     def mode(self) -> Mode | None:
-        """The mode that acts; None where there is no torque."""
-        return None if self._modes.acting is None else self._modes.acting.number
+        """The mode that acts; None where there is no torque, or no mode has been chosen."""
+        acting = self._modes.acting
+        return Mode(acting.number) if acting is not None and acting.number else None
 
     def _is_powered(self) -> bool:
         return self._standing.is_powered

@@ -82,6 +82,7 @@ class Behaviour(Table):
         halt_blocks_mode_change: A new mode is not taken while the halt bit is set.
         quick_stop_ends_disabled_at_once: Quick stop leads to switch on disabled, also with 605Ah from 5 to 8.
         pp_handshake_cycles: SYNCs after which a set-point of profile position is acknowledged.
+        needs_mode_to_enable: Without a mode of operation (6060h = 0) it does not enable, but reports emergency 6320h.
         operational_at_boot: The node goes to NMT state operational by itself.
         unconfigured: It has left the factory without a node-ID, and does nothing but LSS until a master gives it one (CiA 305).
         bus_off_restart_ms: Time from bus-off until its controller restarts by itself; left out, it stays off until the fault or
@@ -95,6 +96,7 @@ class Behaviour(Table):
     halt_blocks_mode_change: bool = False
     quick_stop_ends_disabled_at_once: bool = False
     pp_handshake_cycles: Annotated[int, Field(ge=0, le=1000)] = 0
+    needs_mode_to_enable: bool = False
     operational_at_boot: bool = False
     unconfigured: bool = False
     bus_off_restart_ms: Annotated[float, Field(ge=0.0, le=60e3)] | None = None

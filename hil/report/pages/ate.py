@@ -32,8 +32,8 @@ def write_ate_report(directory: Path) -> Path:
     head = PageHead(
         result.bench.name,
         result.bench.started_utc,
-        tuple(f"not put back as it was found: {what}" for what in result.not_restored or ()),
         heading=f"Transmission error of axis {material.axis}",
+        aftermath=result.aftermath,
     )
     return render(directory / "report.html", head, verdict(material), chapters, provenance=provenance(material))
 

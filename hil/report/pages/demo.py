@@ -39,7 +39,12 @@ def write_report(directory: Path, bench: Bench | None = None) -> Path:
         chapters = sections(material)
     return render(
         directory / "report.html",
-        PageHead(material.bench.name, material.result.bench.started_utc, tuple(material.notes)),
+        PageHead(
+            material.bench.name,
+            material.result.bench.started_utc,
+            tuple(material.notes),
+            aftermath=material.result.aftermath,
+        ),
         verdict(material),
         chapters,
         cards=cards(material),

@@ -25,6 +25,7 @@ class PageHead:
         notes: Sentences on what is missing on this page.
         heading: Title above the verdict.
         subtitle: Sentence below the title.
+        aftermath: Sentences on all that the drives were not left as they were found.
     """
 
     bench: str
@@ -32,6 +33,7 @@ class PageHead:
     notes: tuple[str, ...] = ()
     heading: str = "Vibration suppression with a variable notch"
     subtitle: str = "Hardware-in-the-loop run of a robot with harmonic drive gearings over CANopen"
+    aftermath: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -153,11 +155,21 @@ def render(
             citation=CITATION,
             palette=Markup(palette.css(":root")),  # noqa: S704 - of constants
             is_drawing=lambda item: isinstance(item, Drawing),
+            is_tall=_is_tall,
             is_mark=lambda cell: isinstance(cell, Mark),
         )
     )
     path.write_text(page, encoding="utf-8")
     return path
+
+
+_TALL = 0.62
+"""Height over width from which a figure takes most of a printed page."""
+
+
+def _is_tall(drawing: Drawing) -> bool:
+    box = re.search(r'viewBox="\S+ \S+ (\S+) ([^"\s]+)"', drawing.svg)
+    return box is not None and float(box[2]) > _TALL * float(box[1])
 
 
 @cache

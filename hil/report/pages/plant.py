@@ -21,8 +21,8 @@ def write_plant_report(directory: Path) -> Path:
     result = load_result(directory, PlantResult, "a plant identification")
     with style.styled():
         chapters = sections(result)
-    notes = tuple(f"not put back as it was found: {what}" for what in result.not_restored or ())
-    head = PageHead(result.bench.name, result.bench.started_utc, notes, heading=f"Plant of axis {result.axis}")
+    heading = f"Plant of axis {result.axis}"
+    head = PageHead(result.bench.name, result.bench.started_utc, heading=heading, aftermath=result.aftermath)
     return render(directory / "report.html", head, verdict(result), chapters, provenance=provenance(result))
 
 
