@@ -34,8 +34,8 @@ FEWEST_PER_TURN = 4.0
 MAX_WINDOWS = 4000
 BESIDE = 1.5
 """Distance from a fitted order at which the fit takes nothing of the noise any more, in orders times turns."""
-PLACES = 8
-"""Number of places beside an order at which the noise is read."""
+NEIGHBOURS = 8
+"""Number of points beside an order at which the noise is read."""
 
 
 @dataclass(frozen=True)
@@ -179,14 +179,14 @@ def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np
 def _noise(window: _Window, residual: Real, orders: Real, turns: float) -> Real:
     """Variance of the white noise that would leave what the residual has beside each order; shape of `orders`.
 
-    At an order itself nothing is left, by the fit. So the residual is taken at the nearest places between the orders.
+    At an order itself nothing is left, by the fit. So the residual is taken at the nearest points between the orders.
     """
-    places = np.arange(0.5, float(np.max(orders)) * turns + 12.0, 0.5) / turns
+    between = np.arange(0.5, float(np.max(orders)) * turns + 12.0, 0.5) / turns
     fitted = np.concatenate([[0.0], orders])
-    free = places[np.min(np.abs(places[:, None] - fitted), axis=1) >= BESIDE / turns]
+    free = between[np.min(np.abs(between[:, None] - fitted), axis=1) >= BESIDE / turns]
     weight = window.weight / np.sum(window.weight)
     power = np.abs(np.exp(-1j * np.outer(free, window.angle_rad)) @ (weight * residual)) ** 2 / np.sum(weight**2)
-    nearest = np.argsort(np.abs(free - orders[:, None]), axis=1)[:, :PLACES]
+    nearest = np.argsort(np.abs(free - orders[:, None]), axis=1)[:, :NEIGHBOURS]
     return np.asarray(np.mean(power[nearest], axis=1))
 
 
