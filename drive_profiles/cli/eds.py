@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import ExitStatus, epilog, exit_on_error, table
 from drive_profiles.cli.options import JsonOption
 
@@ -23,12 +24,7 @@ EDS_EPILOG = epilog(
     {ExitStatus.DONE: "done, perhaps with warnings", ExitStatus.FILE: "a file, or a part of it, had to be refused"},
 )
 
-app = typer.Typer(
-    help="Device descriptions of any vendor (EDS, DCF, XDD): check, show, convert.",
-    epilog=EDS_EPILOG,
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+app = Tool("eds", "Device descriptions of any vendor (EDS, DCF, XDD): check, show, convert.", EDS_EPILOG, is_group=True)
 NodeId = Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="For $NODEID; counts before that of the file.")]
 File = Annotated[Path, typer.Argument(metavar="FILE", help="An EDS, DCF, XDD or XDC file.")]
 _ADDRESS = re.compile(r"(?:0x)?([0-9a-f]{4})h?(?:(?:sub|:|\.)(?:0x)?([0-9a-f]{1,2})h?)?", re.IGNORECASE)
@@ -41,7 +37,7 @@ def mount(parent: typer.Typer) -> None:
 
 @app.command(epilog=EDS_EPILOG)
 def check(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="EDS, DCF, XDD or XDC files.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="EDS, DCF, XDD or XDC files.")],
     *,
     strict: Annotated[bool, typer.Option("--strict", help="Refuse a file with any fault.")] = False,
     node_id: NodeId = None,
@@ -67,7 +63,7 @@ def check(
 def show(
     file: File,
     wanted: Annotated[
-        str | None, typer.Argument(metavar="[OBJECT]", help="0x2147:1, 2147sub1, 2147, or a part of a name. All if not given.")
+        str | None, typer.Argument(metavar="OBJECT", help="0x2147:1, 2147sub1, 2147, or a part of a name. All if not given.")
     ] = None,
     *,
     node_id: NodeId = None,

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
+from drive_profiles.version import DISTRIBUTION, version_text
 from hil.bench.bench import Bench
 from hil.errors import NOT_DISABLED, SafetyStopError, not_put_back
 
@@ -74,9 +75,9 @@ class MeasuredBench(ResultPart):
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that a result depends on."""
-    numbers = {"python": platform.python_version()}
-    for package in ("hil-bench", "python-can", "canopen", "numpy", "scipy", "numba"):
+    """Versions of this project (with its commit), of Python and of the packages that a result depends on."""
+    numbers = {DISTRIBUTION: version_text(), "python": platform.python_version()}
+    for package in ("python-can", "canopen", "numpy", "scipy", "numba"):
         try:
             numbers[package] = version(package)
         except PackageNotFoundError:
