@@ -70,15 +70,15 @@ def against_values(
     reasons = [f"{write.entry}: {why}" for write in guesses]
     if header.unverified and writes and not options.allow_unverified:
         reasons.append(f"the values were made of facts that nobody has verified ({header.unverified}); --allow-unverified")
-    reasons += _of_another_device(header, identity, writes, options)
+    reasons += _foreign_set(header, identity, writes, options)
     reasons += _commissioning(header, identity, writes, options)
     reasons += _foreign_identifiers(header, device.node, writes)
     reasons += _moving_scale(device, writes)
     return reasons
 
 
-def _of_another_device(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
-    """Refuse a set that was pulled from another device: one mistyped node-ID, and a drive has its neighbour's limits and gains."""
+def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
+    """Refuse a set that was pulled from another device: a mistyped node-ID would give a drive its neighbour's limits and gains."""
     theirs = [write for write in writes if write.parameter_class != "commissioning"]  # of these see `_commissioning`
     other = _other_device(header, identity)
     if not other or not theirs or options.other_device or options.force_commissioning:
@@ -91,8 +91,9 @@ def _of_another_device(header: Header, identity: DeviceIdentity, writes: Sequenc
 def _other_device(header: Header, identity: DeviceIdentity) -> str:
     """Reason why the set is another device's: its serial number, else its node-ID; empty where nothing speaks for that."""
     if header.serial_number:  # 0 is what a device says that has none
-        same = header.serial_number == identity.serial_number
-        return "" if same else f"serial number {header.serial_number}, node {identity.node} has {identity.serial_number or 'none'}"
+        if header.serial_number == identity.serial_number:
+            return ""
+        return f"serial number {header.serial_number}, node {identity.node} has {identity.serial_number or 'none'}"
     if header.node_id in {None, identity.node}:
         return ""
     return f"of node {header.node_id}, without a serial number; this is node {identity.node}"

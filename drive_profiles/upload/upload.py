@@ -282,8 +282,8 @@ class Upload:
                 return self.end("unknown", tuple(map(self.named, touched)), reason, code)
         self._note("rolling back", reason=reason)
         held = self._put_back()
-        touched = {*self._attempted, *self.device.port.strays}
-        unread = [address for address, data in held.items() if data is None and address not in touched]
+        written = {*self._attempted, *self.device.port.strays}
+        unread = [address for address, data in held.items() if data is None and address not in written]
         lost = [address for address, data in held.items() if data != self._old[address] and address not in unread]
         lost += sorted(self.device.port.strays - set(self._old))
         if store_again and not lost:
