@@ -241,8 +241,7 @@ def tell(
     started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     bench_file = out / "bench.toml"
     bench_file.write_text(bench_without_model() if bench_text is None else bench_text, encoding="utf-8")
-    bench = load_bench(bench_file)
-    bench = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": address})})
+    bench = load_bench(bench_file).on(address)
     teller = _Teller(bench, out, axes, effort or Effort.quick(), reporter)
     for old in (teller.model, teller.design):
         old.unlink(missing_ok=True)

@@ -42,13 +42,16 @@ def check(
     files: Annotated[list[Path], typer.Argument(metavar="FILE", help="EDS, DCF, XDD or XDC files.")],
     *,
     strict: Annotated[bool, typer.Option("--strict", help="Refuse a file with any fault.")] = False,
+    node_id: NodeId = None,
     as_json: JsonOption = False,
 ) -> None:
     """Name every fault of the files with its line, and what was made of it.
 
+    Where a file contradicts itself or the standard, both sides are named and kept.
+
     Example: drive-profiles eds check --strict drive.eds
     """
-    reports = [_checked(path, strict=strict) for path in files]
+    reports = [_checked(path, node_id, strict=strict) for path in files]
     if as_json:
         typer.echo(json.dumps([report for report, _ in reports], indent=2, ensure_ascii=False))
     else:
@@ -135,24 +138,31 @@ def convert(
     typer.echo(f"{out}: written, {len(data)} bytes")
 
 
-def _checked(path: Path, *, strict: bool) -> tuple[dict[str, Any], str]:
+def _checked(path: Path, node_id: int | None, *, strict: bool) -> tuple[dict[str, Any], str]:
     """Findings in one file, as data and as text."""
     from drive_profiles.eds import load
     from drive_profiles.eds.export import summary
     from drive_profiles.errors import FileError
 
     try:
-        description = load(path, strict=strict)
+        description = load(path, node_id=node_id, strict=strict)
     except FileError as error:
-        report = {"path": str(path), "accepted": False, "warnings": [], "refused": _data(error.problems)}
+        report = {"path": str(path), "accepted": False, "warnings": [], "contradictions": [], "refused": _data(error.problems)}
         return report, f"{error}\n{path}: refused, {_count(len(error.problems), 'problem')}"
     facts = summary(description)
-    report = {**facts, "accepted": True, "warnings": _data(description.warnings), "refused": _data(description.refused)}
-    problems = tuple(sorted((*description.warnings, *description.refused)))
+    report = {
+        **facts,
+        "accepted": True,
+        "warnings": _data(description.warnings),
+        "contradictions": _data(description.contradictions),
+        "refused": _data(description.refused),
+    }
+    problems = tuple(sorted((*description.warnings, *description.contradictions, *description.refused)))
     text = (
         f"{path}: {facts['kind']}, {_count(facts['object_count'], 'object')}, "
         f"{_count(facts['entry_count'], 'entry', 'entries')}; "
-        f"{_count(len(description.warnings), 'warning')}, {len(description.refused)} left out"
+        f"{_count(len(description.warnings), 'warning')}, {_count(len(description.contradictions), 'contradiction')}, "
+        f"{len(description.refused)} left out"
     )
     return report, f"{FileError(path, problems)}\n{text}" if problems else text
 
@@ -191,7 +201,7 @@ def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, .
 
 def _point_to_check(description: Description) -> None:
     """Point on standard error to the problems; standard output stays clean."""
-    count = len(description.warnings) + len(description.refused)
+    count = len(description.warnings) + len(description.contradictions) + len(description.refused)
     if count:
         typer.echo(f"{_count(count, 'problem')} in this file: drive-profiles eds check {description.path}", err=True)
 

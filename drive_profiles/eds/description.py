@@ -23,6 +23,7 @@ from canopen.objectdictionary import ObjectDictionary
 from drive_profiles.eds import device as eds_device
 from drive_profiles.eds import rewrite as eds_rewrite
 from drive_profiles.eds import xdd
+from drive_profiles.eds.contradictions import found
 from drive_profiles.eds.objects import Builder, parts_of
 from drive_profiles.eds.text import MAX_BYTES, Document, Findings, quoted, read
 from drive_profiles.eds.variables import Content
@@ -55,6 +56,9 @@ class Description:
         vendor_name: Name of the vendor, empty where the file does not state it.
         product_name: Name of the product, empty where the file does not state it.
         values: The parameter values, typed, by index and sub-index. Those that need an unknown node-ID are missing.
+        contradictions: What the file says against itself or against the standard; both sides are kept as they stand.
+        flags: The ``ObjFlags`` other than 0, by index and sub-index: see `variables.ObjectFlag`.
+        serial_number: ``LSS_SerialNumber`` in the commissioning section, None where there is none.
     """
 
     path: Path
@@ -70,7 +74,16 @@ class Description:
     vendor_name: str
     product_name: str
     values: dict[tuple[int, int], Content]
+    contradictions: tuple[Problem, ...] = ()
+    flags: dict[tuple[int, int], int] = field(default_factory=dict)
+    serial_number: int | None = None
     _locations: eds_rewrite.ValueLocations | None = field(default=None, repr=False, compare=False)
+    _document: Document | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def document(self) -> Document:
+        """The text of the file, divided into sections."""
+        return self._document or Document(self.path, [], "utf-8", {})
 
     def rewrite(self, values: Mapping[tuple[int, int], Content]) -> bytes:
         """Write other parameter values into the text of the file; every other byte stays as it was.
@@ -156,7 +169,7 @@ def loads(
     if named is not None and named != actual:
         findings.warn(0, "", "", f"is named as {named}, but is read as {actual}", "a name that fits")
     description = _described(document, actual, node_id, findings)
-    problems = tuple(sorted((*description.warnings, *description.refused)))
+    problems = tuple(sorted((*description.warnings, *description.contradictions, *description.refused)))
     if strict and problems:
         raise FileError(path, problems)
     return description
@@ -193,6 +206,7 @@ def _described(document: Document, file_format: FileFormat, node_id: int | None,
         problem = Problem(0, "", "describes no object that can be read", "sections such as [1000]")
         raise FileError(document.path, tuple(sorted((problem, *findings.refused[:20]))))
     dictionary.node_id, dictionary.bitrate = builder.node_id, bit_rate
+    serial_number = eds_device.read_serial_number(sections, builder)
     warnings, refused = findings.closed()
     information = dictionary.device_information
     vendor, product, revision = eds_device.identity(information)
@@ -210,5 +224,9 @@ def _described(document: Document, file_format: FileFormat, node_id: int | None,
         vendor_name=information.vendor_name or "",
         product_name=information.product_name or "",
         values=builder.values,
+        contradictions=tuple(sorted(found(sections, builder))),
+        flags=builder.flags,
+        serial_number=serial_number,
+        _document=document,
         _locations=None if file_format == "xdd" else eds_rewrite.ValueLocations(document, builder.sections, builder.compact),
     )

@@ -139,20 +139,27 @@ def say_page(page: Path | None) -> None:
 
 
 def bench_on(bench_file: str, bus: str | None) -> "Bench":
-    """Return a bench, on another bus where one is given.
+    """Return a bench on the bus that is named first: by `--bus`, by HIL_BUS, by the bench file; and say which that is.
 
     Raises:
         AddressError: The address cannot be read.
         FileError: The bench file cannot be used.
     """
-    from drive_profiles.address import parse_address  # noqa: PLC0415
+    from drive_profiles.address import choose_bus  # noqa: PLC0415
     from hil.bench.bench import load_bench  # noqa: PLC0415
 
     bench = load_bench(bench_file)
-    if bus is None:
-        return bench
-    parse_address(bus)
-    return bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": bus})})
+    choice = choose_bus(bus, (f"bench file {bench_file}", bench.bus.address))
+    say(str(choice))
+    return bench if choice is None else bench.on(choice.address)
+
+
+def bench_on_emulator(bench: "Bench", address: str) -> "Bench":
+    """Return a bench on the bus of an emulator that the command has started, and say so."""
+    from drive_profiles.address import choose_bus  # noqa: PLC0415
+
+    say(str(choose_bus(address, option_name="the emulator that this command has started")))
+    return bench.on(address)
 
 
 def is_emulated(bench: "Bench") -> bool:

@@ -101,6 +101,7 @@ class Drive:
             dictionary,
             store_commands=self.family.store_commands,
             store_time_ns=round(1e9 * min(axes.robot.axis[number].store_time_s, self.family.store_limit_s)),
+            sdo_max_bytes=axes.robot.axis[number].sdo_download_bytes,
             autostart=self.behaviour.operational_at_boot,
         )
         self.on_state: Callable[[State, State], None] = lambda before, after: None

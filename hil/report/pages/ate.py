@@ -91,7 +91,6 @@ def provenance(material: AteMaterial) -> list[tuple[str, str]]:
         ("Bench", record.name),
         ("Bus", record.bus),
         ("Clock", record.clock),
-        ("Started (UTC)", record.started_utc),
         ("Known before", material.result.known_before.source),
         ("Versions", versions),
     ]

@@ -180,7 +180,6 @@ def provenance(result: TreatmentTable) -> list[tuple[str, str]]:
     for robot in result.robots:
         source = f", {robot.source}" if robot.source else ""
         lines.append(("Robot", f"{robot.name} on {robot.bus}{source}"))
-    lines.append(("Started (UTC)", result.started_utc))
     versions: dict[str, str] = next((robot.versions for robot in result.robots if robot.versions is not None), {})
     lines.append(("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())))
     return [(name, text) for name, text in lines if text]

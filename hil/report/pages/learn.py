@@ -128,7 +128,6 @@ def provenance(result: LearningResult) -> list[tuple[str, str]]:
         ("Bench", bench.name),
         ("Bus", bench.bus),
         ("Clock", bench.clock),
-        ("Started (UTC)", bench.started_utc),
         ("Model file", result.model),
         ("Versions", ", ".join(f"{name} {version}" for name, version in bench.versions.items())),
     ]

@@ -42,7 +42,7 @@ def _cannot_tell(result: PlantResult) -> ReportTable | None:
     lines = result.cannot_tell or ()
     if not lines:
         return None
-    return ReportTable("claims", "What these data cannot tell", "", ("",), [[line] for line in lines])
+    return ReportTable("cannot-tell", "What these data cannot tell", "", ("",), [[line] for line in lines], is_prose=True)
 
 
 def verdict(result: PlantResult) -> PageVerdict:
@@ -68,7 +68,6 @@ def provenance(result: PlantResult) -> list[tuple[str, str]]:
         ("Bench", record.name),
         ("Bus", record.bus),
         ("Clock", record.clock),
-        ("Started (UTC)", record.started_utc),
         ("Versions", versions),
     ]
     if plan is not None:

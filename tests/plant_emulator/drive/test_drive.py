@@ -244,10 +244,37 @@ def test_a_fault_reset_leads_to_switch_on_disabled_and_never_further(rig):
         assert rig.word(word) is State.FAULT
     assert rig.word(0x8F) is State.SWITCH_ON_DISABLED
     assert is_braked(rig)
-    assert rig.read(Object.ERROR_CODE) == 0
+    assert rig.read(Object.ERROR_CODE) == 0x8612  # the last error, as the history says
     assert rig.read(0x1001) == 0
     assert rig.emergencies() == [0x8612, 0]
     assert rig.word(0x0F) is State.SWITCH_ON_DISABLED
+
+
+def test_603fh_is_the_last_error_of_the_history_until_that_is_cleared_or_the_node_reset(rig):
+    """CiA 402-2: the lower half of 1003h:01h, so errors of communication and lacks count, and a fault reset clears neither."""
+
+    def shown():
+        newest = rig.read(0x1003, 1)
+        assert rig.read(Object.ERROR_CODE) == (0 if newest is SdoAbortCode.NO_DATA else newest & 0xFFFF)
+        return rig.read(Object.ERROR_CODE)
+
+    assert shown() == 0
+    faulty(rig)
+    assert shown() == 0x8612
+    assert rig.word(0x0F, 0x8F) is State.SWITCH_ON_DISABLED
+    assert shown() == 0x8612
+    rig.send(0x200 + rig.node, b"\x06")  # an RPDO that is too short
+    assert shown() == 0x8210
+    rig.nmt(RESET_COMMUNICATION)
+    rig.start()
+    assert shown() == 0x8210
+    rig.set(0x1003, 0, 0)
+    assert shown() == 0
+    rig.set(0x2100, 1, 0.0)
+    assert rig.word(0x06, 0x07, 0x0F) is State.SWITCHED_ON
+    assert shown() == 0x6320
+    rig.nmt(RESET_NODE)
+    assert shown() == 0
 
 
 def test_the_fault_reset_acts_on_the_rising_edge_only(rig):
