@@ -27,7 +27,7 @@ EDS_EPILOG = epilog(
 app = Tool("eds", "Device descriptions of any vendor (EDS, DCF, XDD): check, show, convert.", EDS_EPILOG, is_group=True)
 NodeId = Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="For $NODEID; counts before that of the file.")]
 File = Annotated[Path, typer.Argument(metavar="FILE", help="An EDS, DCF, XDD or XDC file.")]
-_DIGITS = 7
+_REAL_DIGITS = 7
 """Digits of a file's real numbers: all that a REAL32 has."""
 _ADDRESS = re.compile(r"(?:0x)?([0-9a-f]{4})h?(?:(?:sub|:|\.)(?:0x)?([0-9a-f]{1,2})h?)?", re.IGNORECASE)
 
@@ -244,7 +244,7 @@ def _value(row: dict[str, Any], held: float | str | None) -> str:
     if held is None:
         return ""
     data_type = DataType.__members__.get(row["type"])
-    return _printable(shown.value(held, (row["index"], row["subindex"]), data_type, digits=_DIGITS))
+    return _printable(shown.value(held, (row["index"], row["subindex"]), data_type, digits=_REAL_DIGITS))
 
 
 def _printable(text: str) -> str:

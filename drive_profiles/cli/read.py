@@ -150,14 +150,14 @@ def info(
     rows = [
         (
             key.replace("_", " "),
-            "-" if value in (None, "", []) else f"0x{value:0{_DIGITS[key]}X}" if key in _DIGITS else _plain(value),
+            "-" if value in (None, "", []) else f"0x{value:0{_HEXADECIMAL[key]}X}" if key in _HEXADECIMAL else _plain(value),
         )
         for key, value in facts.items()
     ]
     table("", ("fact", "value"), rows)
 
 
-_DIGITS = {"device_type": 8, "vendor_id": 8, "product_code": 8, "revision": 8, "error_register": 2}
+_HEXADECIMAL = {"device_type": 8, "vendor_id": 8, "product_code": 8, "revision": 8, "error_register": 2}
 """Digits of what is hexadecimal."""
 
 

@@ -73,7 +73,12 @@ def left_out(description: Description, file_format: Literal["eds", "dcf"]) -> li
             kept = {key.lower() for key in _OF_OBJECTS["dcf"]} | _EXPORTED
             strange += [f"[{section.name}] {entry.key}" for key, entry in section.entries.items() if key not in kept]
             of_dcf += sum(bool(section.get(key)) for key in _OF_OBJECTS["dcf"][1:])
-        elif match is None and identity not in _OF_FILE and not _WHOLE.fullmatch(identity) and not re.match(r"[0-9A-F]{4}", identity):
+        elif (
+            match is None
+            and identity not in _OF_FILE
+            and not _WHOLE.fullmatch(identity)
+            and not re.match(r"[0-9A-F]{4}", identity)
+        ):
             foreign.append(f"[{section.name}]")
         elif identity in eds_device.COMMISSIONING:
             of_dcf += bool(section.entries)
