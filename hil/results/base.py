@@ -4,6 +4,7 @@ import datetime
 import json
 import os
 import platform
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
@@ -118,11 +119,25 @@ class MeasuredResult(Result):
         bench: Bench of the measurement.
         stopped: Reason why the measurement was stopped.
         not_restored: Objects that could not be put back in the nodes.
+        emulated: True where any node is emulated: then this is no measurement; None where that is not known.
+        emulated_parts: Axes and accelerometer that are emulated, where others are not, or do not say.
     """
 
     bench: MeasuredBench
+    emulated: bool | None = None
+    emulated_parts: tuple[str, ...] | None = None
     stopped: str | None = None
     not_restored: tuple[str, ...] | None = None
+
+    def note_emulation(self, answers: Mapping[str, bool | None]) -> None:
+        """Note which parts of the bench are emulated.
+
+        Args:
+            answers: For each part True where it is emulated, False where it is not, None where it did not say.
+        """
+        parts = tuple(name for name, answer in answers.items() if answer)
+        self.emulated = bool(parts) if parts or all(answer is False for answer in answers.values()) else None
+        self.emulated_parts = parts if parts and len(parts) < len(answers) else None
 
     def note_failure(self, error: BaseException) -> None:
         """Note why the measurement ended early."""

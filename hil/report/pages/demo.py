@@ -197,7 +197,7 @@ def cards(material: Material) -> list[Card]:
         if order is None and finite(area):
             wanted = material.bench.specification.line_area_reduction_pct
             before, after = (tables.number(run.spectrum_area, "{:.2f}") for run in (without, with_notch))
-            mark = Mark(area >= wanted, f"asked: −{wanted:g} %")
+            mark = Mark(None, "nothing asked") if wanted is None else Mark((area or 0.0) >= wanted, f"asked: −{wanted:g} %")
             made.append(Card(f"{title}, {comparison.loop}-closed", before, after, "m/s²·Hz", f"{_percent(area)} area", mark))
             continue
         before, after = (tables.number(run.tip_peak_mm, "{:.3f}") for run in (without, with_notch))
