@@ -174,6 +174,15 @@ class Bench(Table):
         """Axes of the line motion: those of the geometry, from the base on; none without one."""
         return () if self.geometry is None else self.geometry.axes
 
+    def on(self, address: str) -> "Bench":
+        """The same bench on another bus.
+
+        Raises:
+            AddressError: The address cannot be read.
+        """
+        parse_address(address)
+        return self.model_copy(update={"bus": self.bus.model_copy(update={"address": address})})
+
     @model_validator(mode="after")
     def _consistent(self) -> "Bench":
         nodes = [axis.node_id for axis in self.axis.values()]

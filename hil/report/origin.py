@@ -51,7 +51,9 @@ def origin_of_design(outcome: NotchDesignOutcome) -> Origin:
     if not outcome.emulated:
         return Origin()
     parts = " and ".join({"plant": "the plant", "ate": "the transmission error"}[part] for part in outcome.emulated)
-    return Origin("emulated", f"This rests on an emulated robot: {parts} was identified there, not on a real one.", is_emulated=True)
+    return Origin(
+        "emulated", f"This rests on an emulated robot: {parts} was identified there, not on a real one.", is_emulated=True
+    )
 
 
 def _words(robot: ComparisonRobot) -> str:

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from hil.results.base import Result, ResultPart
+from hil.results.base import Result, ResultPart, aftermath
 
 
 class ComparisonRequestEntry(ResultPart):
@@ -102,6 +102,7 @@ class ComparisonRobot(ResultPart):
         ended: Reason why it was not run to the end.
         emulated: True where any of its nodes is emulated; None where that is not known.
         emulated_parts: Its parts that are emulated, where others are not.
+        all_disabled: After a stop, True where every drive has confirmed that it is disabled; None without a stop.
     """
 
     name: str
@@ -116,6 +117,12 @@ class ComparisonRobot(ResultPart):
     ended: str | None = None
     emulated: bool | None = None
     emulated_parts: tuple[str, ...] | None = None
+    all_disabled: bool | None = None
+
+    @property
+    def aftermath(self) -> tuple[str, ...]:
+        """Sentences on all that its drives were not left as they were found; empty where they were."""
+        return aftermath(self.all_disabled, self.not_restored)
 
 
 class StoryStep(ResultPart):

@@ -54,6 +54,7 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
         ended=ended or None,
         emulated=None if result is None else result.emulated,
         emulated_parts=None if result is None else result.emulated_parts,
+        all_disabled=None if result is None else result.all_disabled,
     )
 
 
