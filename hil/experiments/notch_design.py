@@ -109,6 +109,7 @@ class NotchDesignOutcome:
         designed: NotchVerdict on the best filters, or those that miss least; None where only the given ones were judged.
         failure: Error where no filter meets the requirements; None where one does.
         seconds: Duration of the design.
+        emulated: Parts of the model file that were identified on an emulated robot, of `plant` and `ate`.
     """
 
     bench: Bench
@@ -121,6 +122,7 @@ class NotchDesignOutcome:
     designed: NotchVerdict | None
     failure: InfeasibleError | None
     seconds: float
+    emulated: tuple[str, ...] = ()
 
     @property
     def table(self) -> AxisTable:
@@ -159,13 +161,16 @@ def design(
     """
     began = time.monotonic()
     source = "bench file"
-    axis_model = IdentifiedAxis()
+    axis_model, emulated = IdentifiedAxis(), tuple[str, ...]()
     if identified is not None:
         axis_model = identified.axis.get(request.axis, axis_model)
         parts = [name for name in ("plant", "ate") if getattr(axis_model, name) is not None]
         source = (
             f"model file ({', '.join(parts)}), the rest: bench file" if parts else "bench file; the model file lacks the axis"
         )
+        emulated = tuple(name for name in parts if getattr(axis_model, name).emulated)
+        if emulated:
+            source += f"; {' and '.join(emulated)} identified on an emulated robot"
         bench = with_identified(bench, identified)
     problem, f_al = problem_of(bench, request, axis_model)
     table = bench.axis[request.axis]
@@ -185,7 +190,7 @@ def design(
         else:
             designed, failure = _searched(problem, request, f_al, given, pool, reporter)
     seconds = time.monotonic() - began
-    return NotchDesignOutcome(bench, source, request, problem, f_al, none, given_verdict, designed, failure, seconds)
+    return NotchDesignOutcome(bench, source, request, problem, f_al, none, given_verdict, designed, failure, seconds, emulated)
 
 
 def _bare_failure(axis: int, none: NotchVerdict) -> InfeasibleError | None:
@@ -422,6 +427,7 @@ def result_of(outcome: NotchDesignOutcome) -> NotchDesignResult:
         designed=None if outcome.designed is None else _verdict(outcome.designed),
         effort=outcome.request.effort,
         seconds=round(outcome.seconds, 2),
+        emulated=True if outcome.emulated else None,
     )
 
 

@@ -34,6 +34,14 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
         return [run.invalid for run in self.result.runs if run.invalid is not None]
 
     @property
+    def unjudged(self) -> bool:
+        """True where a verdict was asked and could not be given.
+
+        Without any treatment, on a robot of which no f_al is known, none was asked: it is run to be looked at.
+        """
+        return any(run.invalid is not None and (run.f_al_hz is not None or run.treatment != "none") for run in self.result.runs)
+
+    @property
     def outside(self) -> list[RunEntry]:
         """Runs with a treatment that leave the specification."""
         return outside(self.result.runs)

@@ -15,6 +15,7 @@ from hil.design.transmission_error import TransmissionError, TransmissionErrorEs
 from hil.experiments.judge import line_scale, scale_at
 from hil.experiments.treatment import TITLES
 from hil.recording import Recording
+from hil.report.origin import origin_of
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison
 
@@ -99,6 +100,11 @@ class Material:
         """Motor speeds in which an order is judged; None where no f_al is known."""
         scale = self.scale(axis)
         return None if scale is None else scale.windows_rps.get(order)
+
+    @property
+    def word(self) -> str:
+        """Word for what came from the robot: `measured`, or `emulated`."""
+        return origin_of(self.result).word
 
     def loop(self, axis: int, *, with_notch: bool = True) -> Loop:
         """Drive-closed loop of an axis with a model."""

@@ -23,6 +23,7 @@ class Origin:
     is_emulated: bool = False
 
 
+MEASURED = Origin()
 NOT_RECORDED = Origin(band="Not recorded whether the robot was emulated: this result has no such key.")
 
 
@@ -49,7 +50,7 @@ def origin_of_table(result: TreatmentTable) -> Origin:
 def origin_of_design(outcome: NotchDesignOutcome) -> Origin:
     """Origin of a design: of the plant and the transmission error that it rests on."""
     if not outcome.emulated:
-        return Origin()
+        return MEASURED
     parts = " and ".join({"plant": "the plant", "ate": "the transmission error"}[part] for part in outcome.emulated)
     return Origin(
         "emulated", f"This rests on an emulated robot: {parts} was identified there, not on a real one.", is_emulated=True
@@ -68,7 +69,7 @@ def _origin(emulated: bool | None, parts: tuple[str, ...] | None, whole: Iterabl
     if emulated is None:
         return NOT_RECORDED
     if not emulated:
-        return Origin()
+        return MEASURED
     if not parts:
         band = "Emulated robot: nothing on this page was measured on a real one."
         return Origin("emulated", band, is_emulated=True)

@@ -150,7 +150,8 @@ class MeasuredResult(Result):
             answers: For each part True where it is emulated, False where it is not, None where it did not say.
         """
         parts = tuple(name for name, answer in answers.items() if answer)
-        self.emulated = bool(parts) if parts or all(answer is False for answer in answers.values()) else None
+        is_known = bool(answers) and None not in answers.values()
+        self.emulated = True if parts else False if is_known else None
         self.emulated_parts = parts if parts and len(parts) < len(answers) else None
 
     @property

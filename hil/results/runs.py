@@ -34,7 +34,7 @@ class TrialRun(ResultPart):
 
     Attributes:
         what: Cancellation of this run, in words.
-        rms_m_s2: Vibration of the tip in the window, 6 to 25 Hz.
+        rms_m_s2: Vibration of the tip in the window, in the band around f_al.
         reduction_fraction: Fraction by which the vibration is below that of the run without.
         needed_fraction: Least fraction that is needed.
         is_good: True where the vibration fell far enough.

@@ -76,7 +76,7 @@ def _window(material: Material, axis: int, recording: Recording, model: Real | N
         panel.axvspan(begin, end, color=style.SHADE, zorder=0)
         panel.set_xlim(float(time[rows][0]), float(time[rows][-1]))
     top.plot(*style.thin(time[rows], np.abs(motor_speed_rps(recording, axis)[rows])), **style.BROAD)
-    middle.plot(*style.thin(time[rows], tip[rows]), label="measured", **style.BROAD)
+    middle.plot(*style.thin(time[rows], tip[rows]), label=material.word, **style.BROAD)
     if model is not None:
         middle.plot(*style.thin(time[rows], model[rows]), label="model", **style.MODEL)
     if axis in material.f_al_hz:

@@ -26,7 +26,9 @@ def run(*arguments: object):
 def test_check_of_a_clean_file():
     result = run("check", CLEAN, "--strict")
     assert result.exit_code == 0
-    assert re.fullmatch(rf"{re.escape(str(CLEAN))}: eds, \d+ objects, \d+ entries; 0 warnings, 0 contradictions, 0 left out\n", result.stdout)
+    assert re.fullmatch(
+        rf"{re.escape(str(CLEAN))}: eds, \d+ objects, \d+ entries; 0 warnings, 0 contradictions, 0 left out\n", result.stdout
+    )
 
 
 def test_check_names_file_line_key_and_what_was_made_of_it():
