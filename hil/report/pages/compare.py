@@ -6,6 +6,7 @@ from hil.experiments.treatment import TITLES
 from hil.report import style
 from hil.report.figures import compare as figures_compare
 from hil.report.material import Material
+from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
@@ -33,6 +34,7 @@ def write_compare_report(directory: Path) -> Path:
         tuple(_notes(materials)),
         heading="Your own robot" if isinstance(result, StoryResult) else "Treatments side by side",
         aftermath=tuple(_aftermath(result)),
+        origin=origin_of_table(result),
     )
     return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
 
