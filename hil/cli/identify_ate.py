@@ -17,6 +17,8 @@ from hil.cli.console import (
     new_directory,
     say,
     say_not_restored,
+    say_page,
+    write_page,
 )
 from hil.cli.options import BenchOption, BusOption, JsonOption, MovedAxisOption, NewOutOption, OverloadOption, YesOption
 
@@ -57,14 +59,17 @@ def ate(
 ) -> None:
     """Identify the angular transmission error of one axis: ramps through f_m4 and f_m2, forwards and back.
 
-    Nothing needs to be knowledge but the bench file. Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
+    Nothing needs to be known but the bench file.
+
+    Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
     with exit_on_error():
+        bench = bench_on(bench_file, bus)
+
         from hil.bench.model import load_identified, update_file  # noqa: PLC0415
         from hil.experiments.ate.on_bus import identify_ate  # noqa: PLC0415
         from hil.experiments.ate.request import AteRequest, axis_knowledge, first_end_speed  # noqa: PLC0415
 
-        bench = bench_on(bench_file, bus)
         identified = load_identified(model) if model is not None and model.exists() else None
         request = AteRequest(axis, acceleration_rps_s, passes, sensorless)
         knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)
@@ -81,16 +86,14 @@ def ate(
 
 def _tell(outcome: "AteOutcome", where: Path, model: Path, *, as_json: bool) -> None:
     """Write the report, print the result, and leave with the exit status of a failure."""
-    from hil.report.pages.ate import write_ate_report  # noqa: PLC0415
-
-    report = write_ate_report(where)
+    page = write_page(where)
     if as_json:
         typer.echo(outcome.result.dumps())
     else:
         _summary(outcome)
     if outcome.part is not None:
         say(f"model file: {model}")
-    say(f"report: {report}")
+    say_page(page)
     say_not_restored(outcome.not_restored)
     if outcome.failure is not None:
         raise exit_with(outcome.failure)

@@ -15,6 +15,7 @@ from hil.bench.bench import Bench
 from hil.can.frame import CAN_ERR_FLAG, Frame
 from hil.errors import (
     AlreadyMovingError,
+    InterruptedRunError,
     NoAnswerError,
     NodeError,
     NotPossibleError,
@@ -369,6 +370,41 @@ def test_an_interrupt_ramps_down_and_is_told_apart(short_bench: Bench, reference
     assert everything(channel.world) == before
 
 
+def test_an_interrupt_that_no_drive_has_confirmed_does_not_end_as_a_safe_one(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+
+    def interrupt(number: int) -> None:
+        if number == 500:
+            session.interrupt("SIGINT")
+            channel.passes = lambda frame: frame.can_id & 0x7F != 2
+
+    channel.on_sync = interrupt
+    with session:
+        session.bring_up()
+        result = session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive")
+    assert isinstance(result.stopped, InterruptedRunError)
+    assert not result.stopped.all_disabled
+    assert result.stopped.exit_code == 8
+    assert "node 2: not confirmed to be disabled" in " ".join(session.not_restored)
+
+
+def test_the_progress_of_a_run_ends_where_the_run_does(short_bench: Bench, reference_robot: Robot) -> None:
+    shown: list[float] = []
+    session, channel = session_of(short_bench, reference_robot)
+    session.progress = shown.append
+    motion = constant_acceleration(short_bench, 2, 0.002)
+    with session:
+        session.bring_up()
+        result = session.run(motion, "none", "drive")
+        assert result.stopped is None
+        assert shown[-1] == 1.0
+        first = channel.syncs
+        channel.on_sync = lambda number: session.interrupt("SIGINT") if number == first + 500 else None
+        result = session.run(motion, "none", "drive")
+    assert 0 < result.cycles < len(motion.time_s)
+    assert shown[-1] == result.cycles / len(motion.time_s)
+
+
 def test_an_error_of_the_master_itself_stops_the_axes_first(session: BenchSession, robot: EmulatedRobot, bench: Bench) -> None:
 
     def stumble(share: float) -> None:
@@ -533,7 +569,7 @@ def test_a_run_without_its_accelerometer_is_never_a_pass(reference_bench: Bench,
         result = session.run(experiment.motion(reference_bench), "notch", "drive")
     assert result.sensor_missed == result.cycles
     for entry in entries(reference_bench, experiment, result, "x.csv"):
-        assert entry.within_spec is False
+        assert entry.within_spec is None
         assert entry.tip_peak_mm is None
         assert "accelerometer was missing" in (entry.invalid or "")
 
@@ -721,3 +757,24 @@ def test_an_accelerometer_at_the_end_of_its_range_is_not_judged(reference_bench:
     for entry in entries(bench, experiment, result, "x.csv"):
         assert "at the end of its range of 0.5 m/s²" in (entry.invalid or "")
         assert not entry.within_spec
+
+
+# -- emulated or not -------------------------------------------------------------------------------------------------------
+
+
+def test_an_emulated_robot_says_that_it_is_one(reference_bench: Bench, reference_robot: Robot) -> None:
+    session, _ = session_of(reference_bench, reference_robot)
+    with session:
+        session.bring_up()
+    assert session.emulated == {"axis 2": True, "axis 3": True, "axis 5": True, "accelerometer": True}
+
+
+def test_a_drive_that_has_hardware_or_says_nothing_of_it_is_not_taken_for_emulated(
+    reference_bench: Bench, reference_robot: Robot
+) -> None:
+    session, channel = session_of(reference_bench, reference_robot)
+    channel.world.drives[2].slave.dictionary.cell(0x1009, 0).value = "rev C"
+    channel.passes = lambda frame: frame.can_id != 0x583 or frame.data[1:4] != bytes((0x09, 0x10, 0x00))
+    with session:
+        session.bring_up()
+    assert session.emulated == {"axis 2": False, "axis 3": None, "axis 5": True, "accelerometer": True}

@@ -6,6 +6,7 @@ from hil.experiments.treatment import TITLES
 from hil.report import style
 from hil.report.figures import compare as figures_compare
 from hil.report.material import Material
+from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
@@ -30,8 +31,10 @@ def write_compare_report(directory: Path) -> Path:
     head = PageHead(
         names or "none",
         result.started_utc,
-        tuple(_notes(result, materials)),
+        tuple(_notes(materials)),
         heading="Your own robot" if isinstance(result, StoryResult) else "Treatments side by side",
+        aftermath=tuple(_aftermath(result)),
+        origin=origin_of_table(result),
     )
     return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
 
@@ -41,11 +44,12 @@ def _material(directory: Path) -> Material | None:
     return Material(directory) if (directory / "result.json").is_file() else None
 
 
-def _notes(result: TreatmentTable, materials: dict[str, Material | None]) -> list[str]:
-    notes = [note for material in materials.values() if material is not None for note in material.notes]
-    return notes + [
-        f"{robot.name}: not put back as it was found: {what}" for robot in result.robots for what in robot.not_restored
-    ]
+def _notes(materials: dict[str, Material | None]) -> list[str]:
+    return [note for material in materials.values() if material is not None for note in material.notes]
+
+
+def _aftermath(result: TreatmentTable) -> list[str]:
+    return [f"{robot.name}: {sentence}" for robot in result.robots for sentence in robot.aftermath]
 
 
 def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> list[Section]:
@@ -65,6 +69,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
             material = materials[robot.directory]
             if material is not None:
                 items.append(figures_compare.vibration(robot, material, experiment, axis, several=several))
+                items.append(figures_compare.orders(robot, material, experiment, axis, several=several))
         title = case_name(experiment, axis).capitalize()
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
@@ -178,7 +183,6 @@ def provenance(result: TreatmentTable) -> list[tuple[str, str]]:
     for robot in result.robots:
         source = f", {robot.source}" if robot.source else ""
         lines.append(("Robot", f"{robot.name} on {robot.bus}{source}"))
-    lines.append(("Started (UTC)", result.started_utc))
     versions: dict[str, str] = next((robot.versions for robot in result.robots if robot.versions is not None), {})
     lines.append(("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())))
     return [(name, text) for name, text in lines if text]

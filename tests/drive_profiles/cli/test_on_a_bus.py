@@ -71,8 +71,13 @@ def run(*arguments, code=0):
     return result
 
 
+def cells(text):
+    """The words of each line of a table."""
+    return [line.split() for line in text.splitlines()]
+
+
 def test_scan_finds_every_node_with_its_profile():
-    rows = [line.split("\t") for line in run("scan").stdout.splitlines()]
+    rows = [line.split() for line in run("scan").stdout.splitlines()]
     assert [row[0] for row in rows[1:]] == ["2", "3", "5", "16"]
     assert [row[-1] for row in rows[1:]] == ["emulated_drive", "kollmorgen_akd", "maxon_epos4", "emulated_accelerometer"]
     found = json.loads(run("scan", "--nodes", "2,16", "--json").stdout)
@@ -80,6 +85,25 @@ def test_scan_finds_every_node_with_its_profile():
     run("scan", "--nodes", "99", "--timeout-s", "0.05", code=5)
     for wrong in ("0-5", "128", "x", "", "5-", "5-2"):
         run("scan", "--nodes", wrong, code=2)
+
+
+def test_the_first_line_says_which_bus_is_taken_and_who_names_it(robot, monkeypatch):
+    assert run("info", "--node", "5").stderr.splitlines()[0] == f"bus {robot}, from HIL_BUS"
+    monkeypatch.setenv("HIL_BUS", "local:/nowhere/else.sock")
+    done = run("info", "--node", "5", "--bus", robot, "--json")
+    assert done.stderr.splitlines()[0] == f"bus {robot}, from --bus; not local:/nowhere/else.sock, as HIL_BUS says"
+    assert json.loads(done.stdout)["vendor_id"] == 0xFB
+    assert run("info", "--node", "5", code=4).stderr.startswith("bus local:/nowhere/else.sock, from HIL_BUS\n")
+    monkeypatch.setenv("HIL_BUS", "foo:bar")
+    assert "HIL_BUS: 'foo:bar': there is no interface 'foo'; there are local, socketcan" in run("scan", code=2).stderr
+    monkeypatch.delenv("HIL_BUS")
+    assert "HIL_BUS" in run("scan", code=2).stderr
+
+
+def test_two_sets_are_compared_without_a_bus(robot):
+    run("pull", "--node", "2", "--out", "axis2.toml")
+    assert run("diff", "axis2.toml", "axis2.toml").stderr == ""
+    assert run("diff", "axis2.toml", "--node", "2").stderr == f"bus {robot}, from HIL_BUS\n"
 
 
 def test_info_says_who_a_node_is_and_in_which_state():
@@ -97,11 +121,11 @@ def test_the_page_of_the_readme_from_scan_to_a_stored_notch(folder):
     text = text.replace('"notch_1.mode" = { value = 0 }', '"notch_1.mode" = { value = 1 }')
     text = text.replace('"notch_1.start_rps" = { value = 4.0', '"notch_1.start_rps" = { value = 4.5')
     (folder / "notch.toml").write_text(text)
-    assert "notch_1.mode\t0\t1" in run("diff", "axis2.toml", "notch.toml", code=7).stdout
+    assert ["notch_1.mode", "0", "1"] in cells(run("diff", "axis2.toml", "notch.toml", code=7).stdout)
     assert "notch_1.mode" in run("diff", "notch.toml", "--node", "2", code=7).stdout
     shown = run("upload", "notch.toml", "--node", "2", "--dry-run")
-    assert "2110:1 (notch_1.mode)\t0\t1" in shown.stdout
-    assert run("get", "notch_1.mode", "--node", "2").stdout.splitlines()[1].split("\t")[2] == "0"
+    assert ["2", "2110:1", "(notch_1.mode)", "0", "1"] in cells(shown.stdout)
+    assert cells(run("get", "notch_1.mode", "--node", "2").stdout)[1][2] == "0"
     run("upload", "notch.toml", "--node", "2", code=2)  # nobody to ask, and no --yes
     done = run("upload", "notch.toml", "--node", "2", "--store", "--reset", "--yes")
     assert "done, 2 written and read back, stored" in done.stdout
@@ -233,7 +257,7 @@ def test_set_takes_whole_names_and_one_value_each():
 
 def test_what_will_change_is_shown_before_the_question_also_with_json():
     result = run("set", "position_gain_per_s=5.5", "--node", "2", "--json", code=2)  # nobody to ask
-    assert "position_gain_per_s)\t" in result.stderr
+    assert ["2", "2100:1", "(position_gain_per_s)"] in [row[:3] for row in cells(result.stderr)]
     assert result.stdout == ""
     result = run("set", "position_gain_per_s=5.5", "--node", "2", "--json", "--dry-run")
     assert json.loads(result.stdout)[0]["new"] == 5.5
@@ -321,7 +345,7 @@ def test_an_interrupt_before_anything_is_written_says_only_that(monkeypatch):
         (["pull", "--node", "77", "--timeout-s", "0.05"], 5, "node 77: no answer"),
         (["pull", "--node", "2", "--bus", "local:/nowhere/x.sock"], 4, "no bus at local:/nowhere/x.sock"),
         (["pull", "--node", "2", "--bus", "nonsense"], 2, "no bus address"),
-        (["pull", "--node", "2", "--bus", "sockettin:can0"], 4, "no bus at sockettin:can0"),
+        (["pull", "--node", "2", "--bus", "sockettin:can0"], 2, "did you mean socketcan"),
         (["pull", "--node", "2", "--profile", "nobody"], 2, "no drive profile 'nobody'"),
         (["pull", "--node", "2", "--eds", "missing.eds"], 3, "missing.eds"),
         (["pull", "--node", "2", "--classes", "tuned"], 2, "--classes tuned"),
