@@ -45,7 +45,7 @@ def mount(app: typer.Typer) -> None:
 
 def upload(
     sets: Annotated[
-        list[Path], typer.Argument(metavar="SET...", help="One parameter set (or DCF, concise DCF) for all nodes, or one each.")
+        list[Path], typer.Argument(metavar="SET", help="One parameter set (or DCF, concise DCF) for all nodes, or one each.")
     ],
     bus: BusOption,
     node: Annotated[list[int], typer.Option("--node", min=1, max=127, help="Node-ID; again for several drives: all or none.")],
@@ -59,6 +59,9 @@ def upload(
     allow_unverified: UnverifiedOption = False,
     force_commissioning: Annotated[
         bool, typer.Option("--force-commissioning", help="Write one device's commissioning values to another.")
+    ] = False,
+    other_device: Annotated[
+        bool, typer.Option("--other-device", help="Write a set that was pulled from another device; --yes does not cover that.")
     ] = False,
     journals: JournalsOption = JOURNALS,
     profile: ProfileOption = None,
@@ -84,7 +87,14 @@ def upload(
     if reset and not store:
         raise fail("--reset without --store would only undo the upload", ExitStatus.USAGE)
     options = UploadOptions(
-        class_names(classes), store, reset, rollback_on_error, allow_unverified, force_commissioning, journals=journals
+        class_names(classes),
+        store,
+        reset,
+        rollback_on_error,
+        allow_unverified,
+        force_commissioning,
+        other_device,
+        journals=journals,
     )
     with exit_on_error():
         loaded: list[ParameterSet | Path] = [ParameterSet.load(path) if is_toml(path) else path for path in sets]
@@ -95,7 +105,7 @@ def upload(
 def set_(
     values: Annotated[
         list[str],
-        typer.Argument(metavar="OBJECT=VALUE...", help="Values in the parameters' units.", autocompletion=complete_objects),
+        typer.Argument(metavar="OBJECT=VALUE", help="Values in the parameters' units.", autocompletion=complete_objects),
     ],
     bus: BusOption,
     node: NodeOption,

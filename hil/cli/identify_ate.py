@@ -59,7 +59,9 @@ def ate(
 ) -> None:
     """Identify the angular transmission error of one axis: ramps through f_m4 and f_m2, forwards and back.
 
-    Nothing needs to be knowledge but the bench file. Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
+    Nothing needs to be known but the bench file.
+
+    Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
     with exit_on_error():
         bench = bench_on(bench_file, bus)

@@ -104,7 +104,9 @@ def plant(
 ) -> None:
     """Identify the plant of one axis: K_g, J_m, J_l, dampings, f_a, f_r, ζ, friction and gravity, with standard errors.
 
-    Nothing needs to be known but the bench file. Example: hil identify plant --bench bench.toml --axis 2 --model model.toml
+    Nothing needs to be known but the bench file.
+
+    Example: hil identify plant --bench bench.toml --axis 2 --model model.toml
     """
     with exit_on_error():
         bench = bench_on(bench_file, bus)

@@ -28,12 +28,15 @@ MovedAxisOption = Annotated[int, typer.Option("--axis", help="The axis that is m
 LoopOption = Annotated[LoopName, typer.Option("--loop", help="Where the loop is closed.")]
 TreatmentOption = Annotated[
     TreatmentName,
-    typer.Option("--treatment", help=f"What acts against the vibration: {', '.join(described(row) for row in TABLE)}."),
+    typer.Option(
+        "--treatment", metavar="NAME", help=f"What acts against the vibration: {', '.join(described(row) for row in TABLE)}."
+    ),
 ]
 TreatmentListOption = Annotated[
     list[str] | None,
     typer.Option(
         "--treatment",
+        metavar="NAME[,NAME]",
         help=f"Names with commas between: {', '.join(row.name for row in TABLE)}. Left out: all that the given files allow.",
     ),
 ]

@@ -44,7 +44,9 @@ def plan(
 ) -> None:
     """Say what a cycle puts on the bus, whether it fits, and whether the loop is stable at the delay that this makes.
 
-    Nothing is sent: it needs no robot. Example: hil plan --bench bench.toml --loop host --bitrate 1M
+    Nothing is sent: it needs no robot.
+
+    Example: hil plan --bench bench.toml --loop host --bitrate 1M
     """
     rate = None if bitrate is None else _bitrate(bitrate)
     if sync_period_s is not None and not 1e-5 <= sync_period_s <= 10.0:

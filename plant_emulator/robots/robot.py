@@ -15,7 +15,6 @@ from drive_profiles.files.toml import Table, load
 from hil.control.angles import ARCSEC
 from hil.control.trajectory import PlanarChain
 from hil.robot_tables import (
-    CHAIN_AXES,
     ConstantAccelerationMotion,
     Control,
     Geometry,
@@ -30,6 +29,11 @@ from plant_emulator.physics.axis import PLANT
 
 MAX_AXES = 126
 """The most drives that one bus has node IDs for, beside the accelerometer (CiA 301, 7.2.8.2: 1 to 127)."""
+
+SDO_DOWNLOAD_BYTES = 64 * 1024
+"""The longest value that an SDO channel takes, unless the file says otherwise: what a client can make it keep in memory."""
+
+DownloadBytes = Annotated[int, Field(ge=8, le=16 * 1024 * 1024)]
 
 
 class GearTransmissionError(TransmissionErrorTable):
@@ -82,6 +86,7 @@ class Behaviour(Table):
         halt_blocks_mode_change: A new mode is not taken while the halt bit is set.
         quick_stop_ends_disabled_at_once: Quick stop leads to switch on disabled, also with 605Ah from 5 to 8.
         pp_handshake_cycles: SYNCs after which a set-point of profile position is acknowledged.
+        needs_mode_to_enable: Without a mode of operation (6060h = 0) it does not enable, but reports emergency 6320h.
         operational_at_boot: The node goes to NMT state operational by itself.
         unconfigured: It has left the factory without a node-ID, and does nothing but LSS until a master gives it one (CiA 305).
         bus_off_restart_ms: Time from bus-off until its controller restarts by itself; left out, it stays off until the fault or
@@ -95,6 +100,7 @@ class Behaviour(Table):
     halt_blocks_mode_change: bool = False
     quick_stop_ends_disabled_at_once: bool = False
     pp_handshake_cycles: Annotated[int, Field(ge=0, le=1000)] = 0
+    needs_mode_to_enable: bool = False
     operational_at_boot: bool = False
     unconfigured: bool = False
     bus_off_restart_ms: Annotated[float, Field(ge=0.0, le=60e3)] | None = None
@@ -118,6 +124,7 @@ class RobotAxis(PlantTable):
         eds: Path of the drive's EDS file; its objects that the profile does not state are there, but do nothing.
         store_time_s: Time for which the drive is silent on SDO while it stores.
         torque_constant_nm_a: Assumed motor constant, for drives whose gains are in amperes, and for 6075h.
+        sdo_download_bytes: The longest value that an SDO channel of the node takes.
         switches: Limit and home switches and what the touch probes see; left out, there are none.
         behaviour: Differences from a drive that does all at once.
     """
@@ -146,6 +153,7 @@ class RobotAxis(PlantTable):
     eds: str | None = None
     store_time_s: NotNegative = 0.4
     torque_constant_nm_a: Positive = 1.0
+    sdo_download_bytes: DownloadBytes = SDO_DOWNLOAD_BYTES
     switches: Switches | None = None
     behaviour: Behaviour = Behaviour()
 
@@ -184,10 +192,11 @@ class RobotAxis(PlantTable):
 
 
 class RobotAccelerometer(Table):
-    """The sensor at the tip and its node on the bus; `unconfigured` as in `Behaviour`."""
+    """The sensor at the tip and its node on the bus; `unconfigured` as in `Behaviour`, `sdo_download_bytes` as in `RobotAxis`."""
 
     node_id: Annotated[int, Field(ge=1, le=127)] = 16
     unconfigured: bool = False
+    sdo_download_bytes: DownloadBytes = SDO_DOWNLOAD_BYTES
     noise_m_s2: NotNegative = 0.02
     resolution_m_s2: NotNegative = 0.00981
     range_m_s2: Annotated[float, Field(gt=0.0, le=32.0)] = 19.62
@@ -217,8 +226,8 @@ class Robot(Table):
         if twice:
             given = " and ".join(holders[twice[0]][:2])
             raise ValueError(f"node id {twice[0]} is given to two nodes of the bus, {given}: node_id changes it")
-        if self.geometry is not None and not set(CHAIN_AXES) <= set(self.axis):
-            raise ValueError(f"a geometry needs axes {', '.join(map(str, CHAIN_AXES))}")
+        if self.geometry is not None:
+            self.geometry.check_axes(self.axis, "a geometry")
         step_s = self.control_period_s / self.plant_substeps
         for number, axis in self.axis.items():
             lag_s = axis.current_time_constant_s
@@ -228,6 +237,11 @@ class Robot(Table):
                     "0 is none, and plant_substeps makes the steps shorter"
                 )
         return self
+
+    @property
+    def chain_axes(self) -> tuple[int, ...]:
+        """Axes of the line motion: those of the geometry, from the base on; none without one."""
+        return () if self.geometry is None else self.geometry.axes
 
     @property
     def node_ids(self) -> dict[int, int]:
@@ -241,7 +255,7 @@ class Robot(Table):
         return frozenset(axes | {self.accelerometer.node_id} if self.accelerometer.unconfigured else axes)
 
     def home_joints(self) -> NDArray[np.float64] | None:
-        """q₂, q₃, q₅ in rad where all motor angles are zero: the start of the line motion; None without a geometry."""
+        """Joint angles of the chain in rad where all motor angles are zero, at the start of the line motion; None without one."""
         if self.geometry is None or self.line_motion is None:
             return None
         start = self.line_motion.start_m
@@ -250,16 +264,16 @@ class Robot(Table):
     def home_angle(self, number: int) -> float:
         """q₀ of one axis in rad, so that gravity's moment is m g l cos(θ_l + q₀).
 
-        Axes 3 and 5 lift their links: q₀ is the link's angle above the horizontal at home. Axis 2 leans its link
+        Elbow and wrist lift their links: q₀ is the link's angle above the horizontal at home. The shoulder leans its link
         forwards from the vertical, and its weight pulls it on: q₀ is the lean at home plus 90°.
         """
         axis = self.axis[number]
         if axis.home_deg is not None:
             return math.radians(axis.home_deg)
         joints = self.home_joints()
-        if joints is None or number not in CHAIN_AXES:
+        if joints is None or number not in self.chain_axes:
             return 0.0
-        link = CHAIN_AXES.index(number)
+        link = self.chain_axes.index(number)
         return float(joints[0] + 0.5 * math.pi) if link == 0 else float(PlanarChain.link_angles(joints)[link])
 
 

@@ -12,7 +12,7 @@ import { once } from "node:events";
 import { setTimeout as sleep } from "node:timers/promises";
 
 const [packages, port, scenario, text] = process.argv.slice(2);
-const { Device, DataType, LssMode } = createRequire(join(packages, "package.json"))("canopen");
+const { Device, DataType, Eds, LssMode } = createRequire(join(packages, "package.json"))("canopen");
 const given = { node: 3, ...JSON.parse(text ?? "{}") };
 
 const MASTER = 0x7e;
@@ -138,7 +138,7 @@ const scenarios = {
   },
 
   async pdo() {
-    await download(0x6060, 0, 1, DataType.INTEGER8); // profile position; without a mode the drive is not enabled
+    await download(0x6060, 0, 1, DataType.INTEGER8); // profile position
     const status = await listenTo(0x6041, 16, DataType.UNSIGNED16, 1);
     beat(0);
     await until("a status word by PDO", () => (status.value & 0x4f) === 0x40); // switch on disabled
@@ -179,6 +179,14 @@ const scenarios = {
     device.eds.setTimeProducerEnable(true);
     device.time.write(new Date(given.time));
     say({ time: given.time, still: await upload(0x1000, 0, DataType.UNSIGNED32) });
+  },
+
+  async eds() {
+    for (const path of given.paths)
+      for (const object of Eds.fromFile(path).values())
+        for (const each of Object.values(object._subObjects ?? [object]))
+          if (each.dataType === DataType.REAL32 || each.dataType === DataType.UNSIGNED32)
+            say({ path, key: each.key, type: each.dataType, stated: each.defaultValue ?? null });
   },
 
   async lss() {
