@@ -53,7 +53,7 @@ ClassesOption = Annotated[str, typer.Option("--classes", help="Comma-separated: 
 ALL = "tuning,limits,communication,commissioning"
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writing.")]
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show what would be written, and write nothing.")]
-JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for the snapshots and journals.")]
+JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for snapshots and journals; made where you are.")]
 UnverifiedOption = Annotated[bool, typer.Option("--allow-unverified", help="Write also by facts that nobody has verified.")]
 StoreOption = Annotated[bool, typer.Option("--store", help="Let the drive keep the values over a loss of power.")]
 RollBackOption = Annotated[
