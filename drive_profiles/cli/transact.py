@@ -15,9 +15,13 @@ from drive_profiles.cli.console import ExitStatus, Interrupts, confirm, print_js
 
 if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.parameter_set.parameters import ParameterSet
+    from drive_profiles.device.device import Device
+    from drive_profiles.parameter_set.parameters import ParameterSet, Write
     from drive_profiles.upload.result import UploadOptions, UploadResult
     from drive_profiles.upload.upload import Upload
+
+MAX_ROWS = 20
+"""Most changes that are shown before they are written."""
 
 
 @dataclass(frozen=True)
@@ -93,41 +97,55 @@ def exit_status(outcomes: Sequence[UploadResult]) -> int:
 
 
 def _upload(bus: SdoBus, node: int, wanted: ParameterSet | Path, request: TransactionRequest) -> Upload:
-    """Upload to one node; a DCF serves as its own EDS."""
+    """Upload to one node, of a set or of the file that holds it."""
+    from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.target import device_at
-    from drive_profiles.parameter_set import formats
     from drive_profiles.upload.upload import Upload
 
     if isinstance(wanted, Path):
-        own = wanted if request.eds is None and wanted.suffix.lower() in formats.DEVICE_FILES else request.eds
-        device = device_at(bus, node, request.profile, own)
-        wanted = formats.read(wanted, device.catalogue, node)
-        for line in wanted.header.not_read:
-            typer.echo(f"node {node}: not taken: {line}", err=True)
+        device, wanted = set_for_drive(bus, node, wanted, request.profile, request.eds)
     else:
         device = device_at(bus, node, request.profile or wanted.header.profile or None, request.eds)
     return Upload(device, wanted, request.options, bus.address)
 
 
 def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> None:
-    """Print the changes as a table; on standard error where standard output is for the JSON document of the results."""
+    """Print the changes as a table; on standard error where standard output is for the JSON document of the results.
+
+    Before a question, or an outcome, the table is short: what is said after it must not push it out of sight.
+    """
     rows: list[tuple[str, ...]] = []
     documents: list[dict[str, Any]] = []
     for item in uploads:
         node = item.device.node
-        scaling = item.device.scaling([write.entry for write in item.writes])
         for write, held in item.changes:
-            now = write.entry.decoded(held, scaling) if held else ""
-            rows.append((str(node), str(write.entry), str(now), str(write.value), write.entry.unit))
-            documents.append({
-                "node": node, "object": str(write.entry), "now": now, "new": write.value, "unit": write.entry.unit,
-            })  # fmt: skip
+            now, new, unit = _in_unit(item.device, write, held)
+            rows.append((str(node), str(write.entry), str(now), str(new), unit))
+            documents.append({"node": node, "object": str(write.entry), "now": now, "new": new, "unit": unit})
     if request.dry_run and request.as_json:
         print_json(documents)
     elif rows:
-        table("", ("node", "object", "now", "new", "unit"), rows, err=request.as_json)
+        shown = len(rows) if request.dry_run or len(rows) <= MAX_ROWS + 1 else MAX_ROWS
+        table("", ("node", "object", "now", "new", "unit"), rows[:shown], err=request.as_json)
+        if shown < len(rows):
+            typer.echo(f"… and {len(rows) - shown} more; --dry-run shows all", err=request.as_json)
     else:
         typer.echo("nothing differs", err=request.as_json)
+
+
+def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, float | str, str]:
+    """Value now, new value and unit of a write: in the parameter's unit also where the line is raw, as in a snapshot."""
+    from drive_profiles.errors import DriveProfileError
+
+    known = device.catalogue.get(write.address)
+    if write.entry.parameter is None and known is not None and known.parameter is not None:
+        try:
+            scaling = device.scaling([known])
+            return known.decoded(held, scaling), known.decoded(write.data, scaling), known.unit
+        except (ValueError, DriveProfileError):  # then as on the wire
+            pass
+    now = write.entry.decoded(held, device.scaling([write.entry])) if held else ""
+    return now, write.value, write.entry.unit
 
 
 def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> None:
