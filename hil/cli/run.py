@@ -91,19 +91,20 @@ def run(
     Example: hil run constant-acceleration --axis 2 --treatment notch --bench bench.toml
     """
     with exit_on_error():
-        from hil.experiments.plan import Experiment  # noqa: PLC0415
-
         is_line = experiment is ExperimentName.LINE_MOTION
         if is_line != (axis is None):
             raise fail(
                 "a line-motion takes no --axis" if is_line else "a constant-acceleration run needs --axis", ExitStatus.USAGE
             )
         bench = bench_on(bench_file, bus)
+        known_robot = knowledge(model, design, learnt)
+
+        from hil.experiments.plan import Experiment  # noqa: PLC0415
+
         plan = Experiment(experiment.value, axis, treatment, loop)
         if not yes and not is_emulated(bench):
             confirm(motion_lines([(bench, plan)]))
         where = out or new_directory(Path(plan.file_name).stem)
-        known_robot = knowledge(model, design, learnt)
         status = run_and_report(
             bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload,
             knowledge=known_robot, repeat=repeat,

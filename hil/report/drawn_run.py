@@ -45,6 +45,25 @@ def drawn_run(material: Material, run: RunEntry | None, label: str, look: style.
     return DrawnRun(run, recording, label + (" (stopped early)" if run.stopped else ""), look)
 
 
+def pair(material: Material, experiment: str, axis: int | None) -> list[DrawnRun]:
+    """Runs of an experiment without and with the notch, as far as they are there; drive-closed before host-closed.
+
+    Args:
+        material: Result and recordings.
+        experiment: Name of the experiment.
+        axis: Axis of a constant-acceleration run, else None.
+    """
+    for loop in ("drive", "host"):
+        runs = [
+            drawn_run(material, material.find(experiment, axis, "none", loop), "without notch", style.WITHOUT),
+            drawn_run(material, material.find(experiment, axis, "notch", loop), "with notch", style.WITH),
+        ]
+        recorded = [run for run in runs if run is not None]
+        if recorded:
+            return recorded
+    return []
+
+
 def draw_vibration(panel: Axes, run: DrawnRun, band_hz: tuple[float, float], *, with_peak: bool = True) -> None:
     """Draw the band-passed vertical acceleration over time."""
     vibration = band_passed(run.recording.columns["tip_z_m_s2"], run.recording.period_s, band_hz)

@@ -18,6 +18,7 @@ from hil.report.drawn_run import (
     shade_speeds,
     window_words,
 )
+from hil.report.figures.order_map import order_maps
 from hil.report.material import Material
 from hil.report.style import Drawing
 from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
@@ -31,6 +32,8 @@ OVERLAY_LINES: tuple[style.Line, ...] = (
     {"color": style.VERMILLION, "linestyle": (0, (5, 1.2, 1, 1.2)), "linewidth": 1.2},
     {"color": style.GREEN, "linestyle": "-", "linewidth": 1.8},
 )
+MAPPED = 6
+"""Largest number of order maps in one figure."""
 BEHIND: style.Line = {"color": style.ORANGE, "linestyle": "-", "linewidth": 0.9, "alpha": 0.75}
 
 
@@ -69,6 +72,25 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
         f"Vertical tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase. {window} {limit}{behind}",
         svg,
     )
+
+
+def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
+    """Order maps of a ramp with each treatment, closed in the same place as the first; None for other motions.
+
+    Args:
+        robot: Robot of the comparison.
+        material: Result and recordings of its runs.
+        experiment: Name of the experiment.
+        axis: Axis of a constant-acceleration run, else None.
+        several: True where the comparison has more than one robot.
+    """
+    if axis is None:
+        return None
+    rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
+    runs = [run for row in rows if row.loop == rows[0].loop and (run := _drawn(material, row)) is not None]
+    title = f"{robot.name}, axis" if several else "Axis"
+    key = f"orders-{robot.directory}-{key_of(experiment, axis)}"
+    return order_maps(key, f"{title} {axis}: which order shakes the tip", runs[:MAPPED], axis, material.f_al_hz.get(axis))
 
 
 def _drawn(material: Material, row: ComparisonRow) -> DrawnRun | None:

@@ -16,6 +16,7 @@ from hil.report.drawn_run import (
     limit_words,
     line_words,
     number_or_nothing,
+    pair,
     shade_line,
     shade_speeds,
     smooth_spectrum,
@@ -30,7 +31,7 @@ BRAKING_S = 0.12
 
 def suppression(material: Material, axis: int) -> Drawing | None:
     """Tip vibration and its spectrum with and without the notch, drive-closed; Figs. 13 and 14."""
-    runs = _pair(material, CONSTANT_ACCELERATION, axis)
+    runs = pair(material, CONSTANT_ACCELERATION, axis)
     if not runs:
         return None
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
@@ -69,7 +70,7 @@ def suppression(material: Material, axis: int) -> Drawing | None:
 
 def line_motion(material: Material) -> Drawing | None:
     """Tip vibration on the line and its spectrum up to 50 Hz, with and without the notch; Fig. 15."""
-    runs = _pair(material, LINE_MOTION, None)
+    runs = pair(material, LINE_MOTION, None)
     if not runs:
         return None
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
@@ -167,19 +168,6 @@ def _periods(pairs: dict[str, list[DrawnRun]]) -> str:
     runs = {run.entry.loop: run.entry for runs in pairs.values() for run in runs}
     parts = [f"{loop}-closed: {1e3 * run.sync_period_s:g} ms" for loop, run in runs.items() if run.sync_period_s]
     return f"SYNC period {', '.join(parts)}." if parts else ""
-
-
-def _pair(material: Material, experiment: str, axis: int | None) -> list[DrawnRun]:
-    """The runs without and with the notch, as far as they are there; drive-closed before host-closed."""
-    for loop in ("drive", "host"):
-        runs = [
-            drawn_run(material, material.find(experiment, axis, "none", loop), "without notch", style.WITHOUT),
-            drawn_run(material, material.find(experiment, axis, "notch", loop), "with notch", style.WITH),
-        ]
-        recorded = [run for run in runs if run is not None]
-        if recorded:
-            return recorded
-    return []
 
 
 def _end_of_ramp(recording: Recording, axis: int) -> float:

@@ -69,6 +69,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
             material = materials[robot.directory]
             if material is not None:
                 items.append(figures_compare.vibration(robot, material, experiment, axis, several=several))
+                items.append(figures_compare.orders(robot, material, experiment, axis, several=several))
         title = case_name(experiment, axis).capitalize()
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))

@@ -9,7 +9,8 @@ from markupsafe import Markup
 from hil.bench.bench import Bench
 from hil.experiments.plan import outside
 from hil.report import style
-from hil.report.figures import identification, model, notch, suppression
+from hil.report.drawn_run import pair
+from hil.report.figures import identification, model, notch, order_map, suppression
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
@@ -67,6 +68,7 @@ def sections(material: Material) -> list[Section]:
             [
                 *(suppression.suppression(material, axis) for axis in driven),
                 suppression.line_motion(material),
+                *(_order_maps(material, axis) for axis in driven),
                 *(suppression.loop_sides(material, axis) for axis in driven),
             ],
         ),
@@ -99,6 +101,14 @@ def sections(material: Material) -> list[Section]:
     ]
     filled = [Section(key, title, tuple(_present(items))) for key, title, items in chapters]
     return [section for section in filled if section.items]
+
+
+def _order_maps(material: Material, axis: int) -> Drawing | None:
+    """Order maps of the ramps of an axis, without and with the notch."""
+    runs = pair(material, CONSTANT_ACCELERATION, axis)
+    return order_map.order_maps(
+        f"orders-{axis}", f"Axis {axis}: which order shakes the tip", runs, axis, material.f_al_hz.get(axis)
+    )
 
 
 def _own_robot(material: Material) -> ReportTable | None:

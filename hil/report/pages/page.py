@@ -164,11 +164,21 @@ def render(
             citation=CITATION,
             palette=Markup(palette.css(":root")),  # noqa: S704 - of constants
             is_drawing=lambda item: isinstance(item, Drawing),
+            is_tall=_is_tall,
             is_mark=lambda cell: isinstance(cell, Mark),
         )
     )
     path.write_text(page, encoding="utf-8")
     return path
+
+
+_TALL = 0.62
+"""Height over width from which a figure takes most of a printed page."""
+
+
+def _is_tall(drawing: Drawing) -> bool:
+    box = re.search(r'viewBox="\S+ \S+ (\S+) ([^"\s]+)"', drawing.svg)
+    return box is not None and float(box[2]) > _TALL * float(box[1])
 
 
 @cache
