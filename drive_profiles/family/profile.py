@@ -13,7 +13,16 @@ from typing import Annotated, Literal, Self
 import pydantic
 
 from drive_profiles.errors import ProfileNotFoundError, UnknownParameterError
-from drive_profiles.family.capability import Abort, Capabilities, EncoderFacts, LoopFacts, NotchFacts, StoreFacts, TorqueFacts
+from drive_profiles.family.capability import (
+    Abort,
+    Capabilities,
+    EncoderFacts,
+    LoopFacts,
+    NotchFacts,
+    StoreFacts,
+    TorqueFacts,
+    gain_unit,
+)
 from drive_profiles.family.parameter import Fact, Parameter, ParameterClass
 from drive_profiles.files import toml as files
 from drive_profiles.files.toml import UNIT_NAMES, Table, split_unit
@@ -136,6 +145,13 @@ class Profile(Table):
         if self.notch is None and self.capabilities is not None and self.capabilities.notch_inside.answer in {"exact", "yes"}:
             raise ValueError("capabilities.notch_inside says yes, but there is no notch table")
         return self
+
+    def unit_of(self, name: str) -> str:
+        """Unit of a parameter's value: its own, or what the loop's facts make of a gain that has none."""
+        parameter = self.parameters.get(name)
+        if parameter is None or parameter.unit or self.loop is None:
+            return "" if parameter is None else parameter.unit
+        return next((gain_unit(role, gain) for role, gain in self.loop.gains.items() if gain.parameter == name), "")
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Self:

@@ -145,7 +145,7 @@ def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
         figure.legend(list(handles.values()), list(handles), loc="outside upper left", ncols=columns)
 
 
-def share_time(*panels: Axes) -> None:
+def stack_over_time(*panels: Axes) -> None:
     """Give panels that stand one above the other the time of the last; only that one is labelled."""
     for panel in panels[:-1]:
         panel.sharex(panels[-1])

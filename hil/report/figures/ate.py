@@ -16,6 +16,7 @@ from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style
 from hil.report.drawn_run import smooth_spectrum
+from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
 from hil.report.style import Drawing, Real
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number, value_and_error
@@ -65,6 +66,16 @@ class AteMaterial:
     def part(self) -> IdentifiedError | None:
         """Transmission error that was identified, or None."""
         return self.result.ate
+
+    @property
+    def word(self) -> str:
+        """Word for what came from the robot: `measured`, or `emulated`."""
+        return origin_of(self.result).word
+
+    @property
+    def is_paper(self) -> bool:
+        """True for the paper's robot."""
+        return self.result.bench.file.is_paper
 
     @property
     def unit(self) -> str:
@@ -118,12 +129,14 @@ def error_of(part: IdentifiedError) -> TransmissionError:
     return TransmissionError({2: values.a2_arcsec, 4: values.a4_arcsec}, {2: values.phi2_deg, 4: values.phi4_deg})
 
 
-def waveform(axis: int, part: IdentifiedError | None) -> Drawing | None:
-    """θ_sync over two motor revolutions with its confidence; Fig. 5."""
+def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False) -> Drawing | None:
+    """θ_sync over two motor revolutions with its confidence, and for the paper's robot that of its Table 2; Fig. 5."""
     if part is None:
         return None
     error, key = error_of(part), f"waveform-axis{axis}"
-    figure, panels = style.panels(1, 1, 2.7)
+    paper = TABLE_2.get(axis) if is_paper else None
+    rows = 1 if paper is None else 2
+    figure, panels = style.panels(rows, 1, 1.6 + 1.1 * rows, sharex=True, height_ratios=(5, 3)[:rows])
     panel, turns = panels[0, 0], np.linspace(0.0, 2.0, 721)
     angle = 2.0 * math.pi * turns
     middle = error.angle_rad(angle) / ARCSEC
@@ -135,14 +148,17 @@ def waveform(axis: int, part: IdentifiedError | None) -> Drawing | None:
     spread = 2.0 * np.sqrt(variance)
     panel.fill_between(turns, middle - spread, middle + spread, color=style.SKY, alpha=0.6, label="± 2 standard errors")
     panel.plot(turns, middle, label="identified", **style.MEASURED)
-    if axis in TABLE_2:
-        paper = TABLE_2[axis]
+    if paper is not None:
         printed = TransmissionError({2: paper.a2_arcsec, 4: paper.a4_arcsec}, {2: paper.phi2_deg, 4: paper.phi4_deg})
         panel.plot(turns, printed.angle_rad(angle) / ARCSEC, label="paper, Table 2", **style.MODEL)
+        rest = panels[1, 0]
+        rest.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.6)
+        style.residual(rest, turns, middle - printed.angle_rad(angle) / ARCSEC, "arcsec", "identified − paper")
+        rest.set_ylabel("Residual (arcsec)")
     for turn in (1.0, 2.0):
         panel.axvline(turn, **style.MARK)
     panel.set_xlim(0.0, 2.0)
-    panel.set_xlabel("Motor angle (rev)")
+    panels[-1, 0].set_xlabel("Motor angle (rev)")
     panel.set_ylabel(r"$\theta_{sync}$ (arcsec)")
     style.legend_above(figure, panel)
     return Drawing(
@@ -160,13 +176,13 @@ def against_speed(material: AteMaterial) -> Drawing | None:
     """The signal against the motor speed, both directions, measured and modelled."""
     if not material.passes:
         return None
-    drawn, part = material.passes[0], material.part
+    drawn, part, rest_name = material.passes[0], material.part, f"{material.word} − model"
     figure, panels = style.panels(4, 1, 5.9, sharex=True, height_ratios=(5, 3, 5, 3))
     for panel, rest, sign in zip(panels[::2, 0], panels[1::2, 0], (1, -1), strict=True):
         panel.sharey(panels[0, 0])
         rest.sharey(panels[1, 0])
         rows = drawn.direction == sign
-        panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.measured[rows]), label="measured", **style.BROAD)
+        panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.measured[rows]), label=material.word, **style.BROAD)
         panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.model[rows]), label="model", **style.MODEL)
         if part is not None and part.arm_hz is not None:
             for order in (4, 2):
@@ -174,7 +190,9 @@ def against_speed(material: AteMaterial) -> Drawing | None:
                 style.flag(panel, speed, f"$f_a$/{order} = {speed:.2f} rev/s", side="right")
         panel.set_title(f"motor turning {TURNS[sign]}")
         if rows.any():
-            style.residual(rest, np.abs(drawn.speed_rps[rows]), drawn.measured[rows] - drawn.model[rows], material.unit)
+            style.residual(
+                rest, np.abs(drawn.speed_rps[rows]), drawn.measured[rows] - drawn.model[rows], material.unit, rest_name
+            )
         rest.set_ylabel(f"Residual ({material.unit})")
         panel.set_ylabel(f"{material.signal_name} ({material.unit})")
     panels[-1, 0].set_xlabel("Motor speed (rev/s)")
@@ -196,7 +214,7 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
     part = material.part
     if not material.passes or part is None or part.arm_hz is None:
         return None
-    drawn = material.passes[0]
+    drawn, rest_name = material.passes[0], f"{material.word} − model"
     figure, panels = style.panels(4, 2, 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
     for column, order in enumerate((2, 4)):
         centre = part.arm_hz / order
@@ -209,12 +227,12 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
             continue
         time, period = drawn.time_s[rows], float(drawn.time_s[1] - drawn.time_s[0])
         top.plot(*style.thin(time, speed[rows]), **style.BROAD)
-        middle.plot(*style.thin(time, drawn.measured[rows]), label="measured", **style.BROAD)
+        middle.plot(*style.thin(time, drawn.measured[rows]), label=material.word, **style.BROAD)
         middle.plot(*style.thin(time, drawn.model[rows]), label="model", **style.MODEL)
-        style.residual(rest, time, drawn.measured[rows] - drawn.model[rows], material.unit)
+        style.residual(rest, time, drawn.measured[rows] - drawn.model[rows], material.unit, rest_name)
         for values, look in ((drawn.measured, style.BROAD), (drawn.model, style.MODEL)):
             bottom.plot(*smooth_spectrum(values[rows], period, 30.0), **look)
-        style.share_time(top, middle, rest)
+        style.stack_over_time(top, middle, rest)
         bottom.set_xlabel("Frequency (Hz)")
         bottom.set_xlim(0.0, 30.0)
         bottom.set_ylim(0.0, None)
@@ -236,12 +254,14 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
     )
 
 
-def errors(axis: int, part: IdentifiedError | None, *, is_sensorless: bool = False) -> ReportTable | None:
-    """Table of the transmission error with its standard errors, beside the paper's Table 2."""
+def errors(
+    axis: int, part: IdentifiedError | None, *, is_sensorless: bool = False, is_paper: bool = False
+) -> ReportTable | None:  # fmt: skip
+    """Table of the transmission error with its standard errors; for the paper's robot beside the paper's Table 2."""
     if part is None:
         return None
     rows: list[list[Cell]] = []
-    paper = TABLE_2.get(axis)
+    paper = TABLE_2.get(axis) if is_paper else None
     values = part.values.model_dump()
     for column, (name, symbol, unit) in enumerate(
         (
@@ -252,13 +272,13 @@ def errors(axis: int, part: IdentifiedError | None, *, is_sensorless: bool = Fal
         )
     ):
         form = "{:.3f}" if unit == "arcsec" else "{:.2f}"
-        printed = number(None if paper is None else paper[column], "{:g}")
-        rows.append([symbol, unit, printed, number(values[name], form), number(part.standard_error.get(name), form)])
+        printed = [] if paper is None else [number(paper[column], "{:g}")]
+        rows.append([symbol, unit, *printed, number(values[name], form), number(part.standard_error.get(name), form)])
     return ReportTable(
         f"table-2-axis{axis}",
         f"Parameters of the synchronous transmission error of axis {axis}",
         "Table 2",
-        ("Parameter", "Unit", "Paper", "Identified", "Standard error"),
+        ("Parameter", "Unit", *([] if paper is None else ["Paper"]), "Identified", "Standard error"),
         rows,
         frozenset({0, 1}),
         "The standard error is that of the noise. "
