@@ -48,9 +48,11 @@ def convert(
     from drive_profiles.parameter_set.parameters import ParameterSet
 
     with exit_on_error():
-        if profile is None and formats.is_toml(file):
-            profile = ParameterSet.load(file).header.profile or None
-        catalogue = catalogue_of(profile, eds, node_id)
+        code = revision = None
+        if formats.is_toml(file):
+            header = ParameterSet.load(file).header
+            code, revision, profile = header.product_code, header.revision, profile or header.profile or None
+        catalogue = catalogue_of(profile, eds, node_id, product_code=code, revision=revision)
         parameter_set = formats.read(file, catalogue, node_id)
         for line in parameter_set.header.not_read:
             typer.echo(f"left out: {line}", err=True)

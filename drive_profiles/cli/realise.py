@@ -159,7 +159,7 @@ def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact:
     from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet
 
     identity = profile.identity
-    header = Header(profile=profile.name, vendor_id=identity.vendor_id, product_code=None, unverified=_why_unverified(fact))
+    header = Header(profile=profile.label, vendor_id=identity.vendor_id, product_code=None, unverified=_why_unverified(fact))
     items = {name: Item(value=value, unit=profile.parameter(name).unit) for name, value in values.items()}
     with exit_on_error():
         ParameterSet(header=header, tuning=items).save(out)

@@ -48,7 +48,7 @@ def read(path: Path, catalogue: Catalogue, node_id: int | None = None) -> Parame
     loaded = from_values(known, description.values)
     header = loaded.header.model_copy(
         update={
-            "profile": catalogue.profile.name if catalogue.profile else "",
+            "profile": catalogue.profile.label if catalogue.profile else "",
             "title": description.product_name,
             "vendor_id": description.vendor_id or None,
             "product_code": description.product_code or None,

@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from drive_profiles.errors import DriveProfileError, OutOfRangeError
+from drive_profiles.errors import DriveProfileError, OutOfRangeError, UnknownProductError
 from drive_profiles.family.parameter import Parameter
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import Mode, Object, State, state_of
-from drive_profiles.standard.object_address import object_address
+from drive_profiles.standard.object_address import ObjectAddress, object_address
 from drive_profiles.standard.units import Scaling, interpolation_period
 from hil.bench.bench import AxisTable
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
@@ -62,8 +62,8 @@ class Snapshot:
         return refused
 
 
-def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> None:
-    """Check the identity of a node.
+def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> Profile:
+    """Check the identity of a node; return the profile of the product that it is.
 
     Args:
         network: The bus.
@@ -75,19 +75,34 @@ def check_identity(network: Network, node: int, profile: Profile, serial_number:
         NoAnswerError: The node is silent.
         WrongIdentityError: The node is another device than the profile (and the bench file's serial number) says.
     """
+    _check_number(network, node, "vendor id (1018h:01h)", (0x1018, 1), profile.identity.vendor_id)
+    profile = _product_at(network, node, profile)
     identity = profile.identity
-    expected: list[tuple[str, int, int, tuple[int, ...]]] = [
-        ("device type (1000h)", 0x1000, 0, () if identity.device_type is None else (identity.device_type,)),
-        ("vendor id (1018h:01h)", 0x1018, 1, (identity.vendor_id,)),
-        ("product code (1018h:02h)", 0x1018, 2, identity.product_codes),
-        ("serial number (1018h:04h)", 0x1018, 4, () if serial_number is None else (serial_number,)),
-    ]
-    for what, index, subindex, values in expected:
-        if not values:
-            continue  # the profile does not know it
-        value = network.read(node, index, subindex, U32, what)
-        if value not in values:
-            raise WrongIdentityError(node, what, values[0], value)
+    for what, address, expected in (
+        ("device type (1000h)", (0x1000, 0), identity.device_type),
+        ("product code (1018h:02h)", (0x1018, 2), identity.product_code),
+        ("serial number (1018h:04h)", (0x1018, 4), serial_number),
+    ):
+        if expected is not None:  # else the profile does not know it, or any is accepted
+            _check_number(network, node, what, address, expected)
+    return profile
+
+
+def _check_number(network: Network, node: int, what: str, address: ObjectAddress, expected: int) -> None:
+    value = network.read(node, *address, U32, what)
+    if value != expected:
+        raise WrongIdentityError(node, what, expected, value)
+
+
+def _product_at(network: Network, node: int, profile: Profile) -> Profile:
+    """The profile of the node's product, where a family has several or tells firmware apart; else the profile itself."""
+    if not profile.products and not profile.identity.has_range:
+        return profile
+    code, revision = (network.read(node, 0x1018, sub, U32, f"1018h:{sub:02X}h") for sub in (2, 3))
+    try:
+        return profile.product(code, revision)
+    except UnknownProductError as error:
+        raise NodeError(node, str(error), "is this the right bench file?") from error
 
 
 class DriveAxis:
@@ -96,7 +111,7 @@ class DriveAxis:
     Attributes:
         number: Axis number.
         table: Table of the axis in the bench file.
-        profile: Drive profile of the drive's family.
+        profile: Drive profile of the family that the bench file names; once identified, of the drive's product.
         scaling: Units of the drive, from its own objects.
         snapshot: Former contents of the objects that were changed.
     """
@@ -119,7 +134,7 @@ class DriveAxis:
         Raises:
             NodeError: A check failed; nothing has been written.
         """
-        check_identity(self.network, self.node, self.profile, self.table.serial_number)
+        self.profile = check_identity(self.network, self.node, self.profile, self.table.serial_number)
         read, node = self.network.read, self.node
         state = state_of(read(node, Object.STATUS_WORD, 0, U16, "status word"))
         if state not in DISABLED:

@@ -46,7 +46,7 @@ class SerialFraming(enum.StrEnum):
 ServedBusOption = Annotated[str, typer.Option("--bus", help="Where to serve: local:PATH[@BITRATE] of a Unix socket, or any bus.")]
 DriveOption = Annotated[
     list[str] | None,
-    typer.Option("--drive", metavar="AXIS=PROFILE", help="Drive of an axis: name of a profile, or its file; repeatable."),
+    typer.Option("--drive", metavar="AXIS=PROFILE[/PRODUCT]", help="Drive of an axis: a profile by name or file; repeatable."),
 ]
 EdsOption = Annotated[
     list[str] | None,
