@@ -1,10 +1,18 @@
-"""Bus addresses: one spelling everywhere, `interface:channel[@bitrate]`."""
+"""Bus addresses: one spelling everywhere, `interface:channel[@bitrate]`; and which of several that are named is taken."""
 
+import difflib
+import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 LOCAL = "local"
 SOCKETCAN = "socketcan"
+PYTHON_CAN_LOCAL = "hil_local"
+"""Name by which python-can knows `local`."""
+
+BUS_VARIABLE = "HIL_BUS"
+"""Name of the environment variable that holds a bus address for all tools."""
 
 _SPELLING = re.compile(r"(?P<interface>[a-z][a-z0-9_]*):(?P<channel>[^@]+)(?:@(?P<rate>\d+(?:\.\d+)?)(?P<unit>[kM]?))?")
 _UNITS = {"": 1, "k": 1_000, "M": 1_000_000}
@@ -13,13 +21,26 @@ _UNITS = {"": 1, "k": 1_000, "M": 1_000_000}
 class AddressError(ValueError):
     """A bus address that cannot be read."""
 
-    def __init__(self, text: str) -> None:
-        """Compose the message; `text` is the spelling that was refused."""
-        self.text = text
+    def __init__(self, text: str, origin: str = "") -> None:
+        """Compose the message; `text` is the spelling that was refused, `origin` names where it stood."""
+        self.text, self.origin = text, origin
+        where = f"{origin}: " if origin else ""
         super().__init__(
-            f"{text!r} is no bus address; expected INTERFACE:CHANNEL[@BITRATE], e.g. local:/tmp/robot.sock, "
+            f"{where}{text!r} is no bus address; expected INTERFACE:CHANNEL[@BITRATE], e.g. local:/tmp/robot.sock, "
             "socketcan:can0, slcan:/dev/ttyACM0@1M"
         )
+
+
+class UnknownInterfaceError(AddressError):
+    """A bus address with an interface that there is not."""
+
+    def __init__(self, text: str, interface: str, known: tuple[str, ...], origin: str = "") -> None:
+        """Compose the message; `known` are the interfaces that there are."""
+        self.text, self.origin, self.interface, self.known = text, origin, interface, known
+        where = f"{origin}: " if origin else ""
+        close = difflib.get_close_matches(interface, known, n=1)
+        hint = f", did you mean {close[0]}" if close else ""
+        ValueError.__init__(self, f"{where}{text!r}: there is no interface {interface!r}{hint}; there are {', '.join(known)}")
 
 
 @dataclass(frozen=True)
@@ -56,3 +77,77 @@ def parse_address(text: str) -> Address:
     if bitrate == 0:
         raise AddressError(text)
     return Address(match["interface"], match["channel"], bitrate)
+
+
+def check_interface(text: str, origin: str = "") -> None:
+    """Refuse an address that cannot be read, or whose interface nobody knows; nothing is opened.
+
+    Args:
+        text: The address.
+        origin: Place that names it, for the message.
+
+    Raises:
+        AddressError: There is no such address.
+    """
+    try:
+        interface = parse_address(text).interface
+    except AddressError:
+        raise AddressError(text, origin) from None
+    if interface in {LOCAL, SOCKETCAN}:
+        return
+    from can.interfaces import VALID_INTERFACES  # noqa: PLC0415 - python-can is slow to load
+
+    if interface not in VALID_INTERFACES:
+        known = (LOCAL, SOCKETCAN, *sorted(set(VALID_INTERFACES) - {SOCKETCAN, PYTHON_CAN_LOCAL}))
+        raise UnknownInterfaceError(text, interface, known, origin)
+
+
+@dataclass(frozen=True)
+class BusChoice:
+    """The bus that a command takes, and where it was named.
+
+    Attributes:
+        address: Address of the bus, as it was written.
+        origin: Place that names it: an option, the environment, a file.
+        passed_over: Places that name another bus, with what they name.
+    """
+
+    address: str
+    origin: str
+    passed_over: tuple[tuple[str, str], ...] = ()
+
+    def __str__(self) -> str:
+        """The choice in words, for the first line that a command prints."""
+        others = "".join(f"; not {address}, as {origin} says" for origin, address in self.passed_over)
+        return f"bus {self.address}, from {self.origin}{others}"
+
+
+def choose_bus(
+    option: str | None,
+    otherwise: tuple[str, str] | None = None,
+    environment: Mapping[str, str] | None = None,
+    *,
+    option_name: str = "--bus",
+) -> BusChoice | None:
+    """Choose the bus of a command: its option, then the environment (`HIL_BUS`), then its file or default.
+
+    Args:
+        option: Address that the user gave as `--bus`.
+        otherwise: Name of a file, or of a default, and the address in it.
+        environment: Environment variables; those of the process unless they are given. An empty one counts as none.
+        option_name: Name of what comes first, for the words.
+
+    Returns:
+        The choice; None where nobody names a bus.
+
+    Raises:
+        AddressError: The address that is taken cannot be read, or has an unknown interface; the message says where it stands.
+    """
+    variables = os.environ if environment is None else environment
+    named = ((option_name, option), (BUS_VARIABLE, variables.get(BUS_VARIABLE) or None), otherwise or ("", None))
+    given = [(origin, address) for origin, address in named if address is not None]
+    if not given:
+        return None
+    (origin, address), others = given[0], given[1:]
+    check_interface(address, origin)
+    return BusChoice(address, origin, tuple(other for other in others if other[1] != address))

@@ -52,7 +52,7 @@ class EmulatorProcess:
         return self
 
     def _answers(self) -> bool:
-        """True where the emulator accepts connections; the socket file exists before that."""
+        """True where the emulator accepts connections."""
         try:
             connect_local(self.address).close()
         except BusUnavailableError:

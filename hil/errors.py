@@ -72,6 +72,15 @@ class ReadBackError(HilError):
         )
 
 
+NOT_DISABLED = "NOT every drive has confirmed that it is disabled"
+"""The words for the end of a stop after which torque may still act."""
+
+
+def not_put_back(what: str) -> str:
+    """The words for an object, or a node, that a run has left otherwise than it was found."""
+    return f"not put back as it was found: {what}"
+
+
 class SafetyStopError(HilError):
     """A run was stopped: all axes were brought to rest and disabled as far as the bus allowed."""
 
@@ -80,11 +89,17 @@ class SafetyStopError(HilError):
     def __init__(self, reason: str, *, all_disabled: bool = True) -> None:
         """Keep the reason; `all_disabled` is True where every drive has confirmed that it is disabled."""
         self.reason, self.all_disabled = reason, all_disabled
-        end = "all axes are stopped and disabled" if all_disabled else "NOT every drive has confirmed that it is disabled"
+        end = "all axes are stopped and disabled" if all_disabled else NOT_DISABLED
         super().__init__(f"stopped: {reason}; {end}")
 
 
 class InterruptedRunError(SafetyStopError):
-    """The user stopped the run."""
+    """The user stopped the run; its exit status is that of any other stop where a drive has not confirmed it."""
 
     exit_code = 130
+
+    def __init__(self, reason: str, *, all_disabled: bool = True) -> None:
+        """Keep the reason, and whether every drive has confirmed that it is disabled."""
+        super().__init__(reason, all_disabled=all_disabled)
+        if not all_disabled:
+            self.exit_code = SafetyStopError.exit_code  # type: ignore[misc]  # 130 tells a script that all is safe

@@ -27,7 +27,7 @@ from hil.bench.design import load_designs, update_designs
 from hil.bench.model import load_identified, update_file
 from hil.control.treatments import TreatmentName
 from hil.design.notch_search import Effort
-from hil.errors import HilError, InterruptedRunError, NotPossibleError
+from hil.errors import HilError, InterruptedRunError, NotPossibleError, not_put_back
 from hil.experiments import notch_design
 from hil.experiments.ate.on_bus import identify_ate
 from hil.experiments.ate.request import AteRequest
@@ -241,8 +241,7 @@ def tell(
     started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     bench_file = out / "bench.toml"
     bench_file.write_text(bench_without_model() if bench_text is None else bench_text, encoding="utf-8")
-    bench = load_bench(bench_file)
-    bench = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": address})})
+    bench = load_bench(bench_file).on(address)
     teller = _Teller(bench, out, axes, effort or Effort.quick(), reporter)
     for old in (teller.model, teller.design):
         old.unlink(missing_ok=True)
@@ -281,7 +280,7 @@ def _side_by_side(teller: _Teller, request: ComparisonRequest, comparisons: list
     if comparisons[0].failure is not None:
         raise comparisons[0].failure
     if comparisons[0].not_restored:
-        raise NotPossibleError(f"not put back as it was found: {'; '.join(comparisons[0].not_restored)}")
+        raise NotPossibleError(not_put_back("; ".join(comparisons[0].not_restored)))
     return f"{len(planned.setups)} runs", "report.html"
 
 

@@ -67,7 +67,9 @@ class World:
         self._sensor = TipSensor(
             setting.noise_m_s2, setting.resolution_m_s2, setting.range_m_s2, np.random.default_rng(robot.seed)
         )
-        self.accelerometer = AccelerometerNode(setting.node_id, self._measure, setting.range_m_s2)
+        self.accelerometer = AccelerometerNode(
+            setting.node_id, self._measure, setting.range_m_s2, sdo_max_bytes=setting.sdo_download_bytes
+        )
         nodes: list[Node] = [*self.drives.values(), self.accelerometer]
         self._nodes = sorted(nodes, key=lambda node: node.node_id)
         self._ports = {node.node_id: node for node in self._nodes}

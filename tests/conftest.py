@@ -1,12 +1,15 @@
 """What holds for all tests."""
 
 import gc
+import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from drive_profiles.address import BUS_VARIABLE
 
 SLOW_TIMEOUT_S = 900
 
@@ -17,6 +20,7 @@ def pytest_configure(config: pytest.Config) -> None:
     A shell starts what it runs in the background with SIGINT ignored, and that is inherited: the processes that the tests start
     and interrupt would never hear it.
     """
+    os.environ.pop(BUS_VARIABLE, None)  # of the user's shell, where it may name a robot
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup

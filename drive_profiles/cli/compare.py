@@ -19,6 +19,7 @@ from drive_profiles.cli.options import (
     OptionalNodeOption,
     ProfileOption,
     TimeoutOption,
+    take_bus,
 )
 
 if TYPE_CHECKING:
@@ -32,8 +33,9 @@ def mount(app: typer.Typer) -> None:
 
 
 def diff(
+    context: typer.Context,
     left: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set.")],
-    right: Annotated[Path | None, typer.Argument(metavar="[SET]", help="Another; left out: the drive at --node.")] = None,
+    right: Annotated[Path | None, typer.Argument(metavar="OTHER", help="Another; left out: the drive at --node.")] = None,
     *,
     bus: OptionalBusOption = None,
     node: OptionalNodeOption = None,
@@ -59,6 +61,7 @@ def diff(
         elif bus is None or node is None:
             raise fail("give a second parameter set, or --bus and --node", ExitStatus.USAGE)
         else:
+            take_bus(context, bus)
             differences = _against_drive(first, bus, node, profile, eds, timeout_s)
             header = ("parameter", str(left), f"node {node}", "unit")
     _show(differences, header, as_json=as_json)

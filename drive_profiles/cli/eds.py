@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drive_profiles.cli.console import ExitStatus, epilog, table
+from drive_profiles.cli.application import Tool
+from drive_profiles.cli.console import ExitStatus, epilog, exit_on_error, table
 from drive_profiles.cli.options import JsonOption
 
 if TYPE_CHECKING:
@@ -23,12 +24,7 @@ EDS_EPILOG = epilog(
     {ExitStatus.DONE: "done, perhaps with warnings", ExitStatus.FILE: "a file, or a part of it, had to be refused"},
 )
 
-app = typer.Typer(
-    help="Device descriptions of any vendor (EDS, DCF, XDD): check, show, convert.",
-    epilog=EDS_EPILOG,
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+app = Tool("eds", "Device descriptions of any vendor (EDS, DCF, XDD): check, show, convert.", EDS_EPILOG, is_group=True)
 NodeId = Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="For $NODEID; counts before that of the file.")]
 File = Annotated[Path, typer.Argument(metavar="FILE", help="An EDS, DCF, XDD or XDC file.")]
 _ADDRESS = re.compile(r"(?:0x)?([0-9a-f]{4})h?(?:(?:sub|:|\.)(?:0x)?([0-9a-f]{1,2})h?)?", re.IGNORECASE)
@@ -41,16 +37,19 @@ def mount(parent: typer.Typer) -> None:
 
 @app.command(epilog=EDS_EPILOG)
 def check(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="EDS, DCF, XDD or XDC files.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="EDS, DCF, XDD or XDC files.")],
     *,
     strict: Annotated[bool, typer.Option("--strict", help="Refuse a file with any fault.")] = False,
+    node_id: NodeId = None,
     as_json: JsonOption = False,
 ) -> None:
     """Name every fault of the files with its line, and what was made of it.
 
+    Where a file contradicts itself or the standard, both sides are named and kept.
+
     Example: drive-profiles eds check --strict drive.eds
     """
-    reports = [_checked(path, strict=strict) for path in files]
+    reports = [_checked(path, node_id, strict=strict) for path in files]
     if as_json:
         typer.echo(json.dumps([report for report, _ in reports], indent=2, ensure_ascii=False))
     else:
@@ -64,7 +63,7 @@ def check(
 def show(
     file: File,
     wanted: Annotated[
-        str | None, typer.Argument(metavar="[OBJECT]", help="0x2147:1, 2147sub1, 2147, or a part of a name. All if not given.")
+        str | None, typer.Argument(metavar="OBJECT", help="0x2147:1, 2147sub1, 2147, or a part of a name. All if not given.")
     ] = None,
     *,
     node_id: NodeId = None,
@@ -111,6 +110,7 @@ def convert(
     """
     from drive_profiles.eds.export import as_data, as_text, lost
     from drive_profiles.errors import FileError
+    from drive_profiles.files.safefile import write_atomically
 
     suffix = out.suffix.lower().removeprefix(".")
     if suffix not in {"eds", "dcf", "json"}:
@@ -122,13 +122,12 @@ def convert(
     else:
         data = as_text(description, "dcf" if suffix == "dcf" else "eds").encode()
         notes += _read_again(data, out, node_id)
-    try:
-        with out.open("wb" if force else "xb") as target:
-            target.write(data)
-    except FileExistsError:
-        raise typer.BadParameter(f"{out} exists; --force overwrites it", param_hint="--out") from None
-    except OSError as error:
-        raise typer.BadParameter(f"{out} cannot be written ({error.strerror})", param_hint="--out") from None
+    if not out.parent.is_dir():
+        raise typer.BadParameter(f"there is no folder {out.parent}", param_hint="--out")
+    if out.exists() and not force:
+        raise typer.BadParameter(f"{out} exists; --force overwrites it", param_hint="--out")
+    with exit_on_error():
+        write_atomically(out, data, force=force)
     if as_json:
         typer.echo(json.dumps({"path": str(out), "bytes": len(data), "notes": [note._asdict() for note in notes]}, indent=2))
         return
@@ -137,24 +136,31 @@ def convert(
     typer.echo(f"{out}: written, {len(data)} bytes")
 
 
-def _checked(path: Path, *, strict: bool) -> tuple[dict[str, Any], str]:
+def _checked(path: Path, node_id: int | None, *, strict: bool) -> tuple[dict[str, Any], str]:
     """Findings in one file, as data and as text."""
     from drive_profiles.eds import load
     from drive_profiles.eds.export import summary
     from drive_profiles.errors import FileError
 
     try:
-        description = load(path, strict=strict)
+        description = load(path, node_id=node_id, strict=strict)
     except FileError as error:
-        report = {"path": str(path), "accepted": False, "warnings": [], "refused": _data(error.problems)}
+        report = {"path": str(path), "accepted": False, "warnings": [], "contradictions": [], "refused": _data(error.problems)}
         return report, f"{error}\n{path}: refused, {_count(len(error.problems), 'problem')}"
     facts = summary(description)
-    report = {**facts, "accepted": True, "warnings": _data(description.warnings), "refused": _data(description.refused)}
-    problems = tuple(sorted((*description.warnings, *description.refused)))
+    report = {
+        **facts,
+        "accepted": True,
+        "warnings": _data(description.warnings),
+        "contradictions": _data(description.contradictions),
+        "refused": _data(description.refused),
+    }
+    problems = tuple(sorted((*description.warnings, *description.contradictions, *description.refused)))
     text = (
         f"{path}: {facts['kind']}, {_count(facts['object_count'], 'object')}, "
         f"{_count(facts['entry_count'], 'entry', 'entries')}; "
-        f"{_count(len(description.warnings), 'warning')}, {len(description.refused)} left out"
+        f"{_count(len(description.warnings), 'warning')}, {_count(len(description.contradictions), 'contradiction')}, "
+        f"{len(description.refused)} left out"
     )
     return report, f"{FileError(path, problems)}\n{text}" if problems else text
 
@@ -193,7 +199,7 @@ def _read_again(data: bytes, out: Path, node_id: int | None) -> tuple[Problem, .
 
 def _point_to_check(description: Description) -> None:
     """Point on standard error to the problems; standard output stays clean."""
-    count = len(description.warnings) + len(description.refused)
+    count = len(description.warnings) + len(description.contradictions) + len(description.refused)
     if count:
         typer.echo(f"{_count(count, 'problem')} in this file: drive-profiles eds check {description.path}", err=True)
 

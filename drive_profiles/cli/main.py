@@ -5,17 +5,14 @@ from __future__ import annotations
 import contextlib
 import os
 
-import typer
-
 from drive_profiles.cli import compare, convert, eds, profiles, read, realise, restore, write
+from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import EPILOG, ExitStatus
 
-app = typer.Typer(
-    help="Drive families as data, and the parameters of real drives: who they are, what they can do, and what they hold.",
-    epilog=EPILOG,
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+app = Tool(
+    "drive-profiles",
+    "Drive families as data, and the parameters of real drives: who they are, what they can do, and what they hold.",
+    EPILOG,
 )
 
 for group in (profiles, read, write, compare, restore, convert, eds, realise):
@@ -25,9 +22,7 @@ for group in (profiles, read, write, compare, restore, convert, eds, realise):
 def main() -> None:
     """Entry point of the ``drive-profiles`` command."""
     try:
-        app()
-    except BrokenPipeError:
-        os._exit(141)  # the reader of the output has gone; nothing can be printed for it
+        app.run()
     except OSError as error:  # such as a full disk behind standard output
         with contextlib.suppress(OSError):
             os.write(2, f"{error}\n".encode())

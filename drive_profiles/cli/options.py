@@ -10,7 +10,25 @@ from typing import Annotated
 
 import typer
 
+from drive_profiles.address import BUS_VARIABLE, AddressError, choose_bus
 from drive_profiles.cli.console import ExitStatus, fail
+
+
+def take_bus(context: typer.Context, value: str | None) -> str | None:
+    """Say on standard error which bus is taken, and where it was named; the option's callback."""
+    if value is None or context.resilient_parsing:  # the shell asks for completions
+        return value
+    source = context.get_parameter_source("bus")
+    is_option = source is not None and source.name == "COMMANDLINE"  # the name: typer has a click of its own
+    try:
+        choice = choose_bus(value if is_option else None)
+    except AddressError as error:
+        raise fail(str(error), ExitStatus.USAGE) from None
+    if choice is None:
+        return value
+    typer.echo(str(choice), err=True)
+    return choice.address
+
 
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document instead of text.")]
 ProfileName = Annotated[
@@ -24,10 +42,11 @@ BusOption = Annotated[
     typer.Option(
         "--bus",
         help="INTERFACE:CHANNEL[@BITRATE]: local:/tmp/robot.sock, socketcan:can0, slcan:/dev/ttyACM0@1M.",
-        envvar="HIL_BUS",
+        envvar=BUS_VARIABLE,
+        callback=take_bus,
     ),
 ]
-OptionalBusOption = Annotated[str | None, typer.Option("--bus", help="As everywhere.", envvar="HIL_BUS")]
+OptionalBusOption = Annotated[str | None, typer.Option("--bus", help="As everywhere.", envvar=BUS_VARIABLE)]
 NodeOption = Annotated[int, typer.Option("--node", min=1, max=127, help="Node-ID.")]
 OptionalNodeOption = Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID.")]
 ProfileOption = Annotated[

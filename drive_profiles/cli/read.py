@@ -201,9 +201,7 @@ def pull(
 
 
 def get(
-    objects: Annotated[
-        list[str], typer.Argument(metavar="OBJECT...", help="0x2147:1, or a name.", autocompletion=complete_objects)
-    ],
+    objects: Annotated[list[str], typer.Argument(metavar="OBJECT", help="0x2147:1, or a name.", autocompletion=complete_objects)],
     bus: BusOption,
     node: NodeOption,
     *,

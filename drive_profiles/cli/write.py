@@ -45,7 +45,7 @@ def mount(app: typer.Typer) -> None:
 
 def upload(
     sets: Annotated[
-        list[Path], typer.Argument(metavar="SET...", help="One parameter set (or DCF, concise DCF) for all nodes, or one each.")
+        list[Path], typer.Argument(metavar="SET", help="One parameter set (or DCF, concise DCF) for all nodes, or one each.")
     ],
     bus: BusOption,
     node: Annotated[list[int], typer.Option("--node", min=1, max=127, help="Node-ID; again for several drives: all or none.")],
@@ -95,7 +95,7 @@ def upload(
 def set_(
     values: Annotated[
         list[str],
-        typer.Argument(metavar="OBJECT=VALUE...", help="Values in the parameters' units.", autocompletion=complete_objects),
+        typer.Argument(metavar="OBJECT=VALUE", help="Values in the parameters' units.", autocompletion=complete_objects),
     ],
     bus: BusOption,
     node: NodeOption,

@@ -10,12 +10,12 @@ from typing import Any, Self
 
 import can
 
-from drive_profiles.address import LOCAL, parse_address
+from drive_profiles.address import LOCAL, PYTHON_CAN_LOCAL, parse_address
 from drive_profiles.device.sdo import SdoPort
 from drive_profiles.errors import BusError
 from drive_profiles.standard.cia301 import BROADCAST, MAX_NODE_ID, FunctionCode, NmtCommand
 
-_INTERFACES = {LOCAL: "hil_local"}
+_INTERFACES = {LOCAL: PYTHON_CAN_LOCAL}
 """Interfaces that python-can knows by another name than ours."""
 _FILTERS = [
     {"can_id": FunctionCode.SDO_RESPONSE, "can_mask": 0x780, "extended": False},

@@ -23,10 +23,12 @@ from canopen.objectdictionary import ObjectDictionary
 from drive_profiles.eds import device as eds_device
 from drive_profiles.eds import rewrite as eds_rewrite
 from drive_profiles.eds import xdd
+from drive_profiles.eds.contradictions import found
 from drive_profiles.eds.objects import Builder, parts_of
 from drive_profiles.eds.text import MAX_BYTES, Document, Findings, quoted, read
 from drive_profiles.eds.variables import Content
 from drive_profiles.errors import FileError, OutOfRangeError, Problem
+from drive_profiles.files.reading import read_file
 from drive_profiles.standard.cia301 import MAX_NODE_ID
 
 __all__ = ["MAX_BYTES", "Description", "FileFormat", "load", "loads"]
@@ -54,6 +56,9 @@ class Description:
         vendor_name: Name of the vendor, empty where the file does not state it.
         product_name: Name of the product, empty where the file does not state it.
         values: The parameter values, typed, by index and sub-index. Those that need an unknown node-ID are missing.
+        contradictions: What the file says against itself or against the standard; both sides are kept as they stand.
+        flags: The ``ObjFlags`` other than 0, by index and sub-index: see `variables.ObjectFlag`.
+        serial_number: ``LSS_SerialNumber`` in the commissioning section, None where there is none.
     """
 
     path: Path
@@ -69,7 +74,16 @@ class Description:
     vendor_name: str
     product_name: str
     values: dict[tuple[int, int], Content]
+    contradictions: tuple[Problem, ...] = ()
+    flags: dict[tuple[int, int], int] = field(default_factory=dict)
+    serial_number: int | None = None
     _locations: eds_rewrite.ValueLocations | None = field(default=None, repr=False, compare=False)
+    _document: Document | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def document(self) -> Document:
+        """The text of the file, divided into sections."""
+        return self._document or Document(self.path, [], "utf-8", {})
 
     def rewrite(self, values: Mapping[tuple[int, int], Content]) -> bytes:
         """Write other parameter values into the text of the file; every other byte stays as it was.
@@ -117,12 +131,7 @@ def load(path: str | Path, *, node_id: int | None = None, strict: bool = False) 
         OutOfRangeError: `node_id` is not from 1 to 127.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise FileError(path, (Problem(0, "", f"cannot be read ({reason})", "an EDS, DCF or XDD file"),)) from error
+    data = read_file(path, "an EDS, DCF or XDD file", max_bytes=MAX_BYTES)
     return loads(data, path, node_id=node_id, strict=strict)
 
 
@@ -160,7 +169,7 @@ def loads(
     if named is not None and named != actual:
         findings.warn(0, "", "", f"is named as {named}, but is read as {actual}", "a name that fits")
     description = _described(document, actual, node_id, findings)
-    problems = tuple(sorted((*description.warnings, *description.refused)))
+    problems = tuple(sorted((*description.warnings, *description.contradictions, *description.refused)))
     if strict and problems:
         raise FileError(path, problems)
     return description
@@ -197,6 +206,7 @@ def _described(document: Document, file_format: FileFormat, node_id: int | None,
         problem = Problem(0, "", "describes no object that can be read", "sections such as [1000]")
         raise FileError(document.path, tuple(sorted((problem, *findings.refused[:20]))))
     dictionary.node_id, dictionary.bitrate = builder.node_id, bit_rate
+    serial_number = eds_device.read_serial_number(sections, builder)
     warnings, refused = findings.closed()
     information = dictionary.device_information
     vendor, product, revision = eds_device.identity(information)
@@ -214,5 +224,9 @@ def _described(document: Document, file_format: FileFormat, node_id: int | None,
         vendor_name=information.vendor_name or "",
         product_name=information.product_name or "",
         values=builder.values,
+        contradictions=tuple(sorted(found(sections, builder))),
+        flags=builder.flags,
+        serial_number=serial_number,
+        _document=document,
         _locations=None if file_format == "xdd" else eds_rewrite.ValueLocations(document, builder.sections, builder.compact),
     )

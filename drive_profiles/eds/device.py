@@ -78,6 +78,12 @@ def read_commissioning(sections: dict[str, EdsSection], builder: Builder) -> tup
     return node_id, bit_rate
 
 
+def read_serial_number(sections: dict[str, EdsSection], builder: Builder) -> int | None:
+    """Return ``LSS_SerialNumber`` of a DCF; 0 in the file means unknown."""
+    found = (_unsigned32(sections[each], "LSS_SerialNumber", builder) for each in COMMISSIONING if each in sections)
+    return next((number for number in found if number), None)
+
+
 def read_dummies(section: EdsSection | None, builder: Builder) -> None:
     """Add the data types that may fill gaps in an RPDO, under their own index as canopen does."""
     for key, entry in section.entries.items() if section is not None else ():

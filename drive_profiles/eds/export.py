@@ -13,6 +13,7 @@ from canopen.objectdictionary.eds import export_eds
 
 from drive_profiles.eds import Description
 from drive_profiles.eds import values as eds_values
+from drive_profiles.eds.kept import left_out, with_kept_keys
 from drive_profiles.eds.variables import Content, assign
 from drive_profiles.errors import Problem
 
@@ -31,8 +32,8 @@ def entries(dictionary: ObjectDictionary) -> Iterator[tuple[ODVariable | ODRecor
 def as_text(description: Description, file_format: Literal["eds", "dcf"]) -> str:
     """Write a clean file, in which every value has one reading only.
 
-    Defaults, values and limits are those that were understood. Comments and file information stay; keys that CiA 306 does not
-    have are lost. An EDS has no parameter values. Dummies other than 0001h to 0007h are lost: the exporter knows no others.
+    Defaults, values and limits are those that were understood. Every key of CiA 306 stays, and compact notations are written out;
+    `lost` lists what does not stay.
     """
     dictionary = copy.deepcopy(description.dictionary)
     for _, variable in entries(dictionary):
@@ -43,18 +44,22 @@ def as_text(description: Description, file_format: Literal["eds", "dcf"]) -> str
         warnings.simplefilter("ignore", DeprecationWarning)  # canopen 2.4 asks for utcnow, which Python 3.12 wants to drop
         # A dictionary of its own: the exporter writes into its default argument, so that files would inherit from each other.
         export_eds(dictionary, out, file_info, device_commisioning=file_format == "dcf")  # type: ignore[no-untyped-call]  # canopen
-    return out.getvalue()
+    return with_kept_keys(out.getvalue(), description, file_format)
 
 
 def as_data(description: Description) -> dict[str, Any]:
     """Return the whole description in JSON's types: bytes become hexadecimal text, numbers stay numbers."""
     return {
         **summary(description),
-        "objects": [entry_data(item, variable) for item, variable in entries(description.dictionary)],
+        "objects": [
+            {**entry_data(item, variable), "flags": description.flags.get((variable.index, variable.subindex), 0)}
+            for item, variable in entries(description.dictionary)
+        ],
         "values": {
             f"{index:04X}:{subindex:02X}": plain(value) for (index, subindex), value in sorted(description.values.items())
         },
         "warnings": [problem._asdict() for problem in description.warnings],
+        "contradictions": [problem._asdict() for problem in description.contradictions],
         "refused": [problem._asdict() for problem in description.refused],
     }
 
@@ -71,6 +76,7 @@ def summary(description: Description) -> dict[str, Any]:
         "revision": description.revision,
         "node_id": description.node_id,
         "bitrate_bit_s": description.bitrate_bit_s,
+        "serial_number": description.serial_number,
         "object_count": sum(index >= 0x1000 for index in description.dictionary.indices),
         "entry_count": sum(variable.index >= 0x1000 for _, variable in entries(description.dictionary)),
         "value_count": len(description.values),
@@ -107,10 +113,25 @@ def lost(description: Description, file_format: str) -> tuple[Problem, ...]:
         problems.append(Problem(0, "", f"{len(description.refused)} parts of the file could not be read and are left out", ""))
     if file_format == "eds" and description.values:
         problems.append(Problem(0, "", f"{len(description.values)} parameter values left out: an EDS has none", "a .dcf"))
-    dummies = [index for index in description.dictionary.indices if 7 < index < 0x1000]
-    if file_format != "json" and dummies:
-        problems.append(Problem(0, "[DummyUsage]", f"{len(dummies)} dummies beyond 0007h left out", ""))
+    if file_format != "json":
+        problems += [Problem(0, "", said, "") for said in left_out(description, "eds" if file_format == "eds" else "dcf")]
+        problems += _lost_texts(description, with_values=file_format == "dcf")
     return tuple(problems)
+
+
+def _lost_texts(description: Description, *, with_values: bool) -> list[Problem]:
+    """Texts that cannot stand on the line of a file: with control characters, or with blanks around them."""
+    problems = []
+    for _, variable in entries(description.dictionary):
+        for attribute in ("default", "value") if with_values else ("default",):
+            content = vars(variable).get(attribute)
+            try:
+                if content is not None and not variable.relative:
+                    eds_values.text_of(content, variable.data_type or eds_values.DOMAIN)
+            except ValueError as error:
+                key = f"{variable.index:04X}:{variable.subindex:02X}"
+                problems.append(Problem(0, key, f"its {attribute} left out: {error}", ""))
+    return problems
 
 
 def _canonical(variable: ODVariable, node_id: int | None) -> None:

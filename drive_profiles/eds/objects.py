@@ -185,6 +185,7 @@ class Builder(VariableReader):
             self.parameter_value(variable, section, section.get("ParameterValue"))
         if not count:
             self._check_compound(item, head, parts)
+        self.add_flags(head, parts.index, *item.subindices)
         self.add(item)
 
     def _check_compound(self, item: ODRecord | ODArray, head: EdsSection, parts: ObjectSections) -> None:

@@ -11,6 +11,7 @@ Source: CiA 306-1 (format).
 from __future__ import annotations
 
 import codecs
+import contextlib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -29,6 +30,8 @@ MAX_PROBLEMS = 5_000
 BLANK = " \t\f\v\x1a\0\ufeff"
 """Characters that are dropped at both ends of names, keys and values: blanks, the end mark of DOS, the mark of UTF-8."""
 
+_SAMPLE = 512
+"""Bytes by which UTF-16 without a mark is told from text with a few NULs in it."""
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n|\Z)")
 _OBJECT = re.compile(r"([0-9a-f]{1,4})(?:sub([0-9a-f]+)|(name|value|denotation))?", re.IGNORECASE)
 _NEVER_LETTERS = re.compile(r"[^\W\d_]([\u2018\u201c-\u2039\u203a\u02c6\u02dc\u20ac])[^\W\d_]|[\u0080-\u009f]")
@@ -323,6 +326,12 @@ def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
                 ) from error
             findings.warn(1, "", "", "read as UTF-16", "UTF-8 text")
             return text, codec
+    for codec, empty, letters in (("utf-16-le", data[1:_SAMPLE:2], data[:_SAMPLE:2]), ("utf-16-be", data[:_SAMPLE:2], data[1:_SAMPLE:2])):
+        if len(empty) > 2 and not any(empty) and all(letters) and len(data) % 2 == 0:  # no text has a NUL at every other place
+            with contextlib.suppress(UnicodeDecodeError):
+                text = data.decode(codec)
+                findings.warn(1, "", "", "is UTF-16, though without its mark; read as that", "UTF-8 text")
+                return text, codec
     try:
         return data.decode("utf-8"), "utf-8"
     except UnicodeDecodeError as error:

@@ -13,7 +13,7 @@ import re
 import struct
 from typing import NamedTuple
 
-from drive_profiles.eds.text import comment_start, quoted
+from drive_profiles.eds.text import BLANK, comment_start, quoted
 
 VISIBLE_STRING, OCTET_STRING, UNICODE_STRING, DOMAIN, BOOLEAN = 0x09, 0x0A, 0x0B, 0x0F, 0x01
 SIGNED = {0x02: 8, 0x03: 16, 0x10: 24, 0x04: 32, 0x12: 40, 0x13: 48, 0x14: 56, 0x15: 64}
@@ -214,7 +214,7 @@ def _written(content: int | float | str | bytes, data_type: int) -> str:
         written = content.hex().upper()
     else:
         written = repr(content) if isinstance(content, float) else str(content)
-    if not written or written != written.strip() or not written.isprintable():
+    if not written or written != written.strip(BLANK + "\r\n") or not written.replace("\t", " ").isprintable():
         raise ValueError(f"{quoted(written)} cannot stand on a line: it is empty, or has blanks around it or control characters")
     return written
 

@@ -9,6 +9,7 @@ Source: CiA 306-1, object description (4.6.3).
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntFlag
 
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
@@ -19,6 +20,13 @@ DOMAIN_OBJECT = 0x2
 Content = int | float | str | bytes
 """Value of a variable, in Python."""
 _ACCESS = "ro, wo, rw, rwr, rww or const"
+
+
+class ObjectFlag(IntFlag):
+    """Bits of ``ObjFlags``, by which a file keeps tools from objects that do harm where everything is written, or read."""
+
+    REFUSES_WRITE_ON_DOWNLOAD = 1
+    REFUSES_READ_ON_SCAN = 2
 
 
 def assign(item: ODVariable | ODRecord | ODArray, **attributes: object) -> None:
@@ -36,6 +44,7 @@ class VariableReader:
     Attributes:
         types: Data types beyond those of CiA 301, each with the type that it is made of.
         values: The parameter values, by index and sub-index.
+        flags: The ``ObjFlags`` other than 0, by index and sub-index; those of a head are those of all its sub-objects.
     """
 
     def __init__(self, findings: Findings, node_id: int | None) -> None:
@@ -43,6 +52,7 @@ class VariableReader:
         self.node_id = node_id
         self.types: dict[int, int] = {}
         self.values: dict[tuple[int, int], Content] = {}
+        self.flags: dict[tuple[int, int], int] = {}
 
     def variable(self, section: EdsSection, index: int, subindex: int) -> ODVariable:
         """Make a variable from the keys of its section."""
@@ -63,7 +73,14 @@ class VariableReader:
                 variable.factor = reading.value
             else:
                 self.remark(section, factor, reading.remark or "no factor; dropped", "a number other than 0")
+        self.add_flags(section, index, subindex)
         return variable
+
+    def add_flags(self, section: EdsSection, index: int, *subindices: int) -> None:
+        """Note the ``ObjFlags`` of a section for these entries, beside those that they have already."""
+        flags = self.number(section, "ObjFlags")
+        for subindex in subindices if flags and flags > 0 else ():
+            self.flags[index, subindex] = self.flags.get((index, subindex), 0) | (flags or 0)
 
     def name(self, section: EdsSection, substitute: str) -> str:
         """Return the name of an object; a missing one is replaced and noted."""

@@ -17,7 +17,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from drive_profiles.eds.objects import MAX_VARIABLES
-from drive_profiles.eds.text import MAX_BYTES, MAX_SECTIONS, Document, EdsEntry, EdsSection, Findings, quoted
+from drive_profiles.eds.text import BLANK, MAX_BYTES, MAX_SECTIONS, Document, EdsEntry, EdsSection, Findings, quoted
 from drive_profiles.errors import FileError, Problem
 
 MAX_DEPTH = 64
@@ -141,7 +141,7 @@ def _section(name: str, line: int, values: dict[str, tuple[str | None, int]]) ->
     section = EdsSection(name, line, line)
     for key, (value, at) in values.items():
         if value is not None:
-            section.entries[key.lower()] = EdsEntry(key, " ".join(value.split()), at)
+            section.entries[key.lower()] = EdsEntry(key, value.replace("\r", " ").replace("\n", " ").strip(BLANK), at)
     return section
 
 
@@ -214,11 +214,12 @@ def _values(item: Element, parameters: dict[str, Element], *, has_subs: bool) ->
         "ParameterName": (own.get("name"), line),
         "ObjectType": (own.get("objectType"), line),
         "SubNumber": (own.get("subNumber"), line),
+        "ObjFlags": (_of_hexadecimal(own.get("objFlags")), line),
+        "Denotation": (own.get("denotation"), line),
     }
     if has_subs:
         return values
-    data_type = own.get("dataType")
-    values["DataType"] = (data_type if data_type is None or data_type.lower().startswith("0x") else f"0x{data_type}", line)
+    values["DataType"] = (_of_hexadecimal(own.get("dataType")), line)
     values["AccessType"] = (own.get("accessType"), line)
     values["LowLimit"], values["HighLimit"] = (own.get("lowLimit"), line), (own.get("highLimit"), line)
     values["DefaultValue"], values["ParameterValue"] = (own.get("defaultValue"), line), (own.get("actualValue"), line)
@@ -255,6 +256,11 @@ def _range(allowed: Element) -> dict[str, tuple[str | None, int]]:
         return {}
     ends = {"LowLimit": ranges[0].child("minValue"), "HighLimit": ranges[0].child("maxValue")}
     return {key: (end.attributes.get("value"), end.line) for key, end in ends.items() if end is not None}
+
+
+def _of_hexadecimal(text: str | None) -> str | None:
+    """Number as an EDS writes it, of one that is hexadecimal without saying so."""
+    return text if text is None or text.lower().startswith("0x") else f"0x{text}"
 
 
 def _hexadecimal(text: str, highest: int) -> int | None:

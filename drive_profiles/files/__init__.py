@@ -1,4 +1,4 @@
-r"""Files of users: written whole or not at all (`safefile`), and TOML that is validated with line numbers (`toml`).
+r"""Files of users: one door to read them (`reading`), written whole or not at all (`safefile`), TOML validated by line (`toml`).
 
 >>> from drive_profiles.errors import FileError
 >>> from drive_profiles.files.toml import Table, loads

@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import pydantic
 
 from drive_profiles.errors import FileError, Problem
+from drive_profiles.files.reading import read_file
 from drive_profiles.files.toml_lines import KeyPath, key_lines
 
 __all__ = ["MAX_BYTES", "UNIT_NAMES", "FileError", "Problem", "Table", "load", "loads", "split_unit"]
@@ -104,14 +105,7 @@ def load(path: str | Path, model: type[M]) -> M:
         FileError: With every problem found, by line.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        problem = Problem(0, "", f"cannot be read ({error.strerror})", "a TOML file")
-        raise FileError(path, (problem,)) from error
-    if len(data) > MAX_BYTES:
-        raise FileError(path, (Problem(0, "", "is larger than 1 MiB", "a TOML file of at most 1 MiB"),))
+    data = read_file(path, "a TOML file of at most 1 MiB", max_bytes=MAX_BYTES)
     try:
         text = data.decode("utf-8-sig")  # editors on Windows still write the mark
     except UnicodeDecodeError as error:

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from drive_profiles import eds
-from drive_profiles.errors import FileError, Problem, RefusedError
+from drive_profiles.errors import RefusedError
 from drive_profiles.family.catalogue import Catalogue
+from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.parameter_set.parameters import ParameterSet, Write, from_concise, from_values, to_concise
 from drive_profiles.standard.cia301 import DataType, Value, decode, type_of_length
@@ -37,7 +38,7 @@ def read(path: Path, catalogue: Catalogue, node_id: int | None = None) -> Parame
     """
     suffix = path.suffix.lower()
     if suffix in CONCISE:
-        values = _typed(from_concise(_bytes(path)), catalogue)
+        values = _typed(from_concise(read_file(path, "a concise DCF", max_bytes=MAX_BYTES)), catalogue)
         return from_values(catalogue, values)
     if suffix not in DEVICE_FILES:
         return ParameterSet.load(path)
@@ -92,14 +93,3 @@ def _typed(values: Mapping[ObjectAddress, bytes], catalogue: Catalogue) -> dict[
             raise RefusedError(f"{entry} is a {data_type.name} of {data_type.size} bytes, the concise DCF has {len(data)}")
         typed[address] = decode(data_type, data)
     return typed
-
-
-def _bytes(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise FileError(path, (Problem(0, "", f"cannot be read ({error.strerror})", "a concise DCF"),)) from error
-    if len(data) > MAX_BYTES:
-        raise FileError(path, (Problem(0, "", "is larger than 4 MiB", "a concise DCF"),))
-    return data

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from drive_profiles.errors import FileError, Problem
+from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.standard.object_address import ObjectAddress, address_text, object_address
 
@@ -138,13 +139,7 @@ def read(path: str | Path) -> JournalStatement:
         FileError: The file is no journal.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise FileError(path, (Problem(0, "", f"cannot be read ({error.strerror})", "a journal of an upload"),)) from error
-    if len(data) > MAX_BYTES:
-        raise FileError(path, (Problem(0, "", "is larger than 16 MiB", "a journal of an upload"),))
+    data = read_file(path, "a journal of an upload", max_bytes=MAX_BYTES)
     lines = data.split(b"\n")[:-1]  # what is behind the last line end was not written whole
     number = 1
     try:

@@ -154,6 +154,15 @@ class Bench(Table):
     settle_s: Annotated[float, Field(ge=0.05, le=60.0)] = 0.5
     approach_rps: Positive = 8.0
 
+    def on(self, address: str) -> "Bench":
+        """The same bench on another bus.
+
+        Raises:
+            AddressError: The address cannot be read.
+        """
+        parse_address(address)
+        return self.model_copy(update={"bus": self.bus.model_copy(update={"address": address})})
+
     @model_validator(mode="after")
     def _consistent(self) -> "Bench":
         nodes = [axis.node_id for axis in self.axis.values()]

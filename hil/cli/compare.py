@@ -2,17 +2,20 @@
 
 # ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
 
+import os
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.console import fail
 from hil.cli.console import (
     ExitStatus,
     RunProgress,
     bench_on,
+    bench_on_emulator,
     confirm,
     epilog_of_runs,
     exit_on_error,
@@ -22,8 +25,10 @@ from hil.cli.console import (
     new_directory,
     say,
     say_not_restored,
+    say_page,
+    write_page,
 )
-from hil.cli.options import FORMER_SPELLINGS, JsonOption, NewOutOption, OverloadOption, TreatmentListOption, YesOption
+from hil.cli.options import FORMER_SPELLINGS, BusOption, JsonOption, NewOutOption, OverloadOption, TreatmentListOption, YesOption
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
@@ -56,7 +61,7 @@ def compare(
     model: Annotated[list[Path] | None, typer.Option(help="Model file of hil identify; one per robot.")] = None,
     design: Annotated[list[Path] | None, typer.Option(help="Design file of hil design; one per robot.")] = None,
     learnt: Annotated[list[Path] | None, typer.Option(help="Model file of hil learn; one per robot.")] = None,
-    bus: Annotated[str | None, typer.Option("--bus", help="Bus address instead of the bench file's; for a single robot.")] = None,
+    bus: BusOption = None,
     emulate: Annotated[
         list[str] | None,
         typer.Option(help="Start an emulated robot (its file, or `reference`) for each bench: one for all, or one each."),
@@ -74,11 +79,12 @@ def compare(
     Example: hil compare --bench bench.toml --model model.toml --design design.toml --out compared
     """
     with exit_on_error():
+        from hil.bench.bench import load_bench
         from hil.experiments.comparison.plan import KnownRobot, plan
 
         request = _request(experiment or [], axis or [], treatment or [])
-        benches = [bench_on(name, bus) for name in bench_file]
-        _check_buses(benches, bus, emulate or [])
+        _check_buses(bench_file, bus, emulate or [])
+        benches = [load_bench(name) if emulate else bench_on(name, bus) for name in bench_file]
         knowledge = _knowledge(benches, model or [], design or [], learnt or [])
         with ExitStack() as emulators:
             benches = _emulated(benches, emulate or [], emulators)
@@ -129,9 +135,11 @@ def _knowledge(benches: list["Bench"], models: list[Path], designs: list[Path], 
     )
 
 
-def _check_buses(benches: list["Bench"], bus: str | None, robots: list[str]) -> None:
+def _check_buses(benches: list[str], bus: str | None, robots: list[str]) -> None:
     if bus is not None and len(benches) > 1:
         raise fail("--bus is for a single robot; of several each bench file names its own", ExitStatus.USAGE)
+    if len(benches) > 1 and not robots and os.environ.get(BUS_VARIABLE):
+        raise fail(f"{BUS_VARIABLE} is for a single robot; of several each bench file names its own: unset it", ExitStatus.USAGE)
     if robots and bus is not None:
         raise fail("--emulate starts a bus of its own; it takes no --bus", ExitStatus.USAGE)
     if len(robots) not in {0, 1, len(benches)}:
@@ -148,10 +156,7 @@ def _emulated(benches: list["Bench"], robots: list[str], emulators: ExitStack) -
 
     each = robots * len(benches) if len(robots) == 1 else robots
     addresses = [str(emulators.enter_context(EmulatorProcess(robot)).address) for robot in each]
-    return [
-        bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": address})})
-        for bench, address in zip(benches, addresses, strict=True)
-    ]
+    return [bench_on_emulator(bench, address) for bench, address in zip(benches, addresses, strict=True)]
 
 
 def _confirm(plans: list["ComparisonPlan"]) -> None:
@@ -175,7 +180,6 @@ def _run(
     """Run, write the report, print the table, and leave with the exit status."""
     from hil.experiments.comparison.run import compare as run_all
     from hil.experiments.comparison.table import summary
-    from hil.report.pages.compare import write_compare_report
 
     for each in plans:
         for reason in dict.fromkeys(left.reason for left in each.left_out):
@@ -190,13 +194,13 @@ def _run(
             repeat=repeat,
             reporter=progress,
         )
-    report = write_compare_report(out)
+    page = write_page(out)
     if as_json:
         typer.echo(done.result.dumps())
     else:
         for line in summary(done.result):
             typer.echo(line)
-    say(f"report: {report}")
+    say_page(page)
     _leave(done)
 
 

@@ -26,9 +26,9 @@ class ExitStatus(ToolExitStatus):
     BUS = 4, "no bus"
     NODE = 5, "no answer, wrong device, or already moving"
     SDO = 6, "SDO abort"
-    SAFETY_STOP = 8, "safety stop"
+    SAFETY_STOP = 8, "safety stop, or an interrupt after which not every drive has confirmed that it is disabled"
     NOT_MET = 9, "a claim does not hold"
-    INTERRUPTED = 130, "interrupted, after a safe stop"
+    INTERRUPTED = 130, "interrupted, after a confirmed stop"
 
 
 def epilog_of_runs(own: dict[ToolExitStatus, str] | None = None) -> str:
@@ -108,25 +108,58 @@ def exit_on_error(interrupted: str = "interrupted before anything moved") -> Ite
 
 def say_not_restored(objects: Iterable[str]) -> None:
     """Print the objects that could not be put back in the nodes."""
+    from hil.errors import not_put_back  # noqa: PLC0415
+
     for name in objects:
-        say(f"not put back as it was found: {name}")
+        say(not_put_back(name))
+
+
+def write_page(directory: Path) -> Path | None:
+    """Write the report of a directory; an interrupt leaves that to `hil report`, so that the end of the runs is still said.
+
+    Args:
+        directory: Directory with the result of the runs.
+
+    Returns:
+        Path of the page; None where it was not written.
+    """
+    try:
+        from hil.report.writer import write_report_of  # noqa: PLC0415
+
+        return write_report_of(directory)
+    except KeyboardInterrupt:
+        say(f"interrupted while the report was written; hil report {directory} writes it")
+        return None
+
+
+def say_page(page: Path | None) -> None:
+    """Print the path of a report that was written."""
+    if page is not None:
+        say(f"report: {page}")
 
 
 def bench_on(bench_file: str, bus: str | None) -> "Bench":
-    """Return a bench, on another bus where one is given.
+    """Return a bench on the bus that is named first: by `--bus`, by HIL_BUS, by the bench file; and say which that is.
 
     Raises:
         AddressError: The address cannot be read.
         FileError: The bench file cannot be used.
     """
-    from drive_profiles.address import parse_address  # noqa: PLC0415
+    from drive_profiles.address import choose_bus  # noqa: PLC0415
     from hil.bench.bench import load_bench  # noqa: PLC0415
 
     bench = load_bench(bench_file)
-    if bus is None:
-        return bench
-    parse_address(bus)
-    return bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": bus})})
+    choice = choose_bus(bus, (f"bench file {bench_file}", bench.bus.address))
+    say(str(choice))
+    return bench if choice is None else bench.on(choice.address)
+
+
+def bench_on_emulator(bench: "Bench", address: str) -> "Bench":
+    """Return a bench on the bus of an emulator that the command has started, and say so."""
+    from drive_profiles.address import choose_bus  # noqa: PLC0415
+
+    say(str(choose_bus(address, option_name="the emulator that this command has started")))
+    return bench.on(address)
 
 
 def is_emulated(bench: "Bench") -> bool:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hil.cli.console import EPILOG, ExitStatus, SpokenReporter, exit_on_error, exit_status_of, message_of, say
+from hil.cli.console import EPILOG, ExitStatus, SpokenReporter, bench_on_emulator, exit_on_error, exit_status_of, message_of, say
 from hil.cli.options import JsonOption
 from hil.cli.run import run_and_report
 
@@ -39,9 +39,7 @@ def demo(
             from hil.bench.bench import load_bench  # noqa: PLC0415
             from hil.experiments.plan import demo_experiments  # noqa: PLC0415
 
-            bench = load_bench("reference")
-            bus = bench.bus.model_copy(update={"address": str(emulator.address)})
-            bench = bench.model_copy(update={"bus": bus})
+            bench = bench_on_emulator(load_bench("reference"), str(emulator.address))
             status = run_and_report(bench, demo_experiments(bench), out, as_json=as_json, is_paper=True)
             if not no_story and status in {0, ExitStatus.NOT_MET}:
                 status = _tell_story(str(emulator.address), out, as_json=as_json) or status

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, exit_with, say
 from hil.cli.options import BenchOption
@@ -67,14 +68,14 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print design.json on s
 
 def mount(app: typer.Typer) -> None:
     """Add `hil design notch` to `hil`."""
-    group = typer.Typer(help="Filters from a plant; nothing is sent.", no_args_is_help=True)
+    group = Tool("design", "Filters from a plant; nothing is sent.", is_group=True)
     group.command("notch", epilog=DESIGN_EPILOG)(notch)
 
     @group.callback()
     def _group() -> None:
         """Keep it a group while it has a single command."""
 
-    app.add_typer(group, name="design", help="Filters from a plant; nothing is sent.")
+    app.add_typer(group, name="design")
 
 
 def notch(
@@ -103,7 +104,9 @@ def notch(
 ) -> None:
     """Design the variable notch of an axis: smallest tip peak on the ramp within all margins, for every plant of a set.
 
-    Nothing is sent: it needs no robot. Example: hil design notch --bench bench.toml --axis 2 --model model.toml --out design
+    Nothing is sent: it needs no robot.
+
+    Example: hil design notch --bench bench.toml --axis 2 --model model.toml --out design
     """
     with exit_on_error("interrupted"):
         from hil.bench.bench import load_bench

@@ -4,10 +4,12 @@ import importlib
 
 import typer
 
-identify_app = typer.Typer(
-    name="identify",
-    help="Identify the plant and the transmission error of an axis, over the bus, and write them to a model file.",
-    no_args_is_help=True,
+from drive_profiles.cli.application import Tool
+
+identify_app = Tool(
+    "identify",
+    "Identify the plant and the transmission error of an axis, over the bus, and write them to a model file.",
+    is_group=True,
 )
 
 COMMANDS = ("hil.cli.identify_plant", "hil.cli.identify_ate")

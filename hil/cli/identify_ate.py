@@ -17,6 +17,8 @@ from hil.cli.console import (
     new_directory,
     say,
     say_not_restored,
+    say_page,
+    write_page,
 )
 from hil.cli.options import BenchOption, BusOption, JsonOption, MovedAxisOption, NewOutOption, OverloadOption, YesOption
 
@@ -57,7 +59,9 @@ def ate(
 ) -> None:
     """Identify the angular transmission error of one axis: ramps through f_m4 and f_m2, forwards and back.
 
-    Nothing needs to be knowledge but the bench file. Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
+    Nothing needs to be known but the bench file.
+
+    Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
     with exit_on_error():
         from hil.bench.model import load_identified, update_file  # noqa: PLC0415
@@ -81,16 +85,14 @@ def ate(
 
 def _tell(outcome: "AteOutcome", where: Path, model: Path, *, as_json: bool) -> None:
     """Write the report, print the result, and leave with the exit status of a failure."""
-    from hil.report.pages.ate import write_ate_report  # noqa: PLC0415
-
-    report = write_ate_report(where)
+    page = write_page(where)
     if as_json:
         typer.echo(outcome.result.dumps())
     else:
         _summary(outcome)
     if outcome.part is not None:
         say(f"model file: {model}")
-    say(f"report: {report}")
+    say_page(page)
     say_not_restored(outcome.not_restored)
     if outcome.failure is not None:
         raise exit_with(outcome.failure)

@@ -19,6 +19,8 @@ from hil.cli.console import (
     new_directory,
     say,
     say_not_restored,
+    say_page,
+    write_page,
 )
 from hil.cli.options import BenchOption, BusOption, JsonOption, MovedAxisOption, NewOutOption, OverloadOption, YesOption
 
@@ -102,7 +104,9 @@ def plant(
 ) -> None:
     """Identify the plant of one axis: K_g, J_m, J_l, dampings, f_a, f_r, ζ, friction and gravity, with standard errors.
 
-    Nothing needs to be known but the bench file. Example: hil identify plant --bench bench.toml --axis 2 --model model.toml
+    Nothing needs to be known but the bench file.
+
+    Example: hil identify plant --bench bench.toml --axis 2 --model model.toml
     """
     with exit_on_error():
         from hil.experiments.plant.motion import PlantRequest, axis_table  # noqa: PLC0415
@@ -122,17 +126,16 @@ def plant(
 def _identify(bench: "Bench", request: "PlantRequest", where: Path, file: Path, *, overload: bool, as_json: bool) -> None:
     """Identify, write the report, and print the result."""
     from hil.experiments.plant.on_bus import run_identify_plant  # noqa: PLC0415
-    from hil.report.pages.plant import write_plant_report  # noqa: PLC0415
 
     outcome = run_identify_plant(bench, request, where, model=file, overload=overload, reporter=SpokenReporter())
-    report = write_plant_report(where)
+    page = write_page(where)
     if as_json:
         typer.echo(outcome.result.dumps())
     else:
         _summary(outcome.result)
     if outcome.result.model_file is not None:
         say(f"model file: {file}")
-    say(f"report: {report}")
+    say_page(page)
     say_not_restored(outcome.not_restored)
     if outcome.failure is not None:
         raise exit_with(outcome.failure)

@@ -18,6 +18,8 @@ from hil.cli.console import (
     new_directory,
     say,
     say_not_restored,
+    say_page,
+    write_page,
 )
 from hil.cli.options import BenchOption, BusOption, JsonOption, NewOutOption, OverloadOption, YesOption
 
@@ -73,9 +75,8 @@ def learn(
 def _tell(outcome: "LearningOutcome", where: Path, model: Path, *, as_json: bool) -> None:
     """Write the report, print the result, and leave with the exit status of a failure."""
     from hil.experiments.cancellation.learn_run import summary  # noqa: PLC0415
-    from hil.report.pages.learn import write_learning_report  # noqa: PLC0415
 
-    report = write_learning_report(where)
+    page = write_page(where)
     if as_json:
         typer.echo(outcome.result.dumps())
     else:
@@ -83,7 +84,7 @@ def _tell(outcome: "LearningOutcome", where: Path, model: Path, *, as_json: bool
             typer.echo(line)
     if outcome.learnt:
         say(f"model file: {model}")
-    say(f"report: {report}")
+    say_page(page)
     say_not_restored(outcome.not_restored)
     if outcome.failure is not None:
         raise exit_with(outcome.failure)

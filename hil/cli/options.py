@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drive_profiles.address import BUS_VARIABLE
 from hil.control.treatments import TABLE, LoopName, PlainTreatmentName, Treatment, TreatmentName, present_token
 
 FORMER_SPELLINGS = {"token_normalize_func": present_token}
@@ -22,17 +23,20 @@ def described(row: Treatment) -> str:
 
 
 BenchOption = Annotated[str, typer.Option("--bench", help="Bench file (TOML), or `reference`.")]
-BusOption = Annotated[str | None, typer.Option("--bus", help="Bus address instead of the bench file's.")]
+BusOption = Annotated[str | None, typer.Option("--bus", help=f"Bus address; left out: {BUS_VARIABLE}, then the bench file's.")]
 MovedAxisOption = Annotated[int, typer.Option("--axis", help="The axis that is moved.")]
 LoopOption = Annotated[LoopName, typer.Option("--loop", help="Where the loop is closed.")]
 TreatmentOption = Annotated[
     TreatmentName,
-    typer.Option("--treatment", help=f"What acts against the vibration: {', '.join(described(row) for row in TABLE)}."),
+    typer.Option(
+        "--treatment", metavar="NAME", help=f"What acts against the vibration: {', '.join(described(row) for row in TABLE)}."
+    ),
 ]
 TreatmentListOption = Annotated[
     list[str] | None,
     typer.Option(
         "--treatment",
+        metavar="NAME[,NAME]",
         help=f"Names with commas between: {', '.join(row.name for row in TABLE)}. Left out: all that the given files allow.",
     ),
 ]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drive_profiles.cli.console import epilog, fail, print_json, table
-from hil.cli.console import ExitStatus, exit_on_error
-from hil.cli.options import FORMER_SPELLINGS, BenchOption, LoopOption, PlainTreatmentOption
+from hil.cli.console import ExitStatus, bench_on, exit_on_error
+from hil.cli.options import FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption
 
 if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
     from hil.bench.bench import Bench
@@ -34,6 +34,7 @@ def mount(app: typer.Typer) -> None:
 
 def plan(
     bench_file: BenchOption,
+    bus: BusOption = None,
     loop: LoopOption = "drive",
     sync_period_s: Annotated[float | None, typer.Option(help="SYNC period instead of the bench file's.")] = None,
     bitrate: Annotated[str | None, typer.Option(help="Bit rate instead of the bus address': 500k, 1M.")] = None,
@@ -43,9 +44,10 @@ def plan(
 ) -> None:
     """Say what a cycle puts on the bus, whether it fits, and whether the loop is stable at the delay that this makes.
 
-    Nothing is sent: it needs no robot. Example: hil plan --bench bench.toml --loop host --bitrate 1M
+    Nothing is sent: it needs no robot.
+
+    Example: hil plan --bench bench.toml --loop host --bitrate 1M
     """
-    from hil.bench.bench import load_bench  # noqa: PLC0415
     from hil.control.treatments import treatment as row_of  # noqa: PLC0415
     from hil.errors import NotPossibleError  # noqa: PLC0415
     from hil.plan.advice import Adviser  # noqa: PLC0415
@@ -56,7 +58,7 @@ def plan(
         raise fail(f"--sync-period-s {sync_period_s:g} is not between 10 µs and 10 s", ExitStatus.USAGE)
     with_notch = row_of(treatment).filters == "variable"
     with exit_on_error("interrupted"):
-        bench = load_bench(bench_file)
+        bench = bench_on(bench_file, bus)
         numbers = tuple(sorted(bench.axis)) if axes is None else _axes(axes)
         period = sync_period_s or (bench.bus.host_sync_period_s if loop == "host" else bench.bus.sync_period_s)
         state = with_notch and loop == "drive"

@@ -24,7 +24,10 @@ def report(
         Path, typer.Argument(help="Directory of any command that has written a result.json.", exists=True, file_okay=False)
     ],
 ) -> None:
-    """Write report.html of a directory anew, from its result.json and recordings."""
+    """Write report.html of a directory anew, from its result.json and recordings.
+
+    Example: hil report demo
+    """
     with exit_on_error("interrupted"):
         from hil.errors import HilError  # noqa: PLC0415
         from hil.report.writer import write_report_of  # noqa: PLC0415 - numpy and the figures, so that --help stays quick

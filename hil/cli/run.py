@@ -20,6 +20,8 @@ from hil.cli.console import (
     new_directory,
     say,
     say_not_restored,
+    say_page,
+    write_page,
 )
 from hil.cli.options import (
     FORMER_SPELLINGS,
@@ -167,14 +169,12 @@ def run_and_report(
             reporter=progress,
         )
     say("writing the report")
-    from hil.report.pages.demo import write_report  # noqa: PLC0415
-
-    report = write_report(out)
+    page = write_page(out)
     if as_json:
         typer.echo(outcome.result.dumps())
     else:
         _summary(outcome, typer.echo)
-    say(f"report: {report}")
+    say_page(page)
     if outcome.failure is not None and outcome.stopped is None:
         raise outcome.failure
     return _status(outcome)

@@ -42,7 +42,7 @@ def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
         return True
     from hil.plan.check import check  # noqa: PLC0415 - a bus without bit times does not need it
 
-    where = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": str(channel.address)})})
+    where = bench.on(str(channel.address))
     for shows_filter in (True, False) if demand.with_notch and demand.loop == "drive" else (False,):
         verdict = check(
             where, demand.axes, demand.loop, demand.period_s, notch_state=shows_filter, with_notch=demand.with_notch,

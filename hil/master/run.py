@@ -204,7 +204,7 @@ class Run:
             self.missed = self.exchange.missed_cycles - before
             self.sensor_missed = self.exchange.sensor_missed - sensor_before
             self.dropped = self._late - late_before
-            self.progress(1.0)
+            self.progress(self.table.rows / count)
 
     # -- one cycle -----------------------------------------------------------------------------------------------------
 

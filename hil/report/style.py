@@ -1,7 +1,5 @@
 """Style of all figures: readable, safe for the colour-blind, and distinguishable in grey by dash and marker."""
 
-import io
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,23 +9,24 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from hil.report import palette, svg
+
 Real = NDArray[np.float64]
 
-# Okabe and Ito's palette
-BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
-    "#000000",
-    "#E69F00",
-    "#56B4E9",
-    "#009E73",
-    "#F0E442",
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-)
-GREY, SHADE = "#5a6270", "#e9eef4"
+BLACK, ORANGE, SKY, GREEN, BLUE, VERMILLION, PURPLE, PAPER, GREY, EDGE, GRID, SHADE = (
+    colour.day
+    for colour in (
+        palette.INK, palette.ORANGE, palette.SKY, palette.GREEN, palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.PAPER,
+        palette.GREY, palette.EDGE, palette.GRID, palette.SHADE,
+    )
+)  # fmt: skip
+
+SPEED_COLOURS = ListedColormap([colour.day for colour in palette.SPEEDS], "speed")
+"""Colours of motor speeds: faint for slow, strong for fast."""
 
 Panels = NDArray[Any]
 """Matplotlib axes in rows and columns."""
@@ -61,30 +60,33 @@ RC: dict[str, Any] = {
     "axes.titlelocation": "left",
     "axes.labelsize": 8.5,
     "axes.linewidth": 0.7,
-    "axes.edgecolor": "#444b55",
+    "axes.edgecolor": EDGE,
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "grid.color": "#d9dde3",
+    "grid.color": GRID,
     "grid.linewidth": 0.5,
     "xtick.labelsize": 8.0,
     "ytick.labelsize": 8.0,
-    "xtick.color": "#444b55",
-    "ytick.color": "#444b55",
-    "xtick.labelcolor": "black",
-    "ytick.labelcolor": "black",
+    "xtick.color": EDGE,
+    "ytick.color": EDGE,
+    "xtick.labelcolor": BLACK,
+    "ytick.labelcolor": BLACK,
     "legend.fontsize": 8.0,
     "legend.frameon": False,
     "legend.handlelength": 2.6,
     "lines.linewidth": 1.2,
     "lines.markersize": 3.5,
-    "figure.facecolor": "white",
+    "figure.facecolor": PAPER,
+    "axes.facecolor": PAPER,
+    "axes.labelcolor": BLACK,
+    "text.color": BLACK,
     "figure.constrained_layout.h_pad": 0.05,
     "figure.constrained_layout.w_pad": 0.05,
     "mathtext.default": "regular",
     "axes.unicode_minus": True,
-    "svg.fonttype": "path",  # the same page everywhere, whatever fonts there are
+    "svg.fonttype": "none",  # text can be searched, selected and read aloud
     "path.simplify": True,
     "path.simplify_threshold": 0.2,
 }
@@ -166,8 +168,7 @@ def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "
         ha=side,
         va="top",
         fontsize=7.5,
-        color="#2b3038",
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
+        bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 0.6},
     )
 
 
@@ -182,35 +183,6 @@ def decibel(gain: NDArray[Any]) -> Real:
     return np.asarray(20.0 * np.log10(np.maximum(np.abs(gain), 1e-300)))
 
 
-_NUMBER = re.compile(r"-?\d+\.\d{3,}")
-_COORDINATES = re.compile(r' (d|points|x|y)="([^"]*)"|translate\(([^)]*)\)', re.DOTALL)
-
-
-def _shorter(match: re.Match[str]) -> str:
-    """Coordinates with two decimals: a hundredth of a point is below every resolution."""
-    text = " ".join(_NUMBER.sub(lambda number: f"{float(number[0]):.2f}", match[2] or match[3] or "").split())
-    return f"translate({text})" if match[1] is None else f' {match[1]}="{text}"'
-
-
-def _own_ids(text: str, key: str) -> str:
-    """Text with only the ids that are referred to, numbered in order: matplotlib makes its ids from addresses in memory."""
-    numbers: dict[str, int] = {}
-    for name in re.findall(r'(?:href="|url\()#([^")]+)', text):
-        numbers.setdefault(name, len(numbers))
-    text = re.sub(r'\sid="([^"]*)"', lambda m: f' id="{key}-{numbers[m[1]]}"' if m[1] in numbers else "", text)
-    return re.sub(r'(href="|url\()#([^")]+)', lambda m: f"{m[1]}#{key}-{numbers[m[2]]}", text)
-
-
 def to_svg(figure: Figure, key: str) -> str:
-    """Figure as an inline SVG element: scalable, with ids of its own and no external references."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r"\s*<!--.*?-->", "", text, flags=re.DOTALL)
-    box = re.search(r'viewBox="[^"]*"', text)
-    start = f'<svg role="img" aria-labelledby="{key}-title" {box[0] if box else ""} xmlns="http://www.w3.org/2000/svg">'
-    text = re.sub(r"<svg [^>]*>", start, text, count=1).replace("xlink:href", "href")
-    text = _own_ids(text, key)
-    return re.sub(r"\n\s*", "\n", _COORDINATES.sub(_shorter, text))
+    """Figure as an inline SVG element: scalable, in the palette's variables, with ids of its own and no external references."""
+    return svg.inline(figure, key)

@@ -4,14 +4,16 @@ import datetime
 import json
 import os
 import platform
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
+from drive_profiles.version import DISTRIBUTION, version_text
 from hil.bench.bench import Bench
-from hil.errors import SafetyStopError
+from hil.errors import NOT_DISABLED, SafetyStopError, not_put_back
 
 SCHEMA: Literal[2] = 2
 
@@ -73,9 +75,9 @@ class MeasuredBench(ResultPart):
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that a result depends on."""
-    numbers = {"python": platform.python_version()}
-    for package in ("hil-bench", "python-can", "canopen", "numpy", "scipy", "numba"):
+    """Versions of this project (with its commit), of Python and of the packages that a result depends on."""
+    numbers = {DISTRIBUTION: version_text(), "python": platform.python_version()}
+    for package in ("python-can", "canopen", "numpy", "scipy", "numba"):
         try:
             numbers[package] = version(package)
         except PackageNotFoundError:
@@ -111,24 +113,42 @@ class Result(_Written):
         os.replace(temporary, path)
 
 
+def aftermath(all_disabled: bool | None, not_restored: Iterable[str]) -> tuple[str, ...]:
+    """Sentences on all that drives were not left as they were found, in the words that standard error has for it.
+
+    Args:
+        all_disabled: False where a drive has not confirmed that it is disabled.
+        not_restored: Objects that could not be put back.
+    """
+    unconfirmed = () if all_disabled is not False else (NOT_DISABLED,)
+    return (*unconfirmed, *(not_put_back(what) for what in not_restored))
+
+
 class MeasuredResult(Result):
     """Base of the results of a measurement on one bench.
 
     Attributes:
         bench: Bench of the measurement.
         stopped: Reason why the measurement was stopped.
+        all_disabled: After a stop, True where every drive has confirmed that it is disabled; None without a stop.
         not_restored: Objects that could not be put back in the nodes.
     """
 
     bench: MeasuredBench
     stopped: str | None = None
+    all_disabled: bool | None = None
     not_restored: tuple[str, ...] | None = None
+
+    @property
+    def aftermath(self) -> tuple[str, ...]:
+        """Sentences on all that the drives were not left as they were found; empty where they were."""
+        return aftermath(self.all_disabled, self.not_restored or ())
 
     def note_failure(self, error: BaseException) -> None:
         """Note why the measurement ended early."""
         text = str(error) or type(error).__name__
         if isinstance(error, SafetyStopError):
-            self.stopped = text
+            self.stopped, self.all_disabled = text, error.all_disabled
         else:
             self._note_other_failure(text)
 

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from hil.results.base import Result, ResultPart
+from hil.results.base import Result, ResultPart, aftermath
 
 
 class ComparisonRequestEntry(ResultPart):
@@ -100,6 +100,7 @@ class ComparisonRobot(ResultPart):
         not_restored: Objects that could not be put back in the nodes.
         versions: Versions by package; None where nothing was run.
         ended: Reason why it was not run to the end.
+        all_disabled: After a stop, True where every drive has confirmed that it is disabled; None without a stop.
     """
 
     name: str
@@ -112,6 +113,12 @@ class ComparisonRobot(ResultPart):
     not_restored: tuple[str, ...]
     versions: dict[str, str] | None = None
     ended: str | None = None
+    all_disabled: bool | None = None
+
+    @property
+    def aftermath(self) -> tuple[str, ...]:
+        """Sentences on all that its drives were not left as they were found; empty where they were."""
+        return aftermath(self.all_disabled, self.not_restored)
 
 
 class StoryStep(ResultPart):

@@ -1,6 +1,7 @@
 """The local bus: a Unix socket that several clients join, and the world behind it with its two clocks."""
 
 import contextlib
+import errno
 import itertools
 import os
 import selectors
@@ -374,7 +375,10 @@ def _frames(records: bytes) -> list[Frame]:
 
 
 def _listen(path: str, *, stream: bool) -> socket.socket:
-    """Make a listening socket at the path; a socket there that does not answer is a leftover and is replaced."""
+    """Make a listening socket at the path; a socket there that does not answer is a leftover and is replaced.
+
+    The socket gets its name once it listens, so that whoever sees the file can connect.
+    """
     kinds = [socket.SOCK_STREAM]
     if not stream and hasattr(socket, "SOCK_SEQPACKET"):
         kinds.insert(0, socket.SOCK_SEQPACKET)
@@ -382,6 +386,11 @@ def _listen(path: str, *, stream: bool) -> socket.socket:
         if _answers(path):
             raise AddressInUseError(path)
         Path(path).unlink()
+    if Path(path).exists():
+        raise OSError(errno.EADDRINUSE, os.strerror(errno.EADDRINUSE), path)
+    unfinished = path[:-1] + ("~" if path[-1] != "~" else "-")  # as long as the path, whose length is limited
+    if Path(unfinished).is_socket() and not _answers(unfinished):
+        Path(unfinished).unlink()
     failure: OSError | None = None
     for kind in kinds:
         try:
@@ -391,8 +400,10 @@ def _listen(path: str, *, stream: bool) -> socket.socket:
             continue
         try:
             with _private():
-                sock.bind(path)
+                sock.bind(unfinished)
             sock.listen(MAX_CLIENTS)
+            Path(path).hardlink_to(unfinished)  # unlike a renaming, it replaces nothing
+            Path(unfinished).unlink()
         except OSError:
             sock.close()
             raise

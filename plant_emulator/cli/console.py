@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from drive_profiles.cli.console import ToolExitStatus, fail
+from drive_profiles.cli.console import ToolExitStatus, epilog, fail
 
 
 class EmulatorExitStatus(ToolExitStatus):
@@ -19,6 +19,9 @@ class EmulatorExitStatus(ToolExitStatus):
     BUS = 4, "the bus cannot be served, or is lost"
     INTERRUPTED = 130, "interrupted"
 
+
+EPILOG = epilog(status for status in EmulatorExitStatus if status is not EmulatorExitStatus.INTERNAL)
+"""End of the tool's own help."""
 
 RobotOption = Annotated[str, typer.Option("--robot", help="Robot file (TOML), or `reference`.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]

@@ -1,17 +1,13 @@
 """plant-emulator: the emulated robot as a process, and its experiments without a bus."""
 
-import os
-
-import typer
-
+from drive_profiles.cli.application import Tool
 from plant_emulator.cli import eds, robustness, serve, simulate
+from plant_emulator.cli.console import EPILOG
 
-app = typer.Typer(
-    name="plant-emulator",
-    help="An emulated robot: harmonic-drive axes behind CANopen drives, and an accelerometer at the tip.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
+app = Tool(
+    "plant-emulator",
+    "An emulated robot: harmonic-drive axes behind CANopen drives, and an accelerometer at the tip.",
+    EPILOG,
 )
 
 for command in (serve, simulate, eds, robustness):
@@ -20,7 +16,4 @@ for command in (serve, simulate, eds, robustness):
 
 def main() -> None:
     """Entry point of the console script."""
-    try:
-        app()
-    except BrokenPipeError:
-        os._exit(141)  # the reader of the output has gone; there is nothing to tell it
+    app.run()

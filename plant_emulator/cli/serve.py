@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.console import epilog, fail
 from plant_emulator.cli.console import EmulatorExitStatus, RobotOption, by_axis, exit_on_error, exit_on_value_error
 
@@ -36,6 +37,9 @@ SERVE_EPILOG = epilog(
 )
 
 
+DEFAULT_BUS = "local:/tmp/robot.sock"
+
+
 class SerialFraming(enum.StrEnum):
     """Frame formats of the serial accelerometer."""
 
@@ -43,7 +47,13 @@ class SerialFraming(enum.StrEnum):
     BINARY = "binary"
 
 
-ServedBusOption = Annotated[str, typer.Option("--bus", help="Where to serve: local:PATH[@BITRATE] of a Unix socket, or any bus.")]
+ServedBusOption = Annotated[
+    str | None,
+    typer.Option(
+        "--bus",
+        help=f"Where to serve: local:PATH[@BITRATE] of a Unix socket, or any bus. Left out: {BUS_VARIABLE}, then {DEFAULT_BUS}.",
+    ),
+]
 DriveOption = Annotated[
     list[str] | None,
     typer.Option("--drive", metavar="AXIS=PROFILE[/PRODUCT]", help="Drive of an axis: a profile by name or file; repeatable."),
@@ -93,7 +103,7 @@ def mount(app: typer.Typer) -> None:
 
 def serve(
     robot: RobotOption = "reference",
-    bus: ServedBusOption = "local:/tmp/robot.sock",
+    bus: ServedBusOption = None,
     drive: DriveOption = None,
     eds: EdsOption = None,
     store_time_s: StoreTimeOption = None,
@@ -176,19 +186,22 @@ def _run(server: "Server | Attachment") -> None:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
 
 
-def _addresses(bus: str, slcan: str | None, virtualcan: str | None) -> "tuple[Address, tuple[str, int] | None]":
+def _addresses(bus: str | None, slcan: str | None, virtualcan: str | None) -> "tuple[Address, tuple[str, int] | None]":
     """Parse the addresses to serve: the bus, and the TCP port beside it."""
-    from drive_profiles.address import LOCAL, AddressError, parse_address  # noqa: PLC0415
+    from drive_profiles.address import LOCAL, AddressError, BusChoice, choose_bus, parse_address  # noqa: PLC0415
     from plant_emulator.bus.virtualcan import EndpointError, parse_endpoint  # noqa: PLC0415
 
     try:
-        address = parse_address(bus)
+        choice = choose_bus(bus) or BusChoice(DEFAULT_BUS, "the default")
+        address = parse_address(choice.address)
     except AddressError as error:
-        raise fail(f"--bus {error}", EmulatorExitStatus.USAGE) from None
+        raise fail(str(error), EmulatorExitStatus.USAGE) from None
+    if bus is None or choice.passed_over:
+        typer.echo(str(choice), err=True)  # of a plain --bus the announcement says enough
     if address.interface != LOCAL and slcan is not None:
-        raise fail(f"--slcan: an adapter joins a bus local:PATH, not {bus}", EmulatorExitStatus.USAGE)
+        raise fail(f"--slcan: an adapter joins a bus local:PATH, not {address}", EmulatorExitStatus.USAGE)
     if address.interface != LOCAL and virtualcan is not None:
-        raise fail(f"--virtualcan: over TCP a bus local:PATH is served, not {bus}", EmulatorExitStatus.USAGE)
+        raise fail(f"--virtualcan: over TCP a bus local:PATH is served, not {address}", EmulatorExitStatus.USAGE)
     try:
         return address, None if virtualcan is None else parse_endpoint(virtualcan)
     except EndpointError as error:

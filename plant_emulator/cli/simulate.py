@@ -28,7 +28,10 @@ def simulate(
     notch: Annotated[bool, typer.Option("--notch/--no-notch", help="With the axes' notch filters of the robot file.")] = False,
     sync_period_s: Annotated[float, typer.Option("--sync-period-s", help="Period of the set-points.")] = 0.002,
 ) -> None:
-    """Run an experiment without CAN and write the true motion; the robot file must give `control` (and `notch`) tables."""
+    """Run an experiment without CAN and write the true motion; the robot file must give `control` (and `notch`) tables.
+
+    Example: plant-emulator simulate --robot robot.toml --axis 2 --notch --out axis2.csv
+    """
     from plant_emulator.robots.robot import load_robot  # noqa: PLC0415 - --help must not wait for the compiler
     from plant_emulator.studies.simulate import simulate as run  # noqa: PLC0415
 

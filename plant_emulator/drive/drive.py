@@ -101,6 +101,7 @@ class Drive:
             dictionary,
             store_commands=self.family.store_commands,
             store_time_ns=round(1e9 * min(axes.robot.axis[number].store_time_s, self.family.store_limit_s)),
+            sdo_max_bytes=axes.robot.axis[number].sdo_download_bytes,
             autostart=self.behaviour.operational_at_boot,
         )
         self.on_state: Callable[[State, State], None] = lambda before, after: None
@@ -118,7 +119,7 @@ class Drive:
         self._modes = ModeSelection(
             self.slave,
             self.stage,
-            {number: modes[number] for number in self.family.modes},
+            {number: mode for number, mode in modes.items() if number == 0 or number in self.family.modes},
             self._faults,
             self.limit_switches,
             power=lambda: self._standing.power,
@@ -155,8 +156,9 @@ class Drive:
 
     @property
     def mode(self) -> Mode | None:
-        """The mode that acts; None where there is no torque."""
-        return None if self._modes.acting is None else self._modes.acting.number
+        """The mode that acts; None where there is no torque, or no mode has been chosen."""
+        acting = self._modes.acting
+        return Mode(acting.number) if acting is not None and acting.number else None
 
     def _is_powered(self) -> bool:
         return self._standing.is_powered

@@ -36,6 +36,9 @@ _CAUSES = (*(cause for _, cause, _ in FAULTS), CONNECTION, TORQUE_OFF)
 class DriveFaults:
     """Reports faults and withdraws them; what they do to the motion is the state machine's.
 
+    603Fh is the lower half of 1003h:01h (CiA 402-2): the last error of the whole node, lacks and those of communication among
+    them. A fault reset leaves it, as it leaves the history; it is 0 when 1003h:00h is cleared, or the node reset.
+
     Attributes:
         on_lack: Called when a mode may lack something, or no longer.
     """
@@ -44,17 +47,16 @@ class DriveFaults:
         """Take hold of the node."""
         self.on_lack: Callable[[], None] = lambda: None
         self._slave = slave
-        self._code = slave.dictionary.cell(Object.ERROR_CODE)
+        slave.dictionary.on_read(Object.ERROR_CODE, 0, lambda: slave.last_error_code)
         self._connection: int | None = None
 
     def report(self, cause: str, code: int, register: ErrorRegister = ErrorRegister.PROFILE) -> None:
-        """A fault: 603Fh shows the last one."""
-        self._code.value = code
+        """A fault."""
         self._slave.raise_emergency(cause, code, register)
 
     def report_connection(self, code: int) -> None:
         """The master has gone. Where the node has just said so with the same code, one emergency is enough."""
-        self._code.value = self._connection = code
+        self._connection = code
         self._slave.join_emergency(CONNECTION, code, ErrorRegister.COMMUNICATION)
 
     def repeat_connection(self) -> None:
@@ -81,8 +83,7 @@ class DriveFaults:
         return any(cause in LACKS for cause in self._slave.emergency_causes)
 
     def clear(self) -> None:
-        """Fault reset."""
-        self._code.value = 0
+        """Fault reset: the causes are gone; the history goes on telling of them."""
         self.forget()
         for cause in _CAUSES:
             self._slave.clear_emergency(cause)

@@ -31,6 +31,11 @@ from plant_emulator.physics.axis import PLANT
 MAX_AXES = 126
 """The most drives that one bus has node IDs for, beside the accelerometer (CiA 301, 7.2.8.2: 1 to 127)."""
 
+SDO_DOWNLOAD_BYTES = 64 * 1024
+"""The longest value that an SDO channel takes, unless the file says otherwise: what a client can make it keep in memory."""
+
+DownloadBytes = Annotated[int, Field(ge=8, le=16 * 1024 * 1024)]
+
 
 class GearTransmissionError(TransmissionErrorTable):
     """The transmission error of a gearing, with the first order that real ones show."""
@@ -82,6 +87,7 @@ class Behaviour(Table):
         halt_blocks_mode_change: A new mode is not taken while the halt bit is set.
         quick_stop_ends_disabled_at_once: Quick stop leads to switch on disabled, also with 605Ah from 5 to 8.
         pp_handshake_cycles: SYNCs after which a set-point of profile position is acknowledged.
+        needs_mode_to_enable: Without a mode of operation (6060h = 0) it does not enable, but reports emergency 6320h.
         operational_at_boot: The node goes to NMT state operational by itself.
         unconfigured: It has left the factory without a node-ID, and does nothing but LSS until a master gives it one (CiA 305).
         bus_off_restart_ms: Time from bus-off until its controller restarts by itself; left out, it stays off until the fault or
@@ -95,6 +101,7 @@ class Behaviour(Table):
     halt_blocks_mode_change: bool = False
     quick_stop_ends_disabled_at_once: bool = False
     pp_handshake_cycles: Annotated[int, Field(ge=0, le=1000)] = 0
+    needs_mode_to_enable: bool = False
     operational_at_boot: bool = False
     unconfigured: bool = False
     bus_off_restart_ms: Annotated[float, Field(ge=0.0, le=60e3)] | None = None
@@ -118,6 +125,7 @@ class RobotAxis(PlantTable):
         eds: Path of the drive's EDS file; its objects that the profile does not state are there, but do nothing.
         store_time_s: Time for which the drive is silent on SDO while it stores.
         torque_constant_nm_a: Assumed motor constant, for drives whose gains are in amperes, and for 6075h.
+        sdo_download_bytes: The longest value that an SDO channel of the node takes.
         switches: Limit and home switches and what the touch probes see; left out, there are none.
         behaviour: Differences from a drive that does all at once.
     """
@@ -146,6 +154,7 @@ class RobotAxis(PlantTable):
     eds: str | None = None
     store_time_s: NotNegative = 0.4
     torque_constant_nm_a: Positive = 1.0
+    sdo_download_bytes: DownloadBytes = SDO_DOWNLOAD_BYTES
     switches: Switches | None = None
     behaviour: Behaviour = Behaviour()
 
@@ -184,10 +193,11 @@ class RobotAxis(PlantTable):
 
 
 class RobotAccelerometer(Table):
-    """The sensor at the tip and its node on the bus; `unconfigured` as in `Behaviour`."""
+    """The sensor at the tip and its node on the bus; `unconfigured` as in `Behaviour`, `sdo_download_bytes` as in `RobotAxis`."""
 
     node_id: Annotated[int, Field(ge=1, le=127)] = 16
     unconfigured: bool = False
+    sdo_download_bytes: DownloadBytes = SDO_DOWNLOAD_BYTES
     noise_m_s2: NotNegative = 0.02
     resolution_m_s2: NotNegative = 0.00981
     range_m_s2: Annotated[float, Field(gt=0.0, le=32.0)] = 19.62

@@ -1,6 +1,7 @@
 """The emulated accelerometer: a CiA 404 node whose three acceleration values leave by TPDO on SYNC."""
 
 from collections.abc import Callable
+from typing import Any
 
 from drive_profiles.standard.cia301 import DataType
 from hil.can.frame import Frame
@@ -70,14 +71,17 @@ class AccelerometerNode:
         node_id: Its node-ID, 1 to 127.
         measure: Gives the sensor's output (X, Y, Z) in m/s² at this instant.
         range_m_s2: Beyond it the status of the channel says so.
+        options: Options of the `Slave` underneath.
     """
 
-    def __init__(self, node_id: int, measure: Callable[[], tuple[float, float, float]], range_m_s2: float) -> None:
+    def __init__(
+        self, node_id: int, measure: Callable[[], tuple[float, float, float]], range_m_s2: float, **options: Any
+    ) -> None:
         """Make the node; it measures nothing before the first SYNC."""
         self._measure = measure
         self._range_m_s2 = range_m_s2
         dictionary = Dictionary(accelerometer_entries(node_id))
-        self.slave = Slave(node_id, dictionary)
+        self.slave = Slave(node_id, dictionary, **options)
         self._channels = [(dictionary.cell(PROCESS_VALUE, sub), dictionary.cell(STATUS, sub)) for sub in (1, 2, 3)]
 
     @property

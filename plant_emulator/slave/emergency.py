@@ -95,6 +95,11 @@ class EmergencyProducer:
         return register
 
     @property
+    def last_code(self) -> int:
+        """The error code of 1003h:01h, its lower half; 0 where the history is empty."""
+        return self._history[0] & 0xFFFF if self._history else 0
+
+    @property
     def causes(self) -> tuple[str, ...]:
         """The active causes, in the order in which they arose."""
         return tuple(self._active)

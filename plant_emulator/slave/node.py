@@ -153,6 +153,11 @@ class Slave:
         return self._time.at(self._clock())
 
     @property
+    def last_error_code(self) -> int:
+        """Error code of the newest entry of the history 1003h, also after its cause has gone; 0 where the history is empty."""
+        return self._emergency.last_code
+
+    @property
     def emergency_causes(self) -> tuple[str, ...]:
         """The causes that are active, in the order in which they arose."""
         return self._emergency.causes

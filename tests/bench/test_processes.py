@@ -1,5 +1,6 @@
 """The bench as its user has it: separate processes on a real socket, commands, exit statuses, and what is left on disk."""
 
+import html
 import json
 import os
 import signal
@@ -22,6 +23,7 @@ from drive_profiles.standard.cia402 import State, state_of
 from hil.can.frame import Frame
 from hil.can.raw import RawChannel
 from hil.cli.main import app
+from hil.errors import NOT_DISABLED, not_put_back
 from hil.recording import Recording
 from plant_emulator.pytest_plugin.served import LocalBusServers, ServedBus
 
@@ -316,6 +318,28 @@ def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, loca
         assert_kept(out, "SIGINT")
     finally:
         sniffer.close()
+
+
+def test_ctrl_c_without_an_answer_is_no_safe_stop_and_the_report_says_so(tmp_path: Path, local_bus: ServedBus) -> None:
+    sniffer, out = Sniffer(local_bus), tmp_path / "out"
+    try:
+        run = start_run(bench_file(tmp_path, *SLOW, ("answer_timeout_s = 1.0", "answer_timeout_s = 0.2")), local_bus, out)
+        sniffer.wait_for_motion()
+        local_bus.process.send_signal(signal.SIGSTOP)
+        run.send_signal(signal.SIGINT)
+        _, errors = run.communicate(timeout=300)
+    finally:
+        local_bus.process.send_signal(signal.SIGCONT)
+        sniffer.close()
+    assert run.returncode == 8, errors
+    assert NOT_DISABLED in errors
+    result, page = json.loads((out / "result.json").read_text()), (out / "report.html").read_text()
+    assert result["all_disabled"] is False
+    assert NOT_DISABLED in page
+    assert result["not_restored"]
+    for what in result["not_restored"]:
+        assert not_put_back(what) in errors
+        assert not_put_back(what) in html.unescape(page)
 
 
 def test_an_emulator_killed_in_motion_is_a_lost_bus(tmp_path: Path, local_bus: ServedBus) -> None:

@@ -15,6 +15,7 @@ from hil.bench.bench import Bench
 from hil.can.frame import CAN_ERR_FLAG, Frame
 from hil.errors import (
     AlreadyMovingError,
+    InterruptedRunError,
     NoAnswerError,
     NodeError,
     NotPossibleError,
@@ -367,6 +368,41 @@ def test_an_interrupt_ramps_down_and_is_told_apart(short_bench: Bench, reference
     assert result.stopped.exit_code == 130
     assert result.stopped.all_disabled
     assert everything(channel.world) == before
+
+
+def test_an_interrupt_that_no_drive_has_confirmed_does_not_end_as_a_safe_one(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(short_bench, reference_robot)
+
+    def interrupt(number: int) -> None:
+        if number == 500:
+            session.interrupt("SIGINT")
+            channel.passes = lambda frame: frame.can_id & 0x7F != 2
+
+    channel.on_sync = interrupt
+    with session:
+        session.bring_up()
+        result = session.run(constant_acceleration(short_bench, 2, 0.002), "none", "drive")
+    assert isinstance(result.stopped, InterruptedRunError)
+    assert not result.stopped.all_disabled
+    assert result.stopped.exit_code == 8
+    assert "node 2: not confirmed to be disabled" in " ".join(session.not_restored)
+
+
+def test_the_progress_of_a_run_ends_where_the_run_does(short_bench: Bench, reference_robot: Robot) -> None:
+    shown: list[float] = []
+    session, channel = session_of(short_bench, reference_robot)
+    session.progress = shown.append
+    motion = constant_acceleration(short_bench, 2, 0.002)
+    with session:
+        session.bring_up()
+        result = session.run(motion, "none", "drive")
+        assert result.stopped is None
+        assert shown[-1] == 1.0
+        first = channel.syncs
+        channel.on_sync = lambda number: session.interrupt("SIGINT") if number == first + 500 else None
+        result = session.run(motion, "none", "drive")
+    assert 0 < result.cycles < len(motion.time_s)
+    assert shown[-1] == result.cycles / len(motion.time_s)
 
 
 def test_an_error_of_the_master_itself_stops_the_axes_first(session: BenchSession, robot: EmulatedRobot, bench: Bench) -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drive_profiles.address import Address, AddressError, parse_address
+from drive_profiles.address import Address, AddressError, BusChoice, choose_bus, parse_address
 
 
 @pytest.mark.parametrize(
@@ -65,3 +65,43 @@ def test_what_is_no_address_is_refused_with_the_text_and_an_example(text):
 def test_what_an_address_shows_is_read_as_the_same_address(interface, channel, bitrate):
     address = Address(interface, channel, bitrate)
     assert parse_address(str(address)) == address
+
+
+# -- which of several is taken -----------------------------------------------------------------------------------------
+
+OPTION, VARIABLE, FILE = "local:/a.sock", "local:/b.sock", "socketcan:can0"
+
+
+@pytest.mark.parametrize(
+    ("option", "variable", "file", "taken", "words"),
+    [
+        (OPTION, None, None, OPTION, "bus local:/a.sock, from --bus"),
+        (OPTION, VARIABLE, None, OPTION, "bus local:/a.sock, from --bus; not local:/b.sock, as HIL_BUS says"),
+        (None, VARIABLE, FILE, VARIABLE, "bus local:/b.sock, from HIL_BUS; not socketcan:can0, as b.toml says"),
+        (None, FILE, VARIABLE, FILE, "bus socketcan:can0, from HIL_BUS; not local:/b.sock, as b.toml says"),
+        (None, None, FILE, FILE, "bus socketcan:can0, from b.toml"),
+        (None, "", FILE, FILE, "bus socketcan:can0, from b.toml"),
+        (None, FILE, FILE, FILE, "bus socketcan:can0, from HIL_BUS"),
+        (
+            OPTION, VARIABLE, FILE, OPTION,
+            "bus local:/a.sock, from --bus; not local:/b.sock, as HIL_BUS says; not socketcan:can0, as b.toml says",
+        ),
+    ],
+)  # fmt: skip
+def test_the_option_comes_before_the_environment_and_that_before_the_file(option, variable, file, taken, words):
+    environment = {} if variable is None else {"HIL_BUS": variable}
+    choice = choose_bus(option, None if file is None else ("b.toml", file), environment)
+    assert choice is not None
+    assert choice.address == taken
+    assert str(choice) == words
+
+
+def test_no_bus_at_all_is_none():
+    assert choose_bus(None, None, {}) is None
+    assert choose_bus(None, None, {"HIL_BUS": ""}) is None
+
+
+def test_an_address_that_cannot_be_read_is_refused_by_where_it_stands():
+    with pytest.raises(AddressError, match=r"^HIL_BUS: 'can0' is no bus address"):
+        choose_bus(None, ("b.toml", FILE), {"HIL_BUS": "can0"})
+    assert choose_bus(OPTION, None, {"HIL_BUS": "can0"}) == BusChoice(OPTION, "--bus", (("HIL_BUS", "can0"),))

@@ -6,7 +6,7 @@ from pathlib import Path
 from drive_profiles.files.toml import load
 from plant_emulator.bus.faults import FaultsFile
 from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
-from plant_emulator.robots.robot import Behaviour, Switches, load_robot
+from plant_emulator.robots.robot import SDO_DOWNLOAD_BYTES, Behaviour, Switches, load_robot
 from plant_emulator.world import World
 from tests.plant_emulator.many_axes import robot_file
 
@@ -15,18 +15,21 @@ TABLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
 
 
 def test_the_tables_of_the_page_make_a_robot_and_hold_every_key(tmp_path):
-    switches, behaviour, _ = TABLES
-    (tmp_path / "robot.toml").write_text(robot_file([2], more=switches + behaviour))
+    switches, sdo, behaviour, _ = TABLES
+    text = robot_file([2], more=switches + behaviour)
+    assert sdo.startswith("[axis.2]\n")
+    (tmp_path / "robot.toml").write_text(text.replace("[axis.2]\n", sdo))
     robot = load_robot(tmp_path / "robot.toml")
     axis = robot.axis[2]
     assert axis.switches is not None
     assert axis.switches.model_fields_set == set(Switches.model_fields)
     assert set(axis.behaviour.given) == set(Behaviour.model_fields)
+    assert axis.sdo_download_bytes == SDO_DOWNLOAD_BYTES
     assert [frame.can_id for frame in World(robot).power_on()] == [0x77F]
 
 
 def test_the_fault_of_the_page_is_one(tmp_path):
-    (tmp_path / "faults.toml").write_text(TABLES[2])
+    (tmp_path / "faults.toml").write_text(TABLES[-1])
     [fault] = load(tmp_path / "faults.toml", FaultsFile).faults().faults
     assert (fault.kind, fault.port, fault.to_ns - fault.from_ns) == ("bus_off", 2, 500_000_000)
 

@@ -65,6 +65,16 @@ def test_1006h_of_a_node_decides_what_a_sync_is_worth(period_us):
     assert world.now == period_us * 1000
 
 
+@pytest.mark.parametrize(
+    ("period_us", "code"), [(300, 0x06090030), (50, 0x06090030), (1_000_001, 0x06090031), (0, None), (750, None)]
+)
+def test_a_drive_takes_a_1006h_of_whole_control_periods_up_to_a_second(period_us, code):
+    world = started()
+    [answer] = world.receive(expedited(3, 0x1006, 0, struct.pack("<I", period_us)))
+    assert (answer.data[0] == 0x60) == (code is None)
+    assert code is None or int.from_bytes(answer.data[4:], "little") == code
+
+
 def test_of_several_periods_the_shortest_counts_and_0_does_not():
     world = started()
     for node, period_us in ((2, 4000), (3, 1000), (5, 0), (ACCELEROMETER, 2000)):

@@ -9,6 +9,7 @@ from hypothesis.stateful import run_state_machine_as_test
 from drive_profiles.standard.cia402 import Object
 from hil.can.frame import Frame
 from plant_emulator.motion import record as law
+from plant_emulator.robots.robot import SDO_DOWNLOAD_BYTES
 from plant_emulator.slave.dictionary import ResetKind
 from plant_emulator.world import World
 from tests.properties.power_oracle import POWERED, PowerOracle, state_shown
@@ -171,7 +172,7 @@ class NodeWatch:
         slave = self.slave
         channels = slave._sdo.servers
         assert len(channels) <= 2
-        assert all(server.buffered_bytes <= 1024 + 7 * 127 for server in channels.values())
+        assert all(server.buffered_bytes <= SDO_DOWNLOAD_BYTES + 7 * 127 for server in channels.values())
         assert len(slave._emergency._waiting) <= 8
         assert len(slave._emergency._history) <= 8
         assert len(slave._emergency._active) <= 64

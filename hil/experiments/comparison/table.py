@@ -53,6 +53,7 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
         not_restored=(() if result is None else result.not_restored) or (),
         versions=None if result is None else result.bench.versions,
         ended=ended or None,
+        all_disabled=None if result is None else result.all_disabled,
     )
 
 

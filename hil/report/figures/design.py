@@ -18,7 +18,7 @@ from hil.design.notch_design import NotchVerdict
 from hil.design.ramp import follow
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
-from hil.report.figures.notch import FAMILY, SPEED_COLOURS
+from hil.report.figures.notch import FAMILY
 from hil.report.style import Drawing, Real
 
 GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "linewidth": 1.2}
@@ -48,7 +48,7 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         gain, arm, line = panels[:, column]
         bound = _bound(outcome, notch.order, frequency)
         for speed in np.linspace(notch.start_rps, notch.end_rps, FAMILY):
-            colour = SPEED_COLOURS(norm(speed))
+            colour = style.SPEED_COLOURS(norm(speed))
             response = style.decibel(loop.acceleration_per_transmission_error(frequency, float(speed)))
             gain.plot(frequency, style.decibel(loop.notch_response(frequency, float(speed))), color=colour, linewidth=0.8)
             arm.plot(frequency, response, color=colour, linewidth=0.8)
@@ -72,9 +72,9 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         "Gain of the filter and of G_al",
         "Figs. 9 and 11",
         "computed",
-        "Filters frozen at motor speeds from f_s (light) to f_e (dark), for the believed plant. Middle: dots mark each curve at "
-        "its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; broken: without a filter. "
-        "Bottom: these dots for all speeds as one curve.",
+        "Filters frozen at motor speeds from f_s (faint) to f_e (strong), for the believed plant. Middle: dots mark each curve "
+        "at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; broken: without a "
+        "filter. Bottom: these dots for all speeds as one curve.",
         style.to_svg(figure, "families"),
     )
 
@@ -113,7 +113,7 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     for speed in np.linspace(low, high, 2 * FAMILY):
         response = loop.open_loop(grid, float(speed))
         for panel in panels[0]:
-            panel.plot(response.real, response.imag, color=SPEED_COLOURS(norm(speed)), linewidth=0.8)
+            panel.plot(response.real, response.imag, color=style.SPEED_COLOURS(norm(speed)), linewidth=0.8)
     allowed = outcome.problem.requirements.max_sensitivity
     worst = max(one.sensitivity_peak for one in best.margins.values())
     for panel in panels[0]:
@@ -135,9 +135,9 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
         "Open loop with the filter",
         "Fig. 12",
         "computed",
-        f"Nyquist diagrams of L(jω) for the believed plant with the filters frozen at motor speeds from f_s (light) to f_e "
-        f"(dark), sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay; cross: −1. No curve may "
-        "enter the broken circle of the allowed M_s.",
+        f"Nyquist diagrams of L(jω) for the believed plant with the filters frozen at motor speeds from f_s (faint) to f_e "
+        f"(strong), sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay; cross: −1. No curve "
+        "may enter the broken circle of the allowed M_s.",
         style.to_svg(figure, "nyquist"),
     )
 
@@ -210,5 +210,5 @@ def _norm(notches: Sequence[Notch]) -> Normalize:
 
 
 def _colour_bar(figure: Figure, panels: Any, norm: Normalize) -> None:
-    bar = figure.colorbar(ScalarMappable(norm, SPEED_COLOURS), ax=list(panels.flat), shrink=0.6, aspect=30, pad=0.02)
+    bar = figure.colorbar(ScalarMappable(norm, style.SPEED_COLOURS), ax=list(panels.flat), shrink=0.6, aspect=30, pad=0.02)
     bar.set_label("Motor speed $f_m$ (rev/s)")

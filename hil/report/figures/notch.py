@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from hil.analysis import motor_speed_rps
@@ -20,9 +20,6 @@ from hil.report.style import Drawing, Real
 
 FAMILY = 11
 """Speeds in a family of curves."""
-
-SPEED_COLOURS = LinearSegmentedColormap.from_list("speed", ["#9ecae9", "#3787c0", "#0a4a90", "#041f42"])
-"""Light for slow, dark for fast, as in the paper."""
 
 
 def notch_axes(material: Material) -> tuple[int, ...]:
@@ -109,7 +106,9 @@ def _reported(material: Material, number: int, panel: Axes) -> int:
     if not rising.any():
         return 0
     speed, zero = style.thin(speed[rising], zero[rising], points=25)
-    panel.plot(speed, zero, "o", color=style.BLACK, markerfacecolor="white", markersize=3.8, label="zeros, reported by the drive")
+    panel.plot(
+        speed, zero, "o", color=style.BLACK, markerfacecolor=style.PAPER, markersize=3.8, label="zeros, reported by the drive"
+    )
     return 1
 
 
@@ -153,7 +152,7 @@ def families(material: Material) -> Drawing | None:
         "Gain of the notch and of G_al",
         "Fig. 11",
         "computed",
-        "Filters frozen at motor speeds from f_s (light) to f_e (dark). Middle: dots mark each curve at its own "
+        "Filters frozen at motor speeds from f_s (faint) to f_e (strong). Middle: dots mark each curve at its own "
         "harmonic ω = 2π k f_m, "
         "which is the only frequency that the transmission error has at that speed, and the only one at which "
         "constraint (5), "
@@ -234,7 +233,7 @@ def nyquist(material: Material) -> Drawing | None:
         "Open loop with the notch",
         "Fig. 12",
         "computed",
-        f"Nyquist diagrams of L(jω) with the filter frozen at motor speeds from f_s (light) to f_e (dark), sampled at "
+        f"Nyquist diagrams of L(jω) with the filter frozen at motor speeds from f_s (faint) to f_e (strong), sampled at "
         f"{1e6 * material.control_period_s:.0f} µs; cross: −1. The broken circle around it has the radius 1/M_s, the "
         f"closest "
         f"approach of all speeds: M_s = {', '.join(peaks)}.",
@@ -295,9 +294,9 @@ def _norm(material: Material, axes: tuple[int, ...]) -> Normalize:
 def _speeds(notch: Notch, norm: Normalize) -> Iterator[tuple[float, Any]]:
     """Speeds from f_s to f_e, with their colours."""
     for speed in np.linspace(notch.start_rps, notch.end_rps, FAMILY):
-        yield float(speed), SPEED_COLOURS(norm(speed))
+        yield float(speed), style.SPEED_COLOURS(norm(speed))
 
 
 def _colour_bar(figure: Figure, panels: style.Panels, norm: Normalize) -> None:
-    bar = figure.colorbar(ScalarMappable(norm, SPEED_COLOURS), ax=list(panels.flat), shrink=0.5, aspect=30, pad=0.02)
+    bar = figure.colorbar(ScalarMappable(norm, style.SPEED_COLOURS), ax=list(panels.flat), shrink=0.5, aspect=30, pad=0.02)
     bar.set_label("Motor speed $f_m$ (rev/s)")

@@ -32,8 +32,8 @@ def write_ate_report(directory: Path) -> Path:
     head = PageHead(
         result.bench.name,
         result.bench.started_utc,
-        tuple(f"not put back as it was found: {what}" for what in result.not_restored or ()),
         heading=f"Transmission error of axis {material.axis}",
+        aftermath=result.aftermath,
     )
     return render(directory / "report.html", head, verdict(material), chapters, provenance=provenance(material))
 
@@ -91,7 +91,6 @@ def provenance(material: AteMaterial) -> list[tuple[str, str]]:
         ("Bench", record.name),
         ("Bus", record.bus),
         ("Clock", record.clock),
-        ("Started (UTC)", record.started_utc),
         ("Known before", material.result.known_before.source),
         ("Versions", versions),
     ]

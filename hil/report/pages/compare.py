@@ -30,8 +30,9 @@ def write_compare_report(directory: Path) -> Path:
     head = PageHead(
         names or "none",
         result.started_utc,
-        tuple(_notes(result, materials)),
+        tuple(_notes(materials)),
         heading="Your own robot" if isinstance(result, StoryResult) else "Treatments side by side",
+        aftermath=tuple(_aftermath(result)),
     )
     return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
 
@@ -41,11 +42,12 @@ def _material(directory: Path) -> Material | None:
     return Material(directory) if (directory / "result.json").is_file() else None
 
 
-def _notes(result: TreatmentTable, materials: dict[str, Material | None]) -> list[str]:
-    notes = [note for material in materials.values() if material is not None for note in material.notes]
-    return notes + [
-        f"{robot.name}: not put back as it was found: {what}" for robot in result.robots for what in robot.not_restored
-    ]
+def _notes(materials: dict[str, Material | None]) -> list[str]:
+    return [note for material in materials.values() if material is not None for note in material.notes]
+
+
+def _aftermath(result: TreatmentTable) -> list[str]:
+    return [f"{robot.name}: {sentence}" for robot in result.robots for sentence in robot.aftermath]
 
 
 def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> list[Section]:
@@ -178,7 +180,6 @@ def provenance(result: TreatmentTable) -> list[tuple[str, str]]:
     for robot in result.robots:
         source = f", {robot.source}" if robot.source else ""
         lines.append(("Robot", f"{robot.name} on {robot.bus}{source}"))
-    lines.append(("Started (UTC)", result.started_utc))
     versions: dict[str, str] = next((robot.versions for robot in result.robots if robot.versions is not None), {})
     lines.append(("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())))
     return [(name, text) for name, text in lines if text]

@@ -39,7 +39,12 @@ def write_report(directory: Path, bench: Bench | None = None) -> Path:
         chapters = sections(material)
     return render(
         directory / "report.html",
-        PageHead(material.bench.name, material.result.bench.started_utc, tuple(material.notes)),
+        PageHead(
+            material.bench.name,
+            material.result.bench.started_utc,
+            tuple(material.notes),
+            aftermath=material.result.aftermath,
+        ),
         verdict(material),
         chapters,
         cards=cards(material),
@@ -48,10 +53,20 @@ def write_report(directory: Path, bench: Bench | None = None) -> Path:
 
 
 def sections(material: Material) -> list[Section]:
-    """All chapters for which there is data."""
+    """All chapters for which there is data: what came of it first, then why."""
     driven = sorted({run.axis for run in material.result.runs if run.axis is not None})
     chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
+        (
+            "verification",
+            "Tip with and without the notch",
+            [
+                *(suppression.suppression(material, axis) for axis in driven),
+                suppression.line_motion(material),
+                *(suppression.loop_sides(material, axis) for axis in driven),
+            ],
+        ),
         ("paper", "Paper and bench", [tables.claims(material)]),
+        ("own-robot", "Your own robot", [_own_robot(material)]),
         (
             "model",
             "Axes and transmission error",
@@ -75,16 +90,6 @@ def sections(material: Material) -> list[Section]:
                 notch.margin_curves(material),
             ],
         ),
-        (
-            "verification",
-            "Verification",
-            [
-                *(suppression.suppression(material, axis) for axis in driven),
-                suppression.line_motion(material),
-                *(suppression.loop_sides(material, axis) for axis in driven),
-            ],
-        ),
-        ("own-robot", "Your own robot", [_own_robot(material)]),
         ("all-runs", "Runs", [tables.runs(material), tables.motions(material), timing_table(material)]),
     ]
     filled = [Section(key, title, tuple(_present(items))) for key, title, items in chapters]
@@ -107,7 +112,9 @@ def _own_robot(material: Material) -> ReportTable | None:
     if result.story.failure is None and table is not None:
         return table
     rows: list[list[tables.Cell]] = [[step.name, step.what, Mark(step.holds, "")] for step in result.story.steps]
-    return ReportTable("own-robot-table", "It ended early", "", ("step", "result", "done"), rows, frozenset({0, 1, 2}), link)
+    return ReportTable(
+        "own-robot-table", "It ended early", "", ("step", "result", "done"), rows, frozenset({0, 1, 2}), link, is_prose=True
+    )
 
 
 def _moment(text: str) -> datetime.datetime:
@@ -220,7 +227,6 @@ def provenance(material: Material) -> list[tuple[str, str]]:
         ("Bench", record.name),
         ("Bus", record.bus),
         ("Clock", record.clock),
-        ("Started (UTC)", record.started_utc),
         ("Versions", versions),
     ]
     return [(name, text) for name, text in lines if text]

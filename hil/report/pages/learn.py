@@ -21,8 +21,7 @@ def write_learning_report(directory: Path) -> Path:
     result = load_result(directory, LearningResult, "adaptive cancellation")
     with style.styled():
         chapters = sections(result)
-    notes = tuple(f"not put back as it was found: {what}" for what in result.not_restored or ())
-    head = PageHead(result.bench.name, result.bench.started_utc, notes, heading="Adaptive cancellation")
+    head = PageHead(result.bench.name, result.bench.started_utc, heading="Adaptive cancellation", aftermath=result.aftermath)
     return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
 
 
@@ -129,7 +128,6 @@ def provenance(result: LearningResult) -> list[tuple[str, str]]:
         ("Bench", bench.name),
         ("Bus", bench.bus),
         ("Clock", bench.clock),
-        ("Started (UTC)", bench.started_utc),
         ("Model file", result.model),
         ("Versions", ", ".join(f"{name} {version}" for name, version in bench.versions.items())),
     ]

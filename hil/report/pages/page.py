@@ -1,5 +1,6 @@
 """One self-contained HTML file: head, verdict, cards, chapters; the template is report.html.j2."""
 
+import datetime
 import re
 from dataclasses import dataclass
 from functools import cache
@@ -8,6 +9,7 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup, escape
 
+from hil.report import palette
 from hil.report.paper import CITATION
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import Mark, ReportTable
@@ -23,6 +25,7 @@ class PageHead:
         notes: Sentences on what is missing on this page.
         heading: Title above the verdict.
         subtitle: Sentence below the title.
+        aftermath: Sentences on all that the drives were not left as they were found.
     """
 
     bench: str
@@ -30,6 +33,7 @@ class PageHead:
     notes: tuple[str, ...] = ()
     heading: str = "Vibration suppression with a variable notch"
     subtitle: str = "Hardware-in-the-loop run of a robot with harmonic drive gearings over CANopen"
+    aftermath: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -82,11 +86,36 @@ class Card:
 _SYMBOL = re.compile(r"(?<!\w)([A-Za-zα-ωΑ-Ω])_([A-Za-z0-9]+)(?!\w)")
 
 
+_CODE = re.compile(r"`([^`]+)`")
+
+
 def typeset(text: str) -> Markup:
-    """Text for HTML, with f_al and the like set as symbols with an index."""
+    """Text for HTML, with f_al and the like set as symbols with an index, and what stands between backticks as code."""
     if isinstance(text, Markup):
         return text
-    return Markup(_SYMBOL.sub(r"\1<sub>\2</sub>", str(escape(text))))  # noqa: S704 - escaped before
+    parts = _CODE.split(str(escape(text)))
+    parts[::2] = [_SYMBOL.sub(r"\1<sub>\2</sub>", plain) for plain in parts[::2]]
+    parts[1::2] = [f"<code>{code}</code>" for code in parts[1::2]]
+    return Markup("".join(parts))  # noqa: S704 - escaped before
+
+
+def moment_text(instant: str) -> str:
+    """Instant of ISO 8601 as a reader says it, to the minute, in UTC; what is no instant stays as it is.
+
+    >>> moment_text("2025-01-01T12:00:07Z")
+    '1 January 2025, 12:00 UTC'
+    """
+    try:
+        moment = datetime.datetime.fromisoformat(instant)
+    except ValueError:
+        return instant
+    moment = moment.astimezone(datetime.UTC) if moment.tzinfo is not None else moment
+    return f"{moment.day} {_MONTHS[moment.month - 1]} {moment:%Y, %H:%M} UTC"
+
+
+_MONTHS = (
+    "January", "February", "March", "April", "May", "June", "July", "August", "September", "October", "November", "December",
+)  # fmt: skip
 
 
 def render(
@@ -124,6 +153,7 @@ def render(
             sections=sections,
             provenance=provenance or [],
             citation=CITATION,
+            palette=Markup(palette.css(":root")),  # noqa: S704 - of constants
             is_drawing=lambda item: isinstance(item, Drawing),
             is_mark=lambda cell: isinstance(cell, Mark),
         )
@@ -142,4 +172,5 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     environment.filters["typeset"] = typeset
+    environment.filters["moment"] = moment_text
     return environment

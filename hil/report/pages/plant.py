@@ -21,8 +21,8 @@ def write_plant_report(directory: Path) -> Path:
     result = load_result(directory, PlantResult, "a plant identification")
     with style.styled():
         chapters = sections(result)
-    notes = tuple(f"not put back as it was found: {what}" for what in result.not_restored or ())
-    head = PageHead(result.bench.name, result.bench.started_utc, notes, heading=f"Plant of axis {result.axis}")
+    heading = f"Plant of axis {result.axis}"
+    head = PageHead(result.bench.name, result.bench.started_utc, heading=heading, aftermath=result.aftermath)
     return render(directory / "report.html", head, verdict(result), chapters, provenance=provenance(result))
 
 
@@ -42,7 +42,7 @@ def _cannot_tell(result: PlantResult) -> ReportTable | None:
     lines = result.cannot_tell or ()
     if not lines:
         return None
-    return ReportTable("claims", "What these data cannot tell", "", ("",), [[line] for line in lines])
+    return ReportTable("cannot-tell", "What these data cannot tell", "", ("",), [[line] for line in lines], is_prose=True)
 
 
 def verdict(result: PlantResult) -> PageVerdict:
@@ -68,7 +68,6 @@ def provenance(result: PlantResult) -> list[tuple[str, str]]:
         ("Bench", record.name),
         ("Bus", record.bus),
         ("Clock", record.clock),
-        ("Started (UTC)", record.started_utc),
         ("Versions", versions),
     ]
     if plan is not None:

@@ -145,7 +145,9 @@ def left_out(result: TreatmentTable) -> ReportTable | None:
     if not reasons:
         return None
     rows: list[list[Cell]] = [[name, "; ".join(names), reason] for (name, reason), names in reasons.items()]
-    return ReportTable("left-out", "What was left out or not judged", "", ("robot", "what", "why"), rows, frozenset({0, 1, 2}))
+    return ReportTable(
+        "left-out", "What was left out or not judged", "", ("robot", "what", "why"), rows, frozenset({0, 1, 2}), is_prose=True
+    )
 
 
 def compliances(result: TreatmentTable) -> ReportTable | None:
@@ -195,7 +197,9 @@ def story(result: TreatmentTable) -> ReportTable | None:
         "that can be repeated on a real robot."
     ).format(part.bench_file, part.bench_file)
     header = ("step", "result", "done", "time (s)", "")
-    return ReportTable("story", "From a bench file to a quiet arm", "", header, rows, frozenset({0, 1, 2, 4}), caption)
+    return ReportTable(
+        "story", "From a bench file to a quiet arm", "", header, rows, frozenset({0, 1, 2, 4}), caption, is_prose=True
+    )
 
 
 def key_of(experiment: str, axis: int | None) -> str:

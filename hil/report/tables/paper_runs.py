@@ -1,6 +1,8 @@
 """The report's tables: the paper's numbers beside the bench's."""
 
 import math
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from markupsafe import Markup
@@ -41,6 +43,8 @@ class ReportTable:
         rows: Cells, row by row.
         text_columns: Indices of left-aligned columns.
         caption: Sentences below the table.
+        is_prose: True where text wraps, and a row becomes a block on a narrow screen.
+        groups: Headings inside the table, by the row that each stands above.
     """
 
     key: str
@@ -50,6 +54,8 @@ class ReportTable:
     rows: list[list[Cell]]
     text_columns: frozenset[int] = field(default_factory=lambda: frozenset({0}))
     caption: str = ""
+    is_prose: bool = False
+    groups: Mapping[int, str] = field(default_factory=dict)
 
 
 def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
@@ -68,22 +74,27 @@ def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
 
 
 def claims(material: Material) -> ReportTable | None:
-    """The paper's claims beside the bench's numbers."""
-    if not material.result.paper:
+    """The paper's claims beside the bench's numbers, grouped by axis."""
+    by_group: dict[str, list[list[Cell]]] = {}
+    for claim in material.result.paper:
+        axis = _AXIS.search(claim.claim)
+        group = f"Axis {axis[1]}" if axis is not None else "Line motion" if "line motion" in claim.claim else "Robot"
+        words = claim.claim.removeprefix(f"{group.lower()}: ").removeprefix(f"{group.lower()}, ")
+        numbers = number(claim.paper, "{:.4g}"), number(claim.bench, "{:.4g}")
+        by_group.setdefault(group, []).append([words, claim.source, *numbers, claim.unit, Mark(claim.holds)])
+    if not by_group:
         return None
-    rows: list[list[Cell]] = [
-        [
-            claim.claim,
-            claim.source,
-            number(claim.paper, "{:.4g}"),
-            number(claim.bench, "{:.4g}"),
-            claim.unit,
-            Mark(claim.holds),
-        ]
-        for claim in material.result.paper
-    ]
+    rows: list[list[Cell]] = []
+    groups = {}
+    for group, own in by_group.items():
+        groups[len(rows)] = group
+        rows += own
     header = ("Claim", "Where in the paper", "Paper", "Bench", "Unit", "Holds")
-    return ReportTable("claims", "The paper's claims beside the bench's numbers", "", header, rows, frozenset({0, 1, 4, 5}))
+    title = "The paper's claims beside the bench's numbers"
+    return ReportTable("claims", title, "", header, rows, frozenset({0, 1, 4, 5}), is_prose=True, groups=groups)
+
+
+_AXIS = re.compile(r"\baxis (\d+)")
 
 
 def resonances(material: Material) -> ReportTable | None:

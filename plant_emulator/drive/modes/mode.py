@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from drive_profiles.standard.cia402 import HALT, TARGET_REACHED, Mode, Object
+from drive_profiles.standard.cia402 import HALT, TARGET_REACHED, Object
 from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.drive.state_machine import stop_of_halt
 
@@ -11,7 +11,7 @@ class ModeOfOperation:
     """A mode in Operation enabled; the drive asks it only there.
 
     Attributes:
-        number: Number of the mode in 6060h and 6061h.
+        number: Number of the mode in 6060h and 6061h, one of `Mode`; 0 where none is chosen.
         motion: Its mode of the compiled law.
         needs_gains: Whether it closes a loop, which without gains would let the arm fall.
         needs_interpolation: Whether its set-points come with SYNC and are interpolated, for which 60C2h must be fit.
@@ -19,7 +19,7 @@ class ModeOfOperation:
         watches: Whether `look` is to be called when time has passed.
     """
 
-    number: ClassVar[Mode]
+    number: ClassVar[int]
     motion: ClassVar[int]
     needs_gains: ClassVar[bool] = True
     needs_interpolation: ClassVar[bool] = False

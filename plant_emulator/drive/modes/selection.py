@@ -1,10 +1,10 @@
 """The choice of the mode of operation that acts: 6060h and 6061h, and what a mode needs before it may."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from drive_profiles.standard.cia301 import SdoAbortCode
-from drive_profiles.standard.cia402 import Mode, Object, State
+from drive_profiles.standard.cia402 import Object, State
 from plant_emulator.drive.faults import NO_GAINS, NO_INTERPOLATION, NO_MODE, DriveFaults
 from plant_emulator.drive.modes.limit_switches import LimitSwitches
 from plant_emulator.drive.modes.mode import ModeOfOperation
@@ -17,7 +17,7 @@ class ModeSelection:
     """Lets one of a drive's modes act, or none.
 
     In Operation enabled another mode comes into force at once, without a jump, and 0 (no mode) changes nothing; in the other
-    states 6060h is what will act with the next enabling.
+    states 6060h is what will act with the next enabling: with 0 the motor is held until a mode is chosen.
 
     Attributes:
         acting: The mode that acts, or acted until the stop that is under way; None while there is no torque.
@@ -27,7 +27,7 @@ class ModeSelection:
         self,
         slave: Slave,
         stage: PowerStage,
-        modes: dict[Mode, ModeOfOperation],
+        modes: Mapping[int, ModeOfOperation],
         faults: DriveFaults,
         limit_switches: LimitSwitches,
         *,
@@ -39,7 +39,7 @@ class ModeSelection:
         Args:
             slave: The node.
             stage: The power stage.
-            modes: The modes that the drive has.
+            modes: The modes that the drive has, by number; at 0, what acts where none is chosen, or nothing.
             faults: Faults of the drive, which report what a mode lacks.
             limit_switches: Limit switches, which forget what they have stopped when another mode acts.
             power: Power of the state machine.
@@ -70,7 +70,7 @@ class ModeSelection:
             return None
         if not self.is_ready(value):
             return SdoAbortCode.DEVICE_STATE
-        self._change(self._modes[Mode(value)])
+        self._change(self._modes[value])
         return None
 
     def _write_velocity(self, value: int) -> None:
@@ -89,7 +89,7 @@ class ModeSelection:
         """True where a mode, or the one of 6060h, is there and has what it needs; what it lacks is reported.
 
         It needs gains where it closes a loop, since a brake that opens without lets the arm fall, and an interpolation period
-        (60C2h) of whole control periods where its set-points come with SYNC.
+        (60C2h) of whole control periods where its set-points come with SYNC. No mode is one too, but for drives that need one.
         """
         wanted: Any = self._wanted.value if number is None else number
         if wanted not in self._modes:
@@ -107,7 +107,7 @@ class ModeSelection:
 
     def begin(self) -> None:
         """Let the mode of 6060h act."""
-        self._change(self._modes[Mode(self._wanted.value)])
+        self._change(self._modes[self._wanted.value])
 
     def _change(self, mode: ModeOfOperation) -> None:
         self.end()

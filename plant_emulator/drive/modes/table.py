@@ -1,11 +1,11 @@
 """All modes that the emulator has, by their number."""
 
-from drive_profiles.standard.cia402 import Mode
 from plant_emulator.drive.inputs import DigitalInputs
 from plant_emulator.drive.modes.cyclic import CyclicPosition, CyclicTorque, CyclicVelocity
 from plant_emulator.drive.modes.homing_mode import HomingMode
 from plant_emulator.drive.modes.interpolated_position import InterpolatedPosition
 from plant_emulator.drive.modes.mode import ModeOfOperation
+from plant_emulator.drive.modes.no_mode import NoMode
 from plant_emulator.drive.modes.profile_position import ProfilePosition
 from plant_emulator.drive.modes.profile_torque import ProfileTorque
 from plant_emulator.drive.modes.profile_velocity import ProfileVelocity
@@ -13,9 +13,9 @@ from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.robots.robot import Behaviour
 
 
-def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour) -> dict[Mode, ModeOfOperation]:
-    """The modes of one drive; which of them it offers is its family's to say."""
-    modes = (
+def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour) -> dict[int, ModeOfOperation]:
+    """The modes of one drive; which of them it offers is its family's to say, but for 0, no mode."""
+    modes: list[ModeOfOperation] = [
         ProfilePosition(stage, behaviour.pp_handshake_cycles),
         ProfileVelocity(stage),
         ProfileTorque(stage),
@@ -24,5 +24,7 @@ def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour) -> 
         CyclicPosition(stage),
         CyclicVelocity(stage),
         CyclicTorque(stage),
-    )
+    ]
+    if not behaviour.needs_mode_to_enable:
+        modes.append(NoMode(stage))
     return {mode.number: mode for mode in modes}

@@ -137,7 +137,7 @@ class SdoServer:
         self._toggle = 0
         self._announced: int | None = None
         self._received = bytearray()
-        self._remaining = b""
+        self._uploaded, self._sent_bytes = b"", 0
         self._block_download, self._block_upload = _NO_DOWNLOAD, _NO_UPLOAD
         self._job: Postponed | None = None
         self._late_answers: Answers = ()
@@ -263,16 +263,17 @@ class SdoServer:
         if 0 < len(value) <= _EXPEDITED_DATA:
             first = 0x43 | (_EXPEDITED_DATA - len(value)) << 2
             return (_HEADER.pack(first, self._index, self._subindex) + value.ljust(_EXPEDITED_DATA, b"\0"),)
-        self._remaining = value
+        self._uploaded, self._sent_bytes = value, 0
         self.state = SdoState.UPLOADING
         return (_SIZED.pack(0x41, self._index, self._subindex, len(value)),)
 
     def _upload_segment(self, data: bytes) -> Answers:
         # CiA 301, 7.2.4.3.7: answered 000t nnnc.
         self._check_toggle(data[0])
-        segment, self._remaining = self._remaining[:SEGMENT_DATA], self._remaining[SEGMENT_DATA:]
+        segment = self._uploaded[self._sent_bytes : self._sent_bytes + SEGMENT_DATA]
+        self._sent_bytes += len(segment)
         first = self._toggle << 4 | (SEGMENT_DATA - len(segment)) << 1
-        if self._remaining:
+        if self._sent_bytes < len(self._uploaded):
             self._toggle ^= 1
         else:
             first |= 0x01

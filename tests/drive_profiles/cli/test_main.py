@@ -109,7 +109,7 @@ def test_help_ends_with_the_exit_statuses():
 def test_help_of_a_command_has_an_example_and_its_exit_statuses(command):
     result = runner.invoke(app, [command, "--help"])
     assert result.exit_code == 0
-    assert f"Example: drive-profiles {command}" in result.stdout
+    assert f"\nExamples:\n  drive-profiles {command}" in result.stdout
     assert "Exit status: 0 done; 2 usage; 3 a bad file" in " ".join(result.stdout.split())
 
 

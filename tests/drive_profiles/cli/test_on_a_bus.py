@@ -82,6 +82,25 @@ def test_scan_finds_every_node_with_its_profile():
         run("scan", "--nodes", wrong, code=2)
 
 
+def test_the_first_line_says_which_bus_is_taken_and_who_names_it(robot, monkeypatch):
+    assert run("info", "--node", "5").stderr.splitlines()[0] == f"bus {robot}, from HIL_BUS"
+    monkeypatch.setenv("HIL_BUS", "local:/nowhere/else.sock")
+    done = run("info", "--node", "5", "--bus", robot, "--json")
+    assert done.stderr.splitlines()[0] == f"bus {robot}, from --bus; not local:/nowhere/else.sock, as HIL_BUS says"
+    assert json.loads(done.stdout)["vendor_id"] == 0xFB
+    assert run("info", "--node", "5", code=4).stderr.startswith("bus local:/nowhere/else.sock, from HIL_BUS\n")
+    monkeypatch.setenv("HIL_BUS", "foo:bar")
+    assert "HIL_BUS: 'foo:bar': there is no interface 'foo'; there are local, socketcan" in run("scan", code=2).stderr
+    monkeypatch.delenv("HIL_BUS")
+    assert "HIL_BUS" in run("scan", code=2).stderr
+
+
+def test_two_sets_are_compared_without_a_bus(robot):
+    run("pull", "--node", "2", "--out", "axis2.toml")
+    assert run("diff", "axis2.toml", "axis2.toml").stderr == ""
+    assert run("diff", "axis2.toml", "--node", "2").stderr == f"bus {robot}, from HIL_BUS\n"
+
+
 def test_info_says_who_a_node_is_and_in_which_state():
     facts = json.loads(run("info", "--node", "5", "--json").stdout)
     assert facts["vendor_id"] == 0xFB
@@ -321,7 +340,7 @@ def test_an_interrupt_before_anything_is_written_says_only_that(monkeypatch):
         (["pull", "--node", "77", "--timeout-s", "0.05"], 5, "node 77: no answer"),
         (["pull", "--node", "2", "--bus", "local:/nowhere/x.sock"], 4, "no bus at local:/nowhere/x.sock"),
         (["pull", "--node", "2", "--bus", "nonsense"], 2, "no bus address"),
-        (["pull", "--node", "2", "--bus", "sockettin:can0"], 4, "no bus at sockettin:can0"),
+        (["pull", "--node", "2", "--bus", "sockettin:can0"], 2, "did you mean socketcan"),
         (["pull", "--node", "2", "--profile", "nobody"], 2, "no drive profile 'nobody'"),
         (["pull", "--node", "2", "--eds", "missing.eds"], 3, "missing.eds"),
         (["pull", "--node", "2", "--classes", "tuned"], 2, "--classes tuned"),

@@ -1,5 +1,6 @@
 """hil report: which page a directory gets, and what is said of one that gets none."""
 
+import html
 import json
 from pathlib import Path
 
@@ -7,6 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 from hil.cli.main import app
+from hil.errors import NOT_DISABLED, not_put_back
+from hil.results.ate import AteResult, KnownArm, Sensing
+from hil.results.learning import LearningResult
+from hil.results.plant import PlantRequestEntry, PlantResult
 from hil.results.runs import ExperimentsResult
 from tests.hil.results.made import comparison, measured_bench, robot, row, story, written
 
@@ -30,6 +35,42 @@ def test_every_directory_gets_the_page_of_its_kind(tmp_path, result, heading):
     code, output = report(written(tmp_path, result))
     assert code == 0, output
     assert heading in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+BAD_END = {"stopped": "stopped: SIGINT", "all_disabled": False, "not_restored": ("node 2: object 6072h:00h",)}
+REQUEST = PlantRequestEntry(
+    axis=2, amplitude_nm=None, low_hz=2.0, high_hz=50.0, bias_rps=0.0, periods=8, excitation="multisine", shape="inertial",
+    with_accelerometer=True,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "result",
+    [
+        ExperimentsResult(bench=measured_bench(), **BAD_END),
+        PlantResult(bench=measured_bench(), axis=2, request=REQUEST, **BAD_END),
+        AteResult(
+            bench=measured_bench(), axis=2, sensorless=False, known_before=KnownArm(source="the bench file", start=None),
+            sensing=Sensing(gain=0.5), **BAD_END,
+        ),
+        LearningResult(bench=measured_bench(), model="learnt.toml", **BAD_END),
+        comparison(robot(ROWS, all_disabled=False, not_restored=BAD_END["not_restored"])),
+    ],
+    ids=lambda result: result.kind,
+)  # fmt: skip
+def test_every_page_says_of_the_drives_what_standard_error_said(tmp_path, result, without_pictures):
+    code, output = report(written(tmp_path, result))
+    assert code == 0, output
+    page = html.unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert NOT_DISABLED in page
+    assert not_put_back("node 2: object 6072h:00h") in page
+    assert page.index(NOT_DISABLED) < page.index('role="status"'), "it comes before the verdict"
+
+
+def test_a_page_of_drives_that_were_left_well_has_no_such_words(tmp_path):
+    code, _ = report(written(tmp_path, ExperimentsResult(bench=measured_bench(), stopped="stopped: SIGINT", all_disabled=True)))
+    assert code == 0
+    assert 'id="aftermath"' not in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_result_of_the_schema_before_is_told_with_what_to_do(tmp_path):

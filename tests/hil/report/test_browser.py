@@ -1,23 +1,17 @@
-"""The page in a real browser: it is shown, it asks nobody for anything, it prints."""
+"""The page in a real browser: it is shown by day, by night, on a telephone and on paper, and asks nobody for anything."""
 
-import os
-import shutil
 import subprocess
 
 import pytest
 
+from hil.report import palette
 from hil.report.pages.demo import write_report
+from tests.hil.report.browser import CHROMIUM, Browser
 
-CHROMIUM = next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine (Debian: apt-get install chromium)")
-
-
-def browse(tmp_path, *arguments):
-    command = [
-        CHROMIUM, "--headless", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage", "--no-first-run",
-        f"--user-data-dir={tmp_path / 'profile'}", *(["--no-sandbox"] if os.geteuid() == 0 else []), *arguments,
-    ]  # fmt: skip
-    return subprocess.run(command, capture_output=True, text=True, timeout=90, check=True)
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine (Debian: apt-get install chromium)"),
+    pytest.mark.slow,
+]
 
 
 @pytest.fixture(scope="module")
@@ -25,24 +19,90 @@ def page(full_directory):
     return write_report(full_directory)
 
 
-@pytest.mark.parametrize("width", [390, 900])
-def test_it_is_shown(page, tmp_path, width):
-    picture = tmp_path / "page.png"
-    found = browse(tmp_path, f"--window-size={width},1400", "--hide-scrollbars", f"--screenshot={picture}", page.as_uri())
-    assert picture.stat().st_size > 20_000
-    assert "Refused to" not in found.stderr
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Browser(tmp_path_factory.mktemp("profile")) as one:
+        yield one
 
 
-def test_the_browser_reads_it_as_it_was_written(page, tmp_path):
-    text = browse(tmp_path, "--dump-dom", page.as_uri()).stdout
-    assert text.count("<svg") == text.count("</svg>") == 13
-    assert text.count("</figure>") == 13
-    assert "&lt;svg" not in text
+def colour(browser, selector, name):
+    """Colour of an element as the browser draws it, as #rrggbb."""
+    text = browser.value(f"getComputedStyle(document.querySelector({selector!r})).getPropertyValue({name!r})")
+    return "#" + "".join(f"{int(part):02x}" for part in text[text.index("(") + 1 : -1].split(",")[:3])
 
 
-def test_it_prints(page, tmp_path):
+def test_by_night_page_and_figures_are_dark(browser, page):
+    shown = {}
+    for is_dark in (False, True):
+        browser.open(page, is_dark=is_dark)
+        shown[is_dark] = browser.picture()
+        ground, ink = palette.PAPER[1 + is_dark], palette.INK[1 + is_dark]
+        assert colour(browser, "body", "background-color") == ground
+        assert colour(browser, "svg path", "fill") == ground  # the ground of the first figure
+        assert colour(browser, "svg text", "fill") == ink
+    assert shown[False] != shown[True]
+
+
+def test_paper_is_light_whatever_the_screen_asks_for(browser, page):
+    browser.open(page, is_dark=True, media="print")
+    assert colour(browser, "body", "background-color") == palette.PAPER.day
+    assert colour(browser, "svg text", "fill") == palette.INK.day
+
+
+@pytest.mark.parametrize("width", [390, 900, 1400, 1920])
+def test_the_page_never_scrolls_sideways(browser, page, width):
+    browser.open(page, width=width)
+    assert browser.value("document.documentElement.scrollWidth") <= width
+
+
+def test_no_table_is_cut_on_a_wide_screen_and_no_text_on_a_telephone(browser, page):
+    cut = "[...document.querySelectorAll('.wide')].filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.parentNode.id)"
+    browser.open(page)
+    assert browser.value(cut) == []
+    browser.open(page, width=390)
+    assert "claims" not in browser.value(cut)
+
+
+def test_contents_stand_beside_on_a_wide_screen_and_in_a_closed_box_on_a_narrow_one(browser, page):
+    height = "document.querySelector({!r}).getBoundingClientRect().height"
+    browser.open(page)
+    assert browser.value(height.format(".beside")) > 200
+    assert browser.value(height.format(".above")) == 0
+    browser.open(page, width=390)
+    assert browser.value(height.format(".beside")) == 0
+    assert 0 < browser.value(height.format(".above")) < 60
+
+
+def test_the_words_of_a_figure_fit_into_it_with_the_fonts_that_are_there(browser, page):
+    browser.open(page)
+    outside = browser.value("""[...document.querySelectorAll('svg')].flatMap(svg => {
+      const box = svg.getBoundingClientRect();
+      return [...svg.querySelectorAll('text')].filter(text => {
+        const own = text.getBoundingClientRect();
+        return own.left < box.left - 1 || own.right > box.right + 1 || own.top < box.top - 1 || own.bottom > box.bottom + 1;
+      }).map(text => svg.parentNode.parentNode.id + ': ' + text.textContent);
+    })""")
+    assert outside == []
+
+
+def test_the_browser_reads_it_as_it_was_written(browser, page):
+    browser.open(page)
+    assert browser.value("document.querySelectorAll('figure svg').length") == 13
+    assert browser.value("document.querySelectorAll('script').length") == 0
+    assert browser.value("performance.getEntriesByType('resource').length") == 0
+
+
+def test_it_prints_on_numbered_pages(browser, page, tmp_path):
+    browser.open(page)
     sheet = tmp_path / "page.pdf"
-    browse(tmp_path, "--no-pdf-header-footer", f"--print-to-pdf={sheet}", page.as_uri())
+    sheet.write_bytes(browser.print())
     data = sheet.read_bytes()
     assert data.startswith(b"%PDF")
-    assert 6 <= data.count(b"/Type /Page\n") + data.count(b"/Type /Page ") <= 25
+    count = data.count(b"/Type /Page\n") + data.count(b"/Type /Page ")
+    assert 6 <= count <= 25
+    try:
+        text = subprocess.run(["pdftotext", sheet, "-"], capture_output=True, text=True, check=True).stdout  # noqa: S607
+    except FileNotFoundError:
+        return
+    assert f"page {count} of {count}" in text
+    assert "f\nal" in text or "fal" in text  # words of figures are words on paper too

@@ -358,6 +358,23 @@ def test_a_socket_that_nobody_serves_is_replaced(start_server, tmp_path):
 
 
 @pytest.mark.parametrize("stream", [False, True])
+def test_whoever_sees_the_socket_can_join(monkeypatch, tmp_path, stream):
+    path, listen, named = tmp_path / "robot.sock", socket.socket.listen, []
+
+    def watched(sock, *backlog):
+        named.append(path.exists())
+        listen(sock, *backlog)
+
+    monkeypatch.setattr(socket.socket, "listen", watched)
+    server = Server(World(ONE_AXIS), str(path), stream=stream)
+    try:
+        assert named == [False]
+        assert [each.name for each in tmp_path.iterdir()] == ["robot.sock"]
+    finally:
+        server.close()
+
+
+@pytest.mark.parametrize("stream", [False, True])
 @pytest.mark.parametrize("second", [False, True])
 def test_a_path_where_another_server_answers_is_refused(start_server, stream, second):
     running = start_server(stream)

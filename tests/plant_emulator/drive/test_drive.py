@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from drive_profiles.standard.cia301 import NmtState, SdoAbortCode
-from drive_profiles.standard.cia402 import WARNING, Mode, Object, State
+from drive_profiles.standard.cia402 import TARGET_REACHED, WARNING, Mode, Object, State
 from plant_emulator.motion import record as law
-from tests.plant_emulator.rig import COUNTS_PER_REV, GAINS, NO_GAINS, Rig
+from plant_emulator.robots.robot import Behaviour, Robot
+from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, GAINS, NO_GAINS, ONE_AXIS, Rig
 
-CSP, CST, PP = Mode.CSP, Mode.CST, Mode.PP
+CSP, CST, HM, PP = Mode.CSP, Mode.CST, Mode.HM, Mode.PP
 ENABLED = State.OPERATION_ENABLED
 START, STOP, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130
 RAMP_RPS_S, QUICK_RPS_S = 20.0, 50.0  # what 6084h and 6085h hold when the drive leaves the factory
@@ -109,7 +110,61 @@ def test_it_is_not_enabled_while_nmt_is_not_operational(rig, command):
     assert is_braked(rig)
 
 
-def test_without_a_mode_it_is_not_enabled(rig):
+@pytest.mark.parametrize("mode", [None, *Mode])
+def test_enabled_without_a_mode_it_holds_its_position_and_takes_the_one_that_comes(rig, mode):
+    """Masters exist that enable first: 6061h is 0 until the mode is chosen, and no set-point from before moves the motor."""
+    rig.set(Object.TARGET_POSITION, 0, 3 * COUNTS_PER_REV)
+    rig.set(Object.TARGET_VELOCITY, 0, 0)
+    rig.start()
+    assert rig.word(0x06, 0x07, 0x0F) is ENABLED
+    rig.sync(400)
+    assert rig.read(Object.MODES_OF_OPERATION_DISPLAY) == 0
+    assert rig.drive.mode is None
+    assert not is_braked(rig)
+    assert abs(rig.position_rev) < 0.003  # under gravity, and no set-point has moved it
+    assert rig.read(Object.TARGET_POSITION) == 3 * COUNTS_PER_REV
+    if mode is not None:
+        rig.set(Object.MODES_OF_OPERATION, 0, mode)
+        assert rig.read(Object.MODES_OF_OPERATION_DISPLAY) == mode
+        assert rig.drive.mode is mode
+        rig.wait(2)
+    assert rig.state is ENABLED
+    assert rig.emergencies() == []
+
+
+def test_without_a_mode_halt_quick_stop_and_disable_act_as_in_every_mode(rig):
+    rig.start()
+    assert rig.word(0x06, 0x07, 0x10F) is ENABLED
+    rig.wait(100)
+    assert rig.status & TARGET_REACHED
+    assert rig.word(0x0F) is ENABLED
+    assert not rig.status & TARGET_REACHED
+    assert rig.word(0x02) is State.QUICK_STOP_ACTIVE
+    rig.wait(200)
+    assert rig.word(0x0F) is State.SWITCH_ON_DISABLED
+    assert rig.word(0x06, 0x07, 0x0F) is ENABLED
+    assert rig.word(0x07) is State.SWITCHED_ON
+    assert is_braked(rig)
+
+
+def test_outside_its_limits_a_drive_without_a_mode_is_held_so_that_it_can_be_homed(rig):
+    rig.set(Object.SOFTWARE_POSITION_LIMIT, 1, COUNTS_PER_REV)
+    rig.set(Object.SOFTWARE_POSITION_LIMIT, 2, 2 * COUNTS_PER_REV)
+    rig.start()
+    assert rig.word(0x06, 0x07, 0x0F) is ENABLED
+    rig.sync(20)
+    rig.set(Object.MODES_OF_OPERATION, 0, HM)
+    rig.sync(20)
+    assert rig.state is ENABLED
+    rig.set(Object.MODES_OF_OPERATION, 0, PP)
+    rig.sync(20)
+    assert rig.state is State.FAULT
+    assert rig.emergencies() == [0x8612]
+
+
+def test_a_drive_that_needs_a_mode_is_not_enabled_without():
+    axis = ONE_AXIS.axis[AXIS].model_copy(update={"behaviour": Behaviour(needs_mode_to_enable=True)})
+    rig = Rig(Robot(axis={AXIS: axis}))
     rig.start()
     assert rig.word(0x06, 0x07) is State.SWITCHED_ON
     assert rig.emergencies() == []
@@ -122,9 +177,10 @@ def test_without_a_mode_it_is_not_enabled(rig):
     assert not rig.status & WARNING
 
 
-def test_without_gains_it_reports_6320h_and_is_not_enabled():
+@pytest.mark.parametrize("mode", [0, CSP])
+def test_without_gains_it_reports_6320h_and_is_not_enabled(mode):
     rig = Rig(NO_GAINS)
-    rig.set(Object.MODES_OF_OPERATION, 0, CSP)
+    rig.set(Object.MODES_OF_OPERATION, 0, mode)
     rig.start()
     assert rig.word(0x06, 0x07, 0x0F) is State.SWITCHED_ON
     assert is_braked(rig)
@@ -188,10 +244,37 @@ def test_a_fault_reset_leads_to_switch_on_disabled_and_never_further(rig):
         assert rig.word(word) is State.FAULT
     assert rig.word(0x8F) is State.SWITCH_ON_DISABLED
     assert is_braked(rig)
-    assert rig.read(Object.ERROR_CODE) == 0
+    assert rig.read(Object.ERROR_CODE) == 0x8612  # the last error, as the history says
     assert rig.read(0x1001) == 0
     assert rig.emergencies() == [0x8612, 0]
     assert rig.word(0x0F) is State.SWITCH_ON_DISABLED
+
+
+def test_603fh_is_the_last_error_of_the_history_until_that_is_cleared_or_the_node_reset(rig):
+    """CiA 402-2: the lower half of 1003h:01h, so errors of communication and lacks count, and a fault reset clears neither."""
+
+    def shown():
+        newest = rig.read(0x1003, 1)
+        assert rig.read(Object.ERROR_CODE) == (0 if newest is SdoAbortCode.NO_DATA else newest & 0xFFFF)
+        return rig.read(Object.ERROR_CODE)
+
+    assert shown() == 0
+    faulty(rig)
+    assert shown() == 0x8612
+    assert rig.word(0x0F, 0x8F) is State.SWITCH_ON_DISABLED
+    assert shown() == 0x8612
+    rig.send(0x200 + rig.node, b"\x06")  # an RPDO that is too short
+    assert shown() == 0x8210
+    rig.nmt(RESET_COMMUNICATION)
+    rig.start()
+    assert shown() == 0x8210
+    rig.set(0x1003, 0, 0)
+    assert shown() == 0
+    rig.set(0x2100, 1, 0.0)
+    assert rig.word(0x06, 0x07, 0x0F) is State.SWITCHED_ON
+    assert shown() == 0x6320
+    rig.nmt(RESET_NODE)
+    assert shown() == 0
 
 
 def test_the_fault_reset_acts_on_the_rising_edge_only(rig):

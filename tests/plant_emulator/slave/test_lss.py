@@ -65,6 +65,17 @@ def switch(bench, mode):
     return ask(bench, 0x04, mode)
 
 
+@pytest.mark.parametrize(
+    ("command", "hears"),
+    [(None, True), (NmtCommand.STOP, True), (NmtCommand.ENTER_PRE_OPERATIONAL, True), (NmtCommand.START, False)],
+)
+def test_every_nmt_state_but_operational_hears_lss(bench, command, hears):
+    if command is not None:
+        bench.send(0x000, bytes((command, NODE)))
+    answers = select(bench)
+    assert answers == [[], [], [], answer(0x44) if hears else []]
+
+
 # -- switch state (CiA 305, 3.9) ---------------------------------------------------------------------------------------
 
 

@@ -138,7 +138,7 @@ const scenarios = {
   },
 
   async pdo() {
-    await download(0x6060, 0, 1, DataType.INTEGER8); // profile position; without a mode the drive is not enabled
+    await download(0x6060, 0, 1, DataType.INTEGER8); // profile position
     const status = await listenTo(0x6041, 16, DataType.UNSIGNED16, 1);
     beat(0);
     await until("a status word by PDO", () => (status.value & 0x4f) === 0x40); // switch on disabled

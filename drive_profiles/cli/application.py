@@ -1,0 +1,148 @@
+"""The look of the three tools: one form of help, examples that can be copied, `--version`, completion in the shell."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import re
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+_WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
+_EXAMPLES = re.compile(r"^Examples?:[ \t]*", re.MULTILINE)
+_UNCUT = 10_000
+_UNBROKEN = "\u2011"  # a hyphen after which no line ends
+
+
+def described(text: str) -> tuple[str, tuple[str, ...]]:
+    """Split a command's help into its description and its examples, of which each is a line below `Example:` or `Examples:`."""
+    description, *rest = _EXAMPLES.split(inspect.cleandoc(text), maxsplit=1)
+    lines = "".join(rest).splitlines()
+    return description.rstrip(), tuple(line.strip() for line in lines if line.strip())
+
+
+def folded(command: str, width: int) -> list[str]:
+    r"""Fold a command for the shell: every line but the last ends with a backslash, and no option is parted from its value."""
+    parts: list[str] = []
+    for word in _WORD.findall(command):
+        if parts and not word.startswith("-"):
+            parts[-1] += f" {word}"
+        else:
+            parts.append(word)
+    lines = parts[:1]
+    for part in parts[1:]:
+        room = width - 2  # for a backslash
+        if len(lines[-1]) + 1 + len(part) <= (width if part is parts[-1] else room):
+            lines[-1] += f" {part}"
+        else:
+            lines[-1] += " \\"
+            lines.append(f"    {part}")
+    return lines
+
+
+class _Help:
+    """Help of a command or a group: prose that is wrapped, options, examples that are not, exit statuses."""
+
+    help: str | None
+    epilog: str | None
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help; a name such as `fixed-notch` stays on one line, so that it can be copied and searched for."""
+        write_rows = formatter.write_dl
+        formatter.write_dl = lambda rows, *sizes: write_rows(
+            [(left, right.replace("-", _UNBROKEN)) for left, right in rows], *sizes
+        )
+        super().format_help(ctx, formatter)  # type: ignore[misc]
+        formatter.buffer[:] = [part.replace(_UNBROKEN, "-") for part in formatter.buffer]
+
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:
+        """Write the description, the examples left out."""
+        description, _ = described(self.help or "")
+        if description:
+            formatter.write_paragraph()
+            with formatter.indentation():
+                formatter.write_text(description)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the examples, each in lines that a shell takes, and the exit statuses."""
+        _, examples = described(self.help or "")
+        if examples:
+            with formatter.section("Examples"):
+                for example in examples:
+                    for line in folded(example, formatter.width - formatter.current_indent):
+                        formatter.write(f"{'':>{formatter.current_indent}}{line}\n")
+        if self.epilog:
+            formatter.write_paragraph()
+            formatter.write_text(self.epilog)
+
+
+class ToolCommand(_Help, TyperCommand):
+    """Command of a tool."""
+
+
+class ToolGroup(_Help, TyperGroup):
+    """Tool, or group of its commands, whose summaries are whole sentences."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands with their summaries."""
+        commands = [(name, self.commands[name]) for name in self.list_commands(ctx)]
+        rows = [(name, command.get_short_help_str(_UNCUT)) for name, command in commands if not command.hidden]
+        if rows:
+            with formatter.section("Commands"):
+                formatter.write_dl(rows)
+
+
+class Tool(typer.Typer):
+    """Application of a tool, or a group of its commands.
+
+    Args:
+        name: Name of the tool or group.
+        help: Description.
+        epilog: End of the help: the exit statuses.
+        is_group: True for a group inside of a tool, which has neither completion nor `--version` of its own.
+    """
+
+    def __init__(self, name: str, help: str, epilog: str | None = None, *, is_group: bool = False) -> None:
+        super().__init__(
+            name=name,
+            cls=ToolGroup,
+            help=help,
+            epilog=epilog,
+            no_args_is_help=True,
+            add_completion=not is_group,
+            rich_markup_mode=None,  # plain: brackets are text, and a copied line has no frame
+            pretty_exceptions_enable=False,
+        )
+        if not is_group:
+            self.callback(help=help)(_root)
+
+    def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
+        """Return what adds a command, of this look unless another class is given."""
+        return super().command(name, **({"cls": ToolCommand} | settings))
+
+    def run(self, arguments: Sequence[str] | None = None) -> None:
+        """Run the tool with the arguments of the process, or with these; never returns."""
+        try:
+            self(None if arguments is None else [*arguments])
+        except BrokenPipeError:
+            os._exit(141)  # the reader of the output has gone; there is nothing to tell it
+
+
+def _print_version(value: bool) -> None:
+    if value:
+        from drive_profiles.version import DISTRIBUTION, version_text  # noqa: PLC0415 - only here
+
+        typer.echo(f"{DISTRIBUTION} {version_text()}")
+        raise typer.Exit
+
+
+VersionOption = Annotated[
+    bool, typer.Option("--version", help="Print version and commit.", callback=_print_version, is_eager=True)
+]
+
+
+def _root(*, version: VersionOption = False) -> None:
+    pass

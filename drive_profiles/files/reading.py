@@ -1,0 +1,51 @@
+"""The one door through which a user's file is read: a file, whole and of bounded size, and nothing that could keep us waiting."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from drive_profiles.errors import FileError, Problem
+
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a FIFO",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def read_file(path: Path, expected: str, *, max_bytes: int) -> bytes:
+    """Read the bytes of a file.
+
+    A FIFO or a device is refused before it is opened: to open one may wait for ever, and may do something.
+
+    Args:
+        path: The file; links are followed.
+        expected: A sentence's part for messages: the file that is wanted here.
+        max_bytes: Size of the largest file that is read.
+
+    Raises:
+        FileError: It is no file, is too large, or cannot be read.
+    """
+    try:
+        _refuse_all_but_files(path, path.stat().st_mode, expected)
+        # what stood there may have been replaced meanwhile: even then the opening does not wait
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        with os.fdopen(descriptor, "rb") as file:
+            _refuse_all_but_files(path, os.fstat(descriptor).st_mode, expected)
+            data = file.read(max_bytes + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise FileError(path, (Problem(0, "", f"cannot be read ({reason})", expected),)) from error
+    if len(data) > max_bytes:
+        raise FileError(path, (Problem(0, "", f"is larger than {max_bytes >> 20} MiB", expected),))
+    return data
+
+
+def _refuse_all_but_files(path: Path, mode: int, expected: str) -> None:
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "something else")
+        raise FileError(path, (Problem(0, "", f"cannot be read: it is {kind}, and no file", expected),))

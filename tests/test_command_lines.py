@@ -1,0 +1,125 @@
+"""The three tools look alike: help that fits on 80 columns, examples that can be copied, one version, exit statuses."""
+
+import importlib
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+PROJECT = Path(__file__).parents[1]
+TOOLS = {"hil": "hil", "drive-profiles": "drive_profiles", "plant-emulator": "plant_emulator"}
+
+
+def group_of(tool):
+    return typer.main.get_command(importlib.import_module(f"{TOOLS[tool]}.cli.main").app)
+
+
+def commands(tool):
+    """Every command and group of a tool: its words, and the command."""
+
+    def below(command, words):
+        yield words, command
+        for name, each in getattr(command, "commands", {}).items():
+            yield from below(each, (*words, name))
+
+    yield from below(group_of(tool), (tool,))
+
+
+ALL = [pytest.param(words, command, id=" ".join(words)) for tool in TOOLS for words, command in commands(tool)]
+LEAVES = [each for each in ALL if not hasattr(each.values[1], "commands")]
+
+
+def help_of(words, command, columns, monkeypatch):
+    """The help as a terminal of this width shows it."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    return command.get_help(command.make_context(" ".join(words), [], resilient_parsing=True))
+
+
+def examples_in(text):
+    """The commands below `Examples:`, as a user copies them: lines joined where a backslash says so."""
+    _, found, rest = text.partition("\nExamples:\n")
+    if not found:
+        return []
+    block = rest.partition("\n\n")[0]
+    return re.sub(r" *\\\n *", " ", block).splitlines()
+
+
+@pytest.mark.parametrize(("words", "command"), ALL)
+@pytest.mark.parametrize("columns", [80, 60])
+def test_no_line_of_the_help_is_wider_than_the_terminal(words, command, columns, monkeypatch):
+    wide = [line for line in help_of(words, command, columns, monkeypatch).splitlines() if len(line) > columns]
+    assert all(" " not in line.strip() for line in wide if columns < 80)  # one word that no terminal breaks
+    assert columns < 80 or not wide
+
+
+@pytest.mark.parametrize(("words", "command"), ALL)
+def test_nothing_of_the_help_is_cut(words, command, monkeypatch):
+    text = help_of(words, command, 80, monkeypatch)
+    assert "..." not in re.sub(r"COMMAND \[ARGS\]\.\.\.|[}\]]\.\.\.", "", text)
+    assert "…" not in text
+
+
+@pytest.mark.parametrize(("words", "command"), LEAVES)
+def test_a_command_ends_with_its_exit_statuses_and_shows_an_example(words, command, monkeypatch):
+    text = help_of(words, command, 80, monkeypatch)
+    assert text.count("Exit status: 0 ") == 1
+    assert "Exit code" not in text
+    assert examples_in(text)
+
+
+@pytest.mark.parametrize(("words", "command"), LEAVES)
+def test_the_examples_can_be_copied(words, command, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "demo").mkdir()  # of hil report
+    for example in examples_in(help_of(words, command, 80, monkeypatch)):
+        given = shlex.split(example)
+        if given[0] not in TOOLS:
+            assert given[0] == "can_viewer"
+            continue
+        assert tuple(given[: len(words)]) == words
+        context = command.make_context(" ".join(words), given[len(words) :])  # refuses what it does not know
+        assert context.args == []
+
+
+def test_brackets_are_text(monkeypatch):
+    (serve,) = (each.values for each in LEAVES if each.id == "plant-emulator serve")
+    text = help_of(*serve, 80, monkeypatch)
+    assert "[[fault]]" in text
+    assert "local:PATH[@BITRATE]" in text
+
+
+def run(*command, **settings):
+    return subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True, check=True, cwd=PROJECT, **settings)
+
+
+@pytest.mark.parametrize("package", TOOLS.values())
+def test_every_tool_says_the_version_that_reports_say(package):
+    from drive_profiles.version import DISTRIBUTION, version_text  # noqa: PLC0415
+    from hil.results.base import versions  # noqa: PLC0415
+
+    assert run(package, "--version").stdout == f"{DISTRIBUTION} {version_text()}\n"
+    assert versions()[DISTRIBUTION] == version_text()
+
+
+@pytest.mark.parametrize("package", TOOLS.values())
+def test_help_and_version_wait_for_no_numbers(package):
+    """numpy, scipy and the compiler cost seconds, and neither help nor completion calculates."""
+    code = (
+        "import sys; from importlib import import_module as load\n"
+        f"app = load('{package}.cli.main').app\n"
+        "try: app(['--version'])\nexcept SystemExit: pass\n"
+        "print(sorted({'numpy', 'scipy', 'numba', 'matplotlib', 'canopen', 'pydantic', 'rich'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=PROJECT)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("package", TOOLS.values())
+def test_without_a_command_the_help_is_shown(package):
+    done = subprocess.run([sys.executable, "-m", package], capture_output=True, text=True, check=False, cwd=PROJECT)
+    assert done.returncode == 2
+    assert "Commands:" in done.stdout + done.stderr
