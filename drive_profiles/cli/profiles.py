@@ -118,7 +118,8 @@ def _product(member: Profile) -> dict[str, str]:
 
 def _facts(profile: Profile) -> list[tuple[str, ...]]:
     identity, sync, store = profile.identity, profile.sync, profile.store
-    products = ", ".join(profile.products_in_words)
+    codes = [member.identity.product_code for member in profile.members]
+    products = ", ".join("not known" if code is None else f"0x{code:08X}" for code in codes)
     facts: list[tuple[str, ...]] = [
         ("name", profile.label, ""),
         ("title", profile.title, ""),

@@ -142,7 +142,7 @@ def gains(
     if profile.loop is not None and profile.loop.structure == "PID":
         pid = pid_gains(position_gain, velocity_gain, velocity_integral_gain)
     if as_json:
-        facts = {"profile": profile.name, "values": values, "pid": dataclasses.asdict(pid) if pid else None}
+        facts = {"profile": profile.label, "values": values, "pid": dataclasses.asdict(pid) if pid else None}
         print_json(facts)
         return
     rows = [(n, profile.parameter(n).written_address, f"{v:.9g}", profile.parameter(n).unit) for n, v in values.items()]

@@ -226,7 +226,7 @@ class DriveAxis:
             name = f"notch_{column + 1}"
             if f"{name}.mode" not in self.profile.parameters:
                 if column < len(notches):
-                    raise NotPossibleError(f"axis {self.number}: drive family {self.profile.name} has no {name}")
+                    raise NotPossibleError(f"axis {self.number}: drive family {self.profile.label} has no {name}")
                 continue
             self.write_parameter(f"{name}.mode", NOTCH_OFF)
             if column < len(notches):
@@ -252,7 +252,7 @@ class DriveAxis:
     def write_mode(self, mode: Mode, sync_period_s: float) -> None:
         """Set mode of operation, interpolation period and communication cycle period."""
         if mode not in self.profile.supported_modes:
-            raise NotPossibleError(f"axis {self.number}: drive family {self.profile.name} has no mode {mode.name}")
+            raise NotPossibleError(f"axis {self.number}: drive family {self.profile.label} has no mode {mode.name}")
         value, index = interpolation_period(sync_period_s)
         self.snapshot.write(Object.MODES_OF_OPERATION, 0, I8, int(mode), "modes of operation")
         self.snapshot.write(Object.INTERPOLATION_PERIOD, 1, U8, value, "interpolation time period value")
