@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from drive_profiles.cli.console import ExitStatus, Interrupts, confirm, print_json, progress, table
+from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.parameter_set.parameters import ParameterSet
+    from drive_profiles.device.device import Device
+    from drive_profiles.parameter_set.parameters import ParameterSet, Write
     from drive_profiles.upload.result import UploadOptions, UploadResult
     from drive_profiles.upload.upload import Upload
 
@@ -118,7 +120,7 @@ def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> Non
         scaling = item.device.scaling([write.entry for write in item.writes])
         for write, held in item.changes:
             now = write.entry.decoded(held, scaling) if held else ""
-            rows.append((str(node), str(write.entry), str(now), str(write.value), write.entry.unit))
+            rows.append((str(node), str(write.entry), *_now_and_new(item.device, write, held)))
             documents.append({
                 "node": node, "object": str(write.entry), "now": now, "new": write.value, "unit": write.entry.unit,
             })  # fmt: skip
@@ -128,6 +130,22 @@ def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> Non
         table("", ("node", "object", "now", "new", "unit"), rows, err=request.as_json)
     else:
         typer.echo("nothing differs", err=request.as_json)
+
+
+def _now_and_new(device: Device, write: Write, held: bytes) -> tuple[str, str, str]:
+    """Value that an object holds, the one that is written, and their unit; also of a raw line, as those of a snapshot are."""
+    from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
+
+    known = device.catalogue.get(write.address)
+    for entry in (known, write.entry) if known is not None and known.data_type is write.entry.data_type else (write.entry,):
+        try:
+            scaling = device.scaling([entry])
+            new = entry.decoded(write.data, scaling)
+            now = entry.decoded(held, scaling) if held else ""
+        except (RefusedError, OutOfRangeError, SdoAbortedError, ValueError):  # the scaling cannot be read: raw then
+            continue
+        return (*shown.pair(now, new, write.address, entry.data_type), device.catalogue.unit_of(entry))
+    return held.hex(" "), write.data.hex(" "), "bytes"
 
 
 def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> None:

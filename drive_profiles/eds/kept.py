@@ -19,8 +19,8 @@ from drive_profiles.eds.description import Description
 from drive_profiles.eds.text import EdsSection, Findings, read, section_id
 
 _EXPORTED = {
-    "parametername", "objecttype", "datatype", "accesstype", "defaultvalue", "parametervalue", "pdomapping", "lowlimit", "highlimit",
-    "subnumber", "storagelocation", "compactsubobj", "description", "factor", "unit",
+    "parametername", "objecttype", "datatype", "accesstype", "defaultvalue", "parametervalue", "pdomapping", "lowlimit",
+    "highlimit", "subnumber", "storagelocation", "compactsubobj", "description", "factor", "unit",
 }  # fmt: skip
 """Keys of objects that the exporter writes from the dictionary; a compact notation is written out."""
 _OF_OBJECTS = {"eds": ("ObjFlags",), "dcf": ("ObjFlags", "UploadFile", "DownloadFile", "Denotation", "ParamRefd")}
@@ -52,8 +52,8 @@ def with_kept_keys(text: str, description: Description, file_format: Literal["ed
         present = set() if section is None else set(section.entries)
         if section is None and _OBJECT.fullmatch(section_id(name)):
             continue  # an object that could not be read
-        lines = [line for line in lines if line.partition("=")[0].lower() not in present]
-        kept.setdefault(name, {}).update({line.partition("=")[0]: line for line in lines})
+        keys = [line.partition("=")[0] for line in lines]
+        kept.setdefault(name, {}).update((key, line) for key, line in zip(keys, lines, strict=True) if key.lower() not in present)
     inserted: dict[int, list[str]] = {}
     for name, named in kept.items():
         section = written.sections.get(section_id(name))
@@ -73,7 +73,12 @@ def left_out(description: Description, file_format: Literal["eds", "dcf"]) -> li
             kept = {key.lower() for key in _OF_OBJECTS["dcf"]} | _EXPORTED
             strange += [f"[{section.name}] {entry.key}" for key, entry in section.entries.items() if key not in kept]
             of_dcf += sum(bool(section.get(key)) for key in _OF_OBJECTS["dcf"][1:])
-        elif match is None and identity not in _OF_FILE and not _WHOLE.fullmatch(identity) and not re.match(r"[0-9A-F]{4}", identity):
+        elif (
+            match is None
+            and identity not in _OF_FILE
+            and not _WHOLE.fullmatch(identity)
+            and not re.match(r"[0-9A-F]{4}", identity)
+        ):
             foreign.append(f"[{section.name}]")
         elif identity in eds_device.COMMISSIONING:
             of_dcf += bool(section.entries)

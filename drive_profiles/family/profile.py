@@ -13,7 +13,16 @@ from typing import Any, Literal, Self
 import pydantic
 
 from drive_profiles.errors import ProfileNotFoundError, UnknownParameterError, UnknownProductError
-from drive_profiles.family.capability import Abort, Capabilities, EncoderFacts, LoopFacts, NotchFacts, StoreFacts, TorqueFacts
+from drive_profiles.family.capability import (
+    Abort,
+    Capabilities,
+    EncoderFacts,
+    LoopFacts,
+    NotchFacts,
+    StoreFacts,
+    TorqueFacts,
+    gain_unit,
+)
 from drive_profiles.family.identity import PRODUCT_NAME, Identity, Modes, SyncLimits
 from drive_profiles.family.parameter import Parameter, ParameterClass
 from drive_profiles.family.product import Product, in_words
@@ -112,6 +121,13 @@ class Profile(Table):
             except ValueError as error:
                 raise ValueError(f"product {product.name}: {error}") from None
         return self
+
+    def unit_of(self, name: str) -> str:
+        """Unit of a parameter's value: its own, or what the loop's facts make of a gain that has none."""
+        parameter = self.parameters.get(name)
+        if parameter is None or parameter.unit or self.loop is None:
+            return "" if parameter is None else parameter.unit
+        return next((gain_unit(role, gain) for role, gain in self.loop.gains.items() if gain.parameter == name), "")
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Self:

@@ -3,7 +3,6 @@
 import pytest
 
 from drive_profiles.device.device import DeviceIdentity
-from drive_profiles.device.sdo import SdoPort
 from drive_profiles.device.target import catalogue_of, device_at, matching
 from drive_profiles.errors import NodeError
 from drive_profiles.parameter_set.parameters import Item, ParameterSet
@@ -11,24 +10,20 @@ from drive_profiles.upload import fleet
 from drive_profiles.upload.result import UploadOptions
 from drive_profiles.upload.upload import Upload
 from tests.drive_profiles.profiles import PRODUCTS, PROFILES
-from tests.drive_profiles.world_bus import TIMEOUT_S, WorldBus, robot_with
+from tests.drive_profiles.world_bus import WorldSdoBus, robot_with
 
 CODED = [label for label, product in PRODUCTS.items() if product.identity.product_code is not None]
 NAMED = [label for label in PRODUCTS if label not in CODED]
 
 
-class Bus:
-    """As much of an SdoBus as the choice needs, over a world in this process."""
+class Bus(WorldSdoBus):
+    """A bus with another drive at node 2."""
 
     def __init__(self, profile: str) -> None:
-        self.world = WorldBus(robot_with(axis2={"profile": profile}))
-        self.nmt = self.world.nmt
-
-    def port(self, node: int) -> SdoPort:
-        return SdoPort(node, self.world.line(node), TIMEOUT_S)
+        super().__init__(robot_with(axis2={"profile": profile}))
 
     def set(self, index: int, subindex: int, value: int) -> None:
-        self.world.world.drives[2].slave.dictionary.cell(index, subindex).value = value
+        self.world.drives[2].slave.dictionary.cell(index, subindex).value = value
 
 
 def upload(device, parameter_set, tmp_path, **options):

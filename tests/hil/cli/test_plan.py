@@ -22,12 +22,11 @@ def test_the_reference_bench_fits_its_bus_without_bit_times():
     assert "drive-closed stable" in result.output.splitlines()[-1]
 
 
-def test_off_a_terminal_tables_are_tab_separated_with_a_title_each():
+def test_off_a_terminal_tables_have_a_title_each_and_a_line_for_each_row():
     lines = plan("--bitrate", "1M").stdout.splitlines()
-    assert "# One cycle, bits on the wire" in lines
-    sync = next(line for line in lines if line.startswith("SYNC\t"))
-    assert sync.split("\t") == ["SYNC", "080h", "0", "47", "51.0", "55"]
-    assert not any("│" in line for line in lines)
+    assert "One cycle, bits on the wire" in lines
+    assert ["SYNC", "080h", "0", "47", "51.0", "55"] in [line.split() for line in lines]
+    assert not any("─" in line for line in lines)
 
 
 @pytest.mark.parametrize(

@@ -342,7 +342,7 @@ def test_a_user_scans_through_the_adapter(serve, tmp_path):
     scan = [sys.executable, "-m", "drive_profiles", "scan", "--bus", f"slcan:{tty}@1M", "--nodes", "2-5,16"]
     done = subprocess.run(scan, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
-    assert [line.split("\t")[0] for line in done.stdout.splitlines()[1:]] == ["2", "3", "5", "16"]
+    assert [line.split()[0] for line in done.stdout.splitlines()[1:]] == ["2", "3", "5", "16"]
     process.terminate()
     assert process.wait(10) == 0
     assert not tty.is_symlink()
