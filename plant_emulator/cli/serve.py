@@ -56,7 +56,7 @@ ServedBusOption = Annotated[
 ]
 DriveOption = Annotated[
     list[str] | None,
-    typer.Option("--drive", metavar="AXIS=PROFILE", help="Drive of an axis: name of a profile, or its file; repeatable."),
+    typer.Option("--drive", metavar="AXIS=PROFILE[/PRODUCT]", help="Drive of an axis: a profile by name or file; repeatable."),
 ]
 EdsOption = Annotated[
     list[str] | None,

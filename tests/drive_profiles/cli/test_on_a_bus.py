@@ -79,7 +79,12 @@ def cells(text):
 def test_scan_finds_every_node_with_its_profile():
     rows = [line.split() for line in run("scan").stdout.splitlines()]
     assert [row[0] for row in rows[1:]] == ["2", "3", "5", "16"]
-    assert [row[-1] for row in rows[1:]] == ["emulated_drive", "kollmorgen_akd", "maxon_epos4", "emulated_accelerometer"]
+    assert [row[-1] for row in rows[1:]] == [
+        "emulated_drive",
+        "kollmorgen_akd",
+        "maxon_epos4/module-50-5",
+        "emulated_accelerometer",
+    ]
     found = json.loads(run("scan", "--nodes", "2,16", "--json").stdout)
     assert [(node["node"], node["profiles"]) for node in found] == [(2, ["emulated_drive"]), (16, ["emulated_accelerometer"])]
     run("scan", "--nodes", "99", "--timeout-s", "0.05", code=5)
