@@ -21,6 +21,7 @@ from drive_profiles.cli.options import (
     TimeoutOption,
     take_bus,
 )
+from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
     from drive_profiles.parameter_set.parameters import Difference, Write
@@ -123,14 +124,24 @@ def _show(differences: list[Difference], header: tuple[str, ...], *, as_json: bo
     if as_json:
         print_json([difference._asdict() for difference in differences])
     elif differences:
-        shown = [
-            (d.key, "-" if d.left is None else str(d.left), "-" if d.right is None else str(d.right), d.unit) for d in differences
-        ]
-        table("", header, shown)
+        table("", header, [(each.key, *_values(each), shown.unit(each.unit)) for each in differences])
     else:
         typer.echo("no difference")
     if differences:
         raise typer.Exit(ExitStatus.DIFFERS)
+
+
+def _values(difference: Difference) -> tuple[str, str]:
+    """Both values, as long as it takes to tell them apart; a dash for a set without the object."""
+    from drive_profiles.family.catalogue import address_from
+
+    left, right = difference.left, difference.right
+    address = address_from(difference.key) or (0, 0)
+    if left is None or right is None:
+        given = right if left is None else left
+        value = "-" if given is None else shown.value(given, address)
+        return ("-", value) if left is None else (value, "-")
+    return shown.pair(left, right, address)
 
 
 def verify(

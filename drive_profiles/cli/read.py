@@ -25,6 +25,7 @@ from drive_profiles.cli.options import (
     class_names,
     complete_objects,
 )
+from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
     from drive_profiles.device.device import Device, DeviceIdentity
@@ -147,12 +148,18 @@ def info(
     if as_json:
         print_json(facts)
         return
-    hexadecimal = {"device_type", "vendor_id", "product_code", "revision", "error_register"}
-    shown = [
-        (key.replace("_", " "), "-" if value in (None, "", []) else f"0x{value:X}" if key in hexadecimal else _plain(value))
+    rows = [
+        (
+            key.replace("_", " "),
+            "-" if value in (None, "", []) else f"0x{value:0{_HEXADECIMAL[key]}X}" if key in _HEXADECIMAL else _plain(value),
+        )
         for key, value in facts.items()
     ]
-    table("", ("fact", "value"), shown)
+    table("", ("fact", "value"), rows)
+
+
+_HEXADECIMAL = {"device_type": 8, "vendor_id": 8, "product_code": 8, "revision": 8, "error_register": 2}
+"""Digits of what is hexadecimal."""
 
 
 def _plain(value: object) -> str:
@@ -241,7 +248,10 @@ def get(
         documents += [{"object": f"0x{address_text(e.address)}", "name": e.name, "error": str(error)} for e, error in failures]
         print_json(documents)
     elif values:
-        rows = [(address_text(e.address), e.name or "-", str(v), e.unit, d.hex(" ")) for e, d, v in values]
+        rows = [
+            (address_text(e.address), e.name or "-", _value(e, d, v), device.catalogue.unit_of(e), d.hex(" "))
+            for e, d, v in values
+        ]
         table("", ("object", "name", "value", "unit", "bytes"), rows)
     for _, error in failures:
         typer.echo(str(error), err=True)
@@ -271,3 +281,10 @@ def _got(
             continue
         values.append((entry, data, value))
     return values, failures
+
+
+def _value(entry: CatalogueEntry, data: bytes, value: float | str) -> str:
+    """Value as people read it; a word of bits also where neither profile nor EDS says its type."""
+    if entry.data_type is None and shown.is_hexadecimal(entry.address) and len(data) in {1, 2, 4, 8}:
+        return f"0x{int.from_bytes(data, 'little'):0{2 * len(data)}X}"
+    return shown.value(value, entry.address, entry.data_type)

@@ -82,7 +82,7 @@ def realise(
 def _show(profile: Profile, realisation: Realisation) -> None:
     target, held, off = realisation.target, realisation.held, realisation.deviations
     match = "exact" if realisation.is_exact else "approximate"
-    typer.echo(f"{realisation.profile}: {match}, filter period {1e6 * realisation.period_s:g} us")
+    typer.echo(f"{realisation.profile}: {match}, filter period {1e6 * realisation.period_s:g} µs")
     for reason in realisation.reasons:
         typer.echo(f"  {reason}")
     wanted_db, held_db = (shape.gain_db(target.zero_hz) for shape in (target.shape, held))

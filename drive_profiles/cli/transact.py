@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from drive_profiles.cli.console import ExitStatus, Interrupts, confirm, print_json, progress, table
+from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
@@ -118,34 +119,38 @@ def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> Non
     documents: list[dict[str, Any]] = []
     for item in uploads:
         node = item.device.node
+        scaling = item.device.scaling([write.entry for write in item.writes])
         for write, held in item.changes:
-            now, new, unit = _in_unit(item.device, write, held)
-            rows.append((str(node), str(write.entry), str(now), str(new), unit))
-            documents.append({"node": node, "object": str(write.entry), "now": now, "new": new, "unit": unit})
+            now = write.entry.decoded(held, scaling) if held else ""
+            rows.append((str(node), str(write.entry), *_now_and_new(item.device, write, held)))
+            documents.append({
+                "node": node, "object": str(write.entry), "now": now, "new": write.value, "unit": write.entry.unit,
+            })  # fmt: skip
     if request.dry_run and request.as_json:
         print_json(documents)
     elif rows:
-        shown = len(rows) if request.dry_run or len(rows) <= MAX_ROWS + 1 else MAX_ROWS
-        table("", ("node", "object", "now", "new", "unit"), rows[:shown], err=request.as_json)
-        if shown < len(rows):
-            typer.echo(f"… and {len(rows) - shown} more; --dry-run shows all", err=request.as_json)
+        count = len(rows) if request.dry_run or len(rows) <= MAX_ROWS + 1 else MAX_ROWS
+        table("", ("node", "object", "now", "new", "unit"), rows[:count], err=request.as_json)
+        if count < len(rows):
+            typer.echo(f"… and {len(rows) - count} more; --dry-run shows all", err=request.as_json)
     else:
         typer.echo("nothing differs", err=request.as_json)
 
 
-def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, float | str, str]:
-    """Value now, new value and unit of a write: in the parameter's unit also where the line is raw, as in a snapshot."""
-    from drive_profiles.errors import DriveProfileError
+def _now_and_new(device: Device, write: Write, held: bytes) -> tuple[str, str, str]:
+    """Value that an object holds, the one that is written, and their unit; also of a raw line, as those of a snapshot are."""
+    from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
 
     known = device.catalogue.get(write.address)
-    if write.entry.parameter is None and known is not None and known.parameter is not None:
+    for entry in (known, write.entry) if known is not None and known.data_type is write.entry.data_type else (write.entry,):
         try:
-            scaling = device.scaling([known])
-            return known.decoded(held, scaling), known.decoded(write.data, scaling), known.unit
-        except (ValueError, DriveProfileError):  # then as on the wire
-            pass
-    now = write.entry.decoded(held, device.scaling([write.entry])) if held else ""
-    return now, write.value, write.entry.unit
+            scaling = device.scaling([entry])
+            new = entry.decoded(write.data, scaling)
+            now = entry.decoded(held, scaling) if held else ""
+        except (RefusedError, OutOfRangeError, SdoAbortedError, ValueError):  # the scaling cannot be read: raw then
+            continue
+        return (*shown.pair(now, new, write.address, entry.data_type), device.catalogue.unit_of(entry))
+    return held.hex(" "), write.data.hex(" "), "bytes"
 
 
 def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> None:

@@ -15,7 +15,7 @@ from drive_profiles.eds import Description
 from drive_profiles.errors import AmbiguousNameError, OutOfRangeError, RefusedError, UnknownObjectError
 from drive_profiles.family.parameter import Parameter, ParameterClass
 from drive_profiles.family.profile import Profile
-from drive_profiles.standard import units
+from drive_profiles.standard import shown, units
 from drive_profiles.standard.cia301 import DataType, Value, decode, encode
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 from drive_profiles.standard.objects import OBJECTS
@@ -197,6 +197,11 @@ class Catalogue:
     def get(self, address: ObjectAddress) -> CatalogueEntry | None:
         """Entry of an object; None where neither device nor standard has it."""
         return self._entries.get(address) or self._standard.get(address)
+
+    def unit_of(self, entry: CatalogueEntry) -> str:
+        """Unit of an object's value, a gain's included, as people read it; files have that of the entry."""
+        known = entry.unit or (self.profile.unit_of(entry.name) if self.profile and entry.parameter is not None else "")
+        return shown.unit(known)
 
     @property
     def names(self) -> list[str]:

@@ -13,7 +13,16 @@ from typing import Annotated, Literal, Self
 import pydantic
 
 from drive_profiles.errors import ProfileNotFoundError, UnknownParameterError
-from drive_profiles.family.capability import Abort, Capabilities, EncoderFacts, LoopFacts, NotchFacts, StoreFacts, TorqueFacts
+from drive_profiles.family.capability import (
+    Abort,
+    Capabilities,
+    EncoderFacts,
+    LoopFacts,
+    NotchFacts,
+    StoreFacts,
+    TorqueFacts,
+    gain_unit,
+)
 from drive_profiles.family.parameter import Fact, Parameter, ParameterClass
 from drive_profiles.files import toml as files
 from drive_profiles.files.toml import UNIT_NAMES, Table, split_unit
@@ -137,6 +146,13 @@ class Profile(Table):
             raise ValueError("capabilities.notch_inside says yes, but there is no notch table")
         return self
 
+    def unit_of(self, name: str) -> str:
+        """Unit of a parameter's value: its own, or what the loop's facts make of a gain that has none."""
+        parameter = self.parameters.get(name)
+        if parameter is None or parameter.unit or self.loop is None:
+            return "" if parameter is None else parameter.unit
+        return next((gain_unit(role, gain) for role, gain in self.loop.gains.items() if gain.parameter == name), "")
+
     @classmethod
     def load(cls, name_or_path: str | Path) -> Self:
         """Read a profile of the package by its name, or of any file by its path.
@@ -150,7 +166,7 @@ class Profile(Table):
             ProfileNotFoundError: The package has no such profile.
             FileError: The file has errors; all of them are listed.
         """
-        if isinstance(name_or_path, str) and _NAME.fullmatch(name_or_path):
+        if isinstance(name_or_path, str) and is_profile_name(name_or_path):
             if name_or_path not in available():
                 raise ProfileNotFoundError(name_or_path, tuple(available()))
             return files.load(VENDORS / f"{name_or_path}.toml", cls)
@@ -176,6 +192,11 @@ class Profile(Table):
     def in_class(self, parameter_class: ParameterClass) -> dict[str, Parameter]:
         """The parameters of one class, in the order of the file."""
         return {name: entry for name, entry in self.parameters.items() if entry.parameter_class == parameter_class}
+
+
+def is_profile_name(text: str) -> bool:
+    """True where a text is taken for the name of a profile in the package, and not for a path."""
+    return _NAME.fullmatch(text) is not None
 
 
 def available() -> list[str]:

@@ -16,12 +16,11 @@ runner = CliRunner()
 def test_list_names_every_profile():
     result = runner.invoke(app, ["list"])
     assert result.exit_code == 0
-    rows = [line.split("\t") for line in result.stdout.splitlines()]
+    rows = [line.split() for line in result.stdout.splitlines()]
     assert [row[0] for row in rows] == ["name", *available()]
     by_name = {row[0]: row for row in rows}
     assert by_name["emulated_drive"][2:5] == ["exact", "exact", "yes"]
-    assert "8 Hz" in by_name["kollmorgen_rgm"][5] or by_name["kollmorgen_rgm"][3] == "unknown"
-    assert all(row[5] for row in rows[1:] if row[1] == "drive")
+    assert all(len(row) == 5 for row in rows[1:])  # an answer each; the reasons stand in `show`
 
 
 def test_list_as_json():
@@ -39,9 +38,9 @@ def test_show_has_identity_reasons_objects_and_units():
     assert result.exit_code == 0
     for words in (
         "0x00000402",
-        "250 us",
+        "250 µs",
         "PP, PV, TQ, HM, IP, CSP, CSV, CST",
-        "6072:0\tUNSIGNED16\tN·m\t1 ‰ of 6076h",
+        "6072:0  UNSIGNED16  N·m        1 ‰ of 6076h",
         "not a fit by depth",
     ):
         assert words in result.stdout
@@ -54,13 +53,19 @@ def test_show_as_json_is_the_whole_profile():
     assert Profile.model_validate_json(result.stdout, strict=True) == Profile.load("emulated_drive")
 
 
-def test_show_on_a_terminal_is_a_table(monkeypatch):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "200")
-    result = runner.invoke(app, ["show", "emulated_accelerometer"])
-    assert result.exit_code == 0
-    assert "┃" in result.stdout
-    assert "acceleration_x_m_s2" in result.stdout
+@pytest.mark.parametrize("name", available())
+def test_show_has_the_reason_for_every_answer(name):
+    capabilities = Profile.load(name).capabilities
+    shown = runner.invoke(app, ["show", name]).stdout
+    for _, entry in () if capabilities is None else capabilities:
+        assert entry.reason in shown
+
+
+def test_a_gain_has_the_unit_that_the_loops_facts_give_it():
+    shown = runner.invoke(app, ["show", "maxon_epos4"]).stdout
+    assert [line.split()[3] for line in shown.splitlines() if line.startswith("position_") and "_gain  " in line] == [
+        "µA/rad", "µA/(rad·s)", "µA·s/rad",
+    ]  # fmt: skip
 
 
 def test_a_profile_may_be_a_file(tmp_path):

@@ -71,8 +71,13 @@ def run(*arguments, code=0):
     return result
 
 
+def cells(text):
+    """The words of each line of a table."""
+    return [line.split() for line in text.splitlines()]
+
+
 def test_scan_finds_every_node_with_its_profile():
-    rows = [line.split("\t") for line in run("scan").stdout.splitlines()]
+    rows = [line.split() for line in run("scan").stdout.splitlines()]
     assert [row[0] for row in rows[1:]] == ["2", "3", "5", "16"]
     assert [row[-1] for row in rows[1:]] == ["emulated_drive", "kollmorgen_akd", "maxon_epos4", "emulated_accelerometer"]
     found = json.loads(run("scan", "--nodes", "2,16", "--json").stdout)
@@ -116,11 +121,11 @@ def test_the_page_of_the_readme_from_scan_to_a_stored_notch(folder):
     text = text.replace('"notch_1.mode" = { value = 0 }', '"notch_1.mode" = { value = 1 }')
     text = text.replace('"notch_1.start_rps" = { value = 4.0', '"notch_1.start_rps" = { value = 4.5')
     (folder / "notch.toml").write_text(text)
-    assert "notch_1.mode\t0\t1" in run("diff", "axis2.toml", "notch.toml", code=7).stdout
+    assert ["notch_1.mode", "0", "1"] in cells(run("diff", "axis2.toml", "notch.toml", code=7).stdout)
     assert "notch_1.mode" in run("diff", "notch.toml", "--node", "2", code=7).stdout
     shown = run("upload", "notch.toml", "--node", "2", "--dry-run")
-    assert "2110:1 (notch_1.mode)\t0\t1" in shown.stdout
-    assert run("get", "notch_1.mode", "--node", "2").stdout.splitlines()[1].split("\t")[2] == "0"
+    assert ["2", "2110:1", "(notch_1.mode)", "0", "1"] in cells(shown.stdout)
+    assert cells(run("get", "notch_1.mode", "--node", "2").stdout)[1][2] == "0"
     run("upload", "notch.toml", "--node", "2", code=2)  # nobody to ask, and no --yes
     done = run("upload", "notch.toml", "--node", "2", "--store", "--reset", "--yes")
     assert "done, 2 written and read back, stored" in done.stdout
@@ -252,7 +257,7 @@ def test_set_takes_whole_names_and_one_value_each():
 
 def test_what_will_change_is_shown_before_the_question_also_with_json():
     result = run("set", "position_gain_per_s=5.5", "--node", "2", "--json", code=2)  # nobody to ask
-    assert "position_gain_per_s)\t" in result.stderr
+    assert ["2", "2100:1", "(position_gain_per_s)"] in [row[:3] for row in cells(result.stderr)]
     assert result.stdout == ""
     result = run("set", "position_gain_per_s=5.5", "--node", "2", "--json", "--dry-run")
     assert json.loads(result.stdout)[0]["new"] == 5.5
