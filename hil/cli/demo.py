@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drive_profiles.cli.completion import complete_reference
 from hil.cli.console import EPILOG, ExitStatus, SpokenReporter, bench_on_emulator, exit_on_error, exit_status_of, message_of, say
 from hil.cli.options import JsonOption
 from hil.cli.run import run_and_report
@@ -20,7 +21,9 @@ def mount(app: typer.Typer) -> None:
 def demo(
     out: OutOption = Path("demo"),
     as_json: JsonOption = False,
-    robot: Annotated[str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.")] = "reference",
+    robot: Annotated[
+        str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.", autocompletion=complete_reference)
+    ] = "reference",
     no_story: Annotated[
         bool, typer.Option("--no-story", help="Only the paper's experiments, without the story of a robot of one's own.")
     ] = False,
