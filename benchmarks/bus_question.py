@@ -35,7 +35,6 @@ from hil.plan.check import plan_cycle, stability
 from hil.plan.wire import CLASSIC_MAX_BITRATE, WireTiming, rate_text
 from hil.recording import BusLog
 from hil.report import style
-from hil.robot_tables import CHAIN_AXES
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.robots.robot import load_robot
@@ -57,6 +56,9 @@ MOTIONS: tuple[int | None, ...] = (2, None)
 """The axis of the constant acceleration, and None for the line."""
 WORKERS = 2
 PARTS = ("hil/control", "hil/master", "hil/can", "hil/experiments", "hil/analysis.py", "hil/bench", "plant_emulator")
+
+LINE_AXES = (2, 3, 5)
+"""Axes of the reference robot that move in the line motion."""
 
 Kind = Literal["run", "does not fit", "refused", "stopped", "not judged"]
 
@@ -82,7 +84,7 @@ class Cell:
     @property
     def axes(self) -> tuple[int, ...]:
         """Those that move."""
-        return CHAIN_AXES if self.axis is None else (self.axis,)
+        return LINE_AXES if self.axis is None else (self.axis,)
 
     @property
     def name(self) -> str:
@@ -226,7 +228,7 @@ def shortest_s(bench: Bench, axes: tuple[int, ...], loop: LoopName, wire: WireTi
 
 def elsewhere(bench: Bench) -> list[str]:
     """What the plan says of other wiring for the host-closed line."""
-    cycle = plan_cycle(bench, CHAIN_AXES, "host", 500e-6, notch_state=False)
+    cycle = plan_cycle(bench, LINE_AXES, "host", 500e-6, notch_state=False)
     classic, fd = WireTiming(CLASSIC_MAX_BITRATE), WireTiming(CLASSIC_MAX_BITRATE, FD_DATA_BITRATE)
     rows: list[tuple[str, list[Cycle], WireTiming]] = [
         ("classic CAN, 1 Mbit/s, as the bench maps it", [cycle], classic),
@@ -320,7 +322,7 @@ _LINES: dict[WireTiming | None, dict[str, Any]] = {
 
 
 def _panel(panel: Axes, found: dict[Cell, Found], bench: Bench, axis: int | None, loop: LoopName) -> None:
-    axes = CHAIN_AXES if axis is None else (axis,)
+    axes = LINE_AXES if axis is None else (axis,)
     for rate in reversed(RATES):
         values = [reduction_pct(found, axis, loop, period, rate) for period in PERIODS_S]
         label = _rate_name(rate)
@@ -364,7 +366,7 @@ def page(found: dict[Cell, Found], bench: Bench) -> str:
     wire, names = WireTiming(CLASSIC_MAX_BITRATE), {2: "constant acceleration, axis 2", None: "line, axes 2, 3, 5"}
     rows = []
     for axis in MOTIONS:
-        axes = CHAIN_AXES if axis is None else (axis,)
+        axes = LINE_AXES if axis is None else (axis,)
         host, drive = (shortest_s(bench, axes, loop, wire) for loop in ("host", "drive"))
         limits = (longest_stable_s(axes), host, drive)
         rows.append(f"| {names[axis]} | " + " | ".join(f"{1e6 * limit:.0f} µs" for limit in limits) + " |")
@@ -413,7 +415,7 @@ def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
     def us(axes: tuple[int, ...], loop: LoopName) -> str:
         return f"{1e6 * shortest_s(bench, axes, loop, wire):.0f} µs"
 
-    stable, stable_line = (f"{1e6 * longest_stable_s(axes):.0f} µs" for axes in (one, CHAIN_AXES))
+    stable, stable_line = (f"{1e6 * longest_stable_s(axes):.0f} µs" for axes in (one, LINE_AXES))
     limit = bench.specification.tip_mm
     with_notch = [f for c, f in found.items() if c.axis == 2 and c.loop == "drive" and c.compensation == "notch" and c.wire]
     peaks = [f.tip_mm for f in with_notch if f.tip_mm is not None]
@@ -429,11 +431,11 @@ def _meaning(found: dict[Cell, Found], bench: Bench) -> list[str]:
         f"""Host-closed on an ideal bus the notch does as much ({taken(2, "host", (None,))}; line
         {taken(None, "host", (None,))}), since the law is the same. But with one period of delay that loop is stable only up
         to a period of {stable} (axis 2) or {stable_line} (all three).""",
-        f"""Classic CAN at 1 Mbit/s needs {us(one, "host")} for one axis and the accelerometer, {us(CHAIN_AXES, "host")} for
+        f"""Classic CAN at 1 Mbit/s needs {us(one, "host")} for one axis and the accelerometer, {us(LINE_AXES, "host")} for
         three. So one axis alone can be closed over the bus at 0.5 ms, with hardly a margin on the wire and M_s near its
         limit. For three axes no period suits both bus and loop.""",
         """Lower bit rates only make it worse. Lower gains would make the loop stable, but less stiff.""",
-        f"""Drive-closed, 1 Mbit/s carries one axis from {us(one, "drive")} and three from {us(CHAIN_AXES, "drive")} on: 2 ms
+        f"""Drive-closed, 1 Mbit/s carries one axis from {us(one, "drive")} and three from {us(LINE_AXES, "drive")} on: 2 ms
         is a sound default for three axes, 4 ms at 500 kbit/s.""",
         """A run that does not fit ends at once: the runs above stopped within a few cycles, because answers were missing,
         or by a speed that late answers feign or cause. CAN FD (1 and 5 Mbit/s, frames as they are) carries the three axes

@@ -169,6 +169,15 @@ class NoAnswerError(NodeError):
         super().__init__(node, f"no answer to {what} within {after_s:g} s", "is it powered, is the node id right?")
 
 
+class SharedNodeError(NoAnswerError):
+    """A node whose answers did not come, or came to another client: two clients at one SDO server disturb each other."""
+
+    def __init__(self, node: int, what: str, after_s: float) -> None:
+        self.after_s = after_s
+        remedy = "end the other program, or wait until it is done"
+        NodeError.__init__(self, node, f"no answer to {what} within {after_s:g} s; another SDO client talks to this node", remedy)
+
+
 class SdoAbortedError(DriveProfileError):
     """A node refused to read or write an object.
 

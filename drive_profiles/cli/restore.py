@@ -197,6 +197,7 @@ def _give(request: TransactionRequest, node: int, choose: Callable[[Device], Mem
     with Interrupts() as interrupts, SdoBus(request.bus, request.timeout_s) as opened:
         device = device_at(opened, node, request.profile, request.eds)
         command = choose(device)
+        command.check(device)
         device.check_quiet()
         if request.dry_run:
             typer.echo(f"would write 0x{command.signature:08X} to {command.written_address} of node {node}")

@@ -65,6 +65,9 @@ def upload(
     force_commissioning: Annotated[
         bool, typer.Option("--force-commissioning", help="Write one device's commissioning values to another.")
     ] = False,
+    other_device: Annotated[
+        bool, typer.Option("--other-device", help="Write a set that was pulled from another device; --yes does not cover that.")
+    ] = False,
     journals: JournalsOption = JOURNALS,
     profile: ProfileOption = None,
     eds: EdsOption = None,
@@ -89,7 +92,14 @@ def upload(
     if reset and not store:
         raise fail("--reset without --store would only undo the upload", ExitStatus.USAGE)
     options = UploadOptions(
-        class_names(classes), store, reset, rollback_on_error, allow_unverified, force_commissioning, journals=journals
+        class_names(classes),
+        store,
+        reset,
+        rollback_on_error,
+        allow_unverified,
+        force_commissioning,
+        other_device,
+        journals=journals,
     )
     with exit_on_error():
         loaded: list[ParameterSet | Path] = [ParameterSet.load(path) if is_toml(path) else path for path in sets]

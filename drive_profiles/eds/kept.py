@@ -19,8 +19,8 @@ from drive_profiles.eds.description import Description
 from drive_profiles.eds.text import EdsSection, Findings, read, section_id
 
 _EXPORTED = {
-    "parametername", "objecttype", "datatype", "accesstype", "defaultvalue", "parametervalue", "pdomapping", "lowlimit", "highlimit",
-    "subnumber", "storagelocation", "compactsubobj", "description", "factor", "unit",
+    "parametername", "objecttype", "datatype", "accesstype", "defaultvalue", "parametervalue", "pdomapping", "lowlimit",
+    "highlimit", "subnumber", "storagelocation", "compactsubobj", "description", "factor", "unit",
 }  # fmt: skip
 """Keys of objects that the exporter writes from the dictionary; a compact notation is written out."""
 _OF_OBJECTS = {"eds": ("ObjFlags",), "dcf": ("ObjFlags", "UploadFile", "DownloadFile", "Denotation", "ParamRefd")}
@@ -52,8 +52,8 @@ def with_kept_keys(text: str, description: Description, file_format: Literal["ed
         present = set() if section is None else set(section.entries)
         if section is None and _OBJECT.fullmatch(section_id(name)):
             continue  # an object that could not be read
-        lines = [line for line in lines if line.partition("=")[0].lower() not in present]
-        kept.setdefault(name, {}).update({line.partition("=")[0]: line for line in lines})
+        keys = [line.partition("=")[0] for line in lines]
+        kept.setdefault(name, {}).update((key, line) for key, line in zip(keys, lines, strict=True) if key.lower() not in present)
     inserted: dict[int, list[str]] = {}
     for name, named in kept.items():
         section = written.sections.get(section_id(name))

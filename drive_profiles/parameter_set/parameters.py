@@ -23,6 +23,7 @@ from typing import Literal, NamedTuple, Self, get_args
 
 import pydantic
 
+from drive_profiles.eds.variables import ObjectFlag
 from drive_profiles.errors import DriveProfileError, FileError, Problem, RefusedError
 from drive_profiles.family.catalogue import Catalogue, CatalogueEntry, address_from
 from drive_profiles.family.parameter import ParameterClass
@@ -204,7 +205,8 @@ class ParameterSet(Table):
             catalogue: The objects of the device.
             scaling: Scaling of the drive, where a unit depends on its encoder or rated torque.
             classes: Classes to write; the others are left out.
-            limits: True: the limits of profile and EDS hold for raw lines too. False is for values that the device itself held.
+            limits: True: the limits of profile and EDS hold, and its ``ObjFlags``. False is for values that the device itself
+                held, and for a comparison.
 
         Raises:
             RefusedError: Some lines cannot be written: unknown, read only, out of range, a wrong unit, a command, or the same
@@ -270,8 +272,8 @@ def from_values(catalogue: Catalogue, values: Mapping[ObjectAddress, Value], sca
     left_out: list[str] = []
     for address, value in sorted(values.items()):
         entry = catalogue.get(address)
-        if entry is None or is_command(address) or not entry.is_writable:
-            why = "is in no object of the file" if entry is None else "is a command" if is_command(address) else "is read only"
+        why = _why_not_from_a_file(address, entry)
+        if entry is None or why:
             left_out.append(f"{address_text(address)} {why}")
             continue
         data_type = entry.data_type or (DataType.VISIBLE_STRING if isinstance(value, str) else DataType.DOMAIN)
@@ -282,6 +284,15 @@ def from_values(catalogue: Catalogue, values: Mapping[ObjectAddress, Value], sca
             continue
         tables[entry.parameter_class][key] = item
     return ParameterSet.model_validate({"header": Header(not_read=tuple(left_out)), **tables})
+
+
+def _why_not_from_a_file(address: ObjectAddress, entry: CatalogueEntry | None) -> str:
+    if entry is None:
+        return "is in no object of the file"
+    if is_command(address):
+        return "is a command"
+    refuses = entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD
+    return "is read only" if not entry.is_writable else "refuses to be written by a download (ObjFlags)" if refuses else ""
 
 
 def to_concise(writes: Collection[Write]) -> bytes:
@@ -333,14 +344,19 @@ def from_concise(data: bytes) -> dict[ObjectAddress, bytes]:
 
 def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, scaling: Scaling | None, *, limits: bool) -> Write:
     if item.type is None:
-        entry = catalogue.find(key, whole=True)
+        known = catalogue.find(key, whole=True)
+        entry = known if limits else known.without_limits()
     else:
         address = address_from(key)
-        entry = _as_on_the_wire(address, None if address is None else catalogue.get(address), item, scaling, limits=limits)
+        there = None if address is None else catalogue.get(address)
+        entry = _as_on_the_wire(address, there, item, scaling, limits=limits)
+        known = there or entry
     if is_command(entry.address):
         raise RefusedError(f"{entry} is a command; a file does not give commands")
     if not entry.is_writable:
         raise RefusedError(f"{entry} is read only")
+    if limits and known.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD:
+        raise RefusedError(f"{entry} refuses to be written by a download, says its EDS (ObjFlags)")
     if not entry.is_readable:
         raise RefusedError(f"{entry} is write only and cannot be checked after it is written")
     if item.type is not None and item.unit:

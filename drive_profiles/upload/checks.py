@@ -43,13 +43,13 @@ def doubts(parameter_set: ParameterSet, identity: DeviceIdentity, writes: Sequen
     """Warnings to the user that do not forbid the upload."""
     header, said = parameter_set.header, []
     if header.revision is not None and identity.revision != header.revision:
-        said.append(f"the set is of revision {header.revision}, the device of {identity.revision}")
+        theirs, own = (_hexadecimal(number) for number in (header.revision, identity.revision))
+        said.append(f"the set is of revision {theirs}, the device of {own}")
     if parameter_set.is_edited:
         said.append("the set has been edited since it was written")
-    theirs = [str(write.entry) for write in writes if write.parameter_class == "limits"]
-    if header.serial_number and header.serial_number != identity.serial_number and theirs:
-        serials = f"serial number {header.serial_number}, this one has {identity.serial_number}"
-        said.append(f"limits of another drive ({serials}): {', '.join(theirs[:5])}{', …' if len(theirs) > 5 else ''}")
+    other = _other_device(header, identity)
+    if other and writes:  # refused unless that was asked for: see `against_values`
+        said.append(f"the set is of another device ({other})")
     return said
 
 
@@ -70,10 +70,37 @@ def against_values(
     reasons = [f"{write.entry}: {why}" for write in guesses]
     if header.unverified and writes and not options.allow_unverified:
         reasons.append(f"the values were made of facts that nobody has verified ({header.unverified}); --allow-unverified")
+    reasons += _foreign_set(header, identity, writes, options)
     reasons += _commissioning(header, identity, writes, options)
     reasons += _foreign_identifiers(header, device.node, writes)
     reasons += _moving_scale(device, writes)
     return reasons
+
+
+def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
+    """Refuse a set that was pulled from another device: a mistyped node-ID would give a drive its neighbour's limits and gains."""
+    theirs = [write for write in writes if write.parameter_class != "commissioning"]  # of these see `_commissioning`
+    other = _other_device(header, identity)
+    if not other or not theirs or options.other_device or options.force_commissioning:
+        return []
+    limits = [str(write.entry) for write in theirs if write.parameter_class == "limits"]
+    among = f"; limits are among its values: {', '.join(limits[:3])}{', …' if len(limits) > 3 else ''}" if limits else ""
+    return [f"the set is of another device ({other}){among}; --other-device writes it all the same"]
+
+
+def _other_device(header: Header, identity: DeviceIdentity) -> str:
+    """Reason why the set is another device's: its serial number, else its node-ID; empty where nothing speaks for that."""
+    if header.serial_number:  # 0 is what a device says that has none
+        if header.serial_number == identity.serial_number:
+            return ""
+        return f"serial number {header.serial_number}, node {identity.node} has {identity.serial_number or 'none'}"
+    if header.node_id in {None, identity.node}:
+        return ""
+    return f"of node {header.node_id}, without a serial number; this is node {identity.node}"
+
+
+def _hexadecimal(number: int | None) -> str:
+    return "none" if number is None else f"0x{number:X}"
 
 
 def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:

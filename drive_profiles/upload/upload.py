@@ -4,7 +4,8 @@ The result on each drive is one of
 
 * * *done*: every object of the set has been read back and holds the new value, byte for byte,
 * *rolled back*: every object has been read back and holds its former value,
-* *unknown*: the listed objects could not be shown to hold either; ``others`` tells the state of all others.
+* *unknown*: the listed objects could not be shown to hold either; ``others`` tells the state of all others, but for those that
+  were not written and could not be read at the end, which are counted.
 
 The result also says if the values were stored. A write is never repeated before the drive's value has been read again.
 """
@@ -281,14 +282,17 @@ class Upload:
                 return self.end("unknown", tuple(map(self.named, touched)), reason, code)
         self._note("rolling back", reason=reason)
         held = self._put_back()
-        lost = [address for address, data in held.items() if data != self._old[address]]
+        written = {*self._attempted, *self.device.port.strays}
+        unread = [address for address, data in held.items() if data is None and address not in written]
+        lost = [address for address, data in held.items() if data != self._old[address] and address not in unread]
         lost += sorted(self.device.port.strays - set(self._old))
         if store_again and not lost:
             lost += self._store_again()
         elif self.stored != "no":
             lost.append(store_command(self.device).address)
-        if lost:
-            return self.end("unknown", tuple(map(self.named, lost)), reason, code)
+        if lost or unread:
+            # of nothing but unread ones each is named: there is nothing else to say
+            return self.end("unknown", tuple(map(self.named, lost or unread)), reason, code, unread=len(unread) if lost else 0)
         return self.end("rolled back", reason=reason, code=code)
 
     def _put_back(self) -> dict[ObjectAddress, bytes | None]:
@@ -340,7 +344,8 @@ class Upload:
                 held[address] = self.device.read(address)
             except DriveProfileError:
                 held[address] = None
-                self._note("lost", address)
+                if address in self._attempted or address in self.device.port.strays:  # else nothing has been written to it
+                    self._note("lost", address)
             else:
                 self._note("read", address, data=(held[address] or b"").hex())
         for address in self.device.port.strays - set(self._old):
@@ -355,6 +360,7 @@ class Upload:
         code: int = 0,
         *,
         others: Literal["new", "old"] = "old",
+        unread: int = 0,
     ) -> UploadResult:
         """Make the result, and close the journal.
 
@@ -364,6 +370,7 @@ class Upload:
             reason: Reason why the upload was not done.
             code: Exit status of a command that ends with it.
             others: Values that all other objects hold, ``new`` or ``old``.
+            unread: Number of objects that were not written, and that could not be read at the end.
         """
         self._going_back = True
         self._note("outcome", outcome=kind, unknown=list(unknown), reason=reason)
@@ -374,7 +381,10 @@ class Upload:
                 self._journal.close()
             self._journal = None
         others = "new" if kind == "done" else others
-        return UploadResult(self.device.node, kind, len(self.changes), unknown, others, self.stored, reason, path, code)
+        other_count = len({self.named(address) for address in self._old} - {*unknown}) - unread
+        return UploadResult(
+            self.device.node, kind, len(self.changes), unknown, others, self.stored, reason, path, code, unread, other_count
+        )
 
     def _note(self, event: str, address: ObjectAddress | None = None, **more: object) -> None:
         """Add a line to the journal. No write is sent without one, but putting back does not stop for a full disk."""

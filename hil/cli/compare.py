@@ -108,11 +108,13 @@ def compare(
     """
     with exit_on_error():
         from hil.bench.bench import load_bench
+
+        _check_buses(bench_file, bus, emulate or [])
+        benches = [load_bench(name) if emulate else bench_on(name, bus) for name in bench_file]
+
         from hil.experiments.comparison.plan import KnownRobot, plan
 
         request = _request(experiment or [], axis or [], treatment or [])
-        _check_buses(bench_file, bus, emulate or [])
-        benches = [load_bench(name) if emulate else bench_on(name, bus) for name in bench_file]
         knowledge = _knowledge(benches, model or [], design or [], learnt or [])
         with ExitStack() as emulators:
             benches = _emulated(benches, emulate or [], emulators)

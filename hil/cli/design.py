@@ -110,10 +110,12 @@ def notch(
     """
     with exit_on_error("interrupted"):
         from hil.bench.bench import load_bench
+
+        bench = load_bench(bench_file)
+
         from hil.design.notch_search import Effort
         from hil.experiments.notch_design import NotchDesignRequest
 
-        bench = load_bench(bench_file)
         _check_set_file(bench, axis, set_file)
         try:
             request = NotchDesignRequest(

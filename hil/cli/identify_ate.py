@@ -64,11 +64,12 @@ def ate(
     Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
     with exit_on_error():
+        bench = bench_on(bench_file, bus)
+
         from hil.bench.model import load_identified, update_file  # noqa: PLC0415
         from hil.experiments.ate.on_bus import identify_ate  # noqa: PLC0415
         from hil.experiments.ate.request import AteRequest, axis_knowledge, first_end_speed  # noqa: PLC0415
 
-        bench = bench_on(bench_file, bus)
         identified = load_identified(model) if model is not None and model.exists() else None
         request = AteRequest(axis, acceleration_rps_s, passes, sensorless)
         knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)

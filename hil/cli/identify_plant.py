@@ -109,9 +109,10 @@ def plant(
     Example: hil identify plant --bench bench.toml --axis 2 --model model.toml
     """
     with exit_on_error():
+        bench = bench_on(bench_file, bus)
+
         from hil.experiments.plant.motion import PlantRequest, axis_table  # noqa: PLC0415
 
-        bench = bench_on(bench_file, bus)
         request = PlantRequest(
             axis, amplitude_nm, low_hz, high_hz, bias_rps, periods, excitation.value, shape.value,
             with_accelerometer=not no_accelerometer,

@@ -63,9 +63,10 @@ def learn(
     Example: hil learn --bench bench.toml --axis 2 --axis 3 --model learnt.toml --note "22 °C, no load"
     """
     with exit_on_error():
+        bench = bench_on(bench_file, bus)
+
         from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus  # noqa: PLC0415
 
-        bench = bench_on(bench_file, bus)
         request = LearnRequest(tuple(dict.fromkeys(axis)), passes, acceleration_rps_s, note=note)
         if not yes and not is_emulated(bench):
             confirm(_motion_lines(bench, request))

@@ -50,17 +50,18 @@ def plan(
 
     Example: hil plan --bench bench.toml --loop host --bitrate 1M
     """
-    from hil.control.treatments import treatment as row_of  # noqa: PLC0415
-    from hil.errors import NotPossibleError  # noqa: PLC0415
-    from hil.plan.advice import Adviser  # noqa: PLC0415
-    from hil.plan.check import check  # noqa: PLC0415
-
     rate = None if bitrate is None else _bitrate(bitrate)
     if sync_period_s is not None and not 1e-5 <= sync_period_s <= 10.0:
         raise fail(f"--sync-period-s {sync_period_s:g} is not between 10 µs and 10 s", ExitStatus.USAGE)
-    with_notch = row_of(treatment).filters == "variable"
     with exit_on_error("interrupted"):
         bench = bench_on(bench_file, bus)
+
+        from hil.control.treatments import treatment as row_of  # noqa: PLC0415
+        from hil.errors import NotPossibleError  # noqa: PLC0415
+        from hil.plan.advice import Adviser  # noqa: PLC0415
+        from hil.plan.check import check  # noqa: PLC0415
+
+        with_notch = row_of(treatment).filters == "variable"
         numbers = tuple(sorted(bench.axis)) if axes is None else _axes(axes)
         period = sync_period_s or (bench.bus.host_sync_period_s if loop == "host" else bench.bus.sync_period_s)
         state = with_notch and loop == "drive"

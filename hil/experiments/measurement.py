@@ -149,6 +149,7 @@ class Measurement(Generic[R]):
         with Session(self._bench, self._channel, log, self._reporter.progress) as session:
             try:
                 session.bring_up(reset_faults=reset_faults)
+                self.result.note_emulation(session.emulated)
                 yield session
             finally:
                 self.result.not_restored = tuple(session.not_restored) or None

@@ -9,11 +9,20 @@ from drive_profiles.family.parameter import Parameter
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import Mode, Object, State, state_of
+from drive_profiles.standard.emulation import HARDWARE_VERSION_OBJECT, is_emulated
 from drive_profiles.standard.object_address import object_address
 from drive_profiles.standard.units import Scaling, interpolation_period
 from hil.bench.bench import AxisTable
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
-from hil.errors import AlreadyMovingError, HilError, NodeError, NotPossibleError, WrongIdentityError
+from hil.errors import (
+    AlreadyMovingError,
+    HilError,
+    NoAnswerError,
+    NodeError,
+    NotPossibleError,
+    SdoAbortedError,
+    WrongIdentityError,
+)
 from hil.master.control_words import DISABLED
 from hil.master.network import Network
 
@@ -60,6 +69,16 @@ class Snapshot:
             except HilError as error:
                 refused.append(str(error))
         return refused
+
+
+def ask_emulated(network: Network, node: int) -> bool | None:
+    """Ask a node whether it is emulated, by its hardware version (1009h); None where it does not answer that."""
+    try:
+        return is_emulated(network.read_raw(node, *HARDWARE_VERSION_OBJECT, "manufacturer hardware version"))
+    except SdoAbortedError:
+        return False  # optional, and no emulated node lacks it
+    except NoAnswerError:
+        return None
 
 
 def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> None:

@@ -14,7 +14,7 @@ from hil.bench.bench import Bench
 from hil.can.channel import Channel
 from hil.control.notch import FixedFilter
 from hil.errors import InterruptedRunError, NodeError, UnsafeRequestError
-from hil.master.axis import DriveAxis, check_identity
+from hil.master.axis import DriveAxis, ask_emulated, check_identity
 from hil.master.control_words import DISABLE_VOLTAGE, FAULT_RESET
 from hil.master.cyclic import CyclicExchange
 from hil.master.lateness import WallClockTiming
@@ -49,6 +49,7 @@ class Session:
         axes: The axes of the bench, by number.
         sensor: The accelerometer.
         supervisor: Supervisor of the nodes and the user.
+        emulated: For each axis, and for an accelerometer on the bus, True where it is emulated; None where it did not say.
         not_restored: Settings that could not be restored, in words; empty when all were.
     """
 
@@ -69,6 +70,7 @@ class Session:
         self.axes = {number: DriveAxis(self.network, number, table) for number, table in sorted(bench.axis.items())}
         self.sensor = sensor_of(bench.accelerometer, self.network, self.clock)
         self.supervisor = Supervisor(self.network, bench.bus)
+        self.emulated: dict[str, bool | None] = {}
         self.not_restored: list[str] = []
         self._signals = ExitStack()
 
@@ -132,7 +134,10 @@ class Session:
                 check_identity(self.network, axis.node, axis.profile, axis.table.serial_number)
                 self._reset_fault(axis)
             axis.identify()
+            self.emulated[f"axis {axis.number}"] = ask_emulated(self.network, axis.node)
         self.sensor.open()
+        for node in self.sensor.nodes:
+            self.emulated["accelerometer"] = ask_emulated(self.network, node)
         self.network.pump_until(lambda: False, 0.0 if self.network.channel.is_lock_step else TWICE_S)
         for node in (*(axis.node for axis in self.axes.values()), *self.sensor.nodes):
             if self.network.answers_twice(node):

@@ -2,8 +2,9 @@
 
 Real numbers: CiA 306-1 does not say how they are spelled, and readers differ. dcf-tools and Lely take bit patterns, so that
 ``1`` is 1.4E-45 to them; the canopen package takes decimals, drops a bit pattern in a default and reads one in a limit as a
-whole number. Hence a default is a bit pattern, which nobody takes for another number; limits other than 0 are not stated, since
-no spelling of them is safe; and the comments, which no tool interprets, say both in decimals.
+whole number, as npm canopen does in both; gocanopen takes decimals, and refuses the whole file for the default 0x43960000.
+Hence the default of a real number is not stated, nor are limits other than 0; the comments, which no tool interprets, say both
+in decimals.
 """
 
 from collections.abc import Iterator
@@ -139,7 +140,7 @@ def _dummy_usage(granularity: int) -> Iterator[str]:
 
 def _comments(dictionary: Dictionary) -> Iterator[str]:
     reals = [entry for entry in dictionary if entry.data_type.is_real]
-    lines = ["Defaults of real numbers are bit patterns. In decimals:"] if reals else []
+    lines = ["Defaults of real numbers, which tools spell differently, stand here only:"] if reals else []
     lines += [f"{_section_name(entry)} {entry.name}: {_in_words(entry)}" for entry in reals]
     return _section("Comments", {"Lines": len(lines), **{f"Line{number}": line for number, line in enumerate(lines, 1)}})
 
@@ -181,7 +182,8 @@ def _entry(section: str, entry: Entry) -> Iterator[str]:
     for key, limit in (("LowLimit", entry.low), ("HighLimit", entry.high)):
         if limit is not None and (limit == 0 or not entry.data_type.is_real):
             options[key] = int(limit)
-    options["DefaultValue"] = _default(entry)
+    if not entry.data_type.is_real:
+        options["DefaultValue"] = _default(entry)
     options["PDOMapping"] = int(entry.mappable)
     return _section(section, options)
 
@@ -190,9 +192,6 @@ def _default(entry: Entry) -> str:
     value: Value = entry.default
     if isinstance(value, bytes):
         return value.hex()
-    if isinstance(value, float):
-        pattern = encode(entry.data_type, value)[::-1].hex().upper()
-        return f"0x{pattern}" if pattern.strip("0") else "0"
     if isinstance(value, str):
         return value
     digits = 2 * (entry.data_type.size or 0)

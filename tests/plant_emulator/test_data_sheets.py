@@ -49,12 +49,24 @@ def variables(od):
             yield from [thing] if isinstance(thing, ODVariable) else thing.values()
 
 
-def default_bytes(variable):
-    """The default as the node holds it; a bit pattern is no number to the stranger, who keeps its text."""
-    default = variable.default
-    if default is None:
-        return bytes.fromhex(variable.default_raw.removeprefix("0x"))[::-1]
-    return encode(DataType(variable.data_type), default)
+def reals_in(path):
+    """Defaults of the real numbers by (index, sub): no tool reads them, so they stand in the comments only."""
+    parser = RawConfigParser()
+    parser.read(path)
+    found = {}
+    for line in list(parser["Comments"].values())[2:]:
+        place, _, words = line.partition(" ")
+        index, _, sub = place.partition("sub")
+        assert "DefaultValue" not in parser[place]
+        found[int(index, 16), int(sub or "0", 16)] = float(words.rpartition(": ")[2].split(",")[0])
+    return found
+
+
+def default_bytes(variable, reals):
+    """The default as the node holds it."""
+    kind = DataType(variable.data_type)
+    assert (variable.default is None) == kind.is_real
+    return encode(kind, reals[variable.index, variable.subindex] if kind.is_real else variable.default)
 
 
 class Bare:
@@ -140,12 +152,13 @@ def test_the_command_writes_the_file_of_every_node_of_a_robot_and_each_is_that_o
         od = canopen.import_od(str(tmp_path / "sheets" / each), node_id=node.node_id)
         listed = {(variable.index, variable.subindex): variable for variable in variables(od)}
         assert set(listed) == {(entry.index, entry.subindex) for entry in dictionary}
+        reals = reals_in(tmp_path / "sheets" / each)
         assert od.device_information.vendor_number == dictionary.get(0x1018, 1)
         for place, variable in listed.items():
             entry = dictionary.cell(*place).entry
             assert (variable.data_type, variable.access_type) == (entry.data_type, entry.access.value), entry
             if entry.data_type.size is not None:
-                assert default_bytes(variable) == encode(entry.data_type, entry.default_for(node.node_id)), entry
+                assert default_bytes(variable, reals) == encode(entry.data_type, entry.default_for(node.node_id)), entry
 
 
 @pytest.mark.parametrize(
@@ -177,11 +190,20 @@ def test_the_profile_and_the_data_sheet_agree_on_who_it_is_and_what_it_holds(nam
         assert variable.writable == (parameter.access == "rw")
 
 
+def test_the_profile_states_the_defaults_of_the_real_numbers_that_the_file_cannot():
+    profile, node = Profile.load("emulated_drive"), Bare(entries_of(DRIVE))
+    reals = {p.address: p for p in profile.parameters.values() if p.type.is_real}
+    assert len(reals) > 20
+    for place, parameter in reals.items():
+        assert parameter.default_bytes() == node.read(*place), parameter.written_address
+
+
 # -- the files against the nodes ---------------------------------------------------------------------------------------
 
 
 def test_every_entry_of_the_file_is_in_the_node_with_its_type_length_access_and_default(name):
     node, od, checked = Bare(entries_of(name)), imported(name), 0
+    reals = reals_in(VENDORS / name)
     for variable in variables(od):
         place = variable.index, variable.subindex
         entry = node.dictionary.cell(*place).entry
@@ -197,7 +219,7 @@ def test_every_entry_of_the_file_is_in_the_node_with_its_type_length_access_and_
             assert held.decode() == variable.default
         else:
             assert len(held) == kind.size
-            assert held == default_bytes(variable), entry
+            assert held == default_bytes(variable, reals), entry
     assert checked == len(node.dictionary)
 
 
@@ -305,13 +327,13 @@ def test_what_the_file_calls_mappable_can_be_mapped_and_nothing_else(name):
 
 
 def test_a_drive_in_a_robot_differs_from_the_file_in_its_motor_only():
-    rig, od = Rig(), imported(DRIVE, node_id=3)
+    rig, od, reals = Rig(), imported(DRIVE, node_id=3), reals_in(VENDORS / DRIVE)
     dictionary = rig.drive.slave.dictionary
     differing = set()
     for variable in variables(od):
         entry = dictionary.cell(variable.index, variable.subindex).entry
         assert (variable.data_type, variable.access_type) == (entry.data_type, entry.access.value)
-        if encode(entry.data_type, entry.default_for(3)) != default_bytes(variable):
+        if encode(entry.data_type, entry.default_for(3)) != default_bytes(variable, reals):
             differing.add((variable.index, variable.subindex))
     assert differing <= OF_THE_MOTOR
     assert len(list(variables(od))) == len(dictionary)

@@ -72,9 +72,8 @@ def identify_ate(
     with Measurement(bench, out, empty, channel=channel, reporter=reporter) as measurement:
         with measurement.session([demand], overload=overload) as session:
             identification = identify_on(session, request, knowledge, _Keeper(measurement, request.axis), reporter)
-        _enter(
-            measurement.result, identification, as_part(identification.estimate, request, measurement.started.date().isoformat())
-        )
+        part = as_part(identification.estimate, request, measurement.started.date().isoformat())
+        _enter(measurement.result, identification, part.model_copy(update={"emulated": measurement.result.emulated}))
     return AteOutcome(measurement.result, measurement.failure)
 
 

@@ -104,6 +104,7 @@ def learn_on_bus(
                 keep=_Keeper(measurement, axis),
                 reporter=reporter,
             )
+            learnt[axis].emulated = measurement.result.emulated
             measurement.result.learnt.append(learnt[axis].entry(request.note, today))
             identified = learnt[axis].store(model, bench.name, request.note, today)
     return LearningOutcome(measurement.result, measurement.failure, learnt)

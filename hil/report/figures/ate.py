@@ -16,6 +16,7 @@ from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style
 from hil.report.drawn_run import smooth_spectrum
+from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
 from hil.report.style import Drawing, Real
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
@@ -65,6 +66,16 @@ class AteMaterial:
     def part(self) -> IdentifiedError | None:
         """Transmission error that was identified, or None."""
         return self.result.ate
+
+    @property
+    def word(self) -> str:
+        """Word for what came from the robot: `measured`, or `emulated`."""
+        return origin_of(self.result).word
+
+    @property
+    def is_paper(self) -> bool:
+        """True for the paper's robot."""
+        return self.result.bench.file.is_paper
 
     @property
     def unit(self) -> str:
@@ -118,8 +129,8 @@ def error_of(part: IdentifiedError) -> TransmissionError:
     return TransmissionError({2: values.a2_arcsec, 4: values.a4_arcsec}, {2: values.phi2_deg, 4: values.phi4_deg})
 
 
-def waveform(axis: int, part: IdentifiedError | None) -> Drawing | None:
-    """θ_sync over two motor revolutions with its confidence; Fig. 5."""
+def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False) -> Drawing | None:
+    """θ_sync over two motor revolutions with its confidence, and for the paper's robot that of its Table 2; Fig. 5."""
     if part is None:
         return None
     error, key = error_of(part), f"waveform-axis{axis}"
@@ -135,7 +146,7 @@ def waveform(axis: int, part: IdentifiedError | None) -> Drawing | None:
     spread = 2.0 * np.sqrt(variance)
     panel.fill_between(turns, middle - spread, middle + spread, color=style.SKY, alpha=0.6, label="± 2 standard errors")
     panel.plot(turns, middle, label="identified", **style.MEASURED)
-    if axis in TABLE_2:
+    if is_paper and axis in TABLE_2:
         paper = TABLE_2[axis]
         printed = TransmissionError({2: paper.a2_arcsec, 4: paper.a4_arcsec}, {2: paper.phi2_deg, 4: paper.phi4_deg})
         panel.plot(turns, printed.angle_rad(angle) / ARCSEC, label="paper, Table 2", **style.MODEL)
@@ -164,7 +175,7 @@ def against_speed(material: AteMaterial) -> Drawing | None:
     figure, panels = style.panels(2, 1, 4.3, sharex=True, sharey=True)
     for panel, sign in zip(panels[:, 0], (1, -1), strict=True):
         rows = drawn.direction == sign
-        panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.measured[rows]), label="measured", **style.BROAD)
+        panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.measured[rows]), label=material.word, **style.BROAD)
         panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.model[rows]), label="model", **style.MODEL)
         if part is not None and part.arm_hz is not None:
             for order in (4, 2):
@@ -204,7 +215,7 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
             continue
         time, period = drawn.time_s[rows], float(drawn.time_s[1] - drawn.time_s[0])
         top.plot(*style.thin(time, speed[rows]), **style.BROAD)
-        middle.plot(*style.thin(time, drawn.measured[rows]), label="measured", **style.BROAD)
+        middle.plot(*style.thin(time, drawn.measured[rows]), label=material.word, **style.BROAD)
         middle.plot(*style.thin(time, drawn.model[rows]), label="model", **style.MODEL)
         for values, look in ((drawn.measured, style.BROAD), (drawn.model, style.MODEL)):
             bottom.plot(*smooth_spectrum(values[rows], period, 30.0), **look)
@@ -230,12 +241,14 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
     )
 
 
-def errors(axis: int, part: IdentifiedError | None, *, is_sensorless: bool = False) -> ReportTable | None:
-    """Table of the transmission error with its standard errors, beside the paper's Table 2."""
+def errors(
+    axis: int, part: IdentifiedError | None, *, is_sensorless: bool = False, is_paper: bool = False
+) -> ReportTable | None:  # fmt: skip
+    """Table of the transmission error with its standard errors; for the paper's robot beside the paper's Table 2."""
     if part is None:
         return None
     rows: list[list[Cell]] = []
-    paper = TABLE_2.get(axis)
+    paper = TABLE_2.get(axis) if is_paper else None
     values = part.values.model_dump()
     for column, (name, symbol, unit) in enumerate(
         (
@@ -246,13 +259,13 @@ def errors(axis: int, part: IdentifiedError | None, *, is_sensorless: bool = Fal
         )
     ):
         form = "{:.3f}" if unit == "arcsec" else "{:.2f}"
-        printed = number(None if paper is None else paper[column], "{:g}")
-        rows.append([symbol, unit, printed, number(values[name], form), number(part.standard_error.get(name), form)])
+        printed = [] if paper is None else [number(paper[column], "{:g}")]
+        rows.append([symbol, unit, *printed, number(values[name], form), number(part.standard_error.get(name), form)])
     return ReportTable(
         f"table-2-axis{axis}",
         f"Parameters of the synchronous transmission error of axis {axis}",
         "Table 2",
-        ("Parameter", "Unit", "Paper", "Identified", "Standard error"),
+        ("Parameter", "Unit", *([] if paper is None else ["Paper"]), "Identified", "Standard error"),
         rows,
         frozenset({0, 1}),
         "The standard error is that of the noise. "

@@ -5,10 +5,20 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 
-from hil.analysis import LINE_WINDOW_S, TIP_BAND_HZ, WINDOWS_RPS, motor_speed_rps
+from hil.analysis import motor_speed_rps
 from hil.recording import Recording
 from hil.report import style
-from hil.report.drawn_run import DrawnRun, draw_vibration, drawn_run, finish_vibration, shade_speeds
+from hil.report.drawn_run import (
+    DrawnRun,
+    draw_vibration,
+    drawn_run,
+    finish_vibration,
+    line_words,
+    shade_line,
+    shade_speeds,
+    window_words,
+)
+from hil.report.figures.order_map import order_maps
 from hil.report.material import Material
 from hil.report.style import Drawing
 from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
@@ -22,6 +32,8 @@ OVERLAY_LINES: tuple[style.Line, ...] = (
     {"color": style.VERMILLION, "linestyle": (0, (5, 1.2, 1, 1.2)), "linewidth": 1.2},
     {"color": style.GREEN, "linestyle": "-", "linewidth": 1.8},
 )
+MAPPED = 6
+"""Largest number of order maps in one figure."""
 BEHIND: style.Line = {"color": style.ORANGE, "linestyle": "-", "linewidth": 0.9, "alpha": 0.75}
 
 
@@ -40,16 +52,12 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
     if len(runs) < 2:
         return None
     key = f"vibration-{robot.directory}-{key_of(experiment, axis)}"
-    f_al = material.line_f_al_hz if axis is None else material.f_al_hz.get(axis)
+    f_al, band = material.f_al(axis), material.band_hz(axis)
     overlaid = len(runs) <= OVERLAID
     svg = _overlay(material, runs, axis, f_al, key) if overlaid else _multiples(material, runs, axis, f_al, key)
     case = case_name(experiment, axis)
     title = f"{robot.name}, {case}: tip vibration" if several else f"{case.capitalize()}: tip vibration"
-    window = (
-        f"{LINE_WINDOW_S[0]:g} to {LINE_WINDOW_S[1]:g} s after the start"
-        if axis is None
-        else f"{WINDOWS_RPS[2][0]:g} to {WINDOWS_RPS[2][1]:g} rev/s, where the second harmonic crosses the resonance"
-    )
+    window = f"Shaded: {line_words(material)}, in which it is judged." if axis is None else window_words(material, axis)
     limit = (
         "Without a model there is no frequency by which the specification becomes an acceleration."
         if f_al is None
@@ -61,10 +69,28 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
         title,
         "",
         "measured",
-        f"Vertical tip acceleration, band-passed {TIP_BAND_HZ[0]:g} to {TIP_BAND_HZ[1]:g} Hz without phase. Shaded: {window}, in "
-        f"which the run is judged. {limit}{behind}",
+        f"Vertical tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase. {window} {limit}{behind}",
         svg,
     )
+
+
+def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
+    """Order maps of a ramp with each treatment, closed in the same place as the first; None for other motions.
+
+    Args:
+        robot: Robot of the comparison.
+        material: Result and recordings of its runs.
+        experiment: Name of the experiment.
+        axis: Axis of a constant-acceleration run, else None.
+        several: True where the comparison has more than one robot.
+    """
+    if axis is None:
+        return None
+    rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
+    runs = [run for row in rows if row.loop == rows[0].loop and (run := _drawn(material, row)) is not None]
+    title = f"{robot.name}, axis" if several else "Axis"
+    key = f"orders-{robot.directory}-{key_of(experiment, axis)}"
+    return order_maps(key, f"{title} {axis}: which order shakes the tip", runs[:MAPPED], axis, material.f_al_hz.get(axis))
 
 
 def _drawn(material: Material, row: ComparisonRow) -> DrawnRun | None:
@@ -84,15 +110,16 @@ def _shade(material: Material, panel: Axes, axis: int | None, recording: Recordi
     """Shade the judged window, and show the time from before the fourth harmonic's window to behind the second's."""
     time = recording.time_s
     if axis is None:
-        motion = material.bench.line_motion
-        begin = float(time[0]) + (0.0 if motion is None else motion.dwell_s)
-        panel.axvspan(begin + LINE_WINDOW_S[0], begin + LINE_WINDOW_S[1], color=style.SHADE, zorder=0)
+        shade_line(material, panel, recording)
         panel.set_xlim(float(time[0]), float(time[-1]))
         return
     shade_speeds(material, axis, recording, panel, with_names=False)
     speed = np.abs(motor_speed_rps(recording, axis))
     rising = np.arange(len(speed)) < int(np.argmax(speed))
-    shown = time[(speed >= 0.8 * WINDOWS_RPS[4][0]) & (speed <= 1.15 * WINDOWS_RPS[2][1]) & rising]
+    fourth, second = material.window_rps(axis, 4), material.window_rps(axis, 2)
+    if fourth is None or second is None:
+        return
+    shown = time[(speed >= 0.8 * fourth[0]) & (speed <= 1.15 * second[1]) & rising]
     if len(shown):
         panel.set_xlim(float(shown[0]), float(shown[-1]))
 
@@ -103,7 +130,7 @@ def _overlay(
     figure, panels = style.panels(1, 1, 3.6)
     panel = panels[0, 0]
     for (row, run), look in zip(runs, OVERLAY_LINES, strict=False):
-        draw_vibration(panel, DrawnRun(run.entry, run.recording, _label(row), look), with_peak=False)
+        draw_vibration(panel, DrawnRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False)
     _shade(material, panel, axis, runs[0][1].recording)
     finish_vibration(material, panel, f_al)
     style.legend_above(figure, panel, 3)
@@ -113,7 +140,7 @@ def _overlay(
 def _multiples(
     material: Material, runs: list[tuple[ComparisonRow, DrawnRun]], axis: int | None, f_al: float | None, key: str
 ) -> str:  # fmt: skip
-    plain = {row.loop: run for row, run in runs if row.treatment == "none"}
+    plain, band = {row.loop: run for row, run in runs if row.treatment == "none"}, material.band_hz(axis)
     shown = [(row, run) for row, run in runs if row.treatment != "none" or len(runs) == 1]
     count = -(-len(shown) // 2)
     figure, panels = style.panels(count, 2, 0.5 + 1.75 * count, sharex=axis is None, sharey=True)
@@ -122,8 +149,8 @@ def _multiples(
         panel = panels[number // 2, number % 2]
         behind = plain.get(row.loop)
         if behind is not None:
-            draw_vibration(panel, DrawnRun(behind.entry, behind.recording, "nothing", BEHIND), with_peak=False)
-        draw_vibration(panel, DrawnRun(run.entry, run.recording, "with the treatment", style.WITH), with_peak=False)
+            draw_vibration(panel, DrawnRun(behind.entry, behind.recording, "nothing", BEHIND), band, with_peak=False)
+        draw_vibration(panel, DrawnRun(run.entry, run.recording, "with the treatment", style.WITH), band, with_peak=False)
         _shade(material, panel, axis, run.recording)
         reach = max(reach, finish_vibration(material, panel, f_al, with_name=False, with_scale=False))
         if f_al is not None and (number % 2 == 1 or number == len(shown) - 1):

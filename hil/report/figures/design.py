@@ -10,12 +10,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from hil.analysis import WINDOWS_RPS, tip_displacement_mm
+from hil.analysis import tip_displacement_mm
 from hil.control.angles import ARCSEC
 from hil.control.notch import Notch
 from hil.design.frequency import acceleration_bound
 from hil.design.notch_design import NotchVerdict
 from hil.design.ramp import follow
+from hil.experiments.judge import scale_at
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
 from hil.report.figures.notch import FAMILY
@@ -176,10 +177,11 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
     """The tip on the ramp over the motor speed, rising and falling, as the simulation predicts it."""
     figure, panels = style.panels(1, 2, 3.0, sharey=True)
     problem, limit = outcome.problem, outcome.problem.requirements.tip_mm
+    scale = scale_at(outcome.bench, outcome.request.axis, outcome.f_al_hz)
     low = min(problem.windows_rps[order][0] for order in outcome.request.orders) - 0.8
     for name, verdict, look in verdicts(outcome):
         motion = follow(outcome.loop(verdict.notches), problem.members[0].error, problem.reference_rad)
-        tip = tip_displacement_mm(problem.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, outcome.f_al_hz)
+        tip = tip_displacement_mm(problem.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, scale)
         top = int(np.argmax(motion.motor_speed_rps))
         for panel, rows in zip(panels[0], (slice(0, top), slice(top, None)), strict=True):
             inside = motion.motor_speed_rps[rows] >= low
@@ -188,7 +190,7 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
         for sign in (-1.0, 1.0):
             panel.axhline(sign * limit, **style.LIMIT)
         for order in outcome.request.orders:
-            panel.axvspan(*WINDOWS_RPS[order], color=style.SHADE, zorder=0)
+            panel.axvspan(*problem.windows_rps[order], color=style.SHADE, zorder=0)
         panel.set(title=title, xlabel="Motor speed $f_m$ (rev/s)")
     panels[0, 1].invert_xaxis()
     panels[0, 0].set_ylabel("Tip displacement (mm)")
@@ -199,8 +201,9 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
         "Figs. 13 and 14",
         "computed",
         "The bench file's constant acceleration up, and the same down, in a simulation of the believed plant with the law at its "
-        "sampling time, without friction: equivalent displacement, 6 to 25 Hz. Shaded: the speeds in which it is judged; dotted: "
-        "the specification. At constant speed the filter does better: on a ramp it has no time to settle.",
+        f"sampling time, without friction: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: "
+        "the speeds in which it is judged; dotted: the specification. At constant speed the filter does better: on a ramp it has "
+        "no time to settle.",
         style.to_svg(figure, "ramps"),
     )
 

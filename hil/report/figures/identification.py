@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from hil.analysis import WINDOWS_RPS, motor_speed_rps, speed_window
+from hil.analysis import motor_speed_rps
 from hil.design.transmission_error import arm_response
 from hil.recording import Recording
 from hil.report import style
-from hil.report.drawn_run import FEWEST, limit_m_s2, limit_words, smooth_spectrum
+from hil.report.drawn_run import FEWEST, judged_samples, limit_m_s2, limit_words, smooth_spectrum
 from hil.report.material import CONSTANT_ACCELERATION, Material
 from hil.report.style import Drawing, Real
 
@@ -57,16 +57,16 @@ def _modelled(material: Material, axis: int, recording: Recording) -> Real | Non
 
 def _window(material: Material, axis: int, recording: Recording, model: Real | None, order: int, panels: style.Panels) -> None:
     top, middle, bottom = panels
-    low, high = WINDOWS_RPS[order]
-    top.set_title(f"k = {order}: {low:g} to {high:g} rev/s")
-    inside = np.flatnonzero(speed_window(recording, axis, order))
+    window = material.window_rps(axis, order)
+    top.set_title(f"k = {order}" + ("" if window is None else f": {window[0]:.3g} to {window[1]:.3g} rev/s"))
+    inside = judged_samples(material, recording, axis, order)
     for panel in (top, middle):
         panel.set_xlabel("Time (s)")
     bottom.set_xlabel("Frequency (Hz)")
     bottom.set_xlim(0.0, 30.0)
     if len(inside) < FEWEST:
         for panel in panels:
-            style.note(panel, "the run did not reach these speeds")
+            style.note(panel, "no model: not judged" if window is None else "the run did not reach these speeds")
         return
     time, tip = recording.time_s, recording.columns["tip_z_m_s2"]
     margin = round(0.3 / recording.period_s)
@@ -76,7 +76,7 @@ def _window(material: Material, axis: int, recording: Recording, model: Real | N
         panel.axvspan(begin, end, color=style.SHADE, zorder=0)
         panel.set_xlim(float(time[rows][0]), float(time[rows][-1]))
     top.plot(*style.thin(time[rows], np.abs(motor_speed_rps(recording, axis)[rows])), **style.BROAD)
-    middle.plot(*style.thin(time[rows], tip[rows]), label="measured", **style.BROAD)
+    middle.plot(*style.thin(time[rows], tip[rows]), label=material.word, **style.BROAD)
     if model is not None:
         middle.plot(*style.thin(time[rows], model[rows]), label="model", **style.MODEL)
     if axis in material.f_al_hz:

@@ -44,7 +44,7 @@ def plants(material: Material) -> Drawing | None:
         "parameters. "
         "At the anti-resonance f_a the arm swings on its gear and holds the motor still; at the resonance f_r motor "
         "and arm swing "
-        "against each other. The paper has about 12 Hz and 22 Hz.",
+        f"against each other.{' The paper has about 12 Hz and 22 Hz.' if material.bench.is_paper else ''}",
         style.to_svg(figure, "plants"),
     )
 
@@ -102,7 +102,7 @@ def resonances(material: Material) -> Drawing | None:
         gain = style.decibel(loop.acceleration_per_transmission_error(frequency))
         panel.semilogx(frequency, gain, **style.MEASURED)
         peak = material.f_al_hz[number]
-        style.flag(panel, peak, rf"$f_{{al}}$ = {peak:.2f} Hz" + _beside(number), height=0.3)
+        style.flag(panel, peak, rf"$f_{{al}}$ = {peak:.2f} Hz" + (_beside(number) if material.bench.is_paper else ""), height=0.3)
         panel.plot([peak], [np.interp(peak, frequency, gain)], "o", color=style.BLUE)
         panel.set_xlim(1.0, 100.0)
         panel.set_title(f"Axis {number}")

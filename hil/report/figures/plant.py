@@ -8,6 +8,7 @@ import numpy as np
 from hil.design.frequency import Complex, Real
 from hil.design.plant_identification import angle_response, tip_response
 from hil.report import style
+from hil.report.origin import origin_of
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable
 from hil.results.plant import FrequencyResponseEntry, PlantResult
@@ -74,7 +75,7 @@ def frequency_response(result: PlantResult) -> Drawing | None:
     figure, panels = style.panels(3, 1, 6.2, sharex=True, height_ratios=(4, 3, 1.6))
     fine = np.geomspace(frequency[0], frequency[-1], 800)
     model = angle_response(plant, fine)
-    _gain_and_phase(panels, frequency, value, np.asarray(measured.radius), fine, model)
+    _gain_and_phase(panels, frequency, value, np.asarray(measured.radius), fine, model, origin_of(result).word)
     panels[0, 0].set_ylabel(r"$|\theta_m/\tau|$ (dB re 1 rad/N·m)")
     for name, symbol, side in (("antiresonance_hz", "f_a", "right"), ("resonance_hz", "f_r", "left")):
         parameter = parameters[name]
@@ -101,7 +102,7 @@ def tip(result: PlantResult) -> Drawing | None:
     fine = np.geomspace(frequency[0], frequency[-1], 800)
     lever = result.bench.file.axis[result.axis].tip_lever_m * parameters["lever_ratio"].value
     model = tip_response(plant, fine, lever, parameters["accelerometer_delay_s"].value)
-    _gain_and_phase(panels, frequency, value, np.asarray(measured.radius), fine, model)
+    _gain_and_phase(panels, frequency, value, np.asarray(measured.radius), fine, model, origin_of(result).word)
     panels[0, 0].set_ylabel(r"$|a_{tip}/\theta_m|$ (dB re 1 m/s² per rad)")
     _coherence(panels[2, 0], frequency, measured)
     style.legend_above(figure, panels[0, 0])
@@ -120,12 +121,14 @@ def _complex(measured: FrequencyResponseEntry) -> tuple[Real, Complex]:
     return np.asarray(measured.frequency_hz), np.asarray(value, dtype=np.complex128)
 
 
-def _gain_and_phase(panels: style.Panels, frequency: Real, value: Complex, radius: Real, fine: Real, model: Complex) -> None:
+def _gain_and_phase(
+    panels: style.Panels, frequency: Real, value: Complex, radius: Real, fine: Real, model: Complex, word: str
+) -> None:  # fmt: skip
     gain, phase = panels[0, 0], panels[1, 0]
     size = np.abs(value)
     low, high = style.decibel(np.maximum(size - radius, 1e-3 * size)), style.decibel(size + radius)
     gain.fill_between(frequency, low, high, color=style.SKY, alpha=0.45, linewidth=0, label="95 %")
-    gain.semilogx(frequency, style.decibel(value), label="measured", marker=".", **style.MEASURED)
+    gain.semilogx(frequency, style.decibel(value), label=word, marker=".", **style.MEASURED)
     gain.semilogx(fine, style.decibel(model), label="fitted model", **style.MODEL)
     angle = np.degrees(np.unwrap(np.angle(value)))
     fitted = np.degrees(np.unwrap(np.angle(model)))

@@ -5,9 +5,11 @@ from pathlib import Path
 
 from hil.bench.design import notch_table
 from hil.design.notch_design import NotchVerdict
+from hil.design.uncertainty import spread_words
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
 from hil.report.figures import design as figures_design
+from hil.report.origin import origin_of_design
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number
@@ -25,6 +27,7 @@ def write_design_report(outcome: NotchDesignOutcome, path: Path) -> Path:
         outcome.bench.name,
         heading=f"Variable notch of axis {outcome.request.axis}",
         subtitle="Designed from a plant; nothing was measured and nothing was sent",
+        origin=origin_of_design(outcome),
     )
     return render(path, head, verdict(outcome), chapters, cards=cards(outcome), provenance=provenance(outcome))
 
@@ -48,10 +51,18 @@ def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
     if failure is not None:
         headline = "The given filters miss what is asked" if outcome.request.is_given else "No filter keeps all that is asked"
         return PageVerdict("bad", "✘", headline, (str(failure), *(str(check) for check in failure.missed)))
-    best, members = outcome.best, len(outcome.problem.members)
+    best = outcome.best
     which = "The given filters keep" if outcome.request.is_given else "The designed filters keep"
     details = tuple(str(check) for check in best.checks)
-    return PageVerdict("good", "✔", f"{which} all that is asked, at every speed, for {members} plants", details)
+    return PageVerdict("good", "✔", f"{which} all that is asked, at every speed, for {plants_words(outcome)}", details)
+
+
+def plants_words(outcome: NotchDesignOutcome) -> str:
+    """The plants of a design in words, with how far apart they are."""
+    members = outcome.problem.members
+    if len(members) == 1:
+        return "the believed plant alone"
+    return f"{len(members)} plants: {spread_words(members)}"
 
 
 def cards(outcome: NotchDesignOutcome) -> list[Card]:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from hil.report import style
 from hil.report.figures import plant as figures_plant
+from hil.report.origin import origin_of
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import ReportTable
@@ -22,7 +23,9 @@ def write_plant_report(directory: Path) -> Path:
     with style.styled():
         chapters = sections(result)
     heading = f"Plant of axis {result.axis}"
-    head = PageHead(result.bench.name, result.bench.started_utc, heading=heading, aftermath=result.aftermath)
+    head = PageHead(
+        result.bench.name, result.bench.started_utc, heading=heading, aftermath=result.aftermath, origin=origin_of(result)
+    )
     return render(directory / "report.html", head, verdict(result), chapters, provenance=provenance(result))
 
 

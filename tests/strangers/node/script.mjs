@@ -12,7 +12,7 @@ import { once } from "node:events";
 import { setTimeout as sleep } from "node:timers/promises";
 
 const [packages, port, scenario, text] = process.argv.slice(2);
-const { Device, DataType, LssMode } = createRequire(join(packages, "package.json"))("canopen");
+const { Device, DataType, Eds, LssMode } = createRequire(join(packages, "package.json"))("canopen");
 const given = { node: 3, ...JSON.parse(text ?? "{}") };
 
 const MASTER = 0x7e;
@@ -179,6 +179,14 @@ const scenarios = {
     device.eds.setTimeProducerEnable(true);
     device.time.write(new Date(given.time));
     say({ time: given.time, still: await upload(0x1000, 0, DataType.UNSIGNED32) });
+  },
+
+  async eds() {
+    for (const path of given.paths)
+      for (const object of Eds.fromFile(path).values())
+        for (const each of Object.values(object._subObjects ?? [object]))
+          if (each.dataType === DataType.REAL32 || each.dataType === DataType.UNSIGNED32)
+            say({ path, key: each.key, type: each.dataType, stated: each.defaultValue ?? null });
   },
 
   async lss() {

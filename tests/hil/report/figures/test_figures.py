@@ -14,7 +14,7 @@ from hil.report import style
 def figures(full_report):
     """All matplotlib figures of the full report by key, drawn."""
     _, drawn = full_report
-    assert len(drawn) == 13
+    assert len(drawn) == 15
     return drawn
 
 
