@@ -135,7 +135,7 @@ def _sentence(verdict: "PlanVerdict", adviser: "Adviser") -> str:
     return f"{verdict.sentence} What would do: {'; '.join(remedies) or 'nothing that this program knows of'}."
 
 
-_STABILITY = ("axis", "period ms", "delay, periods", "worst at rps", "M_s", "gain margin dB", "phase margin °", "pole radius",
+_STABILITY = ("axis", "period ms", "delay, periods", "worst at rev/s", "M_s", "gain margin dB", "phase margin °", "pole radius",
               "verdict")  # fmt: skip
 _HEADINGS = ("bit rate", "cycle µs", "load %", "typical load %", "last answer µs", "with SDO, EMCY", "shortest period µs",
              "with 10 % free", "delay, periods")  # fmt: skip

@@ -155,7 +155,7 @@ class DriveAxis:
             raise NodeError(node, f"its units make no sense: {error}") from error
         speed = self.scaling.speed_rad_s(read(node, Object.VELOCITY_ACTUAL, 0, I32, "velocity actual value"))
         if abs(speed) > 2.0 * math.pi * STANDSTILL_RPS:
-            raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rps", "stop it first")
+            raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rev/s", "stop it first")
         if state is State.FAULT:
             code = read(node, Object.ERROR_CODE, 0, U16, "error code")
             raise NodeError(node, f"axis {self.number} is in fault, error code {code:04X}h", "reset it with --reset-faults")

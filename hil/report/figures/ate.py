@@ -362,7 +362,7 @@ def passes(material: AteMaterial) -> ReportTable | None:
                 each.recording if each.stopped is None else "stopped",
             ]
         )
-    header = ("Pass", "Acceleration (rps/s)", "To (rps)", "Between (rev)", "Missed")
+    header = ("Pass", "Acceleration (rev/s²)", "To (rev/s)", "Between (rev)", "Missed")
     return ReportTable(
         "passes",
         "Passes",
