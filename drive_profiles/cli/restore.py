@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.completion import complete_nodes
 from drive_profiles.cli.console import WRITE_EPILOG, ExitStatus, Interrupts, confirm, exit_on_error, fail, print_json
 from drive_profiles.cli.options import (
     JOURNALS,
@@ -62,7 +63,10 @@ def store(
 
 def restore(
     bus: BusOption,
-    node: Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID; a snapshot names its own.")] = None,
+    node: Annotated[
+        int | None,
+        typer.Option("--node", min=1, max=127, help="Node-ID; a snapshot names its own.", autocompletion=complete_nodes),
+    ] = None,
     *,
     snapshot: Annotated[
         Path | None, typer.Option("--snapshot", help="Write back what this journal's drive held before; of a folder the newest.")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.completion import complete_nodes, complete_values
 from drive_profiles.cli.console import WRITE_EPILOG, ExitStatus, exit_on_error, fail
 from drive_profiles.cli.options import (
     ALL,
@@ -28,7 +29,6 @@ from drive_profiles.cli.options import (
     UnverifiedOption,
     YesOption,
     class_names,
-    complete_objects,
 )
 from drive_profiles.cli.transact import TransactionRequest, transact
 
@@ -48,7 +48,12 @@ def upload(
         list[Path], typer.Argument(metavar="SET", help="One parameter set (or DCF, concise DCF) for all nodes, or one each.")
     ],
     bus: BusOption,
-    node: Annotated[list[int], typer.Option("--node", min=1, max=127, help="Node-ID; again for several drives: all or none.")],
+    node: Annotated[
+        list[int],
+        typer.Option(
+            "--node", min=1, max=127, help="Node-ID; again for several drives: all or none.", autocompletion=complete_nodes
+        ),
+    ],
     *,
     dry_run: DryRunOption = False,
     yes: YesOption = False,
@@ -105,7 +110,7 @@ def upload(
 def set_(
     values: Annotated[
         list[str],
-        typer.Argument(metavar="OBJECT=VALUE", help="Values in the parameters' units.", autocompletion=complete_objects),
+        typer.Argument(metavar="OBJECT=VALUE", help="Values in the parameters' units.", autocompletion=complete_values),
     ],
     bus: BusOption,
     node: NodeOption,

@@ -14,7 +14,7 @@ import typer
 from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, exit_with, say
-from hil.cli.options import BenchOption
+from hil.cli.options import AXES, BenchOption
 from hil.reporter import Reporter, SilentReporter
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def mount(app: typer.Typer) -> None:
 
 def notch(
     bench_file: BenchOption,
-    axis: Annotated[int, typer.Option("--axis", help="Axis whose notch is wanted.")],
+    axis: Annotated[int, typer.Option("--axis", help="Axis whose notch is wanted.", autocompletion=AXES.one)],
     model: ModelOption = None,
     order: Annotated[OrderName, typer.Option(help="Harmonic orders k.")] = OrderName.SECOND,
     shape: Annotated[

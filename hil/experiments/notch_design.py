@@ -269,8 +269,8 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
     for order in request.orders:
         if top_rps < f_al / order:
             raise NotPossibleError(
-                f"axis {number}: order {order} meets f_al = {f_al:.2f} Hz at {f_al / order:.2f} rps, beyond the ramp's end at "
-                f"{top_rps:g} rps: raise end_rps of constant_acceleration, or the speed limit"
+                f"axis {number}: order {order} meets f_al = {f_al:.2f} Hz at {f_al / order:.2f} rev/s, beyond the ramp's end at "
+                f"{top_rps:g} rev/s: raise end_rps of constant_acceleration, or the speed limit"
             )
     errors, amplitudes = _standard_errors(axis_model)
     members = around(plant, error, percent=request.uncertainty_percent, standard_error=errors, amplitude_error_arcsec=amplitudes)

@@ -213,7 +213,7 @@ class DriveAxis:
         self.scaling = scaling
         speed = self.scaling.speed_rad_s(velocity)
         if abs(speed) > 2.0 * math.pi * STANDSTILL_RPS:
-            raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rps", "stop it first")
+            raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rev/s", "stop it first")
         if state is State.FAULT:
             code = asked.number(ERROR_CODE, is_optional=True)
             shown = "" if code is None else f", error code {code:04X}h"

@@ -167,7 +167,7 @@ class PlantIdentification:
         except UnidentifiableError as error:
             raise PlantNotIdentifiedError(self.request.axis, (f"friction: {error}",)) from error
         amplitude = self.request.amplitude_nm or self._pilot()
-        self._reporter.step(f"{self.request.shape} of {amplitude:.3g} N·m at {self.travel.bias_rps:.3g} rps")
+        self._reporter.step(f"{self.request.shape} of {amplitude:.3g} N·m at {self.travel.bias_rps:.3g} rev/s")
         main = self._excited(amplitude, is_pilot=False)
         result = self._run("main", main)
         estimate = self._estimate(main, result, friction, amplitude)
