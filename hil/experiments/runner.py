@@ -105,11 +105,7 @@ def run_experiments(
                 reporter.run(experiment.title)
                 runs = _ExperimentRuns(session, experiment, motion, replace(setup, shows_filter=shows), reporter)
                 runs.perform(repeat)
-                one, path = _keep(measurement, runs.results, experiment.file_name)
-                result.runs += entries(bench, experiment, one, path, runs.trial, runs.count)
-                result.comparisons = comparisons(result.runs)
-                if one.stopped is not None:
-                    raise one.stopped
+                _enter(measurement, bench, experiment, runs)
         if is_paper:
             result.paper = claims(bench, result.runs, result.comparisons)
     return ExperimentsOutcome(measurement.result, measurement.failure)
@@ -197,6 +193,20 @@ class _ExperimentRuns:
         return self._session.run(
             motion, self._filters, self._experiment.loop, adder, setup.fixed, shows_filter=setup.shows_filter
         )
+
+
+def _enter(measurement: Measurement[ExperimentsResult], bench: Bench, experiment: Experiment, runs: _ExperimentRuns) -> None:
+    """Save the runs of an experiment, and enter them into the result.
+
+    Raises:
+        SafetyStopError: The last run was stopped.
+    """
+    result = measurement.result
+    one, path = _keep(measurement, runs.results, experiment.file_name)
+    result.runs += entries(bench, experiment, one, path, runs.trial, runs.count)
+    result.comparisons = comparisons(result.runs)
+    if one.stopped is not None:
+        raise one.stopped
 
 
 def _keep(measurement: Measurement[ExperimentsResult], results: list[RunResult], file_name: str) -> tuple[RunResult, str]:
