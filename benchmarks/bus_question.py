@@ -307,7 +307,7 @@ def figure(found: dict[Cell, Found], bench: Bench) -> str:
                 _panel(panels[row, column], found, bench, axis, loop)
         for panel in panels[-1]:
             panel.set_xlabel("SYNC period in ms")
-        style.legend_above(drawing, panels[0, 0], 3)
+        style.legend_above(drawing, panels[0, 0], columns=3)
         return style.to_svg(drawing, "bus")
 
 

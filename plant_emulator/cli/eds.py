@@ -27,7 +27,7 @@ def eds(
     ] = None,
     drive: Annotated[
         list[str] | None,
-        typer.Option("--drive", metavar="AXIS=PROFILE", help="With --robot, as of `serve`; repeatable."),
+        typer.Option("--drive", metavar="AXIS=PROFILE[/PRODUCT]", help="With --robot, as of `serve`; repeatable."),
     ] = None,
 ) -> None:
     """Write the EDS files of the emulated drive and accelerometer, for tools that configure CANopen nodes.

@@ -50,7 +50,11 @@ def sections(material: AteMaterial) -> list[Section]:
             "Signal and model",
             (figures_ate.against_speed(material), figures_ate.windows(material, 1), figures_ate.windows(material, -1)),
         ),
-        _Chapter("confidence", "Confidence", (figures_ate.arm(material), figures_ate.agreement(material))),
+        _Chapter(
+            "confidence",
+            "Confidence",
+            (figures_ate.arm(material), figures_ate.arm_twice(material), figures_ate.agreement(material)),
+        ),
         _Chapter("runs", "Runs", (figures_ate.passes(material),)),
     ]
     filled = [Section(each.key, each.title, tuple(item for item in each.items if item is not None)) for each in chapters]

@@ -121,16 +121,18 @@ def peaks(outcome: NotchDesignOutcome) -> ReportTable:
 def requirements(outcome: NotchDesignOutcome) -> ReportTable:
     """Table of the requirements, with the worst value of each."""
     rows: list[list[Cell]] = []
-    for name, verdict in _verdicts(outcome):
+    groups = {}
+    for name, verdict in reversed(_verdicts(outcome)):
+        groups[len(rows)] = f"{name} filter" if name != "none" else "no filter"
         for check in verdict.checks:
             asked = f"{'≤' if check.is_ceiling else '≥'} {check.limit:g}"
             speed = NONE if check.speed_rps is None else f"{check.speed_rps:.2f}"
             worst = number(check.value, "{:.4g}")
-            cells: list[Cell] = [name, check.name.rstrip(","), worst, asked, check.unit, speed, check.member, Mark(check.holds)]
+            cells: list[Cell] = [check.name.rstrip(","), worst, asked, check.unit, speed, check.member, Mark(check.holds)]
             rows.append(cells)
-    header = ("filters", "what", "worst", "asked", "unit", "at (rev/s)", "plant", "holds")
+    header = ("what", "worst", "asked", "unit", "at (rev/s)", "plant", "holds")
     caption = "The worst of all plants and of all motor speeds from rest to the speed limit, every 0.1 rev/s."
-    return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 1, 4, 6, 7}), caption)
+    return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 3, 5, 6}), caption, groups=groups)
 
 
 def plants(outcome: NotchDesignOutcome) -> ReportTable:

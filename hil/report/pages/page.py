@@ -172,7 +172,7 @@ def render(
     return path
 
 
-_TALL = 0.62
+_TALL = 0.7
 """Height over width from which a figure takes most of a printed page."""
 
 
