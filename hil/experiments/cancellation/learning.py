@@ -193,8 +193,7 @@ def learn(
     bench, period = session.bench, session.bench.bus.sync_period_s
     table = _table_of(bench, axis, passes)
     end = end_speed(bench, axis, acceleration_rps_s, None)
-    learning, sweeps, start, delay_s = AxisLearning(axis), list[Sweep](), None, 0.0
-    scale = axis_scale(bench, axis)
+    learning, sweeps, start, delay_s, scale = AxisLearning(axis), list[Sweep](), None, 0.0, axis_scale(bench, axis)
     for number in range(1, passes + 1):
         gain = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0
         reporter.step(
