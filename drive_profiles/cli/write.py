@@ -76,8 +76,7 @@ def upload(
 
         drive-profiles upload axis2.toml axis3.toml --bus socketcan:can0 --node 2 --node 3 --store
     """
-    from drive_profiles.parameter_set.formats import is_toml
-    from drive_profiles.parameter_set.parameters import ParameterSet
+    from drive_profiles.parameter_set.formats import header_of
     from drive_profiles.upload.result import UploadOptions
 
     if len(set(node)) != len(node):
@@ -97,8 +96,9 @@ def upload(
         journals=journals,
     )
     with exit_on_error():
-        loaded: list[ParameterSet | Path] = [ParameterSet.load(path) if is_toml(path) else path for path in sets]
-        pairs = list(zip(node, loaded * len(node) if len(loaded) == 1 else loaded, strict=True))
+        for path in sets:
+            header_of(path)  # a file that cannot be read is said before the bus is opened
+        pairs = list(zip(node, sets * len(node) if len(sets) == 1 else sets, strict=True))
         transact(TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json), pairs)
 
 

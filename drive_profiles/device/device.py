@@ -360,7 +360,9 @@ class Device:
             firmware=identity.firmware,
             date=now.isoformat(timespec="seconds"),
             not_read=not_read,
-        )
+            counts_per_rev=self._counts,
+            rated_torque_nm=self._torque_nm,
+        ).model_copy(update=self._feed)
 
 
 @dataclass

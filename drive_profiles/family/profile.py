@@ -166,7 +166,7 @@ class Profile(Table):
             ProfileNotFoundError: The package has no such profile.
             FileError: The file has errors; all of them are listed.
         """
-        if isinstance(name_or_path, str) and _NAME.fullmatch(name_or_path):
+        if isinstance(name_or_path, str) and is_profile_name(name_or_path):
             if name_or_path not in available():
                 raise ProfileNotFoundError(name_or_path, tuple(available()))
             return files.load(VENDORS / f"{name_or_path}.toml", cls)
@@ -192,6 +192,11 @@ class Profile(Table):
     def in_class(self, parameter_class: ParameterClass) -> dict[str, Parameter]:
         """The parameters of one class, in the order of the file."""
         return {name: entry for name, entry in self.parameters.items() if entry.parameter_class == parameter_class}
+
+
+def is_profile_name(text: str) -> bool:
+    """True where a text is taken for the name of a profile in the package, and not for a path."""
+    return _NAME.fullmatch(text) is not None
 
 
 def available() -> list[str]:

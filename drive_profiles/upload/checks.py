@@ -78,7 +78,7 @@ def against_values(
 
 
 def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
-    """Refuse a set that was pulled from another device: a mistyped node-ID would give a drive its neighbour's limits and gains."""
+    """Refuse a set that was pulled from another device: with a mistyped node-ID a drive gets its neighbour's limits."""
     theirs = [write for write in writes if write.parameter_class != "commissioning"]  # of these see `_commissioning`
     other = _other_device(header, identity)
     if not other or not theirs or options.other_device or options.force_commissioning:

@@ -111,6 +111,8 @@ class Upload:
         self._old |= {address: self._before(address) for address in mapped(self._goal, self._old)}
         self._goal |= {address: data for address, data in self._old.items() if address not in self._goal}
         self._steps = steps(self._goal, self._old)
+        if self.options.store:
+            store_command(self.device).check(self.device)
         if strays := self.device.port.strays:
             names = ", ".join(self.named(address) for address in sorted(strays))
             what = f"a disturbed frame, or another SDO client, has written {names}, whose old value is not known"

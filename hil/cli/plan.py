@@ -21,7 +21,7 @@ PLAN_EPILOG = epilog(
     {
         ExitStatus.DONE: "fits and is stable",
         ExitStatus.FILE: "bad bench file",
-        ExitStatus.NOT_MET: "does not fit, or is not stable",
+        ExitStatus.NOT_MET: "does not fit, is not stable, or a profile lacks what it needs",
         ExitStatus.INTERRUPTED: "interrupted",
     },
 )
@@ -116,6 +116,8 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
     header = ("frame", "id", "with heartbeats", "with SDO, EMCY", "deadline", "met")
     table(f"Latest arrival at {at}, µs from SYNC or from when it is queued", header, _response_rows(verdict, adviser.wire))
     table("Stability at that delay", _STABILITY, [_stability_row(axis) for axis in verdict.stability])
+    if verdict.gaps:
+        table("What the profiles lack", ("needed",), [(gap,) for gap in verdict.gaps])
     if adviser.advice:
         columns = ("change", "cycle µs", "worst", "shortest period µs", "at ms", "fits", "loop", "needs")
         table(f"What would shorten or mend it, at {at}", columns, [_advice_row(one) for one in adviser.advice])
@@ -125,7 +127,7 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
 
 
 def _sentence(verdict: "PlanVerdict", adviser: "Adviser") -> str:
-    if verdict.is_good:
+    if verdict.is_carried:
         return verdict.sentence
     remedies = [
         one.title if "SYNC" in one.title else f"{one.title}, SYNC every {1e3 * one.period_s:g} ms" for one in adviser.good
@@ -239,7 +241,8 @@ def document(bench: "Bench", loop: str, verdict: "PlanVerdict", adviser: "Advise
         "fits": verdict.fits, "stable": verdict.is_stable, "ok": verdict.is_good, "verdict": verdict.sentence,
         "frames": frames, "bits": {"nominal": cycle.nominal_bits, "typical": cycle.typical_bits, "worst": cycle.worst_bits},
         "rates": rates, "responses": [asdict(one) for one in cycle.responses(adviser.wire)],
-        "stability": [asdict(axis) for axis in verdict.stability], "advice": [asdict(one) for one in adviser.advice],
+        "gaps": verdict.gaps, "stability": [asdict(axis) for axis in verdict.stability],
+        "advice": [asdict(one) for one in adviser.advice],
     }  # fmt: skip
     finite: dict[str, Any] = _finite(whole)
     return finite

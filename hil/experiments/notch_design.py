@@ -261,7 +261,8 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
     ate = table.model.ate
     error = TransmissionError({2: ate.a2_arcsec, 4: ate.a4_arcsec}, {2: ate.phi2_deg, 4: ate.phi4_deg})
     period = request.period_s or _period_s(table)
-    bare = Loop(plant, table.control.cascade(), (), period, request.delay_samples)
+    cascade = table.gains(f"a filter of axis {number}").cascade()
+    bare = Loop(plant, cascade, (), period, request.delay_samples)
     f_al = bare.peak_hz()
     scale = scale_at(bench, number, f_al)
     top_rps = min(bench.constant_acceleration.end_rps, table.limits.speed_rps)
@@ -275,7 +276,7 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
     members = around(plant, error, percent=request.uncertainty_percent, standard_error=errors, amplitude_error_arcsec=amplitudes)
     problem = NotchProblem(
         members=members,
-        cascade=table.control.cascade(),
+        cascade=cascade,
         period_s=period,
         delay_samples=request.delay_samples,
         lever_m=table.tip_lever_m,

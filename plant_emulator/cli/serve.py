@@ -158,6 +158,12 @@ def serve(
         _run(server)
 
 
+def _complain(line: str) -> None:
+    """Write a line on standard error; nobody need read it."""
+    with contextlib.suppress(OSError, ValueError):
+        typer.echo(line, err=True)
+
+
 def _robot(robot: str, drives: dict[int, str], sheets: dict[int, str], store_time_s: float | None, seed: int | None) -> "Robot":
     """Return the robot of a file with the drives and the seed that were asked for."""
     from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
@@ -178,10 +184,12 @@ def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) 
 def _run(server: "Server | Attachment") -> None:
     """Serve until something stops the server; those who wait for its announcement read it now."""
     from hil.can.errors import BusLostError  # noqa: PLC0415
+    from plant_emulator.sealed import sealed  # noqa: PLC0415
 
     sys.stdout.flush()
     try:
-        server.run()
+        with sealed(_complain):
+            server.run()
     except BusLostError as error:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
 

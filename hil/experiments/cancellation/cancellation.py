@@ -161,10 +161,11 @@ def cancellation_for(
         if model is None:
             continue
         table = bench.axis[number].model_copy(update={"model": model})
+        table.gains(f"cancellation on axis {number}")
         phases = {order: math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
         period = (control_periods_s or {}).get(number) or CONTROL_PERIOD_S
         loop = table.loop(period, with_notch=with_notch)
-        assert loop is not None  # noqa: S101 - it has a model
+        assert loop is not None  # noqa: S101 - it has a model and gains
         scales[number] = scale_at(bench, number, loop.peak_hz())
         try:
             timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))

@@ -261,7 +261,7 @@ class PlantIdentification:
         try:
             data = self._spectra(planned, recording, tip)
             spring = self._gravity_spring(planned, recording, friction)
-            timing = SamplingTiming(recording.period_s, self._control_s, self.excited, self.table.control.cascade())
+            timing = SamplingTiming(recording.period_s, self._control_s, self.excited, self.table.gains("its plant").cascade())
             estimate = fit_plant(data, timing, self.table.reduction_ratio, self.table.tip_lever_m, spring)
         except UnidentifiableError as error:
             raise PlantNotIdentifiedError(axis, (str(error),)) from error

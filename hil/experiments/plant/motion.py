@@ -92,10 +92,11 @@ def axis_table(bench: Bench, number: int) -> AxisTable:
     """Table of an axis in the bench file.
 
     Raises:
-        NotPossibleError: The bench has no such axis.
+        NotPossibleError: The bench has no such axis, or does not know its gains.
     """
     if number not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
+    bench.axis[number].gains(f"the plant of axis {number}")
     return bench.axis[number]
 
 
@@ -178,7 +179,7 @@ def _wave(request: PlantRequest, period_s: float, sync_s: float, table: AxisTabl
         lines = band_lines(request.low_hz, request.high_hz, period_s, sync_s)
     except ValueError as error:
         raise NotPossibleError(f"{error} (--low-hz, --high-hz, bus.sync_period_s)") from error
-    law = table.control
+    law = table.gains(f"the plant of axis {request.axis}")
     jw = 2j * math.pi * lines / period_s
     gain: Complex = np.ones(len(lines), dtype=np.complex128)
     if excited == "reference":

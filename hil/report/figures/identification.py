@@ -50,11 +50,11 @@ def identification(material: Material, axis: int) -> Drawing | None:
 
 
 def _modelled(material: Material, axis: int, recording: Recording) -> Real | None:
-    error = material.transmission_error(axis)
-    if error is None:
+    error, plant = material.transmission_error(axis), material.bench.axis[axis].plant()
+    if error is None or plant is None:
         return None
     lever = material.bench.axis[axis].tip_lever_m
-    return arm_response(material.loop(axis).plant, recording.axis(axis, "position_rad"), recording.period_s, lever, error)
+    return arm_response(plant, recording.axis(axis, "position_rad"), recording.period_s, lever, error)
 
 
 def _window(material: Material, axis: int, recording: Recording, model: Real | None, order: int, panels: style.Panels) -> None:

@@ -36,6 +36,7 @@ def write_ate_report(directory: Path) -> Path:
         heading=f"Transmission error of axis {material.axis}",
         aftermath=result.aftermath,
         origin=origin_of(result),
+        is_paper=material.is_paper,
     )
     return render(directory / "report.html", head, verdict(material), chapters, provenance=provenance(material))
 
@@ -46,7 +47,7 @@ def sections(material: AteMaterial) -> list[Section]:
         _Chapter("result", "Transmission error", _result(material)),
         _Chapter(
             "evidence",
-            "Measured against modelled",
+            "Signal and model",
             (figures_ate.against_speed(material), figures_ate.windows(material, 1), figures_ate.windows(material, -1)),
         ),
         _Chapter(

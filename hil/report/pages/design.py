@@ -28,6 +28,7 @@ def write_design_report(outcome: NotchDesignOutcome, path: Path) -> Path:
         heading=f"Variable notch of axis {outcome.request.axis}",
         subtitle="Designed from a plant; nothing was measured and nothing was sent",
         origin=origin_of_design(outcome),
+        is_paper=outcome.bench.is_paper,
     )
     return render(path, head, verdict(outcome), chapters, cards=cards(outcome), provenance=provenance(outcome))
 

@@ -24,7 +24,12 @@ def write_plant_report(directory: Path) -> Path:
         chapters = sections(result)
     heading = f"Plant of axis {result.axis}"
     head = PageHead(
-        result.bench.name, result.bench.started_utc, heading=heading, aftermath=result.aftermath, origin=origin_of(result)
+        result.bench.name,
+        result.bench.started_utc,
+        heading=heading,
+        aftermath=result.aftermath,
+        origin=origin_of(result),
+        is_paper=result.bench.file.is_paper,
     )
     return render(directory / "report.html", head, verdict(result), chapters, provenance=provenance(result))
 

@@ -260,7 +260,7 @@ def test_time_passes_by_the_wall_clock_for_it(running, stranger):
     sdo(stranger, READ_STATUS_WORD)
     running.hold_wall()
     before = running.world.now
-    running.wall.pass_s(0.2)
+    running.pass_wall_s(0.2)
     wait_for(lambda: running.world.now == before + 200_000_000)
 
 
@@ -278,7 +278,7 @@ def test_its_sync_does_not_move_the_clock_but_is_a_sync(running, stranger):
         seen += message.arbitration_id == 0x183
     assert running.server._clock is None
     assert running.world.now == before
-    running.wall.pass_s(0.3)
+    running.pass_wall_s(0.3)
     wait_for(lambda: running.world.now == before + 300_000_000)
 
 
