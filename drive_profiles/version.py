@@ -12,7 +12,7 @@ COMMIT_FILE = Path(__file__).with_name("commit")
 
 _PROJECT = Path(__file__).parents[1]
 _PACKAGES = ("drive_profiles", "hil", "plant_emulator")
-_DIGITS = 12
+_COMMIT_DIGITS = 12
 _GIT_TIMEOUT_S = 2.0
 
 
@@ -38,7 +38,7 @@ def commit_text(project: Path = _PROJECT, built: Path = COMMIT_FILE) -> str:
     """
     if _is_ours(project):
         commit = commit_of(project)
-        return commit[:_DIGITS] + (", modified" if commit and _is_modified(project) else "")
+        return commit[:_COMMIT_DIGITS] + (", modified" if commit and _is_modified(project) else "")
     return _first_line(built)
 
 

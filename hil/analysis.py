@@ -1,9 +1,14 @@
-"""The metrics of a recording, with their exact definitions."""
+"""The metrics of a recording, with their exact definitions, and the scale by which they are judged.
+
+An arm rings at f_al, the peak of |G_al|, so every speed, band and millimetre is reckoned from the f_al of the axis that moved:
+there is no verdict without it.
+"""
 
 # ruff: noqa: PLC0415 - scipy.signal takes longer to import than all else that a run needs before it moves
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,20 +17,84 @@ from hil.recording import Recording
 
 Real = NDArray[np.float64]
 
-TIP_BAND_HZ = (6.0, 25.0)
-"""Band of the tip vibration: the resonance near 12 Hz with its skirts, without the motion itself."""
-
 SPEED_LOWPASS_HZ = 20.0
 """Corner of the low-pass, forward and backward, that makes a speed from the sampled motor angle."""
 
-WINDOWS_RPS = {2: (4.5, 7.5), 4: (2.2, 3.6)}
-"""Motor speeds in which a constant-acceleration run is judged, by the order k that crosses the resonance there."""
+ORDERS = (2, 4)
+"""Orders k of the transmission error, each with its own window."""
 
-LINE_WINDOW_S = (0.5, 2.0)
-"""Times after the start of the line motion in which its tip displacement is judged."""
+WINDOW_FACTORS = (0.76, 1.27)
+"""Motor speeds in which order k is judged, in units of f_al/k."""
+BAND_FACTORS = (0.5, 2.1)
+"""Band of the tip vibration in units of f_al: the resonance with its skirts, without the motion itself."""
+PEAK_BAND_FACTORS = (0.68, 1.35)
+"""Band in which the largest line of the spectrum is looked for, in units of f_al."""
 
-PEAK_BAND_HZ = (8.0, 16.0)
+PAPER_WINDOWS_RPS = {2: (4.5, 7.5), 4: (2.2, 3.6)}
+PAPER_BAND_HZ = (6.0, 25.0)
+PAPER_PEAK_BAND_HZ = (8.0, 16.0)
+"""The same for both axes of the paper's robot, with an f_al near 12 Hz."""
+
+LINE_BEGIN_S, LINE_BEGIN_FRACTION = 0.5, 0.25
+LINE_END_S, LINE_END_FRACTION = 0.2, 0.1
+"""Parts at the beginning and at the end of a line motion in which its tip displacement is not judged; the shorter counts."""
 LINE_BAND_HZ = (0.0, 50.0)
+
+BRAKING_S = 0.12
+"""Time before the top of a ramp in which a filter without phase shows the jerk of the braking already."""
+
+
+@dataclass(frozen=True)
+class TipScale:
+    """Scale by which the vibration of the tip is judged.
+
+    Attributes:
+        f_al_hz: Peak of |G_al|, by which an acceleration becomes a displacement.
+        band_hz: Band of the vibration.
+        peak_band_hz: Band in which the largest line of the spectrum is looked for.
+        windows_rps: Motor speeds in which a ramp is judged, by the order k that meets f_al there.
+    """
+
+    f_al_hz: float
+    band_hz: tuple[float, float]
+    peak_band_hz: tuple[float, float]
+    windows_rps: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+
+
+def tip_scale(f_al_hz: float) -> TipScale:
+    """Scale of an axis: every window and band in units of its f_al."""
+    windows = {order: _times(f_al_hz / order, WINDOW_FACTORS) for order in ORDERS}
+    return TipScale(f_al_hz, _times(f_al_hz, BAND_FACTORS), _times(f_al_hz, PEAK_BAND_FACTORS), windows)
+
+
+def paper_scale(f_al_hz: float) -> TipScale:
+    """Scale of an axis of the paper's robot, whose windows and bands are given in rev/s and Hz."""
+    return TipScale(f_al_hz, PAPER_BAND_HZ, PAPER_PEAK_BAND_HZ, PAPER_WINDOWS_RPS)
+
+
+def joint_scale(scales: Sequence[TipScale]) -> TipScale:
+    """Scale of a motion of several axes: bands that hold those of all, and the lowest f_al, so that no displacement is too small.
+
+    Raises:
+        ValueError: There is no scale.
+    """
+    if not scales:
+        raise ValueError("no scale of any axis")
+    band, peak_band = (
+        (min(low for low, _ in bands), max(high for _, high in bands))
+        for bands in ([scale.band_hz for scale in scales], [scale.peak_band_hz for scale in scales])
+    )
+    return TipScale(min(scale.f_al_hz for scale in scales), band, peak_band)
+
+
+def _times(value: float, factors: tuple[float, float]) -> tuple[float, float]:
+    return value * factors[0], value * factors[1]
+
+
+def line_window_s(duration_s: float) -> tuple[float, float]:
+    """Times after the start of a line motion in which its tip displacement is judged: 0.5 to 2.0 s of 2.2 s."""
+    begin_s = min(LINE_BEGIN_S, LINE_BEGIN_FRACTION * duration_s)
+    return begin_s, duration_s - min(LINE_END_S, LINE_END_FRACTION * duration_s)
 
 
 def motor_speed_rps(recording: Recording, axis: int) -> Real:
@@ -38,40 +107,52 @@ def motor_speed_rps(recording: Recording, axis: int) -> Real:
     return np.asarray(signal.sosfiltfilt(signal.butter(2, corner, fs=1.0 / period, output="sos"), speed))
 
 
-def band_passed(acceleration_m_s2: Real, period_s: float) -> Real:
-    """The part of a vertical acceleration from 6 to 25 Hz (2nd-order Butterworth, forward and backward); shape (n,).
+def band_passed(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
+    """The part of a vertical acceleration in a band (2nd-order Butterworth, forward and backward); shape (n,).
 
     Raises:
-        ValueError: The sampling period is too long for 25 Hz.
+        ValueError: The sampling period is too long for the band.
     """
     from scipy import signal
 
-    if 0.5 / period_s <= TIP_BAND_HZ[1]:
-        raise ValueError(f"samples every {1e3 * period_s:g} ms do not show vibrations up to {TIP_BAND_HZ[1]:g} Hz")
-    band = signal.butter(2, TIP_BAND_HZ, "bandpass", fs=1.0 / period_s, output="sos")
+    if 0.5 / period_s <= band_hz[1]:
+        raise ValueError(f"samples every {1e3 * period_s:g} ms do not show vibrations up to {band_hz[1]:.3g} Hz")
+    band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
     return np.asarray(signal.sosfiltfilt(band, acceleration_m_s2))
 
 
-def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, f_al_hz: float) -> Real:
+def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, scale: TipScale) -> Real:
     """The paper's equivalent displacement of the tip, in mm.
 
-    The vertical acceleration, band-passed from 6 to 25 Hz (2nd-order Butterworth, forward and backward),
-    over (2π f_al)².
+    The vertical acceleration in the band of the vibration (2nd-order Butterworth, forward and backward), over (2π f_al)².
 
     Args:
         acceleration_m_s2: Vertical tip acceleration; shape (n,).
         period_s: Its sampling period.
-        f_al_hz: Peak frequency of |G_al|.
+        scale: Scale of the axis that moved.
     """
-    return np.asarray(1e3 * band_passed(acceleration_m_s2, period_s) / (2.0 * math.pi * f_al_hz) ** 2)
+    return np.asarray(1e3 * band_passed(acceleration_m_s2, period_s, scale.band_hz) / (2.0 * math.pi * scale.f_al_hz) ** 2)
 
 
-def speed_window(recording: Recording, axis: int, order: int) -> NDArray[np.bool_]:
-    """Rows of a constant-acceleration run in which f_m rises through the order's window; shape (n,)."""
-    low, high = WINDOWS_RPS[order]
+def speed_window(recording: Recording, axis: int, window_rps: tuple[float, float]) -> NDArray[np.bool_]:
+    """Rows of a constant-acceleration run in which f_m rises through a window; shape (n,).
+
+    Where the ramp ends within the window, the rows end before its braking shows.
+    """
+    low, high = window_rps
     speed = np.abs(motor_speed_rps(recording, axis))
-    rising = np.arange(len(speed)) < int(np.argmax(speed))
-    return np.asarray((speed >= low) & (speed <= high) & rising)
+    top = int(np.argmax(speed))
+    end = top if speed[top] >= high else top - round(BRAKING_S / recording.period_s)
+    return np.asarray((speed >= low) & (speed <= high) & (np.arange(len(speed)) < end))
+
+
+def ramp_rows(recording: Recording, axis: int) -> NDArray[np.bool_]:
+    """Rows of a whole rising ramp without the jerks at its ends; shape (n,)."""
+    speed, edge = np.abs(motor_speed_rps(recording, axis)), round(BRAKING_S / recording.period_s)
+    top = int(np.argmax(speed))
+    standing = np.flatnonzero(speed[: top + 1] < 0.01 * speed[top])
+    rows = np.arange(len(speed))
+    return np.asarray((rows >= (standing[-1] if len(standing) else 0) + edge) & (rows < top - edge))
 
 
 def amplitude_spectrum(values: Real, period_s: float, window: str) -> tuple[Real, Real]:
@@ -94,68 +175,82 @@ def area(frequency_hz: Real, amplitude: Real, band_hz: tuple[float, float]) -> f
 
 @dataclass(frozen=True)
 class Metrics:
-    """Metrics by which a run is judged.
+    """Metrics by which a run is judged; None what cannot be reckoned without an f_al.
 
     Attributes:
         tip_peak_mm: Largest |tip displacement| in the window.
         tip_rms_mm: Root mean square of the tip displacement in the window.
-        spectrum_peak_m_s2: Largest amplitude of the Hann spectrum from 8 to 16 Hz in the window.
+        spectrum_peak_m_s2: Largest amplitude near f_al of the Hann spectrum of the window, or of the spectrum of the line motion.
         spectrum_peak_hz: Frequency of that amplitude.
-        spectrum_area: Trapezoid area of the amplitude spectrum in m/s²·Hz: the Hann spectrum of the window from 6 to
-            25 Hz (single axis), or the rectangular spectrum of the whole motion from 0 to 50 Hz (line motion).
+        spectrum_area: Trapezoid area of the amplitude spectrum in m/s²·Hz: the Hann spectrum of the window in the band of the
+            vibration (single axis), or the rectangular spectrum of the whole motion from 0 to 50 Hz (line motion).
+        ramp_peak_mm: Largest |tip displacement| on the whole ramp, without the jerks at its ends; None for the line motion.
     """
 
-    tip_peak_mm: float
-    tip_rms_mm: float
-    spectrum_peak_m_s2: float
-    spectrum_peak_hz: float
+    tip_peak_mm: float | None
+    tip_rms_mm: float | None
+    spectrum_peak_m_s2: float | None
+    spectrum_peak_hz: float | None
     spectrum_area: float
+    ramp_peak_mm: float | None = None
 
 
-def constant_acceleration_metrics(recording: Recording, axis: int, order: int, f_al_hz: float) -> Metrics:
+def constant_acceleration_metrics(recording: Recording, axis: int, order: int, scale: TipScale) -> Metrics:
     """Metrics of a constant-acceleration run in the window of one order.
 
     Args:
         recording: The run.
         axis: Number of the axis that moved.
-        order: Order k of the window, a key of `WINDOWS_RPS`.
-        f_al_hz: Peak frequency of |G_al|.
+        order: Order k of the window, one of `ORDERS`.
+        scale: Scale of the axis.
 
     Raises:
         ValueError: The run does not pass through the window.
     """
-    inside = speed_window(recording, axis, order)
+    low, high = scale.windows_rps[order]
+    inside = speed_window(recording, axis, (low, high))
     samples = np.count_nonzero(inside)
     if samples < 16:
-        low, high = WINDOWS_RPS[order]
-        raise ValueError(f"the run has {samples} samples between {low} and {high} rps; at least 16 are needed")
+        raise ValueError(f"the run has {samples} samples between {low:.3g} and {high:.3g} rev/s; at least 16 are needed")
+    top_rps, resonant_rps = float(np.max(np.abs(motor_speed_rps(recording, axis))[inside])), scale.f_al_hz / order
+    if top_rps < resonant_rps:
+        raise ValueError(
+            f"the ramp is at {top_rps:.2f} rev/s when it brakes; order {order} meets f_al = {scale.f_al_hz:.2f} Hz at "
+            f"{resonant_rps:.2f} rev/s: raise end_rps of constant_acceleration"
+        )
     acceleration, period = recording.columns["tip_z_m_s2"], recording.period_s
-    displacement = tip_displacement_mm(acceleration, period, f_al_hz)[inside]
+    displacement = tip_displacement_mm(acceleration, period, scale)
     frequency, amplitude = amplitude_spectrum(acceleration[inside], period, "hann")
-    peak, peak_hz = _peak(frequency, amplitude)
-    return Metrics(_largest(displacement), _rms(displacement), peak, peak_hz, area(frequency, amplitude, TIP_BAND_HZ))
+    peak, peak_hz = _peak(frequency, amplitude, scale.peak_band_hz)
+    whole = ramp_rows(recording, axis) | inside
+    return Metrics(
+        _largest(displacement[inside]), _rms(displacement[inside]), peak, peak_hz, area(frequency, amplitude, scale.band_hz),
+        _largest(displacement[whole]),
+    )  # fmt: skip
 
 
-def line_motion_metrics(recording: Recording, start_s: float, duration_s: float, f_al_hz: float) -> Metrics:
-    """Metrics of a line motion.
+def line_motion_metrics(recording: Recording, start_s: float, duration_s: float, scale: TipScale | None) -> Metrics:
+    """Metrics of a line motion; without a scale only the area of its spectrum.
 
     Args:
         recording: The run.
         start_s: Time of the recording at which the motion starts.
         duration_s: Duration of the motion.
-        f_al_hz: Peak frequency of |G_al|.
+        scale: Scale of the axes that moved, or None where no f_al is known.
     """
     acceleration, period, time = recording.columns["tip_z_m_s2"], recording.period_s, recording.time_s
-    begin, end = start_s + LINE_WINDOW_S[0], start_s + LINE_WINDOW_S[1]
-    displacement = tip_displacement_mm(acceleration, period, f_al_hz)[(time >= begin) & (time <= end)]
     motion = acceleration[(time >= start_s) & (time <= start_s + duration_s)]
     frequency, amplitude = amplitude_spectrum(motion, period, "boxcar")
-    peak, peak_hz = _peak(frequency, amplitude)
-    return Metrics(_largest(displacement), _rms(displacement), peak, peak_hz, area(frequency, amplitude, LINE_BAND_HZ))
+    covered = area(frequency, amplitude, LINE_BAND_HZ)
+    if scale is None:
+        return Metrics(None, None, None, None, covered)
+    begin, end = (start_s + each for each in line_window_s(duration_s))
+    displacement = tip_displacement_mm(acceleration, period, scale)[(time >= begin) & (time <= end)]
+    return Metrics(_largest(displacement), _rms(displacement), *_peak(frequency, amplitude, scale.peak_band_hz), covered)
 
 
-def _peak(frequency: Real, amplitude: Real) -> tuple[float, float]:
-    inside = np.flatnonzero((frequency >= PEAK_BAND_HZ[0]) & (frequency <= PEAK_BAND_HZ[1]))
+def _peak(frequency: Real, amplitude: Real, band_hz: tuple[float, float]) -> tuple[float, float]:
+    inside = np.flatnonzero((frequency >= band_hz[0]) & (frequency <= band_hz[1]))
     top = inside[int(np.argmax(amplitude[inside]))]
     return float(amplitude[top]), float(frequency[top])
 

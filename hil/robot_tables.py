@@ -4,6 +4,7 @@ The values stay apart: a bench file has those that an engineer believes, a robot
 more keys derives its table from the one here.
 """
 
+from collections.abc import Collection
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -16,8 +17,7 @@ from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, Smoo
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 
-CHAIN_AXES = (2, 3, 5)
-"""The axes that move the arm in its vertical plane."""
+AxisNumber = Annotated[int, Field(ge=1, le=6)]
 
 
 class PlantTable(Table):
@@ -86,17 +86,45 @@ class NotchTable(NotchShape):
 
 
 class Geometry(Table):
-    """The planar chain of axes 2, 3 and 5."""
+    """The planar chain that moves the tip in its vertical plane.
 
+    Attributes:
+        axes: Numbers of its three axes, from the base on: shoulder, elbow, wrist.
+        shoulder_offset_m: From axis 1 to the shoulder, horizontally.
+        shoulder_height_m: Height of the shoulder.
+        upper_arm_m: From the shoulder to the elbow.
+        forearm_m: From the elbow to the wrist, along and across.
+        tool_m: From the wrist to the tip.
+    """
+
+    axes: tuple[AxisNumber, AxisNumber, AxisNumber] = (2, 3, 5)
     shoulder_offset_m: float
     shoulder_height_m: float
     upper_arm_m: Positive
     forearm_m: tuple[Positive, float]
     tool_m: Positive
 
+    @model_validator(mode="after")
+    def _three_axes(self) -> Self:
+        if len(set(self.axes)) != len(self.axes):
+            raise ValueError(f"axes {', '.join(map(str, self.axes))}: the chain has three different axes")
+        return self
+
+    def check_axes(self, present: Collection[int], what: str) -> None:
+        """Refuse a robot that lacks an axis of the chain.
+
+        Raises:
+            ValueError: An axis is missing; the message says what to put into the file.
+        """
+        if not set(self.axes) <= set(present):
+            raise ValueError(
+                f"{what} needs axes {', '.join(map(str, self.axes))}, there are {', '.join(map(str, sorted(present)))}: put the "
+                "numbers of shoulder, elbow and wrist into geometry, axes = [2, 3, 5]"
+            )
+
     def chain(self) -> PlanarChain:
         """The arm for trajectories and the tip."""
-        return PlanarChain(**self.model_dump())
+        return PlanarChain(**self.model_dump(exclude={"axes"}))
 
 
 class Point(Table):

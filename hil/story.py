@@ -32,7 +32,7 @@ from hil.experiments import notch_design
 from hil.experiments.ate.on_bus import identify_ate
 from hil.experiments.ate.request import AteRequest
 from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot, plan
-from hil.experiments.comparison.run import ComparisonOutcome, compare, request_entry
+from hil.experiments.comparison.run import ComparisonOutcome, any_emulated, compare, request_entry
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
 from hil.experiments.treatment import Knowledge
@@ -50,6 +50,7 @@ TREATMENTS: tuple[TreatmentName, ...] = ("none", "notch", "notch-designed", "can
 AXES = (2, 3)
 EXPERIMENTS = ("constant-acceleration", "line-motion")
 
+_REFERENCE = re.compile(r'reference = "paper"[^\n]*\n')
 _MODEL = re.compile(r"\n\[axis\.\d\.model\]\n(?:[^\n]+\n)+")
 
 
@@ -79,8 +80,8 @@ class StoryOutcome:
 
 
 def bench_without_model(name: str = NAME) -> str:
-    """Text of the reference bench file without plants and transmission errors."""
-    text = _MODEL.sub("\n", REFERENCE.read_text(encoding="utf-8"))
+    """Text of the reference bench file without plants and transmission errors, and no longer as the paper's robot."""
+    text = _REFERENCE.sub("", _MODEL.sub("\n", REFERENCE.read_text(encoding="utf-8")))
     return text.replace('name = "reference"', f'name = "{name}"')
 
 
@@ -94,6 +95,7 @@ class _Teller:
     effort: Effort
     reporter: Reporter
     steps: list[StoryStep] = field(default_factory=list)
+    emulated: list[bool | None] = field(default_factory=list)
 
     @property
     def model(self) -> Path:
@@ -124,6 +126,7 @@ class _Teller:
     def identify_plant(self, axis: int) -> tuple[str, str]:
         where = self.out / f"identify-plant-axis{axis}"
         outcome = run_identify_plant(self.bench, PlantRequest(axis), where, model=self.model, reporter=self.reporter)
+        self.emulated.append(outcome.result.emulated)
         write_plant_report(where)
         if outcome.failure is not None:
             raise outcome.failure
@@ -143,6 +146,7 @@ class _Teller:
     def identify_ate(self, axis: int) -> tuple[str, str]:
         where = self.out / f"identify-ate-axis{axis}"
         outcome = identify_ate(self.bench, AteRequest(axis), where, load_identified(self.model), reporter=self.reporter)
+        self.emulated.append(outcome.result.emulated)
         write_ate_report(where)
         if outcome.failure is not None:
             raise outcome.failure
@@ -266,6 +270,7 @@ def tell(
         started_utc=comparisons[0].result.started_utc if comparisons else started,
         request=request_entry(request),
         robots=comparisons[0].result.robots if comparisons else [],
+        emulated=any_emulated([*teller.emulated, *(one.result.emulated for one in comparisons)]),
         story=part,
     )
     result.write(out / RESULT_FILE)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -14,6 +15,8 @@ from types import FrameType
 from typing import Any, Self
 
 import typer
+
+from drive_profiles.cli.tables import lines
 
 
 class ToolExitStatus(IntEnum):
@@ -87,11 +90,11 @@ WRITE_EPILOG = epilog((*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED))
 def exit_on_error() -> Iterator[None]:
     """Turn the package's errors into their message and exit status; never a traceback for what the user can mend."""
     from drive_profiles.address import AddressError  # noqa: PLC0415
-    from drive_profiles.errors import DriveProfileError, ProfileNotFoundError  # noqa: PLC0415
+    from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError  # noqa: PLC0415
 
     try:
         yield
-    except (AddressError, ProfileNotFoundError) as error:
+    except (AddressError, ProfileNotFoundError, UnknownProductError) as error:
         raise fail(str(error), ExitStatus.USAGE) from None
     except DriveProfileError as error:
         raise fail(str(error), error.exit_code) from None
@@ -111,7 +114,7 @@ def print_json(document: Any) -> None:
 
 
 def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, err: bool = False) -> None:
-    """Print a rich table on a terminal, and tab-separated columns for cut and awk elsewhere.
+    """Print a table in aligned columns: as wide as the terminal, or as wide as it is where there is none.
 
     Args:
         title: Title above the table; empty for none.
@@ -119,23 +122,12 @@ def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], 
         rows: Cells, row by row.
         err: Print on standard error.
     """
-    from rich.console import Console  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
-
-    console = Console(stderr=err)
-    if not console.is_terminal:
-        if title:
-            typer.echo(f"\n# {title}", err=err)
-        for row in (header, *rows):
-            typer.echo("\t".join(row), err=err)
-        return
-    shown = Table(title=title or None, title_justify="left")
-    for column in header:
-        shown.add_column(column, overflow="fold")
-    for row in rows:
-        shown.add_row(*(Text(cell) for cell in row))  # a name is not markup
-    console.print(shown)
+    stream = sys.stderr if err else sys.stdout
+    width = shutil.get_terminal_size().columns if stream.isatty() else None
+    if title:
+        typer.echo(f"\n{title}", err=err)
+    for line in lines(header, rows, width):
+        typer.echo(line, err=err)
 
 
 @contextlib.contextmanager

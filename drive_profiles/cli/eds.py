@@ -27,6 +27,8 @@ EDS_EPILOG = epilog(
 app = Tool("eds", "Device descriptions of any vendor (EDS, DCF, XDD): check, show, convert.", EDS_EPILOG, is_group=True)
 NodeId = Annotated[int | None, typer.Option("--node-id", min=1, max=127, help="For $NODEID; counts before that of the file.")]
 File = Annotated[Path, typer.Argument(metavar="FILE", help="An EDS, DCF, XDD or XDC file.")]
+_REAL_DIGITS = 7
+"""Digits of a file's real numbers: all that a REAL32 has."""
 _ADDRESS = re.compile(r"(?:0x)?([0-9a-f]{4})h?(?:(?:sub|:|\.)(?:0x)?([0-9a-f]{1,2})h?)?", re.IGNORECASE)
 
 
@@ -220,19 +222,29 @@ def _shown(name: str, value: object) -> str:
 
 
 def _row(row: dict[str, Any]) -> tuple[str, ...]:
-    default = "" if row["default"] is None else str(row["default"])
-    low, high = ("" if row[key] is None else str(row[key]) for key in ("low", "high"))
+    default, low, high, value = (_value(row, row[key]) for key in ("default", "low", "high", "value"))
     name = row["name"] if row["name"] == row["object"] else f"{row['object']} / {row['name']}"
     return (
         f"{row['index']:04X}:{row['subindex']:02X}",
         name,
         row["type"],
         row["access"],
-        f"{default} with node-ID" if row["relative"] else _printable(default),
+        f"{default} with node-ID" if row["relative"] else default,
         f"{low}..{high}" if low or high else "",
         "yes" if row["mappable"] else "no",
-        "" if row["value"] is None else _printable(str(row["value"])),
+        value,
     )
+
+
+def _value(row: dict[str, Any], held: float | str | None) -> str:
+    """Number of an object as people read it, text as it is."""
+    from drive_profiles.standard import shown
+    from drive_profiles.standard.cia301 import DataType
+
+    if held is None:
+        return ""
+    data_type = DataType.__members__.get(row["type"])
+    return _printable(shown.value(held, (row["index"], row["subindex"]), data_type, digits=_REAL_DIGITS))
 
 
 def _printable(text: str) -> str:

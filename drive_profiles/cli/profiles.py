@@ -10,8 +10,10 @@ import typer
 
 from drive_profiles.cli.console import FILE_EPILOG, exit_on_error, print_json, table
 from drive_profiles.cli.options import JsonOption, ProfileName
+from drive_profiles.standard.shown import number, unit
 
 if TYPE_CHECKING:
+    from drive_profiles.family.parameter import Parameter
     from drive_profiles.family.profile import Profile
 
 
@@ -22,9 +24,12 @@ def mount(app: typer.Typer) -> None:
 
 
 def list_profiles(*, as_json: JsonOption = False) -> None:
-    """List the profiles of the package: what each can do for a variable notch, and why.
+    """List the profiles of the package, and what each can do for a variable notch; `show` has the reasons.
 
-    Example: drive-profiles list --json
+    Examples:
+        drive-profiles list
+
+        drive-profiles list --json
     """
     from drive_profiles.family.profile import Profile, available
 
@@ -38,6 +43,7 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
                     "title": p.title,
                     "kind": p.kind,
                     **p.identity.model_dump(),
+                    "products": [_product(member) for member in p.members] if p.products else [],
                     "capabilities": None if p.capabilities is None else p.capabilities.model_dump(),
                 }
                 for p in profiles
@@ -48,11 +54,11 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
     for p in profiles:
         able = p.capabilities
         if able is None:
-            rows.append((p.name, p.kind, "-", "-", "-", "-"))
+            rows.append((p.name, p.kind, "-", "-", "-"))
             continue
         answers = (able.p_pi_inside, able.notch_inside, able.host_closed)
-        rows.append((p.name, p.kind, *(each.answer for each in answers), able.notch_inside.reason))
-    table("", ("name", "kind", "P-PI inside", "notch inside", "host-closed", "of the notch"), rows)
+        rows.append((p.name, p.kind, *(each.answer for each in answers)))
+    table("", ("name", "kind", "P-PI inside", "notch inside", "host-closed"), rows)
 
 
 def show(
@@ -73,10 +79,16 @@ def show(
         return
     table("", ("fact", "value", "evidence"), _facts(profile))
     if profile.capabilities is not None:
-        rows = [(name.replace("_", " "), entry.answer, entry.reason) for name, entry in profile.capabilities]
+        rows = [
+            (_CAPABILITIES.get(name, name.replace("_", " ")), entry.answer, entry.reason) for name, entry in profile.capabilities
+        ]
         table("capabilities", ("what", "answer", "reason"), rows)
+    if profile.products:
+        members = [_product(member) for member in profile.members]
+        title = f"products: drive-profiles show {profile.name}/PRODUCT"
+        table(title, tuple(members[0]), [tuple(member.values()) for member in members])
     if profile.quirks:
-        table("good to know", ("what",), [(text,) for text in profile.quirks])
+        table("good to know", ("",), [(text,) for text in profile.quirks])
     table(
         "parameters",
         ("name", "object", "type", "unit", "step on the wire", "access", "class", "acts", "evidence"),
@@ -85,8 +97,8 @@ def show(
                 name,
                 entry.written_address,
                 entry.data_type,
-                entry.unit,
-                entry.step,
+                unit(profile.unit_of(name)),
+                _step(entry),
                 entry.access,
                 entry.parameter_class,
                 {"now": "now", "disabled": "set while disabled", "reset": "after a reset"}[entry.effective],
@@ -97,11 +109,36 @@ def show(
     )
 
 
+def _product(member: Profile) -> dict[str, str]:
+    identity = member.identity
+    type_ = "not known" if identity.device_type is None else f"0x{identity.device_type:08X}"
+    return {
+        "product": identity.product,
+        "title": member.title,
+        "product code": "not known" if identity.product_code is None else f"0x{identity.product_code:08X}",
+        "firmware": identity.range_in_words or "any",
+        "device type": type_,
+        "parameters": str(len(member.parameters)),
+        "evidence": identity.evidence,
+    }
+
+
+_CAPABILITIES = {"p_pi_inside": "P-PI inside", "host_closed": "host-closed"}
+
+
+def _step(entry: Parameter) -> str:
+    """Value of one step on the wire, where it is not simply the number."""
+    if isinstance(entry.scale, str):
+        return entry.step
+    return "" if entry.scale == 1.0 else f"{number(entry.scale)} {unit(entry.unit)}".rstrip()
+
+
 def _facts(profile: Profile) -> list[tuple[str, ...]]:
     identity, sync, store = profile.identity, profile.sync, profile.store
-    products = ", ".join(f"0x{code:08X}" for code in identity.product_codes) or "not known"
+    codes = [member.identity.product_code for member in profile.members]
+    products = ", ".join("not known" if code is None else f"0x{code:08X}" for code in codes)
     facts: list[tuple[str, ...]] = [
-        ("name", profile.name, ""),
+        ("name", profile.label, ""),
         ("title", profile.title, ""),
         ("kind", profile.kind, ""),
         (
@@ -120,14 +157,14 @@ def _facts(profile: Profile) -> list[tuple[str, ...]]:
     if profile.loop is not None:
         period = profile.loop.period_s
         facts.append(("loop", profile.loop.structure, profile.loop.evidence))
-        facts.append(("control period", "not known" if period is None else f"{1e6 * period:g} us", profile.loop.evidence))
+        facts.append(("control period", "not known" if period is None else f"{1e6 * period:g} µs", profile.loop.evidence))
     if profile.notch is not None:
         notch = profile.notch
         span = f"{_or_unknown(notch.min_frequency_hz)} to {_or_unknown(notch.max_frequency_hz)} Hz"
         facts.append(("filter", f"{notch.form}, {len(notch.sections)} sections, {span}, on the {notch.place}", notch.evidence))
     if profile.torque is not None:
         rated = profile.torque.rated_torque
-        step = f"{rated}, steps of {profile.torque.rated_torque_step_nm:g} N·m"
+        step = f"{rated}, steps of {number(profile.torque.rated_torque_step_nm)} N·m"
         facts.append(("rated torque", "not known" if rated is None else step, profile.torque.evidence))
     return facts
 

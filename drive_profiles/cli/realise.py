@@ -82,7 +82,7 @@ def realise(
 def _show(profile: Profile, realisation: Realisation) -> None:
     target, held, off = realisation.target, realisation.held, realisation.deviations
     match = "exact" if realisation.is_exact else "approximate"
-    typer.echo(f"{realisation.profile}: {match}, filter period {1e6 * realisation.period_s:g} us")
+    typer.echo(f"{realisation.profile}: {match}, filter period {1e6 * realisation.period_s:g} µs")
     for reason in realisation.reasons:
         typer.echo(f"  {reason}")
     wanted_db, held_db = (shape.gain_db(target.zero_hz) for shape in (target.shape, held))
@@ -142,7 +142,7 @@ def gains(
     if profile.loop is not None and profile.loop.structure == "PID":
         pid = pid_gains(position_gain, velocity_gain, velocity_integral_gain)
     if as_json:
-        facts = {"profile": profile.name, "values": values, "pid": dataclasses.asdict(pid) if pid else None}
+        facts = {"profile": profile.label, "values": values, "pid": dataclasses.asdict(pid) if pid else None}
         print_json(facts)
         return
     rows = [(n, profile.parameter(n).written_address, f"{v:.9g}", profile.parameter(n).unit) for n, v in values.items()]
@@ -159,7 +159,7 @@ def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact:
     from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet
 
     identity = profile.identity
-    header = Header(profile=profile.name, vendor_id=identity.vendor_id, product_code=None, unverified=_why_unverified(fact))
+    header = Header(profile=profile.label, vendor_id=identity.vendor_id, product_code=None, unverified=_why_unverified(fact))
     items = {name: Item(value=value, unit=profile.parameter(name).unit) for name, value in values.items()}
     with exit_on_error():
         ParameterSet(header=header, tuning=items).save(out)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.completion import complete_nodes, complete_values
 from drive_profiles.cli.console import WRITE_EPILOG, ExitStatus, exit_on_error, fail
 from drive_profiles.cli.options import (
     ALL,
@@ -28,7 +29,6 @@ from drive_profiles.cli.options import (
     UnverifiedOption,
     YesOption,
     class_names,
-    complete_objects,
 )
 from drive_profiles.cli.transact import TransactionRequest, transact
 
@@ -48,7 +48,12 @@ def upload(
         list[Path], typer.Argument(metavar="SET", help="One parameter set (or DCF, concise DCF) for all nodes, or one each.")
     ],
     bus: BusOption,
-    node: Annotated[list[int], typer.Option("--node", min=1, max=127, help="Node-ID; again for several drives: all or none.")],
+    node: Annotated[
+        list[int],
+        typer.Option(
+            "--node", min=1, max=127, help="Node-ID; again for several drives: all or none.", autocompletion=complete_nodes
+        ),
+    ],
     *,
     dry_run: DryRunOption = False,
     yes: YesOption = False,
@@ -59,6 +64,9 @@ def upload(
     allow_unverified: UnverifiedOption = False,
     force_commissioning: Annotated[
         bool, typer.Option("--force-commissioning", help="Write one device's commissioning values to another.")
+    ] = False,
+    other_device: Annotated[
+        bool, typer.Option("--other-device", help="Write a set that was pulled from another device; --yes does not cover that.")
     ] = False,
     journals: JournalsOption = JOURNALS,
     profile: ProfileOption = None,
@@ -73,8 +81,7 @@ def upload(
 
         drive-profiles upload axis2.toml axis3.toml --bus socketcan:can0 --node 2 --node 3 --store
     """
-    from drive_profiles.parameter_set.formats import is_toml
-    from drive_profiles.parameter_set.parameters import ParameterSet
+    from drive_profiles.parameter_set.formats import header_of
     from drive_profiles.upload.result import UploadOptions
 
     if len(set(node)) != len(node):
@@ -84,18 +91,26 @@ def upload(
     if reset and not store:
         raise fail("--reset without --store would only undo the upload", ExitStatus.USAGE)
     options = UploadOptions(
-        class_names(classes), store, reset, rollback_on_error, allow_unverified, force_commissioning, journals=journals
+        class_names(classes),
+        store,
+        reset,
+        rollback_on_error,
+        allow_unverified,
+        force_commissioning,
+        other_device,
+        journals=journals,
     )
     with exit_on_error():
-        loaded: list[ParameterSet | Path] = [ParameterSet.load(path) if is_toml(path) else path for path in sets]
-        pairs = list(zip(node, loaded * len(node) if len(loaded) == 1 else loaded, strict=True))
+        for path in sets:
+            header_of(path)  # a file that cannot be read is said before the bus is opened
+        pairs = list(zip(node, sets * len(node) if len(sets) == 1 else sets, strict=True))
         transact(TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json), pairs)
 
 
 def set_(
     values: Annotated[
         list[str],
-        typer.Argument(metavar="OBJECT=VALUE", help="Values in the parameters' units.", autocompletion=complete_objects),
+        typer.Argument(metavar="OBJECT=VALUE", help="Values in the parameters' units.", autocompletion=complete_values),
     ],
     bus: BusOption,
     node: NodeOption,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import queue
 import threading
@@ -19,11 +20,14 @@ _INTERFACES = {LOCAL: PYTHON_CAN_LOCAL}
 """Interfaces that python-can knows by another name than ours."""
 _FILTERS = [
     {"can_id": FunctionCode.SDO_RESPONSE, "can_mask": 0x780, "extended": False},
+    {"can_id": FunctionCode.SDO_REQUEST, "can_mask": 0x780, "extended": False},  # those of other clients
     {"can_id": FunctionCode.HEARTBEAT, "can_mask": 0x780, "extended": False},
 ]
 _FUNCTION = 0x780
 _POLL_S = 0.05
 _BACKLOG = 256
+_ECHOES = 64
+"""Number of own requests that are remembered, by which an adapter's echo is known."""
 _SCAN_BURST = 8
 """Number of requests that a scan sends together: the queue of a small adapter holds so many."""
 
@@ -35,9 +39,16 @@ class _Line:
         self._bus = bus
         self.answers: queue.Queue[bytes] = queue.Queue(_BACKLOG)
         self.boots = 0
+        self.requests_of_others = 0
+        self._sent: collections.deque[bytes] = collections.deque(maxlen=_ECHOES)
 
     def send(self, can_id: int, data: bytes) -> None:
+        self._sent.append(bytes(data))
         self._bus.send(can_id, data)
+
+    def on_request(self, data: bytes) -> None:
+        """Count a request to the node that is on the bus and is not ours; some adapters return what they have sent."""
+        self.requests_of_others += data not in self._sent
 
     def receive(self, timeout_s: float) -> bytes | None:
         """Wait for the next answer; raise when the bus is lost, rather than wait in vain."""
@@ -122,7 +133,8 @@ class SdoBus:
             raise ValueError(f"node-ID {node} is not in 1 to {MAX_NODE_ID}")
         if node not in self._ports:
             self._lines[node] = _Line(self)
-            self._ports[node] = SdoPort(node, self._lines[node], self.timeout_s)
+            line = self._lines[node]
+            self._ports[node] = SdoPort(node, line, self.timeout_s, lambda: line.requests_of_others)
         return self._ports[node]
 
     def nmt(self, command: NmtCommand, node: int) -> None:
@@ -153,7 +165,7 @@ class SdoBus:
             self.port(node)
             self._lines[node].clear()
         for count, node in enumerate(nodes, 1):
-            self.send(FunctionCode.SDO_REQUEST + node, b"\x40\x00\x10\x00\x00\x00\x00\x00")
+            self._lines[node].send(FunctionCode.SDO_REQUEST + node, b"\x40\x00\x10\x00\x00\x00\x00\x00")
             if count % _SCAN_BURST == 0:
                 time.sleep(0.002)
         deadline = time.monotonic() + self.timeout_s
@@ -179,5 +191,7 @@ class SdoBus:
             if function == FunctionCode.SDO_RESPONSE and node in self._lines:
                 with contextlib.suppress(queue.Full):  # a babbling node loses its own answers
                     self._lines[node].answers.put_nowait(bytes(message.data))
+            elif function == FunctionCode.SDO_REQUEST and node in self._lines:
+                self._lines[node].on_request(bytes(message.data))
             elif function == FunctionCode.HEARTBEAT and bytes(message.data) == b"\0" and node in self._lines:
                 self._lines[node].boots += 1

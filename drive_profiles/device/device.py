@@ -9,7 +9,16 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 
 from drive_profiles.device.sdo import SdoPort
-from drive_profiles.errors import DriveProfileError, NoAnswerError, NodeError, OutOfRangeError, RefusedError, SdoAbortedError
+from drive_profiles.errors import (
+    BusError,
+    DriveProfileError,
+    NoAnswerError,
+    NodeError,
+    OutOfRangeError,
+    RefusedError,
+    SdoAbortedError,
+    SharedNodeError,
+)
 from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
 from drive_profiles.family.profile import Profile
 from drive_profiles.parameter_set.parameters import CLASSES, Header, Item, ParameterSet, Write, is_command, item_of
@@ -77,6 +86,7 @@ class Device:
         self._counts: int | None = None
         self._feed: dict[str, int] = {}
         self._torque_nm: float | None = None
+        self._without_scaling: set[str] = set()
 
     @property
     def node(self) -> int:
@@ -229,10 +239,22 @@ class Device:
 
     def _scaling_for(self, entry: CatalogueEntry) -> Scaling | None:
         """Scaling for one object; None where it cannot be read."""
+        scale = str(entry.parameter.scale) if entry.parameter is not None and entry.needs_scaling else ""
+        if scale in self._without_scaling:
+            return None
         try:
             return self.scaling([entry])
         except (RefusedError, OutOfRangeError, SdoAbortedError):
             return None
+        except NoAnswerError:
+            self._check_that_it_answers()
+            self._without_scaling.add(scale)  # asked once: each time would cost two time-outs
+            return None
+
+    def _check_that_it_answers(self) -> None:
+        """Raise `NoAnswerError` unless the device still answers, after an object for which it did not."""
+        with contextlib.suppress(SdoAbortedError):
+            _read(self.port, (0x1000, 0))
 
     def _counts_per_rev(self) -> int:
         facts = self.profile.encoder if self.profile else None
@@ -283,28 +305,40 @@ class Device:
     ) -> ParameterSet:
         """Read every value that could be written back, as a parameter set.
 
-        Values that the device refuses to give, or that make no sense, are listed in the header's ``not_read``.
+        Values that the device refuses to give, for which it is silent, or that make no sense, are listed in the header's
+        ``not_read``; so are the objects that the EDS keeps out of a scan or a download (``ObjFlags``).
 
         Args:
             classes: Parameter classes to read.
             progress: Called after each object with the number read and the total.
 
         Raises:
-            NoAnswerError: The device does not answer.
+            NoAnswerError: The device does not answer any more.
+            BusError: The bus was lost.
         """
         identity = self.identify()
-        wanted = [
+        known = [
             e
             for e in self.catalogue
             if e.is_readable and e.is_writable and not is_command(e.address) and e.parameter_class in classes
         ]
+        wanted = [entry for entry in known if not entry.flags]
         held = _PulledValues()
+        if kept_out := ", ".join(str(entry) for entry in known if entry.flags):
+            held.not_read.append(f"{kept_out}: kept out of scans or downloads by the ObjFlags of the EDS")
         for number, entry in enumerate(wanted, 1):
             try:
                 data = self.read(entry.address)
                 key, item = item_of(entry, data, self._scaling_for(entry))
-            except NodeError:
+            except BusError:
                 raise
+            except NoAnswerError as error:
+                try:
+                    self._check_that_it_answers()
+                except NoAnswerError:
+                    raise error from None
+                held.not_read.append(f"{entry}: {error.what}")
+                continue
             except (ValueError, DriveProfileError) as error:
                 held.not_read.append(f"{entry}: {error}")
                 continue
@@ -316,7 +350,7 @@ class Device:
     def _header(self, identity: DeviceIdentity, not_read: tuple[str, ...]) -> Header:
         now = datetime.datetime.now(datetime.UTC)
         return Header(
-            profile=self.profile.name if self.profile else "",
+            profile=self.profile.label if self.profile else "",
             node_id=self.node,
             title=identity.name,
             vendor_id=identity.vendor_id,
@@ -326,7 +360,9 @@ class Device:
             firmware=identity.firmware,
             date=now.isoformat(timespec="seconds"),
             not_read=not_read,
-        )
+            counts_per_rev=self._counts,
+            rated_torque_nm=self._torque_nm,
+        ).model_copy(update=self._feed)
 
 
 @dataclass
@@ -349,7 +385,10 @@ def identity_at(port: SdoPort) -> DeviceIdentity:
         return None if data is None or not 1 <= len(data) <= 4 else int.from_bytes(data, "little")
 
     def text(index: int) -> str:
-        data = _ask(port, (index, 0)) or b""
+        try:
+            data = _ask(port, (index, 0)) or b""
+        except NoAnswerError:  # a name is not worth more; a node that is gone does not answer the next read either
+            data = b""
         return "".join(c for c in data.decode("latin-1") if c.isprintable()).strip()[:64]
 
     return DeviceIdentity(
@@ -376,5 +415,8 @@ def _read(port: SdoPort, address: ObjectAddress, name: str = "") -> bytes:
     """Read an object, and once more where no answer comes: reading changes nothing."""
     try:
         return port.read(address, name)
-    except NoAnswerError:
-        return port.read(address, name)
+    except NoAnswerError as first:
+        try:
+            return port.read(address, name)
+        except NoAnswerError as second:  # the first names the object; the second may name only what follows a time-out
+            raise second if isinstance(second, SharedNodeError) else first from None

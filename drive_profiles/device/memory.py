@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drive_profiles.device.device import Device
-from drive_profiles.errors import RefusedError, SdoAbortedError
+from drive_profiles.errors import NoAnswerError, RefusedError, SdoAbortedError
 from drive_profiles.family.capability import StoreFacts
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.object_address import ObjectAddress, object_address
@@ -14,6 +14,10 @@ _STANDARD = StoreFacts(
     object="1010:1", restore="1011:1", wait_s=5.0, source="CiA 301, 7.5.2.13 and 7.5.2.14", evidence="definition"
 )  # fmt: skip
 """The commands of CiA 301, for a device without a profile."""
+
+_STANDARD_OBJECTS = (0x1010, 0x1011)
+_ON_COMMAND, _BY_ITSELF = 1, 2
+"""Bits of 1010h and 1011h when they are read (CiA 301, 7.5.2.13 and 7.5.2.14)."""
 
 _NOTHING_DONE = frozenset({
     SdoAbortCode.NOT_STORED, SdoAbortCode.LOCAL_CONTROL, SdoAbortCode.DEVICE_STATE, SdoAbortCode.NO_OBJECT,
@@ -42,14 +46,42 @@ class MemoryCommand:
         """Address of the object."""
         return object_address(self.written_address)
 
+    def check(self, device: Device) -> None:
+        """Check that the device carries the command out when it is told to, as bit 0 of the standard's object says.
+
+        Raises:
+            RefusedError: The device says that it does not.
+        """
+        if self.address[0] not in _STANDARD_OBJECTS:
+            return  # a vendor's own object, of which nothing is known
+        try:
+            data = device.read(self.address)
+        except SdoAbortedError:
+            return  # it does not say; the command itself will
+        held = int.from_bytes(data, "little")
+        if not held & _ON_COMMAND:
+            by_itself = "; it stores by itself" if held & _BY_ITSELF and self.address[0] == _STANDARD_OBJECTS[0] else ""
+            what = f"{self.written_address} holds 0x{held:X}, of which bit 0 is 0: it does not {self.name} on command{by_itself}"
+            raise RefusedError(f"node {device.node}: {what}")
+
     def give(self, device: Device) -> None:
-        """Send the command to a device.
+        """Send the command to a device, and read its object back: the device answers again when it has done.
 
         Raises:
             SdoAbortedError: The device refuses, or fails: see `has_done_nothing`.
             NoAnswerError: The device does not answer; it may have carried the command out.
         """
         device.write(self.address, self.signature.to_bytes(4, "little"), f"the {self.name} signature", self.wait_s)
+        for patience in range(1 + round(self.wait_s / device.port.timeout_s), 0, -1):
+            try:
+                device.read(self.address)
+            except SdoAbortedError:
+                return  # an object that is not read; an answer all the same
+            except NoAnswerError:
+                if patience == 1:
+                    raise
+            else:
+                return
 
 
 def store_command(device: Device) -> MemoryCommand:
@@ -82,4 +114,4 @@ def has_done_nothing(error: SdoAbortedError) -> bool:
 
 
 def _who(device: Device) -> str:
-    return f"a {device.profile.name}" if device.profile else "a device of no known profile"
+    return f"a {device.profile.label}" if device.profile else "a device of no known profile"

@@ -12,7 +12,7 @@ from canopen.sdo.client import SdoClient, WritableStream
 from canopen.sdo.exceptions import SdoAbortedError as CanopenAbort
 from canopen.sdo.exceptions import SdoCommunicationError
 
-from drive_profiles.errors import NoAnswerError, SdoAbortedError
+from drive_profiles.errors import NoAnswerError, SdoAbortedError, SharedNodeError
 from drive_profiles.standard.cia301 import FunctionCode, SdoAbortCode, abort_text
 from drive_profiles.standard.object_address import ObjectAddress
 
@@ -29,6 +29,8 @@ _NAMED_ANSWERS = (2, 3, 4)
 _DOWNLOAD_ANSWER = 3
 _DOWNLOAD_REQUEST = 1
 _ABORT = 0x80
+_ENTANGLED = frozenset({SdoAbortCode.TOGGLE_BIT, SdoAbortCode.TIMED_OUT, SdoAbortCode.UNKNOWN_COMMAND, SdoAbortCode.GENERAL})
+"""Aborts with which a server ends a transfer into which another client has spoken."""
 _OBJECT = struct.Struct("<HB")
 _SEGMENT = 7
 MAX_STRANGERS = 64
@@ -84,6 +86,7 @@ class SdoPort(SdoClient):
     Attributes:
         refusal: Error raised where the node refuses; a user with errors of its own derives this class and names them.
         silence: Error raised where the node is silent; likewise.
+        shared: Error raised instead where requests of another client to the node have been seen.
         node: Node-ID.
         timeout_s: Time that an answer may take, s.
         strays: Objects whose writing the node has confirmed although this port did not write them.
@@ -91,9 +94,19 @@ class SdoPort(SdoClient):
 
     refusal: type[SdoAbortedError] = SdoAbortedError
     silence: type[NoAnswerError] = NoAnswerError
+    shared: type[NoAnswerError] = SharedNodeError
 
-    def __init__(self, node: int, line: SdoLine, timeout_s: float = 0.5) -> None:
-        """Join a line; nothing is sent."""
+    def __init__(
+        self, node: int, line: SdoLine, timeout_s: float = 0.5, requests_of_others: Callable[[], int] = lambda: 0
+    ) -> None:
+        """Join a line; nothing is sent.
+
+        Args:
+            node: Node-ID.
+            line: Connection to the node.
+            timeout_s: Time that an answer may take, s.
+            requests_of_others: Function that returns the number of requests that other clients have sent to the node.
+        """
         super().__init__(FunctionCode.SDO_REQUEST + node, FunctionCode.SDO_RESPONSE + node, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         self.node = node
         self.timeout_s = timeout_s
@@ -105,6 +118,12 @@ class SdoPort(SdoClient):
         self._written: set[bytes] = set()
         self._wait_s = timeout_s
         self._behind = False
+        self._requests_of_others = requests_of_others
+
+    @property
+    def is_shared(self) -> bool:
+        """True where another SDO client has been seen talking to the node."""
+        return self._requests_of_others() > 0
 
     @property
     def boots(self) -> int:
@@ -138,10 +157,10 @@ class SdoPort(SdoClient):
             with self.open(*address, buffering=0) as stream:  # type: ignore[no-untyped-call]
                 return _bounded(stream)
         except CanopenAbort as error:
-            raise self.refusal(self.node, *address, error.code, abort_text(error.code), name) from error
+            raise self.refusal(self.node, *address, error.code, self._text_of(error.code), name) from error
         except (SdoCommunicationError, struct.error) as error:
             self._behind = True
-            raise self.silence(self.node, f"the read of {_said(address, name)}", self._wait_s) from error
+            raise self._silent(f"the read of {_said(address, name)}", self._wait_s) from error
 
     def write(
         self, address: ObjectAddress, data: bytes, name: str = "", value: object = None, timeout_s: float | None = None
@@ -166,10 +185,10 @@ class SdoPort(SdoClient):
         try:
             self._send(address, data)
         except CanopenAbort as error:
-            raise self.refusal(self.node, *address, error.code, abort_text(error.code), name, f"write of {shown}") from error
+            raise self.refusal(self.node, *address, error.code, self._text_of(error.code), name, f"write of {shown}") from error
         except (SdoCommunicationError, struct.error) as error:
             self._behind = True
-            raise self.silence(self.node, f"the write of {_said(address, name)}", self._wait_s) from error
+            raise self._silent(f"the write of {_said(address, name)}", self._wait_s) from error
 
     def _send(self, address: ObjectAddress, data: bytes) -> None:
         """Download in canopen's segments, without the empty last one that its stream adds, even to a transfer that has failed."""
@@ -200,7 +219,15 @@ class SdoPort(SdoClient):
                 pass  # that is an answer, too
             self._behind = False
             return
-        raise self.silence(self.node, "anything after a time-out", self.timeout_s)
+        raise self._silent("anything after a time-out", self.timeout_s)
+
+    def _silent(self, what: str, after_s: float) -> NoAnswerError:
+        return (self.shared if self.is_shared else self.silence)(self.node, what, after_s)
+
+    def _text_of(self, code: int) -> str:
+        """Words for an abort; two transfers that get into each other's way end with one of the protocol's own."""
+        text = abort_text(code)
+        return f"{text} (another SDO client talks to this node)" if self.is_shared and code in _ENTANGLED else text
 
     # -- what canopen's client calls -----------------------------------------------------------------------------------
 

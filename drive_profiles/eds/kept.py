@@ -19,14 +19,13 @@ from drive_profiles.eds.description import Description
 from drive_profiles.eds.text import EdsSection, Findings, read, section_id
 
 _EXPORTED = {
-    "parametername", "objecttype", "datatype", "accesstype", "defaultvalue", "parametervalue", "pdomapping", "lowlimit", "highlimit",
-    "subnumber", "storagelocation", "compactsubobj", "description", "factor", "unit",
+    "parametername", "objecttype", "datatype", "accesstype", "defaultvalue", "parametervalue", "pdomapping", "lowlimit",
+    "highlimit", "subnumber", "storagelocation", "compactsubobj", "description", "factor", "unit",
 }  # fmt: skip
 """Keys of objects that the exporter writes from the dictionary; a compact notation is written out."""
 _OF_OBJECTS = {"eds": ("ObjFlags",), "dcf": ("ObjFlags", "UploadFile", "DownloadFile", "Denotation", "ParamRefd")}
 _OF_DEVICE = ("ExtendedBootUpMaster", "ExtendedBootUpSlave", "NG_Slave", "NG_Master", "NrOfNG_MonitoredNodes")
 _OF_COMMISSIONING = ("NodeName", "NodeRefd", "NetNumber", "NetworkName", "NetRefd", "CANopenManager", "LSS_SerialNumber")
-_DEVICE_COMMISSIONING = "DeviceComissioning"  # CiA 306 spells it with one m
 _WHOLE = re.compile(
     r"m\d+(?:moduleinfo|fixedobjects|subextends|subext[0-9a-f]*|comments)|supportedmodules|connectedmodules|dynamicchannels|tools"
     r"|tool\d+"
@@ -52,8 +51,8 @@ def with_kept_keys(text: str, description: Description, file_format: Literal["ed
         present = set() if section is None else set(section.entries)
         if section is None and _OBJECT.fullmatch(section_id(name)):
             continue  # an object that could not be read
-        lines = [line for line in lines if line.partition("=")[0].lower() not in present]
-        kept.setdefault(name, {}).update({line.partition("=")[0]: line for line in lines})
+        keys = [line.partition("=")[0] for line in lines]
+        kept.setdefault(name, {}).update((key, line) for key, line in zip(keys, lines, strict=True) if key.lower() not in present)
     inserted: dict[int, list[str]] = {}
     for name, named in kept.items():
         section = written.sections.get(section_id(name))
@@ -73,7 +72,12 @@ def left_out(description: Description, file_format: Literal["eds", "dcf"]) -> li
             kept = {key.lower() for key in _OF_OBJECTS["dcf"]} | _EXPORTED
             strange += [f"[{section.name}] {entry.key}" for key, entry in section.entries.items() if key not in kept]
             of_dcf += sum(bool(section.get(key)) for key in _OF_OBJECTS["dcf"][1:])
-        elif match is None and identity not in _OF_FILE and not _WHOLE.fullmatch(identity) and not re.match(r"[0-9A-F]{4}", identity):
+        elif (
+            match is None
+            and identity not in _OF_FILE
+            and not _WHOLE.fullmatch(identity)
+            and not re.match(r"[0-9A-F]{4}", identity)
+        ):
             foreign.append(f"[{section.name}]")
         elif identity in eds_device.COMMISSIONING:
             of_dcf += bool(section.entries)
@@ -101,7 +105,7 @@ def _kept(description: Description, file_format: Literal["eds", "dcf"]) -> Itera
             dummies = sorted(index for index in description.dictionary.indices if 7 < index < 0x1000)
             yield section.name, [f"Dummy{index:04X}=1" for index in dummies]
         elif identity in eds_device.COMMISSIONING and file_format == "dcf":
-            yield _DEVICE_COMMISSIONING, _lines(section, _OF_COMMISSIONING)
+            yield eds_device.DEVICE_COMMISSIONING, _lines(section, _OF_COMMISSIONING)
         elif _WHOLE.fullmatch(identity):
             yield section.name, [f"{entry.key}={_safe(entry.value)}" for entry in section.entries.values()]
 

@@ -326,7 +326,10 @@ def _decoded(data: bytes, path: Path, findings: Findings) -> tuple[str, str]:
                 ) from error
             findings.warn(1, "", "", "read as UTF-16", "UTF-8 text")
             return text, codec
-    for codec, empty, letters in (("utf-16-le", data[1:_SAMPLE:2], data[:_SAMPLE:2]), ("utf-16-be", data[:_SAMPLE:2], data[1:_SAMPLE:2])):
+    for codec, empty, letters in (
+        ("utf-16-le", data[1:_SAMPLE:2], data[:_SAMPLE:2]),
+        ("utf-16-be", data[:_SAMPLE:2], data[1:_SAMPLE:2]),
+    ):
         if len(empty) > 2 and not any(empty) and all(letters) and len(data) % 2 == 0:  # no text has a NUL at every other place
             with contextlib.suppress(UnicodeDecodeError):
                 text = data.decode(codec)

@@ -60,6 +60,35 @@ class Gain(Table):
     times_torque_constant: bool = False
 
 
+_ROLE_UNITS = {
+    "position_gain_per_s": "1/s",
+    "velocity_gain_nm_s_rad": "N·m·s/rad",
+    "velocity_integral_gain_nm_rad": "N·m/rad",
+    "velocity_integral_time_s": "s",
+    "lowpass_hz": "Hz",
+    "proportional_nm_rad": "N·m/rad",
+    "integral_nm_rad_s": "N·m/(rad·s)",
+    "derivative_nm_s_rad": "N·m·s/rad",
+}
+_PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k"}
+
+
+def gain_unit(role: str, gain: Gain) -> str:
+    """Unit of the number that a drive holds for a gain, such as µA/rad; empty where the scaling is not known.
+
+    Args:
+        role: Name of the gain in `LoopFacts.gains`.
+        gain: Its conversion.
+    """
+    if gain.factor is None:
+        return ""
+    unit = _ROLE_UNITS[role].replace("N·m", "A") if gain.times_torque_constant else _ROLE_UNITS[role]
+    prefix = _PREFIXES.get(gain.factor)
+    if prefix is None or (prefix and unit.startswith("1/")):
+        return f"{gain.factor:.4g} {unit}"
+    return f"{prefix}{unit}"
+
+
 class LoopFacts(Fact):
     """Facts about the drive's own control loop.
 

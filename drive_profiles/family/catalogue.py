@@ -5,17 +5,17 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import canopen
 
 from drive_profiles.eds import Description
-from drive_profiles.errors import AmbiguousNameError, OutOfRangeError, RefusedError, UnknownObjectError
+from drive_profiles.errors import AmbiguousNameError, OutOfRangeError, RefusedError, UnknownObjectError, beyond
 from drive_profiles.family.parameter import Parameter, ParameterClass
 from drive_profiles.family.profile import Profile
-from drive_profiles.standard import units
+from drive_profiles.standard import shown, units
 from drive_profiles.standard.cia301 import DataType, Value, decode, encode
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 from drive_profiles.standard.objects import OBJECTS
@@ -49,6 +49,7 @@ class CatalogueEntry:
         low: Lowest value on the wire that the EDS allows.
         high: Highest value on the wire that the EDS allows.
         parameter_class: Class of the value.
+        flags: ``ObjFlags`` in the EDS: see `eds.variables.ObjectFlag`.
     """
 
     address: ObjectAddress
@@ -59,6 +60,7 @@ class CatalogueEntry:
     low: float | None = None
     high: float | None = None
     parameter_class: ParameterClass = "tuning"
+    flags: int = 0
 
     def __str__(self) -> str:
         """Return address and name."""
@@ -89,6 +91,11 @@ class CatalogueEntry:
         """True where the value of a step depends on the drive's encoder or rated torque."""
         return self.parameter is not None and isinstance(self.parameter.scale, str)
 
+    def without_limits(self) -> CatalogueEntry:
+        """Return the same entry without limits, for values that a device holds whatever they are."""
+        free = None if self.parameter is None else self.parameter.model_copy(update={"minimum": None, "maximum": None})
+        return replace(self, low=None, high=None, parameter=free)
+
     def encoded(self, value: float | str, scaling: Scaling | None = None) -> bytes:
         """Bytes of a value in the object's unit, within the limits of profile *and* EDS.
 
@@ -105,7 +112,7 @@ class CatalogueEntry:
         if isinstance(raw, int | float) and not isinstance(raw, bool):
             low, high = self._limits_on_the_wire()
             if not low <= raw <= high:
-                reason = f"{raw:.10g} on the wire is outside {low:.10g} to {high:.10g}, the limits of the EDS"
+                reason = f"{raw:.10g} on the wire {beyond(low, high)}, the limits of the EDS"
                 raise OutOfRangeError(str(self), value, self.unit, reason)
         return data
 
@@ -167,6 +174,7 @@ class Catalogue:
                 known.low if known is not None and same else None,
                 known.high if known is not None and same else None,
                 parameter.parameter_class,
+                known.flags if known is not None else 0,
             )
         self._entries = dict(sorted(self._entries.items()))
         self._standard = {
@@ -189,6 +197,11 @@ class Catalogue:
     def get(self, address: ObjectAddress) -> CatalogueEntry | None:
         """Entry of an object; None where neither device nor standard has it."""
         return self._entries.get(address) or self._standard.get(address)
+
+    def unit_of(self, entry: CatalogueEntry) -> str:
+        """Unit of an object's value, a gain's included, as people read it; files have that of the entry."""
+        known = entry.unit or (self.profile.unit_of(entry.name) if self.profile and entry.parameter is not None else "")
+        return shown.unit(known)
 
     @property
     def names(self) -> list[str]:
@@ -267,16 +280,17 @@ def _raw(entry: CatalogueEntry, value: float | str) -> Value:
 def _from_eds(description: Description | None) -> Iterator[CatalogueEntry]:
     if description is None:
         return
+    flags = description.flags
     for item in description.dictionary.values():
         if isinstance(item, canopen.objectdictionary.ODVariable):
-            yield _entry(item, item.name)
+            yield _entry(item, item.name, flags)
         else:
             for variable in item.values():
                 name = variable.name if variable.name.startswith(item.name) else f"{item.name}.{variable.name}"
-                yield _entry(variable, name)
+                yield _entry(variable, name, flags)
 
 
-def _entry(variable: Any, name: str) -> CatalogueEntry:
+def _entry(variable: Any, name: str, flags: Mapping[ObjectAddress, int]) -> CatalogueEntry:
     try:
         data_type = DataType(variable.data_type)
     except ValueError:
@@ -291,4 +305,5 @@ def _entry(variable: Any, name: str) -> CatalogueEntry:
         variable.min if numeric else None,
         variable.max if numeric else None,
         "communication" if variable.index in _COMMUNICATION else "tuning",
+        flags.get((variable.index, variable.subindex), 0),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from drive_profiles.device.device import Device, DeviceIdentity
+from drive_profiles.errors import UnknownProductError
 from drive_profiles.parameter_set.parameters import Header, ParameterSet, Write
 from drive_profiles.parameter_set.steps import pdo_of
 from drive_profiles.upload.result import UploadOptions
@@ -22,12 +23,17 @@ def against_identity(device: Device, header: Header, identity: DeviceIdentity, o
     profile, description = device.profile, device.catalogue.description
     reasons: list[str] = []
     if profile is not None:
-        expected, who = profile.identity, f"profile {profile.name}"
+        who = f"profile {profile.label}"
+        reasons += _differs("vendor (1018h:1)", identity.vendor_id, (profile.identity.vendor_id,), who)
+        try:
+            expected = profile.product(identity.product_code, identity.revision).identity
+        except UnknownProductError as error:
+            expected = profile.identity
+            what_to_do = ": a [[product]] in a copy of the profile can name it" if profile.products else ""
+            reasons.append(f"{error}{what_to_do}")
         types = () if expected.device_type is None else (expected.device_type,)
-        reasons += _differs("vendor (1018h:1)", identity.vendor_id, (expected.vendor_id,), who)
-        reasons += _differs("product (1018h:2)", identity.product_code, expected.product_codes, who)
         reasons += _differs("device type (1000h)", identity.device_type, types, who)
-        if not (expected.is_verified and expected.product_codes) and not options.allow_unverified:
+        if not (expected.is_verified and expected.product_code is not None) and not options.allow_unverified:
             reasons.append(f"the identity in {who} is not verified ({expected.source}); --allow-unverified")
     if description is not None:  # 0 and nothing are what an EDS says that does not know
         who = str(description.path)
@@ -43,13 +49,13 @@ def doubts(parameter_set: ParameterSet, identity: DeviceIdentity, writes: Sequen
     """Warnings to the user that do not forbid the upload."""
     header, said = parameter_set.header, []
     if header.revision is not None and identity.revision != header.revision:
-        said.append(f"the set is of revision {header.revision}, the device of {identity.revision}")
+        theirs, own = (_hexadecimal(number) for number in (header.revision, identity.revision))
+        said.append(f"the set is of revision {theirs}, the device of {own}")
     if parameter_set.is_edited:
         said.append("the set has been edited since it was written")
-    theirs = [str(write.entry) for write in writes if write.parameter_class == "limits"]
-    if header.serial_number and header.serial_number != identity.serial_number and theirs:
-        serials = f"serial number {header.serial_number}, this one has {identity.serial_number}"
-        said.append(f"limits of another drive ({serials}): {', '.join(theirs[:5])}{', …' if len(theirs) > 5 else ''}")
+    other = _other_device(header, identity)
+    if other and writes:  # refused unless that was asked for: see `against_values`
+        said.append(f"the set is of another device ({other})")
     return said
 
 
@@ -70,10 +76,37 @@ def against_values(
     reasons = [f"{write.entry}: {why}" for write in guesses]
     if header.unverified and writes and not options.allow_unverified:
         reasons.append(f"the values were made of facts that nobody has verified ({header.unverified}); --allow-unverified")
+    reasons += _foreign_set(header, identity, writes, options)
     reasons += _commissioning(header, identity, writes, options)
     reasons += _foreign_identifiers(header, device.node, writes)
     reasons += _moving_scale(device, writes)
     return reasons
+
+
+def _foreign_set(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:
+    """Refuse a set that was pulled from another device: with a mistyped node-ID a drive gets its neighbour's limits."""
+    theirs = [write for write in writes if write.parameter_class != "commissioning"]  # of these see `_commissioning`
+    other = _other_device(header, identity)
+    if not other or not theirs or options.other_device or options.force_commissioning:
+        return []
+    limits = [str(write.entry) for write in theirs if write.parameter_class == "limits"]
+    among = f"; limits are among its values: {', '.join(limits[:3])}{', …' if len(limits) > 3 else ''}" if limits else ""
+    return [f"the set is of another device ({other}){among}; --other-device writes it all the same"]
+
+
+def _other_device(header: Header, identity: DeviceIdentity) -> str:
+    """Reason why the set is another device's: its serial number, else its node-ID; empty where nothing speaks for that."""
+    if header.serial_number:  # 0 is what a device says that has none
+        if header.serial_number == identity.serial_number:
+            return ""
+        return f"serial number {header.serial_number}, node {identity.node} has {identity.serial_number or 'none'}"
+    if header.node_id in {None, identity.node}:
+        return ""
+    return f"of node {header.node_id}, without a serial number; this is node {identity.node}"
+
+
+def _hexadecimal(number: int | None) -> str:
+    return "none" if number is None else f"0x{number:X}"
 
 
 def _commissioning(header: Header, identity: DeviceIdentity, writes: Sequence[Write], options: UploadOptions) -> list[str]:

@@ -45,6 +45,7 @@ class UploadOptions:
         rollback: Put everything back when something fails.
         allow_unverified: Write values that rest on unverified facts.
         force_commissioning: Write one device's offsets to another.
+        other_device: Write a set that was pulled from another device; its commissioning values need `force_commissioning`.
         limits: Hold raw lines to the limits of profile and EDS; not where the drive's own values go back.
         journals: Folder of the journals.
     """
@@ -55,6 +56,7 @@ class UploadOptions:
     rollback: bool = True
     allow_unverified: bool = False
     force_commissioning: bool = False
+    other_device: bool = False
     limits: bool = True
     journals: Path = Path("drive-journals")
 
@@ -68,11 +70,13 @@ class UploadResult:
         kind: *done*, *rolled back* or *unknown*, as `upload.upload` defines them.
         written: Number of objects that differed and were written.
         unknown: Objects that may hold anything, by address and name.
+        unread: Number of objects of the set that this upload has not written, and that could not be read at its end.
         others: ``new``: all other objects of the set hold the new values; ``old``: they hold their former values.
         stored: ``yes``, ``no``, ``unknown`` or ``again``: the drive has stored the values.
         reason: Reason why the upload was not done.
         journal: Path of the journal; None where nothing had to be written.
         exit_code: Exit status of a command that ends with this result.
+        other_count: Number of all other objects; None where it was not counted.
     """
 
     node: int
@@ -84,6 +88,8 @@ class UploadResult:
     reason: str = ""
     journal: Path | None = None
     exit_code: int = 0
+    unread: int = 0
+    other_count: int | None = None
 
     def __str__(self) -> str:
         """Return the result in words."""
@@ -100,7 +106,13 @@ class UploadResult:
             case "rolled back":
                 return f"node {self.node}: rolled back, everything is as it was{stored}: {self.reason}"
             case _:
-                others = {"new": "all others hold the new values", "old": "all others are as they were"}[self.others]
                 more = len(self.unknown) - _SHOWN
                 named = ", ".join(self.unknown[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
-                return f"node {self.node}: unknown: {named}; {others}{stored}: {self.reason}"
+                return f"node {self.node}: unknown: {named}{self._of_others()}{stored}: {self.reason}"
+
+    def _of_others(self) -> str:
+        """Return what is certain of the objects that are not named; nothing where there are none."""
+        said = f"; {self.unread} more were not written, and could not be read" if self.unread else ""
+        if self.other_count != 0:
+            said += "; all others hold the new values" if self.others == "new" else "; all others are as they were"
+        return said

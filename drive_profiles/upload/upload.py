@@ -4,7 +4,8 @@ The result on each drive is one of
 
 * * *done*: every object of the set has been read back and holds the new value, byte for byte,
 * *rolled back*: every object has been read back and holds its former value,
-* *unknown*: the listed objects could not be shown to hold either; ``others`` tells the state of all others.
+* *unknown*: the listed objects could not be shown to hold either; ``others`` tells the state of all others, but for those that
+  were not written and could not be read at the end, which are counted.
 
 The result also says if the values were stored. A write is never repeated before the drive's value has been read again.
 """
@@ -110,6 +111,8 @@ class Upload:
         self._old |= {address: self._before(address) for address in mapped(self._goal, self._old)}
         self._goal |= {address: data for address, data in self._old.items() if address not in self._goal}
         self._steps = steps(self._goal, self._old)
+        if self.options.store:
+            store_command(self.device).check(self.device)
         if strays := self.device.port.strays:
             names = ", ".join(self.named(address) for address in sorted(strays))
             what = f"a disturbed frame, or another SDO client, has written {names}, whose old value is not known"
@@ -174,7 +177,7 @@ class Upload:
             "revision": identity.revision, "serial_number": identity.serial_number,
         }  # fmt: skip
         names = {write.address: write.entry.name for write in self.writes}
-        profile = self.device.profile.name if self.device.profile else ""
+        profile = self.device.profile.label if self.device.profile else ""
         snapshot = UploadSnapshot(self.device.node, self.bus, facts, profile, self._old, self._goal, names)
         stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime()) + f"-{time.time_ns() % 1_000_000_000:09d}"
         self._journal = Journal(self.options.journals / f"node{self.device.node}-{stamp}.jsonl", snapshot)
@@ -281,14 +284,17 @@ class Upload:
                 return self.end("unknown", tuple(map(self.named, touched)), reason, code)
         self._note("rolling back", reason=reason)
         held = self._put_back()
-        lost = [address for address, data in held.items() if data != self._old[address]]
+        written = {*self._attempted, *self.device.port.strays}
+        unread = [address for address, data in held.items() if data is None and address not in written]
+        lost = [address for address, data in held.items() if data != self._old[address] and address not in unread]
         lost += sorted(self.device.port.strays - set(self._old))
         if store_again and not lost:
             lost += self._store_again()
         elif self.stored != "no":
             lost.append(store_command(self.device).address)
-        if lost:
-            return self.end("unknown", tuple(map(self.named, lost)), reason, code)
+        if lost or unread:
+            # of nothing but unread ones each is named: there is nothing else to say
+            return self.end("unknown", tuple(map(self.named, lost or unread)), reason, code, unread=len(unread) if lost else 0)
         return self.end("rolled back", reason=reason, code=code)
 
     def _put_back(self) -> dict[ObjectAddress, bytes | None]:
@@ -340,7 +346,8 @@ class Upload:
                 held[address] = self.device.read(address)
             except DriveProfileError:
                 held[address] = None
-                self._note("lost", address)
+                if address in self._attempted or address in self.device.port.strays:  # else nothing has been written to it
+                    self._note("lost", address)
             else:
                 self._note("read", address, data=(held[address] or b"").hex())
         for address in self.device.port.strays - set(self._old):
@@ -355,6 +362,7 @@ class Upload:
         code: int = 0,
         *,
         others: Literal["new", "old"] = "old",
+        unread: int = 0,
     ) -> UploadResult:
         """Make the result, and close the journal.
 
@@ -364,6 +372,7 @@ class Upload:
             reason: Reason why the upload was not done.
             code: Exit status of a command that ends with it.
             others: Values that all other objects hold, ``new`` or ``old``.
+            unread: Number of objects that were not written, and that could not be read at the end.
         """
         self._going_back = True
         self._note("outcome", outcome=kind, unknown=list(unknown), reason=reason)
@@ -374,7 +383,10 @@ class Upload:
                 self._journal.close()
             self._journal = None
         others = "new" if kind == "done" else others
-        return UploadResult(self.device.node, kind, len(self.changes), unknown, others, self.stored, reason, path, code)
+        other_count = len({self.named(address) for address in self._old} - {*unknown}) - unread
+        return UploadResult(
+            self.device.node, kind, len(self.changes), unknown, others, self.stored, reason, path, code, unread, other_count
+        )
 
     def _note(self, event: str, address: ObjectAddress | None = None, **more: object) -> None:
         """Add a line to the journal. No write is sent without one, but putting back does not stop for a full disk."""

@@ -29,6 +29,7 @@ class IdentifiedPlant(Table):
         coulomb_friction_nm: Coulomb friction τ_C at the motor; None where no slow run was made.
         gravity_moment_nm: Gravity moment m g l of the arm; None where no slow run was made.
         note: Notes of the engineer: date, load, temperature.
+        emulated: True where it was identified on an emulated robot; None where that was not recorded.
     """
 
     values: PlantTable
@@ -40,6 +41,7 @@ class IdentifiedPlant(Table):
     coulomb_friction_nm: NotNegative | None = None
     gravity_moment_nm: float | None = None
     note: str = ""
+    emulated: bool | None = None
 
 
 class IdentifiedError(Table):
@@ -54,6 +56,7 @@ class IdentifiedError(Table):
         set_point_delay_s: Delay of the motor behind its set-points beyond SYNC period and interpolation.
         learnt_by: Source of the values: `identify` or `adaptive`.
         note: Notes of the engineer: date, load, temperature.
+        emulated: True where it was identified on an emulated robot; None where that was not recorded.
     """
 
     values: TransmissionErrorTable
@@ -64,6 +67,7 @@ class IdentifiedError(Table):
     set_point_delay_s: float = 0.0
     learnt_by: str = "identify"
     note: str = ""
+    emulated: bool | None = None
 
 
 class IdentifiedAxis(Table):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.cli.completion import complete_list, complete_reference
 from drive_profiles.cli.console import fail
 from hil.cli.console import (
     ExitStatus,
@@ -28,7 +29,16 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
-from hil.cli.options import FORMER_SPELLINGS, BusOption, JsonOption, NewOutOption, OverloadOption, TreatmentListOption, YesOption
+from hil.cli.options import (
+    AXES,
+    FORMER_SPELLINGS,
+    BusOption,
+    JsonOption,
+    NewOutOption,
+    OverloadOption,
+    TreatmentListOption,
+    YesOption,
+)
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
@@ -50,12 +60,27 @@ def mount(app: typer.Typer) -> None:
 
 
 def compare(
-    bench_file: Annotated[list[str], typer.Option("--bench", help="Bench file (TOML), or `reference`; again for more robots.")],
+    bench_file: Annotated[
+        list[str],
+        typer.Option(
+            "--bench", help="Bench file (TOML), or `reference`; again for more robots.", autocompletion=complete_reference
+        ),
+    ],
     experiment: Annotated[
-        list[str] | None, typer.Option("--experiment", help="constant-acceleration or line-motion; left out: both.")
+        list[str] | None,
+        typer.Option(
+            "--experiment",
+            help="constant-acceleration or line-motion; left out: both.",
+            autocompletion=complete_list(lambda: EXPERIMENTS),
+        ),
     ] = None,
     axis: Annotated[
-        list[int] | None, typer.Option("--axis", help="Axes of constant-acceleration; left out: those with a filter or a model.")
+        list[int] | None,
+        typer.Option(
+            "--axis",
+            help="Axes of constant-acceleration; left out: those with a filter or a model.",
+            autocompletion=AXES.one,
+        ),
     ] = None,
     treatment: TreatmentListOption = None,
     model: Annotated[list[Path] | None, typer.Option(help="Model file of hil identify; one per robot.")] = None,
@@ -64,7 +89,10 @@ def compare(
     bus: BusOption = None,
     emulate: Annotated[
         list[str] | None,
-        typer.Option(help="Start an emulated robot (its file, or `reference`) for each bench: one for all, or one each."),
+        typer.Option(
+            help="Start an emulated robot (its file, or `reference`) for each bench: one for all, or one each.",
+            autocompletion=complete_reference,
+        ),
     ] = None,
     repeat: Annotated[
         int, typer.Option(min=1, max=100, help="Run each so often and judge the mean, in which the sensor's noise is less.")
@@ -80,11 +108,13 @@ def compare(
     """
     with exit_on_error():
         from hil.bench.bench import load_bench
+
+        _check_buses(bench_file, bus, emulate or [])
+        benches = [load_bench(name) if emulate else bench_on(name, bus) for name in bench_file]
+
         from hil.experiments.comparison.plan import KnownRobot, plan
 
         request = _request(experiment or [], axis or [], treatment or [])
-        _check_buses(bench_file, bus, emulate or [])
-        benches = [load_bench(name) if emulate else bench_on(name, bus) for name in bench_file]
         knowledge = _knowledge(benches, model or [], design or [], learnt or [])
         with ExitStack() as emulators:
             benches = _emulated(benches, emulate or [], emulators)

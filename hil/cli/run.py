@@ -24,6 +24,7 @@ from hil.cli.console import (
     write_page,
 )
 from hil.cli.options import (
+    AXES,
     FORMER_SPELLINGS,
     BenchOption,
     BusOption,
@@ -65,7 +66,9 @@ class ClockName(StrEnum):
 def run(
     experiment: Annotated[ExperimentName, typer.Argument(help="Experiment to run.")],
     bench_file: BenchOption,
-    axis: Annotated[int | None, typer.Option("--axis", help="Axis of a constant-acceleration run.")] = None,
+    axis: Annotated[
+        int | None, typer.Option("--axis", help="Axis of a constant-acceleration run.", autocompletion=AXES.one)
+    ] = None,
     treatment: TreatmentOption = "none",
     model: Annotated[
         Path | None, typer.Option(help=f"Model file of hil identify, for {names_of('model')}; left out: the bench file's.")
@@ -91,19 +94,20 @@ def run(
     Example: hil run constant-acceleration --axis 2 --treatment notch --bench bench.toml
     """
     with exit_on_error():
-        from hil.experiments.plan import Experiment  # noqa: PLC0415
-
         is_line = experiment is ExperimentName.LINE_MOTION
         if is_line != (axis is None):
             raise fail(
                 "a line-motion takes no --axis" if is_line else "a constant-acceleration run needs --axis", ExitStatus.USAGE
             )
         bench = bench_on(bench_file, bus)
+        known_robot = knowledge(model, design, learnt)
+
+        from hil.experiments.plan import Experiment  # noqa: PLC0415
+
         plan = Experiment(experiment.value, axis, treatment, loop)
         if not yes and not is_emulated(bench):
             confirm(motion_lines([(bench, plan)]))
         where = out or new_directory(Path(plan.file_name).stem)
-        known_robot = knowledge(model, design, learnt)
         status = run_and_report(
             bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload,
             knowledge=known_robot, repeat=repeat,
@@ -190,21 +194,26 @@ def _status(outcome: "ExperimentsOutcome") -> int:
         say(f"not judged: {reason}")
     if outcome.not_restored:
         return ExitStatus.SDO
-    return ExitStatus.NOT_MET if outcome.failed_claims or outcome.invalid else ExitStatus.DONE
+    is_met = not outcome.failed_claims and not outcome.unjudged and (outcome.result.paper or not outcome.outside)
+    return ExitStatus.DONE if is_met else ExitStatus.NOT_MET
 
 
 def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
     """Print the runs, the comparisons and the claims."""
     from hil.master.lateness import timing_lines  # noqa: PLC0415
 
-    limit = outcome.result.bench.file.specification.tip_mm
+    bench = outcome.result.bench.file
+    limit, chain = bench.specification.tip_mm, ",".join(map(str, bench.chain_axes))
+    if outcome.result.emulated:
+        parts = outcome.result.emulated_parts
+        say("emulated robot" if parts is None else f"emulated: {', '.join(parts)}")
     say(f"{'experiment':<24}{'axis':<6}{'loop':<7}{'treatment':<21}{'order':<7}{'tip peak mm':<13}within ±{limit:g} mm")
     for run in outcome.result.runs:
-        axis = "2,3,5" if run.axis is None else str(run.axis)
+        axis = chain if run.axis is None else str(run.axis)
         without = "stopped" if run.invalid is None else "not judged"
         peak = without if run.tip_peak_mm is None else f"{run.tip_peak_mm:.4f}"
         order = "-" if run.order is None else str(run.order)
-        verdict = "yes" if run.within_spec else "no"
+        verdict = "-" if run.within_spec is None else "yes" if run.within_spec else "no"
         say(f"{run.experiment:<24}{axis:<6}{run.loop:<7}{run.treatment:<21}{order:<7}{peak:<13}{verdict}")
     for run in {run.recording: run for run in outcome.result.runs}.values():
         for words, number in (run.bus_errors or {}).items():
@@ -215,7 +224,7 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
         for line in timing_lines(timing.model_dump()):
             say(line)
     for pair in outcome.result.comparisons:
-        axis = "axes 2, 3, 5" if pair.axis is None else f"axis {pair.axis}"
+        axis = f"axes {chain}" if pair.axis is None else f"axis {pair.axis}"
         tip_pct, area_pct = -pair.tip_peak_reduction_pct, -pair.spectrum_area_reduction_pct
         text = f"tip peak {tip_pct:+.1f} %, spectrum area {area_pct:+.1f} %".replace("-", "−")
         say(f"{pair.experiment}, {axis}, {pair.loop}-closed, {pair.treatment}: {text}")

@@ -3,7 +3,8 @@
 import hashlib
 import inspect
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property, update_wrapper
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -30,6 +31,17 @@ def _digest(*folders: Path) -> str:
 
 
 _digests: dict[Path, str] = {}
+_watchers: list[Callable[[str], None]] = []
+
+
+@contextmanager
+def watched(tell: Callable[[str], None]) -> Iterator[None]:
+    """Tell the name of each function whose machine code is loaded or made in this context, before that is done."""
+    _watchers.append(tell)
+    try:
+        yield
+    finally:
+        _watchers.remove(tell)
 
 
 class Compiled(Generic[P, R]):
@@ -95,6 +107,8 @@ class Compiled(Generic[P, R]):
         return entry
 
     def _made(self, kinds: tuple[str | None, ...], arguments: tuple[Any, ...]) -> Any:
+        for tell in tuple(_watchers):
+            tell(self.py_func.__qualname__)
         known = tuple(each for each in kinds if each is not None)
         if len(known) < len(kinds):
             return self.dispatcher

@@ -99,10 +99,11 @@ class Smooth:
 
 @dataclass(frozen=True)
 class PlanarChain:
-    """The arm in its vertical plane: axes 2, 3 and 5 with the tool pointing down; lengths in m.
+    """The arm in its vertical plane: shoulder, elbow and wrist with the tool pointing down; lengths in m.
 
-    Joint angles in rad, counted as industrial arms do: q₂ leans the upper arm forwards from the vertical, q₃ and q₅
-    lift forearm and tool against the link before them. With the links' angles above the horizontal
+    They are axes 2, 3 and 5 of most arms with six. Joint angles in rad, counted as industrial arms do: q₂ leans the upper arm
+    forwards from the vertical, q₃ and q₅ lift forearm and tool against the link
+    before them. With the links' angles above the horizontal
 
         α₂ = π/2 − q₂,  α₃ = α₂ + q₃,  α₅ = α₃ + q₅
         x = d + L cos α₂ + a cos α₃ − b sin α₃ + t cos α₅

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, optimize
 
 from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_OFF, FixedFilter, Notch, notch_coefficients, notch_weight
@@ -148,9 +147,12 @@ class Loop:
         s2 = (2j * math.pi * np.asarray(frequency_hz, dtype=np.float64)) ** 2
         return np.asarray(s2 * self.arm_per_transmission_error(frequency_hz, speed_rps))
 
-    def peak_hz(self, low_hz: float = 4.0, high_hz: float = 30.0) -> float:
-        """Frequency f_al at which |G_al| without notch peaks."""
-        grid = np.linspace(low_hz, high_hz, 2601)
+    def peak_hz(self) -> float:
+        """Frequency f_al at which |G_al| without notch peaks, around the anti-resonance."""
+        from scipy import optimize  # noqa: PLC0415 - half a second that a bench file with a mistake must not wait for
+
+        low_hz, high_hz = min(4.0, self.plant.antiresonance_hz / 3.0), max(30.0, 2.4 * self.plant.antiresonance_hz)
+        grid = np.linspace(low_hz, high_hz, math.ceil((high_hz - low_hz) / 0.01) + 1)
         bare = Loop(self.plant, self.cascade, (), self.period_s, self.delay_samples)
         gain = np.abs(bare.acceleration_per_transmission_error(grid))
         # the inertia line rises with ω², so only an inner maximum is a resonance
@@ -170,6 +172,8 @@ class Loop:
         The plant is discretised exactly (zero-order hold); the law's blocks are kept apart as state-space blocks, since
         the expanded polynomial has a dozen roots near z = 1 and loses its digits there.
         """
+        from scipy import linalg  # noqa: PLC0415 - as above
+
         a, b = self.plant.state_space()
         augmented = np.zeros((5, 5))
         augmented[:4, :4], augmented[:4, 4] = a, b

@@ -2,8 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from hil.design.frequency import TwoInertia
 from hil.design.transmission_error import TransmissionError
@@ -14,6 +14,10 @@ DEFAULT_PERCENT = 5.0
 SIGMAS = 2.0
 """Number of standard errors from the believed plant to a corner."""
 
+LEAST_SPREAD = 0.03
+"""Least relative distance of a corner, however small the standard errors are: they say how well one measurement was made, not
+how far load, temperature and wear take the robot away from it."""
+
 
 @dataclass(frozen=True)
 class Member:
@@ -23,11 +27,13 @@ class Member:
         label: Its difference in words; `nominal` for the believed one.
         plant: The axis.
         error: Its transmission error.
+        factors: Factors of the values that set it apart from the believed one, by symbol.
     """
 
     label: str
     plant: TwoInertia
     error: TransmissionError
+    factors: Mapping[str, float] = field(default_factory=dict)
 
 
 def around(
@@ -41,8 +47,8 @@ def around(
     """The believed plant, and four corners around it.
 
     Without standard errors the corners are K_g and J_l, each by `percent` up or down. With them they are f_a and K_g by two
-    standard errors, J_l following from both: a frequency response gives f_a ten times better than K_g or J_l. The
-    corners have a gear damping and amplitudes two standard errors to the worse side.
+    standard errors, but 3 % at least, J_l following from both: a frequency response gives f_a ten times better than K_g or J_l.
+    The corners have a gear damping and amplitudes two standard errors to the worse side.
 
     Args:
         plant: The believed plant.
@@ -84,25 +90,41 @@ def _by_parts(plant: TwoInertia, error: TransmissionError, fraction: float, sign
         gear_stiffness_nm_rad=plant.gear_stiffness_nm_rad * stiffness,
         arm_inertia_kg_m2=plant.arm_inertia_kg_m2 * inertia,
     )
-    return Member(f"K_g {_percent(stiffness)}, J_l {_percent(inertia)}", changed, error)
+    return _member({"K_g": stiffness, "J_l": inertia}, changed, error)
 
 
 def _by_frequency(plant: TwoInertia, error: TransmissionError, known: Mapping[str, float], signs: tuple[float, ...]) -> Member:
-    """f_a and K_g by two standard errors; where f_a has none, it follows from those of K_g and J_l."""
+    """f_a and K_g by two standard errors, 3 % at least; where f_a has none, it follows from those of K_g and J_l."""
     relative = {
         name: known.get(name, 0.0) / getattr(plant, name)
         for name in ("gear_stiffness_nm_rad", "arm_inertia_kg_m2", "antiresonance_hz")
     }
     part = 0.5 * math.hypot(relative["gear_stiffness_nm_rad"], relative["arm_inertia_kg_m2"])
-    frequency = 1.0 + signs[0] * SIGMAS * (relative["antiresonance_hz"] or part)
-    stiffness = 1.0 + signs[1] * SIGMAS * (relative["gear_stiffness_nm_rad"] or relative["arm_inertia_kg_m2"])
+    frequency = 1.0 + signs[0] * max(LEAST_SPREAD, SIGMAS * (relative["antiresonance_hz"] or part))
+    stiffness = 1.0 + signs[1] * max(LEAST_SPREAD, SIGMAS * (relative["gear_stiffness_nm_rad"] or relative["arm_inertia_kg_m2"]))
     inertia = stiffness / frequency**2
     changed = replace(
         plant,
         gear_stiffness_nm_rad=plant.gear_stiffness_nm_rad * stiffness,
         arm_inertia_kg_m2=plant.arm_inertia_kg_m2 * inertia,
     )
-    return Member(f"f_a {_percent(frequency)}, K_g {_percent(stiffness)}", changed, error)
+    return _member({"f_a": frequency, "K_g": stiffness}, changed, error)
+
+
+def _member(factors: Mapping[str, float], plant: TwoInertia, error: TransmissionError) -> Member:
+    return Member(", ".join(f"{name} {_percent(factor)}" for name, factor in factors.items()), plant, error, factors)
+
+
+def plants_words(members: Sequence[Member]) -> str:
+    """The plants of a design in words, with how far apart they are: `5 plants: f_a ±3 %, K_g ±3 %`."""
+    return f"{len(members)} plants: {spread_words(members)}" if len(members) > 1 else "the believed plant alone"
+
+
+def spread_words(members: Sequence[Member]) -> str:
+    """Distance of the corners from the believed plant in words: `f_a ±3 %, K_g ±3 %`."""
+    names = list(dict.fromkeys(name for member in members for name in member.factors))
+    reach = {name: max(abs(member.factors.get(name, 1.0) - 1.0) for member in members) for name in names}
+    return ", ".join(f"{name} ±{100.0 * distance:.2g} %" for name, distance in reach.items())
 
 
 def _percent(factor: float) -> str:

@@ -6,7 +6,6 @@ from hil.bench.bench import Bench
 from hil.control.trajectory import sample_times
 from hil.errors import NotPossibleError
 from hil.master.motion import Motion
-from hil.robot_tables import CHAIN_AXES
 
 CONSTANT_ACCELERATION, LINE_MOTION = "constant-acceleration", "line-motion"
 
@@ -28,16 +27,20 @@ def constant_acceleration(bench: Bench, axis: int, period_s: float) -> Motion:
 
 
 def line_motion(bench: Bench, period_s: float) -> Motion:
-    """The tip along a straight line by axes 2, 3 and 5 (the paper, section 5.2).
+    """The tip along a straight line by the axes of the geometry (the paper, section 5.2).
 
     Raises:
         NotPossibleError: The bench file has no such motion.
         UnreachableError: The line leaves the arm's reach.
     """
     if bench.line_motion is None or bench.geometry is None:
-        raise NotPossibleError(f"bench {bench.name!r} has no line_motion and geometry tables")
+        missing = [name for name in ("geometry", "line_motion") if getattr(bench, name) is None]
+        raise NotPossibleError(
+            f"bench {bench.name!r} has no {' and no '.join(missing)} table: a line needs the lengths of the arm, with "
+            "axes = [shoulder, elbow, wrist], and its ends"
+        )
     line = bench.line_motion.line(bench.geometry.chain())
     times = sample_times(line.duration_s, period_s)
     joints = line.joints(times)
-    ratios = np.array([bench.axis[number].reduction_ratio for number in CHAIN_AXES])
-    return Motion(CHAIN_AXES, times, (joints - joints[0]) * ratios, starts_at_home=True)
+    ratios = np.array([bench.axis[number].reduction_ratio for number in bench.chain_axes])
+    return Motion(bench.chain_axes, times, (joints - joints[0]) * ratios, starts_at_home=True)

@@ -11,7 +11,7 @@ from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.family.profile import Profile
 from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet
 from drive_profiles.realisation import NotchTarget, realise
-from hil.analysis import WINDOWS_RPS, tip_displacement_mm
+from hil.analysis import ORDERS, TipScale, tip_displacement_mm
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.design import DesignedAxis, notch_table
 from hil.bench.model import Identified, IdentifiedAxis, with_identified
@@ -24,6 +24,7 @@ from hil.design.ramp import RampMotion
 from hil.design.transmission_error import TransmissionError
 from hil.design.uncertainty import around
 from hil.errors import HilError, NotPossibleError
+from hil.experiments.judge import scale_at
 from hil.reporter import SILENT, Reporter
 from hil.results.notch_design import DesignCheck, DesignPlant, DesignVerdict, NotchDesignResult, SpeedMarginsEntry, TipPeak
 
@@ -48,15 +49,15 @@ class TipDisplacement:
 
     Attributes:
         lever_m: Distance from the arm's axis to the tip.
-        f_al_hz: Peak of |G_al|.
+        scale: Scale of the axis.
     """
 
     lever_m: float
-    f_al_hz: float
+    scale: TipScale
 
     def __call__(self, motion: RampMotion, low_rps: float, high_rps: float) -> tuple[float, float]:
         """Largest tip displacement in mm between two speeds, while the speed rises and while it falls."""
-        displacement = np.abs(tip_displacement_mm(self.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, self.f_al_hz))
+        displacement = np.abs(tip_displacement_mm(self.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, self.scale))
         speed = np.abs(motion.motor_speed_rps)
         inside = (speed >= low_rps) & (speed <= high_rps)
         rising = np.arange(len(speed)) < int(np.argmax(speed))
@@ -108,6 +109,7 @@ class NotchDesignOutcome:
         designed: NotchVerdict on the best filters, or those that miss least; None where only the given ones were judged.
         failure: Error where no filter meets the requirements; None where one does.
         seconds: Duration of the design.
+        emulated: Parts of the model file that were identified on an emulated robot, of `plant` and `ate`.
     """
 
     bench: Bench
@@ -120,6 +122,7 @@ class NotchDesignOutcome:
     designed: NotchVerdict | None
     failure: InfeasibleError | None
     seconds: float
+    emulated: tuple[str, ...] = ()
 
     @property
     def table(self) -> AxisTable:
@@ -158,13 +161,16 @@ def design(
     """
     began = time.monotonic()
     source = "bench file"
-    axis_model = IdentifiedAxis()
+    axis_model, emulated = IdentifiedAxis(), tuple[str, ...]()
     if identified is not None:
         axis_model = identified.axis.get(request.axis, axis_model)
         parts = [name for name in ("plant", "ate") if getattr(axis_model, name) is not None]
         source = (
             f"model file ({', '.join(parts)}), the rest: bench file" if parts else "bench file; the model file lacks the axis"
         )
+        emulated = tuple(name for name in parts if getattr(axis_model, name).emulated)
+        if emulated:
+            source += f"; {' and '.join(emulated)} identified on an emulated robot"
         bench = with_identified(bench, identified)
     problem, f_al = problem_of(bench, request, axis_model)
     table = bench.axis[request.axis]
@@ -184,7 +190,7 @@ def design(
         else:
             designed, failure = _searched(problem, request, f_al, given, pool, reporter)
     seconds = time.monotonic() - began
-    return NotchDesignOutcome(bench, source, request, problem, f_al, none, given_verdict, designed, failure, seconds)
+    return NotchDesignOutcome(bench, source, request, problem, f_al, none, given_verdict, designed, failure, seconds, emulated)
 
 
 def _bare_failure(axis: int, none: NotchVerdict) -> InfeasibleError | None:
@@ -248,33 +254,40 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
     if bench.constant_acceleration is None:
         raise NotPossibleError(f"bench {bench.name!r} has no constant_acceleration table: a filter is judged on its ramp")
     for order in request.orders:
-        if order not in WINDOWS_RPS:
-            raise NotPossibleError(
-                f"filters of order {order} are not judged; of order {' and '.join(map(str, WINDOWS_RPS))} they are"
-            )
+        if order not in ORDERS:
+            raise NotPossibleError(f"filters of order {order} are not judged; of order {' and '.join(map(str, ORDERS))} they are")
         if not getattr(table.model.ate, f"a{order}_arcsec") > 0.0:
             raise NotPossibleError(f"axis {number}: the transmission error of order {order} is not known: hil identify ate")
     ate = table.model.ate
     error = TransmissionError({2: ate.a2_arcsec, 4: ate.a4_arcsec}, {2: ate.phi2_deg, 4: ate.phi4_deg})
     period = request.period_s or _period_s(table)
-    bare = Loop(plant, table.control.cascade(), (), period, request.delay_samples)
+    cascade = table.gains(f"a filter of axis {number}").cascade()
+    bare = Loop(plant, cascade, (), period, request.delay_samples)
     f_al = bare.peak_hz()
+    scale = scale_at(bench, number, f_al)
+    top_rps = min(bench.constant_acceleration.end_rps, table.limits.speed_rps)
+    for order in request.orders:
+        if top_rps < f_al / order:
+            raise NotPossibleError(
+                f"axis {number}: order {order} meets f_al = {f_al:.2f} Hz at {f_al / order:.2f} rev/s, beyond the ramp's end at "
+                f"{top_rps:g} rev/s: raise end_rps of constant_acceleration, or the speed limit"
+            )
     errors, amplitudes = _standard_errors(axis_model)
     members = around(plant, error, percent=request.uncertainty_percent, standard_error=errors, amplitude_error_arcsec=amplitudes)
     problem = NotchProblem(
         members=members,
-        cascade=table.control.cascade(),
+        cascade=cascade,
         period_s=period,
         delay_samples=request.delay_samples,
         lever_m=table.tip_lever_m,
         speed_limit_rps=table.limits.speed_rps,
-        reference_rad=_reference(bench, request, period),
+        reference_rad=_reference(bench, request, period, scale),
         windows_rps={
-            order: WINDOWS_RPS[order]
+            order: scale.windows_rps[order]
             for order in sorted({*request.orders, *(n.order for n in table.notch)})
-            if order in WINDOWS_RPS
+            if order in scale.windows_rps
         },
-        tip_peak=TipDisplacement(table.tip_lever_m, f_al),
+        tip_peak=TipDisplacement(table.tip_lever_m, scale),
         requirements=request.requirements or Requirements(tip_mm=bench.specification.tip_mm),
     )
     return problem, f_al
@@ -292,17 +305,17 @@ def _standard_errors(axis_model: IdentifiedAxis | None) -> tuple[Mapping[str, fl
     if axis_model is not None and axis_model.plant is not None:
         errors = dict(axis_model.plant.standard_error)
     if axis_model is not None and axis_model.ate is not None:
-        amplitudes = {order: axis_model.ate.standard_error.get(f"a{order}_arcsec", 0.0) for order in WINDOWS_RPS}
+        amplitudes = {order: axis_model.ate.standard_error.get(f"a{order}_arcsec", 0.0) for order in ORDERS}
     return errors, amplitudes
 
 
-def _reference(bench: Bench, request: NotchDesignRequest, period_s: float) -> Any:
+def _reference(bench: Bench, request: NotchDesignRequest, period_s: float, scale: TipScale) -> Any:
     """θ_ref of the bench file's ramp, up at its rate and down at the same, until the lowest judged speed is well behind."""
     table = bench.constant_acceleration
     assert table is not None  # noqa: S101 - the caller has looked
     rate, top = table.acceleration_rps_s, min(table.end_rps, bench.axis[request.axis].limits.speed_rps)
     ramp = ConstantAcceleration(rate, top, rate, dwell_s=0.1, tail_s=0.0)
-    lowest = min(WINDOWS_RPS[order][0] for order in request.orders)
+    lowest = min(scale.windows_rps[order][0] for order in request.orders)
     down = (top - max(0.0, lowest - SETTLE_RPS)) / rate
     return ramp.motor_angle(sample_times(0.1 + top / rate + down, period_s))
 
@@ -340,7 +353,7 @@ def parameter_set(bench: Bench, axis: int, verdict: NotchVerdict, f_al_hz: float
         for key, value in {**values, "mode": mode}.items():
             items[f"{name}.{key}"] = Item(value=value, unit=profile.parameter(f"{name}.{key}").unit)
     header = Header(
-        profile=profile.name,
+        profile=profile.label,
         node_id=table.node_id,
         vendor_id=profile.identity.vendor_id,
         serial_number=table.serial_number,
@@ -363,7 +376,7 @@ def check_drive(bench: Bench, axis: int) -> None:
     if profile.notch is None or profile.notch.form != "variable" or missing:
         has = "no filter" if profile.notch is None else f"a filter of the form {profile.notch.form!r}"
         raise NotPossibleError(
-            f"axis {axis}: drive family {profile.name} has {has}, no notch that follows the speed: no parameter set can be made "
+            f"axis {axis}: drive family {profile.label} has {has}, no notch that follows the speed: no parameter set can be made "
             "of this design; drive-profiles realise shows what it makes of one speed"
         )
 
@@ -415,6 +428,7 @@ def result_of(outcome: NotchDesignOutcome) -> NotchDesignResult:
         designed=None if outcome.designed is None else _verdict(outcome.designed),
         effort=outcome.request.effort,
         seconds=round(outcome.seconds, 2),
+        emulated=True if outcome.emulated else None,
     )
 
 

@@ -7,20 +7,18 @@ from typing import Literal
 
 import numpy as np
 
-from hil.analysis import Metrics, constant_acceleration_metrics, line_motion_metrics
+from hil.analysis import ORDERS, Metrics, TipScale, constant_acceleration_metrics, line_motion_metrics
 from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
 from hil.control.treatments import TreatmentName
 from hil.design.frequency import CONTROL_PERIOD_S, acceleration_bound, margins
 from hil.experiments.bus_demand import BusDemand
+from hil.experiments.judge import axis_scale, line_scale, missing_words
 from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION, constant_acceleration, line_motion
 from hil.experiments.treatment import FILTERING, REMEDIES, TITLES
 from hil.master.motion import LoopName, Motion, RunResult
 from hil.recording import Recording
 from hil.results.runs import CancellationTrial, PaperClaim, RunEntry, RunTiming, TreatmentComparison
-
-F_AL_DEFAULT_HZ = 12.0
-"""Peak of |G_al| where the bench file has no model: the paper's "around 12 Hz"."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +40,9 @@ class Experiment:
     @property
     def title(self) -> str:
         """Experiment in words."""
-        where = f"axis {self.axis}" if self.axis is not None else "axes 2, 3, 5"
+        where = "" if self.axis is None else f"axis {self.axis}, "
         with_ = {"none": "without", "notch": "with the notch"}.get(self.treatment, TITLES[self.treatment])
-        return f"{self.name}, {where}, {self.loop}-closed, {with_}"
+        return f"{self.name}, {where}{self.loop}-closed, {with_}"
 
     @property
     def file_name(self) -> str:
@@ -87,12 +85,6 @@ def demo_experiments(bench: Bench) -> list[Experiment]:
     return plan
 
 
-def peak_hz(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S) -> float:
-    """f_al of an axis in Hz: the peak of |G_al| of its model with the P-PI in the drive."""
-    loop = bench.axis[axis].loop(control_period_s, with_notch=False)
-    return F_AL_DEFAULT_HZ if loop is None else loop.peak_hz()
-
-
 @dataclass(frozen=True)
 class TrialVerdict:
     """End of a cancellation's trial, for the entries of the run that follows.
@@ -122,10 +114,11 @@ def entries(
         trial: End of the trial before the run.
         repeated: Number of runs in the mean.
     """
-    orders: tuple[int | None, ...] = (None,) if experiment.axis is None or result.stopped is not None else (2, 4)
+    orders: tuple[int | None, ...] = (None,) if experiment.axis is None or result.stopped is not None else ORDERS
+    scale = line_scale(bench) if experiment.axis is None else axis_scale(bench, experiment.axis)
     made = []
     for order in orders:
-        window = _window(bench, experiment, result, order)
+        window = _window(bench, experiment, result, order, scale)
         invalid = trial.refusal or window.invalid
         entry = RunEntry(
             experiment=experiment.name,
@@ -136,7 +129,7 @@ def entries(
             control_period_s=result.control_period_s,
             order=order,
             **(dict.fromkeys(Metrics.__dataclass_fields__) if window.metrics is None else vars(window.metrics)),
-            within_spec=window.is_within and invalid is None,
+            within_spec=None if invalid is not None or result.stopped is not None else window.is_within,
             cycles=result.cycles,
             missed_cycles=result.missed_cycles,
             wall_s=round(result.wall_s, 4),
@@ -149,6 +142,9 @@ def entries(
             invalid=invalid,
             trial=trial.trial,
             repeated=repeated if repeated > 1 else None,
+            f_al_hz=None if scale is None else scale.f_al_hz,
+            window_rps=None if scale is None or order is None else scale.windows_rps[order],
+            band_hz=None if scale is None else scale.band_hz,
         )
         made.append(entry)
     return made
@@ -176,7 +172,9 @@ class _Window:
     invalid: str | None = None
 
 
-def _window(bench: Bench, experiment: Experiment, result: RunResult, order: int | None) -> _Window:
+def _window(
+    bench: Bench, experiment: Experiment, result: RunResult, order: int | None, scale: TipScale | None
+) -> _Window:  # fmt: skip
     """Metrics and verdict of one window; a window that cannot be judged has the reason, and is never within the limits."""
     if result.stopped is not None:
         return _Window()
@@ -189,9 +187,11 @@ def _window(bench: Bench, experiment: Experiment, result: RunResult, order: int 
         if result.sensor_missed > MAX_SENSOR_MISSED * result.cycles:
             raise ValueError(f"the accelerometer was missing in {result.sensor_missed} of {result.cycles} cycles")
         check_range(bench, result.recording)
-        metrics = _metrics(bench, experiment, result, order)
+        metrics = _metrics(bench, experiment, result, order, scale)
     except ValueError as error:
         return _Window(invalid=str(error))
+    if metrics.tip_peak_mm is None:
+        return _Window(metrics, invalid=missing_words(bench.chain_axes))
     return _Window(metrics, is_within=bool(metrics.tip_peak_mm <= bench.specification.tip_mm))
 
 
@@ -214,12 +214,16 @@ def check_range(bench: Bench, recording: Recording) -> None:
             )
 
 
-def _metrics(bench: Bench, experiment: Experiment, result: RunResult, order: int | None) -> Metrics:
+def _metrics(
+    bench: Bench, experiment: Experiment, result: RunResult, order: int | None, scale: TipScale | None
+) -> Metrics:  # fmt: skip
     if experiment.axis is not None and order is not None:
-        return constant_acceleration_metrics(result.recording, experiment.axis, order, peak_hz(bench, experiment.axis))
+        if scale is None:
+            raise ValueError(missing_words([experiment.axis]))
+        return constant_acceleration_metrics(result.recording, experiment.axis, order, scale)
     line = bench.line_motion
     assert line is not None  # noqa: S101 - the motion was made from it
-    return line_motion_metrics(result.recording, line.dwell_s, line.duration_s, peak_hz(bench, 2))
+    return line_motion_metrics(result.recording, line.dwell_s, line.duration_s, scale)
 
 
 def comparisons(runs: Sequence[RunEntry]) -> list[TreatmentComparison]:
@@ -257,6 +261,9 @@ def _reduction_pct(before: float | None, after: float | None) -> float:
 TABLE_1 = {2: (11.84, 5.92, 2.96), 3: (11.45, 5.72, 2.86)}
 """f_al in Hz, f_m2 and f_m4 in rps, by axis."""
 
+PAPER_LINE_AREA_PCT = 26.0
+"""Reduction of the area of the line motion's spectrum; section 5.2."""
+
 TOLERANCE = 0.005
 """Relative difference up to which a figure of Table 1 counts as met: they are given with three to four digits."""
 
@@ -268,20 +275,20 @@ def _claim(claim: str, source: str, paper: Number, bench: Number, unit: str, hol
     return PaperClaim(claim=claim, source=source, paper=paper, bench=bench, unit=unit, holds=holds)
 
 
-def claims(bench: Bench, runs: Sequence[RunEntry], pairs: Sequence[TreatmentComparison], *, is_paper: bool) -> list[PaperClaim]:
-    """Claims of the paper beside the bench's numbers, as far as the runs concern them.
-
-    For another robot than the paper's the only claim is that the treatments keep the specification.
+def claims(bench: Bench, runs: Sequence[RunEntry], pairs: Sequence[TreatmentComparison]) -> list[PaperClaim]:
+    """Claims of the paper beside the numbers of its robot, as far as the runs concern them.
 
     Args:
-        bench: The bench file.
+        bench: The bench file of the paper's robot.
         runs: Entries of the runs.
         pairs: Comparisons of the runs.
-        is_paper: True for the paper's robot.
     """
-    if not is_paper:
-        return [claim for claim in _measured_claims(bench, runs) if _WITHIN in claim.claim]
-    return [*_design_claims(bench), *_measured_claims(bench, runs), *_line_claims(bench, pairs)]
+    return [*_design_claims(bench), *_measured_claims(bench, runs), *_line_claims(pairs)]
+
+
+def outside(runs: Sequence[RunEntry]) -> list[RunEntry]:
+    """Runs with a treatment that is meant to keep the specification, and did not; ramps by the window of order 2."""
+    return [run for run in runs if run.treatment in REMEDIES and run.order in {2, None} and run.within_spec is False]
 
 
 def _design_claims(bench: Bench) -> list[PaperClaim]:
@@ -299,8 +306,8 @@ def _design_claims(bench: Bench) -> list[PaperClaim]:
             _claim(f"{name}: resonance around 22 Hz", "section 3.1", 22, round(resonance, 2), "Hz", abs(resonance - 22) <= 1),
             _claim(f"{name}: anti-resonance around 12 Hz", "section 3.1", 12, round(anti, 2), "Hz", abs(anti - 12) <= 1),
             _claim(f"{name}: gain peak of G_al", "Table 1", f_al, round(peak, 3), "Hz", _close(peak, f_al)),
-            _claim(f"{name}: excitation speed, k = 2", "Table 1", f_m2, round(peak / 2, 3), "rps", _close(peak / 2, f_m2)),
-            _claim(f"{name}: excitation speed, k = 4", "Table 1", f_m4, round(peak / 4, 3), "rps", _close(peak / 4, f_m4)),
+            _claim(f"{name}: excitation speed, k = 2", "Table 1", f_m2, round(peak / 2, 3), "rev/s", _close(peak / 2, f_m2)),
+            _claim(f"{name}: excitation speed, k = 4", "Table 1", f_m4, round(peak / 4, 3), "rev/s", _close(peak / 4, f_m4)),
         ]
         if not table.notch:
             continue
@@ -317,7 +324,7 @@ def _design_claims(bench: Bench) -> list[PaperClaim]:
         peak_s = max(margin.sensitivity_peak for margin in at_speeds)
         rows.append(
             _claim(f"{name}: stable at every motor speed (smallest phase margin; M_s {peak_s:.2f})", "Fig. 12", "stable",
-                   round(phase, 1), "deg", stable)
+                   round(phase, 1), "°", stable)
         )  # fmt: skip
     return rows
 
@@ -332,9 +339,6 @@ def _gain_over_bound(bench: Bench, axis: int, speed_rps: float) -> float:
     return float(gain[0] / acceleration_bound(line, table.model.ate.a2_arcsec * ARCSEC, table.tip_lever_m, limit_m)[0])
 
 
-_WITHIN = "tip within"
-
-
 def _measured_claims(bench: Bench, runs: Sequence[RunEntry]) -> list[PaperClaim]:
     """Sections 3.2 and 5.1: measured over CAN."""
     rows = []
@@ -347,7 +351,7 @@ def _measured_claims(bench: Bench, runs: Sequence[RunEntry]) -> list[PaperClaim]
         peak = round(tip_peak_mm, 4)
         if run.treatment in REMEDIES:
             what = "the notch" if run.treatment == "notch" else TITLES[run.treatment]
-            claim = f"{name}: {_WITHIN} ±{limit:g} mm with {what}"
+            claim = f"{name}: tip within ±{limit:g} mm with {what}"
             rows.append(_claim(claim, "section 5.1", f"≤ {limit:g}", peak, "mm", peak <= limit))
             continue
         if run.treatment != "none":
@@ -362,16 +366,16 @@ def _measured_claims(bench: Bench, runs: Sequence[RunEntry]) -> list[PaperClaim]
     return rows
 
 
-def _line_claims(bench: Bench, pairs: Sequence[TreatmentComparison]) -> list[PaperClaim]:
+def _line_claims(pairs: Sequence[TreatmentComparison]) -> list[PaperClaim]:
     """Section 5.2: measured over CAN."""
-    wanted = bench.specification.line_area_reduction_pct
     return [
-        _claim("line motion: area of the acceleration spectrum falls", "section 5.2", 26, round(area, 1), "%", area >= wanted)
+        _claim("line motion: area of the acceleration spectrum falls", "section 5.2", PAPER_LINE_AREA_PCT, round(area, 1), "%",
+               area >= PAPER_LINE_AREA_PCT)
         for area in (
             pair.spectrum_area_reduction_pct for pair in pairs if pair.experiment == LINE_MOTION and pair.treatment == "notch"
         )
         if math.isfinite(area)
-    ]
+    ]  # fmt: skip
 
 
 def _close(value: float, paper: float) -> bool:

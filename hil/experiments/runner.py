@@ -4,18 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hil.analysis import TIP_BAND_HZ
 from hil.bench.bench import Bench
+from hil.bench.model import with_identified
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.cancellation.cancellation import Cancellation, cancel_inside, cancellation_on
 from hil.experiments.cancellation.trial import Choice, averaged, choose, choose_inside
+from hil.experiments.judge import axis_scale, line_scale
 from hil.experiments.measurement import ClockName, Measurement, MeasurementOutcome
-from hil.experiments.plan import NO_TRIAL, Experiment, TrialVerdict, claims, comparisons, entries
+from hil.experiments.plan import NO_TRIAL, Experiment, TrialVerdict, claims, comparisons, entries, outside
 from hil.experiments.treatment import Knowledge, TreatmentSetup, treatment_setup
 from hil.master.motion import Motion, RunResult
 from hil.master.session import Session
 from hil.reporter import SILENT, Reporter
-from hil.results.runs import ExperimentsResult, PaperClaim
+from hil.results.runs import ExperimentsResult, PaperClaim, RunEntry
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,19 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
     def invalid(self) -> list[str]:
         """Reasons why windows could not be judged."""
         return [run.invalid for run in self.result.runs if run.invalid is not None]
+
+    @property
+    def unjudged(self) -> bool:
+        """True where a verdict was asked and could not be given.
+
+        Without any treatment, on a robot of which no f_al is known, none was asked: it is run to be looked at.
+        """
+        return any(run.invalid is not None and (run.f_al_hz is not None or run.treatment != "none") for run in self.result.runs)
+
+    @property
+    def outside(self) -> list[RunEntry]:
+        """Runs with a treatment that leave the specification."""
+        return outside(self.result.runs)
 
     @property
     def failed_claims(self) -> list[PaperClaim]:
@@ -59,45 +73,59 @@ def run_experiments(
         bench: The bench file.
         experiments: Experiments in their order.
         out: Directory of the files; made where it is missing.
-        is_paper: Judge all of the paper's claims, its tables included; else only that a notch keeps the specification.
+        is_paper: Judge all of the paper's claims, its tables included; for the paper's robot alone.
         reset_faults: Reset drives that are in fault before anything else.
         clock: The clock that the bus must have; None for whichever it has.
         overload: Run even what does not fit on the bus.
-        knowledge: Knowledge that some treatments need beside the bench file.
+        knowledge: Knowledge beside the bench file; its identified models take precedence over the bench file's.
         repeat: Number of runs of each motion; the mean of their recordings is judged, in which the sensor's noise is less.
         reporter: Listener of each run, the steps of a trial, and the present run's progress.
 
     Raises:
+        ValueError: The paper's claims are asked of another robot.
         NotPossibleError: The bus has another clock or does not carry a run, or a treatment lacks its model or design; nothing
             has been sent.
         HilError: Nodes, limits or set-up do not allow the first run; all changes have been put back.
         ChannelError: The bus cannot be opened, or was lost before that.
     """
+    knowledge = knowledge or Knowledge()
+    bench = _known(bench, knowledge, is_paper=is_paper)
     motions = [experiment.motion(bench) for experiment in experiments]
     setups = [
-        treatment_setup(bench, experiment.treatment, knowledge or Knowledge(), motion.period_s, experiment.loop)
+        treatment_setup(bench, experiment.treatment, knowledge, motion.period_s, experiment.loop)
         for experiment, motion in zip(experiments, motions, strict=True)
     ]
     demands = [experiment.bus_demand(motion) for experiment, motion in zip(experiments, motions, strict=True)]
+    check_bands(bench, experiments, motions)
     with Measurement(bench, out, lambda described: ExperimentsResult(bench=described), reporter=reporter) as measurement:
         result = measurement.result
         measurement.check_clock(clock)
-        for experiment, motion in zip(experiments, motions, strict=True):
-            check_band(experiment, motion)
         with measurement.session(demands, overload=overload, reset_faults=reset_faults) as session:
             for experiment, motion, setup, shows in zip(experiments, motions, setups, measurement.shows_filter, strict=True):
                 reporter.run(experiment.title)
-                session.check_interrupt()
-                session.adopt(setup.bench)
                 runs = _ExperimentRuns(session, experiment, motion, replace(setup, shows_filter=shows), reporter)
                 runs.perform(repeat)
-                one, path = _keep(measurement, runs.results, experiment.file_name)
-                result.runs += entries(bench, experiment, one, path, runs.trial, runs.count)
-                result.comparisons = comparisons(result.runs)
-                if one.stopped is not None:
-                    raise one.stopped
-        result.paper = claims(bench, result.runs, result.comparisons, is_paper=is_paper)
+                _enter(measurement, bench, experiment, runs)
+        if is_paper:
+            result.paper = claims(bench, result.runs, result.comparisons)
     return ExperimentsOutcome(measurement.result, measurement.failure)
+
+
+def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
+    """The bench with all that was identified of it.
+
+    Raises:
+        ValueError: It is to be the paper's robot, and is not.
+        NotPossibleError: The model file is another robot's.
+    """
+    if is_paper and not bench.is_paper:
+        raise ValueError(f"bench {bench.name!r} is not the paper's robot (reference = {bench.reference!r})")
+    identified = knowledge.identified
+    if identified is None:
+        return bench
+    if identified.robot != bench.name:
+        raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    return with_identified(bench, identified)
 
 
 class _ExperimentRuns:
@@ -122,6 +150,8 @@ class _ExperimentRuns:
 
     def perform(self, repeat: int) -> None:
         """Make the trial, then run the motion `repeat` times, up to the first run that is stopped."""
+        self._session.check_interrupt()
+        self._session.adopt(self._setup.bench)
         self._try()
         for number in range(1, repeat + 1):
             if repeat > 1:
@@ -165,6 +195,20 @@ class _ExperimentRuns:
         )
 
 
+def _enter(measurement: Measurement[ExperimentsResult], bench: Bench, experiment: Experiment, runs: _ExperimentRuns) -> None:
+    """Save the runs of an experiment, and enter them into the result.
+
+    Raises:
+        SafetyStopError: The last run was stopped.
+    """
+    result = measurement.result
+    one, path = _keep(measurement, runs.results, experiment.file_name)
+    result.runs += entries(bench, experiment, one, path, runs.trial, runs.count)
+    result.comparisons = comparisons(result.runs)
+    if one.stopped is not None:
+        raise one.stopped
+
+
 def _keep(measurement: Measurement[ExperimentsResult], results: list[RunResult], file_name: str) -> tuple[RunResult, str]:
     """Save the runs of one motion, of several each beside their mean; return the result that is judged, and its path."""
     stem = Path(file_name).stem
@@ -186,13 +230,24 @@ def mean_of(results: list[RunResult]) -> RunResult:
     )
 
 
-def check_band(experiment: Experiment, motion: Motion) -> None:
+def check_bands(bench: Bench, experiments: Sequence[Experiment], motions: Sequence[Motion]) -> None:
+    """Refuse SYNC periods at which a vibration could not be judged afterwards.
+
+    Raises:
+        NotPossibleError: A period is too long.
+    """
+    for experiment, motion in zip(experiments, motions, strict=True):
+        check_band(bench, experiment, motion)
+
+
+def check_band(bench: Bench, experiment: Experiment, motion: Motion) -> None:
     """Refuse a SYNC period at which the vibration could not be judged afterwards.
 
     Raises:
         NotPossibleError: The period is too long.
     """
-    period_s = float(motion.time_s[1] - motion.time_s[0])
-    if 0.5 / period_s <= TIP_BAND_HZ[1]:
-        what = f"{experiment.title} at a SYNC period of {1e3 * period_s:g} ms"
-        raise NotPossibleError(f"{what}: vibrations up to {TIP_BAND_HZ[1]:g} Hz need less than {500.0 / TIP_BAND_HZ[1]:g} ms")
+    scale = line_scale(bench) if experiment.axis is None else axis_scale(bench, experiment.axis)
+    if scale is None or 0.5 / motion.period_s > scale.band_hz[1]:
+        return
+    what, top_hz = f"{experiment.title} at a SYNC period of {1e3 * motion.period_s:g} ms", scale.band_hz[1]
+    raise NotPossibleError(f"{what}: vibrations up to {top_hz:.3g} Hz need less than {500.0 / top_hz:.3g} ms")

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 from scipy import fft, signal
 
-from hil.analysis import band_passed, motor_speed_rps, speed_window
+from hil.analysis import band_passed, line_window_s, motor_speed_rps, speed_window
 from hil.recording import Recording
 from hil.report import style
 from hil.report.material import Material, finite
@@ -44,9 +45,35 @@ def drawn_run(material: Material, run: RunEntry | None, label: str, look: style.
     return DrawnRun(run, recording, label + (" (stopped early)" if run.stopped else ""), look)
 
 
-def draw_vibration(panel: Axes, run: DrawnRun, *, with_peak: bool = True) -> None:
-    """Draw the band-passed vertical acceleration over time."""
-    vibration = band_passed(run.recording.columns["tip_z_m_s2"], run.recording.period_s)
+def pair(material: Material, experiment: str, axis: int | None) -> list[DrawnRun]:
+    """Runs of an experiment without and with the notch, as far as they are there; drive-closed before host-closed.
+
+    Args:
+        material: Result and recordings.
+        experiment: Name of the experiment.
+        axis: Axis of a constant-acceleration run, else None.
+    """
+    for loop in ("drive", "host"):
+        runs = [
+            drawn_run(material, material.find(experiment, axis, "none", loop), "without notch", style.WITHOUT),
+            drawn_run(material, material.find(experiment, axis, "notch", loop), "with notch", style.WITH),
+        ]
+        recorded = [run for run in runs if run is not None]
+        if recorded:
+            return recorded
+    return []
+
+
+def draw_vibration(panel: Axes, run: DrawnRun, band_hz: tuple[float, float], *, with_peak: bool = True) -> None:
+    """Draw the band-passed vertical acceleration over time.
+
+    Args:
+        panel: Panel of the figure.
+        run: The run.
+        band_hz: Band of the vibration.
+        with_peak: True to name the tip peak in the legend.
+    """
+    vibration = band_passed(run.recording.columns["tip_z_m_s2"], run.recording.period_s, band_hz)
     label = run.label + (number_or_nothing(run.entry.tip_peak_mm, ": peak {:.3f} mm") if with_peak else "")
     panel.plot(*style.thin(run.recording.time_s, vibration), label=label, **run.look)
 
@@ -103,7 +130,7 @@ def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axe
         with_names: True to mark f_s and f_e.
     """
     time = recording.time_s
-    inside = np.flatnonzero(speed_window(recording, axis, 2))
+    inside = judged_samples(material, recording, axis)
     if len(inside):
         panel.axvspan(float(time[inside[0]]), float(time[inside[-1]]), color=style.SHADE, zorder=0)
     notches = material.bench.axis[axis].notch if axis in material.bench.axis else ()
@@ -114,6 +141,43 @@ def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axe
         reached = np.flatnonzero(speed >= value)
         if len(reached):
             style.flag(panel, float(time[reached[0]]), f"{name} = {value:g} rev/s", side="right")
+
+
+def judged_samples(material: Material, recording: Recording, axis: int, order: int = 2) -> NDArray[np.int_]:
+    """Indices of the samples in which an order is judged, shape (n,); none where no f_al is known.
+
+    Args:
+        material: Result and bench.
+        recording: The run.
+        axis: Axis that moved.
+        order: Order k.
+    """
+    window = material.window_rps(axis, order)
+    return np.flatnonzero(speed_window(recording, axis, window)) if window is not None else np.zeros(0, dtype=np.int_)
+
+
+def window_words(material: Material, axis: int, order: int = 2) -> str:
+    """Sentence on the shaded speeds."""
+    window = material.window_rps(axis, order)
+    if window is None:
+        return "Nothing is shaded, since the run is not judged."
+    words = {2: "second", 4: "fourth"}[order]
+    return f"Shaded: {window[0]:.3g} to {window[1]:.3g} rev/s, where the {words} harmonic crosses the resonance."
+
+
+def line_words(material: Material) -> str:
+    """Times of the line motion that are judged, in words."""
+    begin, end = line_window_s(material.bench.line_motion.duration_s) if material.bench.line_motion else (0.0, 0.0)
+    return f"{begin:.3g} to {end:.3g} s after the start"
+
+
+def shade_line(material: Material, panel: Axes, recording: Recording) -> None:
+    """Shade the judged times of the line motion."""
+    motion = material.bench.line_motion
+    if motion is not None and material.scale(None) is not None:
+        start = float(recording.time_s[0]) + motion.dwell_s
+        begin, end = line_window_s(motion.duration_s)
+        panel.axvspan(start + begin, start + end, color=style.SHADE, zorder=0)
 
 
 def limit_m_s2(material: Material, f_al: float) -> float:

@@ -8,12 +8,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from hil.analysis import motor_speed_rps
+from hil.analysis import ORDERS, PAPER_BAND_HZ, TipScale, motor_speed_rps
 from hil.bench.bench import Bench
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, Margins, margins
 from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate, fit_transmission_error
+from hil.experiments.judge import line_scale, scale_at
 from hil.experiments.treatment import TITLES
 from hil.recording import Recording
+from hil.report.origin import origin_of
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison
 
@@ -25,8 +27,9 @@ FEWEST_ROWS = 64
 MARGIN_SPEEDS_RPS = np.linspace(0.5, 10.5, 41)
 """Motor speeds at which stability and margins are computed."""
 
-FIT_SPEEDS_RPS = (1.5, 9.0)
-"""Motor speeds of a rising ramp from which the transmission error is identified: both resonances with their surroundings."""
+FIT_BELOW, FIT_ABOVE = 15.0 / 22.0, 1.2
+"""Motor speeds of a rising ramp from which the transmission error is identified: from below the window of order 4, in units of
+its beginning, to above that of order 2, in units of its end."""
 
 
 def run_name(run: RunEntry, *, with_window: bool = True) -> str:
@@ -62,8 +65,8 @@ class Material:
 
     @cached_property
     def model_axes(self) -> tuple[int, ...]:
-        """Axes with a model, in order."""
-        return tuple(sorted(number for number, axis in self.bench.axis.items() if axis.model is not None))
+        """Axes with a model and known gains, in order."""
+        return tuple(sorted(number for number, axis in self.bench.axis.items() if axis.has_loop))
 
     @cached_property
     def control_period_s(self) -> float:
@@ -77,10 +80,31 @@ class Material:
         loops = {number: self.loop(number, with_notch=False) for number in self.model_axes}
         return {number: loop.peak_hz() for number, loop in loops.items()}
 
+    def scale(self, axis: int | None) -> TipScale | None:
+        """Scale of an axis, or of the line motion (None); None where no f_al is known."""
+        if axis is None:
+            return line_scale(self.bench, self.control_period_s)
+        return scale_at(self.bench, axis, self.f_al_hz[axis]) if axis in self.f_al_hz else None
+
+    def f_al(self, axis: int | None) -> float | None:
+        """Frequency that turns an acceleration into a displacement; None where it is not known."""
+        scale = self.scale(axis)
+        return None if scale is None else scale.f_al_hz
+
+    def band_hz(self, axis: int | None) -> tuple[float, float]:
+        """Band in which a vibration is drawn; without an f_al one that suits arms like the paper's."""
+        scale = self.scale(axis)
+        return PAPER_BAND_HZ if scale is None else scale.band_hz
+
+    def window_rps(self, axis: int | None, order: int) -> tuple[float, float] | None:
+        """Motor speeds in which an order is judged; None where no f_al is known."""
+        scale = self.scale(axis)
+        return None if scale is None else scale.windows_rps.get(order)
+
     @property
-    def line_f_al_hz(self) -> float | None:
-        """Frequency that turns the line motion's acceleration into a displacement: f_al of the first axis with a model."""
-        return next(iter(self.f_al_hz.values()), None)
+    def word(self) -> str:
+        """Word for what came from the robot: `measured`, or `emulated`."""
+        return origin_of(self.result).word
 
     def loop(self, axis: int, *, with_notch: bool = True) -> Loop:
         """Drive-closed loop of an axis with a model."""
@@ -197,7 +221,11 @@ class Material:
             return None
         table = self.bench.axis[axis]
         speed = np.abs(motor_speed_rps(recording, axis))
-        low, high = FIT_SPEEDS_RPS
+        scale = self.scale(axis)
+        if scale is None:
+            return None
+        (low, _), (_, high) = (scale.windows_rps[order] for order in (max(ORDERS), min(ORDERS)))
+        low, high = round(FIT_BELOW * low, 6), round(FIT_ABOVE * high, 6)
         rows = (speed > low) & (speed < high) & (np.arange(len(speed)) < int(np.argmax(speed)))
         angle, tip = recording.axis(axis, "position_rad"), recording.columns["tip_z_m_s2"]
         plant = cast("Any", table.plant())

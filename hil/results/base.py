@@ -4,7 +4,7 @@ import datetime
 import json
 import os
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
@@ -132,12 +132,27 @@ class MeasuredResult(Result):
         stopped: Reason why the measurement was stopped.
         all_disabled: After a stop, True where every drive has confirmed that it is disabled; None without a stop.
         not_restored: Objects that could not be put back in the nodes.
+        emulated: True where any node is emulated: then this is no measurement; None where that is not known.
+        emulated_parts: Axes and accelerometer that are emulated, where others are not, or do not say.
     """
 
     bench: MeasuredBench
+    emulated: bool | None = None
+    emulated_parts: tuple[str, ...] | None = None
     stopped: str | None = None
     all_disabled: bool | None = None
     not_restored: tuple[str, ...] | None = None
+
+    def note_emulation(self, answers: Mapping[str, bool | None]) -> None:
+        """Note which parts of the bench are emulated.
+
+        Args:
+            answers: For each part True where it is emulated, False where it is not, None where it did not say.
+        """
+        parts = tuple(name for name, answer in answers.items() if answer)
+        is_known = bool(answers) and None not in answers.values()
+        self.emulated = True if parts else False if is_known else None
+        self.emulated_parts = parts if parts and len(parts) < len(answers) else None
 
     @property
     def aftermath(self) -> tuple[str, ...]:

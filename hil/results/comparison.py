@@ -100,6 +100,8 @@ class ComparisonRobot(ResultPart):
         not_restored: Objects that could not be put back in the nodes.
         versions: Versions by package; None where nothing was run.
         ended: Reason why it was not run to the end.
+        emulated: True where any of its nodes is emulated; None where that is not known.
+        emulated_parts: Its parts that are emulated, where others are not.
         all_disabled: After a stop, True where every drive has confirmed that it is disabled; None without a stop.
     """
 
@@ -113,6 +115,8 @@ class ComparisonRobot(ResultPart):
     not_restored: tuple[str, ...]
     versions: dict[str, str] | None = None
     ended: str | None = None
+    emulated: bool | None = None
+    emulated_parts: tuple[str, ...] | None = None
     all_disabled: bool | None = None
 
     @property
@@ -160,11 +164,13 @@ class TreatmentTable(Result):
         started_utc: Instant of the beginning, ISO 8601.
         request: Request of the comparison.
         robots: Robots in their order; empty where none was run.
+        emulated: True where any robot is emulated, even in part; None where that is not known of one, and of none that it is.
     """
 
     started_utc: str
     request: ComparisonRequestEntry
     robots: list[ComparisonRobot] = Field(default_factory=list)
+    emulated: bool | None = None
 
 
 class ComparisonResult(TreatmentTable):

@@ -39,7 +39,7 @@ class LearningPass(ResultPart):
 
     Attributes:
         gain: Fraction of the cancellation that acted.
-        vibration_m_s2: Vibration of the tip, 6 to 25 Hz, at the speeds that excite the arm.
+        vibration_m_s2: Vibration of the tip around f_al, at the speeds that excite the arm.
         set_point_delay_s: Delay of the set-points as estimated after this pass.
         following: Motor's motion over the intended one; None where it was not measured.
         a2_arcsec: A_2.

@@ -113,6 +113,7 @@ class NotchDesignResult(Result):
         designed: Verdict on the designed filters; None where only the given ones were judged.
         effort: Evaluations and seed of the search.
         seconds: Duration of the design.
+        emulated: True where plant or transmission error were identified on an emulated robot.
     """
 
     kind: Literal["design-notch"] = "design-notch"
@@ -133,3 +134,4 @@ class NotchDesignResult(Result):
     designed: DesignVerdict | None
     effort: Effort
     seconds: float
+    emulated: bool | None = None

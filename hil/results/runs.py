@@ -34,7 +34,7 @@ class TrialRun(ResultPart):
 
     Attributes:
         what: Cancellation of this run, in words.
-        rms_m_s2: Vibration of the tip in the window, 6 to 25 Hz.
+        rms_m_s2: Vibration of the tip in the window, in the band around f_al.
         reduction_fraction: Fraction by which the vibration is below that of the run without.
         needed_fraction: Least fraction that is needed.
         is_good: True where the vibration fell far enough.
@@ -92,6 +92,10 @@ class RunEntry(ResultPart):
         invalid: Reason why the run cannot be judged.
         trial: Trial of the cancellation before the run.
         repeated: Number of runs in the recording's mean.
+        ramp_peak_mm: Largest tip displacement on the whole ramp, without the jerks at its ends; None for the line motion.
+        f_al_hz: Frequency by which the run is judged: the peak of |G_al|; None where it is not known, and nothing is judged.
+        window_rps: Motor speeds of the window; None for the line motion.
+        band_hz: Band of the vibration.
     """
 
     experiment: str
@@ -119,6 +123,10 @@ class RunEntry(ResultPart):
     invalid: str | None = None
     trial: CancellationTrial | None = None
     repeated: int | None = None
+    ramp_peak_mm: float | None = None
+    f_al_hz: float | None = None
+    window_rps: tuple[float, float] | None = None
+    band_hz: tuple[float, float] | None = None
 
 
 class TreatmentComparison(ResultPart):

@@ -2,36 +2,30 @@
 
 import os
 import select
-import sys
 import time
 from collections.abc import Callable, Iterable
 
 from hil.can.channel import Channel
 from hil.can.frame import CAN_ERR_FLAG, Frame
+from plant_emulator.bus.stalls import LATE_NS, WallTime, spread, to_stderr
 from plant_emulator.world import FREE_STEP_NS, World
 
 POLL_S = 1e-9 * FREE_STEP_NS
 """Longest wait for a frame before the world is served again, in s."""
 TURN_FRAMES = 64
 """Frames that are answered before time passes by itself again."""
-BEHIND_NS = 50_000_000
-"""Largest lag of the world behind the wall clock. A longer stall is not made up for: the robot stood still, and says so.
-
-Otherwise a stalled process would let its drives' deadlines pass in one leap, before it has read the frames that kept them.
-"""
-SAY_AGAIN_NS = 1_000_000_000
 
 
 class Attachment:
     """A world joined to a bus by a channel.
 
     Each loop lets the world follow the clock, in steps of at most 1 ms, then hears what has come at the instant at which it is
-    read: set-points, SYNC, requests. What the nodes send leaves at once.
+    read: set-points, SYNC, requests. What the nodes send leaves at once. A world that has fallen behind hears what waits before
+    its time passes, see `bus.stalls`.
 
     Attributes:
         frames: Heard so far.
-        stalls: Number of times that the world was left behind.
-        stalled_ns: Time that it has lost in all.
+        time: The wall clock, as the world follows it.
     """
 
     def __init__(
@@ -39,7 +33,7 @@ class Attachment:
         world: World,
         channel: Channel,
         *,
-        say: Callable[[str], None] = lambda words: print(words, file=sys.stderr, flush=True),  # noqa: T201 - the default
+        say: Callable[[str], None] = to_stderr,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """Join them; `run` starts the nodes.
@@ -51,11 +45,8 @@ class Attachment:
             clock: Monotonic, in ns.
         """
         self.world, self.channel = world, channel
-        self.frames = self.stalls = self.stalled_ns = 0
-        self._say, self._clock = say, clock
-        self._epoch_ns = clock() - world.now
-        self._said_ns: int | None = None
-        self._unsaid_ns = 0
+        self.frames = 0
+        self.time = WallTime(clock, world.now, say)
         self._parent: int | None = None
         self._stop = False
 
@@ -73,7 +64,7 @@ class Attachment:
         Raises:
             BusLostError: The bus has gone; it is not joined again.
         """
-        self._epoch_ns = self._clock() - self.world.now
+        self.time.begin(self.world.now)
         self._send(self.world.power_on())
         while not self._stop:
             self.turn(POLL_S)
@@ -82,37 +73,49 @@ class Attachment:
 
     def turn(self, timeout_s: float) -> None:
         """Follow the clock, and answer what comes within the time; of many frames the first `TURN_FRAMES`."""
-        self._follow()
+        if not self._follow():
+            self._catch_up(None)
         for _ in range(TURN_FRAMES):
             frame = self.channel.receive(timeout_s)
             if frame is None:
                 return
             timeout_s = 0.0
-            if not frame.can_id & CAN_ERR_FLAG:
-                self.frames += 1
-                self._follow()
-                answers = [answer for _, answer in self.world.hear(frame)]
-                self._send(sorted(answers, key=lambda answer: answer.can_id))  # as a bus would let them pass
+            if not self._follow():
+                self._catch_up(frame)
+                return
+            self._hear(frame)
 
-    def _follow(self) -> None:
-        """Let the world's time pass up to the clock's."""
-        now = self._clock()
-        behind = now - self._epoch_ns - self.world.now
-        if behind > BEHIND_NS:
-            self._epoch_ns += behind
-            self._note(now, behind)
-        elif behind > 0:
+    def _follow(self) -> bool:
+        """Let the world's time pass up to the clock's; False, and nothing has passed, where the world is late."""
+        behind = self.time() - self.world.now
+        if behind > LATE_NS:
+            return False
+        if behind > 0:
             self._send(self.world.free_step(self.world.now + behind))
+        return True
 
-    def _note(self, now: int, lost_ns: int) -> None:
-        """Count a stall; it is said, but not more than once a second."""
-        self.stalls += 1
-        self.stalled_ns += lost_ns
-        self._unsaid_ns += lost_ns
-        if self._said_ns is None or now - self._said_ns >= SAY_AGAIN_NS:
-            self._said_ns = now
-            self._say(f"the emulated robot has fallen behind the wall clock: {1e-6 * self._unsaid_ns:.0f} ms are lost")
-            self._unsaid_ns = 0
+    def _catch_up(self, first: Frame | None) -> None:
+        """Hear what has come while the process stood still, and let the rest of the time pass.
+
+        Args:
+            first: The frame that has been read already.
+        """
+        waiting = [] if first is None else [first]
+        while len(waiting) < TURN_FRAMES and (frame := self.channel.receive(0.0)) is not None:
+            waiting.append(frame)
+        begin, end = self.world.now, self.time()
+        instants, reached = self.time.catch_up(begin, end, spread(begin, end, len(waiting)))
+        for instant, frame in zip(instants, waiting, strict=True):
+            self._send(self.world.free_step(instant))
+            self._hear(frame)
+        self._send(self.world.free_step(reached))
+
+    def _hear(self, frame: Frame) -> None:
+        """Let the nodes hear a frame now, and send their answers."""
+        if not frame.can_id & CAN_ERR_FLAG:
+            self.frames += 1
+            answers = [answer for _, answer in self.world.hear(frame)]
+            self._send(sorted(answers, key=lambda answer: answer.can_id))  # as a bus would let them pass
 
     def _send(self, frames: Iterable[Frame]) -> None:
         for frame in frames:

@@ -8,28 +8,22 @@ import selectors
 import socket
 import time
 from collections.abc import Callable, Iterable, Iterator
+from operator import itemgetter
 from pathlib import Path
 
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can import clock
-from hil.can.frame import MAX_DATA_LENGTH, RECORD, Frame, pack, unpack
-from hil.can.raw import wait_at_most
+from hil.can.frame import Frame, pack
+from plant_emulator.bus.clients import MAX_CLIENTS, Client, Door
 from plant_emulator.bus.medium import Instant, Medium
+from plant_emulator.bus.stalls import LATE_NS, WallTime, spread, to_stderr
 from plant_emulator.bus.timed import FIRST_CLIENT, HeardFrame
 from plant_emulator.world import SECOND, World
 
 FREE_POLL_S = 0.001
 """Time that a world that moves by itself sleeps between two looks at its clients, in s."""
-CLOCK_WAIT_S = 0.001
-"""Longest silence of the lock-step client before the others are served, in s."""
 TURN_FRAMES = 64
 """Frames of the lock-step client after which the others are looked at."""
-_MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size + 1  # a longer message shows itself by its last byte
-MAX_CLIENTS = 32
-SEND_BUFFER_BYTES = 1 << 20
-"""Buffer of a client's socket, as far as the system allows: its own 208 KiB hold 277 records, and the 127 segments of an SDO
-block, each with its time stamp, are 254."""
-STREAM_BACKLOG_BYTES = 1 << 20
 
 
 class AddressInUseError(Exception):
@@ -41,116 +35,17 @@ class AddressInUseError(Exception):
         super().__init__(f"another server answers at {path}")
 
 
-class Client:
-    """One participant of the bus. What it does not read in time is dropped and counted, never waited for.
-
-    Attributes:
-        is_over: Whether the server is to drop it, though it is still connected.
-    """
-
-    def __init__(self, sock: socket.socket, port: int) -> None:
-        """Take over a connected socket.
-
-        Args:
-            sock: Its own end.
-            port: Its number on the bus.
-        """
-        self.port = port
-        self.knows_clock = self.wants_stamps = self.takes_several = False
-        self.may_be_clock = True
-        self.is_over = False
-        self.syncs = 0
-        sock.setblocking(True)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-        wait_at_most(sock, CLOCK_WAIT_S)
-        self.socket = sock
-        self.dropped = 0
-        self._is_stream = sock.type == socket.SOCK_STREAM
-        self._received, self._backlog = b"", bytearray()
-
-    def send(self, record: bytes) -> None:
-        """Deliver a message, or drop it where the client's queue is full."""
-        try:
-            if self._is_stream:
-                self._send_stream(record)
-            else:
-                self.socket.send(record, socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            self.dropped += len(record) // RECORD.size
-        except OSError:
-            pass  # it has gone; the next read says so
-
-    def send_all(self, records: list[bytes]) -> None:
-        """Deliver records, several in one message where the client understands that."""
-        if not self.takes_several or len(records) == 1:
-            for record in records:
-                self.send(record)
-            return
-        for begin in range(0, len(records), clock.MAX_RECORDS):
-            self.send(b"".join(records[begin : begin + clock.MAX_RECORDS]))
-
-    def _send_stream(self, record: bytes) -> None:
-        """A stream must not lose half a record: what does not fit waits, up to a bound."""
-        self.flush()
-        if len(self._backlog) >= STREAM_BACKLOG_BYTES:
-            self.dropped += 1
-            return
-        self._backlog += record
-        self.flush()
-
-    def flush(self) -> None:
-        """Write the waiting bytes to a stream, as far as there is room."""
-        with contextlib.suppress(OSError):  # no room; or it has gone, and the next read says so
-            while self._backlog:
-                del self._backlog[: self.socket.send(self._backlog[:65536], socket.MSG_DONTWAIT)]
-
-    def receive(self, *, wait: bool = False) -> list[Frame] | None:
-        """The frames that are there, [] where there is none, None where the client has gone; what is no frame is dropped.
-
-        Args:
-            wait: Wait for the first one, up to `CLOCK_WAIT_S`.
-        """
-        try:
-            data = self.socket.recv(65536 if self._is_stream else _MESSAGE_BYTES, 0 if wait else socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            return []
-        except OSError:
-            return None
-        if not data:
-            return None
-        if not self._is_stream:
-            if len(data) != RECORD.size:
-                return _frames(data) if len(data) % RECORD.size == 0 else []
-            frame = unpack(data)
-            return [] if frame is None else [frame]
-        self._received += data
-        whole = len(self._received) - len(self._received) % RECORD.size
-        records, self._received = self._received[:whole], self._received[whole:]
-        return _frames(records)
-
-
-class Door:
-    """A listening socket, and the participants that it makes of connections."""
-
-    def __init__(self, listener: socket.socket) -> None:
-        """Take over a listening socket."""
-        self.listener = listener
-        listener.setblocking(False)
-
-    def admit(self, sock: socket.socket, port: int) -> Client:
-        """Make a participant of a new connection."""
-        return Client(sock, port)
-
-    def turn_away(self, sock: socket.socket) -> None:
-        """Refuse a client beyond the largest number."""
-        sock.close()
-
-
 class Server:
     """Serves a world at a path.
 
     The client whose SYNC was the last holds the clock: as long as it is connected the world moves by SYNC alone. Otherwise the
-    world follows the monotonic clock.
+    world follows the monotonic clock; one that has fallen behind hears what waits before its time passes, see `bus.stalls`.
+
+    Attributes:
+        world: The world behind the bus.
+        path: Path of the socket.
+        medium: The medium between world and clients.
+        time: The wall clock, as the world follows it.
     """
 
     def __init__(
@@ -161,6 +56,7 @@ class Server:
         stream: bool = False,
         medium: Medium | None = None,
         now_ns: Callable[[], int] = time.monotonic_ns,
+        say: Callable[[str], None] = to_stderr,
     ) -> None:
         """Bind the path and start the nodes.
 
@@ -170,6 +66,7 @@ class Server:
             path: Path of the socket; a stale one is removed.
             stream: Use a stream socket although the system has seqpacket ones.
             now_ns: The monotonic clock.
+            say: Called with each complaint: that the world has fallen behind the clock.
 
         Raises:
             AddressInUseError: Another server answers there.
@@ -188,8 +85,7 @@ class Server:
         self._ports = itertools.count(FIRST_CLIENT)
         self.open(Door(listener))
         self._clock: Client | None = None
-        self._now_ns = now_ns
-        self._epoch_ns = now_ns() - world.now
+        self.time = WallTime(now_ns, world.now, say)
         self._stop = False
         self._cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
         world.power_on()
@@ -216,19 +112,51 @@ class Server:
             while not self._stop:
                 if self._clock is not None:
                     self._serve_clock(self._clock)
-                self._serve(self._wait())
+                ready = self._wait()
+                if self._clock is None and self._wall_ns() - self.world.now > LATE_NS:
+                    self._catch_up()
+                self._serve(ready)
                 for descriptor, client in tuple(self._clients.items()):
                     client.flush()
                     if client.is_over:
                         self._drop(descriptor)
                 if self._clock is None:
-                    self._deliver(self.medium.free(self._wall_ns()))
+                    self._pass_time()
         finally:
             self.close()
 
     def _wall_ns(self) -> int:
         """The world's time as it would be now if it followed the monotonic clock."""
-        return max(self.world.now, self._now_ns() - self._epoch_ns)
+        return max(self.world.now, self.time())
+
+    def _pass_time(self) -> None:
+        """Let time pass up to the clock's; a world that is late waits for `_catch_up`, which reads first what waits."""
+        now = self._wall_ns()
+        if now - self.world.now <= LATE_NS:
+            self._deliver(self.medium.free(now))
+
+    def _catch_up(self) -> None:
+        """Hear what has come while the process stood still, each frame at its time, and let the rest of the time pass."""
+        begin, end = self.world.now, self._wall_ns()
+        queued = sorted(self._queued(begin, end), key=itemgetter(0))
+        instants, reached = self.time.catch_up(begin, end, [arrival for arrival, _, _ in queued])
+        for instant, (_, frame, sender) in zip(instants, queued, strict=True):
+            if self._clock is None:
+                self._deliver(self.medium.free(instant))
+            self._take(frame, sender)
+        if self._clock is None:
+            self._deliver(self.medium.free(reached))
+
+    def _queued(self, begin: int, end: int) -> list[tuple[int, Frame, Client]]:
+        """All frames that wait, with their arrivals: the kernel's, else evenly over the time in which they must have come."""
+        real_time = time.time_ns() - end
+        queued: list[tuple[int, Frame, Client]] = []
+        for client in self._clients.values():
+            own = list(client.queued())
+            guesses = spread(begin, end, len(own))
+            for (frame, stamp), guess in zip(own, guesses, strict=True):
+                queued.append((guess if stamp is None else stamp - real_time, frame, client))
+        return queued
 
     def _wait(self) -> list[int]:
         """Descriptors that can be read; while the world moves by itself, sleeps a little for them."""
@@ -249,7 +177,7 @@ class Server:
             if frames is None:
                 self._drop(holder.socket.fileno())
             for frame in frames or ():
-                self._on_frame(frame, holder)
+                self._take(frame, holder)
             if not frames:
                 self._deliver(self.medium.idle())
             if not frames or self._clock is not holder:
@@ -280,6 +208,8 @@ class Server:
         except OSError:  # it has gone already
             sock.close()
             return
+        if self._is_wall:
+            client.stamp_arrivals()
         self._clients[sock.fileno()] = client
         self.medium.join(client.port)
         self._selector.register(sock, selectors.EVENT_READ)
@@ -299,11 +229,15 @@ class Server:
                 return  # one at a time, so that a babbling client does not keep the others out
 
     def _on_frame(self, frame: Frame, sender: Client) -> None:
+        if self._is_wall and frame.can_id != clock.CLOCK_ID:
+            self._pass_time()
+        self._take(frame, sender)
+
+    def _take(self, frame: Frame, sender: Client) -> None:
+        """Hear a frame now."""
         if frame.can_id == clock.CLOCK_ID:
             self._on_question(frame, sender)
             return
-        if self._is_wall:
-            self._deliver(self.medium.free(self._wall_ns()))
         if self._is_wall or frame.can_id != FunctionCode.SYNC or not sender.may_be_clock:
             self._deliver(self.medium.frame(sender.port, frame))
             return
@@ -353,7 +287,7 @@ class Server:
         client.socket.close()
         if client is self._clock:
             self._clock = None
-            self._epoch_ns = self._now_ns() - self.world.now
+            self.time.begin(self.world.now)
             if self._cores is not None:
                 os.sched_setaffinity(0, self._cores)  # the lock-step client may have taken us to its core
 
@@ -367,11 +301,6 @@ class Server:
         with contextlib.suppress(OSError):
             if Path(self.path).stat().st_ino == self._inode:
                 Path(self.path).unlink()
-
-
-def _frames(records: bytes) -> list[Frame]:
-    """Frames of whole records; other bytes are skipped."""
-    return [Frame(can_id, data[:length]) for can_id, length, data in RECORD.iter_unpack(records) if length <= MAX_DATA_LENGTH]
 
 
 def _listen(path: str, *, stream: bool) -> socket.socket:

@@ -14,7 +14,8 @@ import struct
 from collections.abc import Callable
 
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, CAN_SFF_MASK, MAX_DATA_LENGTH, RECORD, Frame
-from plant_emulator.bus.server import MAX_CLIENTS, TURN_FRAMES, Client, Door
+from plant_emulator.bus.clients import MAX_CLIENTS, Client, Door
+from plant_emulator.bus.server import TURN_FRAMES
 
 MESSAGE = struct.Struct(">IIBB8s")
 PAYLOAD_BYTES = 14

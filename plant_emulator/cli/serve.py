@@ -11,7 +11,7 @@ import typer
 
 from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.console import epilog, fail
-from plant_emulator.cli.console import EmulatorExitStatus, RobotOption, by_axis, exit_on_error, exit_on_value_error
+from plant_emulator.cli.console import AXES, EmulatorExitStatus, RobotOption, by_axis, exit_on_error, exit_on_value_error
 
 if TYPE_CHECKING:  # --help must not wait for them
     from drive_profiles.address import Address
@@ -56,7 +56,12 @@ ServedBusOption = Annotated[
 ]
 DriveOption = Annotated[
     list[str] | None,
-    typer.Option("--drive", metavar="AXIS=PROFILE", help="Drive of an axis: name of a profile, or its file; repeatable."),
+    typer.Option(
+        "--drive",
+        metavar="AXIS=PROFILE[/PRODUCT]",
+        help="Drive of an axis: a profile by name or file; repeatable.",
+        autocompletion=AXES.with_profile,
+    ),
 ]
 EdsOption = Annotated[
     list[str] | None,
@@ -158,6 +163,12 @@ def serve(
         _run(server)
 
 
+def _complain(line: str) -> None:
+    """Write a line on standard error; nobody need read it."""
+    with contextlib.suppress(OSError, ValueError):
+        typer.echo(line, err=True)
+
+
 def _robot(robot: str, drives: dict[int, str], sheets: dict[int, str], store_time_s: float | None, seed: int | None) -> "Robot":
     """Return the robot of a file with the drives and the seed that were asked for."""
     from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
@@ -178,10 +189,12 @@ def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) 
 def _run(server: "Server | Attachment") -> None:
     """Serve until something stops the server; those who wait for its announcement read it now."""
     from hil.can.errors import BusLostError  # noqa: PLC0415
+    from plant_emulator.sealed import sealed  # noqa: PLC0415
 
     sys.stdout.flush()
     try:
-        server.run()
+        with sealed(_complain):
+            server.run()
     except BusLostError as error:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from hil.control.cascade import Cascade
 from hil.control.notch import NO_NOTCH, NOTCHES, Notch
-from hil.robot_tables import CHAIN_AXES
 from plant_emulator.motion.period import advance
 from plant_emulator.motion.record import (
     AXIS,
@@ -102,7 +101,7 @@ class Axes:
         self._chain = robot.geometry.chain() if robot.geometry is not None else None
         home = robot.home_joints()
         self._home = None if home is None else home.tolist()
-        self._chain_rows = [] if home is None else [self.row(number) for number in CHAIN_AXES]
+        self._chain_rows = [] if home is None else [self.row(number) for number in robot.chain_axes]
         self._levers = [robot.axis[number].tip_lever_m for number in self.numbers]
         self._bind()
 
@@ -193,7 +192,7 @@ class Axes:
         """True acceleration (X, Y, Z) of the tip in m/s², gravity left out.
 
         While a single brake is open the sensor sits on that axis' lever, as in the single-axis experiments: Z is L θ̈_l, X points
-        inwards. Otherwise the planar chain of axes 2, 3 and 5 moves it; a robot without a geometry adds the levers up.
+        inwards. Otherwise the planar chain of the geometry moves it; a robot without a geometry adds the levers up.
         """
         modes = self._mode.tolist()
         speeds, accelerations = self._arm_speed.tolist(), self._arm_acceleration.tolist()

@@ -1,4 +1,4 @@
-"""Acceleration at the tip, and its sensor: the planar chain of axes 2, 3 and 5, or the lever of a single axis."""
+"""Acceleration at the tip, and its sensor: the planar chain of shoulder, elbow and wrist, or the lever of a single axis."""
 
 import math
 from collections.abc import Sequence

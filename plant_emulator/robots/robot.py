@@ -1,7 +1,6 @@
 """The robot file: what the emulated robot is. Units are in the names of the keys; SI inside."""
 
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -11,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from drive_profiles.family.profile import is_name
 from drive_profiles.files.toml import Table, load
 from hil.control.angles import ARCSEC
 from hil.control.trajectory import PlanarChain
 from hil.robot_tables import (
-    CHAIN_AXES,
     ConstantAccelerationMotion,
     Control,
     Geometry,
@@ -121,7 +120,7 @@ class RobotAxis(PlantTable):
     """One axis: motor, gearing, arm, encoder; the reference robot's keys, and options that are off unless given.
 
     Attributes:
-        profile: The drive that moves it: a profile of the package by its name, or the path of a profile.
+        profile: The drive that moves it: a profile of the package by its name, with /PRODUCT behind it or not, or a path.
         eds: Path of the drive's EDS file; its objects that the profile does not state are there, but do nothing.
         store_time_s: Time for which the drive is silent on SDO while it stores.
         torque_constant_nm_a: Assumed motor constant, for drives whose gains are in amperes, and for 6075h.
@@ -227,8 +226,8 @@ class Robot(Table):
         if twice:
             given = " and ".join(holders[twice[0]][:2])
             raise ValueError(f"node id {twice[0]} is given to two nodes of the bus, {given}: node_id changes it")
-        if self.geometry is not None and not set(CHAIN_AXES) <= set(self.axis):
-            raise ValueError(f"a geometry needs axes {', '.join(map(str, CHAIN_AXES))}")
+        if self.geometry is not None:
+            self.geometry.check_axes(self.axis, "a geometry")
         step_s = self.control_period_s / self.plant_substeps
         for number, axis in self.axis.items():
             lag_s = axis.current_time_constant_s
@@ -238,6 +237,11 @@ class Robot(Table):
                     "0 is none, and plant_substeps makes the steps shorter"
                 )
         return self
+
+    @property
+    def chain_axes(self) -> tuple[int, ...]:
+        """Axes of the line motion: those of the geometry, from the base on; none without one."""
+        return () if self.geometry is None else self.geometry.axes
 
     @property
     def node_ids(self) -> dict[int, int]:
@@ -251,7 +255,7 @@ class Robot(Table):
         return frozenset(axes | {self.accelerometer.node_id} if self.accelerometer.unconfigured else axes)
 
     def home_joints(self) -> NDArray[np.float64] | None:
-        """q₂, q₃, q₅ in rad where all motor angles are zero: the start of the line motion; None without a geometry."""
+        """Joint angles of the chain in rad where all motor angles are zero, at the start of the line motion; None without one."""
         if self.geometry is None or self.line_motion is None:
             return None
         start = self.line_motion.start_m
@@ -260,16 +264,16 @@ class Robot(Table):
     def home_angle(self, number: int) -> float:
         """q₀ of one axis in rad, so that gravity's moment is m g l cos(θ_l + q₀).
 
-        Axes 3 and 5 lift their links: q₀ is the link's angle above the horizontal at home. Axis 2 leans its link
+        Elbow and wrist lift their links: q₀ is the link's angle above the horizontal at home. The shoulder leans its link
         forwards from the vertical, and its weight pulls it on: q₀ is the lean at home plus 90°.
         """
         axis = self.axis[number]
         if axis.home_deg is not None:
             return math.radians(axis.home_deg)
         joints = self.home_joints()
-        if joints is None or number not in CHAIN_AXES:
+        if joints is None or number not in self.chain_axes:
             return 0.0
-        link = CHAIN_AXES.index(number)
+        link = self.chain_axes.index(number)
         return float(joints[0] + 0.5 * math.pi) if link == 0 else float(PlanarChain.link_angles(joints)[link])
 
 
@@ -296,11 +300,6 @@ def _in_folder(axis: RobotAxis, folder: Path) -> RobotAxis:
     if axis.eds is not None:
         changes["eds"] = str(folder / axis.eds)
     return axis.model_copy(update=changes) if changes else axis
-
-
-def is_name(profile: str) -> bool:
-    """True where a profile is named rather than given by its path."""
-    return re.fullmatch(r"[a-z0-9_-]+", profile) is not None
 
 
 def with_drives(

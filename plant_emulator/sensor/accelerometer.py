@@ -31,7 +31,6 @@ def accelerometer_entries(serial_number: int = 1) -> list[Entry]:
         communication_entries(
             device_type=DEVICE_TYPE,
             name="Emulated accelerometer",
-            hardware_version="1",
             software_version="1.0",
             vendor_id=VENDOR_ID,
             product_code=PRODUCT_CODE,

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from drive_profiles.standard.cia301 import RPDO_BASES, TPDO_BASES, CobIdBit, DataType, FunctionCode
+from drive_profiles.standard.emulation import HARDWARE_VERSION
 from plant_emulator.slave import emergency, guarding, nmt, store, sync, time_of_day
 from plant_emulator.slave.dictionary import Access, Entry, ObjectType
 from plant_emulator.slave.pdo.setup import (
@@ -27,7 +28,7 @@ def communication_entries(
     *,
     device_type: int,
     name: str,
-    hardware_version: str = "1.0",
+    hardware_version: str = HARDWARE_VERSION,
     software_version: str = "1.0",
     vendor_id: int = 0,
     product_code: int = 0,
@@ -41,7 +42,7 @@ def communication_entries(
     Args:
         device_type: 1000h.
         name: 1008h.
-        hardware_version: 1009h.
+        hardware_version: 1009h, by which a master knows an emulated node.
         software_version: 100Ah.
         vendor_id: 1018h:01h, with product code, revision and serial number after it.
         product_code: 1018h:02h.

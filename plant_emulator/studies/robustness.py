@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drive_profiles.standard.units import real32
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
-from hil.robot_tables import CHAIN_AXES, Control
+from hil.robot_tables import Control
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
 from plant_emulator.physics.axis import settle
@@ -178,7 +178,7 @@ class Study:
     @property
     def axes(self) -> tuple[int, ...]:
         """The axes that move."""
-        return CHAIN_AXES if self.axis is None else (self.axis,)
+        return self.robot.chain_axes if self.axis is None else (self.axis,)
 
     @property
     def is_by_area(self) -> bool:

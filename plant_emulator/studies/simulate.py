@@ -12,7 +12,7 @@ from drive_profiles.standard.units import Scaling, real32
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.control.trajectory import sample_times
-from hil.robot_tables import CHAIN_AXES, Control, NotchShape
+from hil.robot_tables import Control, NotchShape
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
 from plant_emulator.robots.robot import Robot
@@ -60,8 +60,8 @@ def references(robot: Robot, axis: int | None, sync_period_s: float) -> tuple[tu
     line = robot.line_motion.line(robot.geometry.chain())
     times = sample_times(line.duration_s, sync_period_s)
     joints = line.joints(times)
-    ratios = np.array([robot.axis[number].reduction_ratio for number in CHAIN_AXES])
-    return CHAIN_AXES, times, (joints - joints[0]) * ratios
+    ratios = np.array([robot.axis[number].reduction_ratio for number in robot.chain_axes])
+    return robot.chain_axes, times, (joints - joints[0]) * ratios
 
 
 def simulate(

@@ -26,8 +26,8 @@ from hil.experiments.cancellation.cancellation import (
 from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary
 from hil.experiments.cancellation.learning import learn
 from hil.experiments.cancellation.trial import CancellationRefusedError, averaged, choose, verify
+from hil.experiments.judge import axis_scale
 from hil.experiments.motions import constant_acceleration, line_motion
-from hil.experiments.plan import peak_hz
 from hil.master.motion import FilterUse
 from hil.master.session import Session
 from hil.recording import BusLog
@@ -88,7 +88,7 @@ def line(session: Session, cancellation: Cancellation | None, filters: FilterUse
         recordings.append(result.recording)
     table = bench.line_motion
     assert table is not None
-    return line_motion_metrics(averaged(recordings), table.dwell_s, table.duration_s, peak_hz(load_bench("reference"), 2))
+    return line_motion_metrics(averaged(recordings), table.dwell_s, table.duration_s, axis_scale(load_bench("reference"), 2))
 
 
 def turned(cancellation: Cancellation, degrees: float) -> Cancellation:

@@ -569,7 +569,7 @@ def test_a_run_without_its_accelerometer_is_never_a_pass(reference_bench: Bench,
         result = session.run(experiment.motion(reference_bench), "notch", "drive")
     assert result.sensor_missed == result.cycles
     for entry in entries(reference_bench, experiment, result, "x.csv"):
-        assert entry.within_spec is False
+        assert entry.within_spec is None
         assert entry.tip_peak_mm is None
         assert "accelerometer was missing" in (entry.invalid or "")
 
@@ -578,7 +578,7 @@ def test_a_motion_that_misses_the_windows_is_run_and_not_judged(session: BenchSe
     experiment = demo_experiments(bench)[0]
     result = session.run(experiment.motion(bench), "none", "drive")
     (second, fourth) = entries(bench, experiment, result, "x.csv")
-    assert "between 4.5 and 7.5 rps" in (second.invalid or "")
+    assert "between 4.5 and 7.5 rev/s" in (second.invalid or "")
     assert fourth.tip_peak_mm is not None
 
 
@@ -757,3 +757,24 @@ def test_an_accelerometer_at_the_end_of_its_range_is_not_judged(reference_bench:
     for entry in entries(bench, experiment, result, "x.csv"):
         assert "at the end of its range of 0.5 m/s²" in (entry.invalid or "")
         assert not entry.within_spec
+
+
+# -- emulated or not -------------------------------------------------------------------------------------------------------
+
+
+def test_an_emulated_robot_says_that_it_is_one(reference_bench: Bench, reference_robot: Robot) -> None:
+    session, _ = session_of(reference_bench, reference_robot)
+    with session:
+        session.bring_up()
+    assert session.emulated == {"axis 2": True, "axis 3": True, "axis 5": True, "accelerometer": True}
+
+
+def test_a_drive_that_has_hardware_or_says_nothing_of_it_is_not_taken_for_emulated(
+    reference_bench: Bench, reference_robot: Robot
+) -> None:
+    session, channel = session_of(reference_bench, reference_robot)
+    channel.world.drives[2].slave.dictionary.cell(0x1009, 0).value = "rev C"
+    channel.passes = lambda frame: frame.can_id != 0x583 or frame.data[1:4] != bytes((0x09, 0x10, 0x00))
+    with session:
+        session.bring_up()
+    assert session.emulated == {"axis 2": False, "axis 3": None, "axis 5": True, "accelerometer": True}

@@ -8,20 +8,25 @@ from scipy import signal
 
 from hil.analysis import (
     LINE_BAND_HZ,
-    TIP_BAND_HZ,
-    WINDOWS_RPS,
+    PAPER_BAND_HZ,
+    PAPER_WINDOWS_RPS,
     amplitude_spectrum,
     area,
     constant_acceleration_metrics,
+    joint_scale,
     line_motion_metrics,
+    line_window_s,
     motor_speed_rps,
+    paper_scale,
     speed_window,
     tip_displacement_mm,
+    tip_scale,
 )
 from hil.recording import Recording
 
 T = 0.002
 F_AL = 11.84
+PAPER = paper_scale(F_AL)
 
 
 def recording(acceleration, revolutions=None, axis=2):
@@ -46,7 +51,7 @@ def band_gain(f_hz):
 @pytest.mark.parametrize("f_hz", [8.0, 11.84, 20.0])
 def test_the_tip_displacement_of_a_sine_is_its_acceleration_over_the_resonance_squared(f_hz):
     t = np.arange(5000) * T
-    middle = tip_displacement_mm(0.5 * np.sin(2.0 * math.pi * f_hz * t), T, F_AL)[1000:4000]
+    middle = tip_displacement_mm(0.5 * np.sin(2.0 * math.pi * f_hz * t), T, PAPER)[1000:4000]
     want = 1e3 * 0.5 * band_gain(f_hz) / (2.0 * math.pi * F_AL) ** 2
     assert np.max(np.abs(middle)) == pytest.approx(want, rel=1e-2)
     # without phase: the crests stay where they were
@@ -61,7 +66,7 @@ def test_at_the_resonance_itself_the_displacement_is_nearly_the_true_one():
 def test_motion_and_noise_outside_the_band_do_not_count_as_vibration(f_hz):
     t = np.arange(8000) * T
     # half a cosine period at either end would be a transient of the filter, so only the middle is read
-    middle = tip_displacement_mm(np.cos(2.0 * math.pi * f_hz * t), T, F_AL)[2000:6000]
+    middle = tip_displacement_mm(np.cos(2.0 * math.pi * f_hz * t), T, PAPER)[2000:6000]
     assert np.max(np.abs(middle)) < 1e3 * 0.01 / (2.0 * math.pi * F_AL) ** 2
 
 
@@ -107,8 +112,10 @@ def test_the_motor_speed_is_the_slope_of_the_angle_without_delay(rate):
 def test_the_window_holds_the_rise_through_its_speeds_and_not_the_fall(order, direction):
     up, down = np.arange(0.0, 10.0, 4.0 * T), np.arange(10.0, 0.0, -20.0 * T)
     speed = np.concatenate([np.zeros(200), up, down, np.zeros(200)])
-    inside = np.flatnonzero(speed_window(recording(np.zeros_like(speed), direction * np.cumsum(speed) * T), 2, order))
-    low, high = WINDOWS_RPS[order]
+    inside = np.flatnonzero(
+        speed_window(recording(np.zeros_like(speed), direction * np.cumsum(speed) * T), 2, PAPER_WINDOWS_RPS[order])
+    )
+    low, high = PAPER_WINDOWS_RPS[order]
     assert speed[inside[0]] == pytest.approx(low, abs=0.05)
     assert speed[inside[-1]] == pytest.approx(high, abs=0.05)
     assert np.all(np.diff(inside) == 1)
@@ -122,20 +129,20 @@ def test_a_single_axis_run_is_judged_in_its_window_only():
     wave = np.sin(2.0 * math.pi * 12.0 * t)
     acceleration = np.where(speed < 3.0, 2.0, 0.2) * wave
     run = recording(acceleration, np.cumsum(speed) * T)
-    found = constant_acceleration_metrics(run, 2, 2, F_AL)
+    found = constant_acceleration_metrics(run, 2, 2, PAPER)
     peak = 1e3 * 0.2 * band_gain(12.0) / (2.0 * math.pi * F_AL) ** 2
     assert found.tip_peak_mm == pytest.approx(peak, rel=0.02)
     assert found.tip_rms_mm == pytest.approx(peak / math.sqrt(2.0), rel=0.02)
     assert found.spectrum_peak_m_s2 == pytest.approx(0.2, rel=0.02)
     assert found.spectrum_peak_hz == pytest.approx(12.0, abs=0.2)
-    f, amplitude = amplitude_spectrum(acceleration[speed_window(run, 2, 2)], T, "hann")
-    assert found.spectrum_area == pytest.approx(area(f, amplitude, TIP_BAND_HZ))
+    f, amplitude = amplitude_spectrum(acceleration[speed_window(run, 2, PAPER_WINDOWS_RPS[2])], T, "hann")
+    assert found.spectrum_area == pytest.approx(area(f, amplitude, PAPER_BAND_HZ))
 
 
 def test_a_run_that_misses_the_window_is_refused_with_the_count():
     slow = np.linspace(0.0, 2.0, 1000)
-    with pytest.raises(ValueError, match=r"0 samples between 4\.5 and 7\.5 rps"):
-        constant_acceleration_metrics(recording(np.zeros(1000), np.cumsum(slow) * T), 2, 2, F_AL)
+    with pytest.raises(ValueError, match=r"0 samples between 4\.5 and 7\.5 rev/s"):
+        constant_acceleration_metrics(recording(np.zeros(1000), np.cumsum(slow) * T), 2, 2, PAPER)
 
 
 def test_a_line_motion_is_judged_from_half_a_second_to_two_and_its_spectrum_over_the_motion():
@@ -144,7 +151,7 @@ def test_a_line_motion_is_judged_from_half_a_second_to_two_and_its_spectrum_over
     f_hz = 27.0 / (1101 * T)  # whole cycles in the motion's 1101 samples
     wave = np.sin(2.0 * math.pi * f_hz * (t - start))
     size = np.where(t < start, 5.0, np.where(t < start + 2.2, 0.3, 3.0))
-    found = line_motion_metrics(recording(size * wave), start, duration, F_AL)
+    found = line_motion_metrics(recording(size * wave), start, duration, PAPER)
     assert found.tip_peak_mm == pytest.approx(1e3 * 0.3 * band_gain(f_hz) / (2.0 * math.pi * F_AL) ** 2, rel=0.02)
     assert found.spectrum_peak_m_s2 == pytest.approx(0.3, rel=1e-3)
     assert found.spectrum_peak_hz == pytest.approx(f_hz)
@@ -155,8 +162,67 @@ def test_a_line_motion_is_judged_from_half_a_second_to_two_and_its_spectrum_over
 def test_halving_the_vibration_halves_every_metric():
     speed = np.concatenate([np.arange(0.0, 10.0, 4.0 * T), np.arange(10.0, 0.0, -20.0 * T), np.zeros(300)])
     noise = np.random.default_rng(3).standard_normal(len(speed))
-    whole = constant_acceleration_metrics(recording(noise, np.cumsum(speed) * T), 2, 2, F_AL)
-    half = constant_acceleration_metrics(recording(0.5 * noise, np.cumsum(speed) * T), 2, 2, F_AL)
+    whole = constant_acceleration_metrics(recording(noise, np.cumsum(speed) * T), 2, 2, PAPER)
+    half = constant_acceleration_metrics(recording(0.5 * noise, np.cumsum(speed) * T), 2, 2, PAPER)
     for name in ("tip_peak_mm", "tip_rms_mm", "spectrum_peak_m_s2", "spectrum_area"):
         assert getattr(half, name) == pytest.approx(0.5 * getattr(whole, name))
     assert half.spectrum_peak_hz == whole.spectrum_peak_hz
+
+
+def test_every_window_and_band_of_an_axis_is_reckoned_from_its_own_f_al():
+    one, twice = tip_scale(9.0), tip_scale(18.0)
+    assert twice.band_hz == tuple(2.0 * edge for edge in one.band_hz)
+    assert twice.windows_rps[4] == one.windows_rps[2]
+    low, high = twice.windows_rps[2]
+    assert low < 18.0 / 2.0 < high
+    assert (low, high) == pytest.approx((6.84, 11.43))
+
+
+def test_a_resonance_at_twice_the_papers_frequency_is_judged_where_it_is():
+    """A sine that is loud at 9 rev/s alone, where order 2 meets 18 Hz, and silent at the speeds of the paper's robot."""
+    speed = np.concatenate([np.arange(0.0, 12.0, 2.0 * T), np.arange(12.0, 0.0, -20.0 * T), np.zeros(500)])
+    t = np.arange(len(speed)) * T
+    acceleration = 0.4 * np.sin(2.0 * math.pi * 18.0 * t) * np.exp(-(((speed - 9.0) / 0.6) ** 2))
+    found = constant_acceleration_metrics(recording(acceleration, np.cumsum(speed) * T), 2, 2, tip_scale(18.0))
+    assert found.tip_peak_mm == pytest.approx(1e3 * 0.4 / (2.0 * math.pi * 18.0) ** 2, rel=0.05)
+    assert found.ramp_peak_mm == found.tip_peak_mm
+
+
+def test_the_peak_of_the_whole_ramp_stands_beside_that_of_the_window():
+    speed = np.concatenate([np.arange(0.0, 10.0, 2.0 * T), np.arange(10.0, 0.0, -20.0 * T), np.zeros(500)])
+    t = np.arange(len(speed)) * T
+    acceleration = np.sin(2.0 * math.pi * F_AL * t) * np.where(speed > 8.0, 0.6, 0.2)
+    found = constant_acceleration_metrics(recording(acceleration, np.cumsum(speed) * T), 2, 2, PAPER)
+    assert found.tip_peak_mm == pytest.approx(1e3 * 0.2 / (2.0 * math.pi * F_AL) ** 2, rel=0.05)
+    assert found.ramp_peak_mm == pytest.approx(1e3 * 0.6 / (2.0 * math.pi * F_AL) ** 2, rel=0.1)
+
+
+def test_a_ramp_that_ends_before_the_resonance_is_not_judged():
+    speed = np.concatenate([np.arange(0.0, 8.9, 4.0 * T), np.arange(8.9, 0.0, -20.0 * T), np.zeros(300)])
+    run = recording(np.zeros_like(speed), np.cumsum(speed) * T)
+    with pytest.raises(ValueError, match=r"order 2 meets f_al = 18\.00 Hz at 9\.00 rev/s: raise end_rps"):
+        constant_acceleration_metrics(run, 2, 2, tip_scale(18.0))
+
+
+def test_without_an_f_al_a_line_has_an_area_and_no_millimetre():
+    t = np.arange(2500) * T
+    found = line_motion_metrics(recording(0.2 * np.sin(75.0 * t)), 0.2, 2.2, None)
+    assert found.spectrum_area == line_motion_metrics(recording(0.2 * np.sin(75.0 * t)), 0.2, 2.2, PAPER).spectrum_area
+    assert found.tip_peak_mm is found.tip_rms_mm is found.spectrum_peak_m_s2 is None
+
+
+@pytest.mark.parametrize(("duration_s", "window"), [(2.2, (0.5, 2.0)), (5.0, (0.5, 4.8)), (1.0, (0.25, 0.9))])
+def test_the_line_is_judged_but_for_its_ends(duration_s, window):
+    assert line_window_s(duration_s) == pytest.approx(window)
+
+
+def test_the_papers_line_is_judged_from_0_5_to_2_seconds_exactly():
+    assert line_window_s(2.2) == (0.5, 2.0)
+
+
+def test_several_axes_are_judged_by_the_lowest_f_al_and_all_bands():
+    joint = joint_scale([tip_scale(18.0), tip_scale(10.0)])
+    assert joint.f_al_hz == 10.0
+    assert joint.band_hz == (tip_scale(10.0).band_hz[0], tip_scale(18.0).band_hz[1])
+    with pytest.raises(ValueError, match="no scale"):
+        joint_scale([])

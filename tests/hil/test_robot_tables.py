@@ -1,16 +1,20 @@
 """The tables that bench files and robot files have in common."""
 
+import numpy as np
 import pytest
 
 from drive_profiles.errors import FileError
 from drive_profiles.files.toml import loads
 from hil import robot_tables
 from hil.bench.bench import REFERENCE as BENCH_FILE
-from hil.bench.bench import Bench, Model
+from hil.bench.bench import Bench, Model, load_bench
+from hil.errors import NotPossibleError
+from hil.experiments.motions import line_motion
 from hil.robot_tables import NotchShape, NotchTable, PlantTable, TransmissionErrorTable
 from plant_emulator.robots.robot import REFERENCE as ROBOT_FILE
-from plant_emulator.robots.robot import GearTransmissionError, Robot, RobotAxis
+from plant_emulator.robots.robot import GearTransmissionError, Robot, RobotAxis, load_robot
 from plant_emulator.robots.tuning import TunedAxis
+from plant_emulator.studies.simulate import simulate
 
 
 @pytest.mark.parametrize("key", ["geometry", "line_motion", "constant_acceleration"])
@@ -43,6 +47,51 @@ def test_a_line_motion_whose_ramps_do_not_fit_is_refused_in_either_file(file, mo
 def test_a_notch_with_three_keys_less_takes_the_law_s_defaults(shape):
     values = {"shape": shape, "start_rps": 4.0, "end_rps": 9.0, "offset_hz": 0.5, "zeta_rn": 0.02, "zeta_rdth": 0.1}
     assert NotchShape(**values).notch() == NotchTable(**values).notch()
+
+
+ON_1_2_3 = {2: 1, 3: 2, 5: 3}
+
+
+def renumbered(table):
+    """A bench or a robot whose shoulder, elbow and wrist have other numbers."""
+    axes = {ON_1_2_3[number]: axis for number, axis in table.axis.items()}
+    geometry = table.geometry.model_copy(update={"axes": (1, 2, 3)})
+    return type(table).model_validate({**table.model_dump(exclude_none=True), "axis": {
+        number: axis.model_dump(exclude_none=True) for number, axis in axes.items()
+    }, "geometry": geometry.model_dump()})  # fmt: skip
+
+
+def test_the_line_is_moved_by_the_axes_that_the_geometry_names():
+    bench = renumbered(load_bench("reference"))
+    ours, theirs = line_motion(bench, 0.002), line_motion(load_bench("reference"), 0.002)
+    assert (ours.axes, theirs.axes) == ((1, 2, 3), (2, 3, 5))
+    np.testing.assert_array_equal(ours.motor_angle_rad, theirs.motor_angle_rad)
+
+
+def test_an_emulated_arm_moves_its_tip_the_same_whatever_its_axes_are_called():
+    robot = load_robot("reference")
+    controls = {number: axis.control for number, axis in load_bench("reference").axis.items()}
+    here = simulate(robot, None, controls=controls, notches={})
+    there = simulate(renumbered(robot), None, controls={ON_1_2_3[n]: c for n, c in controls.items()}, notches={})
+    assert there.axes == (1, 2, 3)
+    np.testing.assert_allclose(there.tip_acceleration_m_s2, here.tip_acceleration_m_s2, atol=1e-9)
+
+
+@pytest.mark.parametrize("file", [BENCH_FILE, ROBOT_FILE])
+def test_a_chain_that_the_robot_lacks_is_refused_with_what_to_write(file):
+    model = Bench if file is BENCH_FILE else Robot
+    text = file.read_text(encoding="utf-8")
+    text = text if file is BENCH_FILE else text.replace("[geometry]", "[geometry]\naxes = [2, 3, 5]")
+    with pytest.raises(FileError, match=r"needs axes 2, 3, 6, there are 2, 3, 5: put the numbers of shoulder, elbow and wrist"):
+        loads(text.replace("axes = [2, 3, 5]", "axes = [2, 3, 6]"), model)
+    with pytest.raises(FileError, match="three different axes"):
+        loads(text.replace("axes = [2, 3, 5]", "axes = [2, 3, 3]"), model)
+
+
+def test_a_bench_without_the_arms_lengths_says_what_a_line_needs():
+    bench = load_bench("reference").model_copy(update={"geometry": None, "line_motion": None})
+    with pytest.raises(NotPossibleError, match=r"no geometry and no line_motion table: .* axes = \[shoulder, elbow, wrist\]"):
+        line_motion(bench, 0.002)
 
 
 def test_every_table_says_what_it_is():

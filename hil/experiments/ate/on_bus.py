@@ -65,16 +65,20 @@ def identify_ate(
             bench=described,
             axis=request.axis,
             sensorless=request.sensorless,
-            known_before=KnownArm(source=knowledge.source, start=knowledge.start),
+            known_before=KnownArm(
+                source=knowledge.source,
+                start=knowledge.start,
+                resonance_error_hz=knowledge.resonance_error_hz,
+                damping_error=knowledge.damping_error,
+            ),
             sensing=sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
         )
 
     with Measurement(bench, out, empty, channel=channel, reporter=reporter) as measurement:
         with measurement.session([demand], overload=overload) as session:
             identification = identify_on(session, request, knowledge, _Keeper(measurement, request.axis), reporter)
-        _enter(
-            measurement.result, identification, as_part(identification.estimate, request, measurement.started.date().isoformat())
-        )
+        part = as_part(identification.estimate, request, measurement.started.date().isoformat())
+        _enter(measurement.result, identification, part.model_copy(update={"emulated": measurement.result.emulated}))
     return AteOutcome(measurement.result, measurement.failure)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from drive_profiles.family.profile import Profile
+from hil.analysis import TipScale, joint_scale
 from hil.bench.bench import Bench, Model
 from hil.bench.model import Identified, with_identified
 from hil.control.angles import ARCSEC
@@ -19,6 +20,7 @@ from hil.control.cancellation import CancellationLaw, CancellationTable
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.experiments.judge import scale_at
 from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.robot_tables import TransmissionErrorTable
@@ -63,6 +65,7 @@ class Cancellation:
         period_s: SYNC period.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         torque_steps_nm: Resolution of the torque offsets, by axis.
+        scales: Scales by which the vibration is judged, by axis.
     """
 
     axes: tuple[int, ...]
@@ -70,6 +73,13 @@ class Cancellation:
     period_s: float
     actuation: Actuation = "reference"
     torque_steps_nm: Mapping[int, float] = field(default_factory=dict)
+    scales: Mapping[int, TipScale] = field(default_factory=dict)
+
+    @property
+    def scale(self) -> TipScale | None:
+        """Scale of all axes together; None without one."""
+        scales = list(self.scales.values())
+        return scales[0] if len(scales) == 1 else joint_scale(scales) if scales else None
 
     def adder(self, gain: float = 1.0, only: int | None = None) -> CancellationAdder:
         """Adder for one run.
@@ -104,7 +114,7 @@ class Cancellation:
                 raise UnsafeRequestError(f"the torque offset of {name}", torque, allowed, "N·m", remedy)
             speed = peak_rps + own.largest_rate_rps(peak_rps)
             if speed > limits.speed_rps:
-                raise UnsafeRequestError(f"the speed of {name} with its cancellation", speed, limits.speed_rps, "rps")
+                raise UnsafeRequestError(f"the speed of {name} with its cancellation", speed, limits.speed_rps, "rev/s")
             high, low = float(angle.max()) / turn + reach_rev, float(angle.min()) / turn - reach_rev
             if high > limits.position_max_rev:
                 raise UnsafeRequestError(f"the position of {name} with its cancellation", high, limits.position_max_rev, "rev")
@@ -145,15 +155,18 @@ def cancellation_for(
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
     """
     tables: dict[int, CancellationTable] = {}
+    scales: dict[int, TipScale] = {}
     for number in axes:
         model = _model(bench, identified, number)
         if model is None:
             continue
         table = bench.axis[number].model_copy(update={"model": model})
+        table.gains(f"cancellation on axis {number}")
         phases = {order: math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
         period = (control_periods_s or {}).get(number) or CONTROL_PERIOD_S
         loop = table.loop(period, with_notch=with_notch)
-        assert loop is not None  # noqa: S101 - it has a model
+        assert loop is not None  # noqa: S101 - it has a model and gains
+        scales[number] = scale_at(bench, number, loop.peak_hz())
         try:
             timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
             tables[number] = cancellation_table(loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
@@ -161,7 +174,7 @@ def cancellation_for(
             raise NotPossibleError(f"axis {number}: {error}") from error
     if not tables:
         raise NotPossibleError(_nothing_known(axes))
-    return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {})
+    return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {}, scales)
 
 
 def measured_delay_s(identified: Identified | None, number: int) -> float:
@@ -268,7 +281,7 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
     for number in models:
         profile = Profile.load(bench.axis[number].profile)
         if "cancellation.mode" not in profile.parameters:
-            raise NotPossibleError(f"axis {number}: drive family {profile.name} cancels nothing by itself")
+            raise NotPossibleError(f"axis {number}: drive family {profile.label} cancels nothing by itself")
     if not models:
         raise NotPossibleError(_nothing_known(axes))
     return models

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.analysis import TIP_BAND_HZ, motor_speed_rps
+from hil.analysis import ORDERS, motor_speed_rps
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, update_file
 from hil.design.ate_identification import JointEstimate, identify
@@ -28,6 +28,7 @@ from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, end_speed, ram
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.cancellation.cancellation import CancellationAdder, cancellation_on
 from hil.experiments.cancellation.trial import CancellationRefusedError, judged_rows, vibration_m_s2
+from hil.experiments.judge import axis_scale, scale_at
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -36,7 +37,6 @@ from hil.robot_tables import TransmissionErrorTable
 
 Real = NDArray[np.float64]
 
-ORDERS = (2, 4)
 PASSES = 5
 ACCELERATION_RPS_S = 4.0
 SECOND_GAIN = 0.5
@@ -54,7 +54,7 @@ class LearntPass:
 
     Attributes:
         gain: Fraction of the cancellation that acted.
-        vibration_m_s2: Vibration of the tip, both ramps, 6 to 25 Hz, at the speeds that excite the arm.
+        vibration_m_s2: Vibration of the tip, both ramps, in the band around f_al, at the speeds that excite the arm.
         estimate: Estimate from all passes so far.
         set_point_delay_s: Delay of the set-points as estimated after this pass.
         following: Motor's motion over the intended one, after a pass with the whole cancellation; 1 where the motor follows.
@@ -88,10 +88,12 @@ class AxisLearning:
     Attributes:
         axis: Axis number.
         passes: Passes in their order.
+        emulated: True where the robot is emulated; None where that is not known.
     """
 
     axis: int
     passes: list[LearntPass] = field(default_factory=list)
+    emulated: bool | None = None
 
     @property
     def estimate(self) -> JointEstimate:
@@ -130,6 +132,7 @@ class AxisLearning:
             set_point_delay_s=last.set_point_delay_s,
             learnt_by="adaptive",
             note="; ".join(text for text in (date, f"{len(self.passes)} passes", note) if text),
+            emulated=self.emulated,
         )
 
     def store(self, path: Path, robot: str, note: str = "", on: datetime.date | None = None) -> Identified:
@@ -190,10 +193,12 @@ def learn(
     bench, period = session.bench, session.bench.bus.sync_period_s
     table = _table_of(bench, axis, passes)
     end = end_speed(bench, axis, acceleration_rps_s, None)
-    learning, sweeps, start, delay_s = AxisLearning(axis), list[Sweep](), None, 0.0
+    learning, sweeps, start, delay_s, scale = AxisLearning(axis), list[Sweep](), None, 0.0, axis_scale(bench, axis)
     for number in range(1, passes + 1):
         gain = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0
-        reporter.step(f"pass {number} of {passes}: axis {axis} to {end:.2f} rps and back, {100.0 * gain:g} % of the cancellation")
+        reporter.step(
+            f"pass {number} of {passes}: axis {axis} to {end:.2f} rev/s and back, {100.0 * gain:g} % of the cancellation"
+        )
         session.check_interrupt()
         here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
         motion = ramps(bench, axis, here_rev, acceleration_rps_s, end, period)
@@ -204,13 +209,14 @@ def learn(
             raise result.stopped
         check_run(result, sensorless=False)
         recording, following = result.recording, None
-        if adder is not None and gain == 1.0:
-            following, late_s = motor_following(recording, motion, axis, table.reduction_ratio, learning.estimate)
+        if adder is not None and gain == 1.0 and scale is not None:
+            following, late_s = motor_following(recording, motion, axis, table.reduction_ratio, learning.estimate, scale.band_hz)
             delay_s += late_s if abs(late_s) > LEAST_DELAY_S else 0.0
         sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
         estimate = _fitted(sweeps, table, start)
         check_estimate(estimate, sensorless=False)
-        vibration = vibration_m_s2(recording, judged_rows(session.bench, recording) & (motion.direction() != 0))
+        scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first pass: all are judged alike
+        vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
         learning.passes.append(LearntPass(gain, vibration, estimate, delay_s, following))
         _check_reduction(learning, axis, number, gain)
         start = estimate.arm
@@ -274,12 +280,17 @@ def _with_estimate(session: Session, identified: Identified | None, learning: Ax
 
 
 def motor_following(
-    recording: Recording, motion: Ramps, axis: int, reduction_ratio: float, estimate: JointEstimate
+    recording: Recording,
+    motion: Ramps,
+    axis: int,
+    reduction_ratio: float,
+    estimate: JointEstimate,
+    band_hz: tuple[float, float],
 ) -> tuple[float, float]:
     """Factor and delay with which a motor made the intended motion Δθ_m = −N θ_sync(θ_m).
 
-    Least squares of the measured angle on the intended motion and its derivative, g Δθ_m − g δ Δθ̇_m, both band-passed from 6 to
-    25 Hz.
+    Least squares of the measured angle on the intended motion and its derivative, g Δθ_m − g δ Δθ̇_m, both band-passed around
+    f_al.
 
     Args:
         recording: Recording of a pass with the whole cancellation.
@@ -287,6 +298,7 @@ def motor_following(
         axis: Axis number.
         reduction_ratio: N.
         estimate: Estimate that was cancelled with.
+        band_hz: Band of the vibration.
 
     Returns:
         g and δ in s.
@@ -295,11 +307,11 @@ def motor_following(
     intended = -reduction_ratio * estimate.error.angle_rad(angle)
     from scipy import signal  # noqa: PLC0415 - see hil/analysis.py
 
-    band = signal.butter(2, TIP_BAND_HZ, "bandpass", fs=1.0 / period, output="sos")
+    band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period, output="sos")
     measured, wanted, rate = signal.sosfiltfilt(band, np.stack([angle, intended, np.gradient(intended, period)]))
     rows = motion.direction(EDGE_S / motion.trajectory.ramp_s) != 0
     rows &= np.roll(rows, -round(EDGE_S / period))  # the end of a ramp says nothing either
-    rows &= np.abs(motor_speed_rps(recording, axis)) > TIP_BAND_HZ[0] / min(ORDERS)
+    rows &= np.abs(motor_speed_rps(recording, axis)) > band_hz[0] / min(ORDERS)
     columns = np.stack([wanted[rows], rate[rows]], axis=1)
     solution = np.linalg.lstsq(columns, measured[rows], rcond=None)[0]
     gain = float(solution[0])

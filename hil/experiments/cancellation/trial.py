@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.analysis import LINE_WINDOW_S, WINDOWS_RPS, band_passed, motor_speed_rps
+from hil.analysis import TipScale, band_passed, line_window_s, motor_speed_rps
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.errors import HilError, NotPossibleError
 from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder, cancel_inside
+from hil.experiments.judge import vibration_scale
 from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
@@ -56,7 +57,7 @@ class Trial:
 
     Attributes:
         what: Cancellation of this run, in words.
-        rms_m_s2: Vibration of the tip in the window, 6 to 25 Hz.
+        rms_m_s2: Vibration of the tip in the window, in the band around f_al.
         reduction_fraction: Fraction by which the vibration is below that of the run without.
         needed_fraction: Least fraction that is needed.
     """
@@ -109,27 +110,34 @@ class Verification:
                 raise CancellationRefusedError(trial.what, trial.reduction_fraction, trial.needed_fraction)
 
 
-def judged_rows(bench: Bench, recording: Recording) -> Rows:
+def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
     """Rows in which vibration is compared: the line motion's window, or a single axis' speeds at which an order excites the arm.
+
+    Args:
+        bench: The bench file.
+        recording: Recording of the motion.
+        scale: Scale of the axes that moved.
 
     Raises:
         NotPossibleError: The motion does not pass such a speed.
     """
     if len(recording.axes) > 1 and bench.line_motion is not None:
         time, start = recording.time_s, bench.line_motion.dwell_s
-        return np.asarray((time >= start + LINE_WINDOW_S[0]) & (time <= start + LINE_WINDOW_S[1]))
+        begin, end = (start + each for each in line_window_s(bench.line_motion.duration_s))
+        return np.asarray((time >= begin) & (time <= end))
     speed = np.abs(motor_speed_rps(recording, recording.axes[0]))
     rows = np.zeros(len(speed), dtype=np.bool_)
-    for low, high in WINDOWS_RPS.values():
+    for low, high in scale.windows_rps.values():
         rows |= (speed >= low) & (speed <= high)
     if np.count_nonzero(rows) * recording.period_s < 0.1:
         raise NotPossibleError("a motion that does not excite the arm shows nothing of a cancellation")
     return rows
 
 
-def vibration_m_s2(recording: Recording, rows: Rows) -> float:
-    """Root mean square of the tip's vertical acceleration from 6 to 25 Hz in some rows."""
-    return float(np.sqrt(np.mean(band_passed(recording.columns["tip_z_m_s2"], recording.period_s)[rows] ** 2)))
+def vibration_m_s2(recording: Recording, rows: Rows, scale: TipScale) -> float:
+    """Root mean square of the tip's vertical acceleration in the band around f_al, in some rows."""
+    band = band_passed(recording.columns["tip_z_m_s2"], recording.period_s, scale.band_hz)
+    return float(np.sqrt(np.mean(band[rows] ** 2)))
 
 
 def verify(
@@ -160,8 +168,9 @@ def verify(
     """
     reporter.step("trial of the cancellation: without")
     first = _run(session, motion, filters, None, shows_filter)
-    rows = judged_rows(session.bench, first)
-    before = vibration_m_s2(first, rows)
+    scale = cancellation.scale or vibration_scale(session.bench, motion.axes)
+    rows = judged_rows(session.bench, first, scale)
+    before = vibration_m_s2(first, rows, scale)
     runs, trials = {"without": first}, []
     several = len(cancellation.tables) > 1
     for only in (None, *(cancellation.tables if several else ())):
@@ -169,7 +178,7 @@ def verify(
         reporter.step(f"trial of the cancellation: {what}")
         recording = _run(session, motion, filters, cancellation.adder(gain, only), shows_filter)
         runs["all" if only is None else f"axis{only}"] = recording
-        rms_m_s2 = vibration_m_s2(recording, rows[: len(recording.time_s)])
+        rms_m_s2 = vibration_m_s2(recording, rows[: len(recording.time_s)], scale)
         trials.append(
             Trial(what, rms_m_s2, 1.0 - rms_m_s2 / max(before, 1e-30), LEAST_FRACTION * gain if only is None else -WORSE)
         )
@@ -270,12 +279,13 @@ def choose_inside(
     """
     reporter.step("trial of the cancellation in the drives: without")
     first = _run(session, motion, "none", None, shows_filter=True)
-    rows = judged_rows(session.bench, first)
-    before, what = vibration_m_s2(first, rows), f"{100.0 * gain:g} % of it in the drives"
+    scale = vibration_scale(session.bench, motion.axes, identified)
+    rows = judged_rows(session.bench, first, scale)
+    before, what = vibration_m_s2(first, rows, scale), f"{100.0 * gain:g} % of it in the drives"
     reporter.step(f"trial of the cancellation: {what}")
     cancel_inside(session, identified, motion.axes, gain)
     second = _run(session, motion, "none", None, shows_filter=True)
-    rms_m_s2 = vibration_m_s2(second, rows[: len(second.time_s)])
+    rms_m_s2 = vibration_m_s2(second, rows[: len(second.time_s)], scale)
     trial = Trial(what, rms_m_s2, 1.0 - rms_m_s2 / max(before, 1e-30), LEAST_FRACTION * gain)
     verification = Verification(before, gain, (trial,), {"without": first, "all": second})
     if trial.is_good:

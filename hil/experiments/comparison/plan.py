@@ -154,7 +154,7 @@ def _setup(robot: KnownRobot, experiment: Experiment, channel: Channel | None) -
     """
     bench, name = robot.bench, experiment.treatment
     motion = experiment.motion(bench)
-    check_band(experiment, motion)
+    check_band(bench, experiment, motion)
     setup = treatment_setup(bench, name, robot.knowledge, motion.period_s, experiment.loop)
     where = "none of its axes" if experiment.axis is None else f"axis {experiment.axis}"
     if setup.filters == "notch" and not any(setup.bench.axis[number].notch for number in motion.axes):

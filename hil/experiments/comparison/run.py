@@ -6,7 +6,7 @@ treatment. Runs that are not possible are left out with their reason before anyt
 
 import datetime
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -86,9 +86,22 @@ def compare(
             failure = own if isinstance(own, SafetyStopError) else failure or own
             ended = "" if own is None else str(own)
         robots.append(gathered(plan, directory, result, ended))
-    whole = ComparisonResult(started_utc=started.isoformat(timespec="seconds"), request=request_entry(request), robots=robots)
+    whole = ComparisonResult(
+        started_utc=started.isoformat(timespec="seconds"),
+        request=request_entry(request),
+        robots=robots,
+        emulated=any_emulated(each.emulated for each in robots),
+    )
     whole.write(out / RESULT_FILE)
     return ComparisonOutcome(whole, failure, unmet(robots, request))
+
+
+def any_emulated(answers: Iterable[bool | None]) -> bool | None:
+    """True where any is, None where it is not known of one and no other is, else False; None of none."""
+    known = list(answers)
+    if True in known:
+        return True
+    return None if None in known or not known else False
 
 
 def request_entry(request: ComparisonRequest) -> ComparisonRequestEntry:

@@ -16,7 +16,6 @@ from hil.results.comparison import (
     TreatmentTable,
 )
 from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison
-from hil.robot_tables import CHAIN_AXES
 
 Key = tuple[str, int | None, str, str]
 """Experiment, axis, treatment, and the side that closes the loop."""
@@ -53,6 +52,8 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
         not_restored=(() if result is None else result.not_restored) or (),
         versions=None if result is None else result.bench.versions,
         ended=ended or None,
+        emulated=None if result is None else result.emulated,
+        emulated_parts=None if result is None else result.emulated_parts,
         all_disabled=None if result is None else result.all_disabled,
     )
 
@@ -102,15 +103,15 @@ def _measured(row: ComparisonRow, run: RunEntry | None, change: TreatmentCompari
 # -- compliance of treatments --------------------------------------------------------------------------------------------------
 
 
-def _moved(experiment: Experiment) -> tuple[int, ...]:
-    return CHAIN_AXES if experiment.axis is None else (experiment.axis,)
+def _moved(bench: Bench, experiment: Experiment) -> tuple[int, ...]:
+    return bench.chain_axes if experiment.axis is None else (experiment.axis,)
 
 
 def _factors(bench: Bench, experiment: Experiment, setup: TreatmentSetup, run: RunEntry | None) -> ComplianceFactors | None:
     """Factors by which the worst of the moved axes is more compliant than without the treatment, closed on the same side."""
     if run is None:
         return None
-    moved = _moved(experiment)
+    moved = _moved(bench, experiment)
     pairs = [(_compliance(bench, number, None, run), _compliance(setup.bench, number, setup, run)) for number in moved]
     ratios = [(after.slow / before.slow, after.peak / before.peak) for before, after in pairs if before and after]
     if not ratios:
@@ -136,7 +137,13 @@ def _compliances(plan: ComparisonPlan, number: int, runs: Runs) -> Iterable[Axis
     for experiment, setup in plan.setups.items():
         run = runs.get(_key_of(experiment))
         key = (experiment.treatment, experiment.loop)
-        if run is None or number not in _moved(experiment) or setup.is_cancelled or setup.is_inside or key in entries:
+        if (
+            run is None
+            or number not in _moved(setup.bench, experiment)
+            or setup.is_cancelled
+            or setup.is_inside
+            or key in entries
+        ):
             continue
         one = _compliance(setup.bench, number, setup, run)
         if one is not None:

@@ -71,6 +71,7 @@ def run_identify_plant(
             evaluation = _perform(measurement, session, request, reporter)
         how = f"{evaluation.excited} excitation of {evaluation.amplitude_nm:.3g} N·m"
         entry = evaluation.identified(f"identified {result.bench.started_utc}, {how}")
+        entry = entry.model_copy(update={"emulated": result.emulated})
         enter(result, evaluation)
         result.identified = entry
         if model is not None:

@@ -4,13 +4,25 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
+from scipy import signal
 
-from hil.analysis import LINE_WINDOW_S, TIP_BAND_HZ, WINDOWS_RPS, motor_speed_rps
+from hil.analysis import band_passed, motor_speed_rps
 from hil.recording import Recording
 from hil.report import style
-from hil.report.drawn_run import DrawnRun, draw_vibration, drawn_run, finish_vibration, shade_speeds
+from hil.report.drawn_run import (
+    DrawnRun,
+    draw_vibration,
+    drawn_run,
+    finish_vibration,
+    limit_m_s2,
+    line_words,
+    shade_line,
+    shade_speeds,
+    window_words,
+)
+from hil.report.figures.order_map import order_maps
 from hil.report.material import Material
-from hil.report.style import Drawing
+from hil.report.style import Drawing, Real
 from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TreatmentTable
 
@@ -19,9 +31,11 @@ OVERLAID = 4
 OVERLAY_LINES: tuple[style.Line, ...] = (
     style.WITHOUT,
     style.WITH,
-    {"color": style.VERMILLION, "linestyle": (0, (5, 1.2, 1, 1.2)), "linewidth": 1.2},
+    {"color": style.PURPLE, "linestyle": (0, (5, 1.2, 1, 1.2)), "linewidth": 1.5},
     {"color": style.GREEN, "linestyle": "-", "linewidth": 1.8},
 )
+MAPPED = 6
+"""Largest number of order maps in one figure."""
 BEHIND: style.Line = {"color": style.ORANGE, "linestyle": "-", "linewidth": 0.9, "alpha": 0.75}
 
 
@@ -40,31 +54,46 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
     if len(runs) < 2:
         return None
     key = f"vibration-{robot.directory}-{key_of(experiment, axis)}"
-    f_al = material.line_f_al_hz if axis is None else material.f_al_hz.get(axis)
+    f_al, band = material.f_al(axis), material.band_hz(axis)
     overlaid = len(runs) <= OVERLAID
     svg = _overlay(material, runs, axis, f_al, key) if overlaid else _multiples(material, runs, axis, f_al, key)
     case = case_name(experiment, axis)
     title = f"{robot.name}, {case}: tip vibration" if several else f"{case.capitalize()}: tip vibration"
-    window = (
-        f"{LINE_WINDOW_S[0]:g} to {LINE_WINDOW_S[1]:g} s after the start"
-        if axis is None
-        else f"{WINDOWS_RPS[2][0]:g} to {WINDOWS_RPS[2][1]:g} rev/s, where the second harmonic crosses the resonance"
-    )
+    window = f"Shaded: {line_words(material)}, in which it is judged." if axis is None else window_words(material, axis)
     limit = (
         "Without a model there is no frequency by which the specification becomes an acceleration."
         if f_al is None
         else f"Dotted: the specification of ±{robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
     )
-    behind = "" if overlaid else " Behind each in orange: nothing acting, closed in the same place."
+    below = " Below: their envelopes, in which lines that cover each other above lie apart." if overlaid else ""
+    behind = below if overlaid else " Behind each in orange: nothing acting, closed in the same place."
     return Drawing(
         key,
         title,
         "",
         "measured",
-        f"Vertical tip acceleration, band-passed {TIP_BAND_HZ[0]:g} to {TIP_BAND_HZ[1]:g} Hz without phase. Shaded: {window}, in "
-        f"which the run is judged. {limit}{behind}",
+        f"Vertical tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase. {window} {limit}{behind}",
         svg,
     )
+
+
+def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
+    """Order maps of a ramp with each treatment, closed in the same place as the first; None for other motions.
+
+    Args:
+        robot: Robot of the comparison.
+        material: Result and recordings of its runs.
+        experiment: Name of the experiment.
+        axis: Axis of a constant-acceleration run, else None.
+        several: True where the comparison has more than one robot.
+    """
+    if axis is None:
+        return None
+    rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
+    runs = [run for row in rows if row.loop == rows[0].loop and (run := _drawn(material, row)) is not None]
+    title = f"{robot.name}, axis" if several else "Axis"
+    key = f"orders-{robot.directory}-{key_of(experiment, axis)}"
+    return order_maps(key, f"{title} {axis}: which order shakes the tip", runs[:MAPPED], axis, material.f_al_hz.get(axis))
 
 
 def _drawn(material: Material, row: ComparisonRow) -> DrawnRun | None:
@@ -84,15 +113,16 @@ def _shade(material: Material, panel: Axes, axis: int | None, recording: Recordi
     """Shade the judged window, and show the time from before the fourth harmonic's window to behind the second's."""
     time = recording.time_s
     if axis is None:
-        motion = material.bench.line_motion
-        begin = float(time[0]) + (0.0 if motion is None else motion.dwell_s)
-        panel.axvspan(begin + LINE_WINDOW_S[0], begin + LINE_WINDOW_S[1], color=style.SHADE, zorder=0)
+        shade_line(material, panel, recording)
         panel.set_xlim(float(time[0]), float(time[-1]))
         return
     shade_speeds(material, axis, recording, panel, with_names=False)
     speed = np.abs(motor_speed_rps(recording, axis))
     rising = np.arange(len(speed)) < int(np.argmax(speed))
-    shown = time[(speed >= 0.8 * WINDOWS_RPS[4][0]) & (speed <= 1.15 * WINDOWS_RPS[2][1]) & rising]
+    fourth, second = material.window_rps(axis, 4), material.window_rps(axis, 2)
+    if fourth is None or second is None:
+        return
+    shown = time[(speed >= 0.8 * fourth[0]) & (speed <= 1.15 * second[1]) & rising]
     if len(shown):
         panel.set_xlim(float(shown[0]), float(shown[-1]))
 
@@ -100,20 +130,33 @@ def _shade(material: Material, panel: Axes, axis: int | None, recording: Recordi
 def _overlay(
     material: Material, runs: list[tuple[ComparisonRow, DrawnRun]], axis: int | None, f_al: float | None, key: str
 ) -> str:  # fmt: skip
-    figure, panels = style.panels(1, 1, 3.6)
-    panel = panels[0, 0]
+    figure, panels = style.panels(2, 1, 5.6, sharex=True, height_ratios=(3, 2))
+    panel, below = panels[:, 0]
     for (row, run), look in zip(runs, OVERLAY_LINES, strict=False):
-        draw_vibration(panel, DrawnRun(run.entry, run.recording, _label(row), look), with_peak=False)
-    _shade(material, panel, axis, runs[0][1].recording)
+        draw_vibration(panel, DrawnRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False)
+        below.plot(*style.thin(run.recording.time_s, _envelope(run.recording, material.band_hz(axis))), **look)
+    for each in (panel, below):
+        _shade(material, each, axis, runs[0][1].recording)
     finish_vibration(material, panel, f_al)
-    style.legend_above(figure, panel, 3)
+    panel.set_xlabel("")
+    if f_al is not None:
+        below.axhline(limit_m_s2(material, f_al), **style.LIMIT)
+        _millimetres(below, f_al, "Displacement (mm)")
+    below.set_ylim(0.0, panel.get_ylim()[1])
+    below.set(xlabel="Time (s)", ylabel="Envelope (m/s²)")
+    style.legend_above(figure, panel, columns=3)
     return style.to_svg(figure, key)
+
+
+def _envelope(recording: Recording, band_hz: tuple[float, float]) -> Real:
+    """Amplitude of the band-passed vibration at every instant, m/s², shape (n,): the size of its analytic signal."""
+    return np.abs(signal.hilbert(band_passed(recording.columns["tip_z_m_s2"], recording.period_s, band_hz)))
 
 
 def _multiples(
     material: Material, runs: list[tuple[ComparisonRow, DrawnRun]], axis: int | None, f_al: float | None, key: str
 ) -> str:  # fmt: skip
-    plain = {row.loop: run for row, run in runs if row.treatment == "none"}
+    plain, band = {row.loop: run for row, run in runs if row.treatment == "none"}, material.band_hz(axis)
     shown = [(row, run) for row, run in runs if row.treatment != "none" or len(runs) == 1]
     count = -(-len(shown) // 2)
     figure, panels = style.panels(count, 2, 0.5 + 1.75 * count, sharex=axis is None, sharey=True)
@@ -122,8 +165,8 @@ def _multiples(
         panel = panels[number // 2, number % 2]
         behind = plain.get(row.loop)
         if behind is not None:
-            draw_vibration(panel, DrawnRun(behind.entry, behind.recording, "nothing", BEHIND), with_peak=False)
-        draw_vibration(panel, DrawnRun(run.entry, run.recording, "with the treatment", style.WITH), with_peak=False)
+            draw_vibration(panel, DrawnRun(behind.entry, behind.recording, "nothing", BEHIND), band, with_peak=False)
+        draw_vibration(panel, DrawnRun(run.entry, run.recording, "with the treatment", style.WITH), band, with_peak=False)
         _shade(material, panel, axis, run.recording)
         reach = max(reach, finish_vibration(material, panel, f_al, with_name=False, with_scale=False))
         if f_al is not None and (number % 2 == 1 or number == len(shown) - 1):
@@ -136,15 +179,15 @@ def _multiples(
     if reach > 0.0:
         panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
     figure.supylabel("Tip acceleration, band-passed (m/s²)", fontsize=8.5)
-    style.legend_above(figure, panels[0, 0], 3)
+    style.legend_above(figure, panels[0, 0], columns=3)
     return style.to_svg(figure, key)
 
 
-def _millimetres(panel: Axes, f_al: float) -> None:
+def _millimetres(panel: Axes, f_al: float, name: str = "mm") -> None:
     """Draw the scale of displacement on the right, with a name that fits the panel's height."""
     scale = 1e3 / (2.0 * math.pi * f_al) ** 2
     right = panel.secondary_yaxis("right", functions=(lambda a: np.asarray(a) * scale, lambda d: np.asarray(d) / scale))
-    right.set_ylabel("mm")
+    right.set_ylabel(name)
 
 
 def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
@@ -168,8 +211,8 @@ def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
             panel.plot([plain.get(row.loop, peak), peak], [y, y], color=style.GREY, linewidth=0.9, zorder=1)
             look = {"marker": "o", "color": style.BLUE} if within else {"marker": "s", "color": style.VERMILLION}
             panel.plot([peak], [y], linestyle="", markersize=5.5, zorder=3, **look)
-            side = "center" if peak > 0.08 * reach else "left"
-            panel.annotate(f"{peak:.3f}", (peak, y), xytext=(0, 5.5), textcoords="offset points", ha=side, fontsize=7.0)
+            side, shift = _side(peak, robot.tip_mm, reach * LABEL_FRACTION * len(columns))
+            panel.annotate(f"{peak:.3f}", (peak, y), xytext=(shift, 5.5), textcoords="offset points", ha=side, fontsize=7.0)
         panel.set_title(case_name(*case).capitalize())
         panel.set_xlabel("Tip peak (mm)")
         panel.set_ylim(-0.6, len(names) - 0.2)
@@ -186,6 +229,19 @@ def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
         "the thin line leads to the peak with nothing acting, closed in the same place.",
         style.to_svg(figure, key),
     )
+
+
+LABEL_FRACTION = 0.022
+"""Half a label's width as a fraction of a figure's: beside the limit it stands on its own side."""
+
+
+def _side(peak: float, limit: float, half: float) -> tuple[str, float]:
+    """Alignment and shift in points of a label that covers neither the axis nor the limit."""
+    if peak < half:
+        return "left", 0.0
+    if abs(peak - limit) >= half:
+        return "center", 0.0
+    return ("right", 2.0) if peak <= limit else ("left", -2.0)
 
 
 def _is_judged(row: ComparisonRow, case: tuple[str, int | None]) -> bool:

@@ -10,15 +10,16 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from hil.analysis import WINDOWS_RPS, tip_displacement_mm
+from hil.analysis import tip_displacement_mm
 from hil.control.angles import ARCSEC
 from hil.control.notch import Notch
 from hil.design.frequency import acceleration_bound
 from hil.design.notch_design import NotchVerdict
 from hil.design.ramp import follow
+from hil.experiments.judge import scale_at
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
-from hil.report.figures.notch import FAMILY
+from hil.report.figures.notch import FAMILY, FEW, draw_worst, mark_own_harmonic
 from hil.report.style import Drawing, Real
 
 GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "linewidth": 1.2}
@@ -47,13 +48,13 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
     for column, notch in enumerate(own):
         gain, arm, line = panels[:, column]
         bound = _bound(outcome, notch.order, frequency)
-        for speed in np.linspace(notch.start_rps, notch.end_rps, FAMILY):
+        for speed in np.linspace(notch.start_rps, notch.end_rps, FEW):
             colour = style.SPEED_COLOURS(norm(speed))
             response = style.decibel(loop.acceleration_per_transmission_error(frequency, float(speed)))
             gain.plot(frequency, style.decibel(loop.notch_response(frequency, float(speed))), color=colour, linewidth=0.8)
             arm.plot(frequency, response, color=colour, linewidth=0.8)
             here = notch.order * float(speed)
-            arm.plot([here], [np.interp(here, frequency, response)], "o", color=colour, markersize=3.2)
+            mark_own_harmonic(arm, here, float(np.interp(here, frequency, response)), colour)
         arm.plot(frequency, bound, **style.CONSTRAINT)
         bare = outcome.loop().acceleration_per_transmission_error(frequency)
         arm.plot(frequency, style.decibel(bare), **style.WITHOUT)
@@ -62,7 +63,7 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         for panel in (gain, arm):
             panel.set_xlim(4.0, 26.0)
             panel.set_xlabel("Frequency (Hz)")
-        line.set_xlabel(r"Frequency on the line, $k\,f_m$ (Hz)")
+        line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
     for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB re 1/s²)"), strict=True):
         panel.set_ylabel(name)
     style.legend_above(figure, panels[2, 0])
@@ -72,8 +73,8 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         "Gain of the filter and of G_al",
         "Figs. 9 and 11",
         "computed",
-        "Filters frozen at motor speeds from f_s (faint) to f_e (strong), for the believed plant. Middle: dots mark each curve "
-        "at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; broken: without a "
+        f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong), for the believed plant. Middle: dots mark each "
+        "curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; broken: without a "
         "filter. Bottom: these dots for all speeds as one curve.",
         style.to_svg(figure, "families"),
     )
@@ -113,9 +114,13 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     for speed in np.linspace(low, high, 2 * FAMILY):
         response = loop.open_loop(grid, float(speed))
         for panel in panels[0]:
-            panel.plot(response.real, response.imag, color=style.SPEED_COLOURS(norm(speed)), linewidth=0.8)
+            panel.plot(response.real, response.imag, color=style.SPEED_COLOURS(norm(speed)), linewidth=0.6)
     allowed = outcome.problem.requirements.max_sensitivity
-    worst = max(one.sensitivity_peak for one in best.margins.values())
+    worst_rps = max(best.margins, key=lambda speed: best.margins[speed].sensitivity_peak)
+    worst = best.margins[worst_rps].sensitivity_peak
+    response = loop.open_loop(grid, float(worst_rps))
+    for panel in panels[0]:
+        draw_worst(panel, response, f"worst speed, {worst_rps:.2f} rev/s")
     for panel in panels[0]:
         panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
         for radius, name, look in (
@@ -176,10 +181,11 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
     """The tip on the ramp over the motor speed, rising and falling, as the simulation predicts it."""
     figure, panels = style.panels(1, 2, 3.0, sharey=True)
     problem, limit = outcome.problem, outcome.problem.requirements.tip_mm
+    scale = scale_at(outcome.bench, outcome.request.axis, outcome.f_al_hz)
     low = min(problem.windows_rps[order][0] for order in outcome.request.orders) - 0.8
     for name, verdict, look in verdicts(outcome):
         motion = follow(outcome.loop(verdict.notches), problem.members[0].error, problem.reference_rad)
-        tip = tip_displacement_mm(problem.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, outcome.f_al_hz)
+        tip = tip_displacement_mm(problem.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, scale)
         top = int(np.argmax(motion.motor_speed_rps))
         for panel, rows in zip(panels[0], (slice(0, top), slice(top, None)), strict=True):
             inside = motion.motor_speed_rps[rows] >= low
@@ -188,7 +194,7 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
         for sign in (-1.0, 1.0):
             panel.axhline(sign * limit, **style.LIMIT)
         for order in outcome.request.orders:
-            panel.axvspan(*WINDOWS_RPS[order], color=style.SHADE, zorder=0)
+            panel.axvspan(*problem.windows_rps[order], color=style.SHADE, zorder=0)
         panel.set(title=title, xlabel="Motor speed $f_m$ (rev/s)")
     panels[0, 1].invert_xaxis()
     panels[0, 0].set_ylabel("Tip displacement (mm)")
@@ -199,8 +205,9 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
         "Figs. 13 and 14",
         "computed",
         "The bench file's constant acceleration up, and the same down, in a simulation of the believed plant with the law at its "
-        "sampling time, without friction: equivalent displacement, 6 to 25 Hz. Shaded: the speeds in which it is judged; dotted: "
-        "the specification. At constant speed the filter does better: on a ramp it has no time to settle.",
+        f"sampling time, without friction: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: "
+        "the speeds in which it is judged; dotted: the specification. At constant speed the filter does better: on a ramp it has "
+        "no time to settle.",
         style.to_svg(figure, "ramps"),
     )
 

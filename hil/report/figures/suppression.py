@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from hil.analysis import LINE_WINDOW_S, TIP_BAND_HZ, WINDOWS_RPS, amplitude_spectrum, motor_speed_rps, speed_window
+from hil.analysis import BRAKING_S, amplitude_spectrum, motor_speed_rps
 from hil.recording import Recording
 from hil.report import style
 from hil.report.drawn_run import (
@@ -12,29 +12,31 @@ from hil.report.drawn_run import (
     draw_vibration,
     drawn_run,
     finish_vibration,
+    judged_samples,
     limit_words,
+    line_words,
     number_or_nothing,
+    pair,
+    shade_line,
     shade_speeds,
     smooth_spectrum,
+    window_words,
 )
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite
 from hil.report.style import Drawing
 
-BRAKING_S = 0.12
-"""Time from the end of the vibration's diagrams to the end of the ramp."""
-
 
 def suppression(material: Material, axis: int) -> Drawing | None:
     """Tip vibration and its spectrum with and without the notch, drive-closed; Figs. 13 and 14."""
-    runs = _pair(material, CONSTANT_ACCELERATION, axis)
+    runs = pair(material, CONSTANT_ACCELERATION, axis)
     if not runs:
         return None
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
     top, bottom = panels[:, 0]
     f_al = material.f_al_hz.get(axis)
     for run in runs:
-        draw_vibration(top, run)
-        inside = np.flatnonzero(speed_window(run.recording, axis, 2))
+        draw_vibration(top, run, material.band_hz(axis))
+        inside = judged_samples(material, run.recording, axis)
         if len(inside) >= FEWEST:
             tip = run.recording.columns["tip_z_m_s2"][inside]
             label = run.label + number_or_nothing(run.entry.spectrum_peak_m_s2, ": peak {:.3f} m/s²")
@@ -47,18 +49,16 @@ def suppression(material: Material, axis: int) -> Drawing | None:
     bottom.set_ylim(0.0, None)
     _inner_legend(bottom)
     style.legend_above(figure, top)
-    paper = {2: "Fig. 13", 3: "Fig. 14"}.get(axis, "as Figs. 13 and 14")
+    paper, band = {2: "Fig. 13", 3: "Fig. 14"}.get(axis, "as Figs. 13 and 14"), material.band_hz(axis)
     return Drawing(
         f"suppression-{axis}",
         f"Axis {axis}: tip vibration with and without the notch",
         paper,
         "measured",
-        f"Vertical tip acceleration of the constant-acceleration runs, band-passed {TIP_BAND_HZ[0]:g} to "
-        f"{TIP_BAND_HZ[1]:g} Hz without phase, "
+        f"Vertical tip acceleration of the constant-acceleration runs, band-passed {band[0]:.3g} to "
+        f"{band[1]:.3g} Hz without phase, "
         "which is what the run is judged by; the scale on the right is the same as a displacement, divided by (2π "
-        "f_al)². Shaded: "
-        f"{WINDOWS_RPS[2][0]:g} to {WINDOWS_RPS[2][1]:g} rev/s, where the second harmonic crosses the resonance. "
-        f"{limit_words(material, axis)} "
+        f"f_al)². {window_words(material, axis)} {limit_words(material, axis)} "
         f"Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are the "
         f"bins').{_change(material, CONSTANT_ACCELERATION, axis)}",
         style.to_svg(figure, f"suppression-{axis}"),
@@ -67,27 +67,26 @@ def suppression(material: Material, axis: int) -> Drawing | None:
 
 def line_motion(material: Material) -> Drawing | None:
     """Tip vibration on the line and its spectrum up to 50 Hz, with and without the notch; Fig. 15."""
-    runs = _pair(material, LINE_MOTION, None)
+    runs = pair(material, LINE_MOTION, None)
     if not runs:
         return None
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
     top, bottom = panels[:, 0]
-    motion = material.bench.line_motion
+    motion, band = material.bench.line_motion, material.band_hz(None)
     for run in runs:
         time = run.recording.time_s
         begin = time[0] + (0.0 if motion is None else motion.dwell_s)
         end = time[-1] if motion is None else begin + motion.duration_s
-        draw_vibration(top, run)
+        draw_vibration(top, run, band)
         moving = (time >= begin) & (time <= end)
         frequency, amplitude = amplitude_spectrum(run.recording.columns["tip_z_m_s2"][moving], run.recording.period_s, "boxcar")
         shown = frequency <= 50.0
         label = run.label + number_or_nothing(run.entry.spectrum_area, ": area {:.3f} m/s²·Hz")
         bottom.plot(frequency[shown], amplitude[shown], label=label, **run.look)
     time = runs[-1].recording.time_s
-    begin = float(time[0]) + (0.0 if motion is None else motion.dwell_s)
-    top.axvspan(begin + LINE_WINDOW_S[0], begin + LINE_WINDOW_S[1], color=style.SHADE, zorder=0)
+    shade_line(material, top, runs[-1].recording)
     top.set_xlim(float(time[0]), float(time[-1]))
-    finish_vibration(material, top, material.line_f_al_hz)
+    finish_vibration(material, top, material.f_al(None))
     bottom.set(xlabel="Frequency (Hz)", ylabel="Amplitude (m/s²)", xlim=(0.0, 50.0))
     bottom.set_ylim(0.0, None)
     _inner_legend(bottom)
@@ -97,13 +96,11 @@ def line_motion(material: Material) -> Drawing | None:
         "Line motion: tip vibration with and without the notch",
         "Fig. 15",
         "measured",
-        f"Straight line of the tip with axes 2, 3 and 5. Above: vertical acceleration, band-passed "
-        f"{TIP_BAND_HZ[0]:g} to {TIP_BAND_HZ[1]:g} Hz "
-        f"without phase; shaded: {LINE_WINDOW_S[0]:g} to {LINE_WINDOW_S[1]:g} s after the start, in which it is "
-        f"judged. Below: amplitude "
-        "spectrum of the unfiltered acceleration over the whole motion (rectangular window); its area from 0 to 50 "
-        "Hz is compared. "
-        f"The paper has −26 %.{_change(material, LINE_MOTION, None)}",
+        f"Straight line of the tip with axes {', '.join(map(str, material.bench.chain_axes))}. Above: vertical acceleration, "
+        f"band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase; shaded: {line_words(material)}, in which it is judged. "
+        "Below: amplitude spectrum of the unfiltered acceleration over the whole motion (rectangular window); its area from 0 to "
+        f"50 Hz is compared.{' The paper has −26 %.' if material.bench.is_paper else ''}"
+        f"{_change(material, LINE_MOTION, None)}",
         style.to_svg(figure, "line-motion"),
     )
 
@@ -127,15 +124,15 @@ def loop_sides(material: Material, axis: int) -> Drawing | None:
     for column, (treatment, runs) in enumerate(pairs.items()):
         top, bottom = panels[:, column]
         for run in runs:
-            draw_vibration(top, run, with_peak=False)
-            inside = np.flatnonzero(speed_window(run.recording, axis, 2))
+            draw_vibration(top, run, material.band_hz(axis), with_peak=False)
+            inside = judged_samples(material, run.recording, axis)
             if len(inside) >= FEWEST:
                 tip = run.recording.columns["tip_z_m_s2"][inside]
                 bottom.plot(*smooth_spectrum(tip, run.recording.period_s, 30.0), **run.look)
         recording = runs[-1].recording
         shade_speeds(material, axis, recording, top, with_names=False)
         last = column == len(pairs) - 1
-        inside = np.flatnonzero(speed_window(recording, axis, 2))
+        inside = judged_samples(material, recording, axis)
         if len(inside) >= FEWEST:
             top.set_xlim(float(recording.time_s[inside[0]]) - 0.25, float(recording.time_s[inside[-1]]) + 0.25)
         reach = max(reach, finish_vibration(material, top, material.f_al_hz.get(axis), with_name=column == 0, with_scale=last))
@@ -168,19 +165,6 @@ def _periods(pairs: dict[str, list[DrawnRun]]) -> str:
     runs = {run.entry.loop: run.entry for runs in pairs.values() for run in runs}
     parts = [f"{loop}-closed: {1e3 * run.sync_period_s:g} ms" for loop, run in runs.items() if run.sync_period_s]
     return f"SYNC period {', '.join(parts)}." if parts else ""
-
-
-def _pair(material: Material, experiment: str, axis: int | None) -> list[DrawnRun]:
-    """The runs without and with the notch, as far as they are there; drive-closed before host-closed."""
-    for loop in ("drive", "host"):
-        runs = [
-            drawn_run(material, material.find(experiment, axis, "none", loop), "without notch", style.WITHOUT),
-            drawn_run(material, material.find(experiment, axis, "notch", loop), "with notch", style.WITH),
-        ]
-        recorded = [run for run in runs if run is not None]
-        if recorded:
-            return recorded
-    return []
 
 
 def _end_of_ramp(recording: Recording, axis: int) -> float:

@@ -6,6 +6,7 @@ from pathlib import Path
 from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.ate import AteMaterial
+from hil.report.origin import origin_of
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import ReportTable
@@ -34,6 +35,8 @@ def write_ate_report(directory: Path) -> Path:
         result.bench.started_utc,
         heading=f"Transmission error of axis {material.axis}",
         aftermath=result.aftermath,
+        origin=origin_of(result),
+        is_paper=material.is_paper,
     )
     return render(directory / "report.html", head, verdict(material), chapters, provenance=provenance(material))
 
@@ -44,10 +47,14 @@ def sections(material: AteMaterial) -> list[Section]:
         _Chapter("result", "Transmission error", _result(material)),
         _Chapter(
             "evidence",
-            "Measured against modelled",
+            "Signal and model",
             (figures_ate.against_speed(material), figures_ate.windows(material, 1), figures_ate.windows(material, -1)),
         ),
-        _Chapter("confidence", "Confidence", (figures_ate.arm(material), figures_ate.agreement(material))),
+        _Chapter(
+            "confidence",
+            "Confidence",
+            (figures_ate.arm(material), figures_ate.arm_twice(material), figures_ate.agreement(material)),
+        ),
         _Chapter("runs", "Runs", (figures_ate.passes(material),)),
     ]
     filled = [Section(each.key, each.title, tuple(item for item in each.items if item is not None)) for each in chapters]
@@ -55,8 +62,11 @@ def sections(material: AteMaterial) -> list[Section]:
 
 
 def _result(material: AteMaterial) -> tuple[Drawing | ReportTable | None, ...]:
-    axis, part = material.axis, material.part
-    return figures_ate.errors(axis, part, is_sensorless=material.is_sensorless), figures_ate.waveform(axis, part)
+    axis, part, is_paper = material.axis, material.part, material.is_paper
+    return (
+        figures_ate.errors(axis, part, is_sensorless=material.is_sensorless, is_paper=is_paper),
+        figures_ate.waveform(axis, part, is_paper=is_paper),
+    )
 
 
 def verdict(material: AteMaterial) -> PageVerdict:

@@ -6,6 +6,7 @@ from hil.experiments.treatment import TITLES
 from hil.report import style
 from hil.report.figures import compare as figures_compare
 from hil.report.material import Material
+from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
@@ -33,6 +34,7 @@ def write_compare_report(directory: Path) -> Path:
         tuple(_notes(materials)),
         heading="Your own robot" if isinstance(result, StoryResult) else "Treatments side by side",
         aftermath=tuple(_aftermath(result)),
+        origin=origin_of_table(result),
     )
     return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
 
@@ -54,7 +56,6 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
     """All chapters for which there is data."""
     several = len(result.robots) > 1
     chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
-        ("way", "How it came to that", [tables_compare.story(result)]),
         (
             "side-by-side",
             "Side by side",
@@ -67,8 +68,10 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
             material = materials[robot.directory]
             if material is not None:
                 items.append(figures_compare.vibration(robot, material, experiment, axis, several=several))
+                items.append(figures_compare.orders(robot, material, experiment, axis, several=several))
         title = case_name(experiment, axis).capitalize()
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
+    chapters.append(("way", "How it came to that", [tables_compare.story(result)]))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from hil.report import style
 from hil.report.figures import ate as figures_ate
+from hil.report.origin import origin_of
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
@@ -21,15 +22,24 @@ def write_learning_report(directory: Path) -> Path:
     result = load_result(directory, LearningResult, "adaptive cancellation")
     with style.styled():
         chapters = sections(result)
-    head = PageHead(result.bench.name, result.bench.started_utc, heading="Adaptive cancellation", aftermath=result.aftermath)
+    head = PageHead(
+        result.bench.name,
+        result.bench.started_utc,
+        heading="Adaptive cancellation",
+        aftermath=result.aftermath,
+        origin=origin_of(result),
+        is_paper=result.bench.file.is_paper,
+    )
     return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
 
 
 def sections(result: LearningResult) -> list[Section]:
     """All chapters for which there is data."""
     learnt: list[Drawing | ReportTable | None] = []
+    is_paper = result.bench.file.is_paper
     for each in result.learnt:
-        learnt += [figures_ate.errors(each.axis, each.ate), figures_ate.waveform(each.axis, each.ate)]
+        learnt += [figures_ate.errors(each.axis, each.ate, is_paper=is_paper)]
+        learnt += [figures_ate.waveform(each.axis, each.ate, is_paper=is_paper)]
     chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
         ("result", "Transmission error", learnt),
         ("passes", "Passes", [estimates(result), passes(result)]),
@@ -69,15 +79,15 @@ def passes(result: LearningResult) -> ReportTable | None:
         "Cancellation (%)",
         "Vibration (m/s²)",
         "Followed (%)",
-        "Acceleration (rps/s)",
-        "To (rps)",
+        "Acceleration (rev/s²)",
+        "To (rev/s)",
         "Cycles",
         "Missed",
         "Recording",
     )
     caption = (
         "The first pass is without cancellation, the second with half of it, every later one with all. Vibration: root mean "
-        "square of the tip's vertical acceleration, 6 to 25 Hz, at the speeds that excite the arm. Followed: how much of the "
+        "square of the tip's vertical acceleration, around f_al, at the speeds that excite the arm. Followed: how much of the "
         "motion that the cancellation asks for the motor has made."
     )
     return ReportTable("passes", "Passes", "", header, rows, frozenset({0, 9}), caption)

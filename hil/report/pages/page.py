@@ -10,6 +10,7 @@ import jinja2
 from markupsafe import Markup, escape
 
 from hil.report import palette
+from hil.report.origin import MEASURED, Origin
 from hil.report.paper import CITATION
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import Mark, ReportTable
@@ -26,14 +27,22 @@ class PageHead:
         heading: Title above the verdict.
         subtitle: Sentence below the title.
         aftermath: Sentences on all that the drives were not left as they were found.
+        origin: Origin of the numbers: a robot, or an emulated one.
+        is_paper: True for the paper's robot.
     """
 
     bench: str
     started_utc: str | None = None
     notes: tuple[str, ...] = ()
     heading: str = "Vibration suppression with a variable notch"
-    subtitle: str = "Hardware-in-the-loop run of a robot with harmonic drive gearings over CANopen"
+    subtitle: str = "Run of a robot with harmonic drive gearings over CANopen"
     aftermath: tuple[str, ...] = ()
+    origin: Origin = MEASURED
+    is_paper: bool = False
+
+    def tag(self, drawing: Drawing) -> str:
+        """Origin of a figure in words: what was measured on an emulated robot is called emulated."""
+        return drawing.origin.replace("measured", self.origin.word)
 
 
 @dataclass(frozen=True)
@@ -155,11 +164,21 @@ def render(
             citation=CITATION,
             palette=Markup(palette.css(":root")),  # noqa: S704 - of constants
             is_drawing=lambda item: isinstance(item, Drawing),
+            is_tall=_is_tall,
             is_mark=lambda cell: isinstance(cell, Mark),
         )
     )
     path.write_text(page, encoding="utf-8")
     return path
+
+
+_TALL = 0.7
+"""Height over width from which a figure takes most of a printed page."""
+
+
+def _is_tall(drawing: Drawing) -> bool:
+    box = re.search(r'viewBox="\S+ \S+ (\S+) ([^"\s]+)"', drawing.svg)
+    return box is not None and float(box[2]) > _TALL * float(box[1])
 
 
 @cache

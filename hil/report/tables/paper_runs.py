@@ -73,6 +73,18 @@ def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
     return form.format(value).replace("-", "−")
 
 
+def value_and_error(value: float, error: float) -> tuple[str, str]:
+    """Value and standard error as text, both to the error's first digit, and to at most four digits where there is no error.
+
+    >>> value_and_error(48.9745, 0.0432), value_and_error(-0.00067115, 0.00008), value_and_error(12.5, 0.0)
+    (('48.97', '0.04'), ('−0.00067', '0.00008'), ('12.5', '0'))
+    """
+    if not error > 0.0 or not math.isfinite(error) or not math.isfinite(value):
+        return number(value, "{:.4g}"), number(error)
+    digits = max(0, -math.floor(math.log10(float(f"{error:.0e}"))))
+    return number(value, f"{{:.{digits}f}}"), number(error, f"{{:.{digits}f}}")
+
+
 def claims(material: Material) -> ReportTable | None:
     """The paper's claims beside the bench's numbers, grouped by axis."""
     by_group: dict[str, list[list[Cell]]] = {}
@@ -102,20 +114,18 @@ def resonances(material: Material) -> ReportTable | None:
     if not material.f_al_hz:
         return None
     rows: list[list[Cell]] = []
+    is_paper = material.bench.is_paper
     for axis, f_al in material.f_al_hz.items():
-        paper = TABLE_1.get(axis, (None, None, None))
-        pairs = zip(paper, (f_al, f_al / 2.0, f_al / 4.0), strict=True)
-        estimate = material.estimate(axis)
-        measured = NONE if estimate is None else number(estimate.resonance_hz, "{:.2f}")
-        rows.append([f"axis {axis}", *(number(x, "{:.2f}") for pair in pairs for x in pair), measured])
+        own, estimate = (f_al, f_al / 2.0, f_al / 4.0), material.estimate(axis)
+        pairs = zip(TABLE_1.get(axis, (None, None, None)), own, strict=True)
+        numbers = [x for pair in pairs for x in pair] if is_paper else own
+        identified = NONE if estimate is None else number(estimate.resonance_hz, "{:.2f}")
+        rows.append([f"axis {axis}", *(number(x, "{:.2f}") for x in numbers), identified])
+    symbols = (("f", "al", "Hz"), ("f", "m2", "rev/s"), ("f", "m4", "rev/s"))
+    sources = (", paper", ", bench") if is_paper else ("",)
     header = (
         "",
-        _sub("f", "al", "Hz, paper"),
-        _sub("f", "al", "Hz, bench"),
-        _sub("f", "m2", "rev/s, paper"),
-        _sub("f", "m2", "rev/s, bench"),
-        _sub("f", "m4", "rev/s, paper"),
-        _sub("f", "m4", "rev/s, bench"),
+        *(_sub(symbol, index, unit + source) for symbol, index, unit in symbols for source in sources),
         "arm on its gear (Hz, identified)",
     )
     return ReportTable(
@@ -124,8 +134,8 @@ def resonances(material: Material) -> ReportTable | None:
         "Table 1",
         header,
         rows,
-        caption="Bench: peak of |G_al| of the bench file's model with its loop, and the motor speeds at which the 2nd and the "
-        "4th harmonic meet it. Last column: the anti-resonance refined from the measured ramp without a notch.",
+        caption="Peak of |G_al| of the bench file's model with its loop, and the motor speeds at which the 2nd and the "
+        "4th harmonic meet it. Last column: the anti-resonance refined from the ramp without a notch.",
     )
 
 
@@ -134,6 +144,7 @@ def transmission_errors(material: Material) -> ReportTable | None:
     if not material.model_axes:
         return None
     rows: list[list[Cell]] = []
+    is_paper = material.bench.is_paper
     for axis in material.model_axes:
         believed, estimate, paper = material.transmission_error(axis), material.estimate(axis), TABLE_2.get(axis)
         if believed is None:
@@ -151,7 +162,7 @@ def transmission_errors(material: Material) -> ReportTable | None:
                         f"axis {axis}",
                         Markup("{}<sub>{}</sub>").format(name, order),
                         unit,
-                        number(None if paper is None else paper[2 * row + column], "{:g}"),
+                        *([number(None if paper is None else paper[2 * row + column], "{:g}")] if is_paper else []),
                         number((believed.amplitude_arcsec, believed.phase_deg)[column][order], "{:g}"),
                         identified,
                     ]
@@ -160,7 +171,7 @@ def transmission_errors(material: Material) -> ReportTable | None:
         "table-2",
         "Parameters of the synchronous transmission error",
         "Table 2",
-        ("", "Parameter", "Unit", "Paper", "Bench file", "Identified ± standard error"),
+        ("", "Parameter", "Unit", *(["Paper"] if is_paper else []), "Bench file", "Identified ± standard error"),
         rows,
         frozenset({0, 1, 2}),
         "Identified from the tip acceleration of the ramp without a notch. The standard error is that of the noise; "
@@ -173,7 +184,7 @@ def notches(material: Material) -> ReportTable | None:
     """Table of the notches with their margins at the worst speed, beside the paper's Table 3."""
     rows: list[list[Cell]] = []
     for axis, table in sorted(material.bench.axis.items()):
-        paper = TABLE_3.get(axis)
+        paper = TABLE_3.get(axis) if material.bench.is_paper else None
         worst = _worst(material, axis) if axis in material.model_axes else None
         for notch in table.notch:
             own = (notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, notch.order, notch.start_rps, notch.end_rps)
@@ -200,7 +211,8 @@ def notches(material: Material) -> ReportTable | None:
         "Table 3",
         header,
         rows,
-        caption="The bench's values; where the paper has another, it stands in brackets. Margins: the worst of "
+        caption=("The bench's values; where the paper has another, it stands in brackets. " if material.bench.is_paper else "")
+        + "Margins: the worst of "
         f"{len(MARGIN_SPEEDS_RPS)} motor speeds from {MARGIN_SPEEDS_RPS[0]:g} to {MARGIN_SPEEDS_RPS[-1]:g} rev/s.",
     )
 
@@ -243,6 +255,7 @@ def runs(material: Material) -> ReportTable | None:
         "Run",
         "Window",
         "Tip peak (mm)",
+        "on the whole ramp (mm)",
         "Tip rms (mm)",
         "Spectrum peak (m/s²)",
         "at (Hz)",
@@ -255,10 +268,10 @@ def runs(material: Material) -> ReportTable | None:
         "",
         header,
         rows,
-        frozenset({0, 7}),
-        "Tip: equivalent displacement in the window in which the run is judged. A ramp is judged in two windows, by "
-        "the order k whose line "
-        "crosses the resonance there.",
+        frozenset({0, 1, 8}),
+        "Tip: equivalent displacement in the window in which the run is judged. A ramp is judged in two windows, by the order k "
+        "whose line crosses the resonance there: around f_al/k. Beside it stands the peak on the whole ramp without the jerks at "
+        "its ends. Without an f_al nothing is judged, and there are no millimetres.",
     )
 
 
@@ -268,14 +281,21 @@ def _run(run: RunEntry) -> list[Cell]:
         within = Mark(None, "stopped early" if run.stopped else "not judged")
     return [
         _name(run),
-        NONE if run.order is None else f"k = {run.order}",
+        _window_words(run),
         number(run.tip_peak_mm, "{:.4f}"),
+        number(run.ramp_peak_mm, "{:.4f}"),
         number(run.tip_rms_mm, "{:.4f}"),
         number(run.spectrum_peak_m_s2, "{:.4f}"),
         number(run.spectrum_peak_hz, "{:.2f}"),
         number(run.spectrum_area, "{:.3f}"),
         within,
     ]
+
+
+def _window_words(run: RunEntry) -> str:
+    if run.order is None:
+        return NONE
+    return f"k = {run.order}" + ("" if run.window_rps is None else f", {run.window_rps[0]:.3g} … {run.window_rps[1]:.3g} rev/s")
 
 
 _WITHIN = {True: "within", False: "outside", None: ""}

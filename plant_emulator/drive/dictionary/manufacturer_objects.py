@@ -84,7 +84,6 @@ def drive_entries(
         communication_entries(
             device_type=DEVICE_TYPE,
             name="Emulated servo drive",
-            hardware_version="1",
             software_version="1.0",
             vendor_id=VENDOR_ID,
             product_code=PRODUCT_CODE,

@@ -26,15 +26,18 @@ def run(*arguments: object):
 def test_check_of_a_clean_file():
     result = run("check", CLEAN, "--strict")
     assert result.exit_code == 0
-    assert re.fullmatch(rf"{re.escape(str(CLEAN))}: eds, \d+ objects, \d+ entries; 0 warnings, 0 contradictions, 0 left out\n", result.stdout)
+    assert re.fullmatch(
+        rf"{re.escape(str(CLEAN))}: eds, \d+ objects, \d+ entries; 0 warnings, 0 contradictions, 0 left out\n", result.stdout
+    )
 
 
 def test_check_names_file_line_key_and_what_was_made_of_it():
     result = run("check", NUMBERS)
     assert result.exit_code == 0
-    lines = [re.sub(r" for every CANopen device; expected an object \w+$", "", line) for line in result.stdout.splitlines()]
+    lines = [re.sub(r" for every CANopen device; expected .*", "", line) for line in result.stdout.splitlines()]
     wanted = f"{NUMBERS}:39: [2000] DefaultValue: '0xFD' read as -3, whose bit pattern it is; expected INTEGER8, -128 to 127"
-    assert lines[:4] == [*(f"{NUMBERS}: [{index}]: missing: the {name} is mandatory" for index, name in MANDATORY), wanted]
+    missing = [f"{NUMBERS}: [{index}]: missing: the {name} is mandatory" for index, name in MANDATORY]
+    assert lines[:4] == [*missing, wanted]
     assert lines[-1] == f"{NUMBERS}: eds, 18 objects, 18 entries; {len(lines) - 4} warnings, 3 contradictions, 0 left out"
 
 
@@ -57,17 +60,18 @@ def test_check_as_json():
 def test_show_has_identity_and_objects():
     result = run("show", CONFIGURED, "--node-id", 7)
     assert result.exit_code == 0
-    assert "vendor id\t0xFFFFFFFF" in result.stdout
-    assert "node id\t7" in result.stdout
-    assert "1014:00\tCOB-ID EMCY\tUNSIGNED32\trw\t135 with node-ID\t\tno\t2147483783" in result.stdout
-    assert "2003:00\tKey\tOCTET_STRING\trw\t\t\tno\t00FF10" in result.stdout
+    shown = {tuple(line.split()) for line in result.stdout.splitlines()}
+    assert ("vendor", "id", "0xFFFFFFFF") in shown
+    assert ("node", "id", "7") in shown
+    assert ("1014:00", "COB-ID", "EMCY", "UNSIGNED32", "rw", "0x00000087", "with", "node-ID", "no", "0x80000087") in shown
+    assert ("2003:00", "Key", "OCTET_STRING", "rw", "no", "00FF10") in shown
     assert "drive-profiles eds check" in result.stderr
 
 
 @pytest.mark.parametrize("wanted", ["0x1016:2", "1016sub2", "1016:02", "1016h:2", "heartbeat of the"])
 def test_show_one_entry(wanted):
     result = run("show", CONFIGURED, wanted)
-    assert [line.split("\t")[0] for line in result.stdout.splitlines()] == ["object", "1016:02"]
+    assert [line.split()[0] for line in result.stdout.splitlines()] == ["object", "1016:02"]
 
 
 @pytest.mark.parametrize(("wanted", "count"), [("1016", 5), ("0x1016", 5), ("consumer", 8), ("gain", 1)])
@@ -80,13 +84,6 @@ def test_show_of_what_is_not_there_is_usage():
     result = run("show", CONFIGURED, "warp core")
     assert result.exit_code == 2
     assert "is named, 'warp core'" in " ".join(result.stderr.replace("│", " ").split())
-
-
-def test_show_on_a_terminal_is_a_table(monkeypatch):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "200")
-    result = run("show", CONFIGURED, "gain")
-    assert "┃" in result.stdout
 
 
 @pytest.mark.parametrize(("suffix", "kind"), [(".eds", "eds"), (".dcf", "dcf"), (".DCF", "dcf")])

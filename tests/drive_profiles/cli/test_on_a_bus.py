@@ -71,10 +71,20 @@ def run(*arguments, code=0):
     return result
 
 
+def cells(text):
+    """The words of each line of a table."""
+    return [line.split() for line in text.splitlines()]
+
+
 def test_scan_finds_every_node_with_its_profile():
-    rows = [line.split("\t") for line in run("scan").stdout.splitlines()]
+    rows = [line.split() for line in run("scan").stdout.splitlines()]
     assert [row[0] for row in rows[1:]] == ["2", "3", "5", "16"]
-    assert [row[-1] for row in rows[1:]] == ["emulated_drive", "kollmorgen_akd", "maxon_epos4", "emulated_accelerometer"]
+    assert [row[-1] for row in rows[1:]] == [
+        "emulated_drive",
+        "kollmorgen_akd",
+        "maxon_epos4/module-50-5",
+        "emulated_accelerometer",
+    ]
     found = json.loads(run("scan", "--nodes", "2,16", "--json").stdout)
     assert [(node["node"], node["profiles"]) for node in found] == [(2, ["emulated_drive"]), (16, ["emulated_accelerometer"])]
     run("scan", "--nodes", "99", "--timeout-s", "0.05", code=5)
@@ -116,11 +126,11 @@ def test_the_page_of_the_readme_from_scan_to_a_stored_notch(folder):
     text = text.replace('"notch_1.mode" = { value = 0 }', '"notch_1.mode" = { value = 1 }')
     text = text.replace('"notch_1.start_rps" = { value = 4.0', '"notch_1.start_rps" = { value = 4.5')
     (folder / "notch.toml").write_text(text)
-    assert "notch_1.mode\t0\t1" in run("diff", "axis2.toml", "notch.toml", code=7).stdout
+    assert ["notch_1.mode", "0", "1"] in cells(run("diff", "axis2.toml", "notch.toml", code=7).stdout)
     assert "notch_1.mode" in run("diff", "notch.toml", "--node", "2", code=7).stdout
     shown = run("upload", "notch.toml", "--node", "2", "--dry-run")
-    assert "2110:1 (notch_1.mode)\t0\t1" in shown.stdout
-    assert run("get", "notch_1.mode", "--node", "2").stdout.splitlines()[1].split("\t")[2] == "0"
+    assert ["2", "2110:1", "(notch_1.mode)", "0", "1"] in cells(shown.stdout)
+    assert cells(run("get", "notch_1.mode", "--node", "2").stdout)[1][2] == "0"
     run("upload", "notch.toml", "--node", "2", code=2)  # nobody to ask, and no --yes
     done = run("upload", "notch.toml", "--node", "2", "--store", "--reset", "--yes")
     assert "done, 2 written and read back, stored" in done.stdout
@@ -252,7 +262,7 @@ def test_set_takes_whole_names_and_one_value_each():
 
 def test_what_will_change_is_shown_before_the_question_also_with_json():
     result = run("set", "position_gain_per_s=5.5", "--node", "2", "--json", code=2)  # nobody to ask
-    assert "position_gain_per_s)\t" in result.stderr
+    assert ["2", "2100:1", "(position_gain_per_s)"] in [row[:3] for row in cells(result.stderr)]
     assert result.stdout == ""
     result = run("set", "position_gain_per_s=5.5", "--node", "2", "--json", "--dry-run")
     assert json.loads(result.stdout)[0]["new"] == 5.5
@@ -274,7 +284,7 @@ def test_a_snapshot_goes_to_another_device_only_if_that_is_forced(folder):
 def test_the_newest_journal_of_a_folder_is_the_snapshot(folder):
     before = held("position_gain_per_s")
     first = run("set", "position_gain_per_s=5.5", "--node", "2", "--yes")
-    assert "what it held before is in drive-journals/node2-" in first.stderr
+    assert f"what it held before is in {folder}/drive-journals/node2-" in first.stderr, "whole, for another day elsewhere"
     run("set", "position_gain_per_s=6.5", "--node", "2", "--yes")
     run("restore", "--snapshot", "drive-journals", "--node", "3", code=3)
     run("restore", "--snapshot", "drive-journals", "--node", "2", "--yes")
@@ -291,11 +301,29 @@ def test_what_is_no_parameter_set_or_no_file_is_refused(folder):
     assert not (folder / "-").exists()
 
 
-def test_limits_of_another_drive_are_remarked(folder):
-    run("pull", "--node", "2", "--classes", "limits", "--out", "limits.toml")
-    text = (folder / "limits.toml").read_text()
-    (folder / "limits.toml").write_text(text.replace("serial_number = ", "serial_number = 9999"))
-    assert "limits of another drive (serial number 9999" in run("upload", "limits.toml", "--node", "2", "--dry-run").stderr
+def test_a_set_of_another_device_is_refused_whatever_is_answered(folder):
+    run("pull", "--node", "2", "--out", "pulled.toml")
+    text = (folder / "pulled.toml").read_text()
+    other = text.replace("serial_number = ", "serial_number = 9999").replace("= { value = 12.5, unit", "= { value = 13.5, unit")
+    (folder / "other.toml").write_text(other)
+    chosen = ("--node", "2", "--classes", "tuning,limits")
+    for answer in ("--dry-run", "--yes"):
+        refused = run("upload", "other.toml", *chosen, answer, code=3).stderr
+        assert "the set is of another device (serial number 99992, node 2 has 2)" in refused
+        assert "limits are among its values: 6065:0" in refused
+        assert "--other-device writes it all the same" in refused
+    assert "9999" in run("upload", "other.toml", *chosen, "--dry-run", "--other-device").stderr
+    assert "--yes, or answer" in run("upload", "other.toml", *chosen, "--other-device", "--store", code=2).stderr
+    assert "--force-commissioning" in run("upload", "other.toml", "--node", "2", "--other-device", "--dry-run", code=3).stderr
+    run("upload", "other.toml", "--node", "2", "--force-commissioning", "--dry-run")
+    # of a device without a serial number the node-ID speaks, and a set written by hand has neither
+    bare = "".join(line + "\n" for line in text.splitlines() if not line.startswith("serial_number"))
+    (folder / "bare.toml").write_text(bare)
+    run("upload", "bare.toml", *chosen, "--dry-run")
+    (folder / "bare.toml").write_text(bare.replace("node_id = 2", "node_id = 5"))
+    assert "of node 5, without a serial number" in run("upload", "bare.toml", *chosen, "--dry-run", code=3).stderr
+    (folder / "hand.toml").write_text('[tuning]\n"position_gain_per_s" = { value = 9.5, unit = "1/s" }\n')
+    run("upload", "hand.toml", "--node", "2", "--dry-run")
 
 
 def test_an_interrupt_while_the_drive_stores_is_remembered_until_it_has_answered(monkeypatch):

@@ -50,7 +50,9 @@ def file(**changed):
         "o1018": compound("1018", variable("1018sub0", 5, "const", 1), variable("1018sub1", 7, "ro", "0x65")),
         "o1003": compound("1003", variable("1003sub0", 5, "rw", 0), variable("1003sub1"), kind=8),
         "o1800": compound("1800", variable("1800sub0", 5, "const", 5), variable("1800sub1"), variable("1800sub5", 6, "rw")),
-        "o1A00": compound("1A00", variable("1A00sub0", 5, "rw", 1), variable("1A00sub1"), variable("1A00sub2"), variable("1A00subFF")),
+        "o1A00": compound(
+            "1A00", variable("1A00sub0", 5, "rw", 1), variable("1A00sub1"), variable("1A00sub2"), variable("1A00subFF")
+        ),
         "o2000": compound("2000", variable("2000sub0", 5, "rw", 0), variable("2000sub1"), kind=8),
         **changed,
     }

@@ -140,7 +140,10 @@ def test_a_copy_reads_as_its_original_and_a_copy_of_the_copy_is_the_same(master)
 
 
 def test_an_eds_has_no_keys_of_a_dcf_and_that_is_said(master):
-    assert not keys(as_text(master, "eds")) & {("1f22sub2", "uploadfile", "slave2.bin"), ("1f22sub2", "denotation", "the first axis")}
+    assert not keys(as_text(master, "eds")) & {
+        ("1f22sub2", "uploadfile", "slave2.bin"),
+        ("1f22sub2", "denotation", "the first axis"),
+    }
     assert "objflags=0x3" in as_text(master, "eds").lower()
     said = [problem.message for problem in lost(master, "eds")]
     assert any("commissioning, UploadFile, DownloadFile and Denotation left out" in each for each in said)

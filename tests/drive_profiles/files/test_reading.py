@@ -40,7 +40,11 @@ def test_what_is_no_file_is_refused_unopened(name, kind, tmp_path, monkeypatch):
 
 def test_missing_looping_forbidden_and_nameless_files_say_why(tmp_path):
     (tmp_path / "loop").symlink_to("loop")
-    for path, reason in ((tmp_path / "none", "No such file"), (tmp_path / "loop", "Too many levels"), (tmp_path / "a\0b", "null")):
+    for path, reason in (
+        (tmp_path / "none", "No such file"),
+        (tmp_path / "loop", "Too many levels"),
+        (tmp_path / "a\0b", "null"),
+    ):
         with pytest.raises(FileError, match=reason):
             read_file(path, "a file", max_bytes=BOUND)
 

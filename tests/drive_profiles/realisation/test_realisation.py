@@ -637,9 +637,10 @@ class TestCommands:
     def test_realise_shows_wanted_and_held(self):
         result = self.invoke("realise", "emulated_drive", "--speed-rps", 5.92)
         assert result.exit_code == 0
-        assert "emulated_drive: exact, filter period 250 us" in result.stdout
-        assert "zeros, Hz\t11.8400\t11.8400\t+0.0000" in result.stdout
-        assert "notch_1.zeta_rn\t2110:6\t" in result.stdout
+        assert "emulated_drive: exact, filter period 250 µs" in result.stdout
+        rows = [line.split() for line in result.stdout.splitlines()]
+        assert ["zeros,", "Hz", "11.8400", "11.8400", "+0.0000"] in rows
+        assert ["notch_1.zeta_rn", "2110:6"] in [row[:2] for row in rows]
 
     def test_realise_as_json(self):
         result = self.invoke("realise", "emulated_drive", "--speed-rps", 5.92, "--section", 2, "--json")
@@ -673,7 +674,7 @@ class TestCommands:
         arguments = ("--position-gain", 25, "--velocity-gain", 0.196, "--velocity-integral-gain", 3.92)
         result = self.invoke("gains", "emulated_drive", *arguments)
         assert result.exit_code == 0
-        assert "position_gain_per_s\t2100:1\t25\t1/s" in result.stdout
+        assert ["position_gain_per_s", "2100:1", "25", "1/s"] in [line.split() for line in result.stdout.splitlines()]
         facts = json.loads(self.invoke("gains", "emulated_drive", *arguments, "--json").stdout)
         assert facts["values"]["position_gain_per_s"] == 25.0
         assert facts["pid"] is None

@@ -74,7 +74,7 @@ def test_pdo_identifiers_of_another_node_are_refused(bus, tmp_path):
     with pytest.raises(RefusedError, match=r"identifiers of node 2, this is node 3; leave communication out"):
         upload(other, pulled, tmp_path, allow_unverified=True)
     rest = ("tuning", "limits")
-    assert upload(other, pulled, tmp_path, allow_unverified=True, classes=rest).kind == "done"
+    assert upload(other, pulled, tmp_path, allow_unverified=True, classes=rest, other_device=True).kind == "done"
     assert [dictionary.get(0x1400 + n, 1) for n in range(2)] == before
     assert upload(own, pulled, tmp_path, allow_unverified=True).kind == "done"
 

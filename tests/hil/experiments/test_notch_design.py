@@ -19,6 +19,7 @@ from hil.control.notch import NOTCH_TRAPEZOID, Notch
 from hil.design.notch_design import Requirements, verdict
 from hil.design.notch_search import Effort
 from hil.errors import NotPossibleError
+from hil.experiments.judge import axis_scale
 from hil.experiments.notch_design import NotchDesignRequest, design, designed_axis, parameter_set, problem_of, result_of
 from hil.recording import Recording
 from hil.robot_tables import Control, PlantTable
@@ -28,7 +29,7 @@ from tests.drive_profiles.world_bus import WorldBus, robot_with
 
 BENCH, ROBOT = load_bench("reference"), load_robot("reference")
 CONTROLS = {number: Control(**axis.control.model_dump()) for number, axis in BENCH.axis.items()}
-F_AL = {number: BENCH.axis[number].loop(250e-6).peak_hz() for number in (2, 3)}
+SCALE = {number: axis_scale(BENCH, number) for number in (2, 3)}
 TABLE_3 = {number: BENCH.axis[number].notch[0].notch() for number in (2, 3)}
 DESIGNED = {
     2: Notch(mode=NOTCH_TRAPEZOID, start_rps=3.39, end_rps=9.24, offset_hz=3.16, zeta_rn=0.0958, zeta_rdth=0.401, ramp_rps=1.2),
@@ -43,7 +44,7 @@ def tip_peak_mm(number, notches, order=2, robot=ROBOT):
     run = simulate(robot, number, controls=CONTROLS, notches={number: tuple(notch_table(notch) for notch in notches)})
     columns = {"time_s": run.time_s, "tip_z_m_s2": run.tip_acceleration_m_s2[:, 2]}
     columns[f"axis{number}_position_rad"] = run.position_counts[:, 0] * 2.0 * math.pi / ROBOT.axis[number].encoder_counts_per_rev
-    return constant_acceleration_metrics(Recording(columns), number, order, F_AL[number]).tip_peak_mm
+    return constant_acceleration_metrics(Recording(columns), number, order, SCALE[number]).tip_peak_mm
 
 
 def off(stiffness, inertia):

@@ -8,6 +8,7 @@ import pytest
 
 from hil.analysis import constant_acceleration_metrics, line_motion_metrics, motor_speed_rps
 from hil.bench.bench import load_bench
+from hil.experiments.judge import axis_scale
 from hil.experiments.plan import comparisons
 from hil.recording import Recording
 from hil.report import style
@@ -54,11 +55,11 @@ def entries(directory: Path, axis: int | None, treatment: str, loop: str, period
     recording.save(directory / name)
     found = []
     for order in (None,) if axis is None else (2, 4):
-        f_al = BENCH.axis[axis or 2].loop(250e-6, with_notch=False).peak_hz()
+        scale = axis_scale(BENCH, axis or 2)
         if axis is None:
-            metrics = line_motion_metrics(recording, BENCH.line_motion.dwell_s, BENCH.line_motion.duration_s, f_al)
+            metrics = line_motion_metrics(recording, BENCH.line_motion.dwell_s, BENCH.line_motion.duration_s, scale)
         else:
-            metrics = constant_acceleration_metrics(recording, axis, order, f_al)
+            metrics = constant_acceleration_metrics(recording, axis, order, scale)
         entry = RunEntry(
             experiment=experiment,
             axis=axis,
@@ -120,7 +121,7 @@ def make(directory: Path) -> Path:
         versions={"hil-bench": "0.1.0", "python": "3.11", "numpy": np.__version__},
         file=BENCH,
     )
-    ExperimentsResult(bench=bench, runs=runs, comparisons=compared, paper=paper).write(directory / "result.json")
+    ExperimentsResult(bench=bench, runs=runs, comparisons=compared, paper=paper, emulated=True).write(directory / "result.json")
     return directory
 
 

@@ -63,7 +63,13 @@ class Running:
     def hold_wall(self):
         """Stop the clock on the wall, and the world that follows it."""
         self.wall.hold()
-        wait_for(lambda: self.world.now == self.wall() - self.server._epoch_ns)
+        wait_for(lambda: self.world.now == self.server.time())
+
+    def pass_wall_s(self, seconds):
+        """Let a world that follows the clock pass some time, never so much at once that it has fallen behind."""
+        for _ in range(round(seconds / 0.005)):
+            self.wall.pass_s(0.005)
+            wait_for(lambda: self.world.now == self.server.time())
 
     def _joined(self, participant, before):
         self._open.append(participant)

@@ -1,5 +1,6 @@
 """The emulated robot on somebody else's bus: the world follows the wall clock, and says when it could not."""
 
+import struct
 import subprocess
 import sys
 
@@ -10,11 +11,13 @@ from drive_profiles.address import Address
 from hil.can.errors import BusLostError
 from hil.can.frame import CAN_ERR_FLAG, Frame
 from hil.can.opening import open_channel
-from plant_emulator.bus.attach import BEHIND_NS, TURN_FRAMES, Attachment
+from plant_emulator.bus.attach import TURN_FRAMES, Attachment
+from plant_emulator.bus.stalls import SILENCE_NS
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 
 MS = 1_000_000
+BEAT = Frame(0x77F, b"\x05")
 
 
 class Bus:
@@ -69,7 +72,7 @@ def test_the_world_keeps_to_the_clock(attachment, bus, words):
         attachment.turn(0.001)
     assert bus.now == 100 * MS
     assert 0 <= bus.now - attachment.world.now <= MS
-    assert (attachment.stalls, words) == (0, [])
+    assert (attachment.time.stalls, words) == (0, [])
 
 
 def test_a_request_is_answered_at_the_instant_at_which_it_is_read(attachment, bus):
@@ -102,31 +105,78 @@ def test_error_frames_are_not_for_the_nodes(attachment, bus):
 
 
 def test_a_short_delay_is_caught_up_with(attachment, bus, words):
-    bus.now = BEHIND_NS
+    bus.now = SILENCE_NS
     attachment.turn(0.0)
-    assert attachment.world.now == BEHIND_NS
+    assert attachment.world.now == SILENCE_NS
     assert words == []
 
 
-def test_a_stall_is_said_and_not_made_up_for(attachment, bus, words):
+def test_a_stall_is_said_and_its_silence_not_made_up_for(attachment, bus, words):
     bus.now = 3_000 * MS
     attachment.turn(0.0)
-    assert attachment.world.now == 0
-    assert (attachment.stalls, attachment.stalled_ns) == (1, 3_000 * MS)
+    assert attachment.world.now == SILENCE_NS
+    assert (attachment.time.stalls, attachment.time.lost_ns) == (1, 2_950 * MS)
     assert len(words) == 1
-    assert "3000 ms are lost" in words[0]
+    assert "3000 ms behind the wall clock: 2950 ms are lost" in words[0]
     bus.now += 5 * MS
     attachment.turn(0.0)
-    assert attachment.world.now == 5 * MS
+    assert attachment.world.now == SILENCE_NS + 5 * MS
 
 
 def test_stalls_are_said_once_a_second_with_their_sum(attachment, bus, words):
     for _ in range(12):
         bus.now += 100 * MS
         attachment.turn(0.0)
-    assert attachment.stalls == 12
+    assert attachment.time.stalls == 12
     assert len(words) == 2
-    assert "1000 ms are lost" in words[1]
+    assert "1000 ms behind the wall clock: 500 ms are lost" in words[1]
+
+
+def watch_master(attachment, timeout_ms):
+    """Heartbeat consumer of node 2: node 127 within the time, from its first heartbeat on."""
+    attachment.world.receive(Frame(0x602, struct.pack("<BHBI", 0x23, 0x1016, 1, 127 << 16 | timeout_ms)))
+    attachment.world.receive(BEAT)
+
+
+def emergencies(bus):
+    return [frame.data[:2].hex() for frame in bus.sent if frame.can_id == 0x82]
+
+
+def test_heartbeats_that_came_during_a_stall_are_heard_before_their_deadline(attachment, bus):
+    watch_master(attachment, 30)
+    for stall_ms in (20, 45, 250, 400):
+        bus.now += stall_ms * MS
+        bus.waiting = [BEAT] * (stall_ms // 10)
+        attachment.turn(0.0)
+    assert emergencies(bus) == []
+
+
+def test_a_frame_that_is_read_after_a_stall_is_heard_before_its_deadline(attachment, bus):
+    """The stall comes between the look at the clock and the answer of `receive`."""
+    watch_master(attachment, 30)
+    receive = bus.receive
+
+    def late(timeout_s):
+        bus.receive = receive
+        bus.now += 40 * MS
+        bus.waiting = [BEAT] * 4
+        return receive(timeout_s)
+
+    bus.receive = late
+    attachment.turn(0.001)
+    assert attachment.world.now == 40 * MS
+    assert emergencies(bus) == []
+
+
+def test_a_master_that_is_silent_beyond_a_stall_is_found(attachment, bus):
+    watch_master(attachment, 30)
+    bus.now += 20 * MS
+    attachment.turn(0.0)
+    assert emergencies(bus) == []
+    for _ in range(11):
+        bus.now += MS
+        attachment.turn(0.0)
+    assert emergencies(bus) == ["3081"]
 
 
 def test_it_runs_on_any_python_can_bus_until_it_is_stopped(request):

@@ -16,8 +16,9 @@ from drive_profiles.address import Address
 from drive_profiles.standard.cia402 import Mode, Object, State
 from hil.can.frame import RECORD, Frame
 from hil.can.raw import RawChannel
-from plant_emulator.bus import server as server_module
-from plant_emulator.bus.server import MAX_CLIENTS, AddressInUseError, Server
+from plant_emulator.bus import clients as clients_module
+from plant_emulator.bus.clients import MAX_CLIENTS
+from plant_emulator.bus.server import AddressInUseError, Server
 from plant_emulator.world import World
 from tests.plant_emulator.bus.conftest import closing, drain, frames_until, record, wait_for
 from tests.plant_emulator.rig import ONE_AXIS
@@ -161,7 +162,7 @@ def numbers(records):
 
 
 def test_a_client_that_does_not_read_loses_frames_and_hurts_nobody(start_server, monkeypatch):
-    monkeypatch.setattr(server_module, "SEND_BUFFER_BYTES", 1 << 16)
+    monkeypatch.setattr(clients_module, "SEND_BUFFER_BYTES", 1 << 16)
     running = start_server()
     slow, fast, watcher = running.plug(), running.join(), running.join()
     client = next(iter(running.server._clients.values()))  # the first that joined
@@ -177,7 +178,7 @@ def test_a_client_that_does_not_read_loses_frames_and_hurts_nobody(start_server,
 
 
 def test_a_stream_that_does_not_read_loses_whole_records_and_recovers(start_server, monkeypatch):
-    monkeypatch.setattr(server_module, "STREAM_BACKLOG_BYTES", 4096)
+    monkeypatch.setattr(clients_module, "STREAM_BACKLOG_BYTES", 4096)
     running = start_server(stream=True)
     slow = running.plug()
     (client,) = running.server._clients.values()
@@ -235,7 +236,7 @@ def test_before_the_first_sync_the_world_runs_by_itself(running):
     drain(channel)
     before = running.world.now
     assert still(running)
-    running.wall.pass_s(0.2)
+    running.pass_wall_s(0.2)
     for _ in range(10):
         frames_until(channel, BEAT)
     wait_for(lambda: running.world.now == before + 200_000_000)
@@ -278,8 +279,8 @@ def test_after_the_sender_of_sync_has_gone_the_world_goes_on_by_itself(running):
     channel.close()
     wait_for(lambda: running.server._clock is None)
     assert still(running)  # no jump over the time that stood
-    running.wall.pass_s(0.1)
-    wait_for(lambda: running.world.now == before + 100_000_000)
+    running.pass_wall_s(0.1)
+    assert running.world.now == before + 100_000_000
 
 
 def test_a_drive_stops_by_itself_when_its_master_has_gone(running):
@@ -301,7 +302,7 @@ def test_a_drive_stops_by_itself_when_its_master_has_gone(running):
     wait_for(lambda: not running.server._clients)
     assert running.drive.state is State.OPERATION_ENABLED
     witness = running.join()
-    running.wall.pass_s(1.0)
+    running.pass_wall_s(1.0)
     wait_for(lambda: running.drive.state is State.SWITCH_ON_DISABLED)
     witness.send(Frame(0x603, bytes.fromhex("4003100100000000")))  # its error history
     assert frames_until(witness, ANSWER)[-1].data[4:6] == b"\x30\x81"

@@ -260,7 +260,7 @@ def test_time_passes_by_the_wall_clock_for_it(running, stranger):
     sdo(stranger, READ_STATUS_WORD)
     running.hold_wall()
     before = running.world.now
-    running.wall.pass_s(0.2)
+    running.pass_wall_s(0.2)
     wait_for(lambda: running.world.now == before + 200_000_000)
 
 
@@ -278,7 +278,7 @@ def test_its_sync_does_not_move_the_clock_but_is_a_sync(running, stranger):
         seen += message.arbitration_id == 0x183
     assert running.server._clock is None
     assert running.world.now == before
-    running.wall.pass_s(0.3)
+    running.pass_wall_s(0.3)
     wait_for(lambda: running.world.now == before + 300_000_000)
 
 
@@ -342,7 +342,7 @@ def test_a_user_scans_through_the_adapter(serve, tmp_path):
     scan = [sys.executable, "-m", "drive_profiles", "scan", "--bus", f"slcan:{tty}@1M", "--nodes", "2-5,16"]
     done = subprocess.run(scan, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
-    assert [line.split("\t")[0] for line in done.stdout.splitlines()[1:]] == ["2", "3", "5", "16"]
+    assert [line.split()[0] for line in done.stdout.splitlines()[1:]] == ["2", "3", "5", "16"]
     process.terminate()
     assert process.wait(10) == 0
     assert not tty.is_symlink()

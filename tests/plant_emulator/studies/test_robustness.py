@@ -16,7 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from drive_profiles.files.toml import FileError, load, loads
-from hil.analysis import constant_acceleration_metrics, line_motion_metrics
+from hil.analysis import constant_acceleration_metrics, line_motion_metrics, paper_scale
 from hil.bench.bench import load_bench
 from hil.bench.design import DesignedAxis, Designs, notch_table
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
@@ -110,7 +110,7 @@ def test_an_encoder_error_of_the_2nd_order_moves_the_arm_like_a_transmission_err
 def test_tip_peak_and_rms_are_those_of_the_report(axis, index):
     made = study(axis)
     judged = made.judge(index)
-    known = constant_acceleration_metrics(as_recorded(made, made.run(*made.draw(index))), axis, 2, made.f_al_hz)
+    known = constant_acceleration_metrics(as_recorded(made, made.run(*made.draw(index))), axis, 2, paper_scale(made.f_al_hz))
     assert judged.tip_peak_mm == pytest.approx(known.tip_peak_mm, rel=1e-9)
     assert judged.tip_rms_mm == pytest.approx(known.tip_rms_mm, rel=1e-9)
 
@@ -119,7 +119,7 @@ def test_the_line_motions_metrics_are_those_of_the_report():
     made = study(None)
     judged = made.judge(0)
     runs = [made.run(*made.draw(0), filters=filters) for filters in ({}, None)]
-    bare, filtered = (line_motion_metrics(as_recorded(made, run), 0.2, 2.2, made.f_al_hz) for run in runs)
+    bare, filtered = (line_motion_metrics(as_recorded(made, run), 0.2, 2.2, paper_scale(made.f_al_hz)) for run in runs)
     assert judged.tip_peak_mm == pytest.approx(filtered.tip_peak_mm, rel=1e-9)
     assert judged.area_reduction_percent == pytest.approx(100.0 * (1.0 - filtered.spectrum_area / bare.spectrum_area), rel=1e-9)
     assert study(None, {}).judge(0).area_reduction_percent is None

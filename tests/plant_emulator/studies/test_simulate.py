@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drive_profiles.standard.units import real32
-from hil.analysis import constant_acceleration_metrics, line_motion_metrics, tip_displacement_mm
+from hil.analysis import constant_acceleration_metrics, line_motion_metrics, paper_scale, tip_displacement_mm
 from hil.bench.bench import load_bench
 from hil.control.angles import ARCSEC
 from hil.control.notch import Notch
@@ -25,6 +25,7 @@ from plant_emulator.studies.simulate import references, simulate
 BENCH, ROBOT = load_bench("reference"), load_robot("reference")
 SYNC = 0.002
 F_AL = {number: BENCH.axis[number].loop(250e-6).peak_hz() for number in (2, 3)}
+SCALE = {number: paper_scale(f_al) for number, f_al in F_AL.items()}
 CONTROLS = {number: Control(**axis.control.model_dump()) for number, axis in BENCH.axis.items()}
 TABLE_3 = {
     number: tuple(NotchShape(**table.model_dump(include=set(NotchShape.model_fields))) for table in axis.notch)
@@ -78,7 +79,7 @@ def line():
 
 def single_axis_peak(run, number, seed):
     acceleration = None if seed is None else measured(run, seed)
-    return constant_acceleration_metrics(as_recorded(run, acceleration), number, 2, F_AL[number]).tip_peak_mm
+    return constant_acceleration_metrics(as_recorded(run, acceleration), number, 2, SCALE[number]).tip_peak_mm
 
 
 @pytest.mark.parametrize("seed", [None, 1, 2, 3, 4, 5])
@@ -91,9 +92,9 @@ def test_at_4_rps_per_s_the_tip_breaks_the_specification_without_and_keeps_it_wi
 
 @pytest.mark.parametrize("number", [2, 3])
 def test_the_vibration_peaks_where_twice_the_motor_speed_meets_the_resonance(single_axis, number):
-    found = constant_acceleration_metrics(as_recorded(single_axis[number, False]), number, 2, F_AL[number])
+    found = constant_acceleration_metrics(as_recorded(single_axis[number, False]), number, 2, SCALE[number])
     assert found.spectrum_peak_hz == pytest.approx(F_AL[number], abs=0.7)
-    filtered = constant_acceleration_metrics(as_recorded(single_axis[number, True]), number, 2, F_AL[number])
+    filtered = constant_acceleration_metrics(as_recorded(single_axis[number, True]), number, 2, SCALE[number])
     assert filtered.spectrum_peak_m_s2 < 0.6 * found.spectrum_peak_m_s2
     assert filtered.spectrum_area < 0.7 * found.spectrum_area
 
@@ -101,7 +102,8 @@ def test_the_vibration_peaks_where_twice_the_motor_speed_meets_the_resonance(sin
 @pytest.mark.parametrize("number", [2, 3])
 def test_table_3s_notch_leaves_the_4th_order_alone(single_axis, number):
     bare, filtered = (
-        constant_acceleration_metrics(as_recorded(single_axis[number, notch]), number, 4, F_AL[number]) for notch in (False, True)
+        constant_acceleration_metrics(as_recorded(single_axis[number, notch]), number, 4, SCALE[number])
+        for notch in (False, True)
     )
     assert filtered.tip_peak_mm == pytest.approx(bare.tip_peak_mm, rel=0.01)
     assert bare.tip_peak_mm > 0.03
@@ -117,7 +119,7 @@ def test_in_the_line_motion_the_spectrums_area_falls_by_26_percent_and_more(line
             as_recorded(line[notch], None if seed is None else measured(line[notch], seed + 100 * notch)),
             dwell,
             duration,
-            F_AL[2],
+            SCALE[2],
         )
         for notch in (False, True)
     )
@@ -136,7 +138,7 @@ def test_without_any_transmission_error_the_notch_adds_no_vibration_of_its_own(n
         simulate(quiet, number, controls=CONTROLS, notches=notches).tip_acceleration_m_s2[:, 2] for notches in ({}, TABLE_3)
     )
     assert not np.array_equal(bare, filtered)
-    difference = tip_displacement_mm(filtered, SYNC, F_AL[number]) - tip_displacement_mm(bare, SYNC, F_AL[number])
+    difference = tip_displacement_mm(filtered, SYNC, SCALE[number]) - tip_displacement_mm(bare, SYNC, SCALE[number])
     assert np.max(np.abs(difference)) <= 0.005
 
 
@@ -267,7 +269,7 @@ def test_halving_the_substep_of_the_plant_leaves_the_vibration_as_it_is(single_a
         :, 2
     ]
     coarse = single_axis[2, True].tip_acceleration_m_s2[:, 2]
-    difference = tip_displacement_mm(fine, SYNC, F_AL[2]) - tip_displacement_mm(coarse, SYNC, F_AL[2])
+    difference = tip_displacement_mm(fine, SYNC, SCALE[2]) - tip_displacement_mm(coarse, SYNC, SCALE[2])
     assert np.max(np.abs(difference)) < 0.002
 
 

@@ -11,6 +11,7 @@ from hil.bench.model import Identified, IdentifiedError
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import adder_for, cancellation_for
 from hil.experiments.cancellation.trial import CancellationRefusedError, Trial, Verification, averaged, judged_rows
+from hil.experiments.judge import vibration_scale
 from hil.experiments.motions import constant_acceleration, line_motion
 from hil.recording import Recording
 from hil.robot_tables import TransmissionErrorTable
@@ -138,13 +139,14 @@ def test_a_trial_that_does_not_help_enough_is_refused_with_its_numbers() -> None
 
 
 def test_rows_that_are_compared(bench: Bench) -> None:
+    scale = vibration_scale(bench, (3,))
     for motion in (line_motion(bench, 0.002), constant_acceleration(bench, 3, 0.002)):
         columns = {"time_s": motion.time_s, "tip_z_m_s2": np.zeros(len(motion.time_s))}
         columns |= {f"axis{n}_position_rad": motion.motor_angle_rad[:, i] for i, n in enumerate(motion.axes)}
-        assert 0.4 < np.count_nonzero(judged_rows(bench, Recording(columns))) * 0.002 < 2.0
+        assert 0.4 < np.count_nonzero(judged_rows(bench, Recording(columns), scale)) * 0.002 < 2.0
     still = Recording({"time_s": motion.time_s, "axis3_position_rad": np.zeros(len(motion.time_s))})
     with pytest.raises(NotPossibleError, match="does not excite the arm"):
-        judged_rows(bench, still)
+        judged_rows(bench, still, scale)
 
 
 def test_the_mean_of_recordings() -> None:

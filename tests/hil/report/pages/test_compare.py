@@ -42,7 +42,8 @@ def directory(full_directory, tmp_path_factory):
 def test_tables_and_figures_of_each_experiment_stand_in_one_file(directory):
     text = (directory / "report.html").read_text()
     for key in ("overview", "peaks-reference", "table-line-motion", "table-constant-acceleration-axis2", "compliance", "left-out",
-                "vibration-reference-line-motion", "vibration-reference-constant-acceleration-axis2"):  # fmt: skip
+                "vibration-reference-line-motion", "vibration-reference-constant-acceleration-axis2",
+                "orders-reference-constant-acceleration-axis2"):  # fmt: skip
         assert f'id="{key}"' in text
     assert "Treatments side by side" in text
     assert "× 3.70" in text

@@ -1,0 +1,99 @@
+"""Values as people read them: four digits, units, hexadecimal for words of bits. Files and JSON hold all digits."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # --help must not wait for pydantic
+    from drive_profiles.standard.cia301 import DataType
+    from drive_profiles.standard.object_address import ObjectAddress
+
+DIGITS = 4
+_EXACT = 17
+_UNITS = {"us": "µs", "per mille": "‰", "per mille/s": "‰/s", "rps": "rev/s", "rps/s": "rev/s²", "deg": "°"}
+_BITS: frozenset[tuple[int, int]] = frozenset(
+    {(index, 0) for index in (0x1000, 0x1001, 0x1002, 0x1005, 0x1012, 0x1014, 0x603F, 0x6040, 0x6041, 0x60A8, 0x60A9, 0x60AA)}
+    | {(index, 0) for index in (0x607E, 0x60FD, 0x6502, 0x67FF)}
+    | {(0x1018, subindex) for subindex in (1, 2, 3)}
+    | {(0x60FE, 1), (0x60FE, 2)}
+)
+"""Objects that hold bits, codes or identifiers. Source: CiA 301, 7.5.2; CiA 402-2."""
+_BITS_FROM_SUBINDEX_1 = (range(0x1003, 0x1004), range(0x1010, 0x1012), range(0x1016, 0x1017), range(0x1028, 0x1029))
+_COB_IDS = ((range(0x1200, 0x1300), (1, 2)), (range(0x1400, 0x1600), (1,)), (range(0x1800, 0x1A00), (1,)))
+_MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
+
+
+def is_hexadecimal(address: ObjectAddress) -> bool:
+    """Return True for an object whose value is read in hexadecimal: words of bits, codes, identity, COB-IDs, PDO mappings."""
+    index, subindex = address
+    if address in _BITS:
+        return True
+    if any(index in block and subindex in subindices for block, subindices in _COB_IDS):
+        return True
+    return subindex > 0 and any(index in block for block in (*_BITS_FROM_SUBINDEX_1, *_MAPPINGS))
+
+
+def unit(text: str) -> str:
+    """Unit in its one spelling for people; that of files and JSON stays.
+
+    >>> unit("us"), unit("rev/s")
+    ('µs', 'rev/s')
+    """
+    return _UNITS.get(text, text)
+
+
+def number(value: float, digits: int = DIGITS) -> str:
+    """Number in four significant digits, whole ones whole, and no power of ten where five zeros do.
+
+    >>> number(3.7997330000000002), number(25132.741), number(100000), number(1.5e-7)
+    ('3.8', '25133', '100000', '1.5e-07')
+    """
+    if isinstance(value, int) or (math.isfinite(value) and value.is_integer() and abs(value) < 1e15):
+        return str(int(value))
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text and abs(value) < 1e9 else text
+
+
+def measured(value: float, error: float) -> str:
+    """Value with its standard error, both to the second digit of the error.
+
+    >>> measured(48950.23, 38.4), measured(12.4331, 0.0042)
+    ('48950 ± 38', '12.4331 ± 0.0042')
+    """
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+        return f"{number(value)} ± {number(error)}"
+    decimals = 1 - math.floor(math.log10(error))
+    return f"{value:.{max(decimals, 0)}f} ± {error:.{max(decimals, 0)}f}"
+
+
+def value(held: float | str, address: ObjectAddress, data_type: DataType | None = None, digits: int = DIGITS) -> str:
+    """Value of an object; the whole numbers of `is_hexadecimal` with the digits of their type.
+
+    Args:
+        held: Value in the object's unit, or text.
+        address: Object that holds it.
+        data_type: Its type, where it is known.
+        digits: Significant digits of a number that is not whole.
+    """
+    if isinstance(held, str):
+        return held
+    if isinstance(held, int) and held >= 0 and is_hexadecimal(address):
+        return f"0x{held:0{2 * (data_type.size or 0) if data_type else 0}X}"
+    return number(held, digits)
+
+
+def pair(left: float | str, right: float | str, address: ObjectAddress, data_type: DataType | None = None) -> tuple[str, str]:
+    """Two values of an object, with as many digits as it takes to tell them apart.
+
+    Args:
+        left: One value.
+        right: The other.
+        address: Object that holds it.
+        data_type: Its type, where it is known.
+    """
+    for digits in range(DIGITS, _EXACT + 1):
+        shown = value(left, address, data_type, digits), value(right, address, data_type, digits)
+        if shown[0] != shown[1] or left == right:
+            break
+    return shown

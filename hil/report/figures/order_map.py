@@ -1,0 +1,126 @@
+"""Figure of the order map: which order of the motor's turning shakes the tip, and at which speed."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+
+from hil.analysis import motor_speed_rps
+from hil.design.order_map import OrderMap, order_map
+from hil.recording import Recording
+from hil.report import palette, style
+from hil.report.drawn_run import DrawnRun
+from hil.report.style import Drawing, Real
+
+ORDERS: Real = np.linspace(0.5, 10.0, 96)
+LEVELS = 9
+FREQUENCIES_HZ = (5.0, 10.0, 20.0, 40.0)
+"""Frequencies whose hyperbolas are drawn thin, to read the map in Hz."""
+COLUMNS = 2
+
+
+def order_maps(key: str, title: str, runs: Sequence[DrawnRun], axis: int, f_al: float | None) -> Drawing | None:
+    """Figure of the tip's vibration over motor speed and order, a panel for each run, all in one scale of colours.
+
+    Args:
+        key: Anchor of the figure.
+        title: Title of the figure.
+        runs: Runs of one constant acceleration.
+        axis: Axis that moved.
+        f_al: Peak of |G_al| in Hz; None without a model.
+    """
+    maps = [(run, found) for run in runs if (found := ramp_map(run.recording, axis)) is not None]
+    top = max((float(np.nanmax(found.amplitude)) for _, found in maps), default=0.0)
+    if top <= 0.0:
+        return None
+    rows = -(-len(maps) // COLUMNS)
+    columns = min(COLUMNS, len(maps))
+    figure, panels = style.panels(rows, columns, 0.6 + 2.9 * rows, sharex=True, sharey=True)
+    levels = np.linspace(0.0, top, LEVELS + 1)
+    for panel, (run, found) in zip(panels.flat, maps, strict=False):
+        _draw(panel, found, levels, f_al)
+        panel.set_title(run.label)
+    for panel in panels.flat[len(maps) :]:
+        panel.set_visible(False)
+    for panel in panels[-1, :]:
+        panel.set_xlabel("Motor speed (rev/s)")
+    for panel in panels[:, 0]:
+        panel.set_ylabel("Order k (per turn)")
+    _scale(figure, panels, levels)
+    resonance = (
+        "The bench has no model of this axis, so its resonance is not drawn."
+        if f_al is None
+        else f"Dashed: k f_m = f_al = {f_al:.2f} Hz, the resonance."
+    )
+    return Drawing(
+        key,
+        title,
+        "",
+        "measured",
+        "Amplitude of the vertical tip acceleration at k times the motor's angle, in windows of two turns. An error of "
+        f"order k stands at that height and swells where it crosses the resonance. {resonance} Dotted: other frequencies. "
+        "An order is as wide as a window of two turns lets it be: about ±1.",
+        style.to_svg(figure, key),
+    )
+
+
+def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
+    """Order map of the tip while the motor speeds up; None where it turns too little.
+
+    Args:
+        recording: Recording of a constant-acceleration run.
+        axis: Axis that moved.
+    """
+    end = int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) + 1
+    angle, tip = recording.axis(axis, "position_rad")[:end], recording.columns["tip_z_m_s2"][:end]
+    try:
+        found = order_map(angle, tip, recording.period_s, ORDERS)
+    except ValueError:
+        return None
+    return found if len(found.speed_rps) > 1 else None
+
+
+def _draw(panel: Axes, found: OrderMap, levels: Real, f_al: float | None) -> None:
+    amplitude = np.ma.masked_invalid(found.amplitude.T)
+    panel.contourf(found.speed_rps, found.orders, amplitude, levels=levels, colors=_colours())
+    low, high = float(found.speed_rps[0]), float(found.speed_rps[-1])
+    speeds = np.linspace(low, high, 200)
+    for frequency in FREQUENCIES_HZ:
+        _hyperbola(panel, speeds, frequency, f"{frequency:g} Hz", style.MARK)
+    if f_al is not None:
+        _hyperbola(panel, speeds, f_al, "$f_{al}$", {**style.CONSTRAINT, "color": style.VERMILLION}, at_right=False)
+    panel.set(xlim=(low, high), ylim=(float(ORDERS[0]), float(ORDERS[-1])))
+    panel.set_yticks(np.arange(1, math.floor(ORDERS[-1]) + 1))
+
+
+def _hyperbola(panel: Axes, speeds: Real, frequency_hz: float, name: str, look: style.Line, *, at_right: bool = True) -> None:
+    """Line k f_m = f, with its name at its right or left end."""
+    orders = frequency_hz / speeds
+    inside = np.flatnonzero((orders >= ORDERS[0]) & (orders <= ORDERS[-1]))
+    if len(inside) < 2:
+        return
+    panel.plot(speeds[inside], orders[inside], **look)
+    at = inside[-1] if at_right else inside[0]
+    panel.annotate(
+        name, (speeds[at], orders[at]), xytext=(-3 if at_right else 3, 2), textcoords="offset points",
+        ha="right" if at_right else "left", va="bottom", fontsize=7.5,
+    )  # fmt: skip
+
+
+def _colours() -> list[str]:
+    """From the page's ground to the strongest colour."""
+    steps = np.linspace(0, len(palette.SPEEDS) - 1, LEVELS - 1).round().astype(int)
+    return [style.PAPER, *(palette.SPEEDS[step].day for step in steps)]
+
+
+def _scale(figure: Figure, panels: style.Panels, levels: Real) -> None:
+    """Legend of the colours: the levels as a bar beside the panels."""
+    colours = ListedColormap(_colours(), "order map")
+    bar = figure.colorbar(ScalarMappable(BoundaryNorm(levels, colours.N), colours), ax=list(panels.flat), aspect=40, pad=0.02)
+    bar.set_label("Tip acceleration (m/s²)")
+    bar.ax.set_yticks(levels[::3], [f"{level:.2g}" for level in levels[::3]])
+    bar.ax.grid(visible=False)

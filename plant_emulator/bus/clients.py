@@ -1,0 +1,184 @@
+"""Participants of the local bus: those of its Unix socket, and the listening sockets through which participants come."""
+
+import contextlib
+import socket
+import struct
+from collections.abc import Iterator
+
+from hil.can import clock
+from hil.can.frame import MAX_DATA_LENGTH, RECORD, Frame, unpack
+from hil.can.raw import wait_at_most
+
+CLOCK_WAIT_S = 0.001
+"""Longest silence of the lock-step client before the others are served, in s."""
+MAX_CLIENTS = 32
+SEND_BUFFER_BYTES = 1 << 20
+"""Buffer of a client's socket, as far as the system allows: its own 208 KiB hold 277 records, and the 127 segments of an SDO
+block, each with its time stamp, are 254."""
+STREAM_BACKLOG_BYTES = 1 << 20
+MAX_QUEUED = 1024
+"""Messages of a client that a late world reads at once: more than its socket holds."""
+_MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size + 1  # a longer message shows itself by its last byte
+_SO_TIMESTAMPNS = 35  # Linux, asm-generic/socket.h; the control message has the same number
+_TIMESPEC = struct.Struct("@ll")
+_ANCILLARY_BYTES = 64
+
+
+class Client:
+    """One participant of the bus. What it does not read in time is dropped and counted, never waited for.
+
+    Attributes:
+        is_over: Whether the server is to drop it, though it is still connected.
+    """
+
+    def __init__(self, sock: socket.socket, port: int) -> None:
+        """Take over a connected socket.
+
+        Args:
+            sock: Its own end.
+            port: Its number on the bus.
+        """
+        self.port = port
+        self.knows_clock = self.wants_stamps = self.takes_several = False
+        self.may_be_clock = True
+        self.is_over = False
+        self.syncs = 0
+        sock.setblocking(True)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        wait_at_most(sock, CLOCK_WAIT_S)
+        self.socket = sock
+        self.dropped = 0
+        self._is_stream = sock.type == socket.SOCK_STREAM
+        self._has_stamps = False
+        self._received, self._backlog = b"", bytearray()
+
+    def send(self, record: bytes) -> None:
+        """Deliver a message, or drop it where the client's queue is full."""
+        try:
+            if self._is_stream:
+                self._send_stream(record)
+            else:
+                self.socket.send(record, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            self.dropped += len(record) // RECORD.size
+        except OSError:
+            pass  # it has gone; the next read says so
+
+    def send_all(self, records: list[bytes]) -> None:
+        """Deliver records, several in one message where the client understands that."""
+        if not self.takes_several or len(records) == 1:
+            for record in records:
+                self.send(record)
+            return
+        for begin in range(0, len(records), clock.MAX_RECORDS):
+            self.send(b"".join(records[begin : begin + clock.MAX_RECORDS]))
+
+    def _send_stream(self, record: bytes) -> None:
+        """A stream must not lose half a record: what does not fit waits, up to a bound."""
+        self.flush()
+        if len(self._backlog) >= STREAM_BACKLOG_BYTES:
+            self.dropped += 1
+            return
+        self._backlog += record
+        self.flush()
+
+    def flush(self) -> None:
+        """Write the waiting bytes to a stream, as far as there is room."""
+        with contextlib.suppress(OSError):  # no room; or it has gone, and the next read says so
+            while self._backlog:
+                del self._backlog[: self.socket.send(self._backlog[:65536], socket.MSG_DONTWAIT)]
+
+    def receive(self, *, wait: bool = False) -> list[Frame] | None:
+        """The frames that are there, [] where there is none, None where the client has gone; what is no frame is dropped.
+
+        Args:
+            wait: Wait for the first one, up to `CLOCK_WAIT_S`.
+        """
+        try:
+            data = self.socket.recv(65536 if self._is_stream else _MESSAGE_BYTES, 0 if wait else socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return []
+        except OSError:
+            return None
+        if not data:
+            return None
+        if not self._is_stream:
+            if len(data) != RECORD.size:
+                return _frames(data) if len(data) % RECORD.size == 0 else []
+            frame = unpack(data)
+            return [] if frame is None else [frame]
+        self._received += data
+        whole = len(self._received) - len(self._received) % RECORD.size
+        records, self._received = self._received[:whole], self._received[whole:]
+        return _frames(records)
+
+    def stamp_arrivals(self) -> None:
+        """Let the kernel note when each message comes, where it does that: Linux, on seqpacket sockets."""
+        with contextlib.suppress(OSError):
+            self.socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+            self._has_stamps = not self._is_stream
+
+    def queued(self) -> Iterator[tuple[Frame, int | None]]:
+        """Everything that has come, each frame with its arrival in ns since 1970; None where only the order is known.
+
+        One that has gone is marked with `is_over`.
+        """
+        for _ in range(MAX_QUEUED):
+            stamp: int | None = None
+            if self._has_stamps:
+                frames, stamp = self._receive_stamped()
+            else:
+                frames = self.receive()
+            if frames is None:
+                self.is_over = True
+                return
+            if not frames:
+                return
+            for frame in frames:
+                yield frame, stamp
+
+    def _receive_stamped(self) -> tuple[list[Frame] | None, int | None]:
+        """The frames of the next message that has any, and the time of its arrival."""
+        while True:
+            try:
+                data, ancillary, _, _ = self.socket.recvmsg(_MESSAGE_BYTES, _ANCILLARY_BYTES, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                return [], None
+            except OSError:
+                return None, None
+            if not data:
+                return None, None
+            frames = _frames(data) if len(data) % RECORD.size == 0 else []
+            if frames:
+                return frames, _stamp(ancillary)
+
+
+class Door:
+    """A listening socket, and the participants that it makes of connections."""
+
+    def __init__(self, listener: socket.socket) -> None:
+        """Take over a listening socket."""
+        self.listener = listener
+        listener.setblocking(False)
+
+    def admit(self, sock: socket.socket, port: int) -> Client:
+        """Make a participant of a new connection."""
+        return Client(sock, port)
+
+    def turn_away(self, sock: socket.socket) -> None:
+        """Refuse a client beyond the largest number."""
+        sock.close()
+
+
+def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int | None:
+    """The kernel's time of a message, in ns since 1970; None where it gave none."""
+    for level, kind, data in ancillary:
+        if (level, kind, len(data)) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS, _TIMESPEC.size):
+            seconds, nanoseconds = _TIMESPEC.unpack(data)
+            return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return None
+
+
+def _frames(records: bytes) -> list[Frame]:
+    """Frames of whole records; other bytes are skipped."""
+    return [Frame(can_id, data[:length]) for can_id, length, data in RECORD.iter_unpack(records) if length <= MAX_DATA_LENGTH]

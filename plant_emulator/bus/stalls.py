@@ -1,0 +1,108 @@
+"""The wall clock as a world follows it, and what becomes of the time in which the world's process stood still.
+
+A process that gets no processor, or has too much to do, comes back late: deadlines of its nodes have passed meanwhile, and the
+frames that keep them are still unread. So a late world first hears what waits, each frame at the time of its arrival, and then
+lets the rest of the time pass. Its own stall is not the master's silence: of a stretch in which nothing came only the first
+`SILENCE_NS` pass, the rest is lost, as if the robot had stood still. That is said.
+"""
+
+import sys
+from collections.abc import Callable, Sequence
+
+LATE_NS = 5_000_000
+"""A world that is further behind hears what waits before its time passes. A turn of the servers takes 1 ms."""
+SILENCE_NS = 50_000_000
+"""Longest stretch without a frame that a late world makes up for; a world that is further behind says so."""
+MADE_UP_NS = 500_000_000
+"""Longest time that is made up for at once: a world too slow for its clock must not run after it for ever."""
+SAY_AGAIN_NS = 1_000_000_000
+
+
+def to_stderr(words: str) -> None:
+    """Say it on standard error."""
+    print(words, file=sys.stderr, flush=True)  # noqa: T201 - what a served robot complains of
+
+
+def made_up(begin_ns: int, end_ns: int, arrivals_ns: Sequence[int]) -> tuple[list[int], int]:
+    """The instants at which a late world hears what has come, and the one up to which its time then passes.
+
+    Args:
+        begin_ns: The world's time.
+        end_ns: The wall's time, on the same scale.
+        arrivals_ns: Arrivals of the frames, in rising order; what lies before `begin_ns` or behind `end_ns` counts as these do.
+
+    >>> made_up(0, 250_000_000, [40_000_000, 240_000_000])  # of the 200 ms in between 50 ms pass
+    ([40000000, 90000000], 100000000)
+    """
+    now, before, last = begin_ns, begin_ns, begin_ns + MADE_UP_NS
+    instants = []
+    for arrival in (*arrivals_ns, end_ns):
+        at = min(max(arrival, before), end_ns)
+        now = min(now + min(at - before, SILENCE_NS), last)
+        before = at
+        instants.append(now)
+    return instants[:-1], now
+
+
+def spread(begin_ns: int, end_ns: int, count: int) -> list[int]:
+    """Arrivals of frames of which only the order is known: evenly between begin and end, the last one now.
+
+    >>> spread(0, 90, 3)
+    [30, 60, 90]
+    """
+    return [begin_ns + (end_ns - begin_ns) * number // count for number in range(1, count + 1)]
+
+
+class WallTime:
+    """The wall clock, on the scale of a world that follows it.
+
+    Attributes:
+        stalls: Number of times that the world was more than `SILENCE_NS` behind.
+        lost_ns: Time that the world has lost in all.
+    """
+
+    def __init__(self, now_ns: Callable[[], int], world_ns: int, say: Callable[[str], None] = to_stderr) -> None:
+        """Begin now.
+
+        Args:
+            now_ns: The monotonic clock.
+            world_ns: The world's time.
+            say: Called with each complaint.
+        """
+        self.stalls = self.lost_ns = 0
+        self._now_ns, self._say = now_ns, say
+        self._said_ns: int | None = None
+        self._unsaid = [0, 0]  # behind, lost
+        self.begin(world_ns)
+
+    def begin(self, world_ns: int) -> None:
+        """Follow the clock from the world's present time on."""
+        self._epoch_ns = self._now_ns() - world_ns
+
+    def __call__(self) -> int:
+        """The world's time as it would be now if it were on time."""
+        return self._now_ns() - self._epoch_ns
+
+    def catch_up(self, begin_ns: int, end_ns: int, arrivals_ns: Sequence[int]) -> tuple[list[int], int]:
+        """As `made_up`, which see; what is lost is lost for good, and a stall is said, once a second at most."""
+        instants, reached = made_up(begin_ns, end_ns, arrivals_ns)
+        lost = end_ns - reached
+        self._epoch_ns += lost
+        if end_ns - begin_ns > SILENCE_NS:
+            self._note(end_ns - begin_ns, lost)
+        return instants, reached
+
+    def _note(self, behind_ns: int, lost_ns: int) -> None:
+        now, unsaid = self._now_ns(), self._unsaid
+        self.stalls += 1
+        self.lost_ns += lost_ns
+        unsaid[0] += behind_ns
+        unsaid[1] += lost_ns
+        if self._said_ns is None or now - self._said_ns >= SAY_AGAIN_NS:
+            self._said_ns = now
+            behind, lost = (1e-6 * each for each in unsaid)
+            self._say(
+                f"the emulated robot has fallen {behind:.0f} ms behind the wall clock: {lost:.0f} ms are lost, "
+                "and what came meanwhile was heard first"
+            )
+            self._unsaid = [0, 0]

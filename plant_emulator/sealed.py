@@ -1,0 +1,57 @@
+"""Nothing is loaded or compiled while a robot is served: what is nevertheless, is said.
+
+An import takes milliseconds to seconds, the compiler seconds, and meanwhile the whole bus is silent: heartbeats stay away, and
+other nodes report the master lost. So `serve` loads everything before the first frame, and then seals its process.
+
+A sealed process still loads what is missing, for a robot that stands still is better than one that has gone. But it says so on
+standard error, where every test that serves a robot finds it.
+"""
+
+import contextlib
+import gc
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+from hil.control.compiled import watched
+
+LATE = "loaded while the robot was served:"
+"""Words with which a complaint begins."""
+
+
+class _Imports(MetaPathFinder):
+    """The first to be asked for a module that is not there yet; it knows none, and says that it was asked."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._said: set[str] = set()
+
+    def find_spec(self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        """Find nothing; the next finder does."""
+        if fullname not in self._said:
+            self._said.add(fullname)
+            self._say(f"{LATE} module {fullname}, and the bus was silent meanwhile")
+        return None
+
+
+@contextlib.contextmanager
+def sealed(say: Callable[[str], None]) -> Iterator[None]:
+    """Say what is imported, loaded or compiled in this context, once for each module or function.
+
+    What has been made until now lives as long as the process, so the garbage collector passes it over from here on: to go through
+    the 200 000 objects of a served robot takes it 150 ms.
+
+    Args:
+        say: Called with each complaint.
+    """
+    imports = _Imports(say)
+    gc.freeze()
+    sys.meta_path.insert(0, imports)
+    try:
+        with watched(lambda name: say(f"{LATE} machine code of {name}, and the bus was silent meanwhile")):
+            yield
+    finally:
+        sys.meta_path.remove(imports)
+        gc.unfreeze()

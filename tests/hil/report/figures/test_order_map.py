@@ -1,0 +1,35 @@
+"""The order map of a ramp: the order that was put in is the one that stands out."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hil.recording import Recording
+from hil.report.figures.order_map import ramp_map
+
+
+def recording(order, top_rps=10.0, period_s=0.002):
+    """A ramp up at 4 rev/s² and a hard stop after it; the tip rings at one order."""
+    time = np.arange(0.0, top_rps / 4.0 + 0.2, period_s)
+    speed = np.where(time < top_rps / 4.0, 4.0 * time, np.maximum(0.0, top_rps - 50.0 * (time - top_rps / 4.0)))
+    angle = 2.0 * math.pi * np.cumsum(speed) * period_s
+    tip = 0.3 * np.cos(order * angle)
+    return Recording({"time_s": time, "axis2_position_rad": angle, "tip_z_m_s2": tip})
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0, 4.0, 6.5])
+def test_the_order_that_shakes_stands_out_at_its_height(order):
+    found = ramp_map(recording(order), 2)
+    strongest = found.orders[np.nanargmax(found.amplitude, axis=1)]
+    assert np.all(np.abs(strongest - order) <= 0.1)
+    assert np.nanmax(found.amplitude) == pytest.approx(0.3, rel=0.05)
+
+
+def test_the_braking_after_the_ramp_is_left_out():
+    assert ramp_map(recording(2.0), 2).speed_rps[-1] == pytest.approx(9.6, abs=0.3)
+    assert np.all(ramp_map(recording(2.0), 2).direction == 1.0)
+
+
+def test_a_motor_that_hardly_turns_has_no_map():
+    assert ramp_map(recording(2.0, top_rps=2.0), 2) is None
