@@ -31,7 +31,7 @@ def set_for_drive(
 
     header = formats.header_of(path)
     device = device_at(bus, node, profile or header.profile or None, _own_eds(path, eds))
-    wanted = formats.read(path, device.catalogue, node)
+    wanted = formats.read(path, device.catalogue, node, flagged=True)
     if not formats.is_toml(path):
         for line in wanted.header.not_read:
             typer.echo(f"node {node}: not taken: {line}", err=True)

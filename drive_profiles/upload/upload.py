@@ -105,6 +105,8 @@ class Upload:
         self.device.check_quiet()
         self._resolve(identity)
         self.warnings = doubts(self.parameter_set, identity, self.writes)
+        if kept_out := self.parameter_set.kept_out(self.device.catalogue) if self.options.limits else []:
+            self.warnings.append(f"left out, as the EDS keeps them out of downloads (ObjFlags): {', '.join(kept_out)}")
         self.device.check_quiet(self._axes())
         self._goal = {write.address: write.data for write in self.writes}
         self._old = {address: self._before(address) for address in (*self._goal, *sorted(support(self._goal) - set(self._goal)))}
