@@ -24,7 +24,8 @@ from drive_profiles.cli.options import (
 from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
-    from drive_profiles.parameter_set.parameters import Difference, ParameterSet
+    from drive_profiles.parameter_set.parameters import Difference, Write
+    from drive_profiles.standard.units import Scaling
 
 
 def mount(app: typer.Typer) -> None:
@@ -35,7 +36,7 @@ def mount(app: typer.Typer) -> None:
 
 def diff(
     context: typer.Context,
-    left: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set.")],
+    left: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set, DCF or concise DCF.")],
     right: Annotated[Path | None, typer.Argument(metavar="OTHER", help="Another; left out: the drive at --node.")] = None,
     *,
     bus: OptionalBusOption = None,
@@ -52,41 +53,71 @@ def diff(
 
         drive-profiles diff axis2.toml --bus local:/tmp/robot.sock --node 2
     """
-    from drive_profiles.parameter_set.parameters import ParameterSet
+    from drive_profiles.parameter_set.formats import header_of
 
     with exit_on_error():
-        first = ParameterSet.load(left)
         if right is not None:
-            differences = first.differences(ParameterSet.load(right))
+            differences = _between_files(left, right, profile, eds, node)
             header = ("parameter", str(left), str(right), "unit")
         elif bus is None or node is None:
+            header_of(left)
             raise fail("give a second parameter set, or --bus and --node", ExitStatus.USAGE)
         else:
+            header_of(left)  # a file that cannot be read is said before the bus is opened
             take_bus(context, bus)
-            differences = _against_drive(first, bus, node, profile, eds, timeout_s)
+            differences = _against_drive(left, bus, node, profile, eds, timeout_s)
             header = ("parameter", str(left), f"node {node}", "unit")
     _show(differences, header, as_json=as_json)
 
 
-def _against_drive(
-    wanted: ParameterSet, bus: str, node: int, profile: str | None, eds: Path | None, timeout_s: float
-) -> list[Difference]:
-    """Differences between a parameter set and the objects of a drive."""
+def _between_files(left: Path, right: Path, profile: str | None, eds: Path | None, node: int | None) -> list[Difference]:
+    """Differences between two sets in files of any format, by address and bytes as far as these are known."""
+    from drive_profiles.cli.sets import catalogue_for
+    from drive_profiles.errors import ProfileNotFoundError
+    from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
+    from drive_profiles.parameter_set import formats
+
+    catalogues = []
+    for path in (left, right):
+        try:
+            catalogues.append(catalogue_for(path, profile, eds, node))
+        except ProfileNotFoundError:
+            if profile is not None:
+                raise
+            catalogues.append(Catalogue())  # a set of a profile that is not here; it can be compared as it stands
+    known = max(catalogues, key=lambda each: (each.profile is not None, len(each)))
+    first, second = (formats.read(path, known, node, flagged=True) for path in (left, right))
+
+    def scaling_of(entry: CatalogueEntry) -> Scaling | None:
+        return first.header.scaling_of(entry) or second.header.scaling_of(entry)
+
+    return first.differences(second, known, scaling_of)
+
+
+def _against_drive(path: Path, bus: str, node: int, profile: str | None, eds: Path | None, timeout_s: float) -> list[Difference]:
+    """Differences between a parameter set and the objects of a drive, which may hold what no limit allows."""
+    from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.bus import SdoBus
-    from drive_profiles.device.target import device_at
     from drive_profiles.parameter_set.parameters import Difference
 
     with SdoBus(bus, timeout_s) as opened:
-        device = device_at(opened, node, profile or wanted.header.profile or None, eds)
-        writes = device.resolve(wanted)
+        device, wanted = set_for_drive(opened, node, path, profile, eds)
+        writes = device.resolve(wanted, limits=False)
         scaling = device.scaling([write.entry for write in writes])
         differences = []
         for write in writes:
             held = device.read(write.address)
             if held != write.data:
                 name = write.entry.name or str(write.entry)
-                differences.append(Difference(name, write.value, write.entry.decoded(held, scaling), write.entry.unit))
+                differences.append(Difference(name, write.value, _decoded(write, held, scaling), write.entry.unit))
     return differences
+
+
+def _decoded(write: Write, held: bytes, scaling: Scaling | None) -> float | str:
+    try:
+        return write.entry.decoded(held, scaling)
+    except ValueError as error:  # bytes that are no value of its type
+        return f"{held.hex(' ')} ({error})"
 
 
 def _show(differences: list[Difference], header: tuple[str, ...], *, as_json: bool) -> None:
@@ -114,7 +145,7 @@ def _values(difference: Difference) -> tuple[str, str]:
 
 
 def verify(
-    parameter_set: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set.")],
+    parameter_set: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set, DCF or concise DCF.")],
     bus: BusOption,
     node: NodeOption,
     *,
@@ -127,9 +158,6 @@ def verify(
 
     Example: drive-profiles verify axis2.toml --bus local:/tmp/robot.sock --node 2
     """
-    from drive_profiles.parameter_set.parameters import ParameterSet
-
     with exit_on_error():
-        wanted = ParameterSet.load(parameter_set)
-        differences = _against_drive(wanted, bus, node, profile, eds, timeout_s)
+        differences = _against_drive(parameter_set, bus, node, profile, eds, timeout_s)
     _show(differences, ("parameter", str(parameter_set), f"node {node}", "unit"), as_json=as_json)

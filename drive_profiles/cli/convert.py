@@ -39,44 +39,48 @@ def convert(
     """Convert a parameter set to a DCF or a concise DCF (1F22h), or back.
 
     A DCF is made from the device's EDS, of which every other byte stays as it is. Values whose unit depends on the drive's
-    encoder or rated torque need these two to become bytes.
+    encoder or rated torque need these two to become bytes; a set that was pulled states them. Node-ID, bit rate and serial number
+    go into the DCF's commissioning section, and what else the header says into comments there.
 
     Example: drive-profiles convert axis2.toml --eds drive.eds --out axis2.dcf
     """
-    from drive_profiles.device.target import catalogue_of
+    from drive_profiles.cli.sets import catalogue_for
     from drive_profiles.parameter_set import formats
-    from drive_profiles.parameter_set.parameters import ParameterSet
 
     with exit_on_error():
-        if profile is None and formats.is_toml(file):
-            profile = ParameterSet.load(file).header.profile or None
-        catalogue = catalogue_of(profile, eds, node_id)
-        parameter_set = formats.read(file, catalogue, node_id)
-        for line in parameter_set.header.not_read:
+        catalogue = catalogue_for(file, profile, eds, node_id)
+        facts = {"counts_per_rev": counts_per_rev, "rated_torque_nm": rated_torque_nm}
+        parameter_set = formats.read(file, catalogue, node_id, facts)
+        header = parameter_set.header
+        for line in header.not_read:
             typer.echo(f"left out: {line}", err=True)
         if formats.is_toml(out):
             parameter_set.save(out, force=force)
         else:
-            scaling = _scaling(parameter_set, catalogue, counts_per_rev, rated_torque_nm)
-            formats.write(out, parameter_set.writes(catalogue, scaling), eds, node_id=node_id, force=force)
+            scaling = _scaling(parameter_set, catalogue)
+            has_flags = out.suffix.lower() not in formats.CONCISE  # a DCF says itself what is kept out of downloads
+            for key in () if has_flags else parameter_set.kept_out(catalogue):
+                typer.echo(f"left out: {key} is kept out of downloads by the EDS (ObjFlags)", err=True)
+            writes = parameter_set.writes(catalogue, scaling, flagged=has_flags)
+            for each in formats.write(out, writes, eds, node_id=node_id or header.node_id, force=force, header=header):
+                typer.echo(f"{each.entry}: cannot stand in a DCF; kept in a comment, which other tools pass over", err=True)
         count = sum(1 for _ in parameter_set.items())
     typer.echo(f"{count} values in {out}")
 
 
-def _scaling(wanted: ParameterSet, catalogue: Catalogue, counts_per_rev: int | None, rated_torque_nm: float | None) -> Scaling:
-    """Scaling of the drive, as far as the set needs it.
+def _scaling(wanted: ParameterSet, catalogue: Catalogue) -> Scaling:
+    """Scaling of the drive, from the set's header.
 
     Raises:
-        RefusedError: An option that the set needs is missing; the message names it.
+        RefusedError: The header does not state what the set needs; the message names the options that do.
     """
     from drive_profiles.errors import RefusedError
-    from drive_profiles.standard.units import Scaling
 
     named = {key for _, key, item in wanted.items() if item.type is None}
-    needed = {str(e.parameter.scale) for e in catalogue if e.parameter is not None and e.needs_scaling and e.name in named}
-    given = {"counts": counts_per_rev, "per mille": rated_torque_nm}
+    needed = [entry for entry in catalogue if entry.parameter is not None and entry.needs_scaling and entry.name in named]
     options = {"counts": "--counts-per-rev", "per mille": "--rated-torque-nm"}
-    missing = [options[scale] for scale in sorted(needed) if given[scale] is None]
+    missing = {str(e.parameter.scale) for e in needed if e.parameter is not None and wanted.header.scaling_of(e) is None}
     if missing:
-        raise RefusedError(f"values in rad or N·m depend on the drive: give {' and '.join(missing)}")
-    return Scaling(counts_per_rev or 1, rated_torque_nm or 1.0)
+        given = " and ".join(options[scale] for scale in sorted(missing))
+        raise RefusedError(f"values in rad or N·m depend on the drive: give {given}")
+    return wanted.header.scaling()

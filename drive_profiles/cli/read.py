@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.completion import complete_objects
 from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail, print_json, progress, table
 from drive_profiles.cli.options import (
     ALL,
@@ -23,12 +24,12 @@ from drive_profiles.cli.options import (
     ProfileOption,
     TimeoutOption,
     class_names,
-    complete_objects,
 )
 from drive_profiles.standard import shown
 
 if TYPE_CHECKING:
-    from drive_profiles.device.device import DeviceIdentity
+    from drive_profiles.device.device import Device, DeviceIdentity
+    from drive_profiles.errors import DriveProfileError
     from drive_profiles.family.catalogue import CatalogueEntry
 
 
@@ -183,6 +184,7 @@ def pull(
 
     Example: drive-profiles pull --bus local:/tmp/robot.sock --node 2 --out axis2.toml
     """
+    from drive_profiles.address import parse_address
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.target import device_at
 
@@ -193,6 +195,8 @@ def pull(
         device = device_at(opened, node, profile, eds)
         with progress("reading", len(device.catalogue)) as step:
             pulled = device.pull(wanted, lambda done, total: step(1))
+        header = pulled.header.model_copy(update={"bitrate_bit_s": parse_address(bus).bitrate})
+        pulled = pulled.model_copy(update={"header": header})
         if out is not None:
             pulled.save(out, force=force)
     for line in pulled.header.not_read:
@@ -218,7 +222,7 @@ def get(
     timeout_s: TimeoutOption = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Read objects.
+    """Read objects. One that cannot be read does not hide the others; the command then ends with its exit status.
 
     Example: drive-profiles get position_gain_per_s 0x6041 --bus local:/tmp/robot.sock --node 2
     """
@@ -229,33 +233,54 @@ def get(
     with exit_on_error(), SdoBus(bus, timeout_s) as opened:
         device = device_at(opened, node, profile, eds)
         entries = [device.catalogue.find(text) for text in objects]
-        scaling = device.scaling(entries)
-        values = []
-        for entry in entries:
-            data = device.read(entry.address)
-            try:
-                value: float | str = entry.decoded(data, scaling)
-            except ValueError as error:
-                value = f"{data.hex(' ')} ({error})"
-            values.append((entry, data, value))
+        values, failures = _got(device, entries)
     if as_json:
-        print_json(
-            [
-                {
-                    "object": f"0x{address_text(e.address)}",
-                    "name": e.name,
-                    "value": str(v) if isinstance(v, float) and not math.isfinite(v) else v,
-                    "unit": e.unit,
-                    "bytes": d.hex(),
-                }
-                for e, d, v in values
-            ]
-        )
-        return
-    rows = [
-        (address_text(e.address), e.name or "-", _value(e, d, v), device.catalogue.unit_of(e), d.hex(" ")) for e, d, v in values
-    ]
-    table("", ("object", "name", "value", "unit", "bytes"), rows)
+        documents: list[dict[str, Any]] = [
+            {
+                "object": f"0x{address_text(e.address)}",
+                "name": e.name,
+                "value": str(v) if isinstance(v, float) and not math.isfinite(v) else v,
+                "unit": e.unit,
+                "bytes": d.hex(),
+            }
+            for e, d, v in values
+        ]
+        documents += [{"object": f"0x{address_text(e.address)}", "name": e.name, "error": str(error)} for e, error in failures]
+        print_json(documents)
+    elif values:
+        rows = [
+            (address_text(e.address), e.name or "-", _value(e, d, v), device.catalogue.unit_of(e), d.hex(" "))
+            for e, d, v in values
+        ]
+        table("", ("object", "name", "value", "unit", "bytes"), rows)
+    for _, error in failures:
+        typer.echo(str(error), err=True)
+    if failures:
+        raise typer.Exit(failures[0][1].exit_code)
+
+
+def _got(
+    device: Device, entries: list[CatalogueEntry]
+) -> tuple[list[tuple[CatalogueEntry, bytes, float | str]], list[tuple[CatalogueEntry, DriveProfileError]]]:
+    """Objects with their bytes and values, and those that could not be read, each with the reason."""
+    from drive_profiles.errors import BusError, DriveProfileError
+
+    values: list[tuple[CatalogueEntry, bytes, float | str]] = []
+    failures: list[tuple[CatalogueEntry, DriveProfileError]] = []
+    for entry in entries:
+        try:
+            data = device.read(entry.address)
+            value = entry.decoded(data, device.scaling([entry]))
+        except ValueError as error:
+            value = f"{data.hex(' ')} ({error})"
+        except BusError as error:
+            failures.append((entry, error))
+            break  # nothing more will come
+        except DriveProfileError as error:
+            failures.append((entry, error))
+            continue
+        values.append((entry, data, value))
+    return values, failures
 
 
 def _value(entry: CatalogueEntry, data: bytes, value: float | str) -> str:

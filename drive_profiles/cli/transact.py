@@ -18,8 +18,12 @@ if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.device import Device
     from drive_profiles.parameter_set.parameters import ParameterSet, Write
+    from drive_profiles.standard.cia301 import DataType
     from drive_profiles.upload.result import UploadOptions, UploadResult
     from drive_profiles.upload.upload import Upload
+
+MAX_ROWS = 20
+"""Most changes that are shown before they are written."""
 
 
 @dataclass(frozen=True)
@@ -95,45 +99,44 @@ def exit_status(outcomes: Sequence[UploadResult]) -> int:
 
 
 def _upload(bus: SdoBus, node: int, wanted: ParameterSet | Path, request: TransactionRequest) -> Upload:
-    """Upload to one node; a DCF serves as its own EDS."""
+    """Upload to one node, of a set or of the file that holds it."""
+    from drive_profiles.cli.sets import set_for_drive
     from drive_profiles.device.target import device_at
-    from drive_profiles.parameter_set import formats
     from drive_profiles.upload.upload import Upload
 
     if isinstance(wanted, Path):
-        own = wanted if request.eds is None and wanted.suffix.lower() in formats.DEVICE_FILES else request.eds
-        device = device_at(bus, node, request.profile, own)
-        wanted = formats.read(wanted, device.catalogue, node)
-        for line in wanted.header.not_read:
-            typer.echo(f"node {node}: not taken: {line}", err=True)
+        device, wanted = set_for_drive(bus, node, wanted, request.profile, request.eds)
     else:
         device = device_at(bus, node, request.profile or wanted.header.profile or None, request.eds)
     return Upload(device, wanted, request.options, bus.address)
 
 
 def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> None:
-    """Print the changes as a table; on standard error where standard output is for the JSON document of the results."""
+    """Print the changes as a table; on standard error where standard output is for the JSON document of the results.
+
+    Before a question, or an outcome, the table is short: what is said after it must not push it out of sight.
+    """
     rows: list[tuple[str, ...]] = []
     documents: list[dict[str, Any]] = []
     for item in uploads:
         node = item.device.node
-        scaling = item.device.scaling([write.entry for write in item.writes])
         for write, held in item.changes:
-            now = write.entry.decoded(held, scaling) if held else ""
-            rows.append((str(node), str(write.entry), *_now_and_new(item.device, write, held)))
-            documents.append({
-                "node": node, "object": str(write.entry), "now": now, "new": write.value, "unit": write.entry.unit,
-            })  # fmt: skip
+            now, new, unit, data_type = _in_unit(item.device, write, held)
+            rows.append((str(node), str(write.entry), *shown.pair(now, new, write.address, data_type), unit))
+            documents.append({"node": node, "object": str(write.entry), "now": now, "new": new, "unit": unit})
     if request.dry_run and request.as_json:
         print_json(documents)
     elif rows:
-        table("", ("node", "object", "now", "new", "unit"), rows, err=request.as_json)
+        listed = len(rows) if request.dry_run or len(rows) <= MAX_ROWS + 1 else MAX_ROWS
+        table("", ("node", "object", "now", "new", "unit"), rows[:listed], err=request.as_json)
+        if listed < len(rows):
+            typer.echo(f"… and {len(rows) - listed} more; --dry-run shows all", err=request.as_json)
     else:
         typer.echo("nothing differs", err=request.as_json)
 
 
-def _now_and_new(device: Device, write: Write, held: bytes) -> tuple[str, str, str]:
-    """Value that an object holds, the one that is written, and their unit; also of a raw line, as those of a snapshot are."""
+def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, float | str, str, DataType | None]:
+    """Value now, new value, unit and type of a write: in the parameter's unit also where the line is raw, as in a snapshot."""
     from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
 
     known = device.catalogue.get(write.address)
@@ -144,8 +147,8 @@ def _now_and_new(device: Device, write: Write, held: bytes) -> tuple[str, str, s
             now = entry.decoded(held, scaling) if held else ""
         except (RefusedError, OutOfRangeError, SdoAbortedError, ValueError):  # the scaling cannot be read: raw then
             continue
-        return (*shown.pair(now, new, write.address, entry.data_type), device.catalogue.unit_of(entry))
-    return held.hex(" "), write.data.hex(" "), "bytes"
+        return now, new, device.catalogue.unit_of(entry), entry.data_type
+    return held.hex(" "), write.data.hex(" "), "bytes", None
 
 
 def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> None:
@@ -158,7 +161,7 @@ def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> Non
         if not request.as_json or outcome.kind != "done":
             typer.echo(str(outcome), err=outcome.kind != "done")
         if outcome.journal is not None and not request.as_json:
-            typer.echo(f"node {outcome.node}: what it held before is in {outcome.journal}", err=True)
+            typer.echo(f"node {outcome.node}: what it held before is in {outcome.journal.absolute()}", err=True)
         if hint := _hint(outcome, request):
             typer.echo(f"node {outcome.node}: once it answers: {hint}", err=True)
 

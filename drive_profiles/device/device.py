@@ -350,7 +350,7 @@ class Device:
     def _header(self, identity: DeviceIdentity, not_read: tuple[str, ...]) -> Header:
         now = datetime.datetime.now(datetime.UTC)
         return Header(
-            profile=self.profile.name if self.profile else "",
+            profile=self.profile.label if self.profile else "",
             node_id=self.node,
             title=identity.name,
             vendor_id=identity.vendor_id,
@@ -360,7 +360,9 @@ class Device:
             firmware=identity.firmware,
             date=now.isoformat(timespec="seconds"),
             not_read=not_read,
-        )
+            counts_per_rev=self._counts,
+            rated_torque_nm=self._torque_nm,
+        ).model_copy(update=self._feed)
 
 
 @dataclass

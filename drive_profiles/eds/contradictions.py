@@ -1,4 +1,4 @@
-"""Contradictions of a description: with itself, or with the standard. Nothing is repaired: only the device knows which side is right.
+"""Contradictions of a description with itself or the standard. Nothing is repaired: only the device knows which side is right.
 
 Source: CiA 301, version 4.2.0 (7.4.1, sub-index 0; 7.5.1, mandatory objects); CiA 306-1 (device information).
 """

@@ -13,7 +13,8 @@ Source: CiA 306-1 (EDS and DCF), CiA 311 (XDD).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import types
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -49,6 +50,7 @@ class Description:
         warnings: Repairs: line, key such as ``[60C2sub2] DefaultValue``, the text in the file and the value taken for it.
         refused: Objects that were left out, with the reason.
         node_id: Node-ID as given to `load`, else that of the commissioning section (either spelling of its name).
+        own_node_id: Node-ID of the commissioning section, whatever was given to `load`.
         bitrate_bit_s: Bit rate in the commissioning section.
         vendor_id: Vendor-ID, None where the file does not state it.
         product_code: Product code, None where the file does not state it.
@@ -77,6 +79,7 @@ class Description:
     contradictions: tuple[Problem, ...] = ()
     flags: dict[tuple[int, int], int] = field(default_factory=dict)
     serial_number: int | None = None
+    own_node_id: int | None = None
     _locations: eds_rewrite.ValueLocations | None = field(default=None, repr=False, compare=False)
     _document: Document | None = field(default=None, repr=False, compare=False)
 
@@ -85,13 +88,20 @@ class Description:
         """The text of the file, divided into sections."""
         return self._document or Document(self.path, [], "utf-8", {})
 
-    def rewrite(self, values: Mapping[tuple[int, int], Content]) -> bytes:
+    def rewrite(
+        self,
+        values: Mapping[tuple[int, int], Content],
+        commissioning: Mapping[str, str] = types.MappingProxyType({}),
+        comments: Sequence[str] = (),
+    ) -> bytes:
         """Write other parameter values into the text of the file; every other byte stays as it was.
 
         The result is read again before it is returned, to prove that it holds the values.
 
         Args:
             values: New parameter values by index and sub-index.
+            commissioning: Keys of the device's commissioning (CiA 306: ``NodeID``, ``LSS_SerialNumber`` …) with their values.
+            comments: Comments beside them, each a line.
 
         Raises:
             FileError: An object is not in the file, a value is not of its type, or the file is an XDD.
@@ -99,7 +109,7 @@ class Description:
         if self._locations is None:
             problem = Problem(0, "", "is an XDD file, which is not rewritten", "a DCF: convert it first")
             raise FileError(self.path, (problem,))
-        data = eds_rewrite.rewritten(self.path, self._locations, self.dictionary, values)
+        data = eds_rewrite.rewritten(self.path, self._locations, self.dictionary, values, commissioning, comments)
         again = loads(data, self.path, node_id=self.node_id, file_format=self.file_format)
         wrong = [key for key, wanted in values.items() if key not in again.values or again.values[key] != wanted]
         if wrong:
@@ -227,6 +237,7 @@ def _described(document: Document, file_format: FileFormat, node_id: int | None,
         contradictions=tuple(sorted(found(sections, builder))),
         flags=builder.flags,
         serial_number=serial_number,
+        own_node_id=file_node_id,
         _document=document,
         _locations=None if file_format == "xdd" else eds_rewrite.ValueLocations(document, builder.sections, builder.compact),
     )

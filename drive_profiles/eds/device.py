@@ -18,6 +18,8 @@ from drive_profiles.standard.cia301 import MAX_NODE_ID, RPDO_BASES, TPDO_BASES
 BIT_RATES_KBIT_S = (10, 20, 50, 100, 125, 250, 500, 800, 1000)
 COMMISSIONING = ("devicecomissioning", "devicecommissioning")
 """Both spellings of the section: the standard has one m, many writers of files have two."""
+DEVICE_COMMISSIONING = "DeviceComissioning"
+"""Name of that section where it is written: the standard's."""
 LISTS = {
     "mandatoryobjects": "MandatoryObjects",
     "optionalobjects": "OptionalObjects",

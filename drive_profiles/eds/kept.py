@@ -26,7 +26,6 @@ _EXPORTED = {
 _OF_OBJECTS = {"eds": ("ObjFlags",), "dcf": ("ObjFlags", "UploadFile", "DownloadFile", "Denotation", "ParamRefd")}
 _OF_DEVICE = ("ExtendedBootUpMaster", "ExtendedBootUpSlave", "NG_Slave", "NG_Master", "NrOfNG_MonitoredNodes")
 _OF_COMMISSIONING = ("NodeName", "NodeRefd", "NetNumber", "NetworkName", "NetRefd", "CANopenManager", "LSS_SerialNumber")
-_DEVICE_COMMISSIONING = "DeviceComissioning"  # CiA 306 spells it with one m
 _WHOLE = re.compile(
     r"m\d+(?:moduleinfo|fixedobjects|subextends|subext[0-9a-f]*|comments)|supportedmodules|connectedmodules|dynamicchannels|tools"
     r"|tool\d+"
@@ -106,7 +105,7 @@ def _kept(description: Description, file_format: Literal["eds", "dcf"]) -> Itera
             dummies = sorted(index for index in description.dictionary.indices if 7 < index < 0x1000)
             yield section.name, [f"Dummy{index:04X}=1" for index in dummies]
         elif identity in eds_device.COMMISSIONING and file_format == "dcf":
-            yield _DEVICE_COMMISSIONING, _lines(section, _OF_COMMISSIONING)
+            yield eds_device.DEVICE_COMMISSIONING, _lines(section, _OF_COMMISSIONING)
         elif _WHOLE.fullmatch(identity):
             yield section.name, [f"{entry.key}={_safe(entry.value)}" for entry in section.entries.values()]
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from canopen.objectdictionary import ObjectDictionary, ODVariable
 
 from drive_profiles.eds import values as eds_values
+from drive_profiles.eds.device import COMMISSIONING, DEVICE_COMMISSIONING
 from drive_profiles.eds.objects import ObjectSections
 from drive_profiles.eds.text import Document, EdsSection, Replacement
 from drive_profiles.eds.variables import Content
@@ -37,7 +38,12 @@ class _Changes:
 
 
 def rewritten(
-    path: Path, locations: ValueLocations, dictionary: ObjectDictionary, values: Mapping[tuple[int, int], Content]
+    path: Path,
+    locations: ValueLocations,
+    dictionary: ObjectDictionary,
+    values: Mapping[tuple[int, int], Content],
+    commissioning: Mapping[str, str],
+    comments: Sequence[str],
 ) -> bytes:
     """Return the bytes of the file with other parameter values in it.
 
@@ -46,6 +52,8 @@ def rewritten(
         locations: Locations of the values in it.
         dictionary: The objects of the file, for the types of the values.
         values: New parameter values by index and sub-index.
+        commissioning: Keys of the section of the device's commissioning, with their values.
+        comments: Comments in that section, each a line.
 
     Raises:
         FileError: Some values cannot be written; the error has all of them.
@@ -73,6 +81,7 @@ def rewritten(
             compact.setdefault(index, {})[subindex] = written
     for index, contents in compact.items():
         _set_compact(changes, locations.compact[index], contents)
+    _commission(changes, locations.document, commissioning, comments)
     if problems:
         raise FileError(path, tuple(problems))
     try:
@@ -127,3 +136,18 @@ def _set_compact(changes: _Changes, parts: ObjectSections, contents: dict[int, R
     if added:
         count = sum(1 for subindex in present if 1 <= subindex <= 0xFE) + added
         _set(changes, section, "NrOfEntries", Replacement(str(count), keeps_comment=True), section.line)
+
+
+def _commission(changes: _Changes, document: Document, keys: Mapping[str, str], comments: Sequence[str]) -> None:
+    """Write keys of the commissioning section, which is added behind that of the device where it is missing."""
+    lines = [f"; {comment}" for comment in comments]
+    section = next((document.sections[name] for name in COMMISSIONING if name in document.sections), None)
+    if section is not None:
+        for key, value in keys.items():
+            _set(changes, section, key, Replacement(value, keeps_comment=True), section.last)
+        changes.insert.setdefault(section.last, []).extend(lines)
+    elif keys or lines:
+        device = document.sections.get("deviceinfo")
+        after = device.last if device is not None else len(document.lines)
+        new = ["", f"[{DEVICE_COMMISSIONING}]", *(f"{key}={value}" for key, value in keys.items()), *lines]
+        changes.insert.setdefault(after, []).extend(new)

@@ -13,10 +13,10 @@ unless that is forced.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
-import struct
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple, Self, get_args
@@ -30,8 +30,7 @@ from drive_profiles.family.parameter import ParameterClass
 from drive_profiles.files import toml as files
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.files.toml import Table, toml_value
-from drive_profiles.parameter_set.steps import pdo_of, steps, support
-from drive_profiles.standard.cia301 import DataType, Value, encode
+from drive_profiles.standard.cia301 import DataType, Value, encode, type_of_length
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 from drive_profiles.standard.units import Scaling
 
@@ -44,7 +43,6 @@ _COMMANDS = frozenset({
     0x6040, 0x6060, 0x6042, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60C1, 0x60FE, 0x60FF,
 })  # fmt: skip
 """Objects that command or move a drive, rewrite its program or its history: never written from a file, never pulled."""
-
 
 _SDO_PARAMETERS = range(0x1200, 0x1300)
 """Identifiers of the SDO channels: changed in the middle of an upload they would end it."""
@@ -89,6 +87,13 @@ class Header(Table):
     Attributes:
         unverified: The unverified facts from which the values were computed; empty where all are verified.
         not_read: Objects that could not be read, each with the reason.
+        bitrate_bit_s: Bit rate of the bus that the set was pulled on, where the bus had one.
+        counts_per_rev: Increments of the drive's encoder per revolution, where values count in them; None where not known.
+        rated_torque_nm: Rated torque of the drive, where values count in it.
+        gear_motor_revs: 6091h:1, where positions count by it; likewise the three below.
+        gear_shaft_revs: 6091h:2.
+        feed: 6092h:1.
+        feed_shaft_revs: 6092h:2.
     """
 
     format: Literal[1] = 1
@@ -104,6 +109,31 @@ class Header(Table):
     hash: str = ""
     unverified: str = ""
     not_read: tuple[str, ...] = ()
+    bitrate_bit_s: int | None = pydantic.Field(default=None, gt=0)
+    counts_per_rev: int | None = pydantic.Field(default=None, gt=0)
+    rated_torque_nm: float | None = pydantic.Field(default=None, gt=0)
+    gear_motor_revs: int = pydantic.Field(default=1, gt=0)
+    gear_shaft_revs: int = pydantic.Field(default=1, gt=0)
+    feed: int | None = pydantic.Field(default=None, gt=0)
+    feed_shaft_revs: int = pydantic.Field(default=1, gt=0)
+
+    def scaling_of(self, entry: CatalogueEntry) -> Scaling | None:
+        """Return the scaling for one object; None where it needs none, or where the header does not state it."""
+        scale = entry.parameter.scale if entry.parameter is not None and entry.needs_scaling else None
+        if (self.counts_per_rev if scale == "counts" else self.rated_torque_nm if scale else None) is None:
+            return None
+        return self.scaling()
+
+    def scaling(self) -> Scaling:
+        """Return the scaling as far as the header states it, with 1 for what it does not state."""
+        return Scaling(
+            self.counts_per_rev or 1,
+            self.rated_torque_nm or 1.0,
+            self.gear_motor_revs,
+            self.gear_shaft_revs,
+            self.feed,
+            self.feed_shaft_revs,
+        )
 
 
 class Write(NamedTuple):
@@ -198,6 +228,7 @@ class ParameterSet(Table):
         *,
         classes: Collection[str] = CLASSES,
         limits: bool = True,
+        flagged: bool = False,
     ) -> list[Write]:
         """Turn each line into bytes, in the order in which the objects are best written.
 
@@ -205,8 +236,8 @@ class ParameterSet(Table):
             catalogue: The objects of the device.
             scaling: Scaling of the drive, where a unit depends on its encoder or rated torque.
             classes: Classes to write; the others are left out.
-            limits: True: the limits of profile and EDS hold, and its ``ObjFlags``. False is for values that the device itself
-                held, and for a comparison.
+            limits: True: the limits of profile and EDS hold. False is for values that the device itself held.
+            flagged: False: what is `kept_out` is left out, unless the limits do not hold either. True is for a DCF.
 
         Raises:
             RefusedError: Some lines cannot be written: unknown, read only, out of range, a wrong unit, a command, or the same
@@ -214,8 +245,9 @@ class ParameterSet(Table):
         """
         reasons: list[str] = []
         writes: dict[ObjectAddress, Write] = {}
+        kept_out = self.kept_out(catalogue) if limits and not flagged else []
         for name, key, item in self.items():
-            if name not in classes:
+            if name not in classes or key in kept_out:
                 continue
             try:
                 write = _write(name, key, item, catalogue, scaling, limits=limits)
@@ -229,17 +261,82 @@ class ParameterSet(Table):
             raise RefusedError(*reasons)
         return sorted(writes.values(), key=lambda write: 0 if write.entry.parameter is None else write.entry.parameter.order)
 
-    def differences(self, other: ParameterSet) -> list[Difference]:
-        """List the objects in which this set (left) and another (right) differ, in this set's order."""
-        left = {key: item for _, key, item in self.items()}
-        right = {key: item for _, key, item in other.items()}
+    def kept_out(self, catalogue: Catalogue) -> list[str]:
+        """List the lines whose objects the EDS keeps out of downloads (``ObjFlags``), by their keys."""
+        flagged = {entry.address: entry for entry in catalogue if entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD}
+        names = {entry.name for entry in flagged.values()}
+        return [key for _, key, item in self.items() if (address_from(key) in flagged if item.type else key in names)]
+
+    def differences(
+        self,
+        other: ParameterSet,
+        catalogue: Catalogue | None = None,
+        scaling_of: Callable[[CatalogueEntry], Scaling | None] = lambda entry: None,
+    ) -> list[Difference]:
+        """List the objects in which this set (left) and another (right) differ, in this set's order.
+
+        Args:
+            other: The other set.
+            catalogue: The objects of the device. With it objects are compared by address and bytes, so that a line in a unit and
+                a raw line may be the same; a line whose bytes are not known is compared as it stands.
+            scaling_of: Function that returns the scaling for an object, None where it is not known.
+        """
+        left, right = (_compared(each, catalogue, scaling_of) for each in (self, other))
         differences = []
-        for key in (*left, *(key for key in right if key not in left)):
-            a, b = left.get(key), right.get(key)
-            if a is None or b is None or (a.value, a.unit, a.type) != (b.value, b.unit, b.type):
-                unit = (a or b or Item(value=0)).unit
-                differences.append(Difference(key, None if a is None else a.value, None if b is None else b.value, unit))
+        for identity in (*left, *(each for each in right if each not in left)):
+            a, b = left.get(identity), right.get(identity)
+            if a is None or b is None or not a.is_same_as(b):
+                (value, unit), (theirs, their_unit) = (("", "") if each is None else each.shown(scaling_of) for each in (a, b))
+                if a is not None and b is not None and unit != their_unit:
+                    value, theirs = f"{value} {unit}".rstrip(), f"{theirs} {their_unit}".rstrip()
+                    unit = ""
+                key = (a or b or _ComparedLine("", Item(value=0))).key
+                differences.append(
+                    Difference(
+                        key, None if a is None else value, None if b is None else theirs, unit or ("" if a else their_unit)
+                    )
+                )
         return differences
+
+
+class _ComparedLine(NamedTuple):
+    """A line of a set with its bytes, as far as they are known."""
+
+    key: str
+    item: Item
+    entry: CatalogueEntry | None = None
+    data: bytes | None = None
+
+    def is_same_as(self, other: _ComparedLine) -> bool:
+        if self.data is not None and other.data is not None:
+            return self.data == other.data
+        return (self.item.value, self.item.unit, self.item.type) == (other.item.value, other.item.unit, other.item.type)
+
+    def shown(self, scaling_of: Callable[[CatalogueEntry], Scaling | None]) -> tuple[float | str, str]:
+        """Value and unit: the parameter's, where the profile has one and its scaling is known."""
+        if self.entry is not None and self.data is not None and self.entry.parameter is not None:
+            with contextlib.suppress(ValueError, DriveProfileError):
+                return self.entry.decoded(self.data, scaling_of(self.entry)), self.entry.unit
+        return self.item.value, self.item.unit
+
+
+def _compared(
+    parameter_set: ParameterSet, catalogue: Catalogue | None, scaling_of: Callable[[CatalogueEntry], Scaling | None]
+) -> dict[ObjectAddress | str, _ComparedLine]:
+    """Lines of a set by address, or by key where nobody knows the address."""
+    lines: dict[ObjectAddress | str, _ComparedLine] = {}
+    for _, key, item in parameter_set.items():
+        entry, data = None, None
+        with contextlib.suppress(ValueError, DriveProfileError):
+            if item.type is None and catalogue is not None:
+                entry = catalogue.find(key, whole=True)
+                data = entry.without_limits().encoded(item.value, scaling_of(entry))
+            elif catalogue is not None and (address := address_from(key)) is not None:
+                raw = CatalogueEntry(address, item.name, DataType[item.type or "DOMAIN"])
+                entry = catalogue.get(address) or raw
+                data = raw.encoded(item.value)
+        lines[key if entry is None else entry.address] = _ComparedLine(key, item, entry, data)
+    return lines
 
 
 def item_of(entry: CatalogueEntry, data: bytes, scaling: Scaling | None) -> tuple[str, Item]:
@@ -263,22 +360,39 @@ def _check_finite(value: float | str) -> None:
         raise ValueError(f"{value} is no finite number")
 
 
-def from_values(catalogue: Catalogue, values: Mapping[ObjectAddress, Value], scaling: Scaling | None = None) -> ParameterSet:
+def from_values(
+    catalogue: Catalogue,
+    values: Mapping[ObjectAddress, Value],
+    scaling_of: Callable[[CatalogueEntry], Scaling | None] = lambda entry: None,
+    *,
+    undescribed: bool = False,
+    flagged: bool = False,
+) -> ParameterSet:
     """Make a parameter set of a DCF's values.
 
-    Commands and read-only objects are left out, and listed in the header's ``not_read``.
+    Commands, read-only objects and those that refuse a download are left out, and listed in the header's ``not_read``.
+
+    Args:
+        catalogue: The objects of the device.
+        values: Values by address.
+        scaling_of: Function that returns the scaling for an object; None where it is not known, and the value stays raw.
+        undescribed: True: objects that nobody describes are taken as well, by the length of their bytes.
+        flagged: True: objects that refuse a download are taken as well.
     """
     tables: dict[str, dict[str, Item]] = {name: {} for name in CLASSES}
     left_out: list[str] = []
     for address, value in sorted(values.items()):
         entry = catalogue.get(address)
-        why = _why_not_from_a_file(address, entry)
+        if entry is None and undescribed:
+            entry = CatalogueEntry(address, "", type_of_length(len(value)) if isinstance(value, bytes) else None)
+        why = _why_not_from_a_file(address, entry, flagged=flagged)
         if entry is None or why:
             left_out.append(f"{address_text(address)} {why}")
             continue
         data_type = entry.data_type or (DataType.VISIBLE_STRING if isinstance(value, str) else DataType.DOMAIN)
         try:
-            key, item = item_of(entry, encode(data_type, value), scaling)
+            data = value if undescribed and isinstance(value, bytes) else encode(data_type, value)
+            key, item = item_of(entry, data, scaling_of(entry))
         except (ValueError, DriveProfileError) as error:
             left_out.append(f"{entry}: {error}")
             continue
@@ -286,60 +400,13 @@ def from_values(catalogue: Catalogue, values: Mapping[ObjectAddress, Value], sca
     return ParameterSet.model_validate({"header": Header(not_read=tuple(left_out)), **tables})
 
 
-def _why_not_from_a_file(address: ObjectAddress, entry: CatalogueEntry | None) -> str:
+def _why_not_from_a_file(address: ObjectAddress, entry: CatalogueEntry | None, *, flagged: bool) -> str:
     if entry is None:
         return "is in no object of the file"
     if is_command(address):
         return "is a command"
-    refuses = entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD
+    refuses = entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD and not flagged
     return "is read only" if not entry.is_writable else "refuses to be written by a download (ObjFlags)" if refuses else ""
-
-
-def to_concise(writes: Collection[Write]) -> bytes:
-    """Write a concise DCF, the value of 1F22h: count, then index, sub-index, length and bytes of each (CiA 302-3, 1F22h).
-
-    It is sent entry by entry, so PDOs whose COB-ID is in the set are made invalid first and valid last.
-    """
-    goal = {write.address: write.data for write in writes}
-    # as if the device held something else everywhere, and every PDO were valid
-    held = {address: data + b"\0" for address, data in goal.items()}
-    held |= {address: b"\1" for address in goal if address[1] == 0 and pdo_of(address) is not None}
-    held |= {
-        address: data[:3] + bytes((data[3] & 0x7F,)) for address, data in goal.items() if _is_cob_id(address) and len(data) == 4
-    }
-    whole = {address for address in goal if support([address]) <= set(goal)}
-    order = steps({address: goal[address] for address in goal if address in whole}, held)
-    order += [(address, data) for address, data in goal.items() if address not in whole]
-    entries = [struct.pack("<HBI", *address, len(data)) + data for address, data in order]
-    return struct.pack("<I", len(entries)) + b"".join(entries)
-
-
-def _is_cob_id(address: ObjectAddress) -> bool:
-    return address[1] == 1 and pdo_of(address) == address[0]
-
-
-def from_concise(data: bytes) -> dict[ObjectAddress, bytes]:
-    """Read a concise DCF: the bytes of each object. Where it writes an object several times, the last bytes count.
-
-    Raises:
-        RefusedError: The data are too short, or go on after the end.
-    """
-    if len(data) < 4:
-        raise RefusedError(f"a concise DCF begins with a count of 4 bytes, this one has {len(data)} bytes")
-    count, position = struct.unpack_from("<I", data)[0], 4
-    contents: dict[ObjectAddress, bytes] = {}
-    for number in range(1, count + 1):
-        if position + 7 > len(data):
-            raise RefusedError(f"entry {number} of {count} of the concise DCF is cut off at byte {len(data)}")
-        index, subindex, length = struct.unpack_from("<HBI", data, position)
-        position += 7
-        if position + length > len(data):
-            raise RefusedError(f"entry {number}, {index:04X}:{subindex:X}, says {length} bytes, {len(data) - position} are left")
-        contents[index, subindex] = data[position : position + length]
-        position += length
-    if position != len(data):
-        raise RefusedError(f"{len(data) - position} bytes follow the {count} entries of the concise DCF")
-    return contents
 
 
 def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, scaling: Scaling | None, *, limits: bool) -> Write:
@@ -348,15 +415,11 @@ def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, sca
         entry = known if limits else known.without_limits()
     else:
         address = address_from(key)
-        there = None if address is None else catalogue.get(address)
-        entry = _as_on_the_wire(address, there, item, scaling, limits=limits)
-        known = there or entry
+        entry = _as_on_the_wire(address, None if address is None else catalogue.get(address), item, scaling, limits=limits)
     if is_command(entry.address):
         raise RefusedError(f"{entry} is a command; a file does not give commands")
     if not entry.is_writable:
         raise RefusedError(f"{entry} is read only")
-    if limits and known.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD:
-        raise RefusedError(f"{entry} refuses to be written by a download, says its EDS (ObjFlags)")
     if not entry.is_readable:
         raise RefusedError(f"{entry} is write only and cannot be checked after it is written")
     if item.type is not None and item.unit:

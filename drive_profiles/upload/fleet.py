@@ -49,7 +49,7 @@ def run(uploads: Sequence[Upload], control: UploadControl | None = None) -> list
     options = uploads[0].options
     if options.store:
         for upload in uploads:
-            store_command(upload.device).check(upload.device)
+            store_command(upload.device)
     for error in _each(uploads, Upload.still_as_prepared).values():
         raise error
     for upload in uploads:

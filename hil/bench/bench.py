@@ -1,14 +1,16 @@
 """The bench file: bus and drives of a robot, the believed model of its axes, and limits that must never be exceeded."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal, TypeVar
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from drive_profiles.address import AddressError, parse_address
+from drive_profiles.family.profile import is_name
 from drive_profiles.files.toml import Table, load
 from hil.control.notch import NOTCHES
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, TwoInertia
+from hil.errors import NotPossibleError
 from hil.robot_tables import (
     ConstantAccelerationMotion,
     Control,
@@ -20,6 +22,9 @@ from hil.robot_tables import (
     TransmissionErrorTable,
 )
 from hil.sensor.table import SerialTable
+
+AS_FOUND: Final = "as found"
+"""Value of `control` where the drive keeps the gains that it has: its maker's tool has set them, and nobody else can."""
 
 NodeId = Annotated[int, Field(ge=1, le=127)]
 
@@ -82,8 +87,33 @@ class Model(PlantTable):
     ate: TransmissionErrorTable
 
 
+def _kind_of_gains(value: object) -> str:
+    return "text" if isinstance(value, str) else "table"
+
+
+Gains = Annotated[
+    Annotated[Control, Tag("table")] | Annotated[Literal["as found"], Tag("text")],
+    Discriminator(_kind_of_gains),  # so that a mistake in the table is not reported as a text that it is not
+]
+"""Gains of a loop, or `AS_FOUND`."""
+
+
 class AxisTable(Table):
-    """One axis of the robot and the drive that moves it."""
+    """One axis of the robot and the drive that moves it.
+
+    Attributes:
+        node_id: Node-ID of the drive.
+        profile: Drive profile, by its name or by the path of its file; a path counts from the bench file.
+        serial_number: Serial number of the drive; None where any is accepted.
+        reduction_ratio: Reduction ratio N of the gear.
+        tip_lever_m: Distance of the tip from the axis.
+        limits: Limits that the axis must never exceed.
+        control: Gains of its loop, or `as found`: the drive's, which are neither written nor known.
+        notch: Variable notches.
+        model: Believed plant; None without one.
+        encoder_counts_per_rev: Position units per motor revolution, for a drive without an object that says it.
+        rated_torque_nm: Torque of which torques are per mille, for a drive without an object that says it.
+    """
 
     node_id: NodeId
     profile: str = "emulated_drive"
@@ -91,9 +121,29 @@ class AxisTable(Table):
     reduction_ratio: Positive
     tip_lever_m: Positive
     limits: Limits
-    control: Control
+    control: Gains
     notch: Annotated[tuple[NotchTable, ...], Field(max_length=NOTCHES)] = ()
     model: Model | None = None
+    encoder_counts_per_rev: Annotated[int, Field(gt=0)] | None = None
+    rated_torque_nm: Positive | None = None
+
+    def gains(self, purpose: str) -> Control:
+        """The gains of the loop.
+
+        Args:
+            purpose: Use of the gains, as the subject of the error's sentence.
+
+        Raises:
+            NotPossibleError: They are as found in the drive, so nobody knows them.
+        """
+        if isinstance(self.control, Control):
+            return self.control
+        raise NotPossibleError(f'{purpose} needs gains in the bench file: control = "{AS_FOUND}" leaves them to the drive')
+
+    @property
+    def has_loop(self) -> bool:
+        """True where plant and gains are both known."""
+        return self.model is not None and isinstance(self.control, Control)
 
     def plant(self) -> TwoInertia | None:
         """The linear plant of the model, or None without one."""
@@ -102,9 +152,9 @@ class AxisTable(Table):
         return TwoInertia(reduction_ratio=self.reduction_ratio, **self.model.model_dump(exclude={"ate"}))
 
     def loop(self, period_s: float, delay_samples: int = 0, *, with_notch: bool = True) -> Loop | None:
-        """The loop around the model, or None without one."""
+        """The loop around the model; None where plant or gains are not known."""
         plant = self.plant()
-        if plant is None:
+        if plant is None or not isinstance(self.control, Control):
             return None
         notches = tuple(table.notch() for table in self.notch) if with_notch else ()
         return Loop(plant, self.control.cascade(), notches, period_s, delay_samples)
@@ -203,9 +253,23 @@ class Bench(Table):
 
 
 def load_bench(path: str | Path) -> Bench:
-    """The bench of a file, or of the name `reference`.
+    """The bench of a file, or of the name `reference`; relative paths of profiles in it count from the file.
 
     Raises:
         FileError: The file is not valid; every problem is listed by line.
     """
-    return load(REFERENCE if str(path) == "reference" else Path(path), Bench)
+    file = REFERENCE if str(path) == "reference" else Path(path)
+    bench = load(file, Bench)
+    folder = file.absolute().parent
+    axes = {number: _with_profile_in(folder, table) for number, table in bench.axis.items()}
+    return bench.model_copy(update={"axis": axes, "accelerometer": _with_profile_in(folder, bench.accelerometer)})
+
+
+T = TypeVar("T", AxisTable, AccelerometerTable)
+
+
+def _with_profile_in(folder: Path, table: T) -> T:
+    """The table with the path of its profile made absolute; a name of the package stays a name."""
+    if is_name(table.profile):
+        return table
+    return table.model_copy(update={"profile": str(folder / table.profile)})

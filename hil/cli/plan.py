@@ -8,7 +8,7 @@ import typer
 
 from drive_profiles.cli.console import epilog, fail, print_json, table
 from hil.cli.console import ExitStatus, bench_on, exit_on_error
-from hil.cli.options import FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption
+from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption
 
 if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
     from hil.bench.bench import Bench
@@ -21,7 +21,7 @@ PLAN_EPILOG = epilog(
     {
         ExitStatus.DONE: "fits and is stable",
         ExitStatus.FILE: "bad bench file",
-        ExitStatus.NOT_MET: "does not fit, or is not stable",
+        ExitStatus.NOT_MET: "does not fit, is not stable, or a profile lacks what it needs",
         ExitStatus.INTERRUPTED: "interrupted",
     },
 )
@@ -38,7 +38,9 @@ def plan(
     loop: LoopOption = "drive",
     sync_period_s: Annotated[float | None, typer.Option(help="SYNC period instead of the bench file's.")] = None,
     bitrate: Annotated[str | None, typer.Option(help="Bit rate instead of the bus address': 500k, 1M.")] = None,
-    axes: Annotated[str | None, typer.Option(help="Axes that take part, e.g. 2,3,5; left out: all.")] = None,
+    axes: Annotated[
+        str | None, typer.Option(help="Axes that take part, e.g. 2,3,5; left out: all.", autocompletion=AXES.several)
+    ] = None,
     treatment: PlainTreatmentOption = "notch",
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead of tables.")] = False,
 ) -> None:
@@ -116,6 +118,8 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
     header = ("frame", "id", "with heartbeats", "with SDO, EMCY", "deadline", "met")
     table(f"Latest arrival at {at}, µs from SYNC or from when it is queued", header, _response_rows(verdict, adviser.wire))
     table("Stability at that delay", _STABILITY, [_stability_row(axis) for axis in verdict.stability])
+    if verdict.gaps:
+        table("What the profiles lack", ("needed",), [(gap,) for gap in verdict.gaps])
     if adviser.advice:
         columns = ("change", "cycle µs", "worst", "shortest period µs", "at ms", "fits", "loop", "needs")
         table(f"What would shorten or mend it, at {at}", columns, [_advice_row(one) for one in adviser.advice])
@@ -125,7 +129,7 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
 
 
 def _sentence(verdict: "PlanVerdict", adviser: "Adviser") -> str:
-    if verdict.is_good:
+    if verdict.is_carried:
         return verdict.sentence
     remedies = [
         one.title if "SYNC" in one.title else f"{one.title}, SYNC every {1e3 * one.period_s:g} ms" for one in adviser.good
@@ -133,7 +137,7 @@ def _sentence(verdict: "PlanVerdict", adviser: "Adviser") -> str:
     return f"{verdict.sentence} What would do: {'; '.join(remedies) or 'nothing that this program knows of'}."
 
 
-_STABILITY = ("axis", "period ms", "delay, periods", "worst at rps", "M_s", "gain margin dB", "phase margin °", "pole radius",
+_STABILITY = ("axis", "period ms", "delay, periods", "worst at rev/s", "M_s", "gain margin dB", "phase margin °", "pole radius",
               "verdict")  # fmt: skip
 _HEADINGS = ("bit rate", "cycle µs", "load %", "typical load %", "last answer µs", "with SDO, EMCY", "shortest period µs",
              "with 10 % free", "delay, periods")  # fmt: skip
@@ -239,7 +243,8 @@ def document(bench: "Bench", loop: str, verdict: "PlanVerdict", adviser: "Advise
         "fits": verdict.fits, "stable": verdict.is_stable, "ok": verdict.is_good, "verdict": verdict.sentence,
         "frames": frames, "bits": {"nominal": cycle.nominal_bits, "typical": cycle.typical_bits, "worst": cycle.worst_bits},
         "rates": rates, "responses": [asdict(one) for one in cycle.responses(adviser.wire)],
-        "stability": [asdict(axis) for axis in verdict.stability], "advice": [asdict(one) for one in adviser.advice],
+        "gaps": verdict.gaps, "stability": [asdict(axis) for axis in verdict.stability],
+        "advice": [asdict(one) for one in adviser.advice],
     }  # fmt: skip
     finite: dict[str, Any] = _finite(whole)
     return finite

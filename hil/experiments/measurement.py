@@ -14,6 +14,7 @@ from hil.can.channel import Channel
 from hil.can.opening import open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.bus_demand import BusDemand, check_load
+from hil.master.needs import ProfileGapsError, run_gaps
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter
@@ -141,9 +142,14 @@ class Measurement(Generic[R]):
             reset_faults: Reset drives that are in fault before anything else.
 
         Raises:
+            ProfileGapsError: Profiles lack what the motions need; nothing has been sent.
             NotPossibleError: The bus does not carry a motion; nothing has been sent.
             HilError: Nodes or limits do not allow it.
         """
+        kinds = dict.fromkeys((demand.axes, demand.loop, demand.with_notch) for demand in demands)
+        gaps = [gap for axes, loop, with_notch in kinds for gap in run_gaps(self._bench, axes, loop, with_notch=with_notch)]
+        if gaps:
+            raise ProfileGapsError(dict.fromkeys(gaps))
         self.shows_filter = [overload or check_load(self._bench, self._channel, demand) for demand in demands]
         log = BusLog(self._out / "bus.log", log_label(self._channel))
         with Session(self._bench, self._channel, log, self._reporter.progress) as session:

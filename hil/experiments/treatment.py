@@ -126,8 +126,9 @@ def with_scaled_gains(bench: Bench, factor: float) -> Bench:
     """Return the bench with all gains multiplied by a factor; the low-pass filters stay."""
     axes = {}
     for number, table in bench.axis.items():
-        gains = {name: factor * getattr(table.control, name) for name in type(table.control).model_fields if name != "lowpass_hz"}
-        axes[number] = table.model_copy(update={"control": table.control.model_copy(update=gains)})
+        control = table.gains(f"axis {number} with lower gains")
+        gains = {name: factor * getattr(control, name) for name in type(control).model_fields if name != "lowpass_hz"}
+        axes[number] = table.model_copy(update={"control": control.model_copy(update=gains)})
     return bench.model_copy(update={"axis": axes})
 
 

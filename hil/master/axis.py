@@ -1,16 +1,17 @@
 """A CiA 402 drive as the master sees it: its identity, its units, and the objects that were changed in it."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from drive_profiles.errors import DriveProfileError, OutOfRangeError
+from drive_profiles.errors import OutOfRangeError, UnknownProductError
 from drive_profiles.family.parameter import Parameter
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import Mode, Object, State, state_of
 from drive_profiles.standard.emulation import HARDWARE_VERSION_OBJECT, is_emulated
-from drive_profiles.standard.object_address import object_address
+from drive_profiles.standard.object_address import ObjectAddress
 from drive_profiles.standard.units import Scaling, interpolation_period
 from hil.bench.bench import AxisTable
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
@@ -24,7 +25,23 @@ from hil.errors import (
     WrongIdentityError,
 )
 from hil.master.control_words import DISABLED
+from hil.master.needs import (
+    ABSENT,
+    CYCLE_PERIOD,
+    ERROR_CODE,
+    LIMITS,
+    STATUS,
+    VELOCITY,
+    MissingObjectsError,
+    Need,
+    ProfileGapsError,
+    objects_needed,
+    profile_gaps,
+    scale_gaps,
+)
 from hil.master.network import Network
+from hil.master.scale import Questions, read_scaling
+from hil.robot_tables import Control
 
 U8, U16, U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
 I8, I32 = DataType.INTEGER8, DataType.INTEGER32
@@ -39,7 +56,23 @@ class Snapshot:
 
     network: Network
     node: int
-    _before: dict[tuple[int, int], bytes] = field(default_factory=dict)
+    _before: dict[ObjectAddress, bytes] = field(default_factory=dict)
+    _seen: dict[ObjectAddress, bytes] = field(default_factory=dict)
+
+    def look(self, needs: Iterable[Need]) -> tuple[Need, ...]:
+        """Read objects before any is written; return those that are not there.
+
+        Raises:
+            NoAnswerError: The node is silent.
+        """
+        missing = []
+        for need in needs:
+            try:
+                self._seen[need.address] = self.network.read_raw(self.node, *need.address, need.name)
+            except SdoAbortedError as error:
+                if error.code in ABSENT:
+                    missing.append(need)
+        return tuple(missing)
 
     def write(self, index: int, subindex: int, kind: DataType, value: Any, name: str = "") -> None:
         """Write an object and read it back, keeping what it held the first time.
@@ -52,7 +85,8 @@ class Snapshot:
             name: Name of the object, for messages.
         """
         if (index, subindex) not in self._before:
-            self._before[index, subindex] = self.network.read_raw(self.node, index, subindex, name)
+            seen = self._seen.pop((index, subindex), None)
+            self._before[index, subindex] = self.network.read_raw(self.node, index, subindex, name) if seen is None else seen
         self.network.write(self.node, index, subindex, kind, value, name)
 
     def has(self, index: int, subindex: int) -> bool:
@@ -62,6 +96,7 @@ class Snapshot:
     def restore(self) -> list[str]:
         """Put everything back, the last change first; return the refusals in words."""
         refused = []
+        self._seen.clear()
         while self._before:
             (index, subindex), data = self._before.popitem()
             try:
@@ -81,8 +116,8 @@ def ask_emulated(network: Network, node: int) -> bool | None:
         return None
 
 
-def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> None:
-    """Check the identity of a node.
+def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> Profile:
+    """Check the identity of a node; return the profile of the product that it is.
 
     Args:
         network: The bus.
@@ -94,19 +129,34 @@ def check_identity(network: Network, node: int, profile: Profile, serial_number:
         NoAnswerError: The node is silent.
         WrongIdentityError: The node is another device than the profile (and the bench file's serial number) says.
     """
+    _check_number(network, node, "vendor id (1018h:01h)", (0x1018, 1), profile.identity.vendor_id)
+    profile = _product_at(network, node, profile)
     identity = profile.identity
-    expected: list[tuple[str, int, int, tuple[int, ...]]] = [
-        ("device type (1000h)", 0x1000, 0, () if identity.device_type is None else (identity.device_type,)),
-        ("vendor id (1018h:01h)", 0x1018, 1, (identity.vendor_id,)),
-        ("product code (1018h:02h)", 0x1018, 2, identity.product_codes),
-        ("serial number (1018h:04h)", 0x1018, 4, () if serial_number is None else (serial_number,)),
-    ]
-    for what, index, subindex, values in expected:
-        if not values:
-            continue  # the profile does not know it
-        value = network.read(node, index, subindex, U32, what)
-        if value not in values:
-            raise WrongIdentityError(node, what, values[0], value)
+    for what, address, expected in (
+        ("device type (1000h)", (0x1000, 0), identity.device_type),
+        ("product code (1018h:02h)", (0x1018, 2), identity.product_code),
+        ("serial number (1018h:04h)", (0x1018, 4), serial_number),
+    ):
+        if expected is not None:  # else the profile does not know it, or any is accepted
+            _check_number(network, node, what, address, expected)
+    return profile
+
+
+def _check_number(network: Network, node: int, what: str, address: ObjectAddress, expected: int) -> None:
+    value = network.read(node, *address, U32, what)
+    if value != expected:
+        raise WrongIdentityError(node, what, expected, value)
+
+
+def _product_at(network: Network, node: int, profile: Profile) -> Profile:
+    """The profile of the node's product, where a family has several or tells firmware apart; else the profile itself."""
+    if not profile.products and not profile.identity.has_range:
+        return profile
+    code, revision = (network.read(node, 0x1018, sub, U32, f"1018h:{sub:02X}h") for sub in (2, 3))
+    try:
+        return profile.product(code, revision)
+    except UnknownProductError as error:
+        raise NodeError(node, str(error), "is this the right bench file?") from error
 
 
 class DriveAxis:
@@ -115,7 +165,7 @@ class DriveAxis:
     Attributes:
         number: Axis number.
         table: Table of the axis in the bench file.
-        profile: Drive profile of the drive's family.
+        profile: Drive profile of the family that the bench file names; once identified, of the drive's product.
         scaling: Units of the drive, from its own objects.
         snapshot: Former contents of the objects that were changed.
     """
@@ -132,51 +182,42 @@ class DriveAxis:
         self.snapshot = Snapshot(network, self.node)
         self.scaling = Scaling(1, 1.0)
 
+    def scale_gaps(self) -> list[str]:
+        """All that the profile lacks, where neither it nor the bench file knows how the drive counts; else empty."""
+        is_lacking = scale_gaps(self.number, self.table, self.profile)
+        return profile_gaps(self.number, self.table, self.profile) if is_lacking else []
+
     def identify(self) -> None:
         """Check identity and units of the drive, and that it stands still and is not enabled.
 
         Raises:
-            NodeError: A check failed; nothing has been written.
+            ProfileGapsError: Neither profile nor bench file knows how it counts.
+            MissingObjectsError: It lacks objects that every run needs; all of them are listed.
+            NodeError: Another check failed; nothing has been written.
         """
-        check_identity(self.network, self.node, self.profile, self.table.serial_number)
-        read, node = self.network.read, self.node
-        state = state_of(read(node, Object.STATUS_WORD, 0, U16, "status word"))
-        if state not in DISABLED:
+        if self.scale_gaps():
+            raise ProfileGapsError(self.scale_gaps())
+        self.profile = check_identity(self.network, self.node, self.profile, self.table.serial_number)
+        asked, node = Questions(self.network, self.node), self.node
+        status_word = asked.number(STATUS)
+        state = None if status_word is None else state_of(status_word)
+        if status_word is not None and state not in DISABLED:
             shown = "an unknown state" if state is None else f"state {state.value!r}"
             raise AlreadyMovingError(node, f"axis {self.number} is already in {shown}", "disable it first")
-        increments, revs = (read(node, Object.ENCODER_RESOLUTION, sub, U32) for sub in (1, 2))
-        gear_motor, gear_shaft = (read(node, Object.GEAR_RATIO, sub, U32) for sub in (1, 2))
-        rated_mnm = read(node, Object.MOTOR_RATED_TORQUE, 0, U32)
-        self._check_units()
-        feed = self._feed()
-        try:
-            self.scaling = Scaling.from_objects(increments, revs, rated_mnm, gear_motor, gear_shaft, *feed)
-        except DriveProfileError as error:
-            raise NodeError(node, f"its units make no sense: {error}") from error
-        speed = self.scaling.speed_rad_s(read(node, Object.VELOCITY_ACTUAL, 0, I32, "velocity actual value"))
+        scaling = read_scaling(asked, self.number, self.table, self.profile)
+        velocity = asked.number(VELOCITY, I32)
+        if scaling is None or velocity is None or asked.missing:
+            more = self.snapshot.look(objects_needed(self.table, self.profile))
+            missing = tuple({need.address: need for need in (*asked.missing, *more)}.values())
+            raise MissingObjectsError([(self.number, node, missing)])
+        self.scaling = scaling
+        speed = self.scaling.speed_rad_s(velocity)
         if abs(speed) > 2.0 * math.pi * STANDSTILL_RPS:
-            raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rps", "stop it first")
+            raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rev/s", "stop it first")
         if state is State.FAULT:
-            code = read(node, Object.ERROR_CODE, 0, U16, "error code")
-            raise NodeError(node, f"axis {self.number} is in fault, error code {code:04X}h", "reset it with --reset-faults")
-
-    def _check_units(self) -> None:
-        """Refuse units in which the profile's scales do not hold."""
-        encoder = self.profile.encoder
-        for index, subindex in map(object_address, () if encoder is None else encoder.zero):
-            value = int.from_bytes(self.network.read_raw(self.node, index, subindex), "little")
-            if value:
-                name = f"{index:04X}h:{subindex:02X}h"
-                raise NodeError(
-                    self.node, f"axis {self.number} counts in units of its own: {name} is {value:X}h", "write 0 to it"
-                )
-
-    def _feed(self) -> tuple[int, ...]:
-        """Feed constant (6092h), where the profile says that positions are counted by it."""
-        encoder = self.profile.encoder
-        if encoder is None or encoder.feed is None or encoder.feed_shaft_revs is None:
-            return ()
-        return tuple(self.network.read(self.node, *object_address(each), U32) for each in (encoder.feed, encoder.feed_shaft_revs))
+            code = asked.number(ERROR_CODE, is_optional=True)
+            shown = "" if code is None else f", error code {code:04X}h"
+            raise NodeError(node, f"axis {self.number} is in fault{shown}", "reset it with --reset-faults")
 
     def position_rad(self) -> float:
         """The motor angle now, by SDO."""
@@ -210,19 +251,16 @@ class DriveAxis:
 
     def write_limits(self) -> None:
         """Write the limits of the bench file, so that the drive enforces them."""
-        limits, turn = self.table.limits, 2.0 * math.pi
-        self.write_parameter("torque_limit_nm", limits.torque_nm)
-        self.write_parameter("speed_limit_rad_s", limits.speed_rps * turn)
-        self.write_parameter("position_limit_min_rad", limits.position_min_rev * turn)
-        self.write_parameter("position_limit_max_rad", limits.position_max_rev * turn)
-        self.write_parameter("following_error_window_rad", limits.following_error_rev * turn)
-        self.write_parameter("following_error_timeout_s", limits.following_error_timeout_s)
-        self.write_parameter("quick_stop_deceleration_rad_s2", limits.quick_stop_rps_s * turn)
+        for limit in LIMITS:
+            self.write_parameter(limit.parameter, limit.factor * getattr(self.table.limits, limit.key))
 
-    def write_gains(self) -> None:
-        """Upload the P-PI gains."""
+    def write_gains(self, mode: Mode) -> None:
+        """Write the P-PI gains, unless they are as found; where the host closes the loop, those that the drive has."""
+        if not isinstance(self.table.control, Control):
+            return
         for name, value in self.table.control.model_dump().items():
-            self.write_parameter(name, value)
+            if mode is not Mode.CST or name in self.profile.parameters:
+                self.write_parameter(name, value)
 
     def write_notches(self, notches: tuple[Notch, ...]) -> None:
         """Upload the filters; those that are not given are switched off. A filter is off while its parameters change."""
@@ -230,7 +268,7 @@ class DriveAxis:
             name = f"notch_{column + 1}"
             if f"{name}.mode" not in self.profile.parameters:
                 if column < len(notches):
-                    raise NotPossibleError(f"axis {self.number}: drive family {self.profile.name} has no {name}")
+                    raise NotPossibleError(f"axis {self.number}: drive family {self.profile.label} has no {name}")
                 continue
             self.write_parameter(f"{name}.mode", NOTCH_OFF)
             if column < len(notches):
@@ -256,12 +294,13 @@ class DriveAxis:
     def write_mode(self, mode: Mode, sync_period_s: float) -> None:
         """Set mode of operation, interpolation period and communication cycle period."""
         if mode not in self.profile.supported_modes:
-            raise NotPossibleError(f"axis {self.number}: drive family {self.profile.name} has no mode {mode.name}")
+            raise NotPossibleError(f"axis {self.number}: drive family {self.profile.label} has no mode {mode.name}")
         value, index = interpolation_period(sync_period_s)
         self.snapshot.write(Object.MODES_OF_OPERATION, 0, I8, int(mode), "modes of operation")
         self.snapshot.write(Object.INTERPOLATION_PERIOD, 1, U8, value, "interpolation time period value")
         self.snapshot.write(Object.INTERPOLATION_PERIOD, 2, I8, index, "interpolation time index")
-        self.snapshot.write(0x1006, 0, U32, round(1e6 * sync_period_s), "communication cycle period")
+        if not self.snapshot.look((CYCLE_PERIOD,)):  # what only consumes SYNC need not have it (CiA 301, 1006h)
+            self.snapshot.write(*CYCLE_PERIOD.address, U32, round(1e6 * sync_period_s), CYCLE_PERIOD.name)
 
     def write_supervision(self, master: int, heartbeat_s: float) -> None:
         """Let the drive watch the master's heartbeat (three times its period) and stop by itself, and send its own."""

@@ -105,6 +105,7 @@ class CyclicExchange:
         slots: Process data, one slot per axis that takes part, in their order.
         sensor: The accelerometer.
         with_torque_offset: True where a torque offset is sent beside each position set-point.
+        with_notch_state: True where the drives send the state of their first filter.
         missing_answers: Answers that did not come in the last cycle.
         sensor_missed: Cycles without a measurement of the accelerometer.
         missed_cycles: Cycles in which an answer did not come in time.
@@ -153,7 +154,7 @@ class CyclicExchange:
         self._clock = clock or MonotonicClock()
         limit_s = 0.5 * period_s if max_lateness_s is None else max_lateness_s
         self.schedule = CycleSchedule(self._clock, period_s, limit_s)
-        self._with_notch_state = with_notch_state
+        self.with_notch_state = with_notch_state
         self._sync_s = 0.0
         self._sets: list[PdoSet] = []
         self._expected: frozenset[int] = frozenset()
@@ -177,7 +178,7 @@ class CyclicExchange:
             slot.send_command_as(pdos.rpdo(1, command), OFFSET_COMMAND if self.with_torque_offset else packer)
             slot.feedback_id = pdos.tpdo(1, mapping.FEEDBACK)
             takers[slot.feedback_id] = slot.take_feedback
-            state = mapping.notch_state(slot.axis.profile) if self._with_notch_state else ()
+            state = mapping.notch_state(slot.axis.profile) if self.with_notch_state else ()
             if state:
                 slot.notch_id = pdos.tpdo(2, state)
                 takers[slot.notch_id] = slot.take_notch

@@ -8,6 +8,7 @@ from hil.errors import HilError
 from hil.master.axis import DriveAxis
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED
 from hil.master.cyclic import CyclicExchange
+from hil.master.needs import MissingObjectsError, ProfileGapsError, objects_needed, profile_gaps
 from hil.master.network import Network
 from hil.master.supervision import Supervisor
 
@@ -25,6 +26,35 @@ class NodeSetup:
     def __init__(self, network: Network, bus: Bus, axes: list[DriveAxis], exchange: CyclicExchange) -> None:
         self._network, self._bus, self._axes, self._exchange = network, bus, axes, exchange
 
+    def check(self, *, with_notch: bool) -> None:
+        """Refuse a run for which a profile or a drive lacks something, with all that is missing; nothing is written.
+
+        Args:
+            with_notch: True where the drives' filters act.
+
+        Raises:
+            ProfileGapsError: A profile lacks what the run needs.
+            MissingObjectsError: A drive lacks objects that the run needs.
+            NoAnswerError: A drive is silent.
+        """
+        exchange = self._exchange
+        gaps = [
+            gap
+            for axis in self._axes
+            for gap in profile_gaps(axis.number, axis.table, axis.profile, exchange.mode, with_notch=with_notch)
+        ]
+        if gaps:
+            raise ProfileGapsError(gaps)
+        missing = []
+        for axis in self._axes:
+            needs = objects_needed(
+                axis.table, axis.profile, exchange.mode, with_notch_state=exchange.with_notch_state,
+                with_torque_offset=exchange.with_torque_offset,
+            )  # fmt: skip
+            missing.append((axis.number, axis.node, axis.snapshot.look(needs)))
+        if any(absent for _, _, absent in missing):
+            raise MissingObjectsError([each for each in missing if each[2]])
+
     def set_up(self, supervisor: Supervisor, *, with_notch: bool) -> None:
         """Write limits, gains, filters, PDOs and supervision, each read back; then start the nodes.
 
@@ -40,7 +70,7 @@ class NodeSetup:
             self._network.nmt(NmtCommand.ENTER_PRE_OPERATIONAL, node)
         for axis in self._axes:
             axis.write_limits()
-            axis.write_gains()
+            axis.write_gains(exchange.mode)
             axis.write_notches(tuple(table.notch() for table in axis.table.notch) if with_notch else ())
             axis.write_mode(exchange.mode, exchange.period_s)
         exchange.configure()

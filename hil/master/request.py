@@ -101,9 +101,10 @@ def host_loops(
         table = axis.table
         notches = tuple(notch.notch() for notch in table.notch) if with_notch else ()
         held = (fixed or {}).get(axis.number)
+        gains = table.gains(f"axis {axis.number} closed by the host")
         check_host_loop(axis.number, table, period_s, with_notch=with_notch, held=held)
         filters = notches if held is None else (held,)
-        configs.append(ServoConfig(table.control.cascade(), table.limits.torque_nm, filters))
+        configs.append(ServoConfig(gains.cascade(), table.limits.torque_nm, filters))
     rehearsal, still = ServoBank(configs, period_s), [0.0] * len(configs)
     rehearsal.start(0, 0.0)
     rehearsal.step(still, still)  # compiled, or loaded, before the first cycle waits for it
@@ -165,7 +166,7 @@ def check_motion(motion: Motion, axes: list[DriveAxis], starts: list[float]) -> 
         angle = (motion.motor_angle_rad[:, column] + starts[column]) / turn
         speed = float(np.max(np.abs(np.diff(angle)))) / period
         if speed > limits.speed_rps:
-            raise UnsafeRequestError(f"the speed of {name}", speed, limits.speed_rps, "rps", "slow the motion down")
+            raise UnsafeRequestError(f"the speed of {name}", speed, limits.speed_rps, "rev/s", "slow the motion down")
         if float(angle.max()) > limits.position_max_rev:
             raise UnsafeRequestError(f"the position of {name}", float(angle.max()), limits.position_max_rev, "rev")
         if float(angle.min()) < limits.position_min_rev:

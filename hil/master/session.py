@@ -19,6 +19,7 @@ from hil.master.control_words import DISABLE_VOLTAGE, FAULT_RESET
 from hil.master.cyclic import CyclicExchange
 from hil.master.lateness import WallClockTiming
 from hil.master.motion import FilterUse, LoopName, Motion, RunResult
+from hil.master.needs import MissingObjectsError, ProfileGapsError
 from hil.master.network import Network
 from hil.master.node_setup import NodeSetup
 from hil.master.realtime import Clock, MonotonicClock, RealTime, Settings, quiet_garbage_collection
@@ -122,19 +123,17 @@ class Session:
         """Find every node, and check its identity and standstill; nothing is written or enabled.
 
         Raises:
+            ProfileGapsError: Profiles do not say how drives count; nothing has been sent.
+            MissingObjectsError: Drives lack objects that every run needs.
             NodeError: A node is silent, another device, already enabled, moving, or in fault.
         """
+        if gaps := [gap for axis in self.axes.values() for gap in axis.scale_gaps()]:
+            raise ProfileGapsError(gaps)
         if self.network.pump_until(lambda: self.network.foreign_sync, LISTEN_S):
             raise NodeError(self.bench.bus.master_node_id, "somebody else sends SYNC on this bus", "is another master running?")
         if self.network.channel.is_lock_step:
             self.network.sync()  # from here on the world's clock is ours, so that equal seeds give equal frames
-        for axis in self.axes.values():
-            self.check_interrupt()
-            if reset_faults:
-                check_identity(self.network, axis.node, axis.profile, axis.table.serial_number)
-                self._reset_fault(axis)
-            axis.identify()
-            self.emulated[f"axis {axis.number}"] = ask_emulated(self.network, axis.node)
+        self._identify(reset_faults=reset_faults)
         self.sensor.open()
         for node in self.sensor.nodes:
             self.emulated["accelerometer"] = ask_emulated(self.network, node)
@@ -142,6 +141,22 @@ class Session:
         for node in (*(axis.node for axis in self.axes.values()), *self.sensor.nodes):
             if self.network.answers_twice(node):
                 raise NodeError(node, "answers more often than it is asked", "do two nodes have this id?")
+
+    def _identify(self, *, reset_faults: bool) -> None:
+        """Check every drive; what several of them lack is said together."""
+        missing = []
+        for axis in self.axes.values():
+            self.check_interrupt()
+            if reset_faults:
+                check_identity(self.network, axis.node, axis.profile, axis.table.serial_number)
+                self._reset_fault(axis)
+            try:
+                axis.identify()
+            except MissingObjectsError as error:
+                missing += error.missing
+            self.emulated[f"axis {axis.number}"] = ask_emulated(self.network, axis.node)
+        if missing:
+            raise MissingObjectsError(missing)
 
     def _reset_fault(self, axis: DriveAxis) -> None:
         """Reset a fault by a rising edge of bit 7, by SDO; the drive goes no further than switch on disabled."""
@@ -296,6 +311,7 @@ class Session:
         real_time = self._real_time(context)
         self.supervisor.bus = self.bench.bus
         setup = NodeSetup(self.network, self.bench.bus, axes, exchange)
+        setup.check(with_notch=with_notch)
         context.callback(lambda: self.not_restored.extend(setup.tear_down()))
         setup.set_up(self.supervisor, with_notch=with_notch)
         return real_time

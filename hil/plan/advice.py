@@ -155,11 +155,11 @@ class Adviser:
         A host-closed plan that is not good is judged at the longest period at which its loops would be stable.
         """
         cycle = self.verdict.cycle
-        if self.loop == "host" and not self.verdict.is_good:
+        if self.loop == "host" and not self.verdict.is_carried:
             cycle = cycle.at(self.longest_stable_period_s or cycle.period_s)
         now = self._judge("", "", [cycle])
         changes = [change for change in self._changes(cycle) if change.worst_us < now.worst_us]
-        return changes if self.verdict.is_good else [*changes, *self._elsewhere()]
+        return changes if self.verdict.is_carried else [*changes, *self._elsewhere()]
 
     @property
     def good(self) -> list[Advice]:

@@ -10,11 +10,12 @@ from drive_profiles.address import LOCAL, parse_address
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType, FunctionCode
 from drive_profiles.standard.cia402 import Mode, Object
-from hil.bench.bench import AxisTable, Bench
+from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.design.frequency import Loop, margins
 from hil.errors import NotPossibleError
 from hil.master import mapping
 from hil.master.motion import LoopName
+from hil.master.needs import run_gaps
 from hil.master.pdo import MappedObject
 from hil.master.request import MAX_SENSITIVITY
 from hil.plan.bus_plan import Background, Cycle, CyclicFrame, FrameKind, Range
@@ -69,6 +70,7 @@ class PlanVerdict:
         wire: Bit rates of the bus; None: without bit times, or not known.
         delay_periods: Delay of a host-closed loop; 0 for a drive-closed one; None where the bus cannot carry it at all.
         stability: Stability by axis.
+        gaps: Sentences on what the run needs and the drives' profiles, or the bench file, do not have.
     """
 
     fits: bool | None
@@ -78,11 +80,17 @@ class PlanVerdict:
     wire: WireTiming | None
     delay_periods: int | None
     stability: tuple[AxisStability, ...]
+    gaps: tuple[str, ...] = ()
+
+    @property
+    def is_carried(self) -> bool:
+        """True where the plan fits and no loop is unstable or at the edge, as far as is known."""
+        return self.fits is not False and self.is_stable is not False
 
     @property
     def is_good(self) -> bool:
-        """True where the plan fits and no loop is unstable or at the edge, as far as is known."""
-        return self.fits is not False and self.is_stable is not False
+        """True where the plan is carried and nothing is lacking."""
+        return self.is_carried and not self.gaps
 
 
 # -- the bus ---------------------------------------------------------------------------------------------------------------
@@ -211,6 +219,8 @@ def _axis_stability(
     if period is None:
         return AxisStability(number, period, delay, reason=f"profile {table.profile} does not know the drive's period")
     model = table.loop(period, delay, with_notch=with_notch)
+    if table.control == AS_FOUND:
+        return AxisStability(number, period, delay, reason="its gains are as found in the drive")
     if model is None:
         return AxisStability(number, period, delay, reason="the bench file has no model of it")
     return worst_margins(number, model)
@@ -276,8 +286,10 @@ def check(
     loops = stability(bench, axes, loop, period_s, delay, with_notch=with_notch)
     levels = {axis.level for axis in loops}
     is_stable = False if levels & {"unstable", "at the edge"} else (None if levels == {"not known"} else True)
+    lacking = tuple(run_gaps(bench, axes, loop, with_notch=with_notch))
     sentence = f"{bus}; {_loop_words(loops, loop)}."
-    return PlanVerdict(fits, is_stable, sentence[0].upper() + sentence[1:], cycle, wire, delay, loops)
+    sentence = f"{sentence[0].upper()}{sentence[1:]}{' Not possible as it is: ' if lacking else ''}{'; '.join(lacking)}"
+    return PlanVerdict(fits, is_stable, sentence, cycle, wire, delay, loops, lacking)
 
 
 def _bus_words(cycle: Cycle, wire: WireTiming | None, fits: bool | None) -> str:
@@ -310,6 +322,6 @@ def _loop_words(loops: tuple[AxisStability, ...], loop: LoopName) -> str:
     unknown = ", ".join(str(axis.axis) for axis in loops if axis.level == "not known")
     tail = f", axis {unknown} not known" if unknown else ""
     delay = {0: "", 1: " and 1 period of delay"}.get(worst.delay_samples, f" and {worst.delay_samples} periods of delay")
-    where = f" with the notch at {worst.speed_rps:g} rps" if worst.speed_rps else ""
+    where = f" with the notch at {worst.speed_rps:g} rev/s" if worst.speed_rps else ""
     period = 1e3 * (worst.period_s or 0.0)
     return f"{loop}-closed {worst.level}: axis {worst.axis} has {number} at {period:g} ms{delay}{where}{tail}"

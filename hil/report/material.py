@@ -65,8 +65,8 @@ class Material:
 
     @cached_property
     def model_axes(self) -> tuple[int, ...]:
-        """Axes with a model, in order."""
-        return tuple(sorted(number for number, axis in self.bench.axis.items() if axis.model is not None))
+        """Axes with a model and known gains, in order."""
+        return tuple(sorted(number for number, axis in self.bench.axis.items() if axis.has_loop))
 
     @cached_property
     def control_period_s(self) -> float:

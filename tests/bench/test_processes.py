@@ -3,6 +3,7 @@
 import html
 import json
 import os
+import re
 import signal
 import struct
 import subprocess
@@ -14,17 +15,20 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import can
+import numpy as np
 import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
 from drive_profiles.address import parse_address
+from drive_profiles.family.profile import VENDORS
 from drive_profiles.standard.cia402 import State, state_of
 from hil.can.frame import Frame
 from hil.can.raw import RawChannel
 from hil.cli.main import app
 from hil.errors import NOT_DISABLED, not_put_back
 from hil.recording import Recording
+from hil.robot_tables import Control
 from plant_emulator.pytest_plugin.served import LocalBusServers, ServedBus
 
 pytestmark = pytest.mark.timeout(900)  # what is waited for here is that it comes to an end at all
@@ -290,6 +294,39 @@ def test_a_bad_robot_file_is_located(tmp_path: Path) -> None:
     line = 1 + next(i for i, text in enumerate(robot.read_text().splitlines()) if "torque_limit_mnm" in text)
     assert f"{robot}:{line}:" in done.stderr
     assert "torque_limit_nm (N·m)" in done.stderr
+
+
+def test_a_bench_with_a_profile_of_its_own_and_gains_as_found_runs_from_any_folder(
+    tmp_path: Path, serve_local_bus: Callable[..., ServedBus], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The drive has the gains from its maker, here the robot file; its profile knows no object of them."""
+    control = next(line for line in REFERENCE.splitlines() if line.startswith("control = "))
+    robot = tmp_path / "robot.toml"
+    reference = (Path(__file__).parents[2] / "plant_emulator" / "robots" / "reference.toml").read_text()
+    robot.write_text(reference.replace("[axis.2]\n", f"[axis.2]\n{control}\n"))
+    folder = tmp_path / "bench"
+    folder.mkdir()
+    profile = (VENDORS / "emulated_drive.toml").read_text()
+    for name in (*(rf"parameters\.{key}" for key in Control.model_fields), r"loop\.gains"):
+        profile = re.sub(rf"^\[{name}\]\n(?:(?!\[).*\n)*", "", profile, flags=re.M)
+    (folder / "drive.toml").write_text(profile)
+    own = bench_file(
+        folder, QUICK, ('profile = "emulated_drive"\nreduction_ratio = 120.0', 'profile = "drive.toml"\nreduction_ratio = 120.0'),
+        (control, 'control = "as found"'),
+    )  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    local_bus = serve_local_bus(robot=str(robot))
+    done = hil(*run_arguments(own, local_bus, tmp_path / "out", "--json"))
+    assert done.returncode in {0, 9}, done.stderr
+    result = json.loads(done.stdout)
+    assert result["bench"]["file"]["axis"]["2"]["control"] == "as found"
+    known = hil(*run_arguments(bench_file(tmp_path, QUICK), serve_local_bus(), tmp_path / "known", "--json"))
+    positions = [
+        Recording.load(tmp_path / name / "runs" / Path(result["runs"][0]["recording"]).name).axis(2, "position_rad")
+        for name in ("out", "known")
+    ]
+    assert known.returncode in {0, 9}, known.stderr
+    assert np.array_equal(*positions), "the gains are those that the drive had"
 
 
 # -- what ends a motion ------------------------------------------------------------------------------------------------

@@ -114,7 +114,7 @@ class Cancellation:
                 raise UnsafeRequestError(f"the torque offset of {name}", torque, allowed, "N·m", remedy)
             speed = peak_rps + own.largest_rate_rps(peak_rps)
             if speed > limits.speed_rps:
-                raise UnsafeRequestError(f"the speed of {name} with its cancellation", speed, limits.speed_rps, "rps")
+                raise UnsafeRequestError(f"the speed of {name} with its cancellation", speed, limits.speed_rps, "rev/s")
             high, low = float(angle.max()) / turn + reach_rev, float(angle.min()) / turn - reach_rev
             if high > limits.position_max_rev:
                 raise UnsafeRequestError(f"the position of {name} with its cancellation", high, limits.position_max_rev, "rev")
@@ -161,10 +161,11 @@ def cancellation_for(
         if model is None:
             continue
         table = bench.axis[number].model_copy(update={"model": model})
+        table.gains(f"cancellation on axis {number}")
         phases = {order: math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
         period = (control_periods_s or {}).get(number) or CONTROL_PERIOD_S
         loop = table.loop(period, with_notch=with_notch)
-        assert loop is not None  # noqa: S101 - it has a model
+        assert loop is not None  # noqa: S101 - it has a model and gains
         scales[number] = scale_at(bench, number, loop.peak_hz())
         try:
             timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
@@ -280,7 +281,7 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
     for number in models:
         profile = Profile.load(bench.axis[number].profile)
         if "cancellation.mode" not in profile.parameters:
-            raise NotPossibleError(f"axis {number}: drive family {profile.name} cancels nothing by itself")
+            raise NotPossibleError(f"axis {number}: drive family {profile.label} cancels nothing by itself")
     if not models:
         raise NotPossibleError(_nothing_known(axes))
     return models

@@ -83,6 +83,7 @@ def learn_on_bus(
         raise NotPossibleError(f"{model} is of {identified.robot!r}, this is {bench.name!r}: choose another")
     axes = [axis for axis in request.axes if axis in bench.axis]  # another one is refused when it is its turn
     for axis in axes:
+        bench.axis[axis].gains(f"learning on axis {axis}")
         end_speed(bench, axis, request.acceleration_rps_s, None)
     demands = [request.bus_demand(bench, axis) for axis in axes]
     learnt: dict[int, AxisLearning] = {}

@@ -92,10 +92,11 @@ def axis_table(bench: Bench, number: int) -> AxisTable:
     """Table of an axis in the bench file.
 
     Raises:
-        NotPossibleError: The bench has no such axis.
+        NotPossibleError: The bench has no such axis, or does not know its gains.
     """
     if number not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
+    bench.axis[number].gains(f"the plant of axis {number}")
     return bench.axis[number]
 
 
@@ -142,10 +143,12 @@ def plan_travel(bench: Bench, request: PlantRequest, start_rev: float, excited: 
     if request.periods < FEWEST:
         raise NotPossibleError(f"{request.periods} periods are too few to tell their scatter: at least {FEWEST} are needed")
     if request.bias_rps < 0.2:
-        raise NotPossibleError(f"a bias of {request.bias_rps:g} rps does not keep the motor out of its friction; needed: 0.2 rps")
+        raise NotPossibleError(
+            f"a bias of {request.bias_rps:g} rev/s does not keep the motor out of its friction; needed: 0.2 rev/s"
+        )
     if 2.0 * request.bias_rps > limits.speed_rps:
         what = f"the speed of axis {request.axis} with the excitation on the bias"
-        raise UnsafeRequestError(what, 2.0 * request.bias_rps, limits.speed_rps, "rps", "lower --bias-rps")
+        raise UnsafeRequestError(what, 2.0 * request.bias_rps, limits.speed_rps, "rev/s", "lower --bias-rps")
     if request.amplitude_nm is not None and request.amplitude_nm > 0.8 * limits.torque_nm:
         what = f"the torque of the excitation on axis {request.axis}"
         raise UnsafeRequestError(what, request.amplitude_nm, 0.8 * limits.torque_nm, "N·m", "lower --amplitude-nm")
@@ -167,7 +170,7 @@ def plan_travel(bench: Bench, request: PlantRequest, start_rev: float, excited: 
                 continue
             begin = min(max(start_rev, low), high - length)
             return Travel(bias, _wave(request, period_s, sync, table, excited), periods, stretches, begin, begin + length)
-    what = f"the travel of axis {request.axis} at {request.bias_rps:g} rps"
+    what = f"the travel of axis {request.axis} at {request.bias_rps:g} rev/s"
     raise UnsafeRequestError(what, needed, high - low, "rev", f"lower --bias-rps (the limits leave {high - low:.4g} rev)")
 
 
@@ -178,7 +181,7 @@ def _wave(request: PlantRequest, period_s: float, sync_s: float, table: AxisTabl
         lines = band_lines(request.low_hz, request.high_hz, period_s, sync_s)
     except ValueError as error:
         raise NotPossibleError(f"{error} (--low-hz, --high-hz, bus.sync_period_s)") from error
-    law = table.control
+    law = table.gains(f"the plant of axis {request.axis}")
     jw = 2j * math.pi * lines / period_s
     gain: Complex = np.ones(len(lines), dtype=np.complex128)
     if excited == "reference":

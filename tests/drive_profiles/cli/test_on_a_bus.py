@@ -79,7 +79,12 @@ def cells(text):
 def test_scan_finds_every_node_with_its_profile():
     rows = [line.split() for line in run("scan").stdout.splitlines()]
     assert [row[0] for row in rows[1:]] == ["2", "3", "5", "16"]
-    assert [row[-1] for row in rows[1:]] == ["emulated_drive", "kollmorgen_akd", "maxon_epos4", "emulated_accelerometer"]
+    assert [row[-1] for row in rows[1:]] == [
+        "emulated_drive",
+        "kollmorgen_akd",
+        "maxon_epos4/module-50-5",
+        "emulated_accelerometer",
+    ]
     found = json.loads(run("scan", "--nodes", "2,16", "--json").stdout)
     assert [(node["node"], node["profiles"]) for node in found] == [(2, ["emulated_drive"]), (16, ["emulated_accelerometer"])]
     run("scan", "--nodes", "99", "--timeout-s", "0.05", code=5)
@@ -279,7 +284,7 @@ def test_a_snapshot_goes_to_another_device_only_if_that_is_forced(folder):
 def test_the_newest_journal_of_a_folder_is_the_snapshot(folder):
     before = held("position_gain_per_s")
     first = run("set", "position_gain_per_s=5.5", "--node", "2", "--yes")
-    assert "what it held before is in drive-journals/node2-" in first.stderr
+    assert f"what it held before is in {folder}/drive-journals/node2-" in first.stderr, "whole, for another day elsewhere"
     run("set", "position_gain_per_s=6.5", "--node", "2", "--yes")
     run("restore", "--snapshot", "drive-journals", "--node", "3", code=3)
     run("restore", "--snapshot", "drive-journals", "--node", "2", "--yes")
@@ -296,11 +301,29 @@ def test_what_is_no_parameter_set_or_no_file_is_refused(folder):
     assert not (folder / "-").exists()
 
 
-def test_limits_of_another_drive_are_remarked(folder):
-    run("pull", "--node", "2", "--classes", "limits", "--out", "limits.toml")
-    text = (folder / "limits.toml").read_text()
-    (folder / "limits.toml").write_text(text.replace("serial_number = ", "serial_number = 9999"))
-    assert "limits of another drive (serial number 9999" in run("upload", "limits.toml", "--node", "2", "--dry-run").stderr
+def test_a_set_of_another_device_is_refused_whatever_is_answered(folder):
+    run("pull", "--node", "2", "--out", "pulled.toml")
+    text = (folder / "pulled.toml").read_text()
+    other = text.replace("serial_number = ", "serial_number = 9999").replace("= { value = 12.5, unit", "= { value = 13.5, unit")
+    (folder / "other.toml").write_text(other)
+    chosen = ("--node", "2", "--classes", "tuning,limits")
+    for answer in ("--dry-run", "--yes"):
+        refused = run("upload", "other.toml", *chosen, answer, code=3).stderr
+        assert "the set is of another device (serial number 99992, node 2 has 2)" in refused
+        assert "limits are among its values: 6065:0" in refused
+        assert "--other-device writes it all the same" in refused
+    assert "9999" in run("upload", "other.toml", *chosen, "--dry-run", "--other-device").stderr
+    assert "--yes, or answer" in run("upload", "other.toml", *chosen, "--other-device", "--store", code=2).stderr
+    assert "--force-commissioning" in run("upload", "other.toml", "--node", "2", "--other-device", "--dry-run", code=3).stderr
+    run("upload", "other.toml", "--node", "2", "--force-commissioning", "--dry-run")
+    # of a device without a serial number the node-ID speaks, and a set written by hand has neither
+    bare = "".join(line + "\n" for line in text.splitlines() if not line.startswith("serial_number"))
+    (folder / "bare.toml").write_text(bare)
+    run("upload", "bare.toml", *chosen, "--dry-run")
+    (folder / "bare.toml").write_text(bare.replace("node_id = 2", "node_id = 5"))
+    assert "of node 5, without a serial number" in run("upload", "bare.toml", *chosen, "--dry-run", code=3).stderr
+    (folder / "hand.toml").write_text('[tuning]\n"position_gain_per_s" = { value = 9.5, unit = "1/s" }\n')
+    run("upload", "hand.toml", "--node", "2", "--dry-run")
 
 
 def test_an_interrupt_while_the_drive_stores_is_remembered_until_it_has_answered(monkeypatch):

@@ -13,6 +13,7 @@ from drive_profiles.errors import DriveProfileError, FileError, OutOfRangeError,
 from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
 from drive_profiles.family.profile import Profile
 from drive_profiles.files import toml as files
+from drive_profiles.parameter_set.concise import from_concise, to_concise
 from drive_profiles.parameter_set.parameters import (
     CLASSES,
     MAX_OBJECTS,
@@ -20,11 +21,9 @@ from drive_profiles.parameter_set.parameters import (
     Item,
     ParameterSet,
     Write,
-    from_concise,
     from_values,
     is_command,
     item_of,
-    to_concise,
 )
 from drive_profiles.standard.cia301 import DataType, decode, encode
 from drive_profiles.standard.units import Scaling
@@ -458,7 +457,7 @@ def test_the_values_of_a_dcf_are_the_set_that_writes_them():
         (0x1000, 0): 0x20192, (0x1010, 1): 1, (0x1017, 0): 100, (0x2000, 0): True, (0x2001, 0): 1000, (0x2001, 2): 250,
         (0x2003, 0): 1, (0x2006, 0): 0.1, (0x5000, 0): 5, (0x6040, 0): 6, (0x2000, 8): "text", (0x2000, 9): b"\x01\xff",
     }  # fmt: skip
-    parameter_set = from_values(DEVICE, values, SCALING)
+    parameter_set = from_values(DEVICE, values, lambda entry: SCALING)
     assert [(name, key, item.value, item.unit) for name, key, item in parameter_set.items()] == [
         ("tuning", "0x1017:0", 100, ""),
         ("tuning", "a_boolean", 1, ""),

@@ -1,6 +1,7 @@
 """The bus of a command: its option, then HIL_BUS, then the bench file; and the first line says which."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -87,6 +88,15 @@ def test_an_interface_that_there_is_not_is_said_with_those_that_are_before_any_q
     assert "there is no interface 'sockercan', did you mean socketcan; there are local, socketcan, " in done.stderr
     assert "slcan" in done.stderr
     assert "This moves" not in done.stderr
+
+
+@pytest.mark.parametrize("command", [ASKING[name] for name in ("identify-plant", "learn")], ids=("identify-plant", "learn"))
+def test_what_needs_the_gains_refuses_those_that_are_as_found_before_a_bus_is_looked_for(command, tmp_path):
+    bench = Path(bench_file(tmp_path, EMULATOR))
+    bench.write_text(re.sub("^control = .*$", 'control = "as found"', bench.read_text(), flags=re.M))
+    done = called(*command, "--bench", str(bench))
+    assert done.exit_code == 3, done.stderr
+    assert 'axis 2 needs gains in the bench file: control = "as found"' in done.stderr
 
 
 def test_several_robots_do_not_share_the_bus_of_the_environment(tmp_path, monkeypatch):

@@ -1,13 +1,16 @@
 """`hil plan` as a user meets it: exit status, verdict, JSON, and what it says of a wrong option."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from drive_profiles.family.profile import VENDORS
 from hil.bench.bench import REFERENCE
 from hil.cli.main import app
+from hil.robot_tables import Control
 
 
 def plan(*options, bench="reference"):
@@ -58,6 +61,43 @@ def test_a_plan_that_cannot_run_says_what_would_do():
     last = plan("--loop", "host", "--bitrate", "1M").stdout.splitlines()[-1]
     assert last.startswith("Does not fit: 0.25 ms at 1 Mbit/s")
     assert "close the loop in the drive (--loop drive)" in last.split("What would do: ")[1]
+
+
+def bench_with_profile(folder: Path, control: str) -> Path:
+    """A bench whose axis 2 has a drive without any gains, and without a torque limit where its control says so."""
+    text = (VENDORS / "emulated_drive.toml").read_text(encoding="utf-8")
+    gains = tuple(Control.model_fields)
+    for name in gains:
+        text, count = re.subn(rf"^\[parameters\.{name}\]\n(?:(?!\[).*\n)*", "", text, flags=re.M)
+        assert count == 1
+    text = re.sub(r"^\[loop\.gains\]\n(?:(?!\[).*\n)*", "", text, flags=re.M)
+    (folder / "drive.toml").write_text(text, encoding="utf-8")
+    bench = REFERENCE.read_text(encoding="utf-8").replace('profile = "emulated_drive"', 'profile = "drive.toml"', 1)
+    bench = re.sub("^control = .*$", control, bench, count=1, flags=re.M) if control else bench
+    (folder / "bench.toml").write_text(bench, encoding="utf-8")
+    return folder / "bench.toml"
+
+
+def test_what_a_profile_lacks_is_found_without_a_bus(tmp_path: Path):
+    bench = bench_with_profile(tmp_path, "")
+    found = plan(bench=bench)
+    assert found.exit_code == 9
+    last = found.output.splitlines()[-1]
+    for name in Control.model_fields:
+        assert f"axis 2: profile emulated_drive has no {name}, to which control.{name} is written" in last
+    assert "axis 3" not in last
+    assert len(json.loads(plan("--json", bench=bench).stdout)["gaps"]) == 4
+    assert plan("--axes", "3,5", bench=bench).exit_code == 0, "axis 2 takes no part"
+
+
+def test_gains_as_found_leave_the_loop_unknown_and_the_host_without(tmp_path: Path):
+    bench = bench_with_profile(tmp_path, 'control = "as found"')
+    found = json.loads(plan("--json", bench=bench).stdout)
+    assert (found["ok"], found["gaps"]) == (True, [])
+    assert found["stability"][0]["reason"] == "its gains are as found in the drive"
+    by_host = plan("--loop", "host", "--json", bench=bench)
+    assert by_host.exit_code == 9
+    assert 'axis 2: control = "as found", and the host closes the loop' in json.loads(by_host.stdout)["gaps"][0]
 
 
 def test_a_bad_bench_file_is_told_by_line(tmp_path: Path):

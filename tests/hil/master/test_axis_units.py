@@ -70,10 +70,10 @@ def test_units_in_which_the_profiles_scales_do_not_hold_are_refused(rig, axis, i
 
 def test_a_drive_that_falls_silent_while_its_feed_constant_is_read_is_silent_and_not_nonsensical(rig):
     class Silent(RigNetwork):
-        def read(self, node, index, subindex, kind, name=""):
+        def read_raw(self, node, index, subindex=0, name=""):
             if index == Object.FEED_CONSTANT:
                 raise NoAnswerError(node, "the feed constant", self.timeout_s)
-            return super().read(node, index, subindex, kind, name)
+            return super().read_raw(node, index, subindex, name)
 
     table = load_bench("reference").axis[AXIS].model_copy(update={"serial_number": None})
     with pytest.raises(NoAnswerError, match="no answer to the feed constant"):

@@ -1,0 +1,73 @@
+"""Parameter sets as a user names them: files of any format, beside other files or before a drive."""
+
+# ruff: noqa: PLC0415 - canopen and pydantic are imported inside the functions, so that --help and completion stay quick
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.device.device import Device
+    from drive_profiles.family.catalogue import Catalogue
+    from drive_profiles.parameter_set.parameters import Header, ParameterSet
+
+
+def set_for_drive(
+    bus: SdoBus, node: int, path: Path, profile: str | None = None, eds: Path | None = None
+) -> tuple[Device, ParameterSet]:
+    """Open the drive at a node and read the set for it; a DCF serves as its own EDS.
+
+    What of a file is not taken is said on standard error.
+
+    Raises:
+        DriveProfileError: The file cannot be read, or the node cannot be used.
+    """
+    from drive_profiles.device.target import device_at
+    from drive_profiles.parameter_set import formats
+
+    header = formats.header_of(path)
+    device = device_at(bus, node, profile or header.profile or None, _own_eds(path, eds))
+    wanted = formats.read(path, device.catalogue, node, flagged=True)
+    if not formats.is_toml(path):
+        for line in wanted.header.not_read:
+            typer.echo(f"node {node}: not taken: {line}", err=True)
+    return device, wanted
+
+
+def catalogue_for(path: Path, profile: str | None = None, eds: Path | None = None, node_id: int | None = None) -> Catalogue:
+    """Objects of the device that a file is of, without a bus; a DCF serves as its own EDS.
+
+    Without a profile it is that of the file's header, else the one that matches the identity in the file.
+
+    Raises:
+        DriveProfileError: The file cannot be read, or there is no such profile.
+    """
+    from drive_profiles.device.target import catalogue_of
+    from drive_profiles.parameter_set import formats
+
+    header = formats.header_of(path)
+    name = profile or header.profile or _matching(header)
+    return catalogue_of(
+        name, _own_eds(path, eds), node_id or header.node_id, product_code=header.product_code, revision=header.revision
+    )
+
+
+def _own_eds(path: Path, eds: Path | None) -> Path | None:
+    from drive_profiles.parameter_set import formats
+
+    return path if eds is None and path.suffix.lower() in formats.DEVICE_FILES else eds
+
+
+def _matching(header: Header) -> str | None:
+    """Name of the one profile that fits the identity in a header; None where none fits, or several do."""
+    from drive_profiles.device.device import DeviceIdentity
+    from drive_profiles.device.target import matching
+
+    if header.vendor_id is None:
+        return None
+    names = matching(DeviceIdentity(0, None, header.vendor_id, header.product_code, header.revision, None))
+    return names[0] if len(names) == 1 else None

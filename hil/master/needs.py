@@ -1,0 +1,225 @@
+"""What a run needs of a drive and of its profile, each with its use, so that all that is missing is said at once."""
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Final, NamedTuple
+
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.cia301 import SdoAbortCode
+from drive_profiles.standard.cia402 import Mode, Object
+from drive_profiles.standard.object_address import ObjectAddress, address_text
+from hil.bench.bench import AS_FOUND, AxisTable, Bench
+from hil.errors import NodeError, NotPossibleError
+from hil.master import mapping
+from hil.master.motion import LoopName
+from hil.robot_tables import Control
+
+ABSENT: Final = frozenset({SdoAbortCode.NO_OBJECT, SdoAbortCode.NO_SUBINDEX})
+"""Abort codes by which a drive says that it has no such object."""
+
+_TURN = 2.0 * math.pi
+
+
+class LimitParameter(NamedTuple):
+    """A limit of the bench file, and the parameter of a profile by which the drive holds it."""
+
+    parameter: str
+    key: str
+    factor: float
+
+
+LIMITS: Final = (
+    LimitParameter("torque_limit_nm", "torque_nm", 1.0),
+    LimitParameter("speed_limit_rad_s", "speed_rps", _TURN),
+    LimitParameter("position_limit_min_rad", "position_min_rev", _TURN),
+    LimitParameter("position_limit_max_rad", "position_max_rev", _TURN),
+    LimitParameter("following_error_window_rad", "following_error_rev", _TURN),
+    LimitParameter("following_error_timeout_s", "following_error_timeout_s", 1.0),
+    LimitParameter("quick_stop_deceleration_rad_s2", "quick_stop_rps_s", _TURN),
+)
+"""All limits of an axis that are written into its drive."""
+
+
+class Need(NamedTuple):
+    """An object that a run needs of a drive.
+
+    Attributes:
+        address: Index and sub-index.
+        name: Name of the object.
+        purpose: Use of the object, as a sentence.
+    """
+
+    address: ObjectAddress
+    name: str
+    purpose: str
+
+    def __str__(self) -> str:
+        """The need in a line."""
+        return f"{address_text(self.address)} {self.name}: {self.purpose}"
+
+
+STATUS = Need((Object.STATUS_WORD, 0), "status word", "the state of the drive is read there")
+VELOCITY = Need((Object.VELOCITY_ACTUAL, 0), "velocity actual value", "standstill is checked by it before anything is written")
+
+ERROR_CODE = Need((Object.ERROR_CODE, 0), "error code", "it says which fault a drive is in")
+CYCLE_PERIOD = Need((0x1006, 0), "communication cycle period", "a drive that has it knows the SYNC period by it")
+
+_SUPERVISION = (
+    Need((Object.ABORT_CONNECTION_OPTION, 0), "abort connection option code", "the drive stops when the master falls silent"),
+    Need((Object.QUICK_STOP_OPTION, 0), "quick stop option code", "a stop ends on its ramp, disabled"),
+    Need((0x1016, 1), "consumer heartbeat time", "the drive watches the master"),
+    Need((0x1017, 0), "producer heartbeat time", "the master watches the drive"),
+)
+_CYCLE = (
+    Need((Object.MODES_OF_OPERATION, 0), "modes of operation", "the mode of the run is chosen there"),
+    Need((Object.INTERPOLATION_PERIOD, 1), "interpolation time period value", "the drive follows the SYNC period by it"),
+    Need((Object.INTERPOLATION_PERIOD, 2), "interpolation time index", "the drive follows the SYNC period by it"),
+)
+_MAPPED = {
+    Object.CONTROL_WORD: ("control word", "the drive is enabled and stopped by it"),
+    Object.STATUS_WORD: ("status word", "the state of the drive is watched in each cycle"),
+    Object.POSITION_ACTUAL: ("position actual value", "the position limits and the following error are watched by it"),
+    Object.TORQUE_ACTUAL: ("torque actual value", "the torque limit is watched by it"),
+    Object.TARGET_POSITION: ("target position", "it is the set-point of a drive-closed run"),
+    Object.TARGET_TORQUE: ("target torque", "it is the set-point of a host-closed run"),
+    Object.TORQUE_OFFSET: ("torque offset", "torque is added there to the drive's own"),
+}
+
+
+class MissingObjectsError(NodeError):
+    """Drives lack objects that a run needs; nothing has been written.
+
+    Args:
+        missing: The objects by axis: its number, its node-ID, and what it lacks.
+    """
+
+    def __init__(self, missing: list[tuple[int, int, tuple[Need, ...]]]) -> None:
+        self.missing = missing
+        lines = [f"\n  axis {axis}, node {node}, has no {need}" for axis, node, needs in missing for need in needs]
+        super().__init__(missing[0][1], "the bench needs objects that are not there; nothing has been written:" + "".join(lines))
+
+
+class ProfileGapsError(NotPossibleError):
+    """Drive profiles lack what the bench needs; nothing has been written."""
+
+    def __init__(self, gaps: Iterable[str]) -> None:
+        """Keep the gaps, a sentence each, as `profile_gaps` gives them."""
+        self.gaps = tuple(gaps)
+        super().__init__("\n  ".join(("profiles lack what the bench needs; nothing has been written:", *self.gaps)))
+
+
+def objects_needed(
+    table: AxisTable,
+    profile: Profile,
+    mode: Mode | None = None,
+    *,
+    with_notch_state: bool = False,
+    with_torque_offset: bool = False,
+) -> Iterator[Need]:
+    """The objects that a run needs of a drive, beside those that its scaling is read from.
+
+    Args:
+        table: Table of the axis in the bench file.
+        profile: Drive profile.
+        mode: Mode of the run; None before it is known.
+        with_notch_state: True where the drive sends the state of its filter.
+        with_torque_offset: True where a torque offset is sent.
+    """
+    for limit in LIMITS:
+        yield from _parameter(profile, limit.parameter, f"limits.{limit.key} is held by the drive")
+    if isinstance(table.control, Control):
+        for name in Control.model_fields:
+            yield from _parameter(profile, name, f"control.{name} is written to it")
+    yield from _CYCLE
+    yield from _SUPERVISION
+    yield from _pdo("RPDO1", 0x1400, "set-points are sent by it")
+    yield from _pdo("TPDO1", 0x1800, "state, position and torque are sent by it")
+    if with_notch_state and mapping.notch_state(profile):
+        yield from _pdo("TPDO2", 0x1801, "the state of the filter is sent by it")
+    commands = () if mode is None else mapping.command(mode, with_torque_offset=with_torque_offset)
+    for entry in (*commands, *mapping.FEEDBACK):
+        yield Need((entry.index, entry.subindex), *_MAPPED[Object(entry.index)])
+
+
+def _parameter(profile: Profile, name: str, purpose: str) -> Iterator[Need]:
+    """The object of a parameter; nothing where the profile has none, which is said of the profile."""
+    parameter = profile.parameters.get(name)
+    if parameter is not None:
+        yield Need(parameter.address, name, purpose)
+
+
+def _pdo(name: str, communication: int, purpose: str) -> Iterator[Need]:
+    yield Need((communication, 1), f"COB-ID of {name}", purpose)
+    yield Need((communication, 2), f"transmission type of {name}", purpose)
+    yield Need((communication + 0x200, 0), f"mapping of {name}", purpose)
+
+
+def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: bool) -> list[str]:
+    """What a run needs and the drives' profiles, or the bench file, do not have, a sentence each.
+
+    Args:
+        bench: The bench file.
+        axes: Numbers of the axes that take part; others than the bench's are left out.
+        loop: Place of the loop, drive or host.
+        with_notch: True where variable filters act.
+    """
+    found: list[str] = []
+    mode, in_drive = Mode.CST if loop == "host" else Mode.CSP, with_notch and loop == "drive"
+    tables = {number: bench.axis[number] for number in axes if number in bench.axis}
+    profiles = {name: Profile.load(name) for name in {table.profile for table in tables.values()}}
+    for number, table in tables.items():
+        found += profile_gaps(number, table, profiles[table.profile], mode, with_notch=in_drive)
+        if loop == "host" and table.control == AS_FOUND:
+            found.append(f'axis {number}: control = "{AS_FOUND}", and the host closes the loop with the gains of the bench file')
+    return found
+
+
+def profile_gaps(
+    number: int, table: AxisTable, profile: Profile, mode: Mode | None = None, *, with_notch: bool = False
+) -> list[str]:
+    """What a run needs and a profile does not have, a sentence each; empty where it has all.
+
+    Args:
+        number: Number of the axis.
+        table: Table of the axis in the bench file.
+        profile: Drive profile.
+        mode: Mode of the run; None before it is known.
+        with_notch: True where the drive's filters act.
+    """
+    gaps = [*scale_gaps(number, table, profile), *_limit_gaps(profile), *_gain_gaps(table, profile, mode)]
+    if mode is not None and mode not in profile.supported_modes:
+        closes = "the host closes the loop" if mode is Mode.CST else "the drive closes the loop"
+        gaps.append(f"no mode {mode.name}, in which {closes}")
+    filters = [f"notch_{column}.mode" for column in range(1, len(table.notch) + 1)] if with_notch else []
+    gaps += [f"no {name}, the filter that axis.{number}.notch describes" for name in filters if name not in profile.parameters]
+    return [f"axis {number}: profile {profile.name} has {gap}" for gap in gaps]
+
+
+def scale_gaps(number: int, table: AxisTable, profile: Profile) -> list[str]:
+    """The scales that neither the profile nor the bench file knows."""
+    gaps = []
+    encoder, torque = profile.encoder, profile.torque
+    if table.encoder_counts_per_rev is None and (encoder is None or (encoder.increments or encoder.counts_per_rev) is None):
+        gaps.append(f"no scale of positions: state axis.{number}.encoder_counts_per_rev in the bench file")
+    if table.rated_torque_nm is None and (torque is None or torque.rated_torque is None):
+        gaps.append(f"no scale of torques: state axis.{number}.rated_torque_nm in the bench file")
+    return gaps
+
+
+def _limit_gaps(profile: Profile) -> Iterable[str]:
+    return (
+        f"no {limit.parameter}, by which the drive holds limits.{limit.key}"
+        for limit in LIMITS
+        if limit.parameter not in profile.parameters
+    )
+
+
+def _gain_gaps(table: AxisTable, profile: Profile, mode: Mode | None) -> Iterable[str]:
+    if mode is Mode.CST or not isinstance(table.control, Control):
+        return ()  # the host has the gains, or nobody asks for them
+    remedy = f'control = "{AS_FOUND}" leaves the drive the gains that it has'
+    return (
+        f"no {name}, to which control.{name} is written ({remedy})"
+        for name in Control.model_fields
+        if name not in profile.parameters
+    )

@@ -1,0 +1,153 @@
+"""How a drive counts: read from the objects that its profile names; what it has no object for, the bench file says."""
+
+import math
+
+from drive_profiles.errors import DriveProfileError
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.cia301 import DataType, decode
+from drive_profiles.standard.object_address import object_address
+from drive_profiles.standard.units import Scaling
+from hil.bench.bench import AxisTable
+from hil.errors import NoAnswerError, NodeError, SdoAbortedError
+from hil.master.needs import ABSENT, Need
+from hil.master.network import Network
+
+
+class Questions:
+    """Objects of a node, read one after the other; those that are not there are kept, so that all are known at the end.
+
+    Attributes:
+        missing: Objects that were needed and are not there.
+    """
+
+    def __init__(self, network: Network, node: int) -> None:
+        """Start without questions."""
+        self.network, self.node = network, node
+        self.missing: list[Need] = []
+
+    def number(self, need: Need, kind: DataType | None = None, *, is_optional: bool = False) -> int | None:
+        """Read an integer; None where the node does not have it.
+
+        Args:
+            need: The object.
+            kind: Its data type; None for an unsigned integer of any length.
+            is_optional: Do not count it as missing.
+
+        Raises:
+            NoAnswerError: The node is silent, or its answer has another length.
+            SdoAbortedError: The node has the object, and refuses.
+        """
+        try:
+            data = self.network.read_raw(self.node, *need.address, need.name)
+        except SdoAbortedError as error:
+            if error.code not in ABSENT:
+                raise
+            if not is_optional:
+                self.missing.append(need)
+            return None
+        if kind is None:
+            return int.from_bytes(data, "little")
+        if len(data) != kind.size:
+            raise NoAnswerError(self.node, f"{need.name} with {kind.size} bytes, {len(data)} came", self.network.timeout_s)
+        return int(decode(kind, data))
+
+
+def read_scaling(asked: Questions, number: int, table: AxisTable, profile: Profile) -> Scaling | None:
+    """Read how a drive counts.
+
+    Args:
+        asked: Questions to the drive; they keep what it lacks.
+        number: Number of the axis.
+        table: Table of the axis in the bench file.
+        profile: Drive profile.
+
+    Returns:
+        The scaling; None where an object for it is missing.
+
+    Raises:
+        NodeError: The objects make no sense, choose units of their own, or contradict the bench file.
+    """
+    counts, torque_nm = _counts_per_rev(asked, number, table, profile), _rated_torque_nm(asked, number, table, profile)
+    _check_units(asked, number, profile)
+    feed = _feed(asked, profile)
+    if counts is None or torque_nm is None or feed is None:
+        return None
+    try:
+        return Scaling(counts, torque_nm, **feed)
+    except DriveProfileError as error:
+        raise NodeError(asked.node, f"its units make no sense: {error}") from error
+
+
+def _counts_per_rev(asked: Questions, number: int, table: AxisTable, profile: Profile) -> int | None:
+    """Position units per motor revolution."""
+    facts, stated, key = profile.encoder, table.encoder_counts_per_rev, f"axis.{number}.encoder_counts_per_rev"
+    if facts is None or facts.increments is None:
+        found = None if facts is None else facts.counts_per_rev
+    else:
+        purpose = f"positions are scaled by it; {key} in the bench file says it instead"
+        increments = asked.number(
+            Need(object_address(facts.increments), "encoder increments", purpose), is_optional=stated is not None
+        )
+        revolutions: int | None = 1
+        if facts.revolutions is not None and increments is not None:
+            revolutions = asked.number(Need(object_address(facts.revolutions), "motor revolutions of the encoder", purpose))
+        if increments is None or revolutions is None:
+            return stated
+        if revolutions <= 0 or increments % revolutions:
+            raise NodeError(
+                asked.node,
+                f"its units make no sense: {increments}/{revolutions} counts/rev must be a whole number per revolution",
+            )
+        found = increments // revolutions
+    if stated is not None and found is not None and found != stated:
+        raise NodeError(asked.node, f"axis {number} counts {found} increments per revolution, {key} is {stated}")
+    return stated if found is None else found
+
+
+def _rated_torque_nm(asked: Questions, number: int, table: AxisTable, profile: Profile) -> float | None:
+    """Torque of which torques are per mille."""
+    facts, stated, key = profile.torque, table.rated_torque_nm, f"axis.{number}.rated_torque_nm"
+    if facts is None or facts.rated_torque is None:
+        return stated
+    purpose = f"torques are per mille of it; {key} in the bench file says it instead"
+    steps = asked.number(Need(object_address(facts.rated_torque), "motor rated torque", purpose), is_optional=stated is not None)
+    if steps is None:
+        return stated
+    found = steps * facts.rated_torque_step_nm
+    if stated is not None and not math.isclose(found, stated, rel_tol=0.0, abs_tol=facts.rated_torque_step_nm):
+        raise NodeError(asked.node, f"axis {number} has a rated torque of {found:g} N·m, {key} is {stated:g}")
+    return found
+
+
+def _check_units(asked: Questions, number: int, profile: Profile) -> None:
+    """Refuse units in which the profile's scales do not hold; without the objects they are the default ones."""
+    for address in () if profile.encoder is None else profile.encoder.zero:
+        need = Need(object_address(address), "", "positions are counted in increments while it is 0")
+        value = asked.number(need, is_optional=True)
+        if value:
+            index, subindex = need.address
+            raise NodeError(
+                asked.node,
+                f"axis {number} counts in units of its own: {index:04X}h:{subindex:02X}h is {value:X}h",
+                "write 0 to it",
+            )
+
+
+def _feed(asked: Questions, profile: Profile) -> dict[str, int] | None:
+    """Gear ratio (6091h) and feed constant (6092h), where the profile says that positions are counted by them."""
+    facts = profile.encoder
+    if facts is None or facts.feed is None or facts.feed_shaft_revs is None:
+        return {}
+    named = {
+        "gear_motor_revs": facts.gear_motor_revs,
+        "gear_shaft_revs": facts.gear_shaft_revs,
+        "feed": facts.feed,
+        "feed_shaft_revs": facts.feed_shaft_revs,
+    }
+    found = {
+        name: asked.number(Need(object_address(address), name, "positions are scaled by it"))
+        for name, address in named.items()
+        if address is not None
+    }
+    whole = {name: value for name, value in found.items() if value is not None}
+    return whole if len(whole) == len(found) else None
