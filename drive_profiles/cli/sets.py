@@ -51,7 +51,9 @@ def catalogue_for(path: Path, profile: str | None = None, eds: Path | None = Non
 
     header = formats.header_of(path)
     name = profile or header.profile or _matching(header)
-    return catalogue_of(name, _own_eds(path, eds), node_id or header.node_id)
+    return catalogue_of(
+        name, _own_eds(path, eds), node_id or header.node_id, product_code=header.product_code, revision=header.revision
+    )
 
 
 def _own_eds(path: Path, eds: Path | None) -> Path | None:

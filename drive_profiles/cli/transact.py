@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.device.device import Device
     from drive_profiles.parameter_set.parameters import ParameterSet, Write
+    from drive_profiles.standard.cia301 import DataType
     from drive_profiles.upload.result import UploadOptions, UploadResult
     from drive_profiles.upload.upload import Upload
 
@@ -119,26 +120,23 @@ def _show_changes(uploads: Sequence[Upload], request: TransactionRequest) -> Non
     documents: list[dict[str, Any]] = []
     for item in uploads:
         node = item.device.node
-        scaling = item.device.scaling([write.entry for write in item.writes])
         for write, held in item.changes:
-            now = write.entry.decoded(held, scaling) if held else ""
-            rows.append((str(node), str(write.entry), *_now_and_new(item.device, write, held)))
-            documents.append({
-                "node": node, "object": str(write.entry), "now": now, "new": write.value, "unit": write.entry.unit,
-            })  # fmt: skip
+            now, new, unit, data_type = _in_unit(item.device, write, held)
+            rows.append((str(node), str(write.entry), *shown.pair(now, new, write.address, data_type), unit))
+            documents.append({"node": node, "object": str(write.entry), "now": now, "new": new, "unit": unit})
     if request.dry_run and request.as_json:
         print_json(documents)
     elif rows:
-        count = len(rows) if request.dry_run or len(rows) <= MAX_ROWS + 1 else MAX_ROWS
-        table("", ("node", "object", "now", "new", "unit"), rows[:count], err=request.as_json)
-        if count < len(rows):
-            typer.echo(f"… and {len(rows) - count} more; --dry-run shows all", err=request.as_json)
+        listed = len(rows) if request.dry_run or len(rows) <= MAX_ROWS + 1 else MAX_ROWS
+        table("", ("node", "object", "now", "new", "unit"), rows[:listed], err=request.as_json)
+        if listed < len(rows):
+            typer.echo(f"… and {len(rows) - listed} more; --dry-run shows all", err=request.as_json)
     else:
         typer.echo("nothing differs", err=request.as_json)
 
 
-def _now_and_new(device: Device, write: Write, held: bytes) -> tuple[str, str, str]:
-    """Value that an object holds, the one that is written, and their unit; also of a raw line, as those of a snapshot are."""
+def _in_unit(device: Device, write: Write, held: bytes) -> tuple[float | str, float | str, str, DataType | None]:
+    """Value now, new value, unit and type of a write: in the parameter's unit also where the line is raw, as in a snapshot."""
     from drive_profiles.errors import OutOfRangeError, RefusedError, SdoAbortedError
 
     known = device.catalogue.get(write.address)
@@ -149,8 +147,8 @@ def _now_and_new(device: Device, write: Write, held: bytes) -> tuple[str, str, s
             now = entry.decoded(held, scaling) if held else ""
         except (RefusedError, OutOfRangeError, SdoAbortedError, ValueError):  # the scaling cannot be read: raw then
             continue
-        return (*shown.pair(now, new, write.address, entry.data_type), device.catalogue.unit_of(entry))
-    return held.hex(" "), write.data.hex(" "), "bytes"
+        return now, new, device.catalogue.unit_of(entry), entry.data_type
+    return held.hex(" "), write.data.hex(" "), "bytes", None
 
 
 def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> None:
@@ -163,7 +161,7 @@ def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> Non
         if not request.as_json or outcome.kind != "done":
             typer.echo(str(outcome), err=outcome.kind != "done")
         if outcome.journal is not None and not request.as_json:
-            typer.echo(f"node {outcome.node}: what it held before is in {outcome.journal}", err=True)
+            typer.echo(f"node {outcome.node}: what it held before is in {outcome.journal.absolute()}", err=True)
         if hint := _hint(outcome, request):
             typer.echo(f"node {outcome.node}: once it answers: {hint}", err=True)
 

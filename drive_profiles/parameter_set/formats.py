@@ -76,7 +76,7 @@ def read(
     """
     suffix = path.suffix.lower()
     given = {key: value for key, value in (facts or {}).items() if value is not None}
-    own = {"profile": catalogue.profile.name} if catalogue.profile else {}
+    own = {"profile": catalogue.profile.label} if catalogue.profile else {}
     if suffix in CONCISE:
         values = _typed(from_concise(read_file(path, "a concise DCF", max_bytes=MAX_BYTES)), catalogue)
         header = Header(**own, **given)  # type: ignore[arg-type]  # by its names

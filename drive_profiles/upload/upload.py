@@ -179,7 +179,7 @@ class Upload:
             "revision": identity.revision, "serial_number": identity.serial_number,
         }  # fmt: skip
         names = {write.address: write.entry.name for write in self.writes}
-        profile = self.device.profile.name if self.device.profile else ""
+        profile = self.device.profile.label if self.device.profile else ""
         snapshot = UploadSnapshot(self.device.node, self.bus, facts, profile, self._old, self._goal, names)
         stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime()) + f"-{time.time_ns() % 1_000_000_000:09d}"
         self._journal = Journal(self.options.journals / f"node{self.device.node}-{stamp}.jsonl", snapshot)

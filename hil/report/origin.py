@@ -52,9 +52,8 @@ def origin_of_design(outcome: NotchDesignOutcome) -> Origin:
     if not outcome.emulated:
         return MEASURED
     parts = " and ".join({"plant": "the plant", "ate": "the transmission error"}[part] for part in outcome.emulated)
-    return Origin(
-        "emulated", f"This rests on an emulated robot: {parts} was identified there, not on a real one.", is_emulated=True
-    )
+    were = "were" if len(outcome.emulated) > 1 else "was"
+    return Origin("emulated", f"This rests on an emulated robot: {parts} {were} identified on one.", is_emulated=True)
 
 
 def _words(robot: ComparisonRobot) -> str:

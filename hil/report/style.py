@@ -43,6 +43,9 @@ WITH: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.2}
 LIMIT: Line = {"color": BLACK, "linestyle": (0, (1, 1.6)), "linewidth": 1.2}
 CONSTRAINT: Line = {"color": BLACK, "linestyle": (0, (7, 2)), "linewidth": 1.2}
 OTHER_LOOP: Line = {"color": BLACK, "linestyle": (0, (3, 1.4)), "linewidth": 1.0}
+RESIDUAL: Line = {"color": BLACK, "linestyle": "-", "linewidth": 0.8}
+"""Line of what a model leaves of a measurement, in a panel of its own."""
+
 MARK: Line = {"color": GREY, "linestyle": (0, (1, 1.6)), "linewidth": 0.9}
 
 AXIS_LINES: tuple[Line, ...] = (
@@ -135,11 +138,34 @@ def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[F
     return figure, np.asarray(axes)
 
 
-def legend_above(figure: Figure, axes: Axes, columns: int = 4) -> None:
-    """Draw one legend above all panels, where it cannot cover data."""
-    handles, labels = axes.get_legend_handles_labels()
+def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
+    """Draw one legend of the lines of some panels above all of them, where it cannot cover data; a name stands once."""
+    handles = {name: handle for panel in axes for handle, name in zip(*panel.get_legend_handles_labels(), strict=True)}
     if handles:
-        figure.legend(handles, labels, loc="outside upper left", ncols=columns)
+        figure.legend(list(handles.values()), list(handles), loc="outside upper left", ncols=columns)
+
+
+def stack_over_time(*panels: Axes) -> None:
+    """Give panels that stand one above the other the time of the last; only that one is labelled."""
+    for panel in panels[:-1]:
+        panel.sharex(panels[-1])
+        panel.tick_params(labelbottom=False)
+    panels[-1].set_xlabel("Time (s)")
+
+
+def residual(panel: Axes, x: Real, rest: Real, unit: str, names: str = "measured − model") -> None:
+    """Draw what a model leaves of a measurement, with its root mean square in the title.
+
+    Args:
+        panel: Panel of the residual alone.
+        x: Abscissa, of shape (n,).
+        rest: Measurement less model, of shape (n,).
+        unit: Unit of both.
+        names: Names of the two, with a minus between them.
+    """
+    panel.axhline(0.0, **MARK)
+    panel.plot(*thin(x, rest), label=names, **RESIDUAL)
+    panel.set_title(f"{names}, rms {np.sqrt(np.mean(rest**2)):#.2g} {unit}")
 
 
 def note(axes: Axes, text: str) -> None:

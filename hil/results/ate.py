@@ -17,10 +17,14 @@ class KnownArm(ResultPart):
     Attributes:
         source: Source of the knowledge, in words.
         start: Arm from which the fit started; None where it was searched for.
+        resonance_error_hz: Standard error of its resonance; None where it is not known.
+        damping_error: Standard error of its damping ratio, likewise.
     """
 
     source: str
     start: Arm | None
+    resonance_error_hz: float | None = None
+    damping_error: float | None = None
 
 
 class AteRun(ResultPart):

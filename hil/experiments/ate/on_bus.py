@@ -65,7 +65,12 @@ def identify_ate(
             bench=described,
             axis=request.axis,
             sensorless=request.sensorless,
-            known_before=KnownArm(source=knowledge.source, start=knowledge.start),
+            known_before=KnownArm(
+                source=knowledge.source,
+                start=knowledge.start,
+                resonance_error_hz=knowledge.resonance_error_hz,
+                damping_error=knowledge.damping_error,
+            ),
             sensing=sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
         )
 

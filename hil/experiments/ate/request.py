@@ -67,12 +67,16 @@ class AxisKnowledge:
         plant: Plant for the sensorless variant.
         arm_inertia_fraction: Standard error of J_l as a fraction of J_l; 0 where J_l is only believed.
         source: Source of this knowledge, in words.
+        resonance_error_hz: Standard error of the arm's resonance; None where it is not known.
+        damping_error: Standard error of the arm's damping ratio, likewise.
     """
 
     start: Arm | None = None
     plant: PlantTable | None = None
     arm_inertia_fraction: float = 0.0
     source: str = "nothing"
+    resonance_error_hz: float | None = None
+    damping_error: float | None = None
 
 
 def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, sensorless: bool) -> AxisKnowledge:
@@ -99,7 +103,8 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
         if total > 0.0:
             start = replace(start, gear_fraction=values.gear_damping_nm_s_rad / total)
         fraction = part_of.standard_error.get("arm_inertia_kg_m2", 0.0) / values.arm_inertia_kg_m2
-        return AxisKnowledge(start, values, fraction, "the model file")
+        errors = part_of.standard_error
+        return AxisKnowledge(start, values, fraction, "the model file", errors.get("antiresonance_hz"), errors.get("damping"))
     model = bench.axis[axis].model
     if not sensorless:
         return AxisKnowledge()

@@ -19,7 +19,7 @@ from hil.report.drawn_run import smooth_spectrum
 from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
 from hil.report.style import Drawing, Real
-from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
+from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number, value_and_error
 from hil.results.ate import AteResult, AteRun, AteStandardErrors
 from hil.results.files import load_result
 
@@ -134,7 +134,9 @@ def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False)
     if part is None:
         return None
     error, key = error_of(part), f"waveform-axis{axis}"
-    figure, panels = style.panels(1, 1, 2.7)
+    paper = TABLE_2.get(axis) if is_paper else None
+    rows = 1 if paper is None else 2
+    figure, panels = style.panels(rows, 1, 1.6 + 1.1 * rows, sharex=True, height_ratios=(5, 3)[:rows])
     panel, turns = panels[0, 0], np.linspace(0.0, 2.0, 721)
     angle = 2.0 * math.pi * turns
     middle = error.angle_rad(angle) / ARCSEC
@@ -146,14 +148,17 @@ def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False)
     spread = 2.0 * np.sqrt(variance)
     panel.fill_between(turns, middle - spread, middle + spread, color=style.SKY, alpha=0.6, label="± 2 standard errors")
     panel.plot(turns, middle, label="identified", **style.MEASURED)
-    if is_paper and axis in TABLE_2:
-        paper = TABLE_2[axis]
+    if paper is not None:
         printed = TransmissionError({2: paper.a2_arcsec, 4: paper.a4_arcsec}, {2: paper.phi2_deg, 4: paper.phi4_deg})
         panel.plot(turns, printed.angle_rad(angle) / ARCSEC, label="paper, Table 2", **style.MODEL)
+        rest = panels[1, 0]
+        rest.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.6)
+        style.residual(rest, turns, middle - printed.angle_rad(angle) / ARCSEC, "arcsec", "identified − paper")
+        rest.set_ylabel("Residual (arcsec)")
     for turn in (1.0, 2.0):
         panel.axvline(turn, **style.MARK)
     panel.set_xlim(0.0, 2.0)
-    panel.set_xlabel("Motor angle (rev)")
+    panels[-1, 0].set_xlabel("Motor angle (rev)")
     panel.set_ylabel(r"$\theta_{sync}$ (arcsec)")
     style.legend_above(figure, panel)
     return Drawing(
@@ -171,9 +176,11 @@ def against_speed(material: AteMaterial) -> Drawing | None:
     """The signal against the motor speed, both directions, measured and modelled."""
     if not material.passes:
         return None
-    drawn, part = material.passes[0], material.part
-    figure, panels = style.panels(2, 1, 4.3, sharex=True, sharey=True)
-    for panel, sign in zip(panels[:, 0], (1, -1), strict=True):
+    drawn, part, rest_name = material.passes[0], material.part, f"{material.word} − model"
+    figure, panels = style.panels(4, 1, 5.9, sharex=True, height_ratios=(5, 3, 5, 3))
+    for panel, rest, sign in zip(panels[::2, 0], panels[1::2, 0], (1, -1), strict=True):
+        panel.sharey(panels[0, 0])
+        rest.sharey(panels[1, 0])
         rows = drawn.direction == sign
         panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.measured[rows]), label=material.word, **style.BROAD)
         panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.model[rows]), label="model", **style.MODEL)
@@ -182,6 +189,11 @@ def against_speed(material: AteMaterial) -> Drawing | None:
                 speed = part.arm_hz / order
                 style.flag(panel, speed, f"$f_a$/{order} = {speed:.2f} rev/s", side="right")
         panel.set_title(f"motor turning {TURNS[sign]}")
+        if rows.any():
+            style.residual(
+                rest, np.abs(drawn.speed_rps[rows]), drawn.measured[rows] - drawn.model[rows], material.unit, rest_name
+            )
+        rest.set_ylabel(f"Residual ({material.unit})")
         panel.set_ylabel(f"{material.signal_name} ({material.unit})")
     panels[-1, 0].set_xlabel("Motor speed (rev/s)")
     style.legend_above(figure, panels[0, 0])
@@ -191,8 +203,8 @@ def against_speed(material: AteMaterial) -> Drawing | None:
         "Fig. 7" if material.axis == 2 else "Fig. 8",
         "measured and computed",
         f"The {material.signal_name.lower()} of the first pass in the band of the fit, and what the identified model makes of "
-        "the measured motor angle, over the speed of the motor. The 4th order meets the arm's resonance first, the 2nd at twice "
-        "that speed.",
+        "the measured motor angle, over the speed of the motor; below each what it leaves, enlarged. The 4th order meets the "
+        "arm's resonance first, the 2nd at twice that speed.",
         style.to_svg(figure, "against-speed"),
     )
 
@@ -202,13 +214,13 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
     part = material.part
     if not material.passes or part is None or part.arm_hz is None:
         return None
-    drawn = material.passes[0]
-    figure, panels = style.panels(3, 2, 5.6, height_ratios=(2, 3, 3), sharey="row")
+    drawn, rest_name = material.passes[0], f"{material.word} − model"
+    figure, panels = style.panels(4, 2, 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
     for column, order in enumerate((2, 4)):
         centre = part.arm_hz / order
         speed = np.abs(drawn.speed_rps)
         rows = (drawn.direction == direction) & (speed >= AROUND[0] * centre) & (speed <= AROUND[1] * centre)
-        top, middle, bottom = panels[:, column]
+        top, middle, rest, bottom = panels[:, column]
         top.set_title(f"k = {order}: {AROUND[0] * centre:.1f} to {AROUND[1] * centre:.1f} rev/s")
         if np.count_nonzero(rows) < 16:
             style.note(top, "the run did not reach these speeds")
@@ -217,16 +229,17 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
         top.plot(*style.thin(time, speed[rows]), **style.BROAD)
         middle.plot(*style.thin(time, drawn.measured[rows]), label=material.word, **style.BROAD)
         middle.plot(*style.thin(time, drawn.model[rows]), label="model", **style.MODEL)
+        style.residual(rest, time, drawn.measured[rows] - drawn.model[rows], material.unit, rest_name)
         for values, look in ((drawn.measured, style.BROAD), (drawn.model, style.MODEL)):
             bottom.plot(*smooth_spectrum(values[rows], period, 30.0), **look)
-        for panel in (top, middle):
-            panel.set_xlabel("Time (s)")
+        style.stack_over_time(top, middle, rest)
         bottom.set_xlabel("Frequency (Hz)")
         bottom.set_xlim(0.0, 30.0)
         bottom.set_ylim(0.0, None)
     panels[0, 0].set_ylabel("Speed (rev/s)")
     panels[1, 0].set_ylabel(f"{material.signal_name} ({material.unit})")
-    panels[2, 0].set_ylabel(f"Amplitude ({material.unit})")
+    panels[2, 0].set_ylabel(f"Residual ({material.unit})")
+    panels[3, 0].set_ylabel(f"Amplitude ({material.unit})")
     style.legend_above(figure, panels[1, 0])
     key = f"windows-{TURNS[direction]}"
     return Drawing(
@@ -235,8 +248,8 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
         {2: "Fig. 7", 3: "Fig. 8"}.get(material.axis, "as Figs. 7 and 8"),
         "measured and computed",
         "Constant acceleration of one motor in the first pass. Top: its speed. Middle: the signal in the band of the fit. "
-        "Broken: what the identified transmission error and arm make of the motor angle as it was measured. Bottom: amplitude "
-        "spectrum (Hann window, interpolated between its bins).",
+        "Broken: what the identified transmission error and arm make of the motor angle as it was measured; below it what "
+        "they leave, enlarged. Bottom: amplitude spectrum (Hann window, interpolated between its bins).",
         style.to_svg(figure, key),
     )
 
@@ -244,7 +257,14 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
 def errors(
     axis: int, part: IdentifiedError | None, *, is_sensorless: bool = False, is_paper: bool = False
 ) -> ReportTable | None:  # fmt: skip
-    """Table of the transmission error with its standard errors; for the paper's robot beside the paper's Table 2."""
+    """Table of the transmission error with its standard errors; for the paper's robot beside the paper's Table 2.
+
+    Args:
+        axis: Axis number.
+        part: The transmission error; None for no table.
+        is_sensorless: True where it was identified without an accelerometer.
+        is_paper: True for the paper's robot.
+    """
     if part is None:
         return None
     rows: list[list[Cell]] = []
@@ -315,6 +335,34 @@ def arm(material: AteMaterial) -> ReportTable | None:
     )
 
 
+def arm_twice(material: AteMaterial) -> ReportTable | None:
+    """Table of the arm as it was known before beside what the ramps made of it; None where nothing was known."""
+    part, known = material.part, material.result.known_before
+    if part is None or known.start is None or part.arm_hz is None or part.damping is None:
+        return None
+    start, errors = known.start, part.standard_error
+    pairs = (
+        ("f_a, arm on its gear", "Hz", start.resonance_hz, known.resonance_error_hz, part.arm_hz, errors.get("arm_hz")),
+        ("its damping ζ", "", start.damping, known.damping_error, part.damping, errors.get("damping")),
+    )
+    rows: list[list[Cell]] = []
+    for name, unit, before, before_error, now, now_error in pairs:
+        texts = (" ± ".join(value_and_error(value, error or 0.0)) for value, error in ((before, before_error), (now, now_error)))
+        sigma = None if before_error is None or now_error is None else abs(now - before) / math.hypot(before_error, now_error)
+        rows.append([name, unit, *texts, number(100.0 * (now / before - 1.0), "{:+.2f}"), number(sigma, "{:.1f}")])
+    return ReportTable(
+        "arm-twice",
+        "The arm by both identifications",
+        "",
+        ("", "Unit", f"Before, by {known.source}", "Now, by the ramps", "Apart by (%)", "Apart by (standard errors)"),
+        rows,
+        frozenset({0, 1}),
+        "Both standard errors are those of noise alone. Where the two lie more than three of them apart, the difference is not "
+        "noise but what a model leaves out: the one run shakes the arm by a torque at the motor, the other by the transmission "
+        "error, at another amplitude. How far apart they are in percent is then the better measure of how well f_a is known.",
+    )
+
+
 def agreement(material: AteMaterial) -> ReportTable | None:
     """Table of both directions against each other."""
     fit = material.result.fit
@@ -323,7 +371,7 @@ def agreement(material: AteMaterial) -> ReportTable | None:
     rows: list[list[Cell]] = []
     for each in fit.agreement:
         numbers = (number(each.forward, "{:.3f}"), number(each.backward, "{:.3f}"), number(each.sigma, "{:.1f}"))
-        rows.append([each.name, *numbers, Mark(each.sigma <= 4.0)])
+        rows.append([_SYMBOLS.get(each.name, each.name), *numbers, Mark(each.sigma <= 4.0)])
     return ReportTable(
         "agreement",
         "Both directions against each other",
@@ -335,6 +383,9 @@ def agreement(material: AteMaterial) -> ReportTable | None:
         f"errors of the result have been widened {fit.widened:.2f} times, 1 where noise explains all "
         "differences.",
     )
+
+
+_SYMBOLS = {"a2_arcsec": "A_2 (arcsec)", "phi2_deg": "φ_2 (°)", "a4_arcsec": "A_4 (arcsec)", "phi4_deg": "φ_4 (°)"}
 
 
 def _in_table_order(errors: AteStandardErrors | None) -> tuple[float | None, ...]:
@@ -362,7 +413,7 @@ def passes(material: AteMaterial) -> ReportTable | None:
                 each.recording if each.stopped is None else "stopped",
             ]
         )
-    header = ("Pass", "Acceleration (rps/s)", "To (rps)", "Between (rev)", "Missed")
+    header = ("Pass", "Acceleration (rev/s²)", "To (rev/s)", "Between (rev)", "Missed")
     return ReportTable(
         "passes",
         "Passes",

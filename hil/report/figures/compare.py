@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
+from scipy import signal
 
-from hil.analysis import motor_speed_rps
+from hil.analysis import band_passed, motor_speed_rps
 from hil.recording import Recording
 from hil.report import style
 from hil.report.drawn_run import (
@@ -13,6 +14,7 @@ from hil.report.drawn_run import (
     draw_vibration,
     drawn_run,
     finish_vibration,
+    limit_m_s2,
     line_words,
     shade_line,
     shade_speeds,
@@ -20,7 +22,7 @@ from hil.report.drawn_run import (
 )
 from hil.report.figures.order_map import order_maps
 from hil.report.material import Material
-from hil.report.style import Drawing
+from hil.report.style import Drawing, Real
 from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TreatmentTable
 
@@ -29,7 +31,7 @@ OVERLAID = 4
 OVERLAY_LINES: tuple[style.Line, ...] = (
     style.WITHOUT,
     style.WITH,
-    {"color": style.VERMILLION, "linestyle": (0, (5, 1.2, 1, 1.2)), "linewidth": 1.2},
+    {"color": style.PURPLE, "linestyle": (0, (5, 1.2, 1, 1.2)), "linewidth": 1.5},
     {"color": style.GREEN, "linestyle": "-", "linewidth": 1.8},
 )
 MAPPED = 6
@@ -63,7 +65,8 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
         if f_al is None
         else f"Dotted: the specification of ±{robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
     )
-    behind = "" if overlaid else " Behind each in orange: nothing acting, closed in the same place."
+    below = " Below: their envelopes, in which lines that cover each other above lie apart." if overlaid else ""
+    behind = below if overlaid else " Behind each in orange: nothing acting, closed in the same place."
     return Drawing(
         key,
         title,
@@ -127,14 +130,27 @@ def _shade(material: Material, panel: Axes, axis: int | None, recording: Recordi
 def _overlay(
     material: Material, runs: list[tuple[ComparisonRow, DrawnRun]], axis: int | None, f_al: float | None, key: str
 ) -> str:  # fmt: skip
-    figure, panels = style.panels(1, 1, 3.6)
-    panel = panels[0, 0]
+    figure, panels = style.panels(2, 1, 5.6, sharex=True, height_ratios=(3, 2))
+    panel, below = panels[:, 0]
     for (row, run), look in zip(runs, OVERLAY_LINES, strict=False):
         draw_vibration(panel, DrawnRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False)
-    _shade(material, panel, axis, runs[0][1].recording)
+        below.plot(*style.thin(run.recording.time_s, _envelope(run.recording, material.band_hz(axis))), **look)
+    for each in (panel, below):
+        _shade(material, each, axis, runs[0][1].recording)
     finish_vibration(material, panel, f_al)
-    style.legend_above(figure, panel, 3)
+    panel.set_xlabel("")
+    if f_al is not None:
+        below.axhline(limit_m_s2(material, f_al), **style.LIMIT)
+        _millimetres(below, f_al, "Displacement (mm)")
+    below.set_ylim(0.0, panel.get_ylim()[1])
+    below.set(xlabel="Time (s)", ylabel="Envelope (m/s²)")
+    style.legend_above(figure, panel, columns=3)
     return style.to_svg(figure, key)
+
+
+def _envelope(recording: Recording, band_hz: tuple[float, float]) -> Real:
+    """Amplitude of the band-passed vibration at every instant, m/s², shape (n,): the size of its analytic signal."""
+    return np.abs(signal.hilbert(band_passed(recording.columns["tip_z_m_s2"], recording.period_s, band_hz)))
 
 
 def _multiples(
@@ -163,15 +179,15 @@ def _multiples(
     if reach > 0.0:
         panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
     figure.supylabel("Tip acceleration, band-passed (m/s²)", fontsize=8.5)
-    style.legend_above(figure, panels[0, 0], 3)
+    style.legend_above(figure, panels[0, 0], columns=3)
     return style.to_svg(figure, key)
 
 
-def _millimetres(panel: Axes, f_al: float) -> None:
+def _millimetres(panel: Axes, f_al: float, name: str = "mm") -> None:
     """Draw the scale of displacement on the right, with a name that fits the panel's height."""
     scale = 1e3 / (2.0 * math.pi * f_al) ** 2
     right = panel.secondary_yaxis("right", functions=(lambda a: np.asarray(a) * scale, lambda d: np.asarray(d) / scale))
-    right.set_ylabel("mm")
+    right.set_ylabel(name)
 
 
 def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
@@ -195,8 +211,8 @@ def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
             panel.plot([plain.get(row.loop, peak), peak], [y, y], color=style.GREY, linewidth=0.9, zorder=1)
             look = {"marker": "o", "color": style.BLUE} if within else {"marker": "s", "color": style.VERMILLION}
             panel.plot([peak], [y], linestyle="", markersize=5.5, zorder=3, **look)
-            side = "center" if peak > 0.08 * reach else "left"
-            panel.annotate(f"{peak:.3f}", (peak, y), xytext=(0, 5.5), textcoords="offset points", ha=side, fontsize=7.0)
+            side, shift = _side(peak, robot.tip_mm, reach * LABEL_FRACTION * len(columns))
+            panel.annotate(f"{peak:.3f}", (peak, y), xytext=(shift, 5.5), textcoords="offset points", ha=side, fontsize=7.0)
         panel.set_title(case_name(*case).capitalize())
         panel.set_xlabel("Tip peak (mm)")
         panel.set_ylim(-0.6, len(names) - 0.2)
@@ -213,6 +229,19 @@ def peaks(result: TreatmentTable, robot: ComparisonRobot) -> Drawing | None:
         "the thin line leads to the peak with nothing acting, closed in the same place.",
         style.to_svg(figure, key),
     )
+
+
+LABEL_FRACTION = 0.022
+"""Half a label's width as a fraction of a figure's: beside the limit it stands on its own side."""
+
+
+def _side(peak: float, limit: float, half: float) -> tuple[str, float]:
+    """Alignment and shift in points of a label that covers neither the axis nor the limit."""
+    if peak < half:
+        return "left", 0.0
+    if abs(peak - limit) >= half:
+        return "center", 0.0
+    return ("right", 2.0) if peak <= limit else ("left", -2.0)
 
 
 def _is_judged(row: ComparisonRow, case: tuple[str, int | None]) -> bool:

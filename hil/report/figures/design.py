@@ -19,7 +19,7 @@ from hil.design.ramp import follow
 from hil.experiments.judge import scale_at
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
-from hil.report.figures.notch import FAMILY
+from hil.report.figures.notch import FAMILY, FEW, draw_worst, mark_own_harmonic
 from hil.report.style import Drawing, Real
 
 GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "linewidth": 1.2}
@@ -48,13 +48,13 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
     for column, notch in enumerate(own):
         gain, arm, line = panels[:, column]
         bound = _bound(outcome, notch.order, frequency)
-        for speed in np.linspace(notch.start_rps, notch.end_rps, FAMILY):
+        for speed in np.linspace(notch.start_rps, notch.end_rps, FEW):
             colour = style.SPEED_COLOURS(norm(speed))
             response = style.decibel(loop.acceleration_per_transmission_error(frequency, float(speed)))
             gain.plot(frequency, style.decibel(loop.notch_response(frequency, float(speed))), color=colour, linewidth=0.8)
             arm.plot(frequency, response, color=colour, linewidth=0.8)
             here = notch.order * float(speed)
-            arm.plot([here], [np.interp(here, frequency, response)], "o", color=colour, markersize=3.2)
+            mark_own_harmonic(arm, here, float(np.interp(here, frequency, response)), colour)
         arm.plot(frequency, bound, **style.CONSTRAINT)
         bare = outcome.loop().acceleration_per_transmission_error(frequency)
         arm.plot(frequency, style.decibel(bare), **style.WITHOUT)
@@ -63,7 +63,7 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         for panel in (gain, arm):
             panel.set_xlim(4.0, 26.0)
             panel.set_xlabel("Frequency (Hz)")
-        line.set_xlabel(r"Frequency on the line, $k\,f_m$ (Hz)")
+        line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
     for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB re 1/s²)"), strict=True):
         panel.set_ylabel(name)
     style.legend_above(figure, panels[2, 0])
@@ -73,8 +73,8 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         "Gain of the filter and of G_al",
         "Figs. 9 and 11",
         "computed",
-        "Filters frozen at motor speeds from f_s (faint) to f_e (strong), for the believed plant. Middle: dots mark each curve "
-        "at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; broken: without a "
+        f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong), for the believed plant. Middle: dots mark each "
+        "curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; broken: without a "
         "filter. Bottom: these dots for all speeds as one curve.",
         style.to_svg(figure, "families"),
     )
@@ -114,9 +114,13 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     for speed in np.linspace(low, high, 2 * FAMILY):
         response = loop.open_loop(grid, float(speed))
         for panel in panels[0]:
-            panel.plot(response.real, response.imag, color=style.SPEED_COLOURS(norm(speed)), linewidth=0.8)
+            panel.plot(response.real, response.imag, color=style.SPEED_COLOURS(norm(speed)), linewidth=0.6)
     allowed = outcome.problem.requirements.max_sensitivity
-    worst = max(one.sensitivity_peak for one in best.margins.values())
+    worst_rps = max(best.margins, key=lambda speed: best.margins[speed].sensitivity_peak)
+    worst = best.margins[worst_rps].sensitivity_peak
+    response = loop.open_loop(grid, float(worst_rps))
+    for panel in panels[0]:
+        draw_worst(panel, response, f"worst speed, {worst_rps:.2f} rev/s")
     for panel in panels[0]:
         panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
         for radius, name, look in (

@@ -20,16 +20,18 @@ def identification(material: Material, axis: int) -> Drawing | None:
     if run is None or recording is None:
         return None
     model = _modelled(material, axis, recording)
-    figure, panels = style.panels(3, 2, 5.9, height_ratios=(2, 3, 3), sharey="row")
+    figure, panels = style.panels(4, 2, 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
     for column, order in enumerate((2, 4)):
         _window(material, axis, recording, model, order, panels[:, column])
     panels[0, 0].set_ylabel("Speed (rev/s)")
     panels[1, 0].set_ylabel("Tip acceleration (m/s²)")
-    panels[2, 0].set_ylabel("Amplitude (m/s²)")
+    panels[2, 0].set_ylabel("Residual (m/s²)")
+    panels[3, 0].set_ylabel("Amplitude (m/s²)")
     style.legend_above(figure, panels[1, 0])
     paper = {2: "Fig. 7", 3: "Fig. 8"}.get(axis, "as Figs. 7 and 8")
     computed = (
-        " Broken: what the arm on its gear does, computed from the motor angle as measured and the bench file's θ_sync."
+        " Broken: what the arm on its gear does, computed from the motor angle as measured and the bench file's θ_sync. "
+        "Below it: what the model leaves of the measurement, enlarged; the sensor's noise is in it."
         if model is not None
         else " The axis has no model to compare with."
     )
@@ -56,12 +58,11 @@ def _modelled(material: Material, axis: int, recording: Recording) -> Real | Non
 
 
 def _window(material: Material, axis: int, recording: Recording, model: Real | None, order: int, panels: style.Panels) -> None:
-    top, middle, bottom = panels
+    top, middle, rest, bottom = panels
     window = material.window_rps(axis, order)
     top.set_title(f"k = {order}" + ("" if window is None else f": {window[0]:.3g} to {window[1]:.3g} rev/s"))
     inside = judged_samples(material, recording, axis, order)
-    for panel in (top, middle):
-        panel.set_xlabel("Time (s)")
+    style.stack_over_time(top, middle, rest)
     bottom.set_xlabel("Frequency (Hz)")
     bottom.set_xlim(0.0, 30.0)
     if len(inside) < FEWEST:
@@ -72,13 +73,16 @@ def _window(material: Material, axis: int, recording: Recording, model: Real | N
     margin = round(0.3 / recording.period_s)
     rows = slice(max(0, inside[0] - margin), inside[-1] + margin)
     begin, end = float(time[inside[0]]), float(time[inside[-1]])
-    for panel in (top, middle):
+    for panel in (top, middle, rest):
         panel.axvspan(begin, end, color=style.SHADE, zorder=0)
         panel.set_xlim(float(time[rows][0]), float(time[rows][-1]))
     top.plot(*style.thin(time[rows], np.abs(motor_speed_rps(recording, axis)[rows])), **style.BROAD)
     middle.plot(*style.thin(time[rows], tip[rows]), label=material.word, **style.BROAD)
     if model is not None:
         middle.plot(*style.thin(time[rows], model[rows]), label="model", **style.MODEL)
+        style.residual(rest, time[rows], tip[rows] - model[rows], "m/s²", f"{material.word} − model")
+    else:
+        style.note(rest, "no model to compare with")
     if axis in material.f_al_hz:
         centre, limit = float(np.mean(tip[inside])), limit_m_s2(material, material.f_al_hz[axis])
         for sign, name in ((1.0, f"±{material.bench.specification.tip_mm:g} mm equivalent"), (-1.0, None)):

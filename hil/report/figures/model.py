@@ -1,8 +1,9 @@
 """Figures of the axes as they are believed to be: the paper's Figs. 4, 5 and 6."""
 
 import numpy as np
+from matplotlib.axes import Axes
 
-from hil.design.transmission_error import TransmissionError
+from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate
 from hil.report import style
 from hil.report.material import Material
 from hil.report.paper import TABLE_1
@@ -54,23 +55,28 @@ def transmission_errors(material: Material) -> Drawing | None:
     axes = material.model_axes
     if not axes:
         return None
-    figure, panels = style.panels(len(axes), 1, 0.7 + 1.75 * len(axes), sharex=True)
+    figure, panels = style.panels(2 * len(axes), 1, 0.7 + 2.7 * len(axes), sharex=True, height_ratios=(5, 3) * len(axes))
     turns = np.linspace(0.0, 2.0, 721)
     identified = 0
-    for panel, number in zip(panels[:, 0], axes, strict=True):
+    for panel, rest, number in zip(panels[::2, 0], panels[1::2, 0], axes, strict=True):
         estimate, table = material.estimate(number), material.transmission_error(number)
         if estimate is not None:
             identified += 1
             panel.plot(turns, _arcsec(estimate.error, turns), label="identified from the tip acceleration", **style.BROAD)
         if table is not None:
             panel.plot(turns, _arcsec(table, turns), label="bench file", **style.MODEL)
+        if estimate is not None and table is not None:
+            _difference(rest, estimate, table, turns)
+        else:
+            style.note(rest, "nothing to compare with")
         for turn in (1.0, 2.0):
             panel.axvline(turn, **style.MARK)
         panel.set_title(f"Axis {number}")
+        rest.set_ylabel("Residual (arcsec)")
         panel.set_ylabel(r"$\theta_{sync}$ (arcsec)")
         panel.set_xlim(0.0, 2.0)
     panels[-1, 0].set_xlabel("Motor angle (rev)")
-    style.legend_above(figure, panels[0, 0])
+    style.legend_above(figure, *panels[:2, 0])
     how = (
         "The solid line is identified from the accelerometer at the tip while the motor passed through both "
         "resonances without a "
@@ -85,9 +91,21 @@ def transmission_errors(material: Material) -> Drawing | None:
         "Fig. 5",
         "measured and computed" if identified else "computed",
         f"θ_sync over two revolutions of the motor, at the arm. {how}the broken line is what the bench file believes. "
-        "Dotted lines: whole revolutions.",
+        "Below each: the difference of the two, enlarged, and where noise alone would put it. Dotted lines: whole revolutions.",
         style.to_svg(figure, "transmission-errors"),
     )
+
+
+def _difference(panel: Axes, estimate: TransmissionErrorEstimate, table: TransmissionError, turns: style.Real) -> None:
+    """Draw the identified error less the bench file's, with two standard errors around nothing."""
+    variance = np.zeros_like(turns)
+    for order, amplitude in estimate.error.amplitude_arcsec.items():
+        phase = 2.0 * np.pi * order * turns + np.radians(estimate.error.phase_deg[order])
+        variance += (estimate.amplitude_error_arcsec[order] * np.cos(phase)) ** 2
+        variance += (amplitude * np.radians(estimate.phase_error_deg[order]) * np.sin(phase)) ** 2
+    spread = 2.0 * np.sqrt(variance)
+    panel.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.5, linewidth=0.0, label="± 2 standard errors")
+    style.residual(panel, turns, _arcsec(estimate.error, turns) - _arcsec(table, turns), "arcsec", "identified − bench file")
 
 
 def resonances(material: Material) -> Drawing | None:

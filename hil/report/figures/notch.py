@@ -14,12 +14,15 @@ from hil.analysis import motor_speed_rps
 from hil.control.angles import ARCSEC
 from hil.control.notch import NOTCH_TRAPEZOID, Notch, notch_weight
 from hil.design.frequency import Loop, acceleration_bound, margins
+from hil.design.notch_design import Requirements
 from hil.report import style
 from hil.report.material import CONSTANT_ACCELERATION, MARGIN_SPEEDS_RPS, Material
 from hil.report.style import Drawing, Real
 
 FAMILY = 11
-"""Speeds in a family of curves."""
+"""Speeds in a bundle of curves."""
+FEW = 5
+"""Speeds in a family of curves that shall be told apart."""
 
 
 def notch_axes(material: Material) -> tuple[int, ...]:
@@ -47,7 +50,7 @@ def schedules(material: Material) -> Drawing | None:
     panels[0, 0].set_ylabel(r"Pole damping $\zeta_{rd}$ (–)")
     panels[0, 0].set_ylim(0.0, 1.12 * panels[0, 0].get_ylim()[1])
     panels[1, 0].set_ylabel("Frequency (Hz)")
-    style.legend_above(figure, panels[1, 0], 5)
+    style.legend_above(figure, panels[1, 0], columns=5)
     dots = (
         " Dots: the zero frequency that the drive reported while it ran, over the measured motor speed."
         if reported
@@ -90,7 +93,7 @@ def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, *, with
         damping.annotate(
             text, (outside, notch.zeta_rdth), xytext=(pad, -2), textcoords="offset points", ha=side, va="top", fontsize=7.5
         )
-    names = (r"zeros, $k\,f_m$", r"poles, $k\,f_m + \omega_d/2\pi$") if with_names else (None, None)
+    names = ("zeros, k $f_m$", r"poles, k $f_m + \omega_d/2\pi$") if with_names else (None, None)
     frequency.plot(inside, notch.order * inside, color=style.BLUE, label=names[0])
     frequency.plot(inside, notch.order * inside + weight * notch.offset_hz, label=names[1], **style.MODEL)
 
@@ -125,12 +128,12 @@ def families(material: Material) -> Drawing | None:
         notch = loop.notches[0]
         bound = _bound(material, number, notch.order)
         gain, arm, line = panels[:, column]
-        for speed, colour in _speeds(notch, norm):
+        for speed, colour in _speeds(notch, norm, FEW):
             gain.plot(frequency, style.decibel(loop.notch_response(frequency, speed)), color=colour, linewidth=0.8)
             response = style.decibel(loop.acceleration_per_transmission_error(frequency, speed))
             arm.plot(frequency, response, color=colour, linewidth=0.8)
             here = notch.order * speed
-            arm.plot([here], [np.interp(here, frequency, response)], "o", color=colour, markersize=3.2)
+            mark_own_harmonic(arm, here, float(np.interp(here, frequency, response)), colour)
         if bound is not None:
             arm.plot(frequency, bound(frequency), label="constraint (5)", **style.CONSTRAINT)
         _on_the_line(line, loop, notch, bound)
@@ -141,7 +144,7 @@ def families(material: Material) -> Drawing | None:
             panel.set_xticks([5, 10, 15, 20, 25])
         gain.set_xlabel("Frequency (Hz)")
         arm.set_xlabel("Frequency (Hz)")
-        line.set_xlabel(r"Frequency on the line, $k\,f_m$ (Hz)")
+        line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
     panels[0, 0].set_ylabel("Notch $|F_n|$ (dB)")
     panels[1, 0].set_ylabel(r"$|G_{al}|$ (dB re 1/s²)")
     panels[2, 0].set_ylabel("$|G_{al}|$ on the line (dB re 1/s²)")
@@ -152,7 +155,7 @@ def families(material: Material) -> Drawing | None:
         "Gain of the notch and of G_al",
         "Fig. 11",
         "computed",
-        "Filters frozen at motor speeds from f_s (faint) to f_e (strong). Middle: dots mark each curve at its own "
+        f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong). Middle: dots mark each curve at its own "
         "harmonic ω = 2π k f_m, "
         "which is the only frequency that the transmission error has at that speed, and the only one at which "
         "constraint (5), "
@@ -161,6 +164,19 @@ def families(material: Material) -> Drawing | None:
         "at constant speed.",
         style.to_svg(figure, "families"),
     )
+
+
+def mark_own_harmonic(panel: Axes, frequency_hz: float, gain_db: float, colour: Any) -> None:
+    """Draw a dot, above all curves, where a curve is at the harmonic of its own speed.
+
+    Args:
+        panel: Panel of the curves.
+        frequency_hz: Harmonic ω/2π = k f_m of that speed.
+        gain_db: Gain of the curve there.
+        colour: Colour of the curve.
+    """
+    edge: style.Line = {"markeredgecolor": style.PAPER, "markeredgewidth": 0.8}
+    panel.plot([frequency_hz], [gain_db], "o", color=colour, markersize=6.0, zorder=5, **edge)
 
 
 def _on_the_line(panel: Axes, loop: Loop, notch: Notch, bound: Any) -> None:
@@ -173,8 +189,8 @@ def _on_the_line(panel: Axes, loop: Loop, notch: Notch, bound: Any) -> None:
     if bound is not None:
         panel.plot(here, bound(here), label="constraint (5)", **style.CONSTRAINT)
     panel.set_xlim(here[0], here[-1])
-    style.flag(panel, notch.order * notch.start_rps, r"$k\,f_s$", side="right")
-    style.flag(panel, notch.order * notch.end_rps, r"$k\,f_e$", height=0.12)
+    style.flag(panel, notch.order * notch.start_rps, "k $f_s$", side="right")
+    style.flag(panel, notch.order * notch.end_rps, "k $f_e$", height=0.12)
 
 
 def _bound(material: Material, number: int, order: int) -> Any:
@@ -200,15 +216,18 @@ def nyquist(material: Material) -> Drawing | None:
         loop = material.loop(number)
         notch = loop.notches[0]
         whole, near = panels[:, column]
-        drawn = [margins(loop, speed, points=1000) for speed, _ in _speeds(notch, norm)]
-        worst = max(margin.sensitivity_peak for margin in [*material.margins(number).values(), *drawn])
-        peaks.append(f"{worst:.2f} (axis {number})")
+        drawn = {speed: margins(loop, speed, points=1000) for speed, _ in _speeds(notch, norm)}
+        found = {**material.margins(number), **drawn}
+        worst_rps = max(found, key=lambda speed: found[speed].sensitivity_peak)
+        worst = found[worst_rps].sensitivity_peak
+        peaks.append(f"{worst:.2f} at {worst_rps:.2f} rev/s (axis {number})")
         for speed, colour in _speeds(notch, norm):
-            here = notch.order * speed
-            around = np.linspace(0.85 * here, 1.15 * here, 201)
-            response = loop.open_loop(np.unique(np.concatenate([grid, around, np.linspace(8.0, 30.0, 700)])), speed)
+            response = _open_loop(loop, speed, grid, notch.order)
             for panel in (whole, near):
-                panel.plot(response.real, response.imag, color=colour, linewidth=0.8)
+                panel.plot(response.real, response.imag, color=colour, linewidth=0.6)
+        response = _open_loop(loop, worst_rps, grid, notch.order)
+        for panel in (whole, near):
+            draw_worst(panel, response, "the worst speed")
         for panel in (whole, near):
             panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
             panel.plot(
@@ -223,7 +242,12 @@ def nyquist(material: Material) -> Drawing | None:
             panel.set_aspect("equal")
             panel.set_xlabel("Real part (–)")
         whole.set(xlim=(-5.0, 5.0), ylim=(-5.0, 4.0), title=f"Axis {number}")
-        near.set(xlim=(-1.9, 0.3), ylim=(-1.2, 0.8), title=f"Axis {number}, near −1", xticks=[-1.5, -1.0, -0.5, 0.0])
+        near.set(
+            xlim=(-1.9, 0.3),
+            ylim=(-1.2, 0.8),
+            title=f"Axis {number}, near −1: worst at {worst_rps:.2f} rev/s",
+            xticks=[-1.5, -1.0, -0.5, 0.0],
+        )
     for panel in panels[:, 0]:
         panel.set_ylabel("Imaginary part (–)")
     style.legend_above(figure, panels[0, 0])
@@ -235,10 +259,27 @@ def nyquist(material: Material) -> Drawing | None:
         "computed",
         f"Nyquist diagrams of L(jω) with the filter frozen at motor speeds from f_s (faint) to f_e (strong), sampled at "
         f"{1e6 * material.control_period_s:.0f} µs; cross: −1. The broken circle around it has the radius 1/M_s, the "
-        f"closest "
-        f"approach of all speeds: M_s = {', '.join(peaks)}.",
+        f"closest approach of all speeds, which the thick curve makes at the dot: M_s = {', '.join(peaks)}.",
         style.to_svg(figure, "nyquist"),
     )
+
+
+WORST: style.Line = {"color": style.VERMILLION, "linestyle": "-", "linewidth": 1.8}
+"""Line of the speed at which the loop comes closest to −1."""
+
+
+def draw_worst(panel: Axes, response: Any, name: str) -> None:
+    """Draw the open loop, of shape (n,), of the speed at which it comes closest to −1, with a dot there."""
+    closest = response[int(np.argmin(np.abs(1.0 + response)))]
+    panel.plot(response.real, response.imag, label=name, **WORST)
+    panel.plot([closest.real], [closest.imag], "o", color=style.VERMILLION, markersize=4.5, zorder=5)
+
+
+def _open_loop(loop: Loop, speed_rps: float, grid: Real, order: int) -> Any:
+    """L(jω) at a frozen speed, finely around the harmonic of that speed."""
+    here = order * speed_rps
+    around = np.linspace(0.85 * here, 1.15 * here, 201)
+    return loop.open_loop(np.unique(np.concatenate([grid, around, np.linspace(8.0, 30.0, 700)])), speed_rps)
 
 
 def margin_curves(material: Material) -> Drawing | None:
@@ -263,6 +304,9 @@ def margin_curves(material: Material) -> Drawing | None:
         panel.set_ylabel(name)
         panel.set_xlabel("Motor speed $f_m$ (rev/s)")
         panel.set_xlim(0.0, 11.0)
+    asked = Requirements()
+    for panel, limit in zip(panels[0], (asked.max_sensitivity, asked.gain_margin_db, asked.phase_margin_deg), strict=True):
+        panel.axhline(limit, label="asked of a design", **style.LIMIT)
     low, high = panels[0, 0].get_ylim()
     panels[0, 0].set_ylim(min(1.0, low), max(2.0, high))
     for panel in panels[0, 1:]:
@@ -281,7 +325,8 @@ def margin_curves(material: Material) -> Drawing | None:
         f"Peak of the sensitivity |1/(1 + L)|, gain margin and phase margin with the filter frozen at "
         f"{len(MARGIN_SPEEDS_RPS)} speeds from "
         f"{MARGIN_SPEEDS_RPS[0]:g} to {MARGIN_SPEEDS_RPS[-1]:g} rev/s. All closed-loop poles of the sampled loop lie "
-        f"{verdict}.",
+        f"{verdict}. Dotted: what `hil design notch` asks, M_s ≤ {asked.max_sensitivity:g}, {asked.gain_margin_db:g} dB and "
+        f"{asked.phase_margin_deg:g}°; the paper asks for stability alone.",
         style.to_svg(figure, "margins"),
     )
 
@@ -291,9 +336,9 @@ def _norm(material: Material, axes: tuple[int, ...]) -> Normalize:
     return Normalize(min(notch.start_rps for notch in notches), max(notch.end_rps for notch in notches))
 
 
-def _speeds(notch: Notch, norm: Normalize) -> Iterator[tuple[float, Any]]:
+def _speeds(notch: Notch, norm: Normalize, count: int = FAMILY) -> Iterator[tuple[float, Any]]:
     """Speeds from f_s to f_e, with their colours."""
-    for speed in np.linspace(notch.start_rps, notch.end_rps, FAMILY):
+    for speed in np.linspace(notch.start_rps, notch.end_rps, count):
         yield float(speed), style.SPEED_COLOURS(norm(speed))
 
 

@@ -10,28 +10,29 @@ from hil.design.plant_identification import angle_response, tip_response
 from hil.report import style
 from hil.report.origin import origin_of
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import Cell, Mark, ReportTable
+from hil.report.tables.paper_runs import Cell, Mark, ReportTable, value_and_error
 from hil.results.plant import FrequencyResponseEntry, PlantResult
 
 PARAMETERS = (
-    ("motor_inertia_kg_m2", "J_m, motor", "kg·m²"),
-    ("arm_inertia_kg_m2", "J_l, arm", "kg·m²"),
-    ("gear_stiffness_nm_rad", "K_g, gear", "N·m/rad"),
-    ("gear_damping_nm_s_rad", "D_g, gear", "N·m·s/rad"),
-    ("motor_damping_nm_s_rad", "D_m, motor", "N·m·s/rad"),
-    ("arm_damping_nm_s_rad", "D_l, arm", "N·m·s/rad"),
-    ("viscous_damping_nm_s_rad", "D_m + D_l/N²", "N·m·s/rad"),
-    ("antiresonance_hz", "f_a, anti-resonance", "Hz"),
-    ("resonance_hz", "f_r, resonance", "Hz"),
-    ("damping", "ζ of the arm on its gear", ""),
-    ("friction_coulomb_nm", "Coulomb friction, from slow turns", "N·m"),
-    ("friction_viscous_nm_s_rad", "Slope of the friction, from slow turns", "N·m·s/rad"),
-    ("gravity_moment_nm", "m g l, gravity at the arm", "N·m"),
-    ("gravity_phase_deg", "q_0 in m g l cos(θ_l + q_0)", "°"),
-    ("lever_ratio", "Tip lever seen, over the bench file's", ""),
-    ("torque_age_s", "Age of the reported torque", "s"),
-    ("accelerometer_delay_s", "Delay of the accelerometer", "s"),
+    ("motor_inertia_kg_m2", "J_m, motor", "kg·cm²", 1e4),
+    ("arm_inertia_kg_m2", "J_l, arm", "kg·m²", 1.0),
+    ("gear_stiffness_nm_rad", "K_g, gear", "kN·m/rad", 1e-3),
+    ("gear_damping_nm_s_rad", "D_g, gear", "N·m·s/rad", 1.0),
+    ("motor_damping_nm_s_rad", "D_m, motor", "mN·m·s/rad", 1e3),
+    ("arm_damping_nm_s_rad", "D_l, arm", "N·m·s/rad", 1.0),
+    ("viscous_damping_nm_s_rad", "D_m + D_l/N²", "mN·m·s/rad", 1e3),
+    ("antiresonance_hz", "f_a, anti-resonance", "Hz", 1.0),
+    ("resonance_hz", "f_r, resonance", "Hz", 1.0),
+    ("damping", "ζ of the arm on its gear", "", 1.0),
+    ("friction_coulomb_nm", "Coulomb friction, from slow turns", "N·m", 1.0),
+    ("friction_viscous_nm_s_rad", "Slope of the friction, from slow turns", "mN·m·s/rad", 1e3),
+    ("gravity_moment_nm", "m g l, gravity at the arm", "N·m", 1.0),
+    ("gravity_phase_deg", "q_0 in m g l cos(θ_l + q_0)", "°", 1.0),
+    ("lever_ratio", "Tip lever seen, over the bench file's", "", 1.0),
+    ("torque_age_s", "Age of the reported torque", "µs", 1e6),
+    ("accelerometer_delay_s", "Delay of the accelerometer", "µs", 1e6),
 )
+"""Name in the result, name on the page, its unit there, and how many of those make one of the result's."""
 
 
 def parameters(result: PlantResult) -> ReportTable | None:
@@ -40,12 +41,12 @@ def parameters(result: PlantResult) -> ReportTable | None:
     if values is None or plan is None:
         return None
     rows: list[list[Cell]] = []
-    for name, title, unit in PARAMETERS:
+    for name, title, unit, scale in PARAMETERS:
         if name not in values:
             continue
         value, error = values[name].value, values[name].standard_error
         percent = f"{100.0 * error / abs(value):.2g} %" if value else "–"
-        rows.append([title, f"{value:.5g}".replace("-", "−"), f"{error:.2g}".replace("-", "−"), unit, percent])
+        rows.append([title, *value_and_error(scale * value, scale * error), unit, percent])
     return ReportTable(
         "parameters", "Parameters", "", ("Parameter", "Value", "Standard error", "Unit", "Relative"), rows,
         frozenset({0, 3}),
@@ -79,7 +80,7 @@ def frequency_response(result: PlantResult) -> Drawing | None:
     panels[0, 0].set_ylabel(r"$|\theta_m/\tau|$ (dB re 1 rad/N·m)")
     for name, symbol, side in (("antiresonance_hz", "f_a", "right"), ("resonance_hz", "f_r", "left")):
         parameter = parameters[name]
-        text = f"${symbol}$ = {parameter.value:.3f} ± {parameter.standard_error:.1g} Hz"
+        text = f"${symbol}$ = {' ± '.join(value_and_error(parameter.value, parameter.standard_error))} Hz"
         style.flag(panels[0, 0], parameter.value, text, side=side)
     _coherence(panels[2, 0], frequency, measured)
     style.legend_above(figure, panels[0, 0])
@@ -107,11 +108,11 @@ def tip(result: PlantResult) -> Drawing | None:
     _coherence(panels[2, 0], frequency, measured)
     style.legend_above(figure, panels[0, 0])
     ratio = parameters["lever_ratio"]
+    seen = " ± ".join(value_and_error(ratio.value, ratio.standard_error))
     return Drawing(
         "tip-response", "Tip acceleration per motor angle", "", "measured and computed",
         "The arm on its gear, driven by the motor's motion: it peaks at f_a, and needs neither the torque nor the lever to tell "
-        f"it. Its height is a check: the lever seen is {ratio.value:.3f} ± {ratio.standard_error:.1g} times the bench "
-        "file's.",
+        f"it. Its height is a check: the lever seen is {seen} times the bench file's.",
         style.to_svg(figure, "tip-response"),
     )  # fmt: skip
 
@@ -158,30 +159,43 @@ def friction(result: PlantResult) -> Drawing | None:
     speed = np.asarray(curve.speed_rad_s) / (2.0 * math.pi)
     arm, torque = np.degrees(curve.arm_angle_rad), np.asarray(curve.torque_nm)
     model, gravity = np.asarray(curve.model_nm), np.asarray(curve.gravity_nm)
-    figure, panels = style.panels(1, 2, 3.2, width_ratios=(3, 2))
+    figure, panels = style.panels(1, 2, 3.4, width_ratios=(3, 2))
     over_angle, over_speed = panels[0]
+    fastest_rps = float(np.max(np.abs(speed)))
     for direction, look, name in ((1, style.AXIS_LINES[0], "forwards"), (-1, style.AXIS_LINES[1], "backwards")):
-        rows = np.flatnonzero(speed * direction > 0.0)
-        over_angle.plot(arm[rows], torque[rows], label=f"{name}, each a motor turn", **{**look, "linestyle": "none"})
-        order = rows[np.argsort(arm[rows])]
-        fastest = order[np.abs(speed[order]) > 0.9 * np.max(np.abs(speed))]
-        over_angle.plot(arm[fastest], model[fastest], color=style.BLACK, linewidth=0.9)
+        turning = speed * direction > 0.0
+        is_fastest = np.abs(speed) > 0.9 * fastest_rps
+        for rows, fill, pace in ((turning & is_fastest, "full", "fastest"), (turning & ~is_fastest, "none", "slower")):
+            if rows.any():
+                points: style.Line = {**look, "linestyle": "none", "fillstyle": fill, "label": f"{name}, {pace}"}
+                over_angle.plot(arm[rows], torque[rows], **points)
+                over_speed.plot(speed[rows], (torque - gravity)[rows], **points)
+        line = np.flatnonzero(turning & is_fastest)
+        line = line[np.argsort(arm[line])]
+        over_angle.plot(arm[line], model[line], label="fit, at the fastest", **style.RESIDUAL)
     order = np.argsort(arm)
-    over_angle.plot(arm[order], gravity[order], label="gravity, fitted", **style.MODEL)
+    over_angle.plot(arm[order], gravity[order], label="gravity, fitted", **style.CONSTRAINT)
     over_angle.set_xlabel("Arm angle (°)")
     over_angle.set_ylabel("Motor torque (N·m)")
-    over_speed.plot(speed, torque - gravity, **{**style.AXIS_LINES[0], "linestyle": "none"})
+    level, slope = parameters["friction_coulomb_nm"].value, parameters["friction_viscous_nm_s_rad"].value
     for direction in (1, -1):
-        line = np.linspace(0.0, float(np.max(np.abs(speed))), 2)
-        level = parameters["friction_coulomb_nm"].value
-        slope = parameters["friction_viscous_nm_s_rad"].value
-        over_speed.plot(direction * line, direction * (level + slope * 2.0 * math.pi * line), **style.MODEL)
+        reach = np.linspace(0.0, fastest_rps, 2)
+        over_speed.plot(
+            direction * reach, direction * (level + slope * 2.0 * math.pi * reach), label="friction, fitted", **style.MODEL
+        )
     over_speed.set_xlabel("Motor speed (rev/s)")
     over_speed.set_ylabel("Friction (N·m)")
-    style.legend_above(figure, over_angle)
+    style.legend_above(figure, over_angle, over_speed)
+    paces = sorted({round(float(each), 2) for each in np.abs(speed)})
+    slower = (
+        f" Open points are the slower turns ({', '.join(f'{pace:g}' for pace in paces[:-1])} rev/s against {paces[-1]:g} rev/s): "
+        "they cover less of the angle and need less torque, so that they stand beside the others there."
+        if len(paces) > 1
+        else ""
+    )
     return Drawing(
         "friction", "Friction and gravity", "", "measured and computed",
-        "Left: motor torque of slow turns in both directions, averaged over whole motor turns; gravity is what both have in "
-        "common. Right: what is left of it, over the speed. Broken: the fit.",
+        "Left: motor torque of slow turns in both directions, a point for each whole motor turn; gravity is what both have in "
+        f"common.{slower} Right: what gravity leaves of it, over the speed.",
         style.to_svg(figure, "friction"),
     )  # fmt: skip

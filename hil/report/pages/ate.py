@@ -36,6 +36,7 @@ def write_ate_report(directory: Path) -> Path:
         heading=f"Transmission error of axis {material.axis}",
         aftermath=result.aftermath,
         origin=origin_of(result),
+        is_paper=material.is_paper,
     )
     return render(directory / "report.html", head, verdict(material), chapters, provenance=provenance(material))
 
@@ -46,10 +47,14 @@ def sections(material: AteMaterial) -> list[Section]:
         _Chapter("result", "Transmission error", _result(material)),
         _Chapter(
             "evidence",
-            "Measured against modelled",
+            "Signal and model",
             (figures_ate.against_speed(material), figures_ate.windows(material, 1), figures_ate.windows(material, -1)),
         ),
-        _Chapter("confidence", "Confidence", (figures_ate.arm(material), figures_ate.agreement(material))),
+        _Chapter(
+            "confidence",
+            "Confidence",
+            (figures_ate.arm(material), figures_ate.arm_twice(material), figures_ate.agreement(material)),
+        ),
         _Chapter("runs", "Runs", (figures_ate.passes(material),)),
     ]
     filled = [Section(each.key, each.title, tuple(item for item in each.items if item is not None)) for each in chapters]

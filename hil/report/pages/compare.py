@@ -56,7 +56,6 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
     """All chapters for which there is data."""
     several = len(result.robots) > 1
     chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
-        ("way", "How it came to that", [tables_compare.story(result)]),
         (
             "side-by-side",
             "Side by side",
@@ -72,6 +71,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
                 items.append(figures_compare.orders(robot, material, experiment, axis, several=several))
         title = case_name(experiment, axis).capitalize()
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
+    chapters.append(("way", "How it came to that", [tables_compare.story(result)]))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]

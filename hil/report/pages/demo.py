@@ -49,6 +49,7 @@ def write_report(directory: Path, bench: Bench | None = None) -> Path:
             tuple(material.notes),
             aftermath=material.result.aftermath,
             origin=origin_of(material.result),
+            is_paper=material.bench.is_paper,
         ),
         verdict(material),
         chapters,

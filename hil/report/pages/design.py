@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hil.bench.design import notch_table
 from hil.design.notch_design import NotchVerdict
-from hil.design.uncertainty import spread_words
+from hil.design.uncertainty import plants_words
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
 from hil.report.figures import design as figures_design
@@ -28,6 +28,7 @@ def write_design_report(outcome: NotchDesignOutcome, path: Path) -> Path:
         heading=f"Variable notch of axis {outcome.request.axis}",
         subtitle="Designed from a plant; nothing was measured and nothing was sent",
         origin=origin_of_design(outcome),
+        is_paper=outcome.bench.is_paper,
     )
     return render(path, head, verdict(outcome), chapters, cards=cards(outcome), provenance=provenance(outcome))
 
@@ -54,15 +55,9 @@ def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
     best = outcome.best
     which = "The given filters keep" if outcome.request.is_given else "The designed filters keep"
     details = tuple(str(check) for check in best.checks)
-    return PageVerdict("good", "✔", f"{which} all that is asked, at every speed, for {plants_words(outcome)}", details)
-
-
-def plants_words(outcome: NotchDesignOutcome) -> str:
-    """The plants of a design in words, with how far apart they are."""
-    members = outcome.problem.members
-    if len(members) == 1:
-        return "the believed plant alone"
-    return f"{len(members)} plants: {spread_words(members)}"
+    return PageVerdict(
+        "good", "✔", f"{which} all that is asked, at every speed, for {plants_words(outcome.problem.members)}", details
+    )
 
 
 def cards(outcome: NotchDesignOutcome) -> list[Card]:
@@ -126,16 +121,18 @@ def peaks(outcome: NotchDesignOutcome) -> ReportTable:
 def requirements(outcome: NotchDesignOutcome) -> ReportTable:
     """Table of the requirements, with the worst value of each."""
     rows: list[list[Cell]] = []
-    for name, verdict in _verdicts(outcome):
+    groups = {}
+    for name, verdict in reversed(_verdicts(outcome)):
+        groups[len(rows)] = f"{name} filter" if name != "none" else "no filter"
         for check in verdict.checks:
             asked = f"{'≤' if check.is_ceiling else '≥'} {check.limit:g}"
             speed = NONE if check.speed_rps is None else f"{check.speed_rps:.2f}"
             worst = number(check.value, "{:.4g}")
-            cells: list[Cell] = [name, check.name.rstrip(","), worst, asked, check.unit, speed, check.member, Mark(check.holds)]
+            cells: list[Cell] = [check.name.rstrip(","), worst, asked, check.unit, speed, check.member, Mark(check.holds)]
             rows.append(cells)
-    header = ("filters", "what", "worst", "asked", "unit", "at (rev/s)", "plant", "holds")
+    header = ("what", "worst", "asked", "unit", "at (rev/s)", "plant", "holds")
     caption = "The worst of all plants and of all motor speeds from rest to the speed limit, every 0.1 rev/s."
-    return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 1, 4, 6, 7}), caption)
+    return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 3, 5, 6}), caption, groups=groups)
 
 
 def plants(outcome: NotchDesignOutcome) -> ReportTable:

@@ -28,6 +28,7 @@ def write_learning_report(directory: Path) -> Path:
         heading="Adaptive cancellation",
         aftermath=result.aftermath,
         origin=origin_of(result),
+        is_paper=result.bench.file.is_paper,
     )
     return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
 
@@ -78,8 +79,8 @@ def passes(result: LearningResult) -> ReportTable | None:
         "Cancellation (%)",
         "Vibration (m/s²)",
         "Followed (%)",
-        "Acceleration (rps/s)",
-        "To (rps)",
+        "Acceleration (rev/s²)",
+        "To (rev/s)",
         "Cycles",
         "Missed",
         "Recording",

@@ -28,6 +28,7 @@ class PageHead:
         subtitle: Sentence below the title.
         aftermath: Sentences on all that the drives were not left as they were found.
         origin: Origin of the numbers: a robot, or an emulated one.
+        is_paper: True for the paper's robot.
     """
 
     bench: str
@@ -37,6 +38,7 @@ class PageHead:
     subtitle: str = "Run of a robot with harmonic drive gearings over CANopen"
     aftermath: tuple[str, ...] = ()
     origin: Origin = MEASURED
+    is_paper: bool = False
 
     def tag(self, drawing: Drawing) -> str:
         """Origin of a figure in words: what was measured on an emulated robot is called emulated."""
@@ -170,7 +172,7 @@ def render(
     return path
 
 
-_TALL = 0.62
+_TALL = 0.7
 """Height over width from which a figure takes most of a printed page."""
 
 

@@ -7,7 +7,7 @@ from hil.report.figures import plant as figures_plant
 from hil.report.origin import origin_of
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
-from hil.report.tables.paper_runs import ReportTable
+from hil.report.tables.paper_runs import ReportTable, value_and_error
 from hil.results.files import load_result
 from hil.results.plant import PlantResult
 
@@ -24,7 +24,12 @@ def write_plant_report(directory: Path) -> Path:
         chapters = sections(result)
     heading = f"Plant of axis {result.axis}"
     head = PageHead(
-        result.bench.name, result.bench.started_utc, heading=heading, aftermath=result.aftermath, origin=origin_of(result)
+        result.bench.name,
+        result.bench.started_utc,
+        heading=heading,
+        aftermath=result.aftermath,
+        origin=origin_of(result),
+        is_paper=result.bench.file.is_paper,
     )
     return render(directory / "report.html", head, verdict(result), chapters, provenance=provenance(result))
 
@@ -57,8 +62,8 @@ def verdict(result: PlantResult) -> PageVerdict:
         return PageVerdict("bad", "✘", "Not identified", (*(result.not_identified or ()), *remarks))
     f_a, stiffness = parameters["antiresonance_hz"], parameters["gear_stiffness_nm_rad"]
     headline = (
-        f"f_a = {f_a.value:.3f} ± {f_a.standard_error:.1g} Hz, "
-        f"K_g = {stiffness.value:.4g} ± {stiffness.standard_error:.1g} N·m/rad"
+        f"f_a = {' ± '.join(value_and_error(f_a.value, f_a.standard_error))} Hz, "
+        f"K_g = {' ± '.join(value_and_error(1e-3 * stiffness.value, 1e-3 * stiffness.standard_error))} kN·m/rad"
     )
     return PageVerdict("good", "✔", headline, remarks)
 

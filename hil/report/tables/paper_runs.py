@@ -73,6 +73,18 @@ def number(value: float | str | bool | None, form: str = "{:.3g}") -> str:
     return form.format(value).replace("-", "−")
 
 
+def value_and_error(value: float, error: float) -> tuple[str, str]:
+    """Value and standard error as text, both to the error's first digit, and to at most four digits where there is no error.
+
+    >>> value_and_error(48.9745, 0.0432), value_and_error(-0.00067115, 0.00008), value_and_error(12.5, 0.0)
+    (('48.97', '0.04'), ('−0.00067', '0.00008'), ('12.5', '0'))
+    """
+    if not error > 0.0 or not math.isfinite(error) or not math.isfinite(value):
+        return number(value, "{:.4g}"), number(error)
+    digits = max(0, -math.floor(math.log10(float(f"{error:.0e}"))))
+    return number(value, f"{{:.{digits}f}}"), number(error, f"{{:.{digits}f}}")
+
+
 def claims(material: Material) -> ReportTable | None:
     """The paper's claims beside the bench's numbers, grouped by axis."""
     by_group: dict[str, list[list[Cell]]] = {}

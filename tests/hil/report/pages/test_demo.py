@@ -14,7 +14,7 @@ from hil.report.pages.demo import verdict, write_report
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 ALL_FIGURES = {
     "plants", "resonances", "transmission-errors", "identification-2", "identification-3", "schedules", "families", "nyquist",
-    "margins", "suppression-2", "suppression-3", "line-motion", "loop-places-2",
+    "margins", "suppression-2", "suppression-3", "orders-2", "orders-3", "line-motion", "loop-places-2",
 }  # fmt: skip
 ALL_TABLES = {"claims", "table-1", "table-2", "table-3", "runs", "motions"}
 
@@ -139,9 +139,9 @@ def test_every_figure_and_table_is_there_and_in_the_contents(full):
     assert {f"#{key}" for key in ALL_FIGURES | ALL_TABLES} <= set(page.references)
 
 
-def test_every_figure_says_whether_it_was_measured(full):
+def test_every_figure_says_whether_it_was_computed_or_came_from_an_emulated_robot(full):
     for figure in re.findall(r"<figure.*?</figure>", full, flags=re.DOTALL):
-        assert re.search(r'class="tag">(measured|computed|measured and computed)<', figure)
+        assert re.search(r'class="tag">(emulated|computed|emulated and computed)<', figure)
         caption = re.search(r"<figcaption>(.*?)</figcaption>", figure, flags=re.DOTALL)
         assert caption is not None
         assert len(caption[1]) > 80
@@ -203,7 +203,7 @@ def test_no_runs_at_all(full_directory, tmp_path):
         result["runs"], result["comparisons"], result["paper"] = [], [], []
 
     page = altered(full_directory, tmp_path, change, with_recordings=False)
-    assert "Nothing was judged" in page.text
+    assert "Not judged" in page.text
     assert "runs" not in page.ids
 
 
@@ -217,7 +217,8 @@ def test_no_models_no_notches_no_line(full_directory, tmp_path):
 
     page = altered(full_directory, tmp_path, change)
     assert set(page.figures) == {
-        "identification-2", "identification-3", "suppression-2", "suppression-3", "line-motion", "loop-places-2",
+        "identification-2", "identification-3", "suppression-2", "suppression-3", "orders-2", "orders-3", "line-motion",
+        "loop-places-2",
     }  # fmt: skip
     assert "has no model" in page.text
 
