@@ -87,10 +87,8 @@ def test_the_eds_of_another_device_is_refused(bus, tmp_path):
 
 
 def test_an_eds_that_contradicts_itself_does_not_make_the_right_device_a_wrong_one(bus, tmp_path):
-    text = (VENDORS / "emulated_drive.eds").read_text().replace("ProductNumber=0x402", "ProductNumber=0x999")
-    text = text.replace("ProductNumber=1026", "ProductNumber=0x999")
+    text = (VENDORS / "emulated_drive.eds").read_text().replace("ProductNumber=0x00000402", "ProductNumber=0x999")
     (tmp_path / "a.eds").write_text(text)
-    assert "0x999" in text
     known = Catalogue(Profile.load("emulated_drive"), eds.load(tmp_path / "a.eds", node_id=2))
     assert known.description.product_codes == (0x999, 0x402)
     device = Device(SdoPort(2, bus.line(2), 0.5), known, bus.nmt)
