@@ -8,7 +8,7 @@ from __future__ import annotations
 from canopen.objectdictionary import ODArray, ODRecord
 
 from drive_profiles.eds import values
-from drive_profiles.eds.device import UNSIGNED32
+from drive_profiles.eds.device import MAX_UNSIGNED32
 from drive_profiles.eds.objects import Builder
 from drive_profiles.eds.text import EdsSection, quoted
 from drive_profiles.errors import Problem
@@ -50,7 +50,7 @@ def _identity(information: EdsSection | None, builder: Builder) -> list[Problem]
     for key, subindex in _IDENTITY.items():
         entry = information.get(key)
         default = item.subindices[subindex].default if subindex in item.subindices else None
-        number = default & UNSIGNED32 if isinstance(default, int) else 0
+        number = default & MAX_UNSIGNED32 if isinstance(default, int) else 0
         if entry is not None and stated[key] and number and number != stated[key]:
             message = f"0x{stated[key]:X}, but the default of 1018:{subindex} is 0x{number:X}"
             problems.append(Problem(entry.line, f"[{information.name}] {entry.key}", message, "the same number in both"))
