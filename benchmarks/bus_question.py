@@ -35,6 +35,7 @@ from hil.plan.check import plan_cycle, stability
 from hil.plan.wire import CLASSIC_MAX_BITRATE, WireTiming, rate_text
 from hil.recording import BusLog
 from hil.report import style
+from hil.report.svg import standalone
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.robots.robot import load_robot
@@ -306,14 +307,14 @@ def figure(found: dict[Cell, Found], bench: Bench) -> str:
             for column, loop in enumerate(LOOPS):
                 _panel(panels[row, column], found, bench, axis, loop)
         for panel in panels[-1]:
-            panel.set_xlabel("SYNC period in ms")
+            panel.set_xlabel("SYNC period (ms)")
         style.legend_above(drawing, panels[0, 0], columns=3)
-        return style.to_svg(drawing, "bus")
+        return standalone(style.to_svg(drawing, "bus"), "What the notch takes away, over the SYNC period")
 
 
 _LINES: dict[WireTiming | None, dict[str, Any]] = {
     FAST: {"color": style.ORANGE, "linestyle": (0, (3, 1)), "marker": "P", "markersize": 5.0},
-    None: {"color": style.BLACK, "linestyle": "-", "marker": "o", "markerfacecolor": "white", "markersize": 6.0},
+    None: {"color": style.BLACK, "linestyle": "-", "marker": "o", "markerfacecolor": style.PAPER, "markersize": 6.0},
     WireTiming(1_000_000): {"color": style.BLUE, "linestyle": (0, (5, 1.5)), "marker": "s"},
     WireTiming(500_000): {"color": style.VERMILLION, "linestyle": (0, (5, 1.5, 1, 1.5)), "marker": "^", "markersize": 4.5},
     WireTiming(250_000): {"color": style.GREEN, "linestyle": (0, (1, 1)), "marker": "D", "markersize": 4.5},
@@ -331,29 +332,41 @@ def _panel(panel: Axes, found: dict[Cell, Found], bench: Bench, axis: int | None
     panel.set_xlim(0.2, 8.0)
     panel.set_xticks([1e3 * period for period in PERIODS_S], [f"{1e3 * period:g}" for period in PERIODS_S])
     panel.minorticks_off()
-    for number, rate in enumerate(rate for rate in reversed(RATES) if rate is not None):
-        shortest = 1e3 * shortest_s(bench, axes, loop, rate)
-        panel.axvline(shortest, color=_LINES[rate]["color"], linestyle=_LINES[rate]["linestyle"], linewidth=0.9)
-        if shortest < panel.get_xlim()[1]:
-            side = "left" if shortest < 1.2 else "right"
-            panel.annotate(
-                f"{'FD' if rate.data_bitrate else rate_text(rate.bitrate)} from {shortest:.2f} ms",
-                (shortest, 0.36 - 0.075 * number),
-                xytext=(3 if side == "left" else -3, 0), ha=side,
-                xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=7.0, va="center",
-                bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.4},
-            )  # fmt: skip
+    for rate in reversed(RATES):
+        if rate is not None:
+            _mark_shortest(panel, 1e3 * shortest_s(bench, axes, loop, rate), rate)
     if loop == "host":
         edge = 1e3 * longest_stable_s(axes)
         panel.axvspan(edge, panel.get_xlim()[1], color=style.SHADE, zorder=0)
-        panel.annotate(f"refused: loop not stable\nfrom {edge:.2f} ms on", (edge, 0.62), xytext=(4, 0),
-                       xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=7.5)  # fmt: skip
+        panel.annotate(
+            f"refused: loop not stable\nfrom {edge:.2f} ms on", (edge, 0.88), xytext=(6, 0), va="top",
+            xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=7.5,
+            bbox={"facecolor": style.SHADE, "edgecolor": "none", "pad": 1.0},
+        )  # fmt: skip
     what = "line, area of spectrum" if axis is None else "axis 2, tip peak"
     panel.set_title(f"{what}: {loop}-closed")
-    panel.set_ylabel("taken away by the notch, %" if loop == LOOPS[0] else "")
+    panel.set_ylabel("Taken away by the notch (%)" if loop == LOOPS[0] else "")
     panel.set_ylim(0.0, 60.0)
     if axis is None:
-        panel.axhline(bench.specification.line_area_reduction_pct, **style.LIMIT)
+        asked = bench.specification.line_area_reduction_pct
+        panel.axhline(asked, **style.LIMIT)
+        panel.annotate(
+            f"paper: {asked:g} %", (0.0, asked), xytext=(3, -3), ha="left", va="top",
+            xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5,
+            bbox={"facecolor": style.PAPER, "edgecolor": "none", "pad": 0.6},
+        )  # fmt: skip
+
+
+def _mark_shortest(panel: Axes, shortest_ms: float, rate: WireTiming) -> None:
+    """Draw the shortest period that a bit rate carries, with its name along the line, on the same side of every line."""
+    panel.axvline(shortest_ms, color=_LINES[rate]["color"], linestyle=_LINES[rate]["linestyle"], linewidth=0.9)
+    low, high = panel.get_xlim()
+    if low < shortest_ms < high:
+        panel.annotate(
+            f"{'FD' if rate.data_bitrate else rate_text(rate.bitrate)}: {shortest_ms:.2f} ms", (shortest_ms, 0.03),
+            xytext=(-3, 0), ha="right", va="bottom", rotation=90, rotation_mode="default",
+            xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=7.0,
+        )  # fmt: skip
 
 
 def _fill(text: str, indent: str = "") -> str:

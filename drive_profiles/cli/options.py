@@ -35,7 +35,7 @@ ProfileName = Annotated[
     str,
     typer.Argument(
         metavar="NAME",
-        help="A name from `drive-profiles list`, or the path of a profile file.",
+        help="A name from `drive-profiles list`, or a profile's file; /PRODUCT behind it for one product.",
         autocompletion=complete_profiles,
     ),
 ]
@@ -53,7 +53,11 @@ NodeOption = Annotated[int, typer.Option("--node", min=1, max=127, help="Node-ID
 OptionalNodeOption = Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID.", autocompletion=complete_nodes)]
 ProfileOption = Annotated[
     str | None,
-    typer.Option("--profile", help="A name or a file; else the one that matches the identity.", autocompletion=complete_profiles),
+    typer.Option(
+        "--profile",
+        help="A name or a file, /PRODUCT behind it or not; else what matches the identity.",
+        autocompletion=complete_profiles,
+    ),
 ]
 EdsOption = Annotated[Path | None, typer.Option("--eds", help="The device's own EDS: more objects, and their limits.")]
 TimeoutOption = Annotated[float, typer.Option("--timeout-s", min=0.01, max=60.0, help="How long an answer may take.")]
@@ -68,7 +72,7 @@ ClassesOption = Annotated[
 ]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writing.")]
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show what would be written, and write nothing.")]
-JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for the snapshots and journals.")]
+JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for snapshots and journals; made where you are.")]
 UnverifiedOption = Annotated[bool, typer.Option("--allow-unverified", help="Write also by facts that nobody has verified.")]
 StoreOption = Annotated[bool, typer.Option("--store", help="Let the drive keep the values over a loss of power.")]
 RollBackOption = Annotated[

@@ -125,7 +125,9 @@ def _snapshot(request: TransactionRequest, path: Path, node: int | None) -> None
         raise fail(f"{path} is of node {before.node}, not of node {node}", ExitStatus.USAGE)
     typer.echo(f"{path}: {statement}", err=True)
     profile = request.profile or before.profile or None
-    wanted = as_set(before, catalogue_of(profile, request.eds, before.node))
+    code, revision = before.identity.get("product_code"), before.identity.get("revision")
+    catalogue = catalogue_of(profile, request.eds, before.node, product_code=code, revision=revision)
+    wanted = as_set(before, catalogue)
     options = request.options
     if not before.identity.get("serial_number"):  # 0 is what a device says that has none
         typer.echo(f"node {before.node} had no serial number: see to it that it is the same device, not its twin", err=True)

@@ -43,6 +43,14 @@ def mount(app: typer.Typer) -> None:
     app.command("upload", epilog=WRITE_EPILOG)(upload)
 
 
+ForceCommissioningOption = Annotated[
+    bool, typer.Option("--force-commissioning", help="Write one device's commissioning values to another.")
+]
+OtherDeviceOption = Annotated[
+    bool, typer.Option("--other-device", help="Write a set that was pulled from another device; --yes does not cover that.")
+]
+
+
 def upload(
     sets: Annotated[
         list[Path], typer.Argument(metavar="SET", help="One parameter set (or DCF, concise DCF) for all nodes, or one each.")
@@ -62,12 +70,8 @@ def upload(
     rollback_on_error: RollBackOption = True,
     classes: ClassesOption = ALL,
     allow_unverified: UnverifiedOption = False,
-    force_commissioning: Annotated[
-        bool, typer.Option("--force-commissioning", help="Write one device's commissioning values to another.")
-    ] = False,
-    other_device: Annotated[
-        bool, typer.Option("--other-device", help="Write a set that was pulled from another device; --yes does not cover that.")
-    ] = False,
+    force_commissioning: ForceCommissioningOption = False,
+    other_device: OtherDeviceOption = False,
     journals: JournalsOption = JOURNALS,
     profile: ProfileOption = None,
     eds: EdsOption = None,
@@ -147,6 +151,9 @@ def set_(
         with SdoBus(bus, timeout_s) as opened:
             device = device_at(opened, node, profile, eds)
         wanted = _as_set([_pair(text) for text in values], device.catalogue, kind)
+        if kept_out := wanted.kept_out(device.catalogue):
+            named = ", ".join(kept_out)
+            raise fail(f"{named}: kept out of downloads by the EDS (ObjFlags); without --eds it is written", ExitStatus.FILE)
         transact(TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json), [(node, wanted)])
 
 

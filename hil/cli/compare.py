@@ -59,6 +59,22 @@ def mount(app: typer.Typer) -> None:
     app.command(epilog=COMPARE_EPILOG, context_settings=FORMER_SPELLINGS)(compare)
 
 
+ExperimentListOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--experiment",
+        help="constant-acceleration or line-motion; left out: both.",
+        autocompletion=complete_list(lambda: EXPERIMENTS),
+    ),
+]
+AxisListOption = Annotated[
+    list[int] | None,
+    typer.Option(
+        "--axis", help="Axes of constant-acceleration; left out: those with a filter or a model.", autocompletion=AXES.one
+    ),
+]
+
+
 def compare(
     bench_file: Annotated[
         list[str],
@@ -66,22 +82,8 @@ def compare(
             "--bench", help="Bench file (TOML), or `reference`; again for more robots.", autocompletion=complete_reference
         ),
     ],
-    experiment: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--experiment",
-            help="constant-acceleration or line-motion; left out: both.",
-            autocompletion=complete_list(lambda: EXPERIMENTS),
-        ),
-    ] = None,
-    axis: Annotated[
-        list[int] | None,
-        typer.Option(
-            "--axis",
-            help="Axes of constant-acceleration; left out: those with a filter or a model.",
-            autocompletion=AXES.one,
-        ),
-    ] = None,
+    experiment: ExperimentListOption = None,
+    axis: AxisListOption = None,
     treatment: TreatmentListOption = None,
     model: Annotated[list[Path] | None, typer.Option(help="Model file of hil identify; one per robot.")] = None,
     design: Annotated[list[Path] | None, typer.Option(help="Design file of hil design; one per robot.")] = None,

@@ -237,10 +237,11 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
 
 def _summary(outcome: "NotchDesignOutcome", show: Callable[[str], None], *, as_json: bool) -> None:
     """Print filters, margins and predicted peaks."""
-    members = len(outcome.problem.members)
+    from hil.design.uncertainty import plants_words
+
     show(
         f"axis {outcome.request.axis}, plant from {outcome.source}, loop every {1e6 * outcome.problem.period_s:g} µs with "
-        f"{outcome.problem.delay_samples} samples of delay, {members} plants, {outcome.seconds:.1f} s"
+        f"{outcome.problem.delay_samples} samples of delay, {plants_words(outcome.problem.members)}, {outcome.seconds:.1f} s"
     )
     rows: list[tuple[str, ...]] = []
     for name, verdict in (("none", outcome.none), ("given", outcome.given), ("designed", outcome.designed)):

@@ -353,7 +353,7 @@ def parameter_set(bench: Bench, axis: int, verdict: NotchVerdict, f_al_hz: float
         for key, value in {**values, "mode": mode}.items():
             items[f"{name}.{key}"] = Item(value=value, unit=profile.parameter(f"{name}.{key}").unit)
     header = Header(
-        profile=profile.name,
+        profile=profile.label,
         node_id=table.node_id,
         vendor_id=profile.identity.vendor_id,
         serial_number=table.serial_number,
@@ -376,7 +376,7 @@ def check_drive(bench: Bench, axis: int) -> None:
     if profile.notch is None or profile.notch.form != "variable" or missing:
         has = "no filter" if profile.notch is None else f"a filter of the form {profile.notch.form!r}"
         raise NotPossibleError(
-            f"axis {axis}: drive family {profile.name} has {has}, no notch that follows the speed: no parameter set can be made "
+            f"axis {axis}: drive family {profile.label} has {has}, no notch that follows the speed: no parameter set can be made "
             "of this design; drive-profiles realise shows what it makes of one speed"
         )
 

@@ -39,12 +39,12 @@ def inline(figure: Figure, key: str) -> str:
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"\s*<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r'\s*<style type="text/css">.*?</style>', "", text, flags=re.DOTALL)
+    text = re.sub(r"; font-family: 'DejaVu Sans'", "", text)
     box = re.search(r'viewBox="[^"]*"', text)
     # black is left out by matplotlib: what has no colour has the page's ink
     look = f"fill: {palette.VARIABLES[palette.INK.day]}; font-family: {FONTS}; stroke-linejoin: round; stroke-linecap: butt"
     start = f'<svg role="img" aria-labelledby="{key}-title" {box[0] if box else ""} style="{look}" xmlns="http://www.w3.org/2000/svg">'
     text = re.sub(r"<svg [^>]*>", start, text, count=1).replace("xlink:href", "href")
-    text = re.sub(r"; font-family: 'DejaVu Sans'", "", text)
     text = _FORMULA.sub(_words, _own_ids(text, key))
     text = _COLOUR.sub(lambda match: _variable(match[0], key), text)
     return re.sub(r"\n\s*", "\n", _COORDINATES.sub(_shorter, text.replace('transform="rotate(-0 ', 'transform="rotate(0 ')))

@@ -33,7 +33,10 @@ def eds(
     drive: Annotated[
         list[str] | None,
         typer.Option(
-            "--drive", metavar="AXIS=PROFILE", help="With --robot, as of `serve`; repeatable.", autocompletion=AXES.with_profile
+            "--drive",
+            metavar="AXIS=PROFILE[/PRODUCT]",
+            help="With --robot, as of `serve`; repeatable.",
+            autocompletion=AXES.with_profile,
         ),
     ] = None,
 ) -> None:

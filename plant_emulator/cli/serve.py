@@ -58,8 +58,8 @@ DriveOption = Annotated[
     list[str] | None,
     typer.Option(
         "--drive",
-        metavar="AXIS=PROFILE",
-        help="Drive of an axis: name of a profile, or its file; repeatable.",
+        metavar="AXIS=PROFILE[/PRODUCT]",
+        help="Drive of an axis: a profile by name or file; repeatable.",
         autocompletion=AXES.with_profile,
     ),
 ]

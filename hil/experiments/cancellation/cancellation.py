@@ -281,7 +281,7 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
     for number in models:
         profile = Profile.load(bench.axis[number].profile)
         if "cancellation.mode" not in profile.parameters:
-            raise NotPossibleError(f"axis {number}: drive family {profile.name} cancels nothing by itself")
+            raise NotPossibleError(f"axis {number}: drive family {profile.label} cancels nothing by itself")
     if not models:
         raise NotPossibleError(_nothing_known(axes))
     return models

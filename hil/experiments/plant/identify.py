@@ -148,7 +148,7 @@ class PlantIdentification:
         can = takes_torque_offset(self.drive.profile)
         if not can:
             self.remarks.append(
-                f"drive family {self.drive.profile.name} takes no torque offset: the reference is excited instead"
+                f"drive family {self.drive.profile.label} takes no torque offset: the reference is excited instead"
             )
         return "torque" if can else "reference"
 

@@ -19,7 +19,7 @@ from hil.design.ramp import follow
 from hil.experiments.judge import scale_at
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
-from hil.report.figures.notch import FAMILY, FEW, WORST, mark_own_harmonic
+from hil.report.figures.notch import FAMILY, FEW, draw_worst, mark_own_harmonic
 from hil.report.style import Drawing, Real
 
 GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "linewidth": 1.2}
@@ -119,10 +119,8 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     worst_rps = max(best.margins, key=lambda speed: best.margins[speed].sensitivity_peak)
     worst = best.margins[worst_rps].sensitivity_peak
     response = loop.open_loop(grid, float(worst_rps))
-    closest = response[int(np.argmin(np.abs(1.0 + response)))]
     for panel in panels[0]:
-        panel.plot(response.real, response.imag, label=f"worst speed, {worst_rps:.2f} rev/s", **WORST)
-        panel.plot([closest.real], [closest.imag], "o", color=style.VERMILLION, markersize=4.5, zorder=5)
+        draw_worst(panel, response, f"worst speed, {worst_rps:.2f} rev/s")
     for panel in panels[0]:
         panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
         for radius, name, look in (

@@ -167,7 +167,14 @@ def families(material: Material) -> Drawing | None:
 
 
 def mark_own_harmonic(panel: Axes, frequency_hz: float, gain_db: float, colour: Any) -> None:
-    """Draw a dot, above all curves, where a curve is at the harmonic of its own speed."""
+    """Draw a dot, above all curves, where a curve is at the harmonic of its own speed.
+
+    Args:
+        panel: Panel of the curves.
+        frequency_hz: Harmonic ω/2π = k f_m of that speed.
+        gain_db: Gain of the curve there.
+        colour: Colour of the curve.
+    """
     edge: style.Line = {"markeredgecolor": style.PAPER, "markeredgewidth": 0.8}
     panel.plot([frequency_hz], [gain_db], "o", color=colour, markersize=6.0, zorder=5, **edge)
 
@@ -219,10 +226,8 @@ def nyquist(material: Material) -> Drawing | None:
             for panel in (whole, near):
                 panel.plot(response.real, response.imag, color=colour, linewidth=0.6)
         response = _open_loop(loop, worst_rps, grid, notch.order)
-        closest = response[int(np.argmin(np.abs(1.0 + response)))]
         for panel in (whole, near):
-            panel.plot(response.real, response.imag, label="the worst speed", **WORST)
-            panel.plot([closest.real], [closest.imag], "o", color=style.VERMILLION, markersize=4.5, zorder=5)
+            draw_worst(panel, response, "the worst speed")
         for panel in (whole, near):
             panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
             panel.plot(
@@ -261,6 +266,13 @@ def nyquist(material: Material) -> Drawing | None:
 
 WORST: style.Line = {"color": style.VERMILLION, "linestyle": "-", "linewidth": 1.8}
 """Line of the speed at which the loop comes closest to −1."""
+
+
+def draw_worst(panel: Axes, response: Any, name: str) -> None:
+    """Draw the open loop, of shape (n,), of the speed at which it comes closest to −1, with a dot there."""
+    closest = response[int(np.argmin(np.abs(1.0 + response)))]
+    panel.plot(response.real, response.imag, label=name, **WORST)
+    panel.plot([closest.real], [closest.imag], "o", color=style.VERMILLION, markersize=4.5, zorder=5)
 
 
 def _open_loop(loop: Loop, speed_rps: float, grid: Real, order: int) -> Any:

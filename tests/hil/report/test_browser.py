@@ -39,7 +39,7 @@ def test_by_night_page_and_figures_are_dark(browser, page):
         ground, ink = palette.PAPER[1 + is_dark], palette.INK[1 + is_dark]
         assert colour(browser, "body", "background-color") == ground
         assert colour(browser, "svg path", "fill") == ground  # the ground of the first figure
-        assert colour(browser, "svg text", "fill") == ink
+        assert colour(browser, "svg text", "fill") == colour(browser, "svg", "fill") == ink
     assert shown[False] != shown[True]
 
 
@@ -75,6 +75,7 @@ def test_contents_stand_beside_on_a_wide_screen_and_in_a_closed_box_on_a_narrow_
 
 def test_the_words_of_a_figure_fit_into_it_with_the_fonts_that_are_there(browser, page):
     browser.open(page)
+    assert browser.value("getComputedStyle(document.querySelector('svg text')).fontFamily").startswith('"DejaVu Sans"')
     outside = browser.value("""[...document.querySelectorAll('svg')].flatMap(svg => {
       const box = svg.getBoundingClientRect();
       return [...svg.querySelectorAll('text')].filter(text => {

@@ -37,6 +37,13 @@ def test_words_stand_in_the_picture_in_reading_order():
     assert "Motor speed fm (rev/s)" in texts
 
 
+def test_the_font_is_said_once_for_all_words():
+    made = figure()
+    root = ElementTree.fromstring(made)  # noqa: S314 - our own
+    assert f"; font-family: {svg.FONTS};" in root.get("style")
+    assert made.count("font-family") == 1
+
+
 def test_a_file_of_its_own_has_title_colours_and_a_dark_side():
     alone = svg.standalone(figure(), "Speed & tip")
     root = ElementTree.fromstring(alone)  # noqa: S314 - our own

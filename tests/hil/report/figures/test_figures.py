@@ -97,3 +97,56 @@ def test_style_leaves_nothing_behind():
     with style.styled():
         assert mpl.rcParams["font.size"] == style.RC["font.size"]
     assert mpl.rcParams["font.size"] == before
+
+
+def titles(figure):
+    return [axes.get_title(loc="left") for axes in figure.axes]
+
+
+@pytest.mark.parametrize("key", ["transmission-errors", "identification-2", "identification-3"])
+def test_a_fit_shows_what_it_leaves(figures, key):
+    figure, _ = figures[key]
+    rests = [axes for axes in figure.axes if " − " in axes.get_title(loc="left")]
+    assert len(rests) == 2
+    for axes in rests:
+        rms = float(re.search(r"rms (\S+) ", axes.get_title(loc="left"))[1])
+        drawn = np.asarray(axes.get_lines()[-1].get_ydata(), dtype=float)
+        assert rms == pytest.approx(np.sqrt(np.mean(drawn**2)), rel=0.2)
+        assert np.max(np.abs(drawn)) < 0.5 * max(np.max(np.abs(line.get_ydata())) for line in figure.axes[0].get_lines()[:1])
+
+
+def test_the_speed_that_comes_closest_to_minus_one_is_marked(figures):
+    figure, _ = figures["nyquist"]
+    near = [axes for axes in figure.axes if "near −1" in axes.get_title(loc="left")]
+    assert len(near) == 2
+    for axes in near:
+        assert re.search(r"worst at \d\.\d\d rev/s$", axes.get_title(loc="left"))
+        lines = {line.get_label(): line for line in axes.get_lines()}
+        worst, circle = lines["the worst speed"], lines["1/$M_s$ around −1"]
+        radius = np.hypot(circle.get_xdata()[0] + 1.0, circle.get_ydata()[0])
+        distances = [
+            np.min(np.hypot(np.asarray(line.get_xdata()) + 1.0, line.get_ydata()))
+            for line in axes.get_lines()
+            if len(line.get_xdata()) > 400
+        ]
+        own = np.min(np.hypot(worst.get_xdata() + 1.0, worst.get_ydata()))
+        assert own == pytest.approx(min(distances))
+        assert own == pytest.approx(radius, rel=0.02)
+
+
+def test_the_margins_show_what_is_asked(figures):
+    figure, _ = figures["margins"]
+    drawn = [
+        [float(line.get_ydata()[0]) for line in axes.get_lines() if line.get_label() == "asked of a design"]
+        for axes in figure.axes
+    ]
+    assert drawn == [[1.7], [6.0], [35.0]]
+
+
+def test_curves_of_the_families_can_be_told_apart(figures):
+    figure, _ = figures["families"]
+    for axes in figure.axes[2:4]:
+        dots = [line for line in axes.get_lines() if line.get_marker() == "o"]
+        assert len(dots) == 5
+        assert len({line.get_color() for line in dots}) == 5
+        assert min(line.get_zorder() for line in dots) > max(line.get_zorder() for line in axes.get_lines() if line not in dots)

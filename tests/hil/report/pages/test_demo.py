@@ -14,7 +14,7 @@ from hil.report.pages.demo import verdict, write_report
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 ALL_FIGURES = {
     "plants", "resonances", "transmission-errors", "identification-2", "identification-3", "schedules", "families", "nyquist",
-    "margins", "suppression-2", "suppression-3", "line-motion", "loop-places-2",
+    "margins", "suppression-2", "suppression-3", "orders-2", "orders-3", "line-motion", "loop-places-2",
 }  # fmt: skip
 ALL_TABLES = {"claims", "table-1", "table-2", "table-3", "runs", "motions"}
 
@@ -217,7 +217,8 @@ def test_no_models_no_notches_no_line(full_directory, tmp_path):
 
     page = altered(full_directory, tmp_path, change)
     assert set(page.figures) == {
-        "identification-2", "identification-3", "suppression-2", "suppression-3", "line-motion", "loop-places-2",
+        "identification-2", "identification-3", "suppression-2", "suppression-3", "orders-2", "orders-3", "line-motion",
+        "loop-places-2",
     }  # fmt: skip
     assert "has no model" in page.text
 
