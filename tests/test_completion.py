@@ -58,6 +58,7 @@ def offered(where, *words, shell="bash"):
         (("hil", "compare", "--treatment", "notch,no"), ["notch,none", "notch,notch-designed"]),
         (("drive-profiles", "eds", "c"), ["check", "convert"]),
         (("drive-profiles", "show", "maxon"), ["maxon_epos2", "maxon_epos4", "maxon_mine.toml"]),
+        (("drive-profiles", "show", "maxon_epos4/7"), ["maxon_epos4/70-15"]),
         (("drive-profiles", "pull", "--classes", "tuning,lim"), ["tuning,limits"]),
         (("drive-profiles", "get", "--node", ""), ["16", "2", "3", "5"]),
         (("drive-profiles", "get", "status"), ["status_word"]),

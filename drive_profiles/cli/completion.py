@@ -50,8 +50,23 @@ def names_or_files(names: Callable[[], Iterable[str]], *suffixes: str) -> Comple
     return complete
 
 
-complete_profiles = names_or_files(profile_names, ".toml")
+def complete_profiles(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of profiles and files; behind a slash the products of the profile before it."""
+    family, slash, _ = incomplete.partition("/")
+    if slash and family in profile_names():
+        return [name for name in _products(family) if name.startswith(incomplete)]
+    return names_or_files(profile_names, ".toml")(ctx, incomplete)
+
+
 complete_reference = names_or_files(lambda: ["reference"], ".toml")
+
+
+def _products(family: str) -> list[str]:
+    """Names of the products of a family, as FAMILY/PRODUCT; none of a family that has one product."""
+    document = _document(_FOLDER / f"{family}.toml")
+    products = document.get("product", [])
+    named = [document.get("identity", {}).get("product"), *(each.get("name") for each in products)] if products else []
+    return [f"{family}/{name}" for name in named if name]
 
 
 def complete_objects(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -132,7 +147,8 @@ def _objects(given: Mapping[str, Any]) -> dict[str, str]:
     chosen = given.get("profile")
     named = [_FOLDER / f"{name}.toml" for name in profile_names()]
     if chosen:
-        named = [path for path in named if path.stem == chosen] or [Path(chosen)]
+        family = str(chosen).partition("/")[0]
+        named = [path for path in named if path.stem == family] or [Path(chosen)]
     known = {name: f"{index:04X}:{subindex:X}" for (index, subindex), (name, *_) in OBJECTS.items()}
     for path in named:
         parameters = _document(path).get("parameters", {})
