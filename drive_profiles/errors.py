@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
@@ -28,6 +29,13 @@ class OutOfRangeError(DriveProfileError, ValueError):
         self.unit = unit
         self.reason = reason
         super().__init__(f"{what} {value}{f' {unit}' if unit else ''}: {reason}")
+
+
+def beyond(low: float, high: float) -> str:
+    """The reason why a value that is not within limits is refused; a limit that is infinite is none."""
+    if math.isinf(low):
+        return f"must be at most {high:.10g}"
+    return f"must be at least {low:.10g}" if math.isinf(high) else f"is outside {low:.10g} to {high:.10g}"
 
 
 class Problem(NamedTuple):
@@ -72,6 +80,27 @@ class ProfileNotFoundError(DriveProfileError):
         self.name = name
         self.available = available
         super().__init__(f"no drive profile {name!r}; available: {', '.join(available) or 'none'}")
+
+
+class UnknownProductError(DriveProfileError):
+    """A profile that does not name the product that a device is, or that is asked for.
+
+    Args:
+        profile: The profile's name.
+        product: Product code (1018h:2) or name; None where the device states no code.
+        revision: Revision (1018h:3) of the device, where it states one.
+        known: The products that the profile names, in words.
+    """
+
+    def __init__(self, profile: str, product: int | str | None, revision: int | None, known: tuple[str, ...]) -> None:
+        self.profile, self.product, self.revision, self.known = profile, product, revision, known
+        if isinstance(product, str):
+            super().__init__(f"profile {profile} has no product {product!r}; it has {', '.join(known)}")
+            return
+        held = "not given" if product is None else f"0x{product:X}"
+        if revision is not None and any("revision" in each for each in known):
+            held += f" of revision 0x{revision:08X}"
+        super().__init__(f"its product (1018h:2) is {held}, profile {profile} says {' or '.join(known)}")
 
 
 class UnknownParameterError(DriveProfileError, KeyError):

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from drive_profiles.family.capability import LoopFacts, NotchFacts
 from drive_profiles.family.parameter import Fact, Parameter
+from drive_profiles.family.product import Product
 from drive_profiles.family.profile import Profile
 from drive_profiles.realisation import realise
 from drive_profiles.realisation.biquad import NotchTarget
@@ -18,7 +19,8 @@ ASSUMED_PERIOD_S = 125e-6
 """Filter period of the example where the drive's is not known: drives run their velocity loops at 62.5 to 250 us."""
 
 HEXADECIMAL = frozenset({
-    "vendor_id", "product_code", "other_products", "revision", "device_type", "signature", "restore_signature", "code",
+    "vendor_id", "product_code", "revision", "min_revision", "max_revision", "device_type", "signature", "restore_signature",
+    "code",
 })  # fmt: skip
 _OWN_TABLE = frozenset({"gains", "sections", "source", "evidence", "note"})
 _UNITS = {"_s": "s", "_hz": "Hz", "_nm": "N·m"}
@@ -31,6 +33,7 @@ _QUESTIONS = {
     "reference_correction": "the host corrects the reference",
     "torque_offset": "the host adds a torque",
 }
+_COLUMNS = ("name", "object", "type", "unit", "step", "limits", "effective", "PDO", "evidence", "what it does")
 _CLASSES = {"tuning": "Tuning", "limits": "Limits", "communication": "Communication", "commissioning": "Commissioning"}
 
 
@@ -52,6 +55,7 @@ def page(profile: Profile) -> str:
         parts += ["## Abort codes of its own", _table(("code", "meaning", "evidence"), rows)]
     if profile.quirks:
         parts += ["## What else to know", "\n".join(f"- {quirk}" for quirk in profile.quirks)]
+    parts += _products(profile, sources)
     parts += ["## Parameters", *_parameters(profile, sources)]
     parts += ["## Sources", "\n".join(f"{n}. {source}" for n, source in enumerate(sources.all, 1))]
     return "\n\n".join(parts) + "\n"
@@ -92,8 +96,11 @@ class _Sources:
     """The sources of a profile, each once, in the order of the file."""
 
     def __init__(self, profile: Profile) -> None:
+        members = profile.members
         sources = [fact.source for _, fact in _facts(profile)] + [abort.source for abort in profile.aborts]
-        self.all = list(dict.fromkeys([*sources, *(entry.source for entry in profile.parameters.values())]))
+        sources += [fact.source for member in members for _, fact in _facts(member)]
+        sources += [entry.source for member in members for entry in member.parameters.values()]
+        self.all = list(dict.fromkeys(sources))
 
     def evidence(self, fact: Fact) -> str:
         """Evidence of a fact, and the number of its source."""
@@ -117,6 +124,9 @@ def _facts(profile: Profile) -> Iterator[tuple[str, Fact]]:
 
 def _unverified(profile: Profile) -> int:
     facts = [*(fact for _, fact in _facts(profile)), *profile.aborts, *profile.parameters.values()]
+    for product in profile.products:
+        facts += [product, *product.facts.values()]
+        facts += [product.parameters[name].of(profile.parameters.get(name), product) for name in product.parameters]
     return sum(not fact.is_verified for fact in facts)
 
 
@@ -186,6 +196,56 @@ def _gains(loop: LoopFacts) -> str:
     return _table(("gain", "parameter", "SI per unit"), rows)
 
 
+def _products(profile: Profile, sources: _Sources) -> Iterator[str]:
+    """The products of a family that has several: how they are told apart, and what is other in each than in the first."""
+    if not profile.products:
+        return
+    yield "## Products"
+    yield f"All else on this page is of the first one. `{profile.name}/PRODUCT` names one, wherever a profile is asked for."
+    rows = []
+    for member in profile.members:
+        identity = member.identity
+        code = f"{SIGN} not known" if identity.product_code is None else _text("product_code", identity.product_code)
+        type_ = _text("device_type", identity.device_type)
+        rows.append(
+            (f"`{identity.product}`", member.title, code, identity.range_in_words or "any", type_, sources.evidence(identity))
+        )
+    yield _table(("product", "title", "product code", "firmware", "device type", "evidence"), rows)
+    first = profile.members[0]
+    for product, member in zip(profile.products, profile.members[1:], strict=True):
+        yield f"### {member.title}"
+        yield from _differences(first, product, member, sources)
+
+
+def _differences(first: Profile, product: Product, member: Profile, sources: _Sources) -> Iterator[str]:
+    """What is other in a product than in the first one of its family."""
+    if product.quirks:
+        yield "\n".join(f"- {quirk}" for quirk in product.quirks)
+    if product.absent:
+        yield f"It does not have {', '.join(f'`{name}`' for name in product.absent)}."
+    if product.capabilities:
+        answers = [(_QUESTIONS[name], f"**{entry.answer}**", entry.reason) for name, entry in product.capabilities.items()]
+        yield _table(("what", "answer", "why"), answers)
+    for title, fact in _facts(member):
+        if fact in product.facts.values():
+            yield f"**{title}**"
+            yield from _fact(fact, sources)
+    changed = [_row(name, member.parameters[name], sources) for name in product.parameters]
+    if changed:
+        yield _table(_COLUMNS, changed)
+    defaults = {name: member.parameters[name].default for name in product.parameters}
+    others = [f"`{name}` {value}" for name, value in defaults.items() if _has_other_default(first, name, value)]
+    if others:
+        yield f"Factory settings that are other, as they are on the wire: {', '.join(others)}."
+    if not (product.quirks or product.absent or product.capabilities or product.facts or changed):
+        yield "Nothing else is known to be other."
+
+
+def _has_other_default(first: Profile, name: str, value: object) -> bool:
+    known = first.parameters.get(name)
+    return value is not None and (known is None or known.default != value)
+
+
 def _text(name: str, value: object) -> str:
     """Write a value for people: CiA 301's numbers in hexadecimal, times in ms or us, lists with commas."""
     if value is None or value in ("", (), {}):
@@ -209,12 +269,11 @@ def _label(name: str) -> str:
 
 
 def _parameters(profile: Profile, sources: _Sources) -> Iterator[str]:
-    header = ("name", "object", "type", "unit", "step", "limits", "effective", "PDO", "evidence", "what it does")
     for name, title in _CLASSES.items():
         rows = [_row(key, entry, sources) for key, entry in profile.parameters.items() if entry.parameter_class == name]
         if rows:
             yield f"### {title}"
-            yield _table(header, rows)
+            yield _table(_COLUMNS, rows)
 
 
 def _row(name: str, entry: Parameter, sources: _Sources) -> tuple[str, ...]:

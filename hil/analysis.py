@@ -211,12 +211,12 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, s
     inside = speed_window(recording, axis, (low, high))
     samples = np.count_nonzero(inside)
     if samples < 16:
-        raise ValueError(f"the run has {samples} samples between {low:.3g} and {high:.3g} rps; at least 16 are needed")
+        raise ValueError(f"the run has {samples} samples between {low:.3g} and {high:.3g} rev/s; at least 16 are needed")
     top_rps, resonant_rps = float(np.max(np.abs(motor_speed_rps(recording, axis))[inside])), scale.f_al_hz / order
     if top_rps < resonant_rps:
         raise ValueError(
-            f"the ramp is at {top_rps:.2f} rps when it brakes; order {order} meets f_al = {scale.f_al_hz:.2f} Hz at "
-            f"{resonant_rps:.2f} rps: raise end_rps of constant_acceleration"
+            f"the ramp is at {top_rps:.2f} rev/s when it brakes; order {order} meets f_al = {scale.f_al_hz:.2f} Hz at "
+            f"{resonant_rps:.2f} rev/s: raise end_rps of constant_acceleration"
         )
     acceleration, period = recording.columns["tip_z_m_s2"], recording.period_s
     displacement = tip_displacement_mm(acceleration, period, scale)

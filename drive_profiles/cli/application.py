@@ -11,6 +11,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from drive_profiles.cli.completion import bash_words
+
 _WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
 _EXAMPLES = re.compile(r"^Examples?:[ \t]*", re.MULTILINE)
 _UNCUT = 10_000
@@ -126,7 +128,8 @@ class Tool(typer.Typer):
     def run(self, arguments: Sequence[str] | None = None) -> None:
         """Run the tool with the arguments of the process, or with these; never returns."""
         try:
-            self(None if arguments is None else [*arguments])
+            with bash_words():
+                self(None if arguments is None else [*arguments])
         except BrokenPipeError:
             os._exit(141)  # the reader of the output has gone; there is nothing to tell it
 

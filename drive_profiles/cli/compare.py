@@ -86,7 +86,7 @@ def _between_files(left: Path, right: Path, profile: str | None, eds: Path | Non
                 raise
             catalogues.append(Catalogue())  # a set of a profile that is not here; it can be compared as it stands
     known = max(catalogues, key=lambda each: (each.profile is not None, len(each)))
-    first, second = (formats.read(path, known, node) for path in (left, right))
+    first, second = (formats.read(path, known, node, flagged=True) for path in (left, right))
 
     def scaling_of(entry: CatalogueEntry) -> Scaling | None:
         return first.header.scaling_of(entry) or second.header.scaling_of(entry)

@@ -90,11 +90,11 @@ WRITE_EPILOG = epilog((*_READING, ExitStatus.UNKNOWN, ExitStatus.INTERRUPTED))
 def exit_on_error() -> Iterator[None]:
     """Turn the package's errors into their message and exit status; never a traceback for what the user can mend."""
     from drive_profiles.address import AddressError  # noqa: PLC0415
-    from drive_profiles.errors import DriveProfileError, ProfileNotFoundError  # noqa: PLC0415
+    from drive_profiles.errors import DriveProfileError, ProfileNotFoundError, UnknownProductError  # noqa: PLC0415
 
     try:
         yield
-    except (AddressError, ProfileNotFoundError) as error:
+    except (AddressError, ProfileNotFoundError, UnknownProductError) as error:
         raise fail(str(error), ExitStatus.USAGE) from None
     except DriveProfileError as error:
         raise fail(str(error), error.exit_code) from None

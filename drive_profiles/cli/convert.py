@@ -58,8 +58,12 @@ def convert(
             parameter_set.save(out, force=force)
         else:
             scaling = _scaling(parameter_set, catalogue)
-            writes = parameter_set.writes(catalogue, scaling)
-            formats.write(out, writes, eds, node_id=node_id or header.node_id, force=force, header=header)
+            has_flags = out.suffix.lower() not in formats.CONCISE  # a DCF says itself what is kept out of downloads
+            for key in () if has_flags else parameter_set.kept_out(catalogue):
+                typer.echo(f"left out: {key} is kept out of downloads by the EDS (ObjFlags)", err=True)
+            writes = parameter_set.writes(catalogue, scaling, flagged=has_flags)
+            for each in formats.write(out, writes, eds, node_id=node_id or header.node_id, force=force, header=header):
+                typer.echo(f"{each.entry}: cannot stand in a DCF; kept in a comment, which other tools pass over", err=True)
         count = sum(1 for _ in parameter_set.items())
     typer.echo(f"{count} values in {out}")
 

@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from drive_profiles.address import BUS_VARIABLE, AddressError, choose_bus
+from drive_profiles.cli.completion import complete_list, complete_nodes, complete_profiles
 from drive_profiles.cli.console import ExitStatus, fail
 
 
@@ -32,7 +32,12 @@ def take_bus(context: typer.Context, value: str | None) -> str | None:
 
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document instead of text.")]
 ProfileName = Annotated[
-    str, typer.Argument(metavar="NAME", help="A name from `drive-profiles list`, or the path of a profile file.")
+    str,
+    typer.Argument(
+        metavar="NAME",
+        help="A name from `drive-profiles list`, or a profile's file; /PRODUCT behind it for one product.",
+        autocompletion=complete_profiles,
+    ),
 ]
 BusOption = Annotated[
     str,
@@ -44,35 +49,36 @@ BusOption = Annotated[
     ),
 ]
 OptionalBusOption = Annotated[str | None, typer.Option("--bus", help="As everywhere.", envvar=BUS_VARIABLE)]
-NodeOption = Annotated[int, typer.Option("--node", min=1, max=127, help="Node-ID.")]
-OptionalNodeOption = Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID.")]
-ProfileOption = Annotated[str | None, typer.Option("--profile", help="A name or a file; else the one that matches the identity.")]
+NodeOption = Annotated[int, typer.Option("--node", min=1, max=127, help="Node-ID.", autocompletion=complete_nodes)]
+OptionalNodeOption = Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID.", autocompletion=complete_nodes)]
+ProfileOption = Annotated[
+    str | None,
+    typer.Option(
+        "--profile",
+        help="A name or a file, /PRODUCT behind it or not; else what matches the identity.",
+        autocompletion=complete_profiles,
+    ),
+]
 EdsOption = Annotated[Path | None, typer.Option("--eds", help="The device's own EDS: more objects, and their limits.")]
 TimeoutOption = Annotated[float, typer.Option("--timeout-s", min=0.01, max=60.0, help="How long an answer may take.")]
-ClassesOption = Annotated[str, typer.Option("--classes", help="Comma-separated: tuning, limits, communication, commissioning.")]
 ALL = "tuning,limits,communication,commissioning"
+ClassesOption = Annotated[
+    str,
+    typer.Option(
+        "--classes",
+        help="Comma-separated: tuning, limits, communication, commissioning.",
+        autocompletion=complete_list(lambda: ALL.split(",")),
+    ),
+]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writing.")]
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show what would be written, and write nothing.")]
-JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for the snapshots and journals.")]
+JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for snapshots and journals; made where you are.")]
 UnverifiedOption = Annotated[bool, typer.Option("--allow-unverified", help="Write also by facts that nobody has verified.")]
 StoreOption = Annotated[bool, typer.Option("--store", help="Let the drive keep the values over a loss of power.")]
 RollBackOption = Annotated[
     bool, typer.Option("--rollback-on-error/--no-rollback-on-error", help="Put everything back when something fails.")
 ]
 JOURNALS = Path("drive-journals")
-
-
-def complete_objects(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """Names of parameters for the shell: of the profile that is given, else of all."""
-    from drive_profiles.errors import DriveProfileError
-    from drive_profiles.family.profile import Profile, available
-
-    chosen = ctx.params.get("profile")
-    try:
-        names = {name for each in ([chosen] if chosen else available()) for name in Profile.load(each).parameters}
-    except DriveProfileError:
-        return []
-    return sorted(name for name in names if incomplete in name)
 
 
 def class_names(text: str) -> tuple[str, ...]:

@@ -43,6 +43,7 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
                     "title": p.title,
                     "kind": p.kind,
                     **p.identity.model_dump(),
+                    "products": [_product(member) for member in p.members] if p.products else [],
                     "capabilities": None if p.capabilities is None else p.capabilities.model_dump(),
                 }
                 for p in profiles
@@ -82,6 +83,10 @@ def show(
             (_CAPABILITIES.get(name, name.replace("_", " ")), entry.answer, entry.reason) for name, entry in profile.capabilities
         ]
         table("capabilities", ("what", "answer", "reason"), rows)
+    if profile.products:
+        members = [_product(member) for member in profile.members]
+        title = f"products: drive-profiles show {profile.name}/PRODUCT"
+        table(title, tuple(members[0]), [tuple(member.values()) for member in members])
     if profile.quirks:
         table("good to know", ("",), [(text,) for text in profile.quirks])
     table(
@@ -104,6 +109,20 @@ def show(
     )
 
 
+def _product(member: Profile) -> dict[str, str]:
+    identity = member.identity
+    type_ = "not known" if identity.device_type is None else f"0x{identity.device_type:08X}"
+    return {
+        "product": identity.product,
+        "title": member.title,
+        "product code": "not known" if identity.product_code is None else f"0x{identity.product_code:08X}",
+        "firmware": identity.range_in_words or "any",
+        "device type": type_,
+        "parameters": str(len(member.parameters)),
+        "evidence": identity.evidence,
+    }
+
+
 _CAPABILITIES = {"p_pi_inside": "P-PI inside", "host_closed": "host-closed"}
 
 
@@ -116,9 +135,10 @@ def _step(entry: Parameter) -> str:
 
 def _facts(profile: Profile) -> list[tuple[str, ...]]:
     identity, sync, store = profile.identity, profile.sync, profile.store
-    products = ", ".join(f"0x{code:08X}" for code in identity.product_codes) or "not known"
+    codes = [member.identity.product_code for member in profile.members]
+    products = ", ".join("not known" if code is None else f"0x{code:08X}" for code in codes)
     facts: list[tuple[str, ...]] = [
-        ("name", profile.name, ""),
+        ("name", profile.label, ""),
         ("title", profile.title, ""),
         ("kind", profile.kind, ""),
         (

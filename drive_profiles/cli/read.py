@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.completion import complete_objects
 from drive_profiles.cli.console import READ_EPILOG, ExitStatus, exit_on_error, fail, print_json, progress, table
 from drive_profiles.cli.options import (
     ALL,
@@ -23,7 +24,6 @@ from drive_profiles.cli.options import (
     ProfileOption,
     TimeoutOption,
     class_names,
-    complete_objects,
 )
 from drive_profiles.standard import shown
 

@@ -142,7 +142,7 @@ def gains(
     if profile.loop is not None and profile.loop.structure == "PID":
         pid = pid_gains(position_gain, velocity_gain, velocity_integral_gain)
     if as_json:
-        facts = {"profile": profile.name, "values": values, "pid": dataclasses.asdict(pid) if pid else None}
+        facts = {"profile": profile.label, "values": values, "pid": dataclasses.asdict(pid) if pid else None}
         print_json(facts)
         return
     rows = [(n, profile.parameter(n).written_address, f"{v:.9g}", profile.parameter(n).unit) for n, v in values.items()]
@@ -159,7 +159,7 @@ def _save(profile: Profile, values: Mapping[str, float], out: Path | None, fact:
     from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet
 
     identity = profile.identity
-    header = Header(profile=profile.name, vendor_id=identity.vendor_id, product_code=None, unverified=_why_unverified(fact))
+    header = Header(profile=profile.label, vendor_id=identity.vendor_id, product_code=None, unverified=_why_unverified(fact))
     items = {name: Item(value=value, unit=profile.parameter(name).unit) for name, value in values.items()}
     with exit_on_error():
         ParameterSet(header=header, tuning=items).save(out)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.completion import complete_nodes
 from drive_profiles.cli.console import WRITE_EPILOG, ExitStatus, Interrupts, confirm, exit_on_error, fail, print_json
 from drive_profiles.cli.options import (
     JOURNALS,
@@ -62,7 +63,10 @@ def store(
 
 def restore(
     bus: BusOption,
-    node: Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID; a snapshot names its own.")] = None,
+    node: Annotated[
+        int | None,
+        typer.Option("--node", min=1, max=127, help="Node-ID; a snapshot names its own.", autocompletion=complete_nodes),
+    ] = None,
     *,
     snapshot: Annotated[
         Path | None, typer.Option("--snapshot", help="Write back what this journal's drive held before; of a folder the newest.")
@@ -121,7 +125,9 @@ def _snapshot(request: TransactionRequest, path: Path, node: int | None) -> None
         raise fail(f"{path} is of node {before.node}, not of node {node}", ExitStatus.USAGE)
     typer.echo(f"{path}: {statement}", err=True)
     profile = request.profile or before.profile or None
-    wanted = as_set(before, catalogue_of(profile, request.eds, before.node))
+    code, revision = before.identity.get("product_code"), before.identity.get("revision")
+    catalogue = catalogue_of(profile, request.eds, before.node, product_code=code, revision=revision)
+    wanted = as_set(before, catalogue)
     options = request.options
     if not before.identity.get("serial_number"):  # 0 is what a device says that has none
         typer.echo(f"node {before.node} had no serial number: see to it that it is the same device, not its twin", err=True)

@@ -31,7 +31,7 @@ def set_for_drive(
 
     header = formats.header_of(path)
     device = device_at(bus, node, profile or header.profile or None, _own_eds(path, eds))
-    wanted = formats.read(path, device.catalogue, node)
+    wanted = formats.read(path, device.catalogue, node, flagged=True)
     if not formats.is_toml(path):
         for line in wanted.header.not_read:
             typer.echo(f"node {node}: not taken: {line}", err=True)
@@ -51,7 +51,9 @@ def catalogue_for(path: Path, profile: str | None = None, eds: Path | None = Non
 
     header = formats.header_of(path)
     name = profile or header.profile or _matching(header)
-    return catalogue_of(name, _own_eds(path, eds), node_id or header.node_id)
+    return catalogue_of(
+        name, _own_eds(path, eds), node_id or header.node_id, product_code=header.product_code, revision=header.revision
+    )
 
 
 def _own_eds(path: Path, eds: Path | None) -> Path | None:

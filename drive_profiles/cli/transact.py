@@ -161,7 +161,7 @@ def report(outcomes: Sequence[UploadResult], request: TransactionRequest) -> Non
         if not request.as_json or outcome.kind != "done":
             typer.echo(str(outcome), err=outcome.kind != "done")
         if outcome.journal is not None and not request.as_json:
-            typer.echo(f"node {outcome.node}: what it held before is in {outcome.journal}", err=True)
+            typer.echo(f"node {outcome.node}: what it held before is in {outcome.journal.absolute()}", err=True)
         if hint := _hint(outcome, request):
             typer.echo(f"node {outcome.node}: once it answers: {hint}", err=True)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from drive_profiles.cli.completion import complete_nodes, complete_values
 from drive_profiles.cli.console import WRITE_EPILOG, ExitStatus, exit_on_error, fail
 from drive_profiles.cli.options import (
     ALL,
@@ -28,7 +29,6 @@ from drive_profiles.cli.options import (
     UnverifiedOption,
     YesOption,
     class_names,
-    complete_objects,
 )
 from drive_profiles.cli.transact import TransactionRequest, transact
 
@@ -43,12 +43,25 @@ def mount(app: typer.Typer) -> None:
     app.command("upload", epilog=WRITE_EPILOG)(upload)
 
 
+ForceCommissioningOption = Annotated[
+    bool, typer.Option("--force-commissioning", help="Write one device's commissioning values to another.")
+]
+OtherDeviceOption = Annotated[
+    bool, typer.Option("--other-device", help="Write a set that was pulled from another device; --yes does not cover that.")
+]
+
+
 def upload(
     sets: Annotated[
         list[Path], typer.Argument(metavar="SET", help="One parameter set (or DCF, concise DCF) for all nodes, or one each.")
     ],
     bus: BusOption,
-    node: Annotated[list[int], typer.Option("--node", min=1, max=127, help="Node-ID; again for several drives: all or none.")],
+    node: Annotated[
+        list[int],
+        typer.Option(
+            "--node", min=1, max=127, help="Node-ID; again for several drives: all or none.", autocompletion=complete_nodes
+        ),
+    ],
     *,
     dry_run: DryRunOption = False,
     yes: YesOption = False,
@@ -57,12 +70,8 @@ def upload(
     rollback_on_error: RollBackOption = True,
     classes: ClassesOption = ALL,
     allow_unverified: UnverifiedOption = False,
-    force_commissioning: Annotated[
-        bool, typer.Option("--force-commissioning", help="Write one device's commissioning values to another.")
-    ] = False,
-    other_device: Annotated[
-        bool, typer.Option("--other-device", help="Write a set that was pulled from another device; --yes does not cover that.")
-    ] = False,
+    force_commissioning: ForceCommissioningOption = False,
+    other_device: OtherDeviceOption = False,
     journals: JournalsOption = JOURNALS,
     profile: ProfileOption = None,
     eds: EdsOption = None,
@@ -105,7 +114,7 @@ def upload(
 def set_(
     values: Annotated[
         list[str],
-        typer.Argument(metavar="OBJECT=VALUE", help="Values in the parameters' units.", autocompletion=complete_objects),
+        typer.Argument(metavar="OBJECT=VALUE", help="Values in the parameters' units.", autocompletion=complete_values),
     ],
     bus: BusOption,
     node: NodeOption,
@@ -142,6 +151,9 @@ def set_(
         with SdoBus(bus, timeout_s) as opened:
             device = device_at(opened, node, profile, eds)
         wanted = _as_set([_pair(text) for text in values], device.catalogue, kind)
+        if kept_out := wanted.kept_out(device.catalogue):
+            named = ", ".join(kept_out)
+            raise fail(f"{named}: kept out of downloads by the EDS (ObjFlags); without --eds it is written", ExitStatus.FILE)
         transact(TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json), [(node, wanted)])
 
 

@@ -350,7 +350,7 @@ class Device:
     def _header(self, identity: DeviceIdentity, not_read: tuple[str, ...]) -> Header:
         now = datetime.datetime.now(datetime.UTC)
         return Header(
-            profile=self.profile.name if self.profile else "",
+            profile=self.profile.label if self.profile else "",
             node_id=self.node,
             title=identity.name,
             vendor_id=identity.vendor_id,

@@ -8,51 +8,81 @@ from pathlib import Path
 from drive_profiles import eds
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.device.device import Device, DeviceIdentity, identity_at
-from drive_profiles.errors import NodeError
+from drive_profiles.errors import NodeError, UnknownProductError
 from drive_profiles.family.catalogue import Catalogue
-from drive_profiles.family.profile import Identity, Profile, available
+from drive_profiles.family.profile import Profile, available
 
 
 def matching(identity: DeviceIdentity) -> list[str]:
-    """Names of the profiles that fit a device by vendor and product; by vendor alone where the profile knows no product."""
-    exact, vendor = [], []
+    """Labels of the profiles that fit a device by vendor, product and revision; by vendor alone where no code is known."""
+    exact: list[str] = []
+    vendor: list[str] = []
     for name in available():
-        known = _identity(name)
-        if known.vendor_id != identity.vendor_id:
+        known = _profile(name)
+        if known.identity.vendor_id != identity.vendor_id:
             continue
-        if identity.product_code in known.product_codes:
-            exact.append(name)
-        elif not known.product_codes:
-            vendor.append(name)
+        for each in known.candidates(identity.product_code, identity.revision):
+            (vendor if each.identity.product_code is None else exact).append(each.label)
     return exact or vendor
 
 
 @cache
-def _identity(name: str) -> Identity:
-    """Identity in a profile of the package, which is read once: a scan compares all of them with every node."""
-    return Profile.load(name).identity
+def _profile(name: str) -> Profile:
+    """A profile of the package, which is read once: a scan compares all of them with every node."""
+    return Profile.load(name)
 
 
-def catalogue_of(profile: str | None, eds_file: Path | None, node: int | None = None) -> Catalogue:
+def catalogue_of(
+    profile: str | None,
+    eds_file: Path | None,
+    node: int | None = None,
+    *,
+    product_code: int | None = None,
+    revision: int | None = None,
+) -> Catalogue:
     """Catalogue of a device's objects, from the profile and the EDS that the user names.
+
+    Of a family with several products it is that of the device's, by the numbers given, else by those of the EDS; of the first
+    one where neither says.
 
     Args:
         profile: Name or path of a drive profile, or None.
         eds_file: An EDS, DCF or XDD file, or None.
         node: Node-ID for ``$NODEID`` in the file.
+        product_code: 1018h:2 of the device, where it is known.
+        revision: 1018h:3 of the device, where it is known.
 
     Raises:
         ProfileNotFoundError: There is no such profile.
         FileError: A file has errors.
     """
     description = None if eds_file is None else eds.load(eds_file, node_id=node)
-    return Catalogue(None if profile is None else Profile.load(profile), description)
+    if profile is None:
+        return Catalogue(None, description)
+    known = Profile.load(profile)
+    if product_code is None and description is not None:
+        product_code, revision = description.product_code, description.revision
+    return Catalogue(_of_product(known, product_code, revision), description)
+
+
+def _of_product(known: Profile, product_code: int | None, revision: int | None) -> Profile:
+    """The profile of the product, of a family that has several; the family's own where it names none such.
+
+    What is not named can be read by the facts of the first product; an upload refuses it, see `upload.checks`.
+    """
+    if not known.products or product_code is None:
+        return known
+    try:
+        return known.product(product_code, revision)
+    except UnknownProductError:
+        return known
 
 
 def device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path | None = None) -> Device:
     """Open the device at a node.
 
-    Without a profile, the one that matches the device's identity is taken; where none matches, the EDS alone.
+    Without a profile, the one that matches the device's identity is taken; where none matches, the EDS alone. Of a family with
+    several products it is the profile of the device's.
 
     Args:
         bus: The bus.
@@ -66,13 +96,31 @@ def device_at(bus: SdoBus, node: int, profile: str | None = None, eds_file: Path
         FileError: A file has errors.
     """
     port = bus.port(node)
-    if profile is None:
-        identity = identity_at(port)
-        names = matching(identity)
-        if len(names) > 1:
-            raise NodeError(node, f"may be any of {', '.join(names)}", "choose with --profile")
-        profile = names[0] if names else None
-        if profile is None and eds_file is None:
-            who = f"vendor 0x{identity.vendor_id or 0:08X}, product 0x{identity.product_code or 0:08X}"
-            raise NodeError(node, f"no profile is of this device ({who})", "give --profile, or its EDS with --eds")
-    return Device(port, catalogue_of(profile, eds_file, node), bus.nmt)
+    if profile is not None:
+        description = None if eds_file is None else eds.load(eds_file, node_id=node)
+        known = Profile.load(profile)
+        if known.products:
+            identity = identity_at(port)
+            known = _of_product(known, identity.product_code, identity.revision)
+        return Device(port, Catalogue(known, description), bus.nmt)
+    identity = identity_at(port)
+    names = matching(identity)
+    if len(names) > 1:
+        raise NodeError(node, f"may be any of {', '.join(names)}", "choose with --profile")
+    if not names and eds_file is None:
+        raise NodeError(node, f"no profile is of this device ({_who(identity)})", _remedy(identity))
+    return Device(port, catalogue_of(names[0] if names else None, eds_file, node), bus.nmt)
+
+
+def _who(identity: DeviceIdentity) -> str:
+    revision = "" if identity.revision is None else f", revision 0x{identity.revision:08X}"
+    return f"vendor 0x{identity.vendor_id or 0:08X}, product 0x{identity.product_code or 0:08X}{revision}"
+
+
+def _remedy(identity: DeviceIdentity) -> str:
+    """Advice for a device that no profile names: a family of its vendor may be much alike."""
+    near = [each for each in map(_profile, available()) if each.identity.vendor_id == identity.vendor_id]
+    if not near:
+        return "give --profile, or its EDS with --eds"
+    named = "; ".join(f"{each.name} names {' or '.join(each.products_in_words)}" for each in near)
+    return f"of its vendor {named}: give --profile to read it by one of these, or its EDS with --eds"

@@ -12,7 +12,7 @@ from typing import Any
 import canopen
 
 from drive_profiles.eds import Description
-from drive_profiles.errors import AmbiguousNameError, OutOfRangeError, RefusedError, UnknownObjectError
+from drive_profiles.errors import AmbiguousNameError, OutOfRangeError, RefusedError, UnknownObjectError, beyond
 from drive_profiles.family.parameter import Parameter, ParameterClass
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard import shown, units
@@ -112,7 +112,7 @@ class CatalogueEntry:
         if isinstance(raw, int | float) and not isinstance(raw, bool):
             low, high = self._limits_on_the_wire()
             if not low <= raw <= high:
-                reason = f"{raw:.10g} on the wire is outside {low:.10g} to {high:.10g}, the limits of the EDS"
+                reason = f"{raw:.10g} on the wire {beyond(low, high)}, the limits of the EDS"
                 raise OutOfRangeError(str(self), value, self.unit, reason)
         return data
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 import pydantic
 
-from drive_profiles.errors import DriveProfileError, OutOfRangeError
+from drive_profiles.errors import DriveProfileError, OutOfRangeError, beyond
 from drive_profiles.files.toml import Table
 from drive_profiles.standard import units
 from drive_profiles.standard.cia301 import DataType, Value, decode, encode
@@ -180,7 +180,9 @@ class Parameter(Fact):
             limit if math.isinf(limit) else self._as_read_back(limit, per_step, pick) for limit, pick in ((low, min), (high, max))
         )
         if not low <= value <= high or not -sys.float_info.max <= value <= sys.float_info.max:
-            raise OutOfRangeError(self.written_address, value, self.unit, f"is outside {low:g} to {high:g}")
+            unlimited = math.isinf(low) and math.isinf(high)
+            reason = f"is outside what {self.data_type} holds" if unlimited else beyond(low, high)
+            raise OutOfRangeError(self.written_address, value, self.unit, reason)
         if real:
             held = value / per_step
             if self.data_type == "REAL32":

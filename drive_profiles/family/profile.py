@@ -8,11 +8,11 @@ from __future__ import annotations
 import difflib
 import re
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Any, Literal, Self
 
 import pydantic
 
-from drive_profiles.errors import ProfileNotFoundError, UnknownParameterError
+from drive_profiles.errors import ProfileNotFoundError, UnknownParameterError, UnknownProductError
 from drive_profiles.family.capability import (
     Abort,
     Capabilities,
@@ -23,7 +23,9 @@ from drive_profiles.family.capability import (
     TorqueFacts,
     gain_unit,
 )
-from drive_profiles.family.parameter import Fact, Parameter, ParameterClass
+from drive_profiles.family.identity import PRODUCT_NAME, Identity, Modes, SyncLimits
+from drive_profiles.family.parameter import Parameter, ParameterClass
+from drive_profiles.family.product import Product, in_words
 from drive_profiles.files import toml as files
 from drive_profiles.files.toml import UNIT_NAMES, Table, split_unit
 from drive_profiles.standard.cia402 import Mode
@@ -31,53 +33,7 @@ from drive_profiles.standard.object_address import ObjectAddress
 
 VENDORS = Path(__file__).parents[1] / "vendors"
 _NAME = re.compile(r"[a-z0-9_-]+")
-
-Unsigned32 = Annotated[int, pydantic.Field(ge=0, le=0xFFFF_FFFF)]
-
-
-class Identity(Fact):
-    """Identity of a family (1018h), which an upload compares before it writes anything.
-
-    Attributes:
-        vendor_id: Vendor-ID, 1018h:1.
-        product_code: 1018h:2 of the family's main product; None where it is not known, and every product counts as unverified.
-        other_products: Product codes of further members of the family, by name.
-        revision: 1018h:3 for which the facts hold, where it is known; others are accepted.
-        device_type: Device type, 1000h, where it is known.
-    """
-
-    vendor_id: Annotated[int, pydantic.Field(ge=1, le=0xFFFF_FFFF)]  # 0 is no vendor (CiA 301, 1018h)
-    product_code: Unsigned32 | None = None
-    other_products: dict[str, Unsigned32] = pydantic.Field(default_factory=dict)
-    revision: Unsigned32 | None = None
-    device_type: Unsigned32 | None = None
-
-    @property
-    def product_codes(self) -> tuple[int, ...]:
-        """All product codes of the family; empty where none is known."""
-        main = () if self.product_code is None else (self.product_code,)
-        return (*main, *self.other_products.values())
-
-
-class SyncLimits(Fact):
-    """The SYNC periods that the device follows; None where that is not known."""
-
-    min_period_s: float | None = pydantic.Field(default=None, gt=0)
-    max_period_s: float | None = pydantic.Field(default=None, gt=0)
-    note: str = ""
-
-    @pydantic.model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.min_period_s is not None and self.max_period_s is not None and self.min_period_s > self.max_period_s:
-            raise ValueError(f"min_period_s {self.min_period_s} is above max_period_s {self.max_period_s}")
-        return self
-
-
-class Modes(Fact):
-    """The CiA 402 modes that the drive has."""
-
-    names: tuple[Literal["PP", "PV", "TQ", "HM", "IP", "CSP", "CSV", "CST"], ...]
-    note: str = ""
+_OF_A_PRODUCT = re.compile(rf"(?P<family>[a-z0-9_-]+|.+\.toml)/(?P<product>{PRODUCT_NAME})", re.IGNORECASE)
 
 
 class Profile(Table):
@@ -99,6 +55,7 @@ class Profile(Table):
         aborts: Vendor-specific abort codes.
         quirks: Peculiarities that a user of this family must know, one sentence each.
         parameters: Parameters by name. A name is that of the robot file, with its unit, where the meaning is the same.
+        products: The further products, ``[[product]]`` in the file; all other tables are those of the first one.
     """
 
     name: str = pydantic.Field(pattern=r"^[a-z0-9_-]+$")
@@ -116,6 +73,7 @@ class Profile(Table):
     aborts: tuple[Abort, ...] = ()
     quirks: tuple[str, ...] = ()
     parameters: dict[str, Parameter]
+    products: tuple[Product, ...] = pydantic.Field(default=(), alias="product")
 
     @pydantic.field_validator("parameters")
     @classmethod
@@ -146,6 +104,24 @@ class Profile(Table):
             raise ValueError("capabilities.notch_inside says yes, but there is no notch table")
         return self
 
+    @pydantic.model_validator(mode="after")
+    def _distinct(self) -> Self:
+        """Refuse products that a name, or an identity, does not tell apart, and those that do not come out whole."""
+        if self.products and not self.identity.product:
+            raise ValueError("identity.product is missing: a family of several products names the first one, too")
+        names = [self.identity.product, *(product.name for product in self.products)]
+        for number, product in enumerate(self.products):
+            if product.name in names[: number + 1]:
+                raise ValueError(f"product {product.name} is there twice")
+            for other in self.products[:number]:
+                if product.product_code is not None and product.overlaps(other):
+                    raise ValueError(f"{other.name} and {product.name} have one product code and firmware in common")
+            try:
+                self._as(product)
+            except ValueError as error:
+                raise ValueError(f"product {product.name}: {error}") from None
+        return self
+
     def unit_of(self, name: str) -> str:
         """Unit of a parameter's value: its own, or what the loop's facts make of a gain that has none."""
         parameter = self.parameters.get(name)
@@ -155,22 +131,125 @@ class Profile(Table):
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Self:
-        """Read a profile of the package by its name, or of any file by its path.
+        """Read a profile of the package by its name, or of any file by its path; of one product with ``/product`` behind it.
 
         A bare name is looked up in the package only, never in the working directory.
 
         Args:
-            name_or_path: A name of ``[a-z0-9_-]+``; other text, and any `Path`, is a path.
+            name_or_path: ``family``, ``family/product``, ``file.toml`` or ``file.toml/product``; any `Path` is a file.
 
         Raises:
             ProfileNotFoundError: The package has no such profile.
+            UnknownProductError: The profile names no such product.
             FileError: The file has errors; all of them are listed.
         """
-        if isinstance(name_or_path, str) and is_profile_name(name_or_path):
-            if name_or_path not in available():
-                raise ProfileNotFoundError(name_or_path, tuple(available()))
-            return files.load(VENDORS / f"{name_or_path}.toml", cls)
-        return files.load(name_or_path, cls)
+        family, product = _split(name_or_path)
+        if isinstance(family, str) and _NAME.fullmatch(family):
+            if family not in available():
+                raise ProfileNotFoundError(family, tuple(available()))
+            profile = files.load(VENDORS / f"{family}.toml", cls)
+        else:
+            profile = files.load(family, cls)
+        return profile.product_named(product) if product else profile
+
+    @property
+    def label(self) -> str:
+        """Name of the profile as a user writes it: ``family``, or ``family/product`` for one of several products."""
+        return f"{self.name}/{self.identity.product}" if self.identity.product and not self.products else self.name
+
+    @property
+    def members(self) -> tuple[Self, ...]:
+        """The profile of each product, the first one's first; of a family that has one product, the profile itself."""
+        first = self.model_copy(update={"products": ()}) if self.products else self
+        return (first, *map(self._as, self.products))
+
+    def candidates(self, product_code: int | None, revision: int | None = None) -> tuple[Self, ...]:
+        """The products that a device may be, as profiles.
+
+        Products are told apart by product code and revision. Where no product is of that code, it may be each of those whose
+        code nobody knows.
+
+        Args:
+            product_code: 1018h:2 of the device; None where it states none.
+            revision: 1018h:3 of the device; None where it states none.
+        """
+        first, *others = self.members
+        coded = [each for each in (*others, first) if product_code is not None and each.identity.product_code == product_code]
+        if coded:  # the first product comes last: it is for the firmware that no other names
+            return tuple(each for each in coded if each.identity.covers(revision))[:1]
+        return tuple(each for each in (first, *others) if each.identity.product_code is None)
+
+    def product(self, product_code: int | None, revision: int | None = None) -> Self:
+        """The profile of the product that a device is; of several whose code nobody knows, the first.
+
+        Args:
+            product_code: 1018h:2 of the device; None where it states none.
+            revision: 1018h:3 of the device; None where it states none.
+
+        Raises:
+            UnknownProductError: The profile names no product, or no firmware, of this identity.
+        """
+        found = self.candidates(product_code, revision)
+        if not found:
+            raise UnknownProductError(self.label, product_code, revision, tuple(self.products_in_words))
+        return found[0]
+
+    def product_named(self, name: str) -> Self:
+        """The profile of the product of a name.
+
+        Raises:
+            UnknownProductError: The profile names no such product.
+        """
+        wanted = name.casefold()
+        for member in self.members:
+            if member.identity.product and member.identity.product == wanted:
+                return member
+        raise UnknownProductError(self.name, name, None, tuple(self.products_in_words))
+
+    @property
+    def products_in_words(self) -> list[str]:
+        """The products by code and name, as messages show them."""
+        shown = []
+        for identity in (member.identity for member in self.members):
+            code = "any product" if identity.product_code is None else f"0x{identity.product_code:X}"
+            details = ", ".join(filter(None, (identity.product if self.products else "", identity.range_in_words)))
+            shown.append(f"{code} ({details})" if details else code)
+        return shown
+
+    def _as(self, product: Product) -> Self:
+        """The profile of a further product.
+
+        Raises:
+            ValueError: It does not come out whole.
+        """
+        identity = self.identity
+        stated: dict[str, Any] = {name: getattr(self, name) for name in type(self).model_fields}
+        stated |= product.facts
+        stated |= {
+            "title": product.title,
+            "identity": Identity(
+                vendor_id=identity.vendor_id,
+                product=product.name,
+                product_code=product.product_code,
+                min_revision=product.min_revision,
+                max_revision=product.max_revision,
+                revision=product.revision,
+                device_type=identity.device_type if product.device_type is None else product.device_type,
+                source=product.source,
+                evidence=product.evidence,
+            ),
+            "quirks": (*self.quirks, *product.quirks),
+            "parameters": product.parameters_of(self.parameters),
+        }
+        if self.capabilities is not None:
+            stated["capabilities"] = self.capabilities.model_copy(
+                update={str(name): answer for name, answer in product.capabilities.items()}
+            )
+        del stated["products"]
+        try:
+            return type(self).model_validate(stated)
+        except pydantic.ValidationError as error:
+            raise ValueError(in_words(error)) from None
 
     @property
     def supported_modes(self) -> tuple[Mode, ...]:
@@ -194,11 +273,22 @@ class Profile(Table):
         return {name: entry for name, entry in self.parameters.items() if entry.parameter_class == parameter_class}
 
 
-def is_profile_name(text: str) -> bool:
-    """True where a text is taken for the name of a profile in the package, and not for a path."""
-    return _NAME.fullmatch(text) is not None
-
-
 def available() -> list[str]:
     """Names of the profiles in the package."""
     return sorted(path.stem for path in VENDORS.glob("*.toml") if _NAME.fullmatch(path.stem))
+
+
+def is_name(text: str) -> bool:
+    """True for ``family`` and for ``family/product`` of the package; all else that names a profile is a path."""
+    family, _ = _split(text)
+    return isinstance(family, str) and _NAME.fullmatch(family) is not None
+
+
+def _split(text: str | Path) -> tuple[str | Path, str]:
+    """Family or file, and product; no product where the text names none."""
+    match = _OF_A_PRODUCT.fullmatch(text) if isinstance(text, str) else None
+    if match is None or match["product"].lower().endswith(".toml"):
+        return text, ""
+    family = match["family"]
+    is_file = family.lower().endswith(".toml")
+    return (family, match["product"]) if is_file or family in available() else (text, "")

@@ -41,7 +41,8 @@ def read_file(path: Path, expected: str, *, max_bytes: int) -> bytes:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise FileError(path, (Problem(0, "", f"cannot be read ({reason})", expected),)) from error
     if len(data) > max_bytes:
-        raise FileError(path, (Problem(0, "", f"is larger than {max_bytes >> 20} MiB", expected),))
+        most = f"{max_bytes >> 20} MiB" if max_bytes >> 20 else f"{max_bytes} bytes"
+        raise FileError(path, (Problem(0, "", f"is larger than {most}", expected),))
     return data
 
 

@@ -1,7 +1,8 @@
 """Parameter sets in the formats of other tools: DCF (CiA 306) and concise DCF (CiA 302-3, 1F22h).
 
 A DCF has keys for node-ID, bit rate and serial number. What else the header of a set says stands in comments of its commissioning
-section, which other tools pass over: ``; drive-profiles: counts_per_rev = 65536``.
+section, which other tools pass over: ``; drive-profiles: counts_per_rev = 65536``. So do values that cannot stand on a line, such
+as an empty text, with their bytes: ``; drive-profiles: 2FF0:0 = ()``.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from drive_profiles import eds
+from drive_profiles.eds.values import text_of
 from drive_profiles.errors import RefusedError
 from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.files.reading import read_file
@@ -21,13 +23,14 @@ from drive_profiles.files.toml import loads, toml_value
 from drive_profiles.parameter_set.concise import from_concise, to_concise
 from drive_profiles.parameter_set.parameters import Header, ParameterSet, Write, from_values
 from drive_profiles.standard.cia301 import DataType, Value, decode, type_of_length
-from drive_profiles.standard.object_address import ObjectAddress
+from drive_profiles.standard.object_address import ObjectAddress, address_text, object_address
 
 DEVICE_FILES = frozenset({".eds", ".dcf", ".xdd", ".xdc"})
 CONCISE = frozenset({".cdcf", ".bin"})
 MAX_BYTES = 4 << 20
 _OURS = "drive-profiles:"
 _COMMENT = re.compile(rf"\s*;\s*{_OURS}\s*([a-z_]+)\s*=\s*(.*?)\s*")
+_VALUE = re.compile(rf"\s*;\s*{_OURS}\s*([0-9A-Fa-f]{{4}}:[0-9A-Fa-f]{{1,2}})\s*=\s*\(([0-9A-Fa-f ]*)\)\s*")
 _COMMENT_LINES = re.compile(rb"(?m)^[ \t]*;[ \t]*" + _OURS.encode() + rb"[^\r\n]*(?:\r\n|\r|\n|\Z)")
 _NOT_IN_COMMENTS = {"format", "hash", "not_read", "node_id", "serial_number", "bitrate_bit_s"}
 
@@ -50,7 +53,12 @@ def header_of(path: Path) -> Header:
 
 
 def read(
-    path: Path, catalogue: Catalogue, node_id: int | None = None, facts: Mapping[str, int | float | None] | None = None
+    path: Path,
+    catalogue: Catalogue,
+    node_id: int | None = None,
+    facts: Mapping[str, int | float | None] | None = None,
+    *,
+    flagged: bool = False,
 ) -> ParameterSet:
     """Read a parameter set from a file of any format, by its suffix. Values whose scaling nobody states stay raw.
 
@@ -59,6 +67,8 @@ def read(
         catalogue: The objects of the device; those that only the DCF has are taken from it.
         node_id: Node-ID for ``$NODEID``.
         facts: Facts for the header that the file may not state, such as ``counts_per_rev``.
+        flagged: True: values of a DCF that its ``ObjFlags`` keep out of downloads are taken as well, for a comparison or an
+            upload, which leaves them out itself.
 
     Raises:
         FileError: The file cannot be read.
@@ -66,20 +76,23 @@ def read(
     """
     suffix = path.suffix.lower()
     given = {key: value for key, value in (facts or {}).items() if value is not None}
-    own = {"profile": catalogue.profile.name} if catalogue.profile else {}
+    own = {"profile": catalogue.profile.label} if catalogue.profile else {}
     if suffix in CONCISE:
         values = _typed(from_concise(read_file(path, "a concise DCF", max_bytes=MAX_BYTES)), catalogue)
         header = Header(**own, **given)  # type: ignore[arg-type]  # by its names
-        return _with_header(from_values(catalogue, values, header.scaling_of), header)
+        return _with_header(from_values(catalogue, values, header.scaling_of, undescribed=True), header)
     if suffix not in DEVICE_FILES:
         loaded = ParameterSet.load(path)
         return loaded.model_copy(update={"header": loaded.header.model_copy(update=given)})
     description = eds.load(path, node_id=node_id)
-    if not description.values:
+    hidden = [match for line in description.document.lines if (match := _VALUE.fullmatch(line.rstrip("\r\n")))]
+    if not description.values and not hidden:
         raise RefusedError(f"{path} holds no parameter values; a DCF has ParameterValue entries, an EDS has none")
     known = Catalogue(catalogue.profile, description if catalogue.description is None else catalogue.description)
     header = _header_in(description).model_copy(update={**own, **given})
-    return _with_header(from_values(known, description.values, header.scaling_of), header)
+    bytes_of = {object_address(match[1]): bytes.fromhex(match[2]) for match in hidden}
+    values = {**description.values, **_typed(bytes_of, known)}
+    return _with_header(from_values(known, values, header.scaling_of, flagged=flagged), header)
 
 
 def write(
@@ -90,7 +103,7 @@ def write(
     node_id: int | None = None,
     force: bool = False,
     header: Header | None = None,
-) -> None:
+) -> list[Write]:
     """Write values as a DCF or a concise DCF, by the suffix.
 
     Args:
@@ -101,24 +114,46 @@ def write(
         force: Replace a file that exists.
         header: Header of the set, for the commissioning section of a DCF; a concise DCF has no place for it.
 
+    Returns:
+        Values that stand in comments only, where no other tool finds them.
+
     Raises:
         RefusedError: A DCF lacks its EDS, the suffix is none of the three, or the file exists.
         FileError: A file cannot be read or written.
     """
     if path.suffix.lower() in CONCISE:
         write_atomically(path, to_concise(writes), force=force)
-        return
+        return []
     if path.suffix.lower() != ".dcf":
         raise RefusedError(f"{path} has none of the suffixes .toml, .dcf, .cdcf, .bin")
     if device_file is None:
         raise RefusedError("a DCF is made from the device's EDS; give it with --eds")
-    values = {each.address: decode(each.entry.data_type or DataType.DOMAIN, each.data) for each in writes}
+    hidden = [each for each in writes if not _stands(each)]
+    values = {each.address: _value(each) for each in writes if each not in hidden}
     data = read_file(device_file, "an EDS, DCF or XDD file", max_bytes=MAX_BYTES)
-    if header is not None:
-        data = _COMMENT_LINES.sub(b"", data)  # those of an earlier set
     commissioning, comments = ({}, []) if header is None else _commissioning(header)
+    comments += [f"{_OURS} {address_text(each.address)} = ({each.data.hex(' ')})" for each in hidden]
+    if comments:
+        data = _COMMENT_LINES.sub(b"", data)  # those of an earlier set
     text = eds.loads(data, device_file, node_id=node_id).rewrite(values, commissioning, comments)
     write_atomically(path, text, force=force)
+    return hidden
+
+
+def _value(each: Write) -> Value:
+    return decode(each.entry.data_type or DataType.DOMAIN, each.data)
+
+
+def _stands(each: Write) -> bool:
+    """True where the value can stand on a line of a file: an empty text cannot, nor one with blanks around it."""
+    value = _value(each)
+    if not isinstance(value, str | bytes):
+        return True  # what is wrong with a number is said where it is written
+    try:
+        text_of(value, each.entry.data_type or DataType.DOMAIN)
+    except ValueError:
+        return False
+    return True
 
 
 def _commissioning(header: Header) -> tuple[dict[str, str], list[str]]:
@@ -166,8 +201,8 @@ def _typed(values: Mapping[ObjectAddress, bytes], catalogue: Catalogue) -> dict[
     typed: dict[ObjectAddress, Value] = {}
     for address, data in values.items():
         entry = catalogue.get(address)
-        data_type = (entry.data_type if entry else None) or type_of_length(len(data))
+        data_type = (entry.data_type or type_of_length(len(data))) if entry else DataType.DOMAIN
         if data_type.size not in {None, len(data)}:
-            raise RefusedError(f"{entry} is a {data_type.name} of {data_type.size} bytes, the concise DCF has {len(data)}")
+            raise RefusedError(f"{entry} is a {data_type.name} of {data_type.size} bytes, the file has {len(data)}")
         typed[address] = decode(data_type, data)
     return typed

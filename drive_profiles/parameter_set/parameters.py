@@ -30,7 +30,7 @@ from drive_profiles.family.parameter import ParameterClass
 from drive_profiles.files import toml as files
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.files.toml import Table, toml_value
-from drive_profiles.standard.cia301 import DataType, Value, encode
+from drive_profiles.standard.cia301 import DataType, Value, encode, type_of_length
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 from drive_profiles.standard.units import Scaling
 
@@ -43,7 +43,6 @@ _COMMANDS = frozenset({
     0x6040, 0x6060, 0x6042, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60C1, 0x60FE, 0x60FF,
 })  # fmt: skip
 """Objects that command or move a drive, rewrite its program or its history: never written from a file, never pulled."""
-
 
 _SDO_PARAMETERS = range(0x1200, 0x1300)
 """Identifiers of the SDO channels: changed in the middle of an upload they would end it."""
@@ -229,6 +228,7 @@ class ParameterSet(Table):
         *,
         classes: Collection[str] = CLASSES,
         limits: bool = True,
+        flagged: bool = False,
     ) -> list[Write]:
         """Turn each line into bytes, in the order in which the objects are best written.
 
@@ -236,8 +236,8 @@ class ParameterSet(Table):
             catalogue: The objects of the device.
             scaling: Scaling of the drive, where a unit depends on its encoder or rated torque.
             classes: Classes to write; the others are left out.
-            limits: True: the limits of profile and EDS hold, and its ``ObjFlags``. False is for values that the device itself
-                held, and for a comparison.
+            limits: True: the limits of profile and EDS hold. False is for values that the device itself held.
+            flagged: False: what is `kept_out` is left out, unless the limits do not hold either. True is for a DCF.
 
         Raises:
             RefusedError: Some lines cannot be written: unknown, read only, out of range, a wrong unit, a command, or the same
@@ -245,8 +245,9 @@ class ParameterSet(Table):
         """
         reasons: list[str] = []
         writes: dict[ObjectAddress, Write] = {}
+        kept_out = self.kept_out(catalogue) if limits and not flagged else []
         for name, key, item in self.items():
-            if name not in classes:
+            if name not in classes or key in kept_out:
                 continue
             try:
                 write = _write(name, key, item, catalogue, scaling, limits=limits)
@@ -259,6 +260,12 @@ class ParameterSet(Table):
         if reasons:
             raise RefusedError(*reasons)
         return sorted(writes.values(), key=lambda write: 0 if write.entry.parameter is None else write.entry.parameter.order)
+
+    def kept_out(self, catalogue: Catalogue) -> list[str]:
+        """List the lines whose objects the EDS keeps out of downloads (``ObjFlags``), by their keys."""
+        flagged = {entry.address: entry for entry in catalogue if entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD}
+        names = {entry.name for entry in flagged.values()}
+        return [key for _, key, item in self.items() if (address_from(key) in flagged if item.type else key in names)]
 
     def differences(
         self,
@@ -357,6 +364,9 @@ def from_values(
     catalogue: Catalogue,
     values: Mapping[ObjectAddress, Value],
     scaling_of: Callable[[CatalogueEntry], Scaling | None] = lambda entry: None,
+    *,
+    undescribed: bool = False,
+    flagged: bool = False,
 ) -> ParameterSet:
     """Make a parameter set of a DCF's values.
 
@@ -366,18 +376,23 @@ def from_values(
         catalogue: The objects of the device.
         values: Values by address.
         scaling_of: Function that returns the scaling for an object; None where it is not known, and the value stays raw.
+        undescribed: True: objects that nobody describes are taken as well, by the length of their bytes.
+        flagged: True: objects that refuse a download are taken as well.
     """
     tables: dict[str, dict[str, Item]] = {name: {} for name in CLASSES}
     left_out: list[str] = []
     for address, value in sorted(values.items()):
         entry = catalogue.get(address)
-        why = _why_not_from_a_file(address, entry)
+        if entry is None and undescribed:
+            entry = CatalogueEntry(address, "", type_of_length(len(value)) if isinstance(value, bytes) else None)
+        why = _why_not_from_a_file(address, entry, flagged=flagged)
         if entry is None or why:
             left_out.append(f"{address_text(address)} {why}")
             continue
         data_type = entry.data_type or (DataType.VISIBLE_STRING if isinstance(value, str) else DataType.DOMAIN)
         try:
-            key, item = item_of(entry, encode(data_type, value), scaling_of(entry))
+            data = value if undescribed and isinstance(value, bytes) else encode(data_type, value)
+            key, item = item_of(entry, data, scaling_of(entry))
         except (ValueError, DriveProfileError) as error:
             left_out.append(f"{entry}: {error}")
             continue
@@ -385,12 +400,12 @@ def from_values(
     return ParameterSet.model_validate({"header": Header(not_read=tuple(left_out)), **tables})
 
 
-def _why_not_from_a_file(address: ObjectAddress, entry: CatalogueEntry | None) -> str:
+def _why_not_from_a_file(address: ObjectAddress, entry: CatalogueEntry | None, *, flagged: bool) -> str:
     if entry is None:
         return "is in no object of the file"
     if is_command(address):
         return "is a command"
-    refuses = entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD
+    refuses = entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD and not flagged
     return "is read only" if not entry.is_writable else "refuses to be written by a download (ObjFlags)" if refuses else ""
 
 
@@ -400,15 +415,11 @@ def _write(name: ParameterClass, key: str, item: Item, catalogue: Catalogue, sca
         entry = known if limits else known.without_limits()
     else:
         address = address_from(key)
-        there = None if address is None else catalogue.get(address)
-        entry = _as_on_the_wire(address, there, item, scaling, limits=limits)
-        known = there or entry
+        entry = _as_on_the_wire(address, None if address is None else catalogue.get(address), item, scaling, limits=limits)
     if is_command(entry.address):
         raise RefusedError(f"{entry} is a command; a file does not give commands")
     if not entry.is_writable:
         raise RefusedError(f"{entry} is read only")
-    if limits and known.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD:
-        raise RefusedError(f"{entry} refuses to be written by a download, says its EDS (ObjFlags)")
     if not entry.is_readable:
         raise RefusedError(f"{entry} is write only and cannot be checked after it is written")
     if item.type is not None and item.unit:

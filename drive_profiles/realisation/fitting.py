@@ -56,7 +56,7 @@ class Fit:
                 return settings | _coefficients(self)
             return settings | (_variable(self) if self.notch.form == "variable" else _frequencies(self))
         except OutOfRangeError as error:
-            raise NotRealisableError(self.profile.name, (str(error),)) from None
+            raise NotRealisableError(self.profile.label, (str(error),)) from None
 
     def filter(self, values: dict[str, float]) -> tuple[Biquad, ...]:
         """Filter that the drive runs with the values; a form that follows the speed is taken at the target's speed."""

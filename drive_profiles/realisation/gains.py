@@ -124,7 +124,7 @@ def gains_for(
         except NotRealisableError as error:
             reasons += error.reasons
     if reasons:
-        raise NotRealisableError(profile.name, tuple(reasons))
+        raise NotRealisableError(profile.label, tuple(reasons))
     return values
 
 
@@ -153,22 +153,22 @@ def _held(
     """
     name, parameter = entry.parameter, profile.parameter(entry.parameter)
     if entry.factor is None:
-        raise NotRealisableError(profile.name, (f"the scaling of {name} ({parameter.written_address}) is not known",))
+        raise NotRealisableError(profile.label, (f"the scaling of {name} ({parameter.written_address}) is not known",))
     if parameter.access == "ro":
-        raise NotRealisableError(profile.name, (f"{name} ({parameter.written_address}) is read only",))
+        raise NotRealisableError(profile.label, (f"{name} ({parameter.written_address}) is read only",))
     if entry.times_torque_constant and torque_constant_nm_a is None:
-        raise NotRealisableError(profile.name, (f"{name} is in amperes: the motor's torque constant is needed",))
+        raise NotRealisableError(profile.label, (f"{name} is in amperes: the motor's torque constant is needed",))
     if torque_constant_nm_a is not None and not torque_constant_nm_a > 0.0:
         raise ValueError(f"torque_constant_nm_a = {torque_constant_nm_a} must be positive")
     if isinstance(parameter.scale, str) and scaling is None:
-        raise NotRealisableError(profile.name, (f"{name} counts in {parameter.scale}: the drive's scaling is needed",))
+        raise NotRealisableError(profile.label, (f"{name} counts in {parameter.scale}: the drive's scaling is needed",))
     per_value = entry.factor * ((torque_constant_nm_a or 1.0) if entry.times_torque_constant else 1.0)
     value = gain / per_value
     try:
         held = parameter.value(parameter.raw(value, scaling), scaling)
     except OutOfRangeError as error:
-        raise NotRealisableError(profile.name, (f"{role} {gain:g}: {name} {error}",)) from None
+        raise NotRealisableError(profile.label, (f"{role} {gain:g}: {name} {error}",)) from None
     if abs(held - value) > ROUNDING * value:
         off = f"{role} {gain:g}: {name} would hold {held:g} for {value:.4g} {parameter.unit}".rstrip()
-        raise NotRealisableError(profile.name, (f"{off}, {100 * (held / value - 1):+.0f} %",))
+        raise NotRealisableError(profile.label, (f"{off}, {100 * (held / value - 1):+.0f} %",))
     return held

@@ -186,15 +186,15 @@ def realise(
     """
     notch = profile.notch
     if notch is None:
-        raise NotRealisableError(profile.name, ("it has no filter",))
+        raise NotRealisableError(profile.label, ("it has no filter",))
     if not 0 <= section < len(notch.sections):
         raise NotRealisableError(
-            profile.name, (f"it has no filter section {section + 1}, its sections are 1 to {len(notch.sections)}",)
+            profile.label, (f"it has no filter section {section + 1}, its sections are 1 to {len(notch.sections)}",)
         )
     filter_section = notch.sections[section]
     hard = [*obstacles(profile, notch, filter_section), *_read_only(profile, filter_section), *_out_of_range(notch, target)]
     if hard:
-        raise NotRealisableError(profile.name, tuple(hard))
+        raise NotRealisableError(profile.label, tuple(hard))
     period = period_of(profile, period_s)
     fit = Fit(profile, notch, filter_section, target, period, lambda shape: max(tolerance.excess(target, shape).values()))
     values = fit.values()
@@ -202,9 +202,9 @@ def realise(
     held = shape_of(biquads[0], period)
     reasons = (*fit.reasons, *tolerance.objections(target, held))
     if reasons and (not allow_approximate or not held.is_notch):
-        raise NotRealisableError(profile.name, reasons if held.is_notch else (*reasons, "what is left is no stable notch"))
+        raise NotRealisableError(profile.label, reasons if held.is_notch else (*reasons, "what is left is no stable notch"))
     deviations = Deviations.between(target, held)
-    return Realisation(profile.name, target, values, biquads, period, held, deviations, reasons, notch.is_verified)
+    return Realisation(profile.label, target, values, biquads, period, held, deviations, reasons, notch.is_verified)
 
 
 def _read_only(profile: Profile, section: FilterSection) -> Iterator[str]:

@@ -64,11 +64,11 @@ class HeldValues:
         """
         parameter = self.profile.parameter(name)
         if parameter.is_bytes:
-            raise NotRealisableError(self.profile.name, (_no_number(name, parameter),))
+            raise NotRealisableError(self.profile.label, (_no_number(name, parameter),))
         if name in self._values:
             return hold(parameter, float(self._values[name]))
         if parameter.default is None:
-            raise NotRealisableError(self.profile.name, (f"value of {name} ({parameter.written_address}) not given",))
+            raise NotRealisableError(self.profile.label, (f"value of {name} ({parameter.written_address}) not given",))
         return parameter.value(float(parameter.default))
 
 
@@ -91,7 +91,7 @@ def filter_of(held: HeldValues, notch: NotchFacts, section: FilterSection, perio
     try:
         return (biquad_of(zero, pole, period_s, rule_of(notch)),)
     except ValueError as error:
-        raise NotRealisableError(held.profile.name, (str(error),)) from None
+        raise NotRealisableError(held.profile.label, (str(error),)) from None
 
 
 def obstacles(profile: Profile, notch: NotchFacts, section: FilterSection) -> tuple[str, ...]:
@@ -127,7 +127,7 @@ def refuse(profile: Profile, reasons: tuple[str, ...]) -> None:
         NotRealisableError: `reasons` is not empty.
     """
     if reasons:
-        raise NotRealisableError(profile.name, reasons)
+        raise NotRealisableError(profile.label, reasons)
 
 
 def period_of(profile: Profile, period_s: float | None) -> float:
@@ -141,7 +141,7 @@ def period_of(profile: Profile, period_s: float | None) -> float:
     for period in (period_s, notch, loop):
         if period is not None:
             return period
-    raise NotRealisableError(profile.name, ("the period at which its filter runs is not known, state it",))
+    raise NotRealisableError(profile.label, ("the period at which its filter runs is not known, state it",))
 
 
 def rule_of(notch: NotchFacts) -> Rule:
@@ -216,4 +216,4 @@ def _quadratics(held: HeldValues, notch: NotchFacts, section: FilterSection) -> 
 
 def _positive(profile: Profile, frequency_hz: float, zeta: float) -> None:
     if not (frequency_hz > 0.0 and math.isfinite(zeta)):
-        raise NotRealisableError(profile.name, (f"{frequency_hz:g} Hz with a damping of {zeta:g} is no filter",))
+        raise NotRealisableError(profile.label, (f"{frequency_hz:g} Hz with a damping of {zeta:g} is no filter",))

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from drive_profiles.standard.cia301 import DataType
-from drive_profiles.standard.object_address import ObjectAddress
+
+if TYPE_CHECKING:  # completion must not wait for pydantic
+    from drive_profiles.standard.object_address import ObjectAddress
 
 _B, _W, _L = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
 _SB, _SW, _SL, _S = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32, DataType.VISIBLE_STRING

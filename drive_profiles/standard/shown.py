@@ -55,6 +55,18 @@ def number(value: float, digits: int = DIGITS) -> str:
     return f"{value:.0f}" if "e+" in text and abs(value) < 1e9 else text
 
 
+def measured(value: float, error: float) -> str:
+    """Value with its standard error, both to the second digit of the error.
+
+    >>> measured(48950.23, 38.4), measured(12.4331, 0.0042)
+    ('48950 ± 38', '12.4331 ± 0.0042')
+    """
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+        return f"{number(value)} ± {number(error)}"
+    decimals = 1 - math.floor(math.log10(error))
+    return f"{value:.{max(decimals, 0)}f} ± {error:.{max(decimals, 0)}f}"
+
+
 def value(held: float | str, address: ObjectAddress, data_type: DataType | None = None, digits: int = DIGITS) -> str:
     """Value of an object; the whole numbers of `is_hexadecimal` with the digits of their type.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from drive_profiles.device.device import Device, DeviceIdentity
+from drive_profiles.errors import UnknownProductError
 from drive_profiles.parameter_set.parameters import Header, ParameterSet, Write
 from drive_profiles.parameter_set.steps import pdo_of
 from drive_profiles.upload.result import UploadOptions
@@ -22,12 +23,17 @@ def against_identity(device: Device, header: Header, identity: DeviceIdentity, o
     profile, description = device.profile, device.catalogue.description
     reasons: list[str] = []
     if profile is not None:
-        expected, who = profile.identity, f"profile {profile.name}"
+        who = f"profile {profile.label}"
+        reasons += _differs("vendor (1018h:1)", identity.vendor_id, (profile.identity.vendor_id,), who)
+        try:
+            expected = profile.product(identity.product_code, identity.revision).identity
+        except UnknownProductError as error:
+            expected = profile.identity
+            what_to_do = ": a [[product]] in a copy of the profile can name it" if profile.products else ""
+            reasons.append(f"{error}{what_to_do}")
         types = () if expected.device_type is None else (expected.device_type,)
-        reasons += _differs("vendor (1018h:1)", identity.vendor_id, (expected.vendor_id,), who)
-        reasons += _differs("product (1018h:2)", identity.product_code, expected.product_codes, who)
         reasons += _differs("device type (1000h)", identity.device_type, types, who)
-        if not (expected.is_verified and expected.product_codes) and not options.allow_unverified:
+        if not (expected.is_verified and expected.product_code is not None) and not options.allow_unverified:
             reasons.append(f"the identity in {who} is not verified ({expected.source}); --allow-unverified")
     if description is not None:  # 0 and nothing are what an EDS says that does not know
         who = str(description.path)

@@ -105,6 +105,8 @@ class Upload:
         self.device.check_quiet()
         self._resolve(identity)
         self.warnings = doubts(self.parameter_set, identity, self.writes)
+        if kept_out := self.parameter_set.kept_out(self.device.catalogue) if self.options.limits else []:
+            self.warnings.append(f"left out, as the EDS keeps them out of downloads (ObjFlags): {', '.join(kept_out)}")
         self.device.check_quiet(self._axes())
         self._goal = {write.address: write.data for write in self.writes}
         self._old = {address: self._before(address) for address in (*self._goal, *sorted(support(self._goal) - set(self._goal)))}
@@ -177,7 +179,7 @@ class Upload:
             "revision": identity.revision, "serial_number": identity.serial_number,
         }  # fmt: skip
         names = {write.address: write.entry.name for write in self.writes}
-        profile = self.device.profile.name if self.device.profile else ""
+        profile = self.device.profile.label if self.device.profile else ""
         snapshot = UploadSnapshot(self.device.node, self.bus, facts, profile, self._old, self._goal, names)
         stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime()) + f"-{time.time_ns() % 1_000_000_000:09d}"
         self._journal = Journal(self.options.journals / f"node{self.device.node}-{stamp}.jsonl", snapshot)

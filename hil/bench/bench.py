@@ -6,7 +6,7 @@ from typing import Annotated, Final, Literal, TypeVar
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from drive_profiles.address import AddressError, parse_address
-from drive_profiles.family.profile import is_profile_name
+from drive_profiles.family.profile import is_name
 from drive_profiles.files.toml import Table, load
 from hil.control.notch import NOTCHES
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, TwoInertia
@@ -270,6 +270,6 @@ T = TypeVar("T", AxisTable, AccelerometerTable)
 
 def _with_profile_in(folder: Path, table: T) -> T:
     """The table with the path of its profile made absolute; a name of the package stays a name."""
-    if is_profile_name(table.profile):
+    if is_name(table.profile):
         return table
     return table.model_copy(update={"profile": str(folder / table.profile)})

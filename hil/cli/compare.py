@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.cli.completion import complete_list, complete_reference
 from drive_profiles.cli.console import fail
 from hil.cli.console import (
     ExitStatus,
@@ -28,7 +29,16 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
-from hil.cli.options import FORMER_SPELLINGS, BusOption, JsonOption, NewOutOption, OverloadOption, TreatmentListOption, YesOption
+from hil.cli.options import (
+    AXES,
+    FORMER_SPELLINGS,
+    BusOption,
+    JsonOption,
+    NewOutOption,
+    OverloadOption,
+    TreatmentListOption,
+    YesOption,
+)
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
@@ -49,14 +59,31 @@ def mount(app: typer.Typer) -> None:
     app.command(epilog=COMPARE_EPILOG, context_settings=FORMER_SPELLINGS)(compare)
 
 
+ExperimentListOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--experiment",
+        help="constant-acceleration or line-motion; left out: both.",
+        autocompletion=complete_list(lambda: EXPERIMENTS),
+    ),
+]
+AxisListOption = Annotated[
+    list[int] | None,
+    typer.Option(
+        "--axis", help="Axes of constant-acceleration; left out: those with a filter or a model.", autocompletion=AXES.one
+    ),
+]
+
+
 def compare(
-    bench_file: Annotated[list[str], typer.Option("--bench", help="Bench file (TOML), or `reference`; again for more robots.")],
-    experiment: Annotated[
-        list[str] | None, typer.Option("--experiment", help="constant-acceleration or line-motion; left out: both.")
-    ] = None,
-    axis: Annotated[
-        list[int] | None, typer.Option("--axis", help="Axes of constant-acceleration; left out: those with a filter or a model.")
-    ] = None,
+    bench_file: Annotated[
+        list[str],
+        typer.Option(
+            "--bench", help="Bench file (TOML), or `reference`; again for more robots.", autocompletion=complete_reference
+        ),
+    ],
+    experiment: ExperimentListOption = None,
+    axis: AxisListOption = None,
     treatment: TreatmentListOption = None,
     model: Annotated[list[Path] | None, typer.Option(help="Model file of hil identify; one per robot.")] = None,
     design: Annotated[list[Path] | None, typer.Option(help="Design file of hil design; one per robot.")] = None,
@@ -64,7 +91,10 @@ def compare(
     bus: BusOption = None,
     emulate: Annotated[
         list[str] | None,
-        typer.Option(help="Start an emulated robot (its file, or `reference`) for each bench: one for all, or one each."),
+        typer.Option(
+            help="Start an emulated robot (its file, or `reference`) for each bench: one for all, or one each.",
+            autocompletion=complete_reference,
+        ),
     ] = None,
     repeat: Annotated[
         int, typer.Option(min=1, max=100, help="Run each so often and judge the mean, in which the sensor's noise is less.")

@@ -238,7 +238,7 @@ def motion_lines(pairs: "Iterable[tuple[Bench, Experiment]]") -> Iterator[str]:
         for column, number in enumerate(motion.axes):
             limits, angle = bench.axis[number].limits, motion.motor_angle_rad[:, column] / 6.283185307179586
             yield (
-                f"  axis {number}: {angle.min():+.2f} … {angle.max():+.2f} motor revolutions, at most {limits.speed_rps:g} rps "
+                f"  axis {number}: {angle.min():+.2f} … {angle.max():+.2f} motor revolutions, at most {limits.speed_rps:g} rev/s "
                 f"and {limits.torque_nm:g} N·m; positions {limits.position_min_rev:g} … {limits.position_max_rev:g} rev"
             )
 

@@ -1,10 +1,14 @@
 """hil demo: the paper's experiments on an emulated robot, and the story of a robot of which nothing is known."""
 
+import shutil
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from drive_profiles.cli.application import folded
+from drive_profiles.cli.completion import complete_reference
 from hil.cli.console import EPILOG, ExitStatus, SpokenReporter, bench_on_emulator, exit_on_error, exit_status_of, message_of, say
 from hil.cli.options import JsonOption
 from hil.cli.run import run_and_report
@@ -20,7 +24,9 @@ def mount(app: typer.Typer) -> None:
 def demo(
     out: OutOption = Path("demo"),
     as_json: JsonOption = False,
-    robot: Annotated[str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.")] = "reference",
+    robot: Annotated[
+        str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.", autocompletion=complete_reference)
+    ] = "reference",
     no_story: Annotated[
         bool, typer.Option("--no-story", help="Only the paper's experiments, without the story of a robot of one's own.")
     ] = False,
@@ -43,8 +49,51 @@ def demo(
             status = run_and_report(bench, demo_experiments(bench), out, as_json=as_json, is_paper=True)
             if not no_story and status in {0, ExitStatus.NOT_MET}:
                 status = _tell_story(str(emulator.address), out, as_json=as_json) or status
+        for line in next_steps(tool_prefix(sys.argv[0])):
+            say(line)
         if status:
             raise typer.Exit(status)
+
+
+NEXT = (
+    ("the emulated robot, for any tool to join", "plant-emulator serve --robot reference --bus local:/tmp/robot.sock"),
+    (
+        "in another terminal: one experiment on it",
+        "hil run constant-acceleration --axis 2 --treatment notch --bench reference --bus local:/tmp/robot.sock",
+    ),
+    (
+        "what its plant is, as if nothing were known",
+        "hil identify plant --bench reference --bus local:/tmp/robot.sock --axis 2 --model model.toml",
+    ),
+    ("what a bench of your own puts on its bus", "hil plan --bench bench.toml"),
+)
+"""Commands that somebody may want after the demo, with what each is for."""
+
+
+def next_steps(prefix: str = "") -> list[str]:
+    """Lines on what can be done next, each command as it can be typed here.
+
+    Args:
+        prefix: Folder of the tools, with its slash; empty where the shell finds them.
+    """
+    lines = ["", "What next:"]
+    for purpose, command in NEXT:
+        lines += [f"  {purpose}", *(f"    {line}" for line in folded(prefix + command, 74))]
+    return [*lines, "  A robot of your own, from its bench file to the designed notch, step by step: docs/tuning.md"]
+
+
+def tool_prefix(program: str) -> str:
+    """Folder in front of a tool's name, with its slash, as somebody in this directory types it; empty where PATH has the tool.
+
+    Args:
+        program: Path of the running tool.
+    """
+    path = Path(program)
+    found = shutil.which(path.name)
+    if path.name != "hil" or path.parent == Path() or (found is not None and Path(found).resolve() == path.resolve()):
+        return ""
+    folder = path.parent
+    return f"{folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder}/"
 
 
 def _tell_story(address: str, out: Path, *, as_json: bool) -> int:

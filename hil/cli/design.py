@@ -14,7 +14,7 @@ import typer
 from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, exit_with, say
-from hil.cli.options import BenchOption
+from hil.cli.options import AXES, BenchOption
 from hil.reporter import Reporter, SilentReporter
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def mount(app: typer.Typer) -> None:
 
 def notch(
     bench_file: BenchOption,
-    axis: Annotated[int, typer.Option("--axis", help="Axis whose notch is wanted.")],
+    axis: Annotated[int, typer.Option("--axis", help="Axis whose notch is wanted.", autocompletion=AXES.one)],
     model: ModelOption = None,
     order: Annotated[OrderName, typer.Option(help="Harmonic orders k.")] = OrderName.SECOND,
     shape: Annotated[
@@ -237,10 +237,11 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
 
 def _summary(outcome: "NotchDesignOutcome", show: Callable[[str], None]) -> None:
     """Print filters, margins and predicted peaks."""
-    members = len(outcome.problem.members)
+    from hil.design.uncertainty import plants_words
+
     show(
         f"axis {outcome.request.axis}, plant from {outcome.source}, loop every {1e6 * outcome.problem.period_s:g} µs with "
-        f"{outcome.problem.delay_samples} samples of delay, {members} plants, {outcome.seconds:.1f} s"
+        f"{outcome.problem.delay_samples} samples of delay, {plants_words(outcome.problem.members)}, {outcome.seconds:.1f} s"
     )
     show(f"{'filters':<12}{'k':<4}{'peak mm':<10}{'falling':<10}{'worst':<10}{'M_s':<7}{'phase °':<9}{'gain dB':<9}(5)")
     for name, verdict in (("none", outcome.none), ("given", outcome.given), ("designed", outcome.designed)):

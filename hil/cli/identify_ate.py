@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.standard.shown import measured
 from hil.cli.console import (
     ExitStatus,
     SpokenReporter,
@@ -32,6 +33,17 @@ ATE_EPILOG = epilog_of_runs({
     ExitStatus.FILE: "bad file, or limits that leave no room",
     ExitStatus.NOT_MET: "not identified, or less well than asked",
 })  # fmt: skip
+
+
+_ROWS = (
+    ("a2_arcsec", "A_2", "arcsec"),
+    ("phi2_deg", "φ_2", "°"),
+    ("a4_arcsec", "A_4", "arcsec"),
+    ("phi4_deg", "φ_4", "°"),
+    ("arm_hz", "f_al", "Hz"),
+    ("damping", "ζ", ""),
+)
+"""Numbers of the summary: name in the model file, symbol, unit."""
 
 
 def mount(app: typer.Typer) -> None:
@@ -111,11 +123,9 @@ def _summary(outcome: "AteOutcome") -> None:
         return
     values, errors = part.values.model_dump(), part.standard_error
     typer.echo(f"axis {result.axis}, {len(result.passes)} passes, {part.learnt_by}")
-    for name, unit, form in (("a2", "arcsec", ".3f"), ("phi2", "deg", ".2f"), ("a4", "arcsec", ".3f"), ("phi4", "deg", ".2f")):
-        key = f"{name}_{unit}"
-        typer.echo(f"  {key:<12}{values[key]:>9{form}} ± {errors[key]:{form}}")
-    typer.echo(f"  {'arm_hz':<12}{part.arm_hz:>9.3f} ± {errors['arm_hz']:.3f}")
-    typer.echo(f"  {'damping':<12}{part.damping:>9.4f} ± {errors['damping']:.4f}")
+    values |= {"arm_hz": part.arm_hz, "damping": part.damping}
+    for name, symbol, unit in _ROWS:
+        typer.echo(f"  {symbol:<6}{measured(values[name], errors[name])} {unit}".rstrip())
     late = "torque" if result.sensorless else "accelerometer"
     typer.echo(f"  the {late} lags the motor angle by {1e3 * fit.delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
     worst = max(fit.agreement, key=lambda each: each.sigma)
@@ -130,6 +140,6 @@ def _motion_line(bench: "Bench", request: "AteRequest", end_rps: float) -> str:
     limits = bench.axis[request.axis].limits
     return (
         f"This moves axis {request.axis} on {bench.bus.address}: at most {request.passes} passes forwards and back, to "
-        f"{end_rps:.2f} rps at {request.acceleration_rps_s:g} rps/s or slower, anywhere within {limits.position_min_rev:g} … "
-        f"{limits.position_max_rev:g} motor revolutions; at most {limits.speed_rps:g} rps and {limits.torque_nm:g} N·m."
+        f"{end_rps:.2f} rev/s at {request.acceleration_rps_s:g} rev/s² or slower, anywhere within {limits.position_min_rev:g} … "
+        f"{limits.position_max_rev:g} motor revolutions; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.standard.shown import measured
 from hil.cli.console import (
     ExitStatus,
     SpokenReporter,
@@ -151,11 +152,12 @@ def _summary(result: "PlantResult") -> None:
         return
     typer.echo(
         f"axis {result.axis}: {plan.periods} periods of {plan.period_s:g} s, {plan.excitation} excitation of "
-        f"{plan.amplitude_nm:.3g} N·m at {plan.bias_rps:.3g} rps"
+        f"{plan.amplitude_nm:.3g} N·m at {plan.bias_rps:.3g} rev/s"
     )
     for name, symbol, unit in ROWS:
         if name in parameters:
-            typer.echo(f"  {symbol:<26}{parameters[name].value:>12.5g} ± {parameters[name].standard_error:<10.2g}{unit}")
+            found = measured(parameters[name].value, parameters[name].standard_error)
+            typer.echo(f"  {symbol:<26}{found} {unit}".rstrip())
     for remark in result.remarks:
         typer.echo(f"  note: {remark}")
     for line in result.cannot_tell or ():
@@ -169,6 +171,6 @@ def _motion_lines(bench: "Bench", request: "PlantRequest") -> Iterator[str]:
     yield f"This moves axis {request.axis} on {bench.bus.address}:"
     yield (
         f"  to and fro within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions at up to "
-        f"{max(bench.approach_rps, request.bias_rps):g} rps, shaken at {request.low_hz:g} … {request.high_hz:g} Hz with an "
-        f"amplitude {amplitude}; at most {limits.speed_rps:g} rps and {limits.torque_nm:g} N·m"
+        f"{max(bench.approach_rps, request.bias_rps):g} rev/s, shaken at {request.low_hz:g} … {request.high_hz:g} Hz with an "
+        f"amplitude {amplitude}; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m"
     )

@@ -21,7 +21,7 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
-from hil.cli.options import BenchOption, BusOption, JsonOption, NewOutOption, OverloadOption, YesOption
+from hil.cli.options import AXES, BenchOption, BusOption, JsonOption, NewOutOption, OverloadOption, YesOption
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -41,7 +41,9 @@ def mount(app: typer.Typer) -> None:
 
 def learn(
     bench_file: BenchOption,
-    axis: Annotated[list[int], typer.Option("--axis", help="The axis that is moved; several, one after the other.")],
+    axis: Annotated[
+        list[int], typer.Option("--axis", help="The axis that is moved; several, one after the other.", autocompletion=AXES.one)
+    ],
     model: Annotated[
         Path, typer.Option("--model", help="Model file: read where it is there, for the motor's inertia, and written.")
     ],
@@ -101,6 +103,6 @@ def _motion_lines(bench: "Bench", request: "LearnRequest") -> Iterator[str]:
         limits = bench.axis[axis].limits
         yield (
             f"This moves axis {axis} on {bench.bus.address}: {request.passes} times to and fro at {request.acceleration_rps_s:g} "
-            f"rps/s, anywhere within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions; at most "
-            f"{limits.speed_rps:g} rps and {limits.torque_nm:g} N·m."
+            f"rev/s², anywhere within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions; at most "
+            f"{limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
         )

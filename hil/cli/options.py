@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.cli.completion import AxisCompleter, complete_list, complete_reference
 from hil.control.treatments import TABLE, LoopName, PlainTreatmentName, Treatment, TreatmentName, present_token
 
 FORMER_SPELLINGS = {"token_normalize_func": present_token}
@@ -22,9 +23,14 @@ def described(row: Treatment) -> str:
     return row.name if row.title == row.name else f"{row.name} ({row.title})"
 
 
-BenchOption = Annotated[str, typer.Option("--bench", help="Bench file (TOML), or `reference`.")]
+AXES = AxisCompleter(Path(__file__).parents[1] / "bench" / "reference.toml")
+"""Completers of axes of the bench file."""
+
+BenchOption = Annotated[
+    str, typer.Option("--bench", help="Bench file (TOML), or `reference`.", autocompletion=complete_reference)
+]
 BusOption = Annotated[str | None, typer.Option("--bus", help=f"Bus address; left out: {BUS_VARIABLE}, then the bench file's.")]
-MovedAxisOption = Annotated[int, typer.Option("--axis", help="The axis that is moved.")]
+MovedAxisOption = Annotated[int, typer.Option("--axis", help="The axis that is moved.", autocompletion=AXES.one)]
 LoopOption = Annotated[LoopName, typer.Option("--loop", help="Where the loop is closed.")]
 TreatmentOption = Annotated[
     TreatmentName,
@@ -37,6 +43,7 @@ TreatmentListOption = Annotated[
     typer.Option(
         "--treatment",
         metavar="NAME[,NAME]",
+        autocompletion=complete_list(lambda: [row.name for row in TABLE]),
         help=f"Names with commas between: {', '.join(row.name for row in TABLE)}. Left out: all that the given files allow.",
     ),
 ]

@@ -8,7 +8,7 @@ import typer
 
 from drive_profiles.cli.console import epilog, fail, print_json, table
 from hil.cli.console import ExitStatus, bench_on, exit_on_error
-from hil.cli.options import FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption
+from hil.cli.options import AXES, FORMER_SPELLINGS, BenchOption, BusOption, LoopOption, PlainTreatmentOption
 
 if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
     from hil.bench.bench import Bench
@@ -38,7 +38,9 @@ def plan(
     loop: LoopOption = "drive",
     sync_period_s: Annotated[float | None, typer.Option(help="SYNC period instead of the bench file's.")] = None,
     bitrate: Annotated[str | None, typer.Option(help="Bit rate instead of the bus address': 500k, 1M.")] = None,
-    axes: Annotated[str | None, typer.Option(help="Axes that take part, e.g. 2,3,5; left out: all.")] = None,
+    axes: Annotated[
+        str | None, typer.Option(help="Axes that take part, e.g. 2,3,5; left out: all.", autocompletion=AXES.several)
+    ] = None,
     treatment: PlainTreatmentOption = "notch",
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead of tables.")] = False,
 ) -> None:
@@ -135,7 +137,7 @@ def _sentence(verdict: "PlanVerdict", adviser: "Adviser") -> str:
     return f"{verdict.sentence} What would do: {'; '.join(remedies) or 'nothing that this program knows of'}."
 
 
-_STABILITY = ("axis", "period ms", "delay, periods", "worst at rps", "M_s", "gain margin dB", "phase margin °", "pole radius",
+_STABILITY = ("axis", "period ms", "delay, periods", "worst at rev/s", "M_s", "gain margin dB", "phase margin °", "pole radius",
               "verdict")  # fmt: skip
 _HEADINGS = ("bit rate", "cycle µs", "load %", "typical load %", "last answer µs", "with SDO, EMCY", "shortest period µs",
              "with 10 % free", "delay, periods")  # fmt: skip

@@ -29,12 +29,13 @@ def report(
     Example: hil report demo
     """
     with exit_on_error("interrupted"):
-        from hil.errors import HilError  # noqa: PLC0415
-        from hil.report.writer import write_report_of  # noqa: PLC0415 - numpy and the figures, so that --help stays quick
-
         if not (directory / "result.json").is_file():
             say(f"{directory} has no result.json; {_advice(directory)}")
             raise typer.Exit(ExitStatus.FILE)
+
+        from hil.errors import HilError  # noqa: PLC0415
+        from hil.report.writer import write_report_of  # noqa: PLC0415 - numpy and the figures, so that --help stays quick
+
         try:
             path = write_report_of(directory)
         except HilError:
@@ -48,4 +49,8 @@ def report(
 def _advice(directory: Path) -> str:
     if (directory / "design.json").is_file():
         return "it is that of a design, whose report (design.html) hil design notch writes: run that again"
-    return "no command of hil that measures has filled it"
+    below = sorted((path.parent for path in directory.glob("*/result.json")), key=lambda each: each.stat().st_mtime)
+    if below:
+        count = "one below it has" if len(below) == 1 else f"{len(below)} below it have, of which the newest is named here"
+        return f"{count}: hil report {below[-1]}"
+    return "run, identify, learn, compare or demo make one: give their --out, or the directory in bench-out that they have named"

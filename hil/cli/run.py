@@ -24,6 +24,7 @@ from hil.cli.console import (
     write_page,
 )
 from hil.cli.options import (
+    AXES,
     FORMER_SPELLINGS,
     BenchOption,
     BusOption,
@@ -65,7 +66,9 @@ class ClockName(StrEnum):
 def run(
     experiment: Annotated[ExperimentName, typer.Argument(help="Experiment to run.")],
     bench_file: BenchOption,
-    axis: Annotated[int | None, typer.Option("--axis", help="Axis of a constant-acceleration run.")] = None,
+    axis: Annotated[
+        int | None, typer.Option("--axis", help="Axis of a constant-acceleration run.", autocompletion=AXES.one)
+    ] = None,
     treatment: TreatmentOption = "none",
     model: Annotated[
         Path | None, typer.Option(help=f"Model file of hil identify, for {names_of('model')}; left out: the bench file's.")

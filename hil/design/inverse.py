@@ -141,7 +141,7 @@ def cancellation_table(
         ValueError: There is nothing to cancel, or the loop has no gain.
     """
     if not amplitude_rad or not max_rps > 0.0:
-        raise ValueError(f"nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps} rps")
+        raise ValueError(f"nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps} rev/s")
     speeds = np.arange(math.ceil(max_rps / STEP_RPS) + 2) * STEP_RPS
     turning = np.maximum(speeds, LEAST_RPS)
     references, torques = [], []

@@ -115,6 +115,11 @@ def _member(factors: Mapping[str, float], plant: TwoInertia, error: Transmission
     return Member(", ".join(f"{name} {_percent(factor)}" for name, factor in factors.items()), plant, error, factors)
 
 
+def plants_words(members: Sequence[Member]) -> str:
+    """The plants of a design in words, with how far apart they are: `5 plants: f_a ±3 %, K_g ±3 %`."""
+    return f"{len(members)} plants: {spread_words(members)}" if len(members) > 1 else "the believed plant alone"
+
+
 def spread_words(members: Sequence[Member]) -> str:
     """Distance of the corners from the believed plant in words: `f_a ±3 %, K_g ±3 %`."""
     names = list(dict.fromkeys(name for member in members for name in member.factors))

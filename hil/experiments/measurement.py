@@ -146,9 +146,8 @@ class Measurement(Generic[R]):
             NotPossibleError: The bus does not carry a motion; nothing has been sent.
             HilError: Nodes or limits do not allow it.
         """
-        gaps = [
-            gap for demand in demands for gap in run_gaps(self._bench, demand.axes, demand.loop, with_notch=demand.with_notch)
-        ]
+        kinds = dict.fromkeys((demand.axes, demand.loop, demand.with_notch) for demand in demands)
+        gaps = [gap for axes, loop, with_notch in kinds for gap in run_gaps(self._bench, axes, loop, with_notch=with_notch)]
         if gaps:
             raise ProfileGapsError(dict.fromkeys(gaps))
         self.shows_filter = [overload or check_load(self._bench, self._channel, demand) for demand in demands]

@@ -269,8 +269,8 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
     for order in request.orders:
         if top_rps < f_al / order:
             raise NotPossibleError(
-                f"axis {number}: order {order} meets f_al = {f_al:.2f} Hz at {f_al / order:.2f} rps, beyond the ramp's end at "
-                f"{top_rps:g} rps: raise end_rps of constant_acceleration, or the speed limit"
+                f"axis {number}: order {order} meets f_al = {f_al:.2f} Hz at {f_al / order:.2f} rev/s, beyond the ramp's end at "
+                f"{top_rps:g} rev/s: raise end_rps of constant_acceleration, or the speed limit"
             )
     errors, amplitudes = _standard_errors(axis_model)
     members = around(plant, error, percent=request.uncertainty_percent, standard_error=errors, amplitude_error_arcsec=amplitudes)
@@ -353,7 +353,7 @@ def parameter_set(bench: Bench, axis: int, verdict: NotchVerdict, f_al_hz: float
         for key, value in {**values, "mode": mode}.items():
             items[f"{name}.{key}"] = Item(value=value, unit=profile.parameter(f"{name}.{key}").unit)
     header = Header(
-        profile=profile.name,
+        profile=profile.label,
         node_id=table.node_id,
         vendor_id=profile.identity.vendor_id,
         serial_number=table.serial_number,
@@ -376,7 +376,7 @@ def check_drive(bench: Bench, axis: int) -> None:
     if profile.notch is None or profile.notch.form != "variable" or missing:
         has = "no filter" if profile.notch is None else f"a filter of the form {profile.notch.form!r}"
         raise NotPossibleError(
-            f"axis {axis}: drive family {profile.name} has {has}, no notch that follows the speed: no parameter set can be made "
+            f"axis {axis}: drive family {profile.label} has {has}, no notch that follows the speed: no parameter set can be made "
             "of this design; drive-profiles realise shows what it makes of one speed"
         )
 

@@ -306,8 +306,8 @@ def _design_claims(bench: Bench) -> list[PaperClaim]:
             _claim(f"{name}: resonance around 22 Hz", "section 3.1", 22, round(resonance, 2), "Hz", abs(resonance - 22) <= 1),
             _claim(f"{name}: anti-resonance around 12 Hz", "section 3.1", 12, round(anti, 2), "Hz", abs(anti - 12) <= 1),
             _claim(f"{name}: gain peak of G_al", "Table 1", f_al, round(peak, 3), "Hz", _close(peak, f_al)),
-            _claim(f"{name}: excitation speed, k = 2", "Table 1", f_m2, round(peak / 2, 3), "rps", _close(peak / 2, f_m2)),
-            _claim(f"{name}: excitation speed, k = 4", "Table 1", f_m4, round(peak / 4, 3), "rps", _close(peak / 4, f_m4)),
+            _claim(f"{name}: excitation speed, k = 2", "Table 1", f_m2, round(peak / 2, 3), "rev/s", _close(peak / 2, f_m2)),
+            _claim(f"{name}: excitation speed, k = 4", "Table 1", f_m4, round(peak / 4, 3), "rev/s", _close(peak / 4, f_m4)),
         ]
         if not table.notch:
             continue
@@ -324,7 +324,7 @@ def _design_claims(bench: Bench) -> list[PaperClaim]:
         peak_s = max(margin.sensitivity_peak for margin in at_speeds)
         rows.append(
             _claim(f"{name}: stable at every motor speed (smallest phase margin; M_s {peak_s:.2f})", "Fig. 12", "stable",
-                   round(phase, 1), "deg", stable)
+                   round(phase, 1), "°", stable)
         )  # fmt: skip
     return rows
 

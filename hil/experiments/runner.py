@@ -88,36 +88,44 @@ def run_experiments(
         HilError: Nodes, limits or set-up do not allow the first run; all changes have been put back.
         ChannelError: The bus cannot be opened, or was lost before that.
     """
-    if is_paper and not bench.is_paper:
-        raise ValueError(f"bench {bench.name!r} is not the paper's robot (reference = {bench.reference!r})")
-    if knowledge is not None and knowledge.identified is not None:
-        bench = with_identified(bench, knowledge.identified)
+    knowledge = knowledge or Knowledge()
+    bench = _known(bench, knowledge, is_paper=is_paper)
     motions = [experiment.motion(bench) for experiment in experiments]
     setups = [
-        treatment_setup(bench, experiment.treatment, knowledge or Knowledge(), motion.period_s, experiment.loop)
+        treatment_setup(bench, experiment.treatment, knowledge, motion.period_s, experiment.loop)
         for experiment, motion in zip(experiments, motions, strict=True)
     ]
     demands = [experiment.bus_demand(motion) for experiment, motion in zip(experiments, motions, strict=True)]
+    check_bands(bench, experiments, motions)
     with Measurement(bench, out, lambda described: ExperimentsResult(bench=described), reporter=reporter) as measurement:
         result = measurement.result
         measurement.check_clock(clock)
-        for experiment, motion in zip(experiments, motions, strict=True):
-            check_band(bench, experiment, motion)
         with measurement.session(demands, overload=overload, reset_faults=reset_faults) as session:
             for experiment, motion, setup, shows in zip(experiments, motions, setups, measurement.shows_filter, strict=True):
                 reporter.run(experiment.title)
-                session.check_interrupt()
-                session.adopt(setup.bench)
                 runs = _ExperimentRuns(session, experiment, motion, replace(setup, shows_filter=shows), reporter)
                 runs.perform(repeat)
-                one, path = _keep(measurement, runs.results, experiment.file_name)
-                result.runs += entries(bench, experiment, one, path, runs.trial, runs.count)
-                result.comparisons = comparisons(result.runs)
-                if one.stopped is not None:
-                    raise one.stopped
+                _enter(measurement, bench, experiment, runs)
         if is_paper:
             result.paper = claims(bench, result.runs, result.comparisons)
     return ExperimentsOutcome(measurement.result, measurement.failure)
+
+
+def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
+    """The bench with all that was identified of it.
+
+    Raises:
+        ValueError: It is to be the paper's robot, and is not.
+        NotPossibleError: The model file is another robot's.
+    """
+    if is_paper and not bench.is_paper:
+        raise ValueError(f"bench {bench.name!r} is not the paper's robot (reference = {bench.reference!r})")
+    identified = knowledge.identified
+    if identified is None:
+        return bench
+    if identified.robot != bench.name:
+        raise NotPossibleError(f"the model file is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    return with_identified(bench, identified)
 
 
 class _ExperimentRuns:
@@ -142,6 +150,8 @@ class _ExperimentRuns:
 
     def perform(self, repeat: int) -> None:
         """Make the trial, then run the motion `repeat` times, up to the first run that is stopped."""
+        self._session.check_interrupt()
+        self._session.adopt(self._setup.bench)
         self._try()
         for number in range(1, repeat + 1):
             if repeat > 1:
@@ -185,6 +195,20 @@ class _ExperimentRuns:
         )
 
 
+def _enter(measurement: Measurement[ExperimentsResult], bench: Bench, experiment: Experiment, runs: _ExperimentRuns) -> None:
+    """Save the runs of an experiment, and enter them into the result.
+
+    Raises:
+        SafetyStopError: The last run was stopped.
+    """
+    result = measurement.result
+    one, path = _keep(measurement, runs.results, experiment.file_name)
+    result.runs += entries(bench, experiment, one, path, runs.trial, runs.count)
+    result.comparisons = comparisons(result.runs)
+    if one.stopped is not None:
+        raise one.stopped
+
+
 def _keep(measurement: Measurement[ExperimentsResult], results: list[RunResult], file_name: str) -> tuple[RunResult, str]:
     """Save the runs of one motion, of several each beside their mean; return the result that is judged, and its path."""
     stem = Path(file_name).stem
@@ -204,6 +228,16 @@ def mean_of(results: list[RunResult]) -> RunResult:
         dropped_cycles=max(result.dropped_cycles for result in results),
         discarded=max(result.discarded for result in results),
     )
+
+
+def check_bands(bench: Bench, experiments: Sequence[Experiment], motions: Sequence[Motion]) -> None:
+    """Refuse SYNC periods at which a vibration could not be judged afterwards.
+
+    Raises:
+        NotPossibleError: A period is too long.
+    """
+    for experiment, motion in zip(experiments, motions, strict=True):
+        check_band(bench, experiment, motion)
 
 
 def check_band(bench: Bench, experiment: Experiment, motion: Motion) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from drive_profiles.errors import OutOfRangeError
+from drive_profiles.errors import OutOfRangeError, UnknownProductError
 from drive_profiles.family.parameter import Parameter
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
@@ -116,8 +116,8 @@ def ask_emulated(network: Network, node: int) -> bool | None:
         return None
 
 
-def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> None:
-    """Check the identity of a node.
+def check_identity(network: Network, node: int, profile: Profile, serial_number: int | None = None) -> Profile:
+    """Check the identity of a node; return the profile of the product that it is.
 
     Args:
         network: The bus.
@@ -129,19 +129,34 @@ def check_identity(network: Network, node: int, profile: Profile, serial_number:
         NoAnswerError: The node is silent.
         WrongIdentityError: The node is another device than the profile (and the bench file's serial number) says.
     """
+    _check_number(network, node, "vendor id (1018h:01h)", (0x1018, 1), profile.identity.vendor_id)
+    profile = _product_at(network, node, profile)
     identity = profile.identity
-    expected: list[tuple[str, int, int, tuple[int, ...]]] = [
-        ("device type (1000h)", 0x1000, 0, () if identity.device_type is None else (identity.device_type,)),
-        ("vendor id (1018h:01h)", 0x1018, 1, (identity.vendor_id,)),
-        ("product code (1018h:02h)", 0x1018, 2, identity.product_codes),
-        ("serial number (1018h:04h)", 0x1018, 4, () if serial_number is None else (serial_number,)),
-    ]
-    for what, index, subindex, values in expected:
-        if not values:
-            continue  # the profile does not know it
-        value = network.read(node, index, subindex, U32, what)
-        if value not in values:
-            raise WrongIdentityError(node, what, values[0], value)
+    for what, address, expected in (
+        ("device type (1000h)", (0x1000, 0), identity.device_type),
+        ("product code (1018h:02h)", (0x1018, 2), identity.product_code),
+        ("serial number (1018h:04h)", (0x1018, 4), serial_number),
+    ):
+        if expected is not None:  # else the profile does not know it, or any is accepted
+            _check_number(network, node, what, address, expected)
+    return profile
+
+
+def _check_number(network: Network, node: int, what: str, address: ObjectAddress, expected: int) -> None:
+    value = network.read(node, *address, U32, what)
+    if value != expected:
+        raise WrongIdentityError(node, what, expected, value)
+
+
+def _product_at(network: Network, node: int, profile: Profile) -> Profile:
+    """The profile of the node's product, where a family has several or tells firmware apart; else the profile itself."""
+    if not profile.products and not profile.identity.has_range:
+        return profile
+    code, revision = (network.read(node, 0x1018, sub, U32, f"1018h:{sub:02X}h") for sub in (2, 3))
+    try:
+        return profile.product(code, revision)
+    except UnknownProductError as error:
+        raise NodeError(node, str(error), "is this the right bench file?") from error
 
 
 class DriveAxis:
@@ -150,7 +165,7 @@ class DriveAxis:
     Attributes:
         number: Axis number.
         table: Table of the axis in the bench file.
-        profile: Drive profile of the drive's family.
+        profile: Drive profile of the family that the bench file names; once identified, of the drive's product.
         scaling: Units of the drive, from its own objects.
         snapshot: Former contents of the objects that were changed.
     """
@@ -182,7 +197,7 @@ class DriveAxis:
         """
         if self.scale_gaps():
             raise ProfileGapsError(self.scale_gaps())
-        check_identity(self.network, self.node, self.profile, self.table.serial_number)
+        self.profile = check_identity(self.network, self.node, self.profile, self.table.serial_number)
         asked, node = Questions(self.network, self.node), self.node
         status_word = asked.number(STATUS)
         state = None if status_word is None else state_of(status_word)
@@ -198,7 +213,7 @@ class DriveAxis:
         self.scaling = scaling
         speed = self.scaling.speed_rad_s(velocity)
         if abs(speed) > 2.0 * math.pi * STANDSTILL_RPS:
-            raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rps", "stop it first")
+            raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rev/s", "stop it first")
         if state is State.FAULT:
             code = asked.number(ERROR_CODE, is_optional=True)
             shown = "" if code is None else f", error code {code:04X}h"
@@ -253,7 +268,7 @@ class DriveAxis:
             name = f"notch_{column + 1}"
             if f"{name}.mode" not in self.profile.parameters:
                 if column < len(notches):
-                    raise NotPossibleError(f"axis {self.number}: drive family {self.profile.name} has no {name}")
+                    raise NotPossibleError(f"axis {self.number}: drive family {self.profile.label} has no {name}")
                 continue
             self.write_parameter(f"{name}.mode", NOTCH_OFF)
             if column < len(notches):
@@ -279,7 +294,7 @@ class DriveAxis:
     def write_mode(self, mode: Mode, sync_period_s: float) -> None:
         """Set mode of operation, interpolation period and communication cycle period."""
         if mode not in self.profile.supported_modes:
-            raise NotPossibleError(f"axis {self.number}: drive family {self.profile.name} has no mode {mode.name}")
+            raise NotPossibleError(f"axis {self.number}: drive family {self.profile.label} has no mode {mode.name}")
         value, index = interpolation_period(sync_period_s)
         self.snapshot.write(Object.MODES_OF_OPERATION, 0, I8, int(mode), "modes of operation")
         self.snapshot.write(Object.INTERPOLATION_PERIOD, 1, U8, value, "interpolation time period value")

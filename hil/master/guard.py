@@ -91,7 +91,7 @@ class AxisGuard:
             shown = "an unknown state" if state is None else state.value
             return f"{name} left operation enabled: {shown} (status word {status_word:04X}h)"
         if self._wild >= WILD_LIMIT:
-            return f"{name} turns at {self._wild_rps:.2f} rps, the limit is {limits.speed_rps:g} rps"
+            return f"{name} turns at {self._wild_rps:.2f} rev/s, the limit is {limits.speed_rps:g} rev/s"
         if not self._low_rad <= position_rad <= self._high_rad:
             low, high = limits.position_min_rev, limits.position_max_rev
             return f"{name} is at {position_rad / (2.0 * math.pi):.3f} rev, the limits are {low:g} and {high:g} rev"

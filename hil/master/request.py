@@ -166,7 +166,7 @@ def check_motion(motion: Motion, axes: list[DriveAxis], starts: list[float]) -> 
         angle = (motion.motor_angle_rad[:, column] + starts[column]) / turn
         speed = float(np.max(np.abs(np.diff(angle)))) / period
         if speed > limits.speed_rps:
-            raise UnsafeRequestError(f"the speed of {name}", speed, limits.speed_rps, "rps", "slow the motion down")
+            raise UnsafeRequestError(f"the speed of {name}", speed, limits.speed_rps, "rev/s", "slow the motion down")
         if float(angle.max()) > limits.position_max_rev:
             raise UnsafeRequestError(f"the position of {name}", float(angle.max()), limits.position_max_rev, "rev")
         if float(angle.min()) < limits.position_min_rev:

@@ -322,6 +322,6 @@ def _loop_words(loops: tuple[AxisStability, ...], loop: LoopName) -> str:
     unknown = ", ".join(str(axis.axis) for axis in loops if axis.level == "not known")
     tail = f", axis {unknown} not known" if unknown else ""
     delay = {0: "", 1: " and 1 period of delay"}.get(worst.delay_samples, f" and {worst.delay_samples} periods of delay")
-    where = f" with the notch at {worst.speed_rps:g} rps" if worst.speed_rps else ""
+    where = f" with the notch at {worst.speed_rps:g} rev/s" if worst.speed_rps else ""
     period = 1e3 * (worst.period_s or 0.0)
     return f"{loop}-closed {worst.level}: axis {worst.axis} has {number} at {period:g} ms{delay}{where}{tail}"

@@ -65,7 +65,14 @@ def pair(material: Material, experiment: str, axis: int | None) -> list[DrawnRun
 
 
 def draw_vibration(panel: Axes, run: DrawnRun, band_hz: tuple[float, float], *, with_peak: bool = True) -> None:
-    """Draw the band-passed vertical acceleration over time."""
+    """Draw the band-passed vertical acceleration over time.
+
+    Args:
+        panel: Panel of the figure.
+        run: The run.
+        band_hz: Band of the vibration.
+        with_peak: True to name the tip peak in the legend.
+    """
     vibration = band_passed(run.recording.columns["tip_z_m_s2"], run.recording.period_s, band_hz)
     label = run.label + (number_or_nothing(run.entry.tip_peak_mm, ": peak {:.3f} mm") if with_peak else "")
     panel.plot(*style.thin(run.recording.time_s, vibration), label=label, **run.look)
@@ -137,7 +144,14 @@ def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axe
 
 
 def judged_samples(material: Material, recording: Recording, axis: int, order: int = 2) -> NDArray[np.int_]:
-    """Indices of the samples in which an order is judged, shape (n,); none where no f_al is known."""
+    """Indices of the samples in which an order is judged, shape (n,); none where no f_al is known.
+
+    Args:
+        material: Result and bench.
+        recording: The run.
+        axis: Axis that moved.
+        order: Order k.
+    """
     window = material.window_rps(axis, order)
     return np.flatnonzero(speed_window(recording, axis, window)) if window is not None else np.zeros(0, dtype=np.int_)
 

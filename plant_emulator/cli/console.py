@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from drive_profiles.cli.completion import AxisCompleter, complete_reference
 from drive_profiles.cli.console import ToolExitStatus, epilog, fail
 
 
@@ -23,7 +25,12 @@ class EmulatorExitStatus(ToolExitStatus):
 EPILOG = epilog(status for status in EmulatorExitStatus if status is not EmulatorExitStatus.INTERNAL)
 """End of the tool's own help."""
 
-RobotOption = Annotated[str, typer.Option("--robot", help="Robot file (TOML), or `reference`.")]
+AXES = AxisCompleter(Path(__file__).parents[1] / "robots" / "reference.toml")
+"""Completers of axes of the robot file."""
+
+RobotOption = Annotated[
+    str, typer.Option("--robot", help="Robot file (TOML), or `reference`.", autocompletion=complete_reference)
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 
 

@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
+from drive_profiles.cli.completion import complete_reference
 from drive_profiles.cli.console import epilog, fail
-from plant_emulator.cli.console import EmulatorExitStatus, by_axis, exit_on_error, exit_on_value_error
+from plant_emulator.cli.console import AXES, EmulatorExitStatus, by_axis, exit_on_error, exit_on_value_error
 
 EDS_EPILOG = epilog(
     (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
@@ -23,11 +24,20 @@ def eds(
     out: Annotated[Path, typer.Option("--out", help="Folder for the files; made if it is not there.")],
     robot: Annotated[
         str | None,
-        typer.Option("--robot", help="One file for each node of this robot, a robot file or `reference`, instead of each kind."),
+        typer.Option(
+            "--robot",
+            help="One file for each node of this robot, a robot file or `reference`, instead of each kind.",
+            autocompletion=complete_reference,
+        ),
     ] = None,
     drive: Annotated[
         list[str] | None,
-        typer.Option("--drive", metavar="AXIS=PROFILE", help="With --robot, as of `serve`; repeatable."),
+        typer.Option(
+            "--drive",
+            metavar="AXIS=PROFILE[/PRODUCT]",
+            help="With --robot, as of `serve`; repeatable.",
+            autocompletion=AXES.with_profile,
+        ),
     ] = None,
 ) -> None:
     """Write the EDS files of the emulated drive and accelerometer, for tools that configure CANopen nodes.

@@ -13,7 +13,7 @@ import typer
 from drive_profiles.cli.console import epilog, fail, print_json, progress, table
 from hil.control.treatments import PlainTreatmentName, present_token
 from hil.control.treatments import treatment as treatment_named
-from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, RobotOption, exit_on_error, exit_on_value_error
+from plant_emulator.cli.console import AXES, EmulatorExitStatus, JsonOption, RobotOption, exit_on_error, exit_on_value_error
 
 if TYPE_CHECKING:
     from hil.control.notch import Notch
@@ -36,7 +36,13 @@ SHOWN = 10
 ExperimentName = Literal["constant-acceleration", "line-motion"]
 
 AxesOption = Annotated[
-    str | None, typer.Option("--axis", metavar="N[,N]", help="Axes, one study each; left out: those that have a filter.")
+    str | None,
+    typer.Option(
+        "--axis",
+        metavar="N[,N]",
+        help="Axes, one study each; left out: those that have a filter.",
+        autocompletion=AXES.several,
+    ),
 ]
 ExperimentOption = Annotated[ExperimentName, typer.Option("--experiment", help="What the robot is asked to do.")]
 TreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="none: the same plants without filters.")]

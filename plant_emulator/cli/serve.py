@@ -11,7 +11,7 @@ import typer
 
 from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.console import epilog, fail
-from plant_emulator.cli.console import EmulatorExitStatus, RobotOption, by_axis, exit_on_error, exit_on_value_error
+from plant_emulator.cli.console import AXES, EmulatorExitStatus, RobotOption, by_axis, exit_on_error, exit_on_value_error
 
 if TYPE_CHECKING:  # --help must not wait for them
     from drive_profiles.address import Address
@@ -56,7 +56,12 @@ ServedBusOption = Annotated[
 ]
 DriveOption = Annotated[
     list[str] | None,
-    typer.Option("--drive", metavar="AXIS=PROFILE", help="Drive of an axis: name of a profile, or its file; repeatable."),
+    typer.Option(
+        "--drive",
+        metavar="AXIS=PROFILE[/PRODUCT]",
+        help="Drive of an axis: a profile by name or file; repeatable.",
+        autocompletion=AXES.with_profile,
+    ),
 ]
 EdsOption = Annotated[
     list[str] | None,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drive_profiles.cli.console import epilog, fail
-from plant_emulator.cli.console import EmulatorExitStatus, RobotOption, exit_on_error, exit_on_value_error
+from plant_emulator.cli.console import AXES, EmulatorExitStatus, RobotOption, exit_on_error, exit_on_value_error
 
 if TYPE_CHECKING:  # --help must not wait for them
     from plant_emulator.studies.simulate import Simulation
@@ -24,7 +24,10 @@ def mount(app: typer.Typer) -> None:
 def simulate(
     out: Annotated[Path, typer.Option("--out", help="CSV file to write.")],
     robot: RobotOption = "reference",
-    axis: Annotated[int | None, typer.Option("--axis", help="Constant acceleration of this axis; left out: line motion.")] = None,
+    axis: Annotated[
+        int | None,
+        typer.Option("--axis", help="Constant acceleration of this axis; left out: line motion.", autocompletion=AXES.one),
+    ] = None,
     notch: Annotated[bool, typer.Option("--notch/--no-notch", help="With the axes' notch filters of the robot file.")] = False,
     sync_period_s: Annotated[float, typer.Option("--sync-period-s", help="Period of the set-points.")] = 0.002,
 ) -> None:

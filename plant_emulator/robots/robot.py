@@ -1,7 +1,6 @@
 """The robot file: what the emulated robot is. Units are in the names of the keys; SI inside."""
 
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from drive_profiles.family.profile import is_name
 from drive_profiles.files.toml import Table, load
 from hil.control.angles import ARCSEC
 from hil.control.trajectory import PlanarChain
@@ -120,7 +120,7 @@ class RobotAxis(PlantTable):
     """One axis: motor, gearing, arm, encoder; the reference robot's keys, and options that are off unless given.
 
     Attributes:
-        profile: The drive that moves it: a profile of the package by its name, or the path of a profile.
+        profile: The drive that moves it: a profile of the package by its name, with /PRODUCT behind it or not, or a path.
         eds: Path of the drive's EDS file; its objects that the profile does not state are there, but do nothing.
         store_time_s: Time for which the drive is silent on SDO while it stores.
         torque_constant_nm_a: Assumed motor constant, for drives whose gains are in amperes, and for 6075h.
@@ -300,11 +300,6 @@ def _in_folder(axis: RobotAxis, folder: Path) -> RobotAxis:
     if axis.eds is not None:
         changes["eds"] = str(folder / axis.eds)
     return axis.model_copy(update=changes) if changes else axis
-
-
-def is_name(profile: str) -> bool:
-    """True where a profile is named rather than given by its path."""
-    return re.fullmatch(r"[a-z0-9_-]+", profile) is not None
 
 
 def with_drives(

@@ -19,8 +19,9 @@ pytestmark = pytest.mark.timeout(600)  # a minute on a machine that does nothing
 RUN_KEYS = {
     "experiment", "axis", "treatment", "loop", "sync_period_s", "control_period_s", "order", "tip_peak_mm", "tip_rms_mm",
     "spectrum_peak_m_s2", "spectrum_peak_hz", "spectrum_area", "within_spec", "cycles", "missed_cycles", "wall_s", "motion_s",
-    "recording",
+    "recording", "f_al_hz", "band_hz",
 }  # fmt: skip
+RAMP_KEYS = {"ramp_peak_mm", "window_rps"}
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +46,10 @@ def runs(demo: tuple[Path, dict[str, Any]], **wanted: object) -> list[dict[str, 
 def test_result_has_the_promised_shape(demo: tuple[Path, dict[str, Any]]) -> None:
     out, result = demo
     assert result["schema"] == 2
-    assert set(result) == {"schema", "kind", "bench", "runs", "comparisons", "paper"}
+    assert set(result) == {"schema", "kind", "bench", "runs", "comparisons", "paper", "emulated"}
+    assert result["emulated"] is True
     for run in result["runs"]:
-        assert set(run) == RUN_KEYS
+        assert set(run) == RUN_KEYS | (set() if run["axis"] is None else RAMP_KEYS)
         assert (out / run["recording"]).is_file()
         assert (run["order"] is None) == (run["experiment"] == "line-motion")
     keys = {(r["experiment"], r["axis"], r["loop"], r["treatment"], r["order"]) for r in result["runs"]}

@@ -176,7 +176,7 @@ def test_a_ramp_that_ends_before_the_resonance(reference_bench: Bench, reference
     )
     bench = bench.model_copy(update={"axis": {**bench.axis, 2: narrow}})
     with pytest.raises(
-        AteNotIdentifiedError, match=r"rps, at least 7\.\d+ rps is needed; .* between its position limits are 4\.0"
+        AteNotIdentifiedError, match=r"rev/s, at least 7\.\d+ rev/s is needed; .* between its position limits are 4\.0"
     ):
         identified(bench, noisy(reference_robot, 0.002, 1), AteRequest(2))
 

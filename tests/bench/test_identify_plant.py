@@ -56,6 +56,7 @@ def test_the_model_file_has_the_plant(directory: Path) -> None:
     assert plant.antiresonance_hz == pytest.approx(true_values(3)["antiresonance_hz"], rel=5e-3)
     assert plant.standard_error["gear_stiffness_nm_rad"] > 0.0
     assert plant.coulomb_friction_nm == pytest.approx(0.05, rel=0.05)
+    assert plant.emulated is True, "a design that rests on it says so"
 
 
 def test_the_recordings_are_kept(directory: Path) -> None:

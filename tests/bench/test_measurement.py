@@ -1,5 +1,6 @@
 """What every measurement on a bench has in common, whatever it measures: log, load check, record, restoration, its end."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,7 +109,11 @@ def test_log_record_result_report_and_the_nodes_as_they_were(kind: str, rig: Mea
     assert outcome.result.kind == kind
     report = CliRunner().invoke(app, ["report", str(tmp_path)])
     assert report.exit_code == 0, report.output
-    assert "<svg" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<svg" in page
+    assert outcome.result.emulated is True, "the nodes have said so, whatever the bus is called"
+    assert page.index("Emulated robot") < page.index("<h1>")
+    assert not re.search(r'class="tag">[^<]*measured', page)
 
 
 def test_a_bus_that_is_too_full_is_refused_before_anything_is_sent(kind: str, rig: MeasurementRig, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Drives that lack objects: optional ones are not missed; all others are listed at once, before anything is written."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +10,10 @@ from drive_profiles.standard.cia402 import Object, State
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.can.frame import Frame
 from hil.errors import NodeError, NotPossibleError
+from hil.experiments import measurement
 from hil.experiments.motions import constant_acceleration
+from hil.experiments.plan import Experiment
+from hil.experiments.runner import run_experiments
 from hil.master.motion import LoopName, RunResult
 from hil.master.needs import MissingObjectsError
 from hil.master.session import Session
@@ -168,6 +172,17 @@ def test_what_a_profile_lacks_is_said_before_anything_is_written(
     for name in (*GAINS, "torque_limit_nm"):
         assert f"no {name}, " in str(caught.value)
     assert written(channel) == []
+
+
+def test_what_any_of_several_experiments_lacks_is_said_before_the_first_of_them_moves(
+    short_bench: Bench, reference_robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    channel = InProcessChannel(World(reference_robot))
+    monkeypatch.setattr(measurement, "open_channel", lambda address: channel)
+    experiments = [Experiment("constant-acceleration", AXIS, "none", loop) for loop in ("drive", "host")]
+    with pytest.raises(NotPossibleError, match='axis 2: control = "as found", and the host closes the loop'):
+        run_experiments(changed(short_bench, control=AS_FOUND), experiments, tmp_path)
+    assert not channel.sent
 
 
 def gains_of(robot: Robot, bench: Bench) -> Robot:

@@ -578,7 +578,7 @@ def test_a_motion_that_misses_the_windows_is_run_and_not_judged(session: BenchSe
     experiment = demo_experiments(bench)[0]
     result = session.run(experiment.motion(bench), "none", "drive")
     (second, fourth) = entries(bench, experiment, result, "x.csv")
-    assert "between 4.5 and 7.5 rps" in (second.invalid or "")
+    assert "between 4.5 and 7.5 rev/s" in (second.invalid or "")
     assert fourth.tip_peak_mm is not None
 
 

@@ -24,7 +24,7 @@ def test_the_bench_of_the_story_knows_nothing(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text(story.bench_without_model())
     found, reference = load_bench(path), load_bench("reference")
-    assert found.name == "own-robot"
+    assert (found.name, found.is_paper, reference.is_paper) == ("own-robot", False, True)
     for number, table in found.axis.items():
         assert table.model is None
         assert table.model_copy(update={"model": reference.axis[number].model}) == reference.axis[number]
@@ -100,6 +100,7 @@ def test_the_whole_demo_ends_with_the_story(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     told = json.loads((out / "story" / "result.json").read_text())
     assert told["story"]["failure"] is None
+    assert told["emulated"] is True
     names = [step["name"] for step in told["story"]["steps"]]
     assert names[-4:] == ["design notch, axis 3", "upload, read back, store", "run side by side", "read back after the runs"]
     assert all(step["holds"] for step in told["story"]["steps"])
@@ -117,5 +118,8 @@ def test_the_whole_demo_ends_with_the_story(tmp_path: Path) -> None:
     page = (out / "report.html").read_text()
     assert "Your own robot" in page
     assert "story/report.html" in page
-    assert (out / "story" / "report.html").is_file()
+    own = (out / "story" / "report.html").read_text()
+    assert own.index("Emulated robot") < own.index("<h1>")
+    assert "This rests on an emulated robot" in (out / "story" / "design-axis2" / "design.html").read_text()
+    assert "Paper</th>" not in (out / "story" / "identify-ate-axis2" / "report.html").read_text()
     assert json.loads((out / "result.json").read_text())["paper"]

@@ -75,6 +75,13 @@ class WorldBus:
                 self._answers[node].append(frame.data)
 
 
+class WorldSdoBus(WorldBus):
+    """As much of an `SdoBus` as the choice of a device needs."""
+
+    def port(self, node: int) -> SdoPort:
+        return SdoPort(node, self.line(node), TIMEOUT_S)
+
+
 class Line:
     def __init__(self, bus: WorldBus, node: int) -> None:
         self._bus, self._node = bus, node

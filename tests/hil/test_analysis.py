@@ -141,7 +141,7 @@ def test_a_single_axis_run_is_judged_in_its_window_only():
 
 def test_a_run_that_misses_the_window_is_refused_with_the_count():
     slow = np.linspace(0.0, 2.0, 1000)
-    with pytest.raises(ValueError, match=r"0 samples between 4\.5 and 7\.5 rps"):
+    with pytest.raises(ValueError, match=r"0 samples between 4\.5 and 7\.5 rev/s"):
         constant_acceleration_metrics(recording(np.zeros(1000), np.cumsum(slow) * T), 2, 2, PAPER)
 
 
@@ -200,7 +200,7 @@ def test_the_peak_of_the_whole_ramp_stands_beside_that_of_the_window():
 def test_a_ramp_that_ends_before_the_resonance_is_not_judged():
     speed = np.concatenate([np.arange(0.0, 8.9, 4.0 * T), np.arange(8.9, 0.0, -20.0 * T), np.zeros(300)])
     run = recording(np.zeros_like(speed), np.cumsum(speed) * T)
-    with pytest.raises(ValueError, match=r"order 2 meets f_al = 18\.00 Hz at 9\.00 rps: raise end_rps"):
+    with pytest.raises(ValueError, match=r"order 2 meets f_al = 18\.00 Hz at 9\.00 rev/s: raise end_rps"):
         constant_acceleration_metrics(run, 2, 2, tip_scale(18.0))
 
 

@@ -112,7 +112,7 @@ def identify_on(
     identification, start = Identification(), knowledge.start
     for number in range(1, request.passes + 1):
         reporter.step(
-            f"pass {number} of at most {request.passes}: axis {axis} to {end:.2f} rps at {acceleration:.2f} rps/s and back"
+            f"pass {number} of at most {request.passes}: axis {axis} to {end:.2f} rev/s at {acceleration:.2f} rev/s² and back"
         )
         session.check_interrupt()
         here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
@@ -180,7 +180,7 @@ def _check_speed(bench: Bench, axis: int, motion: Ramps, recording: Recording, a
         reached = reached_rps(recording.axis(axis, "position_rad"), recording.period_s, last)
         if reached < needed:
             why = too_short(bench, axis, motion.trajectory.acceleration_rps_s, arm_hz, reached)
-            raise AteNotIdentifiedError(f"the speed that the ramp {name} reached", reached, needed, "rps", why)
+            raise AteNotIdentifiedError(f"the speed that the ramp {name} reached", reached, needed, "rev/s", why)
 
 
 def _with_inertia_error(estimate: JointEstimate, fraction: float) -> JointEstimate:

@@ -92,7 +92,7 @@ def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float 
     """
     table = bench.axis[axis]
     if not math.isfinite(acceleration_rps_s) or acceleration_rps_s <= 0.0:
-        raise NotPossibleError(f"an acceleration of {acceleration_rps_s:g} rps/s makes no ramp; it must be above 0")
+        raise NotPossibleError(f"an acceleration of {acceleration_rps_s:g} rev/s² makes no ramp; it must be above 0")
     motion = bench.constant_acceleration
     wanted = DEFAULT_END_RPS if motion is None else motion.end_rps
     if arm_hz is not None:
@@ -104,8 +104,8 @@ def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float 
         raise NotPossibleError(too_short(bench, axis, acceleration_rps_s, arm_hz, reached))
     if reached < 0.5:
         raise NotPossibleError(
-            f"axis {axis} has {room:.2f} rev to move in, which at {acceleration_rps_s:g} rps/s ends at {reached:.2f} rps: wider "
-            "position limits are needed"
+            f"axis {axis} has {room:.2f} rev to move in, which at {acceleration_rps_s:g} rev/s² ends at {reached:.2f} rev/s: "
+            "wider position limits are needed"
         )
     return reached
 
@@ -121,17 +121,16 @@ def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float,
         reached_rps: Speed that the ramp reaches.
     """
     table, needed = bench.axis[axis], BEYOND_RESONANCE * arm_hz / 2.0
-    head = f"axis {axis} reaches {reached_rps:.2f} rps; to pass f_m2 = {arm_hz / 2.0:.2f} rps, {needed:.2f} rps are needed"
+    head = f"axis {axis} reaches {reached_rps:.2f} rev/s; to pass f_m2 = {arm_hz / 2.0:.2f} rev/s, {needed:.2f} rev/s are needed"
     if SPEED_FRACTION * table.limits.speed_rps < needed:
         return f"{head}: its limit speed_rps is {table.limits.speed_rps:g}, {needed / SPEED_FRACTION:.2f} is needed"
     room, taken = room_rev(table), travel_rev(acceleration_rps_s, deceleration(bench), needed)
     if taken <= room:
         return f"{head}: constant_acceleration.end_rps is too small"
     least = slowest(table, deceleration(bench), needed)
-    remedy = f"accelerate with {least:.2f} rps/s or more, or " if least < 50.0 else ""
-    return (
-        f"{head}: {taken:.1f} rev at {acceleration_rps_s:g} rps/s, between its position limits are {room:.1f}; {remedy}widen them"
-    )
+    remedy = f"accelerate with {least:.2f} rev/s² or more, or " if least < 50.0 else ""
+    taken_at = f"{taken:.1f} rev at {acceleration_rps_s:g} rev/s²"
+    return f"{head}: {taken_at}, between its position limits are {room:.1f}; {remedy}widen them"
 
 
 def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, end_rps: float, period_s: float) -> Ramps:
@@ -153,8 +152,8 @@ def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, 
     travel = travel_rev(acceleration_rps_s, trajectory.deceleration_rps_s, end_rps)
     if travel > room_rev(table) + 1e-6:
         raise NotPossibleError(
-            f"a ramp to {end_rps:.2f} rps at {acceleration_rps_s:g} rps/s takes {travel:.1f} rev; between axis {axis}'s position "
-            f"limits are {room_rev(table):.1f}"
+            f"a ramp to {end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² takes {travel:.1f} rev; between axis {axis}'s "
+            f"position limits are {room_rev(table):.1f}"
         )
     lowest = table.limits.position_min_rev + MARGIN_REV
     low = min(max(start_rev - 0.5 * travel, lowest), table.limits.position_max_rev - MARGIN_REV - travel)

@@ -114,7 +114,7 @@ class Cancellation:
                 raise UnsafeRequestError(f"the torque offset of {name}", torque, allowed, "N·m", remedy)
             speed = peak_rps + own.largest_rate_rps(peak_rps)
             if speed > limits.speed_rps:
-                raise UnsafeRequestError(f"the speed of {name} with its cancellation", speed, limits.speed_rps, "rps")
+                raise UnsafeRequestError(f"the speed of {name} with its cancellation", speed, limits.speed_rps, "rev/s")
             high, low = float(angle.max()) / turn + reach_rev, float(angle.min()) / turn - reach_rev
             if high > limits.position_max_rev:
                 raise UnsafeRequestError(f"the position of {name} with its cancellation", high, limits.position_max_rev, "rev")
@@ -281,7 +281,7 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
     for number in models:
         profile = Profile.load(bench.axis[number].profile)
         if "cancellation.mode" not in profile.parameters:
-            raise NotPossibleError(f"axis {number}: drive family {profile.name} cancels nothing by itself")
+            raise NotPossibleError(f"axis {number}: drive family {profile.label} cancels nothing by itself")
     if not models:
         raise NotPossibleError(_nothing_known(axes))
     return models

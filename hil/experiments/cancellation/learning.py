@@ -193,11 +193,10 @@ def learn(
     bench, period = session.bench, session.bench.bus.sync_period_s
     table = _table_of(bench, axis, passes)
     end = end_speed(bench, axis, acceleration_rps_s, None)
-    learning, sweeps, start, delay_s = AxisLearning(axis), list[Sweep](), None, 0.0
-    scale = axis_scale(bench, axis)
+    learning, sweeps, start, delay_s, scale = AxisLearning(axis), list[Sweep](), None, 0.0, axis_scale(bench, axis)
     for number in range(1, passes + 1):
         gain = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0
-        reporter.step(f"pass {number} of {passes}: axis {axis} to {end:.2f} rps and back, {100.0 * gain:g} % of the cancellation")
+        reporter.step(f"pass {number} of {passes}: axis {axis} to {end:.2f} rev/s, {100.0 * gain:g} % of the cancellation")
         session.check_interrupt()
         here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
         motion = ramps(bench, axis, here_rev, acceleration_rps_s, end, period)

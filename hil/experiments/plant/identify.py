@@ -148,7 +148,7 @@ class PlantIdentification:
         can = takes_torque_offset(self.drive.profile)
         if not can:
             self.remarks.append(
-                f"drive family {self.drive.profile.name} takes no torque offset: the reference is excited instead"
+                f"drive family {self.drive.profile.label} takes no torque offset: the reference is excited instead"
             )
         return "torque" if can else "reference"
 
@@ -167,7 +167,7 @@ class PlantIdentification:
         except UnidentifiableError as error:
             raise PlantNotIdentifiedError(self.request.axis, (f"friction: {error}",)) from error
         amplitude = self.request.amplitude_nm or self._pilot()
-        self._reporter.step(f"{self.request.shape} of {amplitude:.3g} N·m at {self.travel.bias_rps:.3g} rps")
+        self._reporter.step(f"{self.request.shape} of {amplitude:.3g} N·m at {self.travel.bias_rps:.3g} rev/s")
         main = self._excited(amplitude, is_pilot=False)
         result = self._run("main", main)
         estimate = self._estimate(main, result, friction, amplitude)

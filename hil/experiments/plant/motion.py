@@ -143,10 +143,12 @@ def plan_travel(bench: Bench, request: PlantRequest, start_rev: float, excited: 
     if request.periods < FEWEST:
         raise NotPossibleError(f"{request.periods} periods are too few to tell their scatter: at least {FEWEST} are needed")
     if request.bias_rps < 0.2:
-        raise NotPossibleError(f"a bias of {request.bias_rps:g} rps does not keep the motor out of its friction; needed: 0.2 rps")
+        raise NotPossibleError(
+            f"a bias of {request.bias_rps:g} rev/s does not keep the motor out of its friction; needed: 0.2 rev/s"
+        )
     if 2.0 * request.bias_rps > limits.speed_rps:
         what = f"the speed of axis {request.axis} with the excitation on the bias"
-        raise UnsafeRequestError(what, 2.0 * request.bias_rps, limits.speed_rps, "rps", "lower --bias-rps")
+        raise UnsafeRequestError(what, 2.0 * request.bias_rps, limits.speed_rps, "rev/s", "lower --bias-rps")
     if request.amplitude_nm is not None and request.amplitude_nm > 0.8 * limits.torque_nm:
         what = f"the torque of the excitation on axis {request.axis}"
         raise UnsafeRequestError(what, request.amplitude_nm, 0.8 * limits.torque_nm, "N·m", "lower --amplitude-nm")
@@ -168,7 +170,7 @@ def plan_travel(bench: Bench, request: PlantRequest, start_rev: float, excited: 
                 continue
             begin = min(max(start_rev, low), high - length)
             return Travel(bias, _wave(request, period_s, sync, table, excited), periods, stretches, begin, begin + length)
-    what = f"the travel of axis {request.axis} at {request.bias_rps:g} rps"
+    what = f"the travel of axis {request.axis} at {request.bias_rps:g} rev/s"
     raise UnsafeRequestError(what, needed, high - low, "rev", f"lower --bias-rps (the limits leave {high - low:.4g} rev)")
 
 

@@ -257,7 +257,14 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
 def errors(
     axis: int, part: IdentifiedError | None, *, is_sensorless: bool = False, is_paper: bool = False
 ) -> ReportTable | None:  # fmt: skip
-    """Table of the transmission error with its standard errors; for the paper's robot beside the paper's Table 2."""
+    """Table of the transmission error with its standard errors; for the paper's robot beside the paper's Table 2.
+
+    Args:
+        axis: Axis number.
+        part: The transmission error; None for no table.
+        is_sensorless: True where it was identified without an accelerometer.
+        is_paper: True for the paper's robot.
+    """
     if part is None:
         return None
     rows: list[list[Cell]] = []

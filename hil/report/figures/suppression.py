@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from hil.analysis import amplitude_spectrum, motor_speed_rps
+from hil.analysis import BRAKING_S, amplitude_spectrum, motor_speed_rps
 from hil.recording import Recording
 from hil.report import style
 from hil.report.drawn_run import (
@@ -24,9 +24,6 @@ from hil.report.drawn_run import (
 )
 from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite
 from hil.report.style import Drawing
-
-BRAKING_S = 0.12
-"""Time from the end of the vibration's diagrams to the end of the ramp."""
 
 
 def suppression(material: Material, axis: int) -> Drawing | None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hil.bench.design import notch_table
 from hil.design.notch_design import NotchVerdict
-from hil.design.uncertainty import spread_words
+from hil.design.uncertainty import plants_words
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
 from hil.report.figures import design as figures_design
@@ -55,15 +55,9 @@ def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
     best = outcome.best
     which = "The given filters keep" if outcome.request.is_given else "The designed filters keep"
     details = tuple(str(check) for check in best.checks)
-    return PageVerdict("good", "✔", f"{which} all that is asked, at every speed, for {plants_words(outcome)}", details)
-
-
-def plants_words(outcome: NotchDesignOutcome) -> str:
-    """The plants of a design in words, with how far apart they are."""
-    members = outcome.problem.members
-    if len(members) == 1:
-        return "the believed plant alone"
-    return f"{len(members)} plants: {spread_words(members)}"
+    return PageVerdict(
+        "good", "✔", f"{which} all that is asked, at every speed, for {plants_words(outcome.problem.members)}", details
+    )
 
 
 def cards(outcome: NotchDesignOutcome) -> list[Card]:

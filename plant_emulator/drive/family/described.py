@@ -55,7 +55,7 @@ class DescribedFamily(DriveFamily):
         entries: FamilyDictionary,
     ) -> None:
         """Take what `family_of` has put together."""
-        self.profile, self._facts = profile.name, profile
+        self.profile, self._facts = profile.label, profile
         super().__init__(dictionary, scaling)
         self._gains = gains
         self.modes = tuple(mode for mode in profile.supported_modes if mode in objects.MODES)

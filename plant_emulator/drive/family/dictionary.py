@@ -86,8 +86,8 @@ class FamilyDictionary:
             device_type=objects.DEVICE_TYPE if identity.device_type is None else identity.device_type,
             name=self._facts.title.encode("latin-1", "replace").decode("latin-1"),
             vendor_id=identity.vendor_id,
-            product_code=next(iter(identity.product_codes), 0),
-            revision=identity.revision or 0,
+            product_code=identity.product_code or 0,
+            revision=identity.typical_revision,
             serial_number=self._number,
         )
         entries += objects.cycle_entries()

@@ -53,6 +53,33 @@ def test_show_as_json_is_the_whole_profile():
     assert Profile.model_validate_json(result.stdout, strict=True) == Profile.load("emulated_drive")
 
 
+def test_show_lists_the_products_and_shows_one():
+    family = runner.invoke(app, ["show", "trinamic_tmcm16xx"]).stdout
+    line = next(line.split() for line in family.splitlines() if line.startswith("tmcm-1670"))
+    assert line == ["tmcm-1670", "Trinamic", "TMCM-1670", "0x00000686", "any", "0x00420192", "36", "eds"]
+    product = runner.invoke(app, ["show", "trinamic_tmcm16xx/tmcm-1670"]).stdout
+    assert "PP, PV, HM, CST" in product
+    gains = [line.split()[1] for line in product.splitlines() if line.startswith("position_gain ")]
+    assert gains == ["2050:4"]
+    listed = json.loads(runner.invoke(app, ["list", "--json"]).stdout)
+    names = {each["name"]: [product["product"] for product in each["products"]] for each in listed}
+    assert names["maxon_epos4"] == ["module-50-5", "module-24-1.5", "70-15"]
+    assert names["emulated_drive"] == []
+
+
+@pytest.mark.parametrize(("code", "status"), [(0x6450_0000, 0), (0x6150_0000, 3)])
+def test_convert_goes_by_the_product_that_the_set_is_of(tmp_path, code, status):
+    """12 A is a nominal current of the 70/15, and none of the Module 50/5."""
+    path = tmp_path / "set.toml"
+    path.write_text(
+        f'[header]\nprofile = "maxon_epos4"\nproduct_code = {code}\n[commissioning]\nnominal_current = {{ value = 12000 }}\n'
+    )
+    result = runner.invoke(app, ["convert", str(path), "--out", str(tmp_path / "set.cdcf")])
+    assert result.exit_code == status
+    assert ("must be at most 5000" in result.stderr) == (status != 0)
+    assert "inf" not in result.stderr
+
+
 @pytest.mark.parametrize("name", available())
 def test_show_has_the_reason_for_every_answer(name):
     capabilities = Profile.load(name).capabilities
@@ -74,7 +101,7 @@ def test_a_profile_may_be_a_file(tmp_path):
     assert runner.invoke(app, ["show", str(path)]).exit_code == 0
 
 
-@pytest.mark.parametrize("arguments", [["show", "nothing"], ["show"], ["bogus"], ["list", "--bogus"]])
+@pytest.mark.parametrize("arguments", [["show", "nothing"], ["show", "elmo_gold/x"], ["show"], ["bogus"], ["list", "--bogus"]])
 def test_wrong_usage_is_2(arguments):
     result = runner.invoke(app, arguments)
     assert result.exit_code == 2
@@ -83,6 +110,9 @@ def test_wrong_usage_is_2(arguments):
 
 def test_an_unknown_name_lists_what_there_is():
     assert "available: copley_plus, elmo_gold" in runner.invoke(app, ["show", "nothing"]).output
+    wrong = runner.invoke(app, ["show", "maxon_epos4/50-5"])
+    assert wrong.exit_code == 2
+    assert "no product '50-5'; it has 0x61500000 (module-50-5)" in wrong.stderr
 
 
 def test_a_bad_file_is_3_with_every_problem_on_stderr(tmp_path):

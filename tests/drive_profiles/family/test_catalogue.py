@@ -282,7 +282,7 @@ def test_a_value_is_within_the_limits_of_the_profile_and_of_the_eds():
             OutOfRangeError, match=rf"\(force_limit_nm\) {value} N·m: {raw} on the wire is outside 10 to 100, the limits of"
         ):
             entry.encoded(value)
-    with pytest.raises(OutOfRangeError, match=r"2000:1 20\.1 N·m: is outside -inf to 20"):
+    with pytest.raises(OutOfRangeError, match=r"2000:1 20\.1 N·m: must be at most 20"):
         entry.encoded(20.1)
     assert Catalogue(PROFILE).find("force_limit_nm").encoded(20.0) == b"\xc8\x00"  # without the EDS
     assert Catalogue(None, GRIPPER).find("Grip.Force").encoded(100) == b"\x64\x00"  # without the profile: as on the wire

@@ -114,7 +114,7 @@ def test_a_limit_that_is_a_whole_number_of_steps_is_accepted_when_it_is_read_bac
 def test_a_limit_between_two_steps_is_not_moved_to_the_next():
     entry = parameter("UNSIGNED8", scale=0.1, unit="s", maximum=0.26)
     assert entry.raw(0.2) == 2
-    with pytest.raises(OutOfRangeError, match=r"2147:1 0\.3 s: is outside -inf to 0\.26"):
+    with pytest.raises(OutOfRangeError, match=r"2147:1 0\.3 s: must be at most 0\.26"):
         entry.raw(0.3)
 
 

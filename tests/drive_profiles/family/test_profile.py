@@ -43,12 +43,12 @@ def test_the_emulated_devices_are_there_under_a_vendor_number_that_nobody_has():
         identity = Profile.load(name).identity
         assert (identity.vendor_id == 0x48494C01) == (name in emulated)
         assert name not in emulated or (identity.revision == 1 and identity.is_verified)
-    assert DRIVE.identity.product_codes == (0x402,)
+    assert DRIVE.identity.product_code == 0x402
     assert DRIVE.identity.device_type & 0xFFFF == 402
     assert DRIVE.loop.period_s == 250e-6
     assert set(DRIVE.supported_modes) >= {Mode.CSP, Mode.CST}
     accelerometer = Profile.load("emulated_accelerometer")
-    assert accelerometer.identity.product_codes == (0x404,)
+    assert accelerometer.identity.product_code == 0x404
     assert accelerometer.identity.device_type & 0xFFFF == 404
     assert accelerometer.capabilities is None
     assert accelerometer.supported_modes == ()
@@ -211,19 +211,6 @@ def test_a_drive_without_a_filter_does_not_hold_the_notch():
         Profile.model_validate_json(json.dumps(document))
     document["capabilities"]["notch_inside"]["answer"] = "no"
     assert Profile.model_validate_json(json.dumps(document)).notch is None
-
-
-@pytest.mark.parametrize(
-    ("stated", "codes"),
-    [
-        ({}, ()),
-        ({"product_code": 7}, (7,)),
-        ({"product_code": 7, "other_products": {"small": 8, "large": 9}}, (7, 8, 9)),
-        ({"other_products": {"small": 0}}, (0,)),
-    ],
-)
-def test_a_family_is_all_of_its_products(stated, codes):
-    assert Identity(vendor_id=1, source="a manual", evidence="documentation", **stated).product_codes == codes
 
 
 @pytest.mark.parametrize("evidence", get_args(Evidence))

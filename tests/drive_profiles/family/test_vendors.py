@@ -12,7 +12,7 @@ from drive_profiles.family.profile import VENDORS
 from drive_profiles.files.toml import split_unit
 from drive_profiles.standard.cia402 import Mode
 from drive_profiles.standard.object_address import object_address
-from tests.drive_profiles.profiles import DRIVES, PROFILES
+from tests.drive_profiles.profiles import ALL_DRIVES, DRIVES, PRODUCTS, PROFILES
 
 FAMILIES = {
     "copley_plus",
@@ -31,16 +31,21 @@ FAMILIES = {
     "yiyou_euservo",
     "zeroerr_erob",
 }
+EVERY = {**PROFILES, **PRODUCTS}
 STANDARD = {
     parameter.address: name for name, parameter in DRIVES["emulated_drive"].parameters.items() if parameter.index >= 0x6000
 }
 STEMS = {place: split_unit(name)[0] for place, name in STANDARD.items()}
 OTHER_MEANING = {("copley_plus", (0x6065, 0)): "following_error_warning_rad"}  # there 6065h only warns, and 2120h trips
-COUNTS_NOT_STATED = {"elmo_gold", "maxon_epos2"}  # no object of theirs does: their positions are not converted yet
+COUNTS_NOT_STATED = {
+    "elmo_gold",
+    "maxon_epos2",
+    "technosoft_ipos/isd860",
+}  # no object of theirs does: their positions are not converted yet
 MACHINE_PATH = re.compile(r"(?:^|[\s;,(])(?:/|~/|\./|\.\./|[A-Za-z]:\\)\w|file://", re.IGNORECASE)
 
-each_profile = pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
-each_drive = pytest.mark.parametrize("profile", DRIVES.values(), ids=DRIVES)
+each_profile = pytest.mark.parametrize("profile", EVERY.values(), ids=EVERY)
+each_drive = pytest.mark.parametrize("profile", ALL_DRIVES.values(), ids=ALL_DRIVES)
 
 
 def document(profile):
@@ -89,7 +94,9 @@ def test_the_families_are_there():
 
 def test_no_two_families_claim_the_same_device():
     claimed = Counter(
-        (profile.identity.vendor_id, code) for profile in PROFILES.values() for code in profile.identity.product_codes
+        (profile.identity.vendor_id, code)
+        for profile in PROFILES.values()
+        for code in {member.identity.product_code for member in profile.members} - {None}
     )
     assert [device for device, count in claimed.items() if count > 1] == []
 
@@ -169,7 +176,7 @@ def test_what_counts_in_the_drives_units_can_be_converted(profile):
         assert profile.torque.rated_torque
     if "counts" in scales:
         tells = profile.encoder.increments is not None or profile.encoder.counts_per_rev is not None
-        assert tells != (profile.name in COUNTS_NOT_STATED)
+        assert tells != (profile.label in COUNTS_NOT_STATED)
 
 
 @each_profile

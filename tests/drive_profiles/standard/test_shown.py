@@ -71,3 +71,14 @@ def test_whatever_they_are(left, right):
 
 def test_a_unit_has_one_spelling():
     assert [shown.unit(each) for each in ("us", "rps", "deg", "per mille", "N·m", "")] == ["µs", "rev/s", "°", "‰", "N·m", ""]
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (48950.23, 38.4, "48950 ± 38"), (0.000260634, 1.2e-7, "0.00026063 ± 0.00000012"), (-12.4331, 0.0042, "-12.4331 ± 0.0042"),
+        (250.0, 1234.5, "250 ± 1234"), (5.0, 0.0, "5 ± 0"), (5.25, math.inf, "5.25 ± inf"),
+    ],
+)  # fmt: skip
+def test_what_was_measured_has_the_digits_that_its_error_leaves(value, error, text):
+    assert shown.measured(value, error) == text

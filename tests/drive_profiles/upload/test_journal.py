@@ -336,5 +336,5 @@ def test_what_is_too_large_or_not_there_is_refused(tmp_path, monkeypatch):
         read(tmp_path)
     monkeypatch.setattr(module, "MAX_BYTES", 100)
     (tmp_path / "large").write_bytes(b" " * 101)
-    with pytest.raises(FileError, match="is larger than 16 MiB"):
+    with pytest.raises(FileError, match="is larger than 100 bytes"):
         read(tmp_path / "large")

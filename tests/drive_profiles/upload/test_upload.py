@@ -13,7 +13,7 @@ from drive_profiles.upload.result import UploadOptions
 from drive_profiles.upload.snapshot import as_set
 from drive_profiles.upload.upload import Upload
 from plant_emulator.drive.state_machine import Power
-from tests.drive_profiles.profiles import DRIVES
+from tests.drive_profiles.profiles import ALL_DRIVES
 from tests.drive_profiles.world_bus import WorldBus, robot_with
 
 
@@ -41,7 +41,7 @@ def bus():
 NOTCH = {"notch_1__mode": 1, "notch_1__start_rps": 4.5, "position_gain_per_s": 25.0}
 
 
-@pytest.mark.parametrize("name", DRIVES)
+@pytest.mark.parametrize("name", ALL_DRIVES)
 def test_pull_change_upload_back_leaves_no_difference(name, tmp_path):
     bus = WorldBus(robot_with(axis2={"profile": name}))
     device = bus.device(2, name)

@@ -47,6 +47,16 @@ def test_what_is_saved_is_read_again(tmp_path: Path) -> None:
     assert list(model.axis) == [2, 3]
 
 
+def test_where_it_was_identified_is_kept(tmp_path: Path) -> None:
+    emulated = PLANT.model_copy(update={"emulated": True})
+    model = Identified(robot="reference").with_part(2, emulated).with_part(2, ERROR)
+    model.save(tmp_path / "model.toml")
+    read = load_identified(tmp_path / "model.toml").axis[2]
+    assert read.plant is not None
+    assert read.ate is not None
+    assert (read.plant.emulated, read.ate.emulated) == (True, None)
+
+
 def test_a_part_that_is_identified_anew_replaces_only_itself(tmp_path: Path) -> None:
     path = tmp_path / "model.toml"
     update_file(path, "reference", 2, PLANT)

@@ -2,6 +2,7 @@
 
 import html
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -90,7 +91,17 @@ def test_the_directory_of_a_design_is_told_who_writes_its_report(tmp_path):
     assert "hil design notch writes" in output
 
 
+def test_a_directory_of_directories_is_told_which_of_them_to_name(tmp_path):
+    for name, age in (("old", 1e9), ("new", 2e9)):
+        (tmp_path / name).mkdir()
+        written(tmp_path / name, ExperimentsResult(bench=measured_bench()))
+        os.utime(tmp_path / name, (age, age))
+    code, output = report(tmp_path)
+    assert code == 3
+    assert f"has no result.json; 2 below it have, of which the newest is named here: hil report {tmp_path / 'new'}" in output
+
+
 def test_any_other_directory_is_none_of_hils(tmp_path):
     code, output = report(tmp_path)
     assert code == 3
-    assert "has no result.json" in output
+    assert "has no result.json; run, identify, learn, compare or demo make one: give their --out" in output

@@ -4,7 +4,7 @@ import pytest
 
 from hil.bench.bench import load_bench
 from hil.design.transmission_error import TransmissionError
-from hil.design.uncertainty import around, spread_words
+from hil.design.uncertainty import around, plants_words, spread_words
 
 PLANT = load_bench("reference").axis[2].plant()
 ERROR = TransmissionError({2: 5.0, 4: 3.0}, {2: 222.0, 4: 126.0})
@@ -44,6 +44,8 @@ def test_the_spread_in_words_is_that_of_the_corners():
     known = {"gear_stiffness_nm_rad": 0.04 * 48950.0, "antiresonance_hz": 0.001 * 12.45}
     assert spread_words(around(PLANT, ERROR, standard_error=known)) == "f_a ±3 %, K_g ±8 %"
     assert spread_words(around(PLANT, ERROR, percent=0.0)) == ""
+    assert plants_words(around(PLANT, ERROR)) == "5 plants: K_g ±5 %, J_l ±5 %"
+    assert plants_words(around(PLANT, ERROR, percent=0.0)) == "the believed plant alone"
 
 
 def test_a_percentage_wins_and_none_at_all_leaves_the_believed_plant():

@@ -43,7 +43,7 @@ def test_two_in_a_row_stop_the_run_and_say_how_fast() -> None:
     assert not watch.accepts(20.0 * STEP_RAD, 0)
     found = reason(watch, 0.0)
     assert found is not None
-    assert "axis 2 turns at 120.00 rps, the limit is 12 rps" in found
+    assert "axis 2 turns at 120.00 rev/s, the limit is 12 rev/s" in found
 
 
 def test_an_axis_that_turns_too_fast_is_stopped_in_the_second_cycle() -> None:

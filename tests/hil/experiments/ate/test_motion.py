@@ -53,9 +53,11 @@ def test_a_known_arm_ends_the_ramp_where_nothing_more_is_to_be_learnt() -> None:
 
 def test_too_little_travel_is_said_with_what_is_needed() -> None:
     narrow = with_limits(position_min_rev=-3.0, position_max_rev=3.0)
-    with pytest.raises(NotPossibleError, match=r"to pass f_m2 = 6\.00 rps, 6\.90 rps are needed: 7\.1 rev at 4 rps/s") as error:
+    with pytest.raises(
+        NotPossibleError, match=r"to pass f_m2 = 6\.00 rev/s, 6\.90 rev/s are needed: 7\.1 rev at 4 rev/s²"
+    ) as error:
         end_speed(narrow, 2, 4.0, 12.0)
-    assert "between its position limits are 5.0; accelerate with 6.25 rps/s or more" in str(error.value)
+    assert "between its position limits are 5.0; accelerate with 6.25 rev/s² or more" in str(error.value)
     least = slowest(narrow.axis[2], 20.0, 6.9)
     assert travel_rev(least, 20.0, 6.9) == pytest.approx(room_rev(narrow.axis[2]))
     assert end_speed(narrow, 2, 1.001 * least, 12.0) >= 6.9

@@ -130,12 +130,12 @@ def test_a_band_without_the_resonance_is_said() -> None:
     ("changes", "error", "words"),
     [
         ({"amplitude_nm": 3.5}, UnsafeRequestError, r"3.5 N·m, the limit is 3.04 N·m"),
-        ({"bias_rps": 8.0}, UnsafeRequestError, r"16 rps, the limit is 12 rps"),
-        ({"bias_rps": 0.1}, NotPossibleError, r"0.1 rps does not keep .* needed: 0.2 rps"),
+        ({"bias_rps": 8.0}, UnsafeRequestError, r"16 rev/s, the limit is 12 rev/s"),
+        ({"bias_rps": 0.1}, NotPossibleError, r"0.1 rev/s does not keep .* needed: 0.2 rev/s"),
         ({"periods": 3}, NotPossibleError, r"3 periods .* at least 6"),
         ({"high_hz": 130.0}, NotPossibleError, r"130 Hz is not below half the sampling rate, 125 Hz"),
         ({"axis": 4}, NotPossibleError, r"no axis 4"),
-        ({"bias_rps": 5.0}, UnsafeRequestError, r"the travel of axis 3 at 5 rps would be .* rev, the limit is 11 rev"),
+        ({"bias_rps": 5.0}, UnsafeRequestError, r"the travel of axis 3 at 5 rev/s would be .* rev, the limit is 11 rev"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_moves(changes: dict[str, Any], error: type[Exception], words: str) -> None:

@@ -51,6 +51,13 @@ def test_serving_says_which_node_is_which_profile(tmp_path):
     assert any("torque constant of 1 N·m/A" in line for line in lines)
 
 
+def test_serving_takes_a_product_of_a_family(tmp_path):
+    status, lines, said = serve(tmp_path, "--drive", "2=maxon_epos4/70-15", "--drive", "3=trinamic_tmcm16xx/TMCM-1670")
+    assert (status, said) == (0, "")
+    nodes = [line for line in lines if line.startswith("node")]
+    assert nodes == ["node 2: maxon_epos4/70-15", "node 3: trinamic_tmcm16xx/tmcm-1670", "node 5: emulated_drive"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "word"),
     [
@@ -60,6 +67,7 @@ def test_serving_says_which_node_is_which_profile(tmp_path):
         (("--drive", "2=elmo_gold", "--drive", "2=elmo_gold"), 2, "given twice"),
         (("--drive", "4=elmo_gold"), 2, "no axis 4; it has 2, 3, 5"),
         (("--drive", "2=unheard_of"), 3, "unheard_of"),
+        (("--drive", "2=maxon_epos4/70-16"), 3, "has no product '70-16'; it has 0x61500000 (module-50-5)"),
         (("--drive", "2=emulated_accelerometer"), 3, "no drive"),
         (("--drive", "2=./nowhere.toml"), 3, "nowhere.toml"),
         (("--eds", "2=nowhere.eds"), 3, "nowhere.eds"),
@@ -82,11 +90,11 @@ def test_the_robot_file_names_drives_and_files_by_its_own_folder(tmp_path):
         "node_id = 2\n",
         'node_id = 2\nprofile = "./mine.toml"\neds = "mine.eds"\nstore_time_s = 0.1\ntorque_constant_nm_a = 0.3\n',
     )
-    (tmp_path / "robot.toml").write_text(text.replace("node_id = 3\n", 'node_id = 3\nprofile = "kollmorgen_akd"\n'))
+    (tmp_path / "robot.toml").write_text(text.replace("node_id = 3\n", 'node_id = 3\nprofile = "maxon_epos4/70-15"\n'))
     robot = load_robot(tmp_path / "robot.toml")
     world = World(robot)
     assert {n: drive.family.profile for n, drive in world.drives.items()} == {
-        2: "elmo_gold", 3: "kollmorgen_akd", 5: "emulated_drive",
+        2: "elmo_gold", 3: "maxon_epos4/70-15", 5: "emulated_drive",
     }  # fmt: skip
     assert world.drives[2].slave.store.time_ns == 100_000_000
     assert (0x2110, 3) in world.drives[2].slave.dictionary

@@ -18,11 +18,11 @@ from hil.robot_tables import Control
 from plant_emulator.drive.family.objects import ENGINE, stated_default
 from plant_emulator.robots.robot import load_robot, with_drives
 from plant_emulator.slave.store import VOLATILE
-from tests.drive_profiles.profiles import DRIVES
+from tests.drive_profiles.profiles import ALL_DRIVES
 from tests.plant_emulator.rig import GAINS, Rig
 
 AXIS = 2
-VENDORS = sorted(set(DRIVES) - {"emulated_drive"})
+VENDORS = sorted(set(ALL_DRIVES) - {"emulated_drive"})
 ROBOT = load_robot("reference")
 GAINS_2 = Control(position_gain_per_s=25.0, velocity_gain_nm_s_rad=0.196, velocity_integral_gain_nm_rad=3.92)
 BEYOND = {SdoAbortCode.VALUE_TOO_HIGH, SdoAbortCode.VALUE_TOO_LOW, SdoAbortCode.INVALID_VALUE}
@@ -35,14 +35,14 @@ def rig_of(name, **changes):
     return Rig(robot.model_copy(update={"axis": {AXIS: axis}, "geometry": None, "line_motion": None}), AXIS)
 
 
-@pytest.fixture(params=sorted(DRIVES))
+@pytest.fixture(params=sorted(ALL_DRIVES))
 def rig(request):
     return rig_of(request.param)
 
 
 @pytest.fixture
 def profile(rig):
-    return DRIVES[rig.drive.family.profile]
+    return ALL_DRIVES[rig.drive.family.profile]
 
 
 def cell(rig, parameter):
@@ -77,8 +77,9 @@ def limits_of(parameter, scaling):
 def test_it_says_who_it_is(rig, profile):
     identity = profile.identity
     assert rig.read(0x1018, 1) == identity.vendor_id
-    assert rig.read(0x1018, 2) == (identity.product_codes[0] if identity.product_codes else 0)
-    assert rig.read(0x1018, 3) == (identity.revision or 0)
+    assert rig.read(0x1018, 2) == (identity.product_code or 0)
+    assert rig.read(0x1018, 3) == identity.typical_revision
+    assert identity.covers(rig.read(0x1018, 3))
     assert rig.read(0x1018, 4) == AXIS
     assert rig.read(0x1000) == (identity.device_type or 0x00020192)
     assert rig.upload(0x1008).decode("latin-1")
@@ -217,14 +218,14 @@ def able(name):
 def test_a_mode_that_the_profile_does_not_state_is_refused(name):
     rig = rig_of(name)
     for mode in (Mode.PP, Mode.CSP, Mode.CST):
-        expected = None if mode in DRIVES[name].supported_modes else SdoAbortCode.INVALID_VALUE
+        expected = None if mode in ALL_DRIVES[name].supported_modes else SdoAbortCode.INVALID_VALUE
         assert rig.write(Object.MODES_OF_OPERATION, 0, mode) is expected
     assert rig.read(Object.SUPPORTED_MODES) == sum(1 << (mode - 1) for mode in rig.drive.family.modes)
 
 
 @pytest.mark.parametrize("name", VENDORS)
 def test_an_enabled_drive_refuses_what_may_only_be_written_while_disabled_and_does_not_store(name):
-    rig, profile = able(name), DRIVES[name]
+    rig, profile = able(name), ALL_DRIVES[name]
     if rig is None:
         pytest.skip("no cyclic torque")
     rig.set(Object.SOFTWARE_POSITION_LIMIT, 1, -(2**31))
@@ -245,10 +246,10 @@ def test_an_enabled_drive_refuses_what_may_only_be_written_while_disabled_and_do
 
 @pytest.mark.parametrize("name", VENDORS)
 def test_the_robot_files_gains_are_in_the_objects_whose_scaling_is_known_and_act(name):
-    rig, loop = rig_of(name, control=GAINS), DRIVES[name].loop
+    rig, loop = rig_of(name, control=GAINS), ALL_DRIVES[name].loop
     config = rig.world.axes.cascade_config[rig.drive.row]
     for role in ("position_gain_per_s", "velocity_gain_nm_s_rad", "velocity_integral_gain_nm_rad"):
-        parameter = DRIVES[name].parameters.get(loop.gains[role].parameter) if role in loop.gains else None
+        parameter = ALL_DRIVES[name].parameters.get(loop.gains[role].parameter) if role in loop.gains else None
         coarse = 0.0
         if parameter is not None and loop.gains[role].factor is not None:
             coarse = (
@@ -262,7 +263,7 @@ def test_the_robot_files_gains_are_in_the_objects_whose_scaling_is_known_and_act
 
 
 def realisable(name):
-    profile = DRIVES[name]
+    profile = ALL_DRIVES[name]
     answer = profile.capabilities.notch_inside.answer
     if profile.notch is None or profile.notch.form == "variable" or answer not in {"exact", "yes", "approximate"}:
         return False
@@ -288,7 +289,7 @@ def filter_values(profile):
 
 @pytest.mark.parametrize("name", [name for name in VENDORS if realisable(name)])
 def test_an_uploaded_filter_changes_the_torque_as_its_biquads_say(name):
-    rig, profile = rig_of(name, control=GAINS), DRIVES[name]
+    rig, profile = rig_of(name, control=GAINS), ALL_DRIVES[name]
     values = filter_values(profile)
     for parameter_name, value in sorted(values.items(), key=lambda item: profile.parameter(item[0]).order):
         parameter = profile.parameter(parameter_name)
@@ -324,7 +325,7 @@ def test_an_uploaded_filter_changes_the_torque_as_its_biquads_say(name):
 def test_a_filter_whose_scaling_nobody_knows_stays_off_and_the_drive_says_so():
     names = [
         name for name in VENDORS
-        if DRIVES[name].notch is not None and DRIVES[name].notch.word == "integer, scaling not known"
+        if ALL_DRIVES[name].notch is not None and ALL_DRIVES[name].notch.word == "integer, scaling not known"
     ]  # fmt: skip
     assert names
     for name in names:
@@ -334,16 +335,16 @@ def test_a_filter_whose_scaling_nobody_knows_stays_off_and_the_drive_says_so():
 
 @pytest.mark.parametrize("name", [name for name in VENDORS if realisable(name)])
 def test_a_filter_of_which_a_value_is_not_known_does_not_act(name):
-    rig, profile = rig_of(name), DRIVES[name]
+    rig, profile = rig_of(name), ALL_DRIVES[name]
     parts = profile.notch.sections[0].parts.values()
     if all(profile.parameter(part).default is not None for part in parts):
         pytest.skip("all are known")
     assert not rig.world.axes.notch_config[rig.drive.row]["mode"].any()
 
 
-@pytest.mark.parametrize("name", [n for n in VENDORS if realisable(n) and Mode.CSP in DRIVES[n].supported_modes])
+@pytest.mark.parametrize("name", [n for n in VENDORS if realisable(n) and Mode.CSP in ALL_DRIVES[n].supported_modes])
 def test_an_axis_with_an_uploaded_filter_holds_and_moves(name):
-    rig, profile = rig_of(name, control=GAINS_2), DRIVES[name]
+    rig, profile = rig_of(name, control=GAINS_2), ALL_DRIVES[name]
     for parameter_name, value in filter_values(profile).items():
         parameter = profile.parameter(parameter_name)
         assert rig.download(*parameter.address, encode(parameter.type, parameter.raw(value, rig.drive.scaling))) is None
@@ -364,7 +365,7 @@ def test_an_axis_with_an_uploaded_filter_holds_and_moves(name):
 @pytest.fixture
 def changed(monkeypatch):
     """A drive whose gains act after a reset or may only be written while disabled, and that says so with a code of its own."""
-    profile = DRIVES["novanta_eve"]
+    profile = ALL_DRIVES["novanta_eve"]
     loop, known = profile.loop, {}
     for effective, (role, gain) in zip(("reset", "disabled"), loop.gains.items(), strict=False):
         known[effective] = gain.parameter

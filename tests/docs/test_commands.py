@@ -1,0 +1,262 @@
+"""Each command of the documents runs, as it stands there: one shell a page, in a fresh folder, in the page's order.
+
+What cannot run here is in a table with its reason, and what is shortened or prepared too; a row that no page needs any more is
+a fault. An inline command, which has no place in a story, is held to the options that there are.
+"""
+
+import importlib
+import re
+import shlex
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+import typer
+
+from hil.bench.bench import load_bench
+from hil.bench.design import DesignedAxis, Designs
+from tests.docs.pages import BASH, PAGES, PROGRAMS, ROOT, Shell, blocks_in, commands_of, name_of
+
+LIMIT_S = 420
+"""Patience with one command, on a machine that has other work."""
+
+SUDO = "changes the network interfaces of the machine"
+ADAPTER = "needs a CAN adapter or vcan, and root; tests/vcan does it on a kernel of its own"
+SUITE = "is this test run itself, or another that takes as long"
+NOT_RUN = {
+    ("README.md", "make demo"): "installs first; tests/hil/cli runs the demo itself",
+    ("README.md", "make test"): SUITE,
+    ("README.md", "can_viewer -i hil_local -c /tmp/robot.sock"): "draws on a terminal until a key is pressed",
+    ("README.md", "pytest tests/conformance"): SUITE,
+    ("CONTRIBUTING.md", "make test"): SUITE,
+    ("CONTRIBUTING.md", "make test CI=1"): SUITE,
+    ("CONTRIBUTING.md", "make demo"): "installs first; tests/hil/cli runs the demo itself",
+    ("CONTRIBUTING.md", "make bench"): "measures for many minutes, and overwrites docs/performance.md",
+    ("docs/conformance.md", "pytest tests/conformance --bus socketcan:can0@1M --node 5 --eds device.eds"): ADAPTER,
+    ("docs/other-programs.md", "can_viewer -i hil_local -c /tmp/robot.sock"): "draws on a terminal until a key is pressed",
+    ("docs/real-drive.md", "sudo ip link set can0 up type can bitrate 1000000"): SUDO,
+    ("docs/real-drive.md", "export HIL_BUS=socketcan:can0"): "the emulated drive of the page's beginning stands for the real one",
+    ("docs/socketcan.md", "sudo ip link set can0 type can bitrate 1000000 restart-ms 0"): SUDO,
+    ("docs/socketcan.md", "sudo ip link set can0 txqueuelen 64"): SUDO,
+    ("docs/socketcan.md", "sudo ip link set can0 up"): SUDO,
+    ("docs/socketcan.md", "sudo modprobe vcan echo=1"): SUDO,
+    ("docs/socketcan.md", "sudo ip link add vcan0 type vcan && sudo ip link set vcan0 up"): SUDO,
+    ("docs/socketcan.md", "plant-emulator serve --bus socketcan:vcan0"): ADAPTER,
+    (
+        "docs/socketcan.md",
+        "hil run constant-acceleration --axis 2 --treatment notch --bench bench.toml --bus socketcan:vcan0",
+    ): ADAPTER,
+    ("docs/socketcan.md", "make test CI=1"): SUITE,
+    ("docs/socketcan.md", "python -m pytest -m vcan tests/vcan"): ADAPTER,
+    ("docs/socketcan.md", "python tests/vcan/vm/machine.py -- COMMAND …"): "a virtual machine, which CI starts for tests/vcan",
+    ("docs/testing.md", "pytest test_my_robot.py --bench=real.toml --allow-motion --axis 3"): "moves a real robot",
+}
+"""Commands that do not run here, and why."""
+
+ELSEWHERE = {
+    ("README.md", text): "docs/tuning.md"
+    for text in (
+        "hil identify plant --bench bench.toml --axis 2 --model model.toml",
+        "hil identify ate --bench bench.toml --axis 2 --model model.toml",
+        "hil design notch --bench bench.toml --axis 2 --model model.toml --design design.toml --out design",
+        "drive-profiles upload design/notch-axis2.toml --node 2 --yes",
+        "hil run constant-acceleration --axis 2 --treatment cancellation --model model.toml --bench bench.toml",
+    )
+} | {
+    (
+        "docs/design.md",
+        "hil design notch --bench bench.toml --axis 2 --model model.toml --design design.toml --out design",
+    ): "docs/tuning.md",
+}
+"""Commands that run on another page, where they stand to the letter: they take a minute."""
+
+SHORTENED = {
+    (
+        "README.md",
+        "hil compare --bench reference --emulate reference",
+    ): "--experiment constant-acceleration --axis 2 --treatment none,notch",
+    (
+        "docs/tuning.md",
+        "hil compare --bench bench.toml --experiment constant-acceleration --axis 2 --model model.toml --design design.toml",
+    ): "--treatment none,notch-designed",
+    ("docs/tuning.md", 'hil learn --bench bench.toml --axis 2 --model learnt.toml --note "22 °C, no load"'): "--passes 3",
+    ("docs/robustness.md", "plant-emulator robustness --axis 2,3 --out robustness"): "--runs 8",
+    ("docs/robustness.md", "plant-emulator robustness --axis 2,3 --treatment none"): "--runs 8",
+    ("docs/robustness.md", "plant-emulator robustness --axis 2 --notch design/design.toml"): "--runs 8",
+    ("docs/robustness.md", "plant-emulator robustness --axis 2 --spread spread.toml --runs 5000 --seed 7"): "--runs 8",
+    ("docs/robustness.md", "plant-emulator robustness --experiment line-motion --runs 300"): "--runs 4",
+}
+"""What is added to a command that would take minutes; all else of it stands."""
+
+ENDLESS = ("can_logger", "can_bridge")
+"""Programs that run until they are interrupted: here after some seconds, with SIGINT as by Ctrl-C."""
+
+BEFORE = {
+    "README.md": {"hil report demo": ["cp -r bench-out/* demo"]},  # a run's folder for that of the demo
+    "docs/design.md": {"": ["cp hil/bench/reference.toml bench.toml"]},
+    "docs/emulated-drive.md": {"": ["cp plant_emulator/robots/reference.toml robot.toml"]},
+    "docs/other-programs.md": {
+        "can_bridge": [f"plant-emulator serve --bus local:/tmp/{name}.sock --wall" for name in "ab"],
+    },
+    "docs/planning.md": {"": ["cp hil/bench/reference.toml bench.toml"]},
+}
+"""What a page takes for granted: typed before the first command that begins so."""
+
+FILES = {"docs/robustness.md": {"spread.toml": "toml"}, "docs/testing.md": {"test_my_robot.py": "python"}}
+"""Files that a page shows: its first block of that language."""
+
+
+def designed():
+    """A design file as `hil design notch` writes it, with the filter of the reference bench: the search itself takes a minute."""
+    [notch] = load_bench("reference").axis[2].notch
+    axis = DesignedAxis(notch=(notch,), sensitivity_peak=1.66, phase_margin_deg=35.2, gain_margin_db=19.2, period_s=250e-6)
+    return Designs(robot="reference", axis={2: axis})
+
+
+MADE = {"docs/robustness.md": {"design/design.toml": designed}}
+"""Files that a page has from another page's commands."""
+
+SLOW = {
+    "docs/real-drive.md",
+    "docs/serial.md",
+    "README.md",
+    "docs/tuning.md",
+    "docs/robustness.md",
+    "docs/design.md",
+    "docs/other-programs.md",
+    "docs/testing.md",
+}
+"""Pages that take longer than a few seconds; of all together the everyday run takes the others."""
+
+COMMANDS = {name_of(path): commands_of(path) for path in PAGES}
+WITH_COMMANDS = [path for path in PAGES if COMMANDS[name_of(path)]]
+
+
+def is_run(command):
+    return (command.page, command.text) not in NOT_RUN.keys() | ELSEWHERE.keys()
+
+
+RUN = [
+    name_of(path)
+    for path in WITH_COMMANDS
+    if any(is_run(c) and c.text != ". .venv/bin/activate" for c in COMMANDS[name_of(path)])
+]
+
+
+@pytest.fixture
+def shell(tmp_path):
+    if not (Path(sys.prefix) / "bin" / "activate").is_file() or BASH is None:
+        pytest.skip("no virtual environment, or no bash")
+    place = Path(tempfile.mkdtemp(prefix="docs"))
+    with Shell(tmp_path, place) as opened:
+        yield opened
+    shutil.rmtree(place, ignore_errors=True)
+
+
+@pytest.mark.parametrize("page", [pytest.param(page, marks=[pytest.mark.slow] if page in SLOW else []) for page in RUN])
+def test_every_command_of_a_page_runs_as_it_stands_there(page, shell):
+    for name, language in FILES.get(page, {}).items():
+        first = next(block for block in blocks_in(ROOT / page) if block.language == language)
+        (shell.folder / name).write_text(first.body, encoding="utf-8")
+    for name, made in MADE.get(page, {}).items():
+        (shell.folder / name).parent.mkdir()
+        made().save(shell.folder / name)
+    before = dict(BEFORE.get(page, {}))
+    for command in filter(is_run, COMMANDS[page]):
+        for begin in [begin for begin in before if command.text.startswith(begin)]:
+            for text in before.pop(begin):
+                type_in(shell, text, 0, page)
+        text = command.text
+        if (page, text) in SHORTENED:
+            text += " " + SHORTENED[page, text]
+        type_in(shell, text, command.status, f"{page}:{command.line}")
+
+
+def type_in(shell, text, status, where):
+    if text.startswith("plant-emulator serve "):
+        shell.serve(text, LIMIT_S)
+        return
+    if text.startswith(ENDLESS):
+        text = f"timeout --preserve-status --signal=INT 4 {text}"
+    ended, said = shell.run(text, LIMIT_S)
+    assert ended == status, f"{where}: {text}\nended with {ended} instead of {status}:\n{said}"
+    assert "Traceback (most recent call last)" not in said, f"{where}: {text}\n{said}"
+
+
+# -- the tables --------------------------------------------------------------------------------------------------------
+
+ON_PAGES = {(command.page, command.text) for commands in COMMANDS.values() for command in commands}
+
+
+@pytest.mark.parametrize("table", [NOT_RUN, ELSEWHERE, SHORTENED], ids=["not run", "elsewhere", "shortened"])
+def test_no_table_speaks_of_a_command_that_is_on_no_page(table):
+    assert set(table) - ON_PAGES == set()
+    assert all(table.values())
+
+
+def test_a_command_that_runs_elsewhere_runs_there():
+    for (_, text), other in ELSEWHERE.items():
+        assert (other, text) in ON_PAGES - NOT_RUN.keys() - ELSEWHERE.keys()
+
+
+def test_no_command_is_in_two_tables():
+    assert not NOT_RUN.keys() & ELSEWHERE.keys()
+    assert not SHORTENED.keys() & (NOT_RUN.keys() | ELSEWHERE.keys())
+
+
+def test_what_is_prepared_or_shown_belongs_to_a_page_that_runs():
+    assert {*BEFORE, *FILES, *MADE, *SLOW} <= set(RUN)
+    for page, steps in BEFORE.items():
+        for begin in steps:
+            assert any(command.text.startswith(begin) for command in COMMANDS[page] if is_run(command)), (page, begin)
+    for page, files in FILES.items():
+        assert set(files.values()) <= {block.language for block in blocks_in(ROOT / page)}
+
+
+# -- the pages ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", PAGES, ids=name_of)
+def test_a_block_of_commands_says_that_it_is_one(path):
+    """What is not marked `sh` is not run."""
+    for block in blocks_in(path):
+        if block.language != "sh":
+            assert [line for line in block.body.splitlines() if PROGRAMS.match(line)] == [], f"{path}:{block.line}"
+
+
+@pytest.mark.parametrize("path", WITH_COMMANDS, ids=name_of)
+def test_a_page_says_once_where_its_commands_are_found(path):
+    text = path.read_text(encoding="utf-8")
+    of_ours = [command for command in commands_of(path) if not command.text.startswith(("make", "sudo"))]
+    assert len(re.findall(r"\.venv/bin/\S+", text)) == text.count(". .venv/bin/activate") == bool(of_ours)
+
+
+TOOLS = {"hil": "hil.cli.main", "drive-profiles": "drive_profiles.cli.main", "plant-emulator": "plant_emulator.cli.main"}
+INLINE = re.compile(r"`((?:hil|drive-profiles|plant-emulator) [a-z-][^`\n]+)`")
+
+
+@pytest.mark.parametrize("path", [path for path in PAGES if "drives" not in path.parts], ids=name_of)
+def test_a_command_within_a_sentence_names_only_commands_and_options_that_exist(path):
+    unknown = []
+    text = re.sub(r"^ *```.*?^ *```$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for inline in INLINE.findall(text):
+        try:
+            words = shlex.split(inline.replace("…", " "))
+        except ValueError:
+            words = inline.split()
+        command = typer.main.get_command(importlib.import_module(TOOLS[words[0]]).app)
+        for word in words[1:]:
+            below = getattr(command, "commands", None)
+            if below is None or word not in below:
+                break
+            command = below[word]
+        else:
+            word = None
+        options = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)} | {"--help"}
+        given = {word.partition("=")[0] for word in words if re.fullmatch(r"--[a-z][\w-]*(=.*)?", word)}
+        unknown += [(inline, option) for option in sorted(given - options)]
+        if hasattr(command, "commands") and word is not None and not word.startswith("-"):
+            unknown.append((inline, word))
+    assert unknown == []
