@@ -65,6 +65,7 @@ def offered(where, *words, shell="bash"):
         ),
         (("drive-profiles", "pull", "--profile", "trinamic_tmcm16xx/tmcm-167"), ["trinamic_tmcm16xx/tmcm-1670"]),
         (("drive-profiles", "pull", "--profile", "elmo_gold/"), []),
+        (("drive-profiles", "show", "maxon_epos4/7"), ["maxon_epos4/70-15"]),
         (("drive-profiles", "pull", "--classes", "tuning,lim"), ["tuning,limits"]),
         (("drive-profiles", "get", "--node", ""), ["16", "2", "3", "5"]),
         (("drive-profiles", "get", "status"), ["status_word"]),

@@ -33,7 +33,7 @@ def test_answers_with_their_reasons_facts_and_parameters():
     for _, capability in EMULATED.capabilities:
         assert f"| **{capability.answer}** | {capability.reason} |" in text
     assert "| vendor id | 0x48494C01 |" in text
-    assert "| period | 250 us |" in text
+    assert "| period | 250 µs |" in text
     assert "| min frequency | 0.01 Hz |" in text
     assert "| velocity_gain_nm_s_rad | `velocity_gain_nm_s_rad` | 1 |" in text
     assert "| `torque_limit_nm` | 6072:0 | UNSIGNED16 | N·m | 1 ‰ of 6076h | 0 … | now |" in text
