@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from drive_profiles.family.capability import LoopFacts, NotchFacts
 from drive_profiles.family.parameter import Fact
@@ -85,7 +85,22 @@ def index(profiles: Sequence[Profile]) -> str:
         "`exact`: the paper's own law or filter. `yes`: it can. `approximate`: something near it, with the difference stated. "
         "`unknown`: neither a document nor a file at hand says. The reasons are on each page.",
         _table(header, rows),
+        *_further_products(profiles, answers),
     ]) + "\n"  # fmt: skip
+
+
+def _further_products(profiles: Sequence[Profile], answers: Callable[[Profile], tuple[str, ...]]) -> Iterator[str]:
+    """Table of the products beside each family's first one, of which the table of families speaks."""
+    rows = [
+        (f"[{member.title}]({profile.name}.md#products)", f"`{member.label}`", *answers(member), str(len(member.parameters)))
+        for profile in sorted(profiles, key=lambda p: p.name)
+        for member in profile.members[1:]
+    ]
+    if rows:
+        yield "The table speaks of the first product of each family. Further ones:"
+        yield _table(
+            ("product", "profile", "P-PI inside", "notch inside", "follows the speed", "host-closed", "parameters"), rows
+        )
 
 
 def written(profiles: Sequence[Profile]) -> dict[str, str]:
