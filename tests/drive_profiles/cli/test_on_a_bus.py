@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -462,3 +463,23 @@ def test_help_of_every_command_is_there_and_says_an_example():
         text = run(command, "--help").stdout
         assert "Example" in text
         assert "drive-profiles" in text
+
+
+def test_words_of_bits_are_hexadecimal_and_gains_have_the_drives_unit():
+    shown = cells(run("get", "status_word", "1014", "1A00:1", "position_proportional_gain", "1018:4", "--node", "5").stdout)
+    assert re.fullmatch("0x[0-9A-F]{4}", shown[1][2])
+    assert shown[2][2] == "0x00000085"
+    assert shown[3][2] == "0x60410010"  # no profile and no EDS says its type
+    assert shown[4][3] == "µA/rad"
+    assert shown[5][2] == "5"
+    exact = json.loads(run("get", "status_word", "speed_limit_rad_s", "--node", "5", "--json").stdout)
+    assert isinstance(exact[0]["value"], int)
+    assert len(str(exact[1]["value"])) > len("1234.5")  # all digits for machines
+
+
+def test_restore_shows_units_as_upload_does(folder):
+    shown = run("set", "speed_limit_rad_s=20", "--node", "5", "--yes", "--journals", "units")
+    change = next(row for row in cells(shown.stdout) if row[1] == "6080:0")
+    back = run("restore", "--snapshot", "units", "--node", "5", "--dry-run")
+    assert ["5", "6080:0", "(speed_limit_rad_s)", change[4], change[3], "rad/s"] in cells(back.stdout)
+    run("restore", "--snapshot", "units", "--node", "5", "--yes", "--journals", "units")
