@@ -19,7 +19,7 @@ STREAM_BACKLOG_BYTES = 1 << 20
 MAX_QUEUED = 1024
 """Messages of a client that a late world reads at once: more than its socket holds."""
 _MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size + 1  # a longer message shows itself by its last byte
-_SO_TIMESTAMPNS = 35  # Linux, asm-generic/socket.h; the control message has the same number
+SO_TIMESTAMPNS = 35  # Linux, asm-generic/socket.h; the control message has the same number
 _TIMESPEC = struct.Struct("@ll")
 _ANCILLARY_BYTES = 64
 
@@ -115,7 +115,7 @@ class Client:
     def stamp_arrivals(self) -> None:
         """Let the kernel note when each message comes, where it does that: Linux, on seqpacket sockets."""
         with contextlib.suppress(OSError):
-            self.socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+            self.socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
             self._has_stamps = not self._is_stream
 
     def queued(self) -> Iterator[tuple[Frame, int | None]]:
@@ -173,7 +173,7 @@ class Door:
 def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int | None:
     """The kernel's time of a message, in ns since 1970; None where it gave none."""
     for level, kind, data in ancillary:
-        if (level, kind, len(data)) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS, _TIMESPEC.size):
+        if (level, kind, len(data)) == (socket.SOL_SOCKET, SO_TIMESTAMPNS, _TIMESPEC.size):
             seconds, nanoseconds = _TIMESPEC.unpack(data)
             return int(seconds) * 1_000_000_000 + int(nanoseconds)
     return None

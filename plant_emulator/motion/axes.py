@@ -210,7 +210,7 @@ class Axes:
 
 
 def rehearse(robot: Robot) -> None:
-    """Run a few control periods, a change of mode and a stop, so that their machine code is loaded or made.
+    """Call everything compiled that `Axes` calls, so that its machine code is loaded or made: see `plant_emulator.sealed`.
 
     It uses axes of its own. Machine code is judged by the call for which it was made: one that moves an axis, and leaves the
     others braked.

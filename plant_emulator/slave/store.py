@@ -147,7 +147,7 @@ class ParameterStore:
         return write
 
     def _values(self, indices: range) -> dict[ObjectAddress, Value]:
-        concerned = (entry for entry in self._dictionary if entry.index in indices and self.is_storable(entry))
+        concerned = (entry for entry in self._dictionary if _is_in(entry.index, indices) and self.is_storable(entry))
         return {(e.index, e.subindex): self._dictionary.cell(e.index, e.subindex).value for e in concerned}
 
     def _keep(self, values: dict[ObjectAddress, Value], is_doubted: bool) -> SdoAbortCode | None:
@@ -162,7 +162,7 @@ class ParameterStore:
     def _forget(self, indices: range) -> None:
         stored = self._dictionary.stored
         self._dictionary.stored = {
-            address: v for address, v in stored.items() if address[0] not in indices and address not in self._verify
+            address: v for address, v in stored.items() if not _is_in(address[0], indices) and address not in self._verify
         }
         self._clear_verify()
 
@@ -177,3 +177,8 @@ class ParameterStore:
     def _clear_verify(self) -> None:
         for address in self._verify:
             self._dictionary.cell(*address).value = 0
+
+
+def _is_in(index: int, indices: range) -> bool:
+    """Whether a group has an index: `in` looks for a member of an enumeration, as many are, one by one, for 80 ms a store."""
+    return indices.start <= index < indices.stop

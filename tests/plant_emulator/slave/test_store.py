@@ -416,3 +416,26 @@ def test_the_canopen_package_stores_and_restores(bench, tmp_path):
     bench.slave.power_on(bench.now)
     assert node.sdo[0x2000].raw == 10
     network.disconnect()
+
+
+class Index(int):
+    """An index as the members of our enumerations are: more than a plain number to a range, which compares it one by one."""
+
+    compared = 0
+    __hash__ = int.__hash__
+
+    def __eq__(self, other):
+        Index.compared += 1
+        return int(self) == other
+
+
+@pytest.mark.parametrize("command", [(STORE, SAVE_BYTES), (RESTORE, LOAD_BYTES)])
+def test_a_group_is_told_by_its_ends_and_not_searched(make_bench, make_entries, synchronous, command):
+    """Every millisecond of it would silence the whole bus."""
+    option = Entry(Index(OPTION[0]), OPTION[1], "Profile acceleration", DataType.UNSIGNED32, Access.RW, 100)
+    bench = make_bench(entries=[*make_entries(**synchronous), *store_entries(), option], slave={"store_time_ns": 0})
+    write(bench, OPTION, 999)
+    save(bench)
+    Index.compared = 0
+    assert save(bench, data=command[1], index=command[0]) == (None, 0.0)
+    assert Index.compared < 100
