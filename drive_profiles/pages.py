@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from drive_profiles.family.capability import LoopFacts, NotchFacts
-from drive_profiles.family.parameter import Fact, Parameter
+from drive_profiles.family.parameter import Fact
 from drive_profiles.family.product import Product
 from drive_profiles.family.profile import Profile
 from drive_profiles.realisation import realise
 from drive_profiles.realisation.biquad import NotchTarget
 from drive_profiles.realisation.refusal import NotRealisableError
+from drive_profiles.standard import shown
 
 SIGN = "⚠"
 """Sign that marks unverified facts."""
@@ -84,7 +85,22 @@ def index(profiles: Sequence[Profile]) -> str:
         "`exact`: the paper's own law or filter. `yes`: it can. `approximate`: something near it, with the difference stated. "
         "`unknown`: neither a document nor a file at hand says. The reasons are on each page.",
         _table(header, rows),
+        *_further_products(profiles, answers),
     ]) + "\n"  # fmt: skip
+
+
+def _further_products(profiles: Sequence[Profile], answers: Callable[[Profile], tuple[str, ...]]) -> Iterator[str]:
+    """Table of the products beside each family's first one, of which the table of families speaks."""
+    rows = [
+        (f"[{member.title}]({profile.name}.md#products)", f"`{member.label}`", *answers(member), str(len(member.parameters)))
+        for profile in sorted(profiles, key=lambda p: p.name)
+        for member in profile.members[1:]
+    ]
+    if rows:
+        yield "The table speaks of the first product of each family. Further ones:"
+        yield _table(
+            ("product", "profile", "P-PI inside", "notch inside", "follows the speed", "host-closed", "parameters"), rows
+        )
 
 
 def written(profiles: Sequence[Profile]) -> dict[str, str]:
@@ -145,7 +161,7 @@ def _notch_held(profile: Profile) -> Iterator[str]:
     yield "### The notch of Table 3 as it holds it"
     assumed_s = None if _knows_period(profile) else ASSUMED_PERIOD_S
     if assumed_s:
-        yield f"The period of its filter is not known; {1e6 * assumed_s:g} us is taken here."
+        yield f"The period of its filter is not known; {1e6 * assumed_s:g} µs is taken here."
     rows = []
     for axis, speed_rps, offset_hz, zeta_rn in (("2", 5.92, 0.5, 0.028), ("3", 5.72, 0.7, 0.036)):
         target = NotchTarget.at_speed(2, speed_rps, offset_hz, zeta_rn, 0.1)
@@ -230,7 +246,7 @@ def _differences(first: Profile, product: Product, member: Profile, sources: _So
         if fact in product.facts.values():
             yield f"**{title}**"
             yield from _fact(fact, sources)
-    changed = [_row(name, member.parameters[name], sources) for name in product.parameters]
+    changed = [_row(name, member, sources) for name in product.parameters]
     if changed:
         yield _table(_COLUMNS, changed)
     defaults = {name: member.parameters[name].default for name in product.parameters}
@@ -247,7 +263,7 @@ def _has_other_default(first: Profile, name: str, value: object) -> bool:
 
 
 def _text(name: str, value: object) -> str:
-    """Write a value for people: CiA 301's numbers in hexadecimal, times in ms or us, lists with commas."""
+    """Write a value for people: CiA 301's numbers in hexadecimal, times in ms or µs, lists with commas."""
     if value is None or value in ("", (), {}):
         return ""
     if isinstance(value, dict):
@@ -258,7 +274,7 @@ def _text(name: str, value: object) -> str:
         return f"0x{value:08X}"
     unit = next((unit for suffix, unit in _UNITS.items() if name.endswith(suffix)), "")
     if unit == "s" and isinstance(value, float):
-        return f"{value:g} s" if value >= 1.0 else f"{1e3 * value:g} ms" if value >= 1e-3 else f"{1e6 * value:g} us"
+        return f"{value:g} s" if value >= 1.0 else f"{1e3 * value:g} ms" if value >= 1e-3 else f"{1e6 * value:g} µs"
     return f"{value:g} {unit}".rstrip() if isinstance(value, float) else str(value)
 
 
@@ -270,20 +286,22 @@ def _label(name: str) -> str:
 
 def _parameters(profile: Profile, sources: _Sources) -> Iterator[str]:
     for name, title in _CLASSES.items():
-        rows = [_row(key, entry, sources) for key, entry in profile.parameters.items() if entry.parameter_class == name]
+        rows = [_row(key, profile, sources) for key, entry in profile.parameters.items() if entry.parameter_class == name]
         if rows:
             yield f"### {title}"
             yield _table(_COLUMNS, rows)
 
 
-def _row(name: str, entry: Parameter, sources: _Sources) -> tuple[str, ...]:
+def _row(name: str, profile: Profile, sources: _Sources) -> tuple[str, ...]:
+    entry = profile.parameters[name]
     low = "" if entry.minimum is None else f"{entry.minimum:.6g}"
     high = "" if entry.maximum is None else f"{entry.maximum:.6g}"
     limits = f"{low} … {high}".strip() if low or high else ""
     access = "read only" if entry.access == "ro" else entry.effective
     mappable = "yes" if entry.mappable else ""
+    unit = shown.unit(profile.unit_of(name))
     return (
-        f"`{name}`", entry.written_address, entry.data_type, entry.unit, entry.step, limits, access, mappable,
+        f"`{name}`", entry.written_address, entry.data_type, unit, entry.step, limits, access, mappable,
         sources.evidence(entry), entry.description,
     )  # fmt: skip
 

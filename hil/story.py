@@ -39,6 +39,7 @@ from hil.experiments.treatment import Knowledge
 from hil.report.pages.ate import write_ate_report
 from hil.report.pages.design import write_design_report
 from hil.report.pages.plant import write_plant_report
+from hil.report.tables.paper_runs import value_and_error
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
 from hil.results.comparison import StoryPart, StoryResult, StoryStep
@@ -133,13 +134,15 @@ class _Teller:
         parameters = outcome.result.parameters
         if parameters is None:
             raise NotPossibleError(f"the plant of axis {axis} was not identified")
-        f_a, stiffness, inertia = (
-            parameters[name] for name in ("antiresonance_hz", "gear_stiffness_nm_rad", "motor_inertia_kg_m2")
+        shown = (
+            ("f_a", "antiresonance_hz", 1.0, "Hz"),
+            ("K_g", "gear_stiffness_nm_rad", 1e-3, "kN·m/rad"),
+            ("J_m", "motor_inertia_kg_m2", 1e4, "kg·cm²"),
         )
-        what = (
-            f"f_a = {f_a.value:.3f} ± {f_a.standard_error:.3f} Hz, K_g = {stiffness.value:.0f} ± "
-            f"{stiffness.standard_error:.0f} N·m/rad, J_m = {1e4 * inertia.value:.3f} ± "
-            f"{1e4 * inertia.standard_error:.3f} kg·cm²"
+        what = ", ".join(
+            f"{symbol} = {' ± '.join(value_and_error(scale * found.value, scale * found.standard_error))} {unit}"
+            for symbol, name, scale, unit in shown
+            for found in (parameters[name],)
         )
         return what, f"{where.name}/report.html"
 

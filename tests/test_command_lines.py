@@ -1,6 +1,9 @@
 """The three tools look alike: help that fits on 80 columns, examples that can be copied, one version, exit statuses."""
 
+import contextlib
 import importlib
+import os
+import pty
 import re
 import shlex
 import subprocess
@@ -123,3 +126,51 @@ def test_without_a_command_the_help_is_shown(package):
     done = subprocess.run([sys.executable, "-m", package], capture_output=True, text=True, check=False, cwd=PROJECT)
     assert done.returncode == 2
     assert "Commands:" in done.stdout + done.stderr
+
+
+# -- tables on a terminal ----------------------------------------------------------------------------------------------
+
+
+def on_a_terminal(columns, *command):
+    """What a command prints on a terminal of so many columns."""
+    master, slave = pty.openpty()
+    environment = {**os.environ, "COLUMNS": str(columns), "TERM": "dumb"}
+    process = subprocess.Popen(
+        [sys.executable, "-m", *command], stdin=subprocess.DEVNULL, stdout=slave, stderr=subprocess.DEVNULL, cwd=PROJECT,
+        env=environment,
+    )  # fmt: skip
+    os.close(slave)
+    shown = b""
+    with contextlib.suppress(OSError):  # EIO: the other end is closed
+        while data := os.read(master, 65536):
+            shown += data
+    os.close(master)
+    process.wait(60)
+    return shown.decode().replace("\r\n", "\n").splitlines()
+
+
+def test_list_is_a_line_for_each_profile_at_80_columns():
+    from drive_profiles.family.profile import available  # noqa: PLC0415
+
+    lines = on_a_terminal(80, "drive_profiles", "list")
+    assert [line.split()[0] for line in lines[2:]] == list(available())
+    assert max(map(len, lines)) <= 80
+
+
+@pytest.mark.parametrize(
+    ("columns", "command"),
+    [
+        (80, ("drive_profiles", "show", "maxon_epos4")),
+        (80, ("drive_profiles", "show", "harmonic_drive_yukondrive")),
+        (60, ("drive_profiles", "show", "copley_plus")),
+        (80, ("drive_profiles", "realise", "emulated_drive", "--speed-rps", "5.92")),
+        (80, ("drive_profiles", "eds", "show", "drive_profiles/vendors/emulated_drive.eds")),
+        (80, ("hil", "plan", "--bench", "reference", "--bitrate", "1M")),
+    ],
+)
+def test_tables_fit_and_break_no_word(columns, command):
+    lines = on_a_terminal(columns, *command)
+    piped = subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True, check=False, cwd=PROJECT).stdout
+    tables = [line for line in lines if not line.startswith("Fits")]  # the sentence at the end is the terminal's to wrap
+    assert max(map(len, tables)) <= columns
+    assert set(piped.split()) <= set(re.sub(r" · |: ", " ", "\n".join(lines)).split()) | set("\n".join(lines).split())

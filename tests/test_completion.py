@@ -14,6 +14,7 @@ import pytest
 
 from drive_profiles.cli.completion import complete_objects, joined
 from drive_profiles.family.profile import VENDORS, Profile, available
+from tests.drive_profiles.profiles import PRODUCTS
 
 PROJECT = Path(__file__).parents[1]
 PACKAGES = {"hil": "hil", "drive-profiles": "drive_profiles", "plant-emulator": "plant_emulator"}
@@ -58,6 +59,13 @@ def offered(where, *words, shell="bash"):
         (("hil", "compare", "--treatment", "notch,no"), ["notch,none", "notch,notch-designed"]),
         (("drive-profiles", "eds", "c"), ["check", "convert"]),
         (("drive-profiles", "show", "maxon"), ["maxon_epos2", "maxon_epos4", "maxon_mine.toml"]),
+        (
+            ("drive-profiles", "show", "maxon_epos4/"),
+            [f"maxon_epos4/{name}" for name in ("70-15", "module-24-1.5", "module-50-5")],
+        ),
+        (("drive-profiles", "pull", "--profile", "trinamic_tmcm16xx/tmcm-167"), ["trinamic_tmcm16xx/tmcm-1670"]),
+        (("drive-profiles", "pull", "--profile", "elmo_gold/"), []),
+        (("drive-profiles", "show", "maxon_epos4/7"), ["maxon_epos4/70-15"]),
         (("drive-profiles", "pull", "--classes", "tuning,lim"), ["tuning,limits"]),
         (("drive-profiles", "get", "--node", ""), ["16", "2", "3", "5"]),
         (("drive-profiles", "get", "status"), ["status_word"]),
@@ -98,7 +106,7 @@ def test_the_objects_of_an_eds_are_offered_by_address(folder):
     assert "1" in offered(folder, *words, "--eds", "drive.eds", "1A00", ":", "")
 
 
-@pytest.mark.parametrize("profile", available())
+@pytest.mark.parametrize("profile", [*available(), *PRODUCTS])
 def test_every_parameter_of_a_profile_is_offered_by_name_and_by_address(profile):
     context = SimpleNamespace(params={"profile": profile})
     parameters = Profile.load(profile).parameters

@@ -97,3 +97,21 @@ def test_a_class_name_stands_for_one_class():
                 if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                     places.setdefault(node.name, set()).add(path.relative_to(PROJECT).as_posix())
     assert {name for name, where in places.items() if len(where) > 1} == SAME_IDEA
+
+
+SPELLINGS = {r"\brps\b": "rev/s", r"\brps/s\b": "rev/s²", r"(?<=\d )deg\b|^deg$": "°", r"(?<=\d )us\b": "µs"}
+"""Spellings of units that people never read, and those that they do; names and keys of files end in _rps, _deg, _us."""
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_a_unit_has_one_spelling_in_what_people_read(spelling):
+    found = []
+    for package in PACKAGES:
+        for path in sorted((PROJECT / package).rglob("*.py")):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            skipped = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}  # docstrings
+            for node in ast.walk(tree):
+                is_prose = isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in skipped
+                if is_prose and re.search(spelling, re.sub(r"--\S+|[a-z]+_rps", "", node.value)):
+                    found.append(f"{path.relative_to(PROJECT).as_posix()}:{node.lineno}: {node.value!r}")
+    assert [each for each in found if not each.startswith("drive_profiles/standard/shown.py")] == []

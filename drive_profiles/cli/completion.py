@@ -35,23 +35,34 @@ def profile_names() -> list[str]:
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
-def names_or_files(names: Callable[[], Iterable[str]], *suffixes: str) -> Completer:
+def profiles_beginning(begun: str) -> list[str]:
+    """Names of the package's profiles that begin so; behind a slash those of the family's products."""
+    family, slash, _ = begun.partition("/")
+    names = profile_names()
+    if slash and family in names:
+        document = _document(_FOLDER / f"{family}.toml")
+        products = [document["identity"].get("product"), *_further(document)]
+        names = [f"{family}/{product}" for product in products if product]
+    return [name for name in names if name.startswith(begun)]
+
+
+def names_or_files(beginning: Callable[[str], Iterable[str]], *suffixes: str) -> Completer:
     """Return a completer of names, and of files beside them; where no name fits, of nothing: the shell's own is better then.
 
     Args:
-        names: Giver of the names.
+        beginning: Giver of the names that begin with a text.
         suffixes: Suffixes of the files.
     """
 
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
-        fitting = [name for name in names() if name.startswith(incomplete)]
+        fitting = list(beginning(incomplete))
         return fitting and [*fitting, *(path.name for path in _files(suffixes) if path.name.startswith(incomplete))]
 
     return complete
 
 
-complete_profiles = names_or_files(profile_names, ".toml")
-complete_reference = names_or_files(lambda: ["reference"], ".toml")
+complete_profiles = names_or_files(profiles_beginning, ".toml")
+complete_reference = names_or_files(lambda begun: ["reference"] if "reference".startswith(begun) else [], ".toml")
 
 
 def complete_objects(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -92,7 +103,7 @@ class AxisCompleter:
         axis, equals, begun = incomplete.partition("=")
         if not equals:
             return [f"{number}=" for number in self._numbers(ctx.params) if number.startswith(axis)]
-        return [f"{axis}={name}" for name in profile_names() if name.startswith(begun)]
+        return [f"{axis}={name}" for name in profiles_beginning(begun)]
 
     def _numbers(self, given: Mapping[str, Any]) -> list[str]:
         named = given.get("bench_file") or given.get("robot")
@@ -129,18 +140,29 @@ def complete_list(names: Callable[[], Iterable[str]]) -> Completer:
 
 def _objects(given: Mapping[str, Any]) -> dict[str, str]:
     """Address of each object by name: the standard's, and of the profile that is given or of all."""
-    chosen = given.get("profile")
+    chosen, wanted = given.get("profile"), ""
     named = [_FOLDER / f"{name}.toml" for name in profile_names()]
-    if chosen:
-        named = [path for path in named if path.stem == chosen] or [Path(chosen)]
+    if chosen and chosen in profiles_beginning(chosen):
+        family, _, wanted = chosen.partition("/")
+        named = [_FOLDER / f"{family}.toml"]
+    elif chosen:
+        named = [Path(chosen)]
     known = {name: f"{index:04X}:{subindex:X}" for (index, subindex), (name, *_) in OBJECTS.items()}
     for path in named:
-        parameters = _document(path).get("parameters", {})
-        for name, entry in parameters.items() if isinstance(parameters, dict) else ():
-            known[name] = ""
-            if isinstance(entry, dict) and isinstance(entry.get("index"), int):
-                known[name] = f"{entry['index']:04X}:{entry.get('subindex', 0):X}"
+        document = _document(path)
+        parameters = document.get("parameters", {})
+        other = next(each for each in document["product"] if each["name"] == wanted) if wanted in _further(document) else {}
+        for name, entry in (parameters | other.get("parameters", {})).items() if isinstance(parameters, dict) else ():
+            whole = parameters.get(name, {}) | entry if isinstance(entry, dict) else {}
+            if name not in other.get("absent", ()):
+                known[name] = f"{whole['index']:04X}:{whole.get('subindex', 0):X}" if isinstance(whole.get("index"), int) else ""
     return known
+
+
+def _further(document: Mapping[str, Any]) -> list[str]:
+    """Names of a family's further products."""
+    products = document.get("product")
+    return [each["name"] for each in products if "name" in each] if isinstance(products, list) else []
 
 
 def _eds_addresses(path: Path | None) -> set[str]:

@@ -122,12 +122,15 @@ def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], 
         rows: Cells, row by row.
         err: Print on standard error.
     """
-    stream = sys.stderr if err else sys.stdout
-    width = shutil.get_terminal_size().columns if stream.isatty() else None
     if title:
         typer.echo(f"\n{title}", err=err)
-    for line in lines(header, rows, width):
+    for line in lines(header, rows, terminal_width(err=err)):
         typer.echo(line, err=err)
+
+
+def terminal_width(*, err: bool = False) -> int | None:
+    """Columns of the terminal on standard output, or on standard error; None where that is none."""
+    return shutil.get_terminal_size().columns if (sys.stderr if err else sys.stdout).isatty() else None
 
 
 @contextlib.contextmanager

@@ -23,6 +23,13 @@ def set_for_drive(
 
     What of a file is not taken is said on standard error.
 
+    Args:
+        bus: The bus.
+        node: Node-ID of the drive.
+        path: File of the set, of any format.
+        profile: Name or file of a drive profile; None for that of the file's header, else the one that matches.
+        eds: The device's own EDS, or None.
+
     Raises:
         DriveProfileError: The file cannot be read, or the node cannot be used.
     """
@@ -42,6 +49,12 @@ def catalogue_for(path: Path, profile: str | None = None, eds: Path | None = Non
     """Objects of the device that a file is of, without a bus; a DCF serves as its own EDS.
 
     Without a profile it is that of the file's header, else the one that matches the identity in the file.
+
+    Args:
+        path: File of a set, of any format.
+        profile: Name or file of a drive profile, or None.
+        eds: The device's own EDS, or None.
+        node_id: Node-ID for ``$NODEID``; None for that of the file's header.
 
     Raises:
         DriveProfileError: The file cannot be read, or there is no such profile.

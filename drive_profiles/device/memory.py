@@ -72,16 +72,18 @@ class MemoryCommand:
             NoAnswerError: The device does not answer; it may have carried the command out.
         """
         device.write(self.address, self.signature.to_bytes(4, "little"), f"the {self.name} signature", self.wait_s)
-        for patience in range(1 + round(self.wait_s / device.port.timeout_s), 0, -1):
+        silence: NoAnswerError | None = None
+        for _ in range(1 + round(self.wait_s / device.port.timeout_s)):
             try:
                 device.read(self.address)
             except SdoAbortedError:
                 return  # an object that is not read; an answer all the same
-            except NoAnswerError:
-                if patience == 1:
-                    raise
+            except NoAnswerError as error:
+                silence = silence or error
             else:
                 return
+        if silence is not None:
+            raise silence
 
 
 def store_command(device: Device) -> MemoryCommand:

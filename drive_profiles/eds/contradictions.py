@@ -8,6 +8,7 @@ from __future__ import annotations
 from canopen.objectdictionary import ODArray, ODRecord
 
 from drive_profiles.eds import values
+from drive_profiles.eds.device import MAX_UNSIGNED32
 from drive_profiles.eds.objects import Builder
 from drive_profiles.eds.text import EdsSection, quoted
 from drive_profiles.errors import Problem
@@ -19,7 +20,6 @@ _HISTORY = 0x1003
 _MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 _PDOS = {"NrOfRXPDO": range(0x1400, 0x1600), "NrOfTXPDO": range(0x1800, 0x1A00)}
 _UNSIGNED8 = 0x05
-_UNSIGNED32 = 0xFFFF_FFFF
 _STRUCTURE = 0xFF
 """Sub-index that describes the structure of an object, and is not counted (CiA 301, 7.4.1)."""
 
@@ -50,7 +50,7 @@ def _identity(information: EdsSection | None, builder: Builder) -> list[Problem]
     for key, subindex in _IDENTITY.items():
         entry = information.get(key)
         default = item.subindices[subindex].default if subindex in item.subindices else None
-        number = default & _UNSIGNED32 if isinstance(default, int) else 0
+        number = default & MAX_UNSIGNED32 if isinstance(default, int) else 0
         if entry is not None and stated[key] and number and number != stated[key]:
             message = f"0x{stated[key]:X}, but the default of 1018:{subindex} is 0x{number:X}"
             problems.append(Problem(entry.line, f"[{information.name}] {entry.key}", message, "the same number in both"))

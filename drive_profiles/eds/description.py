@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from canopen.objectdictionary import ObjectDictionary
+from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord
 
 from drive_profiles.eds import device as eds_device
 from drive_profiles.eds import rewrite as eds_rewrite
@@ -82,6 +82,23 @@ class Description:
     own_node_id: int | None = None
     _locations: eds_rewrite.ValueLocations | None = field(default=None, repr=False, compare=False)
     _document: Document | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def vendor_ids(self) -> tuple[int, ...]:
+        """Vendor-IDs that the file states, in ``[DeviceInfo]`` and as the default of 1018h:1; two where it contradicts itself."""
+        return self._stated(self.vendor_id, 1)
+
+    @property
+    def product_codes(self) -> tuple[int, ...]:
+        """Product codes that the file states, in ``[DeviceInfo]`` and as the default of 1018h:2."""
+        return self._stated(self.product_code, 2)
+
+    def _stated(self, number: int | None, subindex: int) -> tuple[int, ...]:
+        item = self.dictionary.indices.get(0x1018)
+        member = item.subindices.get(subindex) if isinstance(item, ODRecord | ODArray) else None
+        default = member.default if member is not None else None
+        also = default if isinstance(default, int) and number else None  # a default alone is a guess of the file's
+        return tuple(dict.fromkeys(each for each in (number, also) if each))
 
     @property
     def document(self) -> Document:

@@ -42,7 +42,7 @@ _FLAGS = {
     "LSS_Supported": "LSS_supported",
 }
 _MODULAR = re.compile(r"m\d+(?:moduleinfo|fixedobjects|subextends|subext[0-9a-f]*|comments)|supportedmodules|connectedmodules")
-_UNSIGNED32 = 0xFFFF_FFFF
+MAX_UNSIGNED32 = 0xFFFF_FFFF
 _SUB_OBJECTS = ("COB-ID", "Transmission type", "Inhibit time", "Compatibility entry", "Event timer", "SYNC start value")
 _MAX_PDOS = 512
 
@@ -212,10 +212,10 @@ def _unsigned32(section: EdsSection, key: str, builder: Builder) -> int | None:
             builder.findings.warn(entry.line, section.name, entry.key, "empty; taken as unknown", "a whole number")
         return None
     number = builder.number(section, key)
-    if number is None or 0 <= number <= _UNSIGNED32:
+    if number is None or 0 <= number <= MAX_UNSIGNED32:
         return number
     if -(1 << 31) <= number < 0:
-        made, result = f"read as 0x{number & _UNSIGNED32:08X}", number & _UNSIGNED32
+        made, result = f"read as 0x{number & MAX_UNSIGNED32:08X}", number & MAX_UNSIGNED32
     else:
         made, result = "taken as unknown", None
     builder.findings.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} {made}", "0 to 0xFFFFFFFF")

@@ -11,7 +11,7 @@ import pydantic
 
 from drive_profiles.errors import DriveProfileError, OutOfRangeError, beyond
 from drive_profiles.files.toml import Table
-from drive_profiles.standard import units
+from drive_profiles.standard import shown, units
 from drive_profiles.standard.cia301 import DataType, Value, decode, encode
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 
@@ -129,7 +129,7 @@ class Parameter(Fact):
         """Value of one step on the wire, in words."""
         if isinstance(self.scale, str):
             return {"counts": "1 count", "per mille": "1 ‰ of 6076h"}[self.scale]
-        return "" if self.is_bytes or self.type.is_real else f"{self.scale:g} {self.unit}".rstrip()
+        return "" if self.is_bytes or self.type.is_real else f"{self.scale:g} {shown.unit(self.unit)}".rstrip()
 
     def default_bytes(self) -> bytes | None:
         """Bytes of the factory setting; None where it is not known.

@@ -33,7 +33,7 @@ from drive_profiles.standard.object_address import ObjectAddress
 
 VENDORS = Path(__file__).parents[1] / "vendors"
 _NAME = re.compile(r"[a-z0-9_-]+")
-_OF_A_PRODUCT = re.compile(rf"(?P<family>[a-z0-9_-]+|.+\.toml)/(?P<product>{PRODUCT_NAME})", re.IGNORECASE)
+_OF_A_PRODUCT = re.compile(rf"(?P<family>[a-z0-9_-]+|.+\.toml)/(?!.*\.toml$)(?P<product>{PRODUCT_NAME})", re.IGNORECASE)
 
 
 class Profile(Table):
@@ -148,6 +148,8 @@ class Profile(Table):
             if family not in available():
                 raise ProfileNotFoundError(family, tuple(available()))
             profile = files.load(VENDORS / f"{family}.toml", cls)
+        elif isinstance(family, str) and _OF_A_PRODUCT.fullmatch(family) and not Path(family).exists():
+            raise ProfileNotFoundError(family.partition("/")[0], tuple(available()))  # rather than a path that nobody meant
         else:
             profile = files.load(family, cls)
         return profile.product_named(product) if product else profile
@@ -287,7 +289,7 @@ def is_name(text: str) -> bool:
 def _split(text: str | Path) -> tuple[str | Path, str]:
     """Family or file, and product; no product where the text names none."""
     match = _OF_A_PRODUCT.fullmatch(text) if isinstance(text, str) else None
-    if match is None or match["product"].lower().endswith(".toml"):
+    if match is None:
         return text, ""
     family = match["family"]
     is_file = family.lower().endswith(".toml")

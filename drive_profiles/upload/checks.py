@@ -37,8 +37,8 @@ def against_identity(device: Device, header: Header, identity: DeviceIdentity, o
             reasons.append(f"the identity in {who} is not verified ({expected.source}); --allow-unverified")
     if description is not None:  # 0 and nothing are what an EDS says that does not know
         who = str(description.path)
-        reasons += _differs("vendor (1018h:1)", identity.vendor_id, filter(None, (description.vendor_id,)), who)
-        reasons += _differs("product (1018h:2)", identity.product_code, filter(None, (description.product_code,)), who)
+        reasons += _differs("vendor (1018h:1)", identity.vendor_id, description.vendor_ids, who)
+        reasons += _differs("product (1018h:2)", identity.product_code, description.product_codes, who)
     who = "the parameter set"
     reasons += _differs("vendor", identity.vendor_id, () if header.vendor_id is None else (header.vendor_id,), who)
     reasons += _differs("product", identity.product_code, () if header.product_code is None else (header.product_code,), who)

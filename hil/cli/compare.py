@@ -11,7 +11,7 @@ import typer
 
 from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.completion import complete_list, complete_reference
-from drive_profiles.cli.console import fail
+from drive_profiles.cli.console import fail, terminal_width
 from hil.cli.console import (
     ExitStatus,
     RunProgress,
@@ -230,7 +230,7 @@ def _run(
     if as_json:
         typer.echo(done.result.dumps())
     else:
-        for line in summary(done.result):
+        for line in summary(done.result, terminal_width()):
             typer.echo(line)
     say_page(page)
     _leave(done)

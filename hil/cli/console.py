@@ -198,12 +198,14 @@ class RunProgress(SpokenReporter):
     def __init__(self, total: int, *, is_live: bool = True) -> None:
         from rich.console import Console  # noqa: PLC0415
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+        from rich.table import Column  # noqa: PLC0415
 
         self._console = Console(stderr=True)
         self._is_live = is_live and self._console.is_terminal
+        title = Column(no_wrap=True, overflow="ellipsis", max_width=max(20, self._console.width - 36))  # the time is never cut
         self._bar = Progress(
-            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(),
-            console=self._console, disable=not self._is_live,
+            TextColumn("{task.description}", table_column=title), BarColumn(bar_width=16),
+            TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), console=self._console, disable=not self._is_live,
         )  # fmt: skip
         self._task: Any = None
         self._total, self._count = total, 0

@@ -9,6 +9,7 @@ import typer
 
 from drive_profiles.cli.application import folded
 from drive_profiles.cli.completion import complete_reference
+from drive_profiles.cli.console import terminal_width
 from hil.cli.console import EPILOG, ExitStatus, SpokenReporter, bench_on_emulator, exit_on_error, exit_status_of, message_of, say
 from hil.cli.options import JsonOption
 from hil.cli.run import run_and_report
@@ -107,7 +108,7 @@ def _tell_story(address: str, out: Path, *, as_json: bool) -> int:
     done = story.tell(address, out / "story", reporter=SpokenReporter())
     page = write_compare_report(out / "story")
     write_report(out)
-    for line in summary(done.result):
+    for line in summary(done.result, terminal_width(err=as_json)):
         typer.echo(line, err=as_json)
     say(f"your own robot: {page}")
     for what in [] if done.comparison is None else done.comparison.unmet:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.application import Tool
-from drive_profiles.cli.console import epilog, fail
+from drive_profiles.cli.console import epilog, fail, table
 from hil.cli.console import ExitStatus, exit_on_error, exit_with, say
 from hil.cli.options import AXES, BenchOption
 from hil.reporter import Reporter, SilentReporter
@@ -213,7 +213,7 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
     result.write(out / "design.json")
     report = write_design_report(outcome, out / "design.html")
     show: Callable[[str], None] = say if as_json else typer.echo
-    _summary(outcome, show)
+    _summary(outcome, show, as_json=as_json)
     if as_json:
         typer.echo(result.dumps())
     if outcome.failure is None:
@@ -235,7 +235,7 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
         raise exit_with(outcome.failure)
 
 
-def _summary(outcome: "NotchDesignOutcome", show: Callable[[str], None]) -> None:
+def _summary(outcome: "NotchDesignOutcome", show: Callable[[str], None], *, as_json: bool) -> None:
     """Print filters, margins and predicted peaks."""
     from hil.design.uncertainty import plants_words
 
@@ -243,14 +243,14 @@ def _summary(outcome: "NotchDesignOutcome", show: Callable[[str], None]) -> None
         f"axis {outcome.request.axis}, plant from {outcome.source}, loop every {1e6 * outcome.problem.period_s:g} µs with "
         f"{outcome.problem.delay_samples} samples of delay, {plants_words(outcome.problem.members)}, {outcome.seconds:.1f} s"
     )
-    show(f"{'filters':<12}{'k':<4}{'peak mm':<10}{'falling':<10}{'worst':<10}{'M_s':<7}{'phase °':<9}{'gain dB':<9}(5)")
+    rows: list[tuple[str, ...]] = []
     for name, verdict in (("none", outcome.none), ("given", outcome.given), ("designed", outcome.designed)):
         if verdict is None:
             continue
         worst = {check.name: check.value for check in verdict.checks}
         for row in verdict.peaks:
             line = worst[f"|G_al| on the line over constraint (5), k = {row.order},"]
-            show(
-                f"{name:<12}{row.order:<4}{row.rising_mm:<10.4f}{row.falling_mm:<10.4f}{row.worst_mm:<10.4f}{worst['M_s']:<7.3f}"
-                f"{worst['phase margin']:<9.2f}{worst['gain margin']:<9.2f}{line:.3f}"
-            )
+            peaks = (f"{row.rising_mm:.4f}", f"{row.falling_mm:.4f}", f"{row.worst_mm:.4f}")
+            margins = (f"{worst['M_s']:.3f}", f"{worst['phase margin']:.2f}", f"{worst['gain margin']:.2f}", f"{line:.3f}")
+            rows.append((name, str(row.order), *peaks, *margins))
+    table("", ("filters", "k", "peak mm", "falling", "worst", "M_s", "phase °", "gain dB", "(5)"), rows, err=as_json)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drive_profiles.cli.console import fail
+from drive_profiles.cli.console import fail, table
 from hil.cli.console import (
     EPILOG,
     ExitStatus,
@@ -207,14 +207,15 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
     if outcome.result.emulated:
         parts = outcome.result.emulated_parts
         say("emulated robot" if parts is None else f"emulated: {', '.join(parts)}")
-    say(f"{'experiment':<24}{'axis':<6}{'loop':<7}{'treatment':<21}{'order':<7}{'tip peak mm':<13}within ±{limit:g} mm")
+    rows = []
     for run in outcome.result.runs:
         axis = chain if run.axis is None else str(run.axis)
         without = "stopped" if run.invalid is None else "not judged"
         peak = without if run.tip_peak_mm is None else f"{run.tip_peak_mm:.4f}"
         order = "-" if run.order is None else str(run.order)
         verdict = "-" if run.within_spec is None else "yes" if run.within_spec else "no"
-        say(f"{run.experiment:<24}{axis:<6}{run.loop:<7}{run.treatment:<21}{order:<7}{peak:<13}{verdict}")
+        rows.append((run.experiment, axis, run.loop, run.treatment, order, peak, verdict))
+    table("", ("experiment", "axis", "loop", "treatment", "order", "tip peak mm", f"within ±{limit:g} mm"), rows)
     for run in {run.recording: run for run in outcome.result.runs}.values():
         for words, number in (run.bus_errors or {}).items():
             say(f"{run.recording}: on the bus: {words} ({number} times)")

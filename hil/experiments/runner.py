@@ -96,10 +96,10 @@ def run_experiments(
         for experiment, motion in zip(experiments, motions, strict=True)
     ]
     demands = [experiment.bus_demand(motion) for experiment, motion in zip(experiments, motions, strict=True)]
-    check_bands(bench, experiments, motions)
     with Measurement(bench, out, lambda described: ExperimentsResult(bench=described), reporter=reporter) as measurement:
         result = measurement.result
         measurement.check_clock(clock)
+        check_bands(bench, experiments, motions)
         with measurement.session(demands, overload=overload, reset_faults=reset_faults) as session:
             for experiment, motion, setup, shows in zip(experiments, motions, setups, measurement.shows_filter, strict=True):
                 reporter.run(experiment.title)

@@ -183,8 +183,11 @@ class DriveAxis:
         self.scaling = Scaling(1, 1.0)
 
     def scale_gaps(self) -> list[str]:
-        """All that the profile lacks, where neither it nor the bench file knows how the drive counts; else empty."""
-        is_lacking = scale_gaps(self.number, self.table, self.profile)
+        """All that the profile lacks, where neither it nor the bench file knows how the drive counts; else empty.
+
+        Until the drive is identified it may be any product of its family.
+        """
+        is_lacking = all(scale_gaps(self.number, self.table, product) for product in self.profile.members)
         return profile_gaps(self.number, self.table, self.profile) if is_lacking else []
 
     def identify(self) -> None:
@@ -195,9 +198,9 @@ class DriveAxis:
             MissingObjectsError: It lacks objects that every run needs; all of them are listed.
             NodeError: Another check failed; nothing has been written.
         """
-        if self.scale_gaps():
-            raise ProfileGapsError(self.scale_gaps())
+        self._check_scale()
         self.profile = check_identity(self.network, self.node, self.profile, self.table.serial_number)
+        self._check_scale()
         asked, node = Questions(self.network, self.node), self.node
         status_word = asked.number(STATUS)
         state = None if status_word is None else state_of(status_word)
@@ -218,6 +221,10 @@ class DriveAxis:
             code = asked.number(ERROR_CODE, is_optional=True)
             shown = "" if code is None else f", error code {code:04X}h"
             raise NodeError(node, f"axis {self.number} is in fault{shown}", "reset it with --reset-faults")
+
+    def _check_scale(self) -> None:
+        if gaps := self.scale_gaps():
+            raise ProfileGapsError(gaps)
 
     def position_rad(self) -> float:
         """The motor angle now, by SDO."""

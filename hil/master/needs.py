@@ -192,7 +192,7 @@ def profile_gaps(
         gaps.append(f"no mode {mode.name}, in which {closes}")
     filters = [f"notch_{column}.mode" for column in range(1, len(table.notch) + 1)] if with_notch else []
     gaps += [f"no {name}, the filter that axis.{number}.notch describes" for name in filters if name not in profile.parameters]
-    return [f"axis {number}: profile {profile.name} has {gap}" for gap in gaps]
+    return [f"axis {number}: profile {profile.label} has {gap}" for gap in gaps]
 
 
 def scale_gaps(number: int, table: AxisTable, profile: Profile) -> list[str]:

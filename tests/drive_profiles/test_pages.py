@@ -33,7 +33,7 @@ def test_answers_with_their_reasons_facts_and_parameters():
     for _, capability in EMULATED.capabilities:
         assert f"| **{capability.answer}** | {capability.reason} |" in text
     assert "| vendor id | 0x48494C01 |" in text
-    assert "| period | 250 us |" in text
+    assert "| period | 250 µs |" in text
     assert "| min frequency | 0.01 Hz |" in text
     assert "| velocity_gain_nm_s_rad | `velocity_gain_nm_s_rad` | 1 |" in text
     assert "| `torque_limit_nm` | 6072:0 | UNSIGNED16 | N·m | 1 ‰ of 6076h | 0 … | now |" in text
@@ -77,3 +77,21 @@ def test_the_command_writes_them(tmp_path):
     result = CliRunner().invoke(app, ["pages", "--out", str(tmp_path / "drives")])
     assert result.exit_code == 0
     assert {path.name for path in (tmp_path / "drives").iterdir()} == set(written(PROFILES))
+
+
+@pytest.mark.parametrize("profile", [p for p in PROFILES if p.products], ids=lambda profile: profile.name)
+def test_a_page_says_how_products_are_told_apart_and_what_is_other_in_each(profile):
+    text = page(profile).partition("\n## Products\n")[2].partition("\n## Parameters\n")[0]
+    for product, member in zip(profile.products, profile.members[1:], strict=True):
+        part = text.partition(f"\n### {member.title}\n")[2].partition("\n### ")[0]
+        assert text.count(f"| `{product.name}` | {member.title} |") == 1
+        assert all(f"`{name}`" in part for name in product.absent)
+        assert all(f"| `{name}` | {member.parameters[name].written_address} |" in part for name in product.parameters)
+        assert all(answer.reason in part for answer in product.capabilities.values())
+        assert all(fact.note in part for fact in product.facts.values())
+        assert f"`{member.label}`" in index(PROFILES)
+
+
+def test_a_family_of_one_product_has_no_such_section():
+    assert "## Products" not in page(EMULATED)
+    assert "Further ones" not in index([EMULATED])

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 
+from drive_profiles.cli.tables import lines as table_lines
 from hil.bench.bench import Bench
 from hil.design.compliance import Compliance, compliance, judged_speeds
 from hil.experiments.comparison.plan import ComparisonPlan, ComparisonRequest
@@ -169,31 +170,54 @@ def _where(row: ComparisonRow) -> str:
     return "line motion" if row.axis is None else f"axis {row.axis}"
 
 
-def summary(result: TreatmentTable) -> list[str]:
-    """Table as text, with the runs that were left out."""
+_HEADER = (
+    "treatment",
+    "experiment",
+    "axis",
+    "loop",
+    "tip mm",
+    "change",
+    "area",
+    "change",
+    "within",
+    "compliance at 1 Hz",
+    "largest",
+)
+
+
+def summary(result: TreatmentTable, width: int | None = None) -> list[str]:
+    """Table as text, with the runs that were not judged or left out.
+
+    Args:
+        result: The comparison.
+        width: Columns of the terminal; None: as many as it takes.
+    """
     lines = []
     for robot in result.robots:
         lines.append(f"{robot.name} ({robot.bus})")
-        head = f"{'experiment':<30}{'loop':<7}{'treatment':<21}{'tip mm':<9}{'change':<10}{'area':<9}{'change':<10}"
-        lines.append(f"  {head}{'within':<8}compliance at 1 Hz, largest")
-        lines += ["  " + _line(row) for row in robot.rows if row.left_out is None]
+        lines += table_lines(_HEADER, [_cells(row) for row in robot.rows if row.left_out is None], width)
         reasons: dict[str, list[str]] = {}
         for row in robot.rows:
-            if row.left_out is not None:
-                reasons.setdefault(row.left_out, []).append(f"{row.treatment} ({_where(row)}, {row.loop}-closed)")
-        lines += [f"  left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
+            reason = f"left out: {row.left_out}" if row.left_out is not None else f"not judged: {row.not_judged}"
+            if row.left_out is not None or row.tip_peak_mm is None or row.spectrum_area is None:
+                reasons.setdefault(reason, []).append(f"{row.treatment} ({_where(row)}, {row.loop}-closed)")
+        lines += [f"{', '.join(names)}: {reason}" for reason, names in reasons.items()]
     return lines
 
 
-def _line(row: ComparisonRow) -> str:
-    where = row.experiment + ("" if row.axis is None else f", axis {row.axis}")
-    head = f"{where:<30}{row.loop:<7}{row.treatment:<21}"
+def _cells(row: ComparisonRow) -> tuple[str, ...]:
+    head = (row.treatment, row.experiment, "-" if row.axis is None else str(row.axis), row.loop)
     if row.tip_peak_mm is None or row.spectrum_area is None:
-        return head + f"not judged: {row.not_judged}"
-    factors = "-" if row.compliance is None else f"×{row.compliance.slow:.2f}, ×{row.compliance.peak:.2f}"
+        return (*head, "not judged", *["-"] * (len(_HEADER) - len(head) - 1))
+    factors = ("-", "-") if row.compliance is None else (f"×{row.compliance.slow:.2f}", f"×{row.compliance.peak:.2f}")
     return (
-        f"{head}{row.tip_peak_mm:<9.4f}{_percent(row.tip_peak_change_pct):<10}{row.spectrum_area:<9.3f}"
-        f"{_percent(row.spectrum_area_change_pct):<10}{'yes' if row.within_spec else 'no':<8}{factors}"
+        *head,
+        f"{row.tip_peak_mm:.4f}",
+        _percent(row.tip_peak_change_pct),
+        f"{row.spectrum_area:.3f}",
+        _percent(row.spectrum_area_change_pct),
+        "yes" if row.within_spec else "no",
+        *factors,
     )
 
 

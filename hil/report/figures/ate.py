@@ -349,18 +349,36 @@ def arm_twice(material: AteMaterial) -> ReportTable | None:
     for name, unit, before, before_error, now, now_error in pairs:
         texts = (" ± ".join(value_and_error(value, error or 0.0)) for value, error in ((before, before_error), (now, now_error)))
         sigma = None if before_error is None or now_error is None else abs(now - before) / math.hypot(before_error, now_error)
-        rows.append([name, unit, *texts, number(100.0 * (now / before - 1.0), "{:+.2f}"), number(sigma, "{:.1f}")])
+        rows.append([name, unit, *texts, number(100.0 * (now / before - 1.0), "{:+.2f}"), number(sigma, "{:.1f}"), _agree(sigma)])
     return ReportTable(
         "arm-twice",
         "The arm by both identifications",
         "",
-        ("", "Unit", f"Before, by {known.source}", "Now, by the ramps", "Apart by (%)", "Apart by (standard errors)"),
+        (
+            "",
+            "Unit",
+            f"Before, by {known.source}",
+            "Now, by the ramps",
+            "Apart by (%)",
+            "Apart by (standard errors)",
+            "Noise alone",
+        ),
         rows,
-        frozenset({0, 1}),
+        frozenset({0, 1, 6}),
         "Both standard errors are those of noise alone. Where the two lie more than three of them apart, the difference is not "
         "noise but what a model leaves out: the one run shakes the arm by a torque at the motor, the other by the transmission "
         "error, at another amplitude. How far apart they are in percent is then the better measure of how well f_a is known.",
     )
+
+
+FAR_SIGMA = 3.0
+"""Standard errors from which two estimates differ by more than noise."""
+
+
+def _agree(sigma: float | None) -> Mark:
+    if sigma is None:
+        return Mark(None, "not known")
+    return Mark(True, "explains it") if sigma <= FAR_SIGMA else Mark(None, "does not explain it")
 
 
 def agreement(material: AteMaterial) -> ReportTable | None:

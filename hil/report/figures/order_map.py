@@ -20,6 +20,8 @@ ORDERS: Real = np.linspace(0.5, 10.0, 96)
 LEVELS = 9
 FREQUENCIES_HZ = (5.0, 10.0, 20.0, 40.0)
 """Frequencies whose hyperbolas are drawn thin, to read the map in Hz."""
+NEAR = 0.3
+"""Distance, as a logarithm, at which such a line would crowd that of the resonance."""
 COLUMNS = 2
 
 
@@ -90,24 +92,27 @@ def _draw(panel: Axes, found: OrderMap, levels: Real, f_al: float | None) -> Non
     low, high = float(found.speed_rps[0]), float(found.speed_rps[-1])
     speeds = np.linspace(low, high, 200)
     for frequency in FREQUENCIES_HZ:
+        if f_al is not None and abs(math.log(frequency / f_al)) < NEAR:
+            continue
         _hyperbola(panel, speeds, frequency, f"{frequency:g} Hz", style.MARK)
     if f_al is not None:
-        _hyperbola(panel, speeds, f_al, "$f_{al}$", {**style.CONSTRAINT, "color": style.VERMILLION}, at_right=False)
+        _hyperbola(panel, speeds, f_al, "$f_{al}$", {**style.CONSTRAINT, "color": style.VERMILLION})
     panel.set(xlim=(low, high), ylim=(float(ORDERS[0]), float(ORDERS[-1])))
     panel.set_yticks(np.arange(1, math.floor(ORDERS[-1]) + 1))
 
 
-def _hyperbola(panel: Axes, speeds: Real, frequency_hz: float, name: str, look: style.Line, *, at_right: bool = True) -> None:
-    """Line k f_m = f, with its name at its right or left end."""
+def _hyperbola(panel: Axes, speeds: Real, frequency_hz: float, name: str, look: style.Line) -> None:
+    """Line k f_m = f, with its name at its left end, above it: it falls."""
     orders = frequency_hz / speeds
     inside = np.flatnonzero((orders >= ORDERS[0]) & (orders <= ORDERS[-1]))
     if len(inside) < 2:
         return
     panel.plot(speeds[inside], orders[inside], **look)
-    at = inside[-1] if at_right else inside[0]
+    at = inside[0]
+    is_high = orders[at] > ORDERS[-1] - 1.0
     panel.annotate(
-        name, (speeds[at], orders[at]), xytext=(-3 if at_right else 3, 2), textcoords="offset points",
-        ha="right" if at_right else "left", va="bottom", fontsize=7.5,
+        name, (speeds[at], orders[at]), xytext=(8 if is_high else 3, -1 if is_high else 2), textcoords="offset points",
+        ha="left", va="top" if is_high else "bottom", fontsize=7.5,
     )  # fmt: skip
 
 

@@ -142,15 +142,24 @@ def plants(outcome: NotchDesignOutcome) -> ReportTable:
         plant = member.plant
         peak = outcome.problem.loop(member).peak_hz()
         numbers = (
-            plant.gear_stiffness_nm_rad,
+            1e-3 * plant.gear_stiffness_nm_rad,
             plant.arm_inertia_kg_m2,
             plant.gear_damping_nm_s_rad,
             plant.antiresonance_hz,
             peak,
         )
         amplitudes = (f"{member.error.amplitude_arcsec[order]:.3g}" for order in (2, 4))
-        rows.append([member.label, *(number(value, "{:.5g}") for value in numbers), *amplitudes])
-    header = ("plant", "K_g (N·m/rad)", "J_l (kg·m²)", "D_g (N·m·s/rad)", "f_a (Hz)", "f_al (Hz)", "A_2 (arcsec)", "A_4 (arcsec)")
+        rows.append([member.label, *(number(value, "{:.4g}") for value in numbers), *amplitudes])
+    header = (
+        "plant",
+        "K_g (kN·m/rad)",
+        "J_l (kg·m²)",
+        "D_g (N·m·s/rad)",
+        "f_a (Hz)",
+        "f_al (Hz)",
+        "A_2 (arcsec)",
+        "A_4 (arcsec)",
+    )
     caption = f"Plant from {outcome.source}. Every requirement holds for each of them, or is said not to."
     return ReportTable("plant-set", "Plants for which the filter is designed", "", header, rows, caption=caption)
 

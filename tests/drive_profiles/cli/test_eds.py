@@ -141,3 +141,24 @@ def test_convert_twice_gives_files_that_owe_nothing_to_each_other(tmp_path):
         run("convert", CLEAN if name == "b.eds" else tmp_path / "in.dcf", "--out", tmp_path / name)
     assert "Emulated servo drive, written" not in (tmp_path / "a.eds").read_text()
     assert "Emulated servo drive, written" in (tmp_path / "b.eds").read_text()
+
+
+def test_check_with_a_node_id_reads_what_needs_one(tmp_path):
+    path = tmp_path / "a.dcf"
+    path.write_text("[1000]\nParameterName=x\nDataType=7\nAccessType=rw\nParameterValue=$NODEID+0x200\n")
+    assert "left out: the node-ID is not known" in run("check", path).stdout
+    assert "node-ID" not in run("check", path, "--node-id", "5").stdout
+    assert run("check", path, "--node-id", "128").exit_code == 2
+
+
+def test_contradictions_are_counted_and_listed_on_their_own(tmp_path):
+    path = tmp_path / "a.eds"
+    path.write_text(CLEAN.read_text().replace("ProductNumber=0x00000402", "ProductNumber=0x999"))
+    result = run("check", path)
+    assert result.exit_code == 0
+    assert f"{path}:18: [DeviceInfo] ProductNumber: 0x999, but the default of 1018:2 is 0x402" in result.stdout
+    assert "0 warnings, 1 contradiction, 0 left out" in result.stdout
+    [report] = json.loads(run("check", path, "--json").stdout)
+    assert [problem["line"] for problem in report["contradictions"]] == [18]
+    assert run("check", path, "--strict").exit_code == 3
+    assert "1 problem in this file" in run("show", path).stderr

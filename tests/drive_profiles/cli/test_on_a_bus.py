@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -13,11 +14,13 @@ import pytest
 from typer.testing import CliRunner
 
 from drive_profiles.cli.main import app
+from drive_profiles.cli.transact import MAX_ROWS
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.device.device import Device
 from drive_profiles.device.sdo import SdoPort
 from drive_profiles.device.target import device_at
 from drive_profiles.errors import NoAnswerError, SdoAbortedError
+from drive_profiles.family.profile import Profile
 from drive_profiles.parameter_set.parameters import ParameterSet
 from drive_profiles.standard.cia301 import abort_text
 from drive_profiles.upload import journal
@@ -180,6 +183,34 @@ def test_get_and_set_take_addresses_and_names_and_say_units():
     run("set", "0x1018:1=15", "--node", "2", "--yes", code=3)
 
 
+def test_get_prints_what_it_got_even_where_one_object_fails():
+    result = run("get", "0x5FFF", "position_gain_per_s", "0x5FFE", "status_word", "--node", "2", code=6)
+    assert [line.split()[0] for line in result.stdout.splitlines()[1:]] == ["2100:1", "6041:0"]
+    assert "5FFFh:0 aborted: 0x06020000" in result.stderr
+    assert "5FFEh:0 aborted: 0x06020000" in result.stderr
+    rows = json.loads(run("get", "position_gain_per_s", "0x5FFF", "--node", "2", "--json", code=6).stdout)
+    assert "value" in rows[0]
+    assert "aborted" in rows[1]["error"]
+
+
+def test_a_long_table_does_not_push_the_reason_out_of_sight(folder):
+    run("pull", "--node", "5", "--out", "a.toml")
+    pulled, known = ParameterSet.load(folder / "a.toml"), Profile.load("maxon_epos4").parameters
+    table = {
+        key: item.model_copy(update={"value": item.value + 1})
+        for key, item in pulled.tuning.items()
+        if key in known and isinstance(item.value, int) and (known[key].maximum is None or item.value + 1 <= known[key].maximum)
+    }
+    ParameterSet(header=pulled.header, tuning=table).save(folder / "b.toml")
+    whole = run("upload", "b.toml", "--node", "5", "--dry-run", "--allow-unverified").stdout.splitlines()
+    assert len(whole) == 1 + len(table)
+    assert len(table) > MAX_ROWS + 1
+    asked = run("upload", "b.toml", "--node", "5", "--allow-unverified", code=2)
+    assert asked.stdout.splitlines()[-1] == f"… and {len(table) - MAX_ROWS} more; --dry-run shows all"
+    assert len(asked.stdout.splitlines()) == MAX_ROWS + 2
+    assert "give --yes" in asked.stderr.splitlines()[-1]
+
+
 def test_an_abort_is_told_in_words_with_the_objects_name():
     result = run("get", "0x5FFF", "--node", "2", code=6)
     assert "5FFFh:0 aborted: 0x06020000, Object does not exist" in result.stderr
@@ -314,7 +345,8 @@ def test_a_set_of_another_device_is_refused_whatever_is_answered(folder):
         assert "--other-device writes it all the same" in refused
     assert "9999" in run("upload", "other.toml", *chosen, "--dry-run", "--other-device").stderr
     assert "--yes, or answer" in run("upload", "other.toml", *chosen, "--other-device", "--store", code=2).stderr
-    assert "--force-commissioning" in run("upload", "other.toml", "--node", "2", "--other-device", "--dry-run", code=3).stderr
+    (folder / "moved.toml").write_text(other.replace("[limits]", "[commissioning]"))
+    assert "--force-commissioning" in run("upload", "moved.toml", "--node", "2", "--other-device", "--dry-run", code=3).stderr
     run("upload", "other.toml", "--node", "2", "--force-commissioning", "--dry-run")
     # of a device without a serial number the node-ID speaks, and a set written by hand has neither
     bare = "".join(line + "\n" for line in text.splitlines() if not line.startswith("serial_number"))
@@ -431,3 +463,23 @@ def test_help_of_every_command_is_there_and_says_an_example():
         text = run(command, "--help").stdout
         assert "Example" in text
         assert "drive-profiles" in text
+
+
+def test_words_of_bits_are_hexadecimal_and_gains_have_the_drives_unit():
+    shown = cells(run("get", "status_word", "1014", "1A00:1", "position_proportional_gain", "1018:4", "--node", "5").stdout)
+    assert re.fullmatch("0x[0-9A-F]{4}", shown[1][2])
+    assert shown[2][2] == "0x00000085"
+    assert shown[3][2] == "0x60410010"  # no profile and no EDS says its type
+    assert shown[4][3] == "µA/rad"
+    assert shown[5][2] == "5"
+    exact = json.loads(run("get", "status_word", "speed_limit_rad_s", "--node", "5", "--json").stdout)
+    assert isinstance(exact[0]["value"], int)
+    assert len(str(exact[1]["value"])) > len("1234.5")  # all digits for machines
+
+
+def test_restore_shows_units_as_upload_does(folder):
+    shown = run("set", "speed_limit_rad_s=20", "--node", "5", "--yes", "--journals", "units")
+    change = next(row for row in cells(shown.stdout) if row[1] == "6080:0")
+    back = run("restore", "--snapshot", "units", "--node", "5", "--dry-run")
+    assert ["5", "6080:0", "(speed_limit_rad_s)", change[4], change[3], "rad/s"] in cells(back.stdout)
+    run("restore", "--snapshot", "units", "--node", "5", "--yes", "--journals", "units")

@@ -9,7 +9,7 @@ import pytest
 
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.device.device import Device, identity_at
-from drive_profiles.errors import BusError, NoAnswerError
+from drive_profiles.errors import BusError, NoAnswerError, SdoAbortedError
 from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.standard.cia301 import NmtCommand
 from hil.can.frame import Frame
@@ -189,3 +189,52 @@ def test_whatever_ends_the_reader_wakes_those_who_wait_and_is_said(error, monkey
             bus.port(OTHER).write(P1, b"\0\0")
         timer.join()
     assert adapter.closed == 1  # and that it cannot be closed hides nothing
+
+
+def test_two_clients_at_one_node_are_called_that(channel, bus, served):
+    """One asks; another one's transfers are on the bus; the node's answers do not come."""
+    port = bus.port(rig.NODE)
+    assert port.read(P1)
+    assert not port.is_shared
+    served.silent = True
+    with pytest.raises(NoAnswerError, match="is it powered"):
+        port.read(P1)
+    with SdoBus(f"virtual:{channel}", 0.2) as second, pytest.raises(NoAnswerError, match="is it powered"):
+        second.port(rig.NODE).read((0x2002, 1))  # the first has not asked anything since the second joined
+    assert port.is_shared
+    with pytest.raises(NoAnswerError, match="another SDO client talks to this node; end the other program"):
+        port.read(P1)
+    assert not bus.port(OTHER).is_shared
+
+
+def test_an_abort_of_entangled_transfers_names_the_other_client(channel, bus, served):
+    port = bus.port(rig.NODE)
+    text = (0x2100, 0)
+    assert port.read(text)
+    with can.Bus(interface="virtual", channel=channel) as stranger:
+        segment = can.Message(arbitration_id=0x600 + rig.NODE, is_extended_id=False, data=bytes(8))
+        stranger.send(segment)  # a download segment out of the blue: the node aborts
+        deadline = time.monotonic() + 10
+        while not port.is_shared:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    served.garbage = (
+        can.Message(arbitration_id=0x580 + rig.NODE, is_extended_id=False, data=bytes.fromhex("80 00 21 00 00 00 03 05")),
+    )
+    with pytest.raises(SdoAbortedError, match=r"Toggle bit not alternated \(another SDO client talks to this node\)"):
+        port.read(text)
+
+
+def test_an_adapter_that_returns_what_it_has_sent_is_no_other_client(channel, served):
+    with SdoBus(f"virtual:{channel}", 0.5) as bus, can.Bus(interface="virtual", channel=channel) as echo:
+        port, line = bus.port(rig.NODE), bus._lines[rig.NODE]
+        asked = b"\x40\x00\x10\x00\x00\x00\x00\x00"
+        line.send(0x600 + rig.NODE, asked)
+        echo.send(can.Message(arbitration_id=0x600 + rig.NODE, is_extended_id=False, data=asked))
+        assert port.read(P1)
+        assert not port.is_shared
+        echo.send(can.Message(arbitration_id=0x600 + rig.NODE, is_extended_id=False, data=b"\x40\x01" + asked[2:]))
+        deadline = time.monotonic() + 10
+        while not port.is_shared:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)

@@ -107,6 +107,13 @@ def test_each_contradiction_is_named_where_it_stands(changed, key, words):
         eds.loads(file(**changed), "a.eds", strict=True)
 
 
+def test_a_file_that_contradicts_itself_states_both_numbers():
+    assert eds.loads(file(), "a.eds").vendor_ids == (0x65,)
+    other = compound("1018", variable("1018sub0", 5, "const", 1), variable("1018sub1", 7, "ro", "0x66"))
+    assert eds.loads(file(o1018=other), "a.eds").vendor_ids == (0x65, 0x66)
+    assert eds.loads(file(), "a.eds").product_codes == ()
+
+
 @pytest.mark.parametrize("codec", ["utf-16-le", "utf-16-be"])
 def test_utf_16_is_read_with_and_without_its_mark_and_that_is_said(codec):
     text = file().decode()

@@ -154,10 +154,12 @@ def test_a_product_is_loaded_by_its_name(tmp_path, monkeypatch):
         Profile.load("maxon_epos4/50-4")
     with pytest.raises(UnknownProductError):
         Profile.load("emulated_drive/emulated_drive")
-    with pytest.raises(FileError):
-        Profile.load("vendors/maxon_epos4")
-    with pytest.raises(ProfileNotFoundError):
-        Profile.load("maxon")
+    for text in ("maxon", "maxon/70-15"):
+        with pytest.raises(ProfileNotFoundError, match="no drive profile 'maxon'; available: copley_plus"):
+            Profile.load(text)
+    for text in ("maxon/70-15.toml", "./maxon/70-15", "none.toml/x"):
+        with pytest.raises(FileError):
+            Profile.load(text)
 
 
 @pytest.mark.parametrize(

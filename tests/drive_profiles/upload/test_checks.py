@@ -86,6 +86,15 @@ def test_the_eds_of_another_device_is_refused(bus, tmp_path):
         upload(device, wanted, tmp_path)
 
 
+def test_an_eds_that_contradicts_itself_does_not_make_the_right_device_a_wrong_one(bus, tmp_path):
+    text = (VENDORS / "emulated_drive.eds").read_text().replace("ProductNumber=0x00000402", "ProductNumber=0x999")
+    (tmp_path / "a.eds").write_text(text)
+    known = Catalogue(Profile.load("emulated_drive"), eds.load(tmp_path / "a.eds", node_id=2))
+    assert known.description.product_codes == (0x999, 0x402)
+    device = Device(SdoPort(2, bus.line(2), 0.5), known, bus.nmt)
+    assert upload(device, ParameterSet(tuning={"position_gain_per_s": Item(value=9, unit="1/s")}), tmp_path).kind == "done"
+
+
 def test_a_serial_number_of_zero_is_none(bus, tmp_path):
     for node in (2, 3):
         bus.world.drives[node].slave.dictionary.cell(0x1018, 4).value = 0

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import hil
 from hil.can.errors import BusLostError, BusUnavailableError
-from hil.cli.console import ExitStatus, exit_on_error, exit_status_of
+from hil.cli.console import ExitStatus, RunProgress, exit_on_error, exit_status_of
 from hil.cli.main import app
 from hil.errors import HilError
 
@@ -110,3 +110,14 @@ def test_a_bus_that_is_not_there_is_another_status_than_one_that_is_lost():
     assert exit_status_of(BusLostError(address, "gone")) == ExitStatus.SAFETY_STOP
     assert exit_status_of(AddressError("nonsense")) == ExitStatus.USAGE
     assert exit_status_of(RuntimeError()) == ExitStatus.INTERNAL
+
+
+def test_the_bar_of_a_run_cuts_neither_its_fraction_nor_its_time(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "80")
+    with RunProgress(1) as progress:
+        progress.run("constant-acceleration, axis 2, drive-closed, with the designed notch")
+        progress.progress(0.4)
+    shown = capsys.readouterr().err
+    assert " 40 %" in shown
+    assert "0:00:0" in shown

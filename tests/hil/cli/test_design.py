@@ -1,6 +1,7 @@
 """hil design notch: files, exit status and words; the search itself is tested elsewhere."""
 
 import json
+import re
 
 import pytest
 import typer
@@ -45,6 +46,11 @@ def test_a_design_leaves_a_report_a_design_file_a_parameter_set_and_json(app, qu
     assert whole["designed"]["tip_peaks"][0]["rising_mm"] == pytest.approx(kept.axis[2].tip_peak_mm["2"])
     assert ParameterSet.load(tmp_path / "notch-axis2.toml").tuning["notch_1.mode"].value == 1
     page = (tmp_path / "design.html").read_text()
+    groups = re.findall(r'<tr class="group">.*?>([^<]+)</th>', page)
+    assert groups == ["designed filter", "given filter", "no filter"], "each is named once, the design first"
+    assert "<code>hil run constant-acceleration</code>" in page
+    assert "`" not in page[page.index("</style>") :]
+    assert "K<sub>g</sub> (kN·m/rad)" in page
     assert "The designed filters keep all that is asked" in page
     for key in ("families", "nyquist", "margins", "ramps", "peaks", "requirements", "plant-set"):
         assert f'id="{key}"' in page

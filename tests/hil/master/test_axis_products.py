@@ -2,9 +2,11 @@
 
 import pytest
 
-from drive_profiles.family.profile import Profile
+from drive_profiles.family.profile import VENDORS, Profile
+from hil.bench.bench import load_bench
 from hil.errors import NodeError, WrongIdentityError
-from hil.master.axis import check_identity
+from hil.master.axis import DriveAxis, check_identity
+from hil.master.needs import ProfileGapsError
 from plant_emulator.robots.robot import load_robot, with_drives
 from tests.hil.master.test_axis_units import RigNetwork
 from tests.plant_emulator.rig import AXIS, Rig
@@ -45,6 +47,21 @@ def test_the_device_type_is_that_of_the_product():
     rig.drive.slave.dictionary.cell(0x1000, 0).value = 0x0046_0192  # the first product's
     with pytest.raises(WrongIdentityError, match=r"device type \(1000h\) is 0x460192, the profile says 0x420192"):
         check_identity(RigNetwork(rig), AXIS, Profile.load("trinamic_tmcm16xx"))
+
+
+def test_what_the_product_lacks_is_said_once_it_is_known(tmp_path):
+    """The first product knows how it counts, this one does not: no other scale is taken for it."""
+    text = (VENDORS / "maxon_epos4.toml").read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(f"{text}[product.encoder]\nsource = 'none'\nevidence = 'eds'\n", encoding="utf-8")
+    table = load_bench("reference").axis[AXIS].model_copy(update={"serial_number": None, "profile": f"{tmp_path}/mine.toml"})
+    for product, has_scale in (("70-15", False), ("module-24-1.5", True)):
+        axis = DriveAxis(RigNetwork(rig_of(f"maxon_epos4/{product}")), AXIS, table)
+        if has_scale:
+            axis.identify()
+            assert axis.profile.label == f"maxon_epos4/{product}"
+            continue
+        with pytest.raises(ProfileGapsError, match="profile maxon_epos4/70-15 has no scale of positions"):
+            axis.identify()
 
 
 def test_a_product_that_the_profile_does_not_name_is_refused_with_those_that_it_does():

@@ -88,7 +88,7 @@ def test_the_words_of_a_figure_fit_into_it_with_the_fonts_that_are_there(browser
 
 def test_the_browser_reads_it_as_it_was_written(browser, page):
     browser.open(page)
-    assert browser.value("document.querySelectorAll('figure svg').length") == 13
+    assert browser.value("document.querySelectorAll('figure svg').length") == 15
     assert browser.value("document.querySelectorAll('script').length") == 0
     assert browser.value("performance.getEntriesByType('resource').length") == 0
 

@@ -7,6 +7,7 @@ from hil.design.ate_model import Arm, Sensing
 from hil.report import style
 from hil.report.figures import ate
 from hil.report.figures.ate import AteMaterial
+from hil.report.tables.paper_runs import Mark
 from hil.results.ate import AteResult, KnownArm
 from hil.robot_tables import TransmissionErrorTable
 from tests.hil.results.made import measured_bench, written
@@ -27,14 +28,22 @@ def table(tmp_path, known):
 def test_the_arm_is_compared_in_standard_errors_and_in_percent(tmp_path):
     known = KnownArm(source="the model file", start=Arm(12.449, 0.0387), resonance_error_hz=0.001, damping_error=0.0001)
     rows = table(tmp_path, known).rows
-    assert rows[0] == ["f_a, arm on its gear", "Hz", "12.449 ± 0.001", "12.433 ± 0.004", "−0.13", "3.9"]
-    assert rows[1] == ["its damping ζ", "", "0.0387 ± 0.0001", "0.0394 ± 0.0005", "+1.81", "1.4"]
+    assert rows[0] == [
+        "f_a, arm on its gear",
+        "Hz",
+        "12.449 ± 0.001",
+        "12.433 ± 0.004",
+        "−0.13",
+        "3.9",
+        Mark(None, "does not explain it"),
+    ]
+    assert rows[1] == ["its damping ζ", "", "0.0387 ± 0.0001", "0.0394 ± 0.0005", "+1.81", "1.4", Mark(True, "explains it")]
 
 
 def test_without_standard_errors_only_the_percent_are_said(tmp_path):
     rows = table(tmp_path, KnownArm(source="the model file", start=Arm(12.449, 0.0387))).rows
-    assert [row[-1] for row in rows] == ["–", "–"]
-    assert rows[0][-2] == "−0.13"
+    assert [row[-2] for row in rows] == ["–", "–"]
+    assert rows[0][-3] == "−0.13"
 
 
 def test_an_arm_that_was_not_known_is_not_compared(tmp_path):

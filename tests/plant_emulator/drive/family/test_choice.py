@@ -108,7 +108,7 @@ def test_storing_takes_no_longer_than_the_profile_says_that_the_drive_takes():
 
 def test_an_eds_file_adds_objects_that_hold_what_is_written_and_do_nothing():
     rig = Rig(with_drives(ROBOT, {2: "elmo_gold"}, eds={2: str(OUR_EDS)}), axis=2)
-    assert rig.read(0x2110, 3) == 4.0
+    assert rig.read(0x2110, 2) == 2  # a default of the file; it states none of real numbers
     assert rig.write(0x2110, 3, 3.0) is None
     assert rig.read(0x2110, 3) == 3.0
     assert rig.write(0x2110, 2, 9) is SdoAbortCode.VALUE_TOO_HIGH
