@@ -426,12 +426,12 @@ def parameters(guest):
 EVERYTHING = (modes, stops, homing, reactions, faults, parameters, services)
 
 
-def start(folder, *options, drive=None):
+def start(folder, *options, drive=None, rate=""):
     """A server process on the robot with switches, its socket, and the robot as it serves it."""
     path, file = folder / "robot.sock", robot_file(folder)
     chosen = [] if drive is None else ["--drive", f"{AXIS}={drive}"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "plant_emulator", "serve", "--wall", "--robot", str(file), "--bus", f"local:{path}",
+        [sys.executable, "-m", "plant_emulator", "serve", "--wall", "--robot", str(file), "--bus", f"local:{path}{rate}",
          "--until-stdin-closes", "--store-time-s", "0.05", *chosen, *options],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip

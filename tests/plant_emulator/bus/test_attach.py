@@ -209,7 +209,7 @@ def test_a_parent_that_goes_ends_it(attachment, bus, tmp_path):
     ("options", "status", "words"),
     [
         (["--bus", "socketcan:nosuch0"], 4, "nosuch0"),
-        (["--bus", "nosuch:x"], 4, "nosuch"),
+        (["--bus", "nosuch:x"], 2, "nosuch"),
         (["--bus", "socketcan:vcan0", "--slcan", "/nowhere/tty"], 2, "--slcan"),
     ],
 )
