@@ -75,6 +75,16 @@ def test_the_history_is_newest_first_and_bounded(bench):
     assert bench.read(0x1003, 9) is SdoAbortCode.NO_SUBINDEX
 
 
+def test_the_last_error_code_is_that_of_the_newest_entry_until_the_history_is_cleared(bench):
+    assert bench.slave.last_error_code == 0
+    bench.slave.raise_emergency("short", 0x2310, CURRENT)
+    bench.slave.raise_emergency("follow", 0x8611, PROFILE, b"\x0a\x0b")
+    bench.slave.clear_emergency("follow")
+    assert bench.slave.last_error_code == 0x8611  # the fault has gone, what it was has not
+    bench.write_value(0x1003, 0, 0)
+    assert bench.slave.last_error_code == 0
+
+
 def test_only_0_may_be_written_to_the_history_and_clears_it(bench):
     bench.slave.raise_emergency("short", 0x2310)
     bench.slave.take_frames()
