@@ -110,7 +110,7 @@ class Bus:
             if (mode := modes[row]) != law.BRAKED:
                 assert state in POWERED, frame
                 assert self.entitled[number], frame
-                self.under_torque[drive.mode._value_, mode] += 1
+                self.under_torque[0 if drive.mode is None else drive.mode._value_, mode] += 1
             if state not in POWERED:
                 assert torques[row] == 0.0, frame
                 self.entitled[number] = is_operational
