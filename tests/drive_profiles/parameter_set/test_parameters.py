@@ -5,7 +5,7 @@ import re
 import struct
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from drive_profiles import eds
@@ -358,6 +358,7 @@ def test_a_scale_of_the_drive_is_asked_for_by_the_lines_that_need_it():
 
 
 @given(st.sampled_from([entry.name for entry in DEVICE]), st.integers() | st.floats(allow_nan=False, allow_infinity=False))
+@example("offset_rad", 8758764033)
 def test_a_number_is_written_as_it_is_to_half_a_step_or_refused_never_clamped(name, value):
     entry = DEVICE.find(name)
     try:
@@ -371,7 +372,8 @@ def test_a_number_is_written_as_it_is_to_half_a_step_or_refused_never_clamped(na
         return
     held = entry.decoded(write.data, SCALING)
     step = entry.parameter.value_per_step(SCALING)
-    half = max(abs(value) * 1e-7, 1.5e-45) if entry.data_type.is_real else step / 2 * (1 + 1e-6)
+    # half a step to the REAL32, and half a step from there to its shortest decimal
+    half = max(abs(value) * 2.0**-23, 3e-45) if entry.data_type.is_real else step / 2 * (1 + 1e-6)
     assert held == value or abs(held - value) <= half
 
 
