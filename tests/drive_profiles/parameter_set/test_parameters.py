@@ -373,7 +373,7 @@ def test_a_number_is_written_as_it_is_to_half_a_step_or_refused_never_clamped(na
     held = entry.decoded(write.data, SCALING)
     step = entry.parameter.value_per_step(SCALING)
     # half a step to the REAL32, and half a step from there to its shortest decimal
-    half = max(abs(value) * 2.0**-23, 3e-45) if entry.data_type.is_real else step / 2 * (1 + 1e-6)
+    half = max(abs(value) * 1.2e-7, 3e-45) if entry.data_type.is_real else step / 2 * (1 + 1e-6)
     assert held == value or abs(held - value) <= half
 
 
