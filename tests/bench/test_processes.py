@@ -165,6 +165,7 @@ def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, local_bus:
     assert sum(message.arbitration_id == 0x80 for message in log) > run["cycles"]
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_frames_byte_for_byte(tmp_path: Path, serve_local_bus: Callable[..., ServedBus]) -> None:
     bench, logs = bench_file(tmp_path, QUICK), []
     for i in range(2):
@@ -296,6 +297,7 @@ def test_a_bad_robot_file_is_located(tmp_path: Path) -> None:
     assert "torque_limit_nm (N·m)" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_bench_with_a_profile_of_its_own_and_gains_as_found_runs_from_any_folder(
     tmp_path: Path, serve_local_bus: Callable[..., ServedBus], monkeypatch: pytest.MonkeyPatch
 ) -> None:

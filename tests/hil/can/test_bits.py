@@ -172,6 +172,7 @@ def sent_bit_by_bit(can_id, data, is_remote, is_extended):
     return sent
 
 
+@pytest.mark.slow
 def test_100_000_random_frames_are_as_long_as_a_second_implementation_says():
     chance = random.Random(11898)
     for _ in range(100_000):
