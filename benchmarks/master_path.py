@@ -29,8 +29,8 @@ from hil.can.frame import RECORD, Frame, pack
 from hil.can.raw import RawChannel, bind_to_one_core, connect_local
 from hil.control.servo import Servo, ServoConfig
 from hil.control.servo_bank import ServoBank
-from hil.master.axis import DriveAxis
 from hil.master.cyclic import POSITION_COMMAND, CyclicExchange
+from hil.master.drive.axis import DriveAxis
 from hil.master.network import Network
 from hil.master.sensor import CanopenSensor
 from hil.recording import BusLog

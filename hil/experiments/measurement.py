@@ -14,7 +14,7 @@ from hil.can.channel import Channel
 from hil.can.opening import open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.bus_demand import BusDemand, check_load
-from hil.master.needs import ProfileGapsError, run_gaps
+from hil.master.drive.needs import ProfileGapsError, run_gaps
 from hil.master.session import Session
 from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter

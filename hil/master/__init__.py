@@ -1,6 +1,6 @@
 """The CANopen master: a session that checks the drives on a bus, and runs motions on them.
 
-`session` is the entrance. Below it `network` has SDO, NMT and heartbeats, `axis` a CiA 402 drive, `cyclic` the exchange of each
+`session` is the entrance. Below it `network` has SDO, NMT and heartbeats, `drive/` a CiA 402 drive, `cyclic` the exchange of each
 cycle, `run` the steps of a run, and `guard` and `supervision` the reasons to stop it. `realtime` and `lateness` serve runs in
 wall-clock time.
 

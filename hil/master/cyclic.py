@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 from drive_profiles.standard.cia402 import Mode
 from hil.can.frame import Frame
-from hil.master import mapping
-from hil.master.axis import DriveAxis
+from hil.master.drive import mapping
+from hil.master.drive.axis import DriveAxis
+from hil.master.drive.pdo import PdoSet
 from hil.master.lateness import CycleSchedule
 from hil.master.network import SYNC, Network
-from hil.master.pdo import PdoSet
 from hil.master.realtime import Clock, MonotonicClock
 from hil.master.sensor import Taker, TipAccelerometer
 

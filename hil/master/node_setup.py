@@ -5,10 +5,10 @@ from drive_profiles.standard.cia402 import Object, state_of
 from hil.bench.bench import Bus
 from hil.can.errors import ChannelError
 from hil.errors import HilError
-from hil.master.axis import DriveAxis
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED
 from hil.master.cyclic import CyclicExchange
-from hil.master.needs import MissingObjectsError, ProfileGapsError, objects_needed, profile_gaps
+from hil.master.drive.axis import DriveAxis
+from hil.master.drive.needs import MissingObjectsError, ProfileGapsError, objects_needed, profile_gaps
 from hil.master.network import Network
 from hil.master.supervision import Supervisor
 

@@ -14,7 +14,7 @@ from hil.control.servo import ServoConfig
 from hil.control.servo_bank import ServoBank
 from hil.design.frequency import margins
 from hil.errors import NotPossibleError, UnsafeRequestError
-from hil.master.axis import DriveAxis
+from hil.master.drive.axis import DriveAxis
 from hil.master.motion import FilterUse, LoopName, Motion
 from hil.master.set_point_adder import SetPointAdder
 

@@ -15,9 +15,9 @@ from hil.can.errors import ChannelError
 from hil.control.servo_bank import ServoBank
 from hil.control.trajectory import Smooth, sample_times
 from hil.errors import InterruptedRunError, SafetyStopError
-from hil.master.axis import DriveAxis
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, QUICK_STOP, SHUTDOWN, SWITCH_ON
 from hil.master.cyclic import CyclicExchange
+from hil.master.drive.axis import DriveAxis
 from hil.master.guard import AxisGuard
 from hil.master.lateness import duration_text
 from hil.master.motion import Motion

@@ -8,10 +8,10 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
 from hil.bench.bench import AccelerometerTable
 from hil.errors import NodeError, NotPossibleError
-from hil.master import mapping
-from hil.master.axis import check_identity
+from hil.master.drive import mapping
+from hil.master.drive.axis import check_identity
+from hil.master.drive.pdo import PdoSet
 from hil.master.network import Network
-from hil.master.pdo import PdoSet
 from hil.master.realtime import Clock
 from hil.sensor.accelerometer import AccelerometerReader
 from hil.sensor.framing import Vector

@@ -14,12 +14,12 @@ from hil.bench.bench import Bench
 from hil.can.channel import Channel
 from hil.control.notch import FixedFilter
 from hil.errors import InterruptedRunError, NodeError, UnsafeRequestError
-from hil.master.axis import DriveAxis, ask_emulated, check_identity
 from hil.master.control_words import DISABLE_VOLTAGE, FAULT_RESET
 from hil.master.cyclic import CyclicExchange
+from hil.master.drive.axis import DriveAxis, ask_emulated, check_identity
+from hil.master.drive.needs import MissingObjectsError, ProfileGapsError
 from hil.master.lateness import WallClockTiming
 from hil.master.motion import FilterUse, LoopName, Motion, RunResult
-from hil.master.needs import MissingObjectsError, ProfileGapsError
 from hil.master.network import Network
 from hil.master.node_setup import NodeSetup
 from hil.master.realtime import Clock, MonotonicClock, RealTime, Settings, quiet_garbage_collection

@@ -13,10 +13,10 @@ from drive_profiles.standard.cia402 import Mode, Object
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.design.frequency import Loop, margins
 from hil.errors import NotPossibleError
-from hil.master import mapping
+from hil.master.drive import mapping
+from hil.master.drive.needs import run_gaps
+from hil.master.drive.pdo import MappedObject
 from hil.master.motion import LoopName
-from hil.master.needs import run_gaps
-from hil.master.pdo import MappedObject
 from hil.master.request import MAX_SENSITIVITY
 from hil.plan.bus_plan import Background, Cycle, CyclicFrame, FrameKind, Range
 from hil.plan.wire import CLASSIC_MAX_BITRATE, WireTiming, rate_text

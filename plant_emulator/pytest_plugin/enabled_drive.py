@@ -14,8 +14,8 @@ from hil.bench.bench import Limits
 from hil.can.errors import ChannelError
 from hil.control.trajectory import Smooth, sample_times
 from hil.errors import HilError, InterruptedRunError, NotPossibleError, SafetyStopError
-from hil.master.axis import DriveAxis
 from hil.master.control_words import SHUTDOWN
+from hil.master.drive.axis import DriveAxis
 from hil.master.motion import Motion
 from hil.master.request import check_motion
 from hil.master.run import APPROACH_RAMP_S, REST_S, Run, RunLimits, StopRun

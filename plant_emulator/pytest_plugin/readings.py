@@ -2,7 +2,7 @@
 
 from drive_profiles.standard.cia301 import DataType
 from hil.errors import NotPossibleError
-from hil.master.mapping import ACCELERATION_OBJECT
+from hil.master.drive.mapping import ACCELERATION_OBJECT
 from hil.master.sensor import DIGITS_OBJECT
 from plant_emulator.pytest_plugin.master import BenchSession
 

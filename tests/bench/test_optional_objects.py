@@ -14,8 +14,8 @@ from hil.experiments import measurement
 from hil.experiments.motions import constant_acceleration
 from hil.experiments.plan import Experiment
 from hil.experiments.runner import run_experiments
+from hil.master.drive.needs import MissingObjectsError
 from hil.master.motion import LoopName, RunResult
-from hil.master.needs import MissingObjectsError
 from hil.master.session import Session
 from hil.recording import BusLog
 from hil.robot_tables import Control

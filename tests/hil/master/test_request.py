@@ -7,7 +7,7 @@ from drive_profiles.standard.cia402 import Mode
 from hil.bench.bench import load_bench
 from hil.control.notch import FixedFilter
 from hil.errors import NotPossibleError
-from hil.master.axis import DriveAxis
+from hil.master.drive.axis import DriveAxis
 from hil.master.motion import FilterUse, LoopName, Motion
 from hil.master.request import RunRequest
 

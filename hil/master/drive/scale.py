@@ -9,7 +9,7 @@ from drive_profiles.standard.object_address import object_address
 from drive_profiles.standard.units import Scaling
 from hil.bench.bench import AxisTable
 from hil.errors import NoAnswerError, NodeError, SdoAbortedError
-from hil.master.needs import ABSENT, Need
+from hil.master.drive.needs import ABSENT, Need
 from hil.master.network import Network
 
 

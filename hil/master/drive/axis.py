@@ -25,7 +25,7 @@ from hil.errors import (
     WrongIdentityError,
 )
 from hil.master.control_words import DISABLED
-from hil.master.needs import (
+from hil.master.drive.needs import (
     ABSENT,
     CYCLE_PERIOD,
     ERROR_CODE,
@@ -39,8 +39,8 @@ from hil.master.needs import (
     profile_gaps,
     scale_gaps,
 )
+from hil.master.drive.scale import Questions, read_scaling
 from hil.master.network import Network
-from hil.master.scale import Questions, read_scaling
 from hil.robot_tables import Control
 
 U8, U16, U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32

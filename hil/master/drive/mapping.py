@@ -3,7 +3,7 @@
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import Mode, Object
-from hil.master.pdo import MappedObject
+from hil.master.drive.pdo import MappedObject
 
 U16, I16, I32 = DataType.UNSIGNED16, DataType.INTEGER16, DataType.INTEGER32
 ACCELERATION_OBJECT = 0x7130

@@ -9,7 +9,7 @@ from drive_profiles.standard.cia301 import decode
 from drive_profiles.standard.cia402 import Object
 from hil.bench.bench import load_bench
 from hil.errors import NoAnswerError, NodeError
-from hil.master.axis import DriveAxis
+from hil.master.drive.axis import DriveAxis
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, Rig
 
 

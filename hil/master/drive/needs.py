@@ -10,7 +10,7 @@ from drive_profiles.standard.cia402 import Mode, Object
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.errors import NodeError, NotPossibleError
-from hil.master import mapping
+from hil.master.drive import mapping
 from hil.master.motion import LoopName
 from hil.robot_tables import Control
 

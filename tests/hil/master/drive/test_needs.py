@@ -5,7 +5,7 @@ import pytest
 from drive_profiles.family.profile import Profile, available
 from drive_profiles.standard.cia402 import Mode
 from hil.bench.bench import AS_FOUND, load_bench
-from hil.master.needs import LIMITS, objects_needed, profile_gaps, scale_gaps
+from hil.master.drive.needs import LIMITS, objects_needed, profile_gaps, scale_gaps
 from hil.robot_tables import Control
 
 TABLE = load_bench("reference").axis[2]
