@@ -21,7 +21,7 @@ from hil.cli.console import (
     epilog_of_runs,
     exit_on_error,
     exit_with,
-    is_emulated,
+    is_on_local_bus,
     motion_lines,
     new_directory,
     say,
@@ -193,7 +193,7 @@ def _emulated(benches: list["Bench"], robots: list[str], emulators: ExitStack) -
 
 def _confirm(plans: list["ComparisonPlan"]) -> None:
     """Ask once before real robots move, and name each motion once."""
-    real = [each for each in plans if not is_emulated(each.robot.bench)]
+    real = [each for each in plans if not is_on_local_bus(each.robot.bench)]
     if not real:
         return
     motions = {
@@ -217,7 +217,7 @@ def _run(
         for reason in dict.fromkeys(left.reason for left in each.left_out):
             say(f"left out of {each.robot.bench.name}: {reason}")
     total = sum(len(each.experiments) for each in plans)
-    with RunProgress(total, is_live=all(is_emulated(each.robot.bench) for each in plans)) as progress:
+    with RunProgress(total, is_live=all(is_on_local_bus(each.robot.bench) for each in plans)) as progress:
         done = run_all(
             plans,
             request,

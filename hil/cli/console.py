@@ -162,8 +162,8 @@ def bench_on_emulator(bench: "Bench", address: str) -> "Bench":
     return bench.on(address)
 
 
-def is_emulated(bench: "Bench") -> bool:
-    """Return True for a bench on a local bus, where all robots are emulated."""
+def is_on_local_bus(bench: "Bench") -> bool:
+    """True for a bench on a local bus, where all robots are emulated; whether a node is, it says itself (1009h)."""
     from drive_profiles.address import LOCAL, parse_address  # noqa: PLC0415
 
     return parse_address(bench.bus.address).interface == LOCAL

@@ -14,7 +14,7 @@ from hil.cli.console import (
     epilog_of_runs,
     exit_on_error,
     exit_with,
-    is_emulated,
+    is_on_local_bus,
     new_directory,
     say,
     say_not_restored,
@@ -86,7 +86,7 @@ def ate(
         request = AteRequest(axis, acceleration_rps_s, passes, sensorless)
         knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)
         end_rps = first_end_speed(bench, request, knowledge)
-        if not yes and not is_emulated(bench):
+        if not yes and not is_on_local_bus(bench):
             confirm([_motion_line(bench, request, end_rps)])
         where = out or new_directory(f"identify-ate-axis{axis}")
         outcome = identify_ate(bench, request, where, identified, overload=overload, reporter=SpokenReporter())

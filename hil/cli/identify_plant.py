@@ -16,7 +16,7 @@ from hil.cli.console import (
     epilog_of_runs,
     exit_on_error,
     exit_with,
-    is_emulated,
+    is_on_local_bus,
     new_directory,
     say,
     say_not_restored,
@@ -119,7 +119,7 @@ def plant(
             with_accelerometer=not no_accelerometer,
         )  # fmt: skip
         axis_table(bench, axis)
-        if not yes and not is_emulated(bench):
+        if not yes and not is_on_local_bus(bench):
             confirm(_motion_lines(bench, request))
         where = out or new_directory(f"identify-plant-axis{axis}")
         _identify(bench, request, where, model or where / "model.toml", overload=overload, as_json=as_json)

@@ -14,7 +14,7 @@ from hil.cli.console import (
     epilog_of_runs,
     exit_on_error,
     exit_with,
-    is_emulated,
+    is_on_local_bus,
     new_directory,
     say,
     say_not_restored,
@@ -68,7 +68,7 @@ def learn(
         from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus  # noqa: PLC0415
 
         request = LearnRequest(tuple(dict.fromkeys(axis)), passes, acceleration_rps_s, note=note)
-        if not yes and not is_emulated(bench):
+        if not yes and not is_on_local_bus(bench):
             confirm(_motion_lines(bench, request))
         where = out or new_directory(f"learn-axis{'-'.join(map(str, request.axes))}")
         outcome = learn_on_bus(bench, request, where, model, overload=overload, reporter=SpokenReporter())

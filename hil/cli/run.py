@@ -15,7 +15,7 @@ from hil.cli.console import (
     bench_on,
     confirm,
     exit_on_error,
-    is_emulated,
+    is_on_local_bus,
     motion_lines,
     new_directory,
     say,
@@ -105,7 +105,7 @@ def run(
         from hil.experiments.plan import Experiment  # noqa: PLC0415
 
         plan = Experiment(experiment.value, axis, treatment, loop)
-        if not yes and not is_emulated(bench):
+        if not yes and not is_on_local_bus(bench):
             confirm(motion_lines([(bench, plan)]))
         where = out or new_directory(Path(plan.file_name).stem)
         status = run_and_report(
@@ -158,7 +158,7 @@ def run_and_report(
     """
     from hil.experiments.runner import run_experiments  # noqa: PLC0415
 
-    is_lock_step = is_emulated(bench) and clock is not ClockName.WALL
+    is_lock_step = is_on_local_bus(bench) and clock is not ClockName.WALL
     with RunProgress(len(experiments), is_live=is_lock_step) as progress:
         outcome = run_experiments(
             bench,

@@ -1,7 +1,6 @@
 """The master takes a drive for the product that it is: its identity decides, and what the bench file names is held against it."""
 
 import pytest
-from tests.hil.master.drive.test_axis_units import RigNetwork
 
 from drive_profiles.family.profile import VENDORS, Profile
 from hil.bench.bench import load_bench
@@ -9,6 +8,7 @@ from hil.errors import NodeError, WrongIdentityError
 from hil.master.drive.axis import DriveAxis, check_identity
 from hil.master.drive.needs import ProfileGapsError
 from plant_emulator.robots.robot import load_robot, with_drives
+from tests.hil.master.drive.test_axis_units import RigNetwork
 from tests.plant_emulator.rig import AXIS, Rig
 
 PRODUCTS = ["trinamic_tmcm16xx/tmcm-1670", "trinamic_tmcm16xx/tmcm-1617", "nanotec_cl4e/cl4-e-2-12", "nanotec_cl4e/pd4-e"]
