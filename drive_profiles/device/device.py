@@ -25,7 +25,7 @@ from drive_profiles.parameter_set.parameters import CLASSES, Header, Item, Param
 from drive_profiles.standard.cia301 import DataType, NmtCommand, SdoAbortCode, decode
 from drive_profiles.standard.cia402 import Object, State, state_of
 from drive_profiles.standard.object_address import ObjectAddress, object_address
-from drive_profiles.standard.units import Scaling
+from drive_profiles.standard.units import Scaling, counts_per_rev
 
 _MOVING = frozenset({State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE})
 _POLL_S = 0.05
@@ -264,10 +264,7 @@ class Device:
             return facts.counts_per_rev or 0
         increments = self._number(facts.increments)
         revolutions = 1 if facts.revolutions is None else self._number(facts.revolutions)
-        if revolutions <= 0 or increments % revolutions:
-            what = f"node {self.node}, {facts.increments}"
-            raise OutOfRangeError(what, f"{increments}/{revolutions}", "counts/rev", "must be a whole number per revolution")
-        return increments // revolutions
+        return counts_per_rev(f"node {self.node}, {facts.increments}", increments, revolutions)
 
     def _feed_constant(self) -> dict[str, int]:
         """Gear ratio and feed constant (6091h, 6092h), where the profile says that positions are counted by them."""

@@ -22,7 +22,6 @@ from drive_profiles.standard.objects import OBJECTS
 from drive_profiles.standard.units import Scaling
 
 _SPELLING = re.compile(r"(?:0x)?(?P<index>[0-9a-f]{4})h?(?:\s*(?::|\.|sub)\s*(?:0x)?(?P<sub>[0-9a-f]{1,2})h?)?", re.IGNORECASE)
-_PDO = range(0x1400, 0x1C00)
 _COMMUNICATION = range(0x1000, 0x2000)
 MAX_CANDIDATES = 12
 

@@ -159,12 +159,9 @@ class Scaling:
         Raises:
             OutOfRangeError: An object is zero, or the increments are no whole number per revolution.
         """
-        if encoder_revs <= 0 or encoder_increments % encoder_revs:
-            raise OutOfRangeError(
-                "608Fh", f"{encoder_increments}/{encoder_revs}", "counts/rev", "must be a whole number per revolution"
-            )
+        counts = counts_per_rev("608Fh", encoder_increments, encoder_revs)
         torque_nm = rated_torque_nm(rated_torque_mnm)
-        return cls(encoder_increments // encoder_revs, torque_nm, gear_motor_revs, gear_shaft_revs, feed, feed_shaft_revs)
+        return cls(counts, torque_nm, gear_motor_revs, gear_shaft_revs, feed, feed_shaft_revs)
 
     @property
     def counts_per_rad(self) -> float:
@@ -341,6 +338,22 @@ def interpolation_period(period_s: float, index: int | None = None) -> tuple[int
             f"is {value} × 10^{exponent} s: 60C2h sub 1 holds 1 to {_UNSIGNED8_MAX}",
         )
     return value, exponent
+
+
+def counts_per_rev(what: str, increments: int, revolutions: int) -> int:
+    """Increments of an encoder per revolution of the motor, as 608Fh states them.
+
+    Args:
+        what: The object, for the message.
+        increments: Increments, 608Fh:1.
+        revolutions: Revolutions in which they are counted, 608Fh:2.
+
+    Raises:
+        OutOfRangeError: They are no whole number per revolution.
+    """
+    if revolutions <= 0 or increments % revolutions:
+        raise OutOfRangeError(what, f"{increments}/{revolutions}", "counts/rev", "must be a whole number per revolution")
+    return increments // revolutions
 
 
 def interpolation_period_s(value: int, index: int) -> float:

@@ -7,7 +7,6 @@ trusted before its trial on the accelerometer: `hil.experiments.cancellation.tri
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -181,22 +180,6 @@ def measured_delay_s(identified: Identified | None, number: int) -> float:
     """Delay of an axis' set-points as measured in the model file, s; 0 without one."""
     part = None if identified is None or number not in identified.axis else identified.axis[number].ate
     return 0.0 if part is None else part.set_point_delay_s
-
-
-def adder_for(
-    bench: Bench, identified: Identified | None, axes: Sequence[int], period_s: float, *, gain: float = 1.0, **options: Any
-) -> CancellationAdder:
-    """Adder of `cancellation_for`, which takes the `options`.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None for the bench file's own model.
-        axes: Axis numbers in the order of the motion.
-        period_s: SYNC period.
-        gain: Fraction of the cancellation, 0 to 1.
-        **options: Further arguments of `cancellation_for`.
-    """
-    return cancellation_for(bench, identified, axes, period_s, **options).adder(gain)
 
 
 def cancellation_on(

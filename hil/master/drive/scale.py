@@ -6,7 +6,7 @@ from drive_profiles.errors import DriveProfileError
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType, decode
 from drive_profiles.standard.object_address import object_address
-from drive_profiles.standard.units import Scaling
+from drive_profiles.standard.units import Scaling, counts_per_rev
 from hil.bench.bench import AxisTable
 from hil.errors import NoAnswerError, NodeError, SdoAbortedError
 from hil.master.drive.needs import ABSENT, Need
@@ -93,12 +93,10 @@ def _counts_per_rev(asked: Questions, number: int, table: AxisTable, profile: Pr
             revolutions = asked.number(Need(object_address(facts.revolutions), "motor revolutions of the encoder", purpose))
         if increments is None or revolutions is None:
             return stated
-        if revolutions <= 0 or increments % revolutions:
-            raise NodeError(
-                asked.node,
-                f"its units make no sense: {increments}/{revolutions} counts/rev must be a whole number per revolution",
-            )
-        found = increments // revolutions
+        try:
+            found = counts_per_rev(facts.increments, increments, revolutions)
+        except DriveProfileError as error:
+            raise NodeError(asked.node, f"its units make no sense: {error}") from error
     if stated is not None and found is not None and found != stated:
         raise NodeError(asked.node, f"axis {number} counts {found} increments per revolution, {key} is {stated}")
     return stated if found is None else found

@@ -9,7 +9,7 @@ import pytest
 from hil.bench.bench import Bench, load_bench
 from hil.bench.model import Identified, IdentifiedError
 from hil.errors import NotPossibleError, UnsafeRequestError
-from hil.experiments.cancellation.cancellation import adder_for, cancellation_for
+from hil.experiments.cancellation.cancellation import cancellation_for
 from hil.experiments.cancellation.trial import CancellationRefusedError, Trial, Verification, averaged, judged_rows
 from hil.experiments.judge import vibration_scale
 from hil.experiments.motions import constant_acceleration, line_motion
@@ -85,7 +85,7 @@ def test_nothing_known_is_refused(bench: Bench) -> None:
     with pytest.raises(NotPossibleError, match="has no axis 4"):
         cancellation_for(bench, None, (4,), 0.001)
     with pytest.raises(NotPossibleError, match="is of 'other'"):
-        adder_for(bench, Identified(robot="other"), (2,), 0.001)
+        cancellation_for(bench, Identified(robot="other"), (2,), 0.001)
 
 
 def test_a_loop_that_follows_nothing_is_refused(bench: Bench) -> None:
