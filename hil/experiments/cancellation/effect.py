@@ -35,6 +35,8 @@ RING_DOWN_S = 3.0
 """Time by which a transform is longer than its recording, so that its end does not ring into its beginning."""
 EDGE_ROWS = 16
 """Rows at either end of a recording whose mean is taken for the level there."""
+LEAST_NOISE_M_S2 = 1e-5
+"""Noise that every accelerometer has: no verdict rests on less."""
 TOP_FRACTION = 0.4
 """Highest frequency of a band as a fraction of the sampling rate."""
 LIKELY = (0.04, 0.4, 0.003)
@@ -140,6 +142,10 @@ class Sighting:
     amplitude: Mapping[Part, complex]
     unit_variance: Mapping[Part, float]
     residual: Real
+
+    def variance(self, part: Part) -> float:
+        """Variance of either component of a part's amplitude, by what the waves leave."""
+        return self.unit_variance[part] * max(float(np.mean(self.residual**2)), LEAST_NOISE_M_S2**2)
 
 
 class _Spectra:

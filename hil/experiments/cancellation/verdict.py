@@ -22,6 +22,8 @@ MOST_LEFT = 0.765
 """Largest fraction of an order that the whole of its cancellation may leave: 2 sin(45°/2), a phase error of 45°."""
 LEAST_FRACTION = 0.5
 """Least fall of an order, as a fraction of the fraction of its cancellation that is tried."""
+SURE = 0.05
+"""Standard error, as a fraction of the order, at which the number itself decides: nothing more would be learnt."""
 SIGMAS = 2.0
 """Standard errors by which a verdict stands."""
 
@@ -107,11 +109,12 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
         (1.0, MOST_LEFT, (left, left_error)),
         (gain, 1.0 - LEAST_FRACTION * gain, (tried, tried_error)),
     ):
-        margin, error = (most * size - rest) / fraction, error / fraction
-        if margin <= -SIGMAS * error:
+        margin = most * size - rest
+        clear = SIGMAS * error if error > SURE * fraction * size else 0.0
+        if margin < -clear:
             verdict = "refused"
             break
-        if margin < SIGMAS * error:
+        if margin < clear:
             verdict = "not judged"
     safe = max(size, 1e-30)
     factor = _factor(there, taken, covariance)
