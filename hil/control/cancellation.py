@@ -76,7 +76,7 @@ class CancellationTable:
         ValueError: The shapes do not fit, or a number is not finite.
     """
 
-    orders: tuple[int, ...]
+    orders: tuple[float, ...]
     phase_rad: tuple[float, ...]
     step_rps: float
     reference: Complex

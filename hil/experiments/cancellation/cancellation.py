@@ -5,6 +5,7 @@ trusted before its trial on the accelerometer: `hil.experiments.cancellation.tri
 """
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -266,9 +267,9 @@ def cancel_inside(
     for number, model in models.items():
         axis = session.axes[number]
         amplitudes = {order: size for order, size in _amplitudes(model.ate).items() if Part(number, order) not in without}
-        motor = {f"a{order}_rad": gain * axis.table.reduction_ratio * size for order, size in amplitudes.items()}
-        turns = {f"phi{order}_rad": math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
-        values = {f"a{order}_rad": 0.0 for order in (2, 4)} | motor | turns
+        motor = {f"a{order:g}_rad": gain * axis.table.reduction_ratio * size for order, size in amplitudes.items()}
+        turns = {f"phi{order:g}_rad": math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
+        values = {f"a{order:g}_rad": 0.0 for order in _orders_inside(Profile.load(axis.table.profile))} | motor | turns
         values |= {"motor_inertia_kg_m2": model.motor_inertia_kg_m2, "motor_damping_nm_s_rad": model.motor_damping_nm_s_rad}
         for name, value in values.items():
             axis.write_parameter(f"cancellation.{name}", value)
@@ -283,10 +284,16 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
         NotPossibleError: A drive family cannot cancel, or no transmission error is known of any axis.
     """
     models = {number: model for number in axes if (model := _model(bench, identified, number)) is not None}
-    for number in models:
+    for number, model in models.items():
         profile = Profile.load(bench.axis[number].profile)
         if "cancellation.mode" not in profile.parameters:
             raise NotPossibleError(f"axis {number}: drive family {profile.label} cancels nothing by itself")
+        able, known = _orders_inside(profile), model.ate.amplitudes_arcsec()
+        if not able >= known.keys():
+            own, others = (", ".join(f"{order:g}" for order in sorted(each)) for each in (able, known.keys() - able))
+            raise NotPossibleError(
+                f"axis {number}: the drive cancels orders {own} only, the model has order {others}: cancel by the set-points"
+            )
     if not models:
         raise NotPossibleError(_nothing_known(axes))
     return models
@@ -300,6 +307,12 @@ def inside_parts(bench: Bench, identified: Identified | None, axes: Sequence[int
     """
     models = inside_models(bench, identified, axes)
     return tuple(Part(number, order) for number, model in models.items() for order in _amplitudes(model.ate))
+
+
+def _orders_inside(profile: Profile) -> set[float]:
+    """Orders that the drives of a family can cancel by themselves."""
+    found = (re.fullmatch(r"cancellation\.a([0-9.]+)_rad", name) for name in profile.parameters)
+    return {float(each[1]) for each in found if each is not None}
 
 
 def _model(bench: Bench, identified: Identified | None, number: int) -> Model | None:
@@ -316,14 +329,14 @@ def _model(bench: Bench, identified: Identified | None, number: int) -> Model | 
     return model if model is not None and _amplitudes(model.ate) else None
 
 
-def _amplitudes(ate: TransmissionErrorTable) -> dict[int, float]:
+def _amplitudes(ate: TransmissionErrorTable) -> dict[float, float]:
     """A_k in rad, by order; only amplitudes above 0."""
-    return {order: a * ARCSEC for order, a in ((2, ate.a2_arcsec), (4, ate.a4_arcsec)) if a > 0.0}
+    return {order: size * ARCSEC for order, size in ate.amplitudes_arcsec().items()}
 
 
-def _phases_deg(ate: TransmissionErrorTable) -> dict[int, float]:
+def _phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
     """φ_k from 0 to 360°."""
-    return {2: ate.phi2_deg % 360.0, 4: ate.phi4_deg % 360.0}
+    return {order: degrees % 360.0 for order, degrees in ate.phases_deg().items()}
 
 
 def _nothing_known(axes: Sequence[int]) -> str:

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from hil.analysis import BRAKING_S, line_window_s, motor_speed_rps
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, with_identified
-from hil.experiments.cancellation._orders_tmp import ORDERS
 from hil.design.ate_model import Arm
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.errors import NotPossibleError
 from hil.experiments.cancellation.effect import AxisWaves, Response
 from hil.master.motion import Motion
 from hil.recording import Recording
+from hil.robot_tables import ORDERS
 
 Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
