@@ -6,6 +6,7 @@ from pathlib import Path
 
 from hil.bench.bench import Bench
 from hil.bench.model import with_identified
+from hil.can.channel import Channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.cancellation.cancellation import Cancellation, cancel_inside, cancellation_on
 from hil.experiments.cancellation.trial import Choice, averaged, choose, choose_inside
@@ -63,6 +64,7 @@ def run_experiments(
     overload: bool = False,
     knowledge: Knowledge | None = None,
     repeat: int = 1,
+    channel: Channel | None = None,
     reporter: Reporter = SILENT,
 ) -> ExperimentsOutcome:
     """Run experiments one after the other on one bus.
@@ -79,6 +81,7 @@ def run_experiments(
         overload: Run even what does not fit on the bus.
         knowledge: Knowledge beside the bench file; its identified models take precedence over the bench file's.
         repeat: Number of runs of each motion; the mean of their recordings is judged, in which the sensor's noise is less.
+        channel: The bus; opened from the bench file's address, and closed, unless it is given.
         reporter: Listener of each run, the steps of a trial, and the present run's progress.
 
     Raises:
@@ -96,7 +99,9 @@ def run_experiments(
         for experiment, motion in zip(experiments, motions, strict=True)
     ]
     demands = [experiment.bus_demand(motion) for experiment, motion in zip(experiments, motions, strict=True)]
-    with Measurement(bench, out, lambda described: ExperimentsResult(bench=described), reporter=reporter) as measurement:
+    with Measurement(
+        bench, out, lambda described: ExperimentsResult(bench=described), channel=channel, reporter=reporter
+    ) as measurement:
         result = measurement.result
         measurement.check_clock(clock)
         check_bands(bench, experiments, motions)

@@ -192,7 +192,17 @@ class RobotAxis(PlantTable):
 
 
 class RobotAccelerometer(Table):
-    """The sensor at the tip and its node on the bus; `unconfigured` as in `Behaviour`, `sdo_download_bytes` as in `RobotAxis`."""
+    """The sensor at the tip and its node on the bus; `unconfigured` as in `Behaviour`, `sdo_download_bytes` as in `RobotAxis`.
+
+    Attributes:
+        noise_m_s2: Standard deviation of the white noise of each sample.
+        resolution_m_s2: Step of the output; 0 for none.
+        range_m_s2: Acceleration at which it saturates.
+        delay_s: Time by which the output is behind the tip's motion; any fraction of a control period.
+        lowpass_hz: Corner of the sensor's low-pass of order 2 (Butterworth); None for none.
+        mounting_resonance_hz: Resonance of the sensor on its mounting; None for a stiff one.
+        mounting_damping: Damping ratio of the mounting.
+    """
 
     node_id: Annotated[int, Field(ge=1, le=127)] = 16
     unconfigured: bool = False
@@ -200,10 +210,29 @@ class RobotAccelerometer(Table):
     noise_m_s2: NotNegative = 0.02
     resolution_m_s2: NotNegative = 0.00981
     range_m_s2: Annotated[float, Field(gt=0.0, le=32.0)] = 19.62
+    delay_s: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
+    lowpass_hz: Annotated[float, Field(ge=1.0, le=2000.0)] | None = None
+    mounting_resonance_hz: Annotated[float, Field(ge=5.0, le=2000.0)] | None = None
+    mounting_damping: Annotated[float, Field(gt=0.0, le=2.0)] = 0.05
+
+    @property
+    def filters(self) -> bool:
+        """True where the output is anything else than the tip's acceleration at the instant, noise and steps apart."""
+        return bool(self.delay_s) or self.lowpass_hz is not None or self.mounting_resonance_hz is not None
+
+
+class BusFacts(Table):
+    """The bus on which the robot is found.
+
+    Attributes:
+        bitrate: Bit rate in bit/s, which its blank bench file names; None: the bus is ideal unless its address says otherwise.
+    """
+
+    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] | None = None
 
 
 class Robot(Table):
-    """A robot: axes by number, geometry, accelerometer, and the seed of everything random."""
+    """A robot: axes by number, geometry, accelerometer, bus, and the seed of everything random."""
 
     name: str = "robot"
     seed: Annotated[int, Field(ge=0)] = 1
@@ -212,6 +241,7 @@ class Robot(Table):
     sync_period_s: Positive = 0.002
     axis: Annotated[dict[Annotated[int, Field(ge=1, le=MAX_AXES)], RobotAxis], Field(min_length=1)]
     accelerometer: RobotAccelerometer = RobotAccelerometer()
+    bus: BusFacts = BusFacts()
     geometry: Geometry | None = None
     line_motion: LineMotion | None = None
     constant_acceleration: ConstantAccelerationMotion | None = None
