@@ -37,6 +37,8 @@ EDGE_ROWS = 16
 """Rows at either end of a recording whose mean is taken for the level there."""
 LEAST_NOISE_M_S2 = 1e-5
 """Noise that every accelerometer has: no verdict rests on less."""
+LEAK = 0.02
+"""Fraction of the vibration of other orders that a response which is not quite X may add to an order's."""
 TOP_FRACTION = 0.4
 """Highest frequency of a band as a fraction of the sampling rate."""
 LIKELY = (0.04, 0.4, 0.003)
@@ -144,8 +146,10 @@ class Sighting:
     residual: Real
 
     def variance(self, part: Part) -> float:
-        """Variance of either component of a part's amplitude, by what the waves leave."""
-        return self.unit_variance[part] * max(float(np.mean(self.residual**2)), LEAST_NOISE_M_S2**2)
+        """Variance of either component of a part's amplitude, by what the waves leave, and by what others may leak into it."""
+        noise = max(float(np.mean(self.residual**2)), LEAST_NOISE_M_S2**2)
+        leaks = sum(abs(size) ** 2 / self.unit_variance[other] for other, size in self.amplitude.items() if other != part)
+        return self.unit_variance[part] * (noise + LEAK**2 * leaks)
 
 
 class _Spectra:
