@@ -29,12 +29,21 @@ class Cause:
     is_true: Callable[[Row], bool]
 
 
+HYSTERESIS_NM, SOFT_FRACTION, LAG_S, NOISY_M_S2, COARSE_BITS, LONG_SYNC_S = 0.2, 0.1, 0.1e-3, 0.04, 15.0, 0.004
+"""From here on (down to here, of bits) a robot counts as one that has the cause."""
+
+
 def _at_least(name: str, least: float) -> Callable[[Row], bool]:
     return lambda row: (number(row, name) or 0.0) >= least
 
 
-def _at_most(name: str, most: float) -> Callable[[Row], bool]:
-    return lambda row: (value := number(row, name)) is not None and value <= most
+def _is_coarse(row: Row) -> bool:
+    bits = number(row, "robot_encoder_bits")
+    return bits is not None and bits <= COARSE_BITS
+
+
+def _is_noisy(row: Row) -> bool:
+    return _at_least("robot_noise_m_s2", NOISY_M_S2)(row) or _is_coarse(row)
 
 
 def _is_quiet_already(row: Row) -> bool:
@@ -42,12 +51,11 @@ def _is_quiet_already(row: Row) -> bool:
     return tip is not None and goal is not None and tip <= goal
 
 
-def _is_late(row: Row) -> bool:
-    return row.get("robot_late_answers") is True or (number(row, "robot_sync_period_s") or 0.0) >= LONG_SYNC_S
+def _is_slow(row: Row) -> bool:
+    return row.get("robot_late_answers") is True or _at_least("robot_sync_period_s", LONG_SYNC_S)(row)
 
 
-HYSTERESIS_NM, SOFT_FRACTION, LAG_S, NOISY_M_S2, COARSE_BITS, LONG_SYNC_S = 0.2, 0.1, 0.1e-3, 0.04, 15.0, 0.004
-"""From here on (down to here, of bits) a robot counts as one that has the cause."""
+NOBODY = "no robot of the stable"
 
 CAUSES = (
     Cause("hysteresis", re.compile(r"hysteresis|stiffens|lost motion", re.IGNORECASE),
@@ -56,16 +64,16 @@ CAUSES = (
           f"softness of {100 * SOFT_FRACTION:g} % or more", _at_least("robot_softness", SOFT_FRACTION)),
     Cause("current loop", re.compile(r"current.loop|torque (?:that is )?felt|lag between"),
           f"current lag of {1e3 * LAG_S:g} ms or more", _at_least("robot_current_lag_s", LAG_S)),
-    Cause("nothing to cancel", re.compile(r"nothing to cancel|quiet already|no transmission error|already (?:quiet|within)"),
-          "its tip without a treatment is within the goal", _is_quiet_already),
-    Cause("noise", re.compile(r"noise|noisy"),
-          f"accelerometer noise of {NOISY_M_S2:g} m/s² or more", _at_least("robot_noise_m_s2", NOISY_M_S2)),
-    Cause("encoder", re.compile(r"encoder|counts per rev|\bbits?\b"),
-          f"encoder of {COARSE_BITS:g} bits or fewer", _at_most("robot_encoder_bits", COARSE_BITS)),
-    Cause("cycle", re.compile(r"SYNC|late|missed|cycle"),
-          f"SYNC period of {1e3 * LONG_SYNC_S:g} ms or more, or late answers", _is_late),
-    Cause("wrong axis or wiring", re.compile(r"is this the axis|does this axis move|wiring|wired"),
-          "no robot of the stable", lambda row: False),
+    Cause("nothing to cancel", re.compile(r"nothing to cancel|no transmission error to|already (?:quiet|within)"),
+          "tip within the goal without a treatment", _is_quiet_already),
+    Cause("noise", re.compile(r"noise|noisy|coherence|standard error of"),
+          f"accelerometer noise of {NOISY_M_S2:g} m/s² or more, or an encoder of {COARSE_BITS:g} bits or fewer", _is_noisy),
+    Cause("encoder", re.compile(r"encoder"), f"encoder of {COARSE_BITS:g} bits or fewer", _is_coarse),
+    Cause("cycle", re.compile(r"SYNC|late answer|missed|highest frequency of the band"),
+          f"SYNC period of {1e3 * LONG_SYNC_S:g} ms or more, or late answers", _is_slow),
+    Cause("limits", re.compile(r"the limit is|s are needed|end_rps|position limit|speed limit"), NOBODY, lambda row: False),
+    Cause("another source of vibration", re.compile(r"explains"), NOBODY, lambda row: False),
+    Cause("wrong axis or wiring", re.compile(r"is this the axis|does this axis move|wiring|wired"), NOBODY, lambda row: False),
 )  # fmt: skip
 
 
@@ -94,17 +102,21 @@ class Refusal:
 
 
 def main_refusal(row: Row) -> Refusal | None:
-    """The refusal that ended a robot's path; None where it ends with a cancellation, or nothing was refused."""
+    """The refusal that ended a robot's path; None where it ends with a cancellation, or nothing was refused.
+
+    It is the last one that names a cause: one that only misses what an earlier step did not give names none.
+    """
     if text(row, "end_treatment").startswith("cancellation"):
         return None
-    for step in LAST_WORDS:
-        if text(row, f"{step}_ended") in REFUSED:
-            words = text(row, f"{step}_words")
-            named = [cause for cause in CAUSES if cause.pattern.search(words)]
-            seed = row.get("seed")
-            names = tuple(cause.name for cause in named)
-            return Refusal(seed if isinstance(seed, int) else -1, step, words, names, any(cause.is_true(row) for cause in named))
-    return None
+    found = [_refusal(row, step) for step in LAST_WORDS if text(row, f"{step}_ended") in REFUSED]
+    return next((each for each in found if each.named), found[0] if found else None)
+
+
+def _refusal(row: Row, step: str) -> Refusal:
+    words, seed = text(row, f"{step}_words"), row.get("seed")
+    named = [cause for cause in CAUSES if cause.pattern.search(words)]
+    names = tuple(cause.name for cause in named)
+    return Refusal(seed if isinstance(seed, int) else -1, step, words, names, any(cause.is_true(row) for cause in named))
 
 
 def refusals(rows: Sequence[Row]) -> list[Refusal]:
