@@ -27,7 +27,7 @@ from hil.control.angles import ARCSEC
 from hil.design.ate_misfit import BEND, misfit, structured_power
 from hil.design.ate_model import GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
 from hil.design.ate_motion import motion_factor
-from hil.design.transmission_error import TransmissionError
+from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
 
 Real = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ def identify(
     reduction_ratio: float,
     sensing: Sensing,
     start: Arm | None = None,
-    orders: Sequence[float] = (2, 4),
+    orders: Sequence[float] = PAPER_ORDERS,
     *,
     is_near: bool = False,
 ) -> JointEstimate:
