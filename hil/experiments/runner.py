@@ -9,6 +9,7 @@ from hil.bench.model import with_identified
 from hil.can.channel import Channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.cancellation.cancellation import Cancellation, cancel_inside, cancellation_on
+from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.trial import Choice, averaged, choose, choose_inside
 from hil.experiments.judge import axis_scale, line_scale
 from hil.experiments.measurement import ClockName, Measurement, MeasurementOutcome
@@ -17,7 +18,7 @@ from hil.experiments.treatment import Knowledge, TreatmentSetup, treatment_setup
 from hil.master.motion import Motion, RunResult
 from hil.master.session import Session
 from hil.reporter import SILENT, Reporter
-from hil.results.runs import ExperimentsResult, PaperClaim, RunEntry
+from hil.results.runs import CancellationTrial, ExperimentsResult, PaperClaim, RunEntry
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,12 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
         Without any treatment, on a robot of which no f_al is known, none was asked: it is run to be looked at.
         """
         return any(run.invalid is not None and (run.f_al_hz is not None or run.treatment != "none") for run in self.result.runs)
+
+    @property
+    def trials(self) -> list[CancellationTrial]:
+        """Trials of the cancellations, in their order."""
+        tried = {run.recording: run.trial for run in self.result.runs if run.trial is not None}
+        return list(tried.values())
 
     @property
     def outside(self) -> list[RunEntry]:
@@ -148,6 +155,7 @@ class _ExperimentRuns:
         self._session, self._experiment, self._motion, self._setup, self._reporter = session, experiment, motion, setup, reporter
         self._cancellation: Cancellation | None = None
         self._is_inside = setup.is_inside
+        self._without: frozenset[Part] = frozenset()
         self._filters = setup.filters
         self.results: list[RunResult] = []
         self.trial: TrialVerdict = NO_TRIAL
@@ -179,11 +187,11 @@ class _ExperimentRuns:
                 session, cancellation, motion, with_notch=with_notch, shows_filter=setup.shows_filter, reporter=self._reporter
             )
             self._accept(choice)
-            self._cancellation = None if choice.refusal is not None else cancellation
+            self._cancellation = choice.cancellation
         elif setup.is_inside:
             choice = choose_inside(session, setup.cancel_with, motion, reporter=self._reporter)
             self._accept(choice)
-            self._is_inside = choice.refusal is None
+            self._is_inside, self._without = choice.refusal is None, choice.verification.left_out
 
     def _accept(self, choice: Choice) -> None:
         refusal = None if choice.refusal is None else str(choice.refusal)
@@ -194,7 +202,7 @@ class _ExperimentRuns:
         setup, motion = self._setup, self._motion
         adder = None if self._cancellation is None else self._cancellation.adder()
         if self._is_inside:
-            cancel_inside(self._session, setup.cancel_with, motion.axes)
+            cancel_inside(self._session, setup.cancel_with, motion.axes, without=self._without)
         return self._session.run(
             motion, self._filters, self._experiment.loop, adder, setup.fixed, shows_filter=setup.shows_filter
         )

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from drive_profiles.files.toml import Table, load
 from hil.control.angles import ARCSEC
 from hil.control.trajectory import PlanarChain
 from hil.robot_tables import (
+    ORDERS,
     ConstantAccelerationMotion,
     Control,
     Geometry,
@@ -24,6 +25,8 @@ from hil.robot_tables import (
     PlantTable,
     Positive,
     TransmissionErrorTable,
+    amplitude_key,
+    phase_key,
 )
 from plant_emulator.physics.axis import PLANT
 
@@ -34,13 +37,6 @@ SDO_DOWNLOAD_BYTES = 64 * 1024
 """The longest value that an SDO channel takes, unless the file says otherwise: what a client can make it keep in memory."""
 
 DownloadBytes = Annotated[int, Field(ge=8, le=16 * 1024 * 1024)]
-
-
-class GearTransmissionError(TransmissionErrorTable):
-    """The transmission error of a gearing, with the first order that real ones show."""
-
-    a1_arcsec: NotNegative = 0.0
-    phi1_deg: float = 0.0
 
 
 class Switches(Table):
@@ -140,7 +136,7 @@ class RobotAxis(PlantTable):
     rated_torque_nm: Positive | None = None
     encoder_counts_per_rev: Annotated[int, Field(ge=4, le=2**24)]
     tip_lever_m: Positive
-    ate: GearTransmissionError
+    ate: TransmissionErrorTable
     control: Control | None = None
     notch: NotchShape | None = None
     gear_reaction: bool = False
@@ -156,6 +152,12 @@ class RobotAxis(PlantTable):
     sdo_download_bytes: DownloadBytes = SDO_DOWNLOAD_BYTES
     switches: Switches | None = None
     behaviour: Behaviour = Behaviour()
+
+    @model_validator(mode="after")
+    def _orders_that_the_gear_has(self) -> Self:
+        if self.ate.more:
+            raise ValueError("ate.more: an emulated gear has the orders 1, 2 and 4 only")
+        return self
 
     @property
     def rated_torque(self) -> float:
@@ -184,9 +186,9 @@ class RobotAxis(PlantTable):
         for name in direct:
             row[name] = getattr(self, name)
         row["home_angle_rad"] = home_rad
-        for order in (1, 2, 4):
-            row[f"a{order}_rad"] = getattr(self.ate, f"a{order}_arcsec") * ARCSEC
-            row[f"phi{order}_rad"] = math.radians(getattr(self.ate, f"phi{order}_deg"))
+        for order in ORDERS:
+            row[f"a{order}_rad"] = getattr(self.ate, amplitude_key(order)) * ARCSEC
+            row[f"phi{order}_rad"] = math.radians(getattr(self.ate, phase_key(order)))
         row["wind_up_torsion_rad"] = self.wind_up_torsion_arcsec * ARCSEC
         row["hysteresis_torsion_rad"] = self.hysteresis_torsion_arcsec * ARCSEC
 
