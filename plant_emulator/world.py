@@ -307,7 +307,7 @@ class World:
         return frames
 
     def _measure(self) -> tuple[float, float, float]:
-        return self._sensor.sample(self.axes.tip_acceleration())
+        return self._sensor.sample(self.axes.sensed_acceleration())
 
 
 def _is_due(slave: Slave, now: int) -> bool:

@@ -52,7 +52,7 @@ class StepRecord:
     """End of a step.
 
     Attributes:
-        ended: How it ended.
+        ended: Kind of the end.
         error: Class of the error that ended it.
         words: The error's words, or the note of a step that is done.
         cpu_s: Processor time.
