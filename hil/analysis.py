@@ -14,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.recording import Recording
+from hil.robot_tables import ORDERS
 
 Real = NDArray[np.float64]
 
 SPEED_LOWPASS_HZ = 20.0
 """Corner of the low-pass, forward and backward, that makes a speed from the sampled motor angle."""
-
-ORDERS = (2, 4)
-"""Orders k of the transmission error, each with its own window."""
 
 WINDOW_FACTORS = (0.76, 1.27)
 """Motor speeds in which order k is judged, in units of f_al/k."""
@@ -65,6 +63,20 @@ def tip_scale(f_al_hz: float) -> TipScale:
     """Scale of an axis: every window and band in units of its f_al."""
     windows = {order: _times(f_al_hz / order, WINDOW_FACTORS) for order in ORDERS}
     return TipScale(f_al_hz, _times(f_al_hz, BAND_FACTORS), _times(f_al_hz, PEAK_BAND_FACTORS), windows)
+
+
+def judged_orders(scale: TipScale | None, end_rps: float) -> tuple[int, ...]:
+    """Orders in whose windows a ramp is judged: all of the scale, but the first only where the ramp reaches it.
+
+    At its resonance the motor turns f_al times a second, which few ramps do; one that does not is no run without a verdict.
+
+    Args:
+        scale: Scale of the axis; None where no f_al is known.
+        end_rps: Speed at the end of the ramp.
+    """
+    if scale is None:
+        return ORDERS[1:]
+    return tuple(order for order in scale.windows_rps if order > 1 or end_rps >= scale.f_al_hz)
 
 
 def paper_scale(f_al_hz: float) -> TipScale:
@@ -201,7 +213,7 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, s
     Args:
         recording: The run.
         axis: Number of the axis that moved.
-        order: Order k of the window, one of `ORDERS`.
+        order: Order k of the window, one of those of the scale.
         scale: Scale of the axis.
 
     Raises:

@@ -4,10 +4,10 @@ The values stay apart: a bench file has those that an engineer believes, a robot
 more keys derives its table from the one here.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from drive_profiles.files.toml import Table
 from hil.control.cascade import Cascade
@@ -18,6 +18,11 @@ Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 
 AxisNumber = Annotated[int, Field(ge=1, le=6)]
+
+ORDERS = (1, 2, 4)
+"""Orders k of the transmission error that are looked for in every gear: the first, which real ones show, and the paper's two."""
+MOST_MORE_ORDERS = 4
+"""Orders beside them that one axis can have."""
 
 
 class PlantTable(Table):
@@ -31,13 +36,93 @@ class PlantTable(Table):
     gear_damping_nm_s_rad: NotNegative
 
 
+def _whole_is_int(order: float) -> float:
+    return int(order) if float(order).is_integer() else order
+
+
+class TransmissionErrorLine(Table):
+    """One order of the transmission error that is none of `ORDERS`; it may be a fraction: a belt's, a bearing's.
+
+    Attributes:
+        order: Periods of the error in one revolution of the motor.
+        a_arcsec: Amplitude.
+        phi_deg: Phase.
+    """
+
+    order: Annotated[float, Field(gt=0.0, le=100.0), AfterValidator(_whole_is_int)]
+    a_arcsec: NotNegative
+    phi_deg: float = 0.0
+
+
 class TransmissionErrorTable(Table):
     """Amplitudes and phases of the transmission error θ_sync; eq. (2)."""
 
+    a1_arcsec: NotNegative = 0.0
+    phi1_deg: float = 0.0
     a2_arcsec: NotNegative
     phi2_deg: float
     a4_arcsec: NotNegative = 0.0
     phi4_deg: float = 0.0
+    more: Annotated[tuple[TransmissionErrorLine, ...], Field(max_length=MOST_MORE_ORDERS)] = ()
+
+    @model_validator(mode="after")
+    def _each_order_once(self) -> Self:
+        orders = [*ORDERS, *(line.order for line in self.more)]
+        twice = sorted({order for order in orders if orders.count(order) > 1})
+        if twice:
+            own = ", ".join(f"{order:g}" for order in twice)
+            raise ValueError(f"more has order {own} twice, or beside a key of its own: a1_arcsec, a2_arcsec and a4_arcsec are")
+        return self
+
+    @classmethod
+    def of(cls, amplitudes_arcsec: Mapping[float, float], phases_deg: Mapping[float, float]) -> Self:
+        """The table of amplitudes and phases by their order; an order of `ORDERS` that is not there is 0.
+
+        Raises:
+            ValueError: An amplitude has no phase, or the orders are more than a table holds.
+        """
+        without = sorted(amplitudes_arcsec.keys() - phases_deg.keys())
+        if without:
+            raise ValueError(f"order {', '.join(f'{order:g}' for order in without)} has an amplitude and no phase")
+        named: dict[str, float] = {}
+        for order in ORDERS:
+            named[amplitude_key(order)] = amplitudes_arcsec.get(order, 0.0)
+            named[phase_key(order)] = phases_deg.get(order, 0.0)
+        lines = [
+            {"order": order, "a_arcsec": amplitudes_arcsec[order], "phi_deg": phases_deg[order]}
+            for order in sorted(amplitudes_arcsec.keys() - set(ORDERS))
+        ]
+        return cls.model_validate({**named, "more": tuple(lines)})
+
+    def amplitudes_arcsec(self) -> dict[float, float]:
+        """Amplitudes A_k above 0, by order."""
+        named: dict[float, float] = {order: getattr(self, amplitude_key(order)) for order in ORDERS}
+        named |= {each.order: each.a_arcsec for each in self.more}
+        return {order: named[order] for order in sorted(named) if named[order] > 0.0}
+
+    def phases_deg(self) -> dict[float, float]:
+        """Phases φ_k of the orders that `amplitudes_arcsec` has."""
+        named: dict[float, float] = {order: getattr(self, phase_key(order)) for order in ORDERS}
+        named |= {each.order: each.phi_deg for each in self.more}
+        return {order: named[order] for order in self.amplitudes_arcsec()}
+
+
+def amplitude_key(order: float) -> str:
+    """Name of an order's amplitude among the standard errors: `a2_arcsec`.
+
+    >>> amplitude_key(2), amplitude_key(0.5)
+    ('a2_arcsec', 'a0.5_arcsec')
+    """
+    return f"a{order:g}_arcsec"
+
+
+def phase_key(order: float) -> str:
+    """Name of an order's phase among the standard errors: `phi2_deg`.
+
+    >>> phase_key(2.0)
+    'phi2_deg'
+    """
+    return f"phi{order:g}_deg"
 
 
 class Control(Table):

@@ -24,7 +24,7 @@ from drive_profiles.upload.result import UploadOptions, UploadResult
 from drive_profiles.upload.upload import Upload
 from hil.bench.bench import REFERENCE, Bench, load_bench
 from hil.bench.design import load_designs, update_designs
-from hil.bench.model import load_identified, update_file
+from hil.bench.model import load_identified, update_file, values_in_words
 from hil.control.treatments import TreatmentName
 from hil.design.notch_search import Effort
 from hil.errors import HilError, InterruptedRunError, NotPossibleError, not_put_back
@@ -156,12 +156,7 @@ class _Teller:
         if outcome.part is None:
             raise NotPossibleError(f"the transmission error of axis {axis} was not identified")
         update_file(self.model, self.bench.name, axis, outcome.part)
-        values, errors = outcome.part.values, outcome.part.standard_error
-        what = (
-            f"A_2 = {values.a2_arcsec:.2f} ± {errors['a2_arcsec']:.2f} arcsec, φ_2 = {values.phi2_deg:.1f} ± "
-            f"{errors['phi2_deg']:.1f}°, A_4 = {values.a4_arcsec:.2f} ± {errors['a4_arcsec']:.2f} arcsec"
-        )
-        return what, f"{where.name}/report.html"
+        return ", ".join(values_in_words(outcome.part)), f"{where.name}/report.html"
 
     def design_notch(self, axis: int) -> tuple[str, str]:
         request = notch_design.NotchDesignRequest(axis=axis, shapes=("switched",), effort=self.effort, jobs=_processors())

@@ -1,5 +1,6 @@
 """The model file: the identified plant and transmission error of a robot's axes, each number with its standard error."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +11,7 @@ from drive_profiles.files.safefile import write_atomically
 from drive_profiles.files.toml import Table, load, toml_value
 from hil.bench.bench import Bench, Model
 from hil.errors import NotPossibleError
-from hil.robot_tables import NotNegative, PlantTable, Positive, TransmissionErrorTable
+from hil.robot_tables import NotNegative, PlantTable, Positive, TransmissionErrorTable, amplitude_key, phase_key
 
 Errors = dict[str, NotNegative]
 """Standard error by the name of its number; a number without one was not identified, or is believed."""
@@ -68,6 +69,16 @@ class IdentifiedError(Table):
     learnt_by: str = "identify"
     note: str = ""
     emulated: bool | None = None
+
+
+def values_in_words(part: IdentifiedError) -> list[str]:
+    """Amplitude and phase of each order with their standard errors: `A_2 = 5.00 ± 0.02 arcsec`, `φ_2 = 222.0 ± 0.1°`."""
+    values, errors = part.values, part.standard_error
+    words = []
+    for order, amplitude in values.amplitudes_arcsec().items():
+        words.append(f"A_{order:g} = {amplitude:.2f} ± {errors.get(amplitude_key(order), 0.0):.2f} arcsec")
+        words.append(f"φ_{order:g} = {values.phases_deg()[order]:.2f} ± {errors.get(phase_key(order), 0.0):.2f}°")
+    return words
 
 
 class IdentifiedAxis(Table):
@@ -163,7 +174,7 @@ def with_identified(bench: Bench, identified: Identified) -> Bench:
         if known.ate is not None:
             ate = known.ate.values
         else:
-            ate = table.model.ate if table.model is not None else TransmissionErrorTable(a2_arcsec=0.0, phi2_deg=0.0)
+            ate = table.model.ate if table.model is not None else TransmissionErrorTable.of({}, {})
         axes[number] = table.model_copy(update={"model": Model(**plant, ate=ate)})
     return bench.model_copy(update={"axis": axes})
 
@@ -171,8 +182,13 @@ def with_identified(bench: Bench, identified: Identified) -> Bench:
 def _table(name: str, values: Mapping[str, Any]) -> list[str]:
     """A table with its plain values first, then its tables."""
     lines = [f"[{name}]"]
-    lines += [f"{key} = {toml_value(value)}" for key, value in values.items() if not isinstance(value, dict)]
+    lines += [f"{_key(key)} = {toml_value(value)}" for key, value in values.items() if not isinstance(value, dict)]
     for key, value in values.items():
         if isinstance(value, dict) and value:
             lines += ["", *_table(f"{name}.{key}", value)]
     return lines
+
+
+def _key(name: str) -> str:
+    """A key as TOML writes it: `a0.5_arcsec` would be two keys without quotes."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)

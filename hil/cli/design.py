@@ -49,9 +49,6 @@ class ShapeName(StrEnum):
     BEST = "best"
 
 
-ORDERS = {OrderName.SECOND: (2,), OrderName.FOURTH: (4,), OrderName.BOTH: (2, 4)}
-
-
 ModelOption = Annotated[Path | None, typer.Option("--model", help="Model file of hil identify, before the bench file's model.")]
 UncertaintyOption = Annotated[
     float | None, typer.Option(help="Of K_g and J_l; left out: the model file's standard errors, or 5. 0: none.")
@@ -120,7 +117,7 @@ def notch(
         try:
             request = NotchDesignRequest(
                 axis=axis,
-                orders=ORDERS[order],
+                orders=_orders(order),
                 shapes=("switched", "trapezoid") if shape is ShapeName.BEST else (shape.value,),
                 requirements=_requirements(bench, max_sensitivity, phase_margin_deg, gain_margin_db, tip_mm),
                 uncertainty_percent=uncertainty_percent,
@@ -134,6 +131,12 @@ def notch(
         except ValueError as error:
             raise fail(str(error), ExitStatus.USAGE) from None
         _keep(outcome, out, set_file, design_file, as_json=as_json)
+
+
+def _orders(name: OrderName) -> tuple[int, ...]:
+    from hil.robot_tables import ORDERS
+
+    return ORDERS[1:] if name is OrderName.BOTH else (int(name),)
 
 
 def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:

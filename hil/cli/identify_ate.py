@@ -35,17 +35,6 @@ ATE_EPILOG = epilog_of_runs({
 })  # fmt: skip
 
 
-_ROWS = (
-    ("a2_arcsec", "A_2", "arcsec"),
-    ("phi2_deg", "φ_2", "°"),
-    ("a4_arcsec", "A_4", "arcsec"),
-    ("phi4_deg", "φ_4", "°"),
-    ("arm_hz", "f_al", "Hz"),
-    ("damping", "ζ", ""),
-)
-"""Numbers of the summary: name in the model file, symbol, unit."""
-
-
 def mount(app: typer.Typer) -> None:
     """Add the command to `hil identify`."""
     app.command(epilog=ATE_EPILOG)(ate)
@@ -117,15 +106,21 @@ def _tell(outcome: "AteOutcome", where: Path, model: Path, *, as_json: bool) -> 
 
 def _summary(outcome: "AteOutcome") -> None:
     """Print the identified numbers."""
+    from hil.robot_tables import amplitude_key, phase_key  # noqa: PLC0415 - as at the top
+
     part, result = outcome.part, outcome.result
     fit = result.fit
     if part is None or fit is None:
         return
-    values, errors = part.values.model_dump(), part.standard_error
+    errors, phases = part.standard_error, part.values.phases_deg()
     typer.echo(f"axis {result.axis}, {len(result.passes)} passes, {part.learnt_by}")
-    values |= {"arm_hz": part.arm_hz, "damping": part.damping}
-    for name, symbol, unit in _ROWS:
-        typer.echo(f"  {symbol:<6}{measured(values[name], errors[name])} {unit}".rstrip())
+    rows: list[tuple[str, str, float | None, str]] = []
+    for order, amplitude in part.values.amplitudes_arcsec().items():
+        rows.append((amplitude_key(order), f"A_{order:g}", amplitude, "arcsec"))
+        rows.append((phase_key(order), f"φ_{order:g}", phases[order], "°"))
+    for name, symbol, value, unit in (*rows, ("arm_hz", "f_al", part.arm_hz, "Hz"), ("damping", "ζ", part.damping, "")):
+        if value is not None:
+            typer.echo(f"  {symbol:<6}{measured(value, errors[name])} {unit}".rstrip())
     late = "torque" if result.sensorless else "accelerometer"
     typer.echo(f"  the {late} lags the motor angle by {1e3 * fit.delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
     worst = max(fit.agreement, key=lambda each: each.sigma)

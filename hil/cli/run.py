@@ -192,9 +192,13 @@ def _status(outcome: "ExperimentsOutcome") -> int:
         return outcome.stopped.exit_code
     for reason in dict.fromkeys(outcome.invalid):
         say(f"not judged: {reason}")
+    refused_in_part = [part for trial in outcome.trials if trial.is_good for part in trial.refused]
+    for part in refused_in_part:
+        say(f"not cancelled: {part.words}")
     if outcome.not_restored:
         return ExitStatus.SDO
-    is_met = not outcome.failed_claims and not outcome.unjudged and (outcome.result.paper or not outcome.outside)
+    is_judged = not outcome.unjudged and not refused_in_part
+    is_met = not outcome.failed_claims and is_judged and (outcome.result.paper or not outcome.outside)
     return ExitStatus.DONE if is_met else ExitStatus.NOT_MET
 
 
@@ -224,6 +228,9 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
     for timing in {run.recording: run.timing for run in outcome.result.runs if run.timing is not None}.values():
         for line in timing_lines(timing.model_dump()):
             say(line)
+    for trial in outcome.trials:
+        for part in trial.parts:
+            say(f"trial: {part.words}" + ("" if part.verdict == "accepted" else f": {part.verdict}, not cancelled"))
     for pair in outcome.result.comparisons:
         axis = f"axes {chain}" if pair.axis is None else f"axis {pair.axis}"
         tip_pct, area_pct = -pair.tip_peak_reduction_pct, -pair.spectrum_area_reduction_pct

@@ -11,7 +11,7 @@ Turning backwards everything but k θ_m + φ_k changes the sign of its phase: G_
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -76,7 +76,7 @@ class CancellationTable:
         ValueError: The shapes do not fit, or a number is not finite.
     """
 
-    orders: tuple[int, ...]
+    orders: tuple[float, ...]
     phase_rad: tuple[float, ...]
     step_rps: float
     reference: Complex
@@ -101,6 +101,19 @@ class CancellationTable:
     def scaled(self, gain: float) -> "CancellationTable":
         """The table with all additions multiplied by `gain`."""
         return CancellationTable(self.orders, self.phase_rad, self.step_rps, gain * self.reference, gain * self.torque)
+
+    def without(self, orders: Collection[float]) -> "CancellationTable | None":
+        """The table with some orders left out; None where no other is left."""
+        kept = [index for index, order in enumerate(self.orders) if order not in orders]
+        if not kept:
+            return None
+        return CancellationTable(
+            tuple(self.orders[index] for index in kept),
+            tuple(self.phase_rad[index] for index in kept),
+            self.step_rps,
+            self.reference[kept],
+            self.torque[kept],
+        )
 
     def largest_reference_rad(self, up_to_rps: float = math.inf) -> float:
         """The largest addition to the set-point up to a motor speed."""

@@ -25,7 +25,7 @@ from scipy import optimize
 
 from hil.control.angles import ARCSEC
 from hil.design.ate_model import GEAR_FRACTION, Arm, FreeMotionModel, RampsModel, Sensing, Sweep, least_squares
-from hil.design.transmission_error import TransmissionError
+from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
 
 Real = NDArray[np.float64]
 
@@ -80,8 +80,8 @@ class JointEstimate:
     """
 
     error: TransmissionError
-    amplitude_error_arcsec: Mapping[int, float]
-    phase_error_deg: Mapping[int, float]
+    amplitude_error_arcsec: Mapping[float, float]
+    phase_error_deg: Mapping[float, float]
     arm: Arm
     arm_error: Arm
     residual: float
@@ -99,7 +99,7 @@ def identify(
     reduction_ratio: float,
     sensing: Sensing,
     start: Arm | None = None,
-    orders: Sequence[int] = (2, 4),
+    orders: Sequence[float] = PAPER_ORDERS,
 ) -> JointEstimate:
     """A_k and φ_k, the arm and the sensor's delay from ramps in both directions.
 
@@ -123,7 +123,7 @@ def identify(
     return _estimate(model, arm)
 
 
-def _check(sweeps: Sequence[Sweep], orders: tuple[int, ...]) -> None:
+def _check(sweeps: Sequence[Sweep], orders: tuple[float, ...]) -> None:
     for sweep in sweeps:
         shapes = {np.shape(sweep.motor_angle_rad), np.shape(sweep.signal), np.shape(sweep.direction)}
         if len(shapes) != 1 or len(next(iter(shapes))) != 1:
@@ -138,14 +138,16 @@ def _check(sweeps: Sequence[Sweep], orders: tuple[int, ...]) -> None:
 
 
 def _model_around(
-    sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, orders: tuple[int, ...], frequency_hz: float
+    sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, orders: tuple[float, ...], frequency_hz: float
 ) -> RampsModel:
     top = 0.4 / max(sweep.period_s for sweep in sweeps)
     band = (BAND[0] * frequency_hz, min(BAND[1] * frequency_hz, top))
     return RampsModel(sweeps, reduction_ratio, sensing, orders, band)
 
 
-def _search(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, orders: tuple[int, ...], start: Arm | None) -> Arm:
+def _search(
+    sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, orders: tuple[float, ...], start: Arm | None
+) -> Arm:
     """The arm over a grid, first with the directions apart, in which a delay does no harm; then the delay over another."""
     top = 0.3 / max(sweep.period_s for sweep in sweeps)
     low, high = SEARCH_HZ[0], min(SEARCH_HZ[1], top)
@@ -257,8 +259,8 @@ def _inverse(jacobian: Real) -> Real:
 
 
 def _polar(
-    unknowns: Real, covariance: Real, orders: tuple[int, ...]
-) -> tuple[dict[int, float], dict[int, float], dict[int, float], dict[int, float]]:
+    unknowns: Real, covariance: Real, orders: tuple[float, ...]
+) -> tuple[dict[float, float], dict[float, float], dict[float, float], dict[float, float]]:
     """A_k in arcsec, φ_k in degrees, and the standard errors of both."""
     amplitude, phase, amplitude_error, phase_error = {}, {}, {}, {}
     for row, order in enumerate(orders):
@@ -286,8 +288,10 @@ def _agreement(model: RampsModel, arm: Arm, left: Real, variance: float) -> tupl
     for order in model.orders:
         difference = forward_a[order] - backward_a[order]
         error = math.hypot(forward_ea[order], backward_ea[order])
-        agreements.append(Agreement(f"a{order}_arcsec", forward_a[order], backward_a[order], abs(difference) / max(error, 1e-30)))
+        agreements.append(
+            Agreement(f"a{order:g}_arcsec", forward_a[order], backward_a[order], abs(difference) / max(error, 1e-30))
+        )
         turn = (forward_p[order] - backward_p[order] + 180.0) % 360.0 - 180.0
         error = math.hypot(forward_ep[order], backward_ep[order])
-        agreements.append(Agreement(f"phi{order}_deg", forward_p[order], backward_p[order], abs(turn) / max(error, 1e-30)))
+        agreements.append(Agreement(f"phi{order:g}_deg", forward_p[order], backward_p[order], abs(turn) / max(error, 1e-30)))
     return tuple(agreements)

@@ -83,7 +83,7 @@ class SweepModel:
     """Model of one recording: the transforms are computed once, then one inverse transform for each arm."""
 
     def __init__(
-        self, sweep: Sweep, reduction_ratio: float, sensing: Sensing, orders: Sequence[int], band_hz: tuple[float, float]
+        self, sweep: Sweep, reduction_ratio: float, sensing: Sensing, orders: Sequence[float], band_hz: tuple[float, float]
     ) -> None:
         angle, period_s = sweep.motor_angle_rad, sweep.period_s
         # nothing passes beyond four times the band, so every n-th sample says all
@@ -136,7 +136,7 @@ class RampsModel:
         sweeps: Sequence[Sweep],
         reduction_ratio: float,
         sensing: Sensing,
-        orders: tuple[int, ...],
+        orders: tuple[float, ...],
         band_hz: tuple[float, float],
     ) -> None:
         self._parts = [SweepModel(sweep, reduction_ratio, sensing, orders, band_hz) for sweep in sweeps]

@@ -119,8 +119,8 @@ def reference_per_motor_angle(
 
 def cancellation_table(
     loop: Loop,
-    amplitude_rad: Mapping[int, float],
-    phase_rad: Mapping[int, float],
+    amplitude_rad: Mapping[float, float],
+    phase_rad: Mapping[float, float],
     timing: CyclicTiming | InnerTiming,
     max_rps: float,
     actuation: Actuation = "reference",

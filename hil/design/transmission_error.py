@@ -27,6 +27,8 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Rows = NDArray[np.bool_]
 
+PAPER_ORDERS = (2, 4)
+"""Orders of eq. (2)."""
 DEFAULT_BAND_HZ = (6.0, 25.0)
 """The resonance near 12 Hz with its skirts: below lies the motion itself, above lies noise."""
 
@@ -43,8 +45,8 @@ class TransmissionError:
         phase_deg: Phase φ_k by order k.
     """
 
-    amplitude_arcsec: Mapping[int, float]
-    phase_deg: Mapping[int, float]
+    amplitude_arcsec: Mapping[float, float]
+    phase_deg: Mapping[float, float]
 
     def angle_rad(self, motor_angle_rad: Real) -> Real:
         """Error θ_sync in rad at the arm; shape of `motor_angle_rad`."""
@@ -73,8 +75,8 @@ class TransmissionErrorEstimate:
     """
 
     error: TransmissionError
-    amplitude_error_arcsec: Mapping[int, float]
-    phase_error_deg: Mapping[int, float]
+    amplitude_error_arcsec: Mapping[float, float]
+    phase_error_deg: Mapping[float, float]
     resonance_hz: float
     damping: float
     residual_m_s2: float
@@ -161,7 +163,7 @@ class _Problem:
 
     def __init__(
         self, angle: Real, tip: Real, period_s: float, model: TwoInertia, lever_m: float,
-        orders: Sequence[int], band_hz: tuple[float, float], rows: Rows,
+        orders: Sequence[float], band_hz: tuple[float, float], rows: Rows,
     ) -> None:  # fmt: skip
         self.arm, self._rows, self._count = _Arm.of(model), rows, len(angle)
         self._length = self.arm.padded(self._count, period_s)
@@ -196,7 +198,7 @@ def fit_transmission_error(
     period_s: float,
     model: TwoInertia,
     lever_m: float,
-    orders: Sequence[int] = (2, 4),
+    orders: Sequence[float] = PAPER_ORDERS,
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
     rows: Rows | None = None,
 ) -> TransmissionErrorEstimate:
@@ -250,7 +252,7 @@ def fit_transmission_error(
     return _estimate(problem, omega, zeta, tuple(orders))
 
 
-def _estimate(problem: _Problem, omega: float, zeta: float, orders: tuple[int, ...]) -> TransmissionErrorEstimate:
+def _estimate(problem: _Problem, omega: float, zeta: float, orders: tuple[float, ...]) -> TransmissionErrorEstimate:
     """The unknowns as amplitudes and phases, with errors from the Jacobian of all unknowns, ω and ζ included."""
     unknowns, left = problem.solve(omega, zeta)
     _, matrix = problem.columns(omega, zeta)

@@ -42,7 +42,7 @@ def around(
     *,
     percent: float | None = None,
     standard_error: Mapping[str, float] | None = None,
-    amplitude_error_arcsec: Mapping[int, float] | None = None,
+    amplitude_error_arcsec: Mapping[float, float] | None = None,
 ) -> tuple[Member, ...]:
     """The believed plant, and four corners around it.
 

@@ -11,7 +11,7 @@ from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.family.profile import Profile
 from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet
 from drive_profiles.realisation import NotchTarget, realise
-from hil.analysis import ORDERS, TipScale, tip_displacement_mm
+from hil.analysis import TipScale, tip_displacement_mm
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.design import DesignedAxis, notch_table
 from hil.bench.model import Identified, IdentifiedAxis, with_identified
@@ -27,6 +27,7 @@ from hil.errors import HilError, NotPossibleError
 from hil.experiments.judge import scale_at
 from hil.reporter import SILENT, Reporter
 from hil.results.notch_design import DesignCheck, DesignPlant, DesignVerdict, NotchDesignResult, SpeedMarginsEntry, TipPeak
+from hil.robot_tables import amplitude_key
 
 SETTLE_RPS = 1.0
 """Reach of the ramp down below the lowest judged speed, so that the band-pass can settle, rev/s."""
@@ -254,17 +255,19 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
     if bench.constant_acceleration is None:
         raise NotPossibleError(f"bench {bench.name!r} has no constant_acceleration table: a filter is judged on its ramp")
     for order in request.orders:
-        if order not in ORDERS:
-            raise NotPossibleError(f"filters of order {order} are not judged; of order {' and '.join(map(str, ORDERS))} they are")
-        if not getattr(table.model.ate, f"a{order}_arcsec") > 0.0:
+        if not table.model.ate.amplitudes_arcsec().get(order, 0.0) > 0.0:
             raise NotPossibleError(f"axis {number}: the transmission error of order {order} is not known: hil identify ate")
-    ate = table.model.ate
-    error = TransmissionError({2: ate.a2_arcsec, 4: ate.a4_arcsec}, {2: ate.phi2_deg, 4: ate.phi4_deg})
     period = request.period_s or _period_s(table)
     cascade = table.gains(f"a filter of axis {number}").cascade()
     bare = Loop(plant, cascade, (), period, request.delay_samples)
     f_al = bare.peak_hz()
     scale = scale_at(bench, number, f_al)
+    if unjudged := [order for order in request.orders if order not in scale.windows_rps]:
+        own = " and ".join(map(str, sorted(scale.windows_rps)))
+        raise NotPossibleError(f"filters of order {unjudged[0]} are not judged; of order {own} they are")
+    ate, nothing = table.model.ate, dict[float, float]()
+    nothing |= dict.fromkeys(scale.windows_rps, 0.0)  # an order may have a window, and no amplitude
+    error = TransmissionError({**nothing, **ate.amplitudes_arcsec()}, {**nothing, **ate.phases_deg()})
     top_rps = min(bench.constant_acceleration.end_rps, table.limits.speed_rps)
     for order in request.orders:
         if top_rps < f_al / order:
@@ -299,13 +302,14 @@ def _period_s(table: AxisTable) -> float:
     return CONTROL_PERIOD_S if loop is None or loop.period_s is None else loop.period_s
 
 
-def _standard_errors(axis_model: IdentifiedAxis | None) -> tuple[Mapping[str, float], Mapping[int, float]]:
+def _standard_errors(axis_model: IdentifiedAxis | None) -> tuple[Mapping[str, float], Mapping[float, float]]:
     errors: dict[str, float] = {}
-    amplitudes: dict[int, float] = {}
+    amplitudes: dict[float, float] = {}
     if axis_model is not None and axis_model.plant is not None:
         errors = dict(axis_model.plant.standard_error)
     if axis_model is not None and axis_model.ate is not None:
-        amplitudes = {order: axis_model.ate.standard_error.get(f"a{order}_arcsec", 0.0) for order in ORDERS}
+        known = axis_model.ate.values.amplitudes_arcsec()
+        amplitudes = {order: axis_model.ate.standard_error.get(amplitude_key(order), 0.0) for order in known}
     return errors, amplitudes
 
 

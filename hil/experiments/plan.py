@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from hil.analysis import ORDERS, Metrics, TipScale, constant_acceleration_metrics, line_motion_metrics
+from hil.analysis import Metrics, TipScale, constant_acceleration_metrics, judged_orders, line_motion_metrics
 from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
 from hil.control.treatments import TreatmentName
@@ -114,8 +114,11 @@ def entries(
         trial: End of the trial before the run.
         repeated: Number of runs in the mean.
     """
-    orders: tuple[int | None, ...] = (None,) if experiment.axis is None or result.stopped is not None else ORDERS
     scale = line_scale(bench) if experiment.axis is None else axis_scale(bench, experiment.axis)
+    orders: tuple[int | None, ...] = (None,)
+    if experiment.axis is not None and result.stopped is None:
+        ramp = bench.constant_acceleration
+        orders = judged_orders(scale, math.inf if ramp is None else ramp.end_rps)
     made = []
     for order in orders:
         window = _window(bench, experiment, result, order, scale)

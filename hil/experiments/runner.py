@@ -6,8 +6,10 @@ from pathlib import Path
 
 from hil.bench.bench import Bench
 from hil.bench.model import with_identified
+from hil.can.channel import Channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.cancellation.cancellation import Cancellation, cancel_inside, cancellation_on
+from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.trial import Choice, averaged, choose, choose_inside
 from hil.experiments.judge import axis_scale, line_scale
 from hil.experiments.measurement import ClockName, Measurement, MeasurementOutcome
@@ -16,7 +18,7 @@ from hil.experiments.treatment import Knowledge, TreatmentSetup, treatment_setup
 from hil.master.motion import Motion, RunResult
 from hil.master.session import Session
 from hil.reporter import SILENT, Reporter
-from hil.results.runs import ExperimentsResult, PaperClaim, RunEntry
+from hil.results.runs import CancellationTrial, ExperimentsResult, PaperClaim, RunEntry
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,12 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
         return any(run.invalid is not None and (run.f_al_hz is not None or run.treatment != "none") for run in self.result.runs)
 
     @property
+    def trials(self) -> list[CancellationTrial]:
+        """Trials of the cancellations, in their order."""
+        tried = {run.recording: run.trial for run in self.result.runs if run.trial is not None}
+        return list(tried.values())
+
+    @property
     def outside(self) -> list[RunEntry]:
         """Runs with a treatment that leave the specification."""
         return outside(self.result.runs)
@@ -63,6 +71,7 @@ def run_experiments(
     overload: bool = False,
     knowledge: Knowledge | None = None,
     repeat: int = 1,
+    channel: Channel | None = None,
     reporter: Reporter = SILENT,
 ) -> ExperimentsOutcome:
     """Run experiments one after the other on one bus.
@@ -79,6 +88,7 @@ def run_experiments(
         overload: Run even what does not fit on the bus.
         knowledge: Knowledge beside the bench file; its identified models take precedence over the bench file's.
         repeat: Number of runs of each motion; the mean of their recordings is judged, in which the sensor's noise is less.
+        channel: The bus; opened from the bench file's address, and closed, unless it is given.
         reporter: Listener of each run, the steps of a trial, and the present run's progress.
 
     Raises:
@@ -96,7 +106,9 @@ def run_experiments(
         for experiment, motion in zip(experiments, motions, strict=True)
     ]
     demands = [experiment.bus_demand(motion) for experiment, motion in zip(experiments, motions, strict=True)]
-    with Measurement(bench, out, lambda described: ExperimentsResult(bench=described), reporter=reporter) as measurement:
+    with Measurement(
+        bench, out, lambda described: ExperimentsResult(bench=described), channel=channel, reporter=reporter
+    ) as measurement:
         result = measurement.result
         measurement.check_clock(clock)
         check_bands(bench, experiments, motions)
@@ -143,6 +155,7 @@ class _ExperimentRuns:
         self._session, self._experiment, self._motion, self._setup, self._reporter = session, experiment, motion, setup, reporter
         self._cancellation: Cancellation | None = None
         self._is_inside = setup.is_inside
+        self._without: frozenset[Part] = frozenset()
         self._filters = setup.filters
         self.results: list[RunResult] = []
         self.trial: TrialVerdict = NO_TRIAL
@@ -174,11 +187,11 @@ class _ExperimentRuns:
                 session, cancellation, motion, with_notch=with_notch, shows_filter=setup.shows_filter, reporter=self._reporter
             )
             self._accept(choice)
-            self._cancellation = None if choice.refusal is not None else cancellation
+            self._cancellation = choice.cancellation
         elif setup.is_inside:
             choice = choose_inside(session, setup.cancel_with, motion, reporter=self._reporter)
             self._accept(choice)
-            self._is_inside = choice.refusal is None
+            self._is_inside, self._without = choice.refusal is None, choice.verification.left_out
 
     def _accept(self, choice: Choice) -> None:
         refusal = None if choice.refusal is None else str(choice.refusal)
@@ -189,7 +202,7 @@ class _ExperimentRuns:
         setup, motion = self._setup, self._motion
         adder = None if self._cancellation is None else self._cancellation.adder()
         if self._is_inside:
-            cancel_inside(self._session, setup.cancel_with, motion.axes)
+            cancel_inside(self._session, setup.cancel_with, motion.axes, without=self._without)
         return self._session.run(
             motion, self._filters, self._experiment.loop, adder, setup.fixed, shows_filter=setup.shows_filter
         )

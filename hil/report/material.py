@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from hil.analysis import ORDERS, PAPER_BAND_HZ, TipScale, motor_speed_rps
+from hil.analysis import PAPER_BAND_HZ, TipScale, judged_orders, motor_speed_rps
 from hil.bench.bench import Bench
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, Margins, margins
 from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate, fit_transmission_error
@@ -101,6 +101,11 @@ class Material:
         scale = self.scale(axis)
         return None if scale is None else scale.windows_rps.get(order)
 
+    def judged_orders(self, axis: int) -> tuple[int, ...]:
+        """Orders in whose windows the ramps of an axis are judged."""
+        ramp = self.bench.constant_acceleration
+        return judged_orders(self.scale(axis), math.inf if ramp is None else ramp.end_rps)
+
     @property
     def word(self) -> str:
         """Word for what came from the robot: `measured`, or `emulated`."""
@@ -126,7 +131,7 @@ class Material:
         if model is None:
             return None
         ate = model.ate
-        return TransmissionError({2: ate.a2_arcsec, 4: ate.a4_arcsec}, {2: ate.phi2_deg, 4: ate.phi4_deg})
+        return TransmissionError(ate.amplitudes_arcsec(), ate.phases_deg())
 
     def amplitude_arcsec(self, axis: int, order: int) -> float:
         """A_k of the bench file; 0 where it is not known."""
@@ -224,13 +229,14 @@ class Material:
         scale = self.scale(axis)
         if scale is None:
             return None
-        (low, _), (_, high) = (scale.windows_rps[order] for order in (max(ORDERS), min(ORDERS)))
+        orders = self.judged_orders(axis)
+        (low, _), (_, high) = (scale.windows_rps[order] for order in (max(orders), min(orders)))
         low, high = round(FIT_BELOW * low, 6), round(FIT_ABOVE * high, 6)
         rows = (speed > low) & (speed < high) & (np.arange(len(speed)) < int(np.argmax(speed)))
         angle, tip = recording.axis(axis, "position_rad"), recording.columns["tip_z_m_s2"]
         plant = cast("Any", table.plant())
         try:
-            return fit_transmission_error(angle, tip, recording.period_s, plant, table.tip_lever_m, rows=rows)
+            return fit_transmission_error(angle, tip, recording.period_s, plant, table.tip_lever_m, orders, rows=rows)
         except ValueError as error:
             self.notes.append(f"The transmission error of axis {axis} cannot be identified: {error}.")
             return None

@@ -5,6 +5,8 @@ Source: `CITATION`, Tables 1 to 3.
 
 from typing import NamedTuple
 
+from hil.design.transmission_error import TransmissionError
+
 CITATION = (
     "M. Iwasaki and H. Nakamura, “Vibration Suppression for Angular Transmission Errors in Harmonic Drive Gearings and "
     "Application to Industrial Robots”, 19th IFAC World Congress, Cape Town, 2014 (IFAC Proceedings Volumes 47)"
@@ -27,6 +29,14 @@ class ErrorColumn(NamedTuple):
     phi2_deg: float
     a4_arcsec: float
     phi4_deg: float
+
+    def of(self, order: float) -> tuple[float | None, float | None]:
+        """Amplitude in arcsec and phase in degrees of one order; None where the paper has none."""
+        return {2: (self.a2_arcsec, self.phi2_deg), 4: (self.a4_arcsec, self.phi4_deg)}.get(int(order), (None, None))
+
+    def error(self) -> TransmissionError:
+        """θ_sync of the paper."""
+        return TransmissionError({2: self.a2_arcsec, 4: self.a4_arcsec}, {2: self.phi2_deg, 4: self.phi4_deg})
 
 
 class NotchColumn(NamedTuple):

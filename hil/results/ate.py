@@ -84,12 +84,13 @@ class AteFit(ResultPart):
 
 
 class AteStandardErrors(ResultPart):
-    """Standard errors of the transmission error after a pass, from all passes so far."""
+    """Standard errors of the transmission error after a pass, from all passes so far.
 
-    a2_error_arcsec: float
-    a4_error_arcsec: float
-    phi2_error_deg: float
-    phi4_error_deg: float
+    Attributes:
+        standard_error: Standard errors by the names of the model file: `a2_arcsec`, `phi2_deg` ….
+    """
+
+    standard_error: dict[str, float]
 
 
 class AteResult(MeasuredResult):

@@ -79,7 +79,7 @@ class ComparisonRow(ResultPart):
     spectrum_area: float | None
     spectrum_area_change_pct: float | None
     within_spec: bool | None
-    trial: Literal["accepted", "refused"] | None
+    trial: Literal["accepted", "accepted in part", "refused"] | None
     compliance: ComplianceFactors | None
     recording: str | None = None
     not_judged: str | None = None

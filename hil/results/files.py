@@ -1,8 +1,9 @@
 """Reading of result files: every kind is read by the class that has written it."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import Field, TypeAdapter, ValidationError
 
@@ -14,6 +15,7 @@ from hil.results.learning import LearningResult
 from hil.results.notch_design import NotchDesignResult
 from hil.results.plant import PlantResult
 from hil.results.runs import ExperimentsResult
+from hil.robot_tables import TransmissionErrorTable
 
 AnyResult = Annotated[
     ExperimentsResult | ComparisonResult | StoryResult | LearningResult | PlantResult | AteResult | NotchDesignResult,
@@ -60,9 +62,23 @@ def load_any(path: Path) -> AnyResult:
             "it (recordings and bus.log beside it can be read as before)",
         )
     try:
-        return _ANY.validate_json(text)
+        return _ANY.validate_json(_with_orders(value) if value.get("kind") in {"learn", "identify-ate"} else text)
     except ValidationError as error:
         raise ResultFileError(path, _problems(error)) from error
+
+
+def _with_orders(value: dict[str, Any]) -> str:
+    """A result from before the orders of a transmission error were a set: its two orders had fields of their own."""
+    passes, history = [], []
+    with suppress(TypeError, KeyError):  # of a file that is no result the validation speaks
+        passes = [each for axis in value["learnt"] for each in axis["passes"] if "values" not in each]
+    with suppress(TypeError, KeyError):
+        history = [each for each in value["history"] if "standard_error" not in each]
+    for each in (each for each in passes if isinstance(each, dict)):
+        each["values"] = {name: each.pop(name) for name in TransmissionErrorTable.model_fields if name in each}
+    for each in (each for each in history if isinstance(each, dict)):
+        each["standard_error"] = {name.replace("_error", ""): each.pop(name) for name in list(each)}
+    return json.dumps(value)
 
 
 def load_result(directory: Path, kind: type[R], what: str) -> R:

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from hil.bench.model import IdentifiedError
 from hil.results.base import MeasuredResult, ResultPart
+from hil.robot_tables import TransmissionErrorTable
 
 
 class LearningRun(ResultPart):
@@ -42,20 +43,14 @@ class LearningPass(ResultPart):
         vibration_m_s2: Vibration of the tip around f_al, at the speeds that excite the arm.
         set_point_delay_s: Delay of the set-points as estimated after this pass.
         following: Motor's motion over the intended one; None where it was not measured.
-        a2_arcsec: A_2.
-        phi2_deg: φ_2.
-        a4_arcsec: A_4.
-        phi4_deg: φ_4.
+        values: Amplitudes A_k and phases φ_k.
     """
 
     gain: float
     vibration_m_s2: float
     set_point_delay_s: float
     following: float | None
-    a2_arcsec: float
-    a4_arcsec: float
-    phi2_deg: float
-    phi4_deg: float
+    values: TransmissionErrorTable
 
 
 class LearntAxis(ResultPart):

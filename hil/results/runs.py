@@ -34,17 +34,48 @@ class TrialRun(ResultPart):
 
     Attributes:
         what: Cancellation of this run, in words.
-        rms_m_s2: Vibration of the tip in the window, in the band around f_al.
+        rms_m_s2: Vibration of the tip in the rows that are judged, in the band around f_al.
         reduction_fraction: Fraction by which the vibration is below that of the run without.
-        needed_fraction: Least fraction that is needed.
-        is_good: True where the vibration fell far enough.
     """
 
     what: str
     rms_m_s2: float
     reduction_fraction: float
-    needed_fraction: float
-    is_good: bool
+
+
+class TrialPart(ResultPart):
+    """One order of one axis in the trial: `hil.experiments.cancellation.verdict.PartVerdict`.
+
+    Attributes:
+        axis: Axis number.
+        order: Order k.
+        verdict: `accepted`; `refused` where it is wrong; `not judged` where it does too little to be seen. Only what is accepted
+            is used.
+        expected_fall_fraction: Fraction by which a right cancellation lowers this order when the tried fraction of it acts.
+        fall_fraction: Fraction by which this order fell with it.
+        fall_error: Standard error of that.
+        left_fraction: Fraction of this order that the whole cancellation leaves.
+        left_error: Standard error of that.
+        factor: Factor by which the cancellation should be multiplied; None where nothing of it was seen.
+        factor_error: Standard error of that.
+        turn_deg: Angle by which φ_k should be turned.
+        turn_error_deg: Standard error of that.
+        words: The verdict as a line of text.
+    """
+
+    axis: int
+    order: float
+    verdict: Literal["accepted", "refused", "not judged"]
+    expected_fall_fraction: float
+    fall_fraction: float
+    fall_error: float
+    left_fraction: float
+    left_error: float
+    factor: float | None
+    factor_error: float | None
+    turn_deg: float | None
+    turn_error_deg: float | None
+    words: str
 
 
 class CancellationTrial(ResultPart):
@@ -52,15 +83,27 @@ class CancellationTrial(ResultPart):
 
     Attributes:
         before_m_s2: Vibration without it.
-        gain: Fraction of the cancellation that was tried.
-        is_good: True where the cancellation may be trusted.
-        trials: Runs with all axes, then with each alone where there are several.
+        gain: Fraction of the cancellation that was tried first.
+        is_good: True where at least one order of one axis is accepted, and used.
+        trials: Runs with the tried fraction on all axes, on each alone where there are several, and with the whole.
+        parts: Verdict on each order of each axis.
     """
 
     before_m_s2: float
     gain: float
     is_good: bool
     trials: tuple[TrialRun, ...]
+    parts: tuple[TrialPart, ...] = ()
+
+    @property
+    def refused(self) -> tuple[TrialPart, ...]:
+        """Orders of axes whose cancellation is wrong, and is not used."""
+        return tuple(part for part in self.parts if part.verdict == "refused")
+
+    @property
+    def left_out(self) -> tuple[TrialPart, ...]:
+        """Orders of axes that are not cancelled."""
+        return tuple(part for part in self.parts if part.verdict != "accepted")
 
 
 class RunEntry(ResultPart):

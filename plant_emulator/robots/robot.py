@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from drive_profiles.files.toml import Table, load
 from hil.control.angles import ARCSEC
 from hil.control.trajectory import PlanarChain
 from hil.robot_tables import (
+    ORDERS,
     ConstantAccelerationMotion,
     Control,
     Geometry,
@@ -24,6 +25,8 @@ from hil.robot_tables import (
     PlantTable,
     Positive,
     TransmissionErrorTable,
+    amplitude_key,
+    phase_key,
 )
 from plant_emulator.physics.axis import PLANT
 
@@ -34,13 +37,6 @@ SDO_DOWNLOAD_BYTES = 64 * 1024
 """The longest value that an SDO channel takes, unless the file says otherwise: what a client can make it keep in memory."""
 
 DownloadBytes = Annotated[int, Field(ge=8, le=16 * 1024 * 1024)]
-
-
-class GearTransmissionError(TransmissionErrorTable):
-    """The transmission error of a gearing, with the first order that real ones show."""
-
-    a1_arcsec: NotNegative = 0.0
-    phi1_deg: float = 0.0
 
 
 class Switches(Table):
@@ -140,7 +136,7 @@ class RobotAxis(PlantTable):
     rated_torque_nm: Positive | None = None
     encoder_counts_per_rev: Annotated[int, Field(ge=4, le=2**24)]
     tip_lever_m: Positive
-    ate: GearTransmissionError
+    ate: TransmissionErrorTable
     control: Control | None = None
     notch: NotchShape | None = None
     gear_reaction: bool = False
@@ -156,6 +152,12 @@ class RobotAxis(PlantTable):
     sdo_download_bytes: DownloadBytes = SDO_DOWNLOAD_BYTES
     switches: Switches | None = None
     behaviour: Behaviour = Behaviour()
+
+    @model_validator(mode="after")
+    def _orders_that_the_gear_has(self) -> Self:
+        if self.ate.more:
+            raise ValueError("ate.more: an emulated gear has the orders 1, 2 and 4 only")
+        return self
 
     @property
     def rated_torque(self) -> float:
@@ -184,15 +186,25 @@ class RobotAxis(PlantTable):
         for name in direct:
             row[name] = getattr(self, name)
         row["home_angle_rad"] = home_rad
-        for order in (1, 2, 4):
-            row[f"a{order}_rad"] = getattr(self.ate, f"a{order}_arcsec") * ARCSEC
-            row[f"phi{order}_rad"] = math.radians(getattr(self.ate, f"phi{order}_deg"))
+        for order in ORDERS:
+            row[f"a{order}_rad"] = getattr(self.ate, amplitude_key(order)) * ARCSEC
+            row[f"phi{order}_rad"] = math.radians(getattr(self.ate, phase_key(order)))
         row["wind_up_torsion_rad"] = self.wind_up_torsion_arcsec * ARCSEC
         row["hysteresis_torsion_rad"] = self.hysteresis_torsion_arcsec * ARCSEC
 
 
 class RobotAccelerometer(Table):
-    """The sensor at the tip and its node on the bus; `unconfigured` as in `Behaviour`, `sdo_download_bytes` as in `RobotAxis`."""
+    """The sensor at the tip and its node on the bus; `unconfigured` as in `Behaviour`, `sdo_download_bytes` as in `RobotAxis`.
+
+    Attributes:
+        noise_m_s2: Standard deviation of the white noise of each sample.
+        resolution_m_s2: Step of the output; 0 for none.
+        range_m_s2: Acceleration at which it saturates.
+        delay_s: Time by which the output is behind the tip's motion; any fraction of a control period.
+        lowpass_hz: Corner of the sensor's low-pass of order 2 (Butterworth); None for none.
+        mounting_resonance_hz: Resonance of the sensor on its mounting; None for a stiff one.
+        mounting_damping: Damping ratio of the mounting.
+    """
 
     node_id: Annotated[int, Field(ge=1, le=127)] = 16
     unconfigured: bool = False
@@ -200,10 +212,29 @@ class RobotAccelerometer(Table):
     noise_m_s2: NotNegative = 0.02
     resolution_m_s2: NotNegative = 0.00981
     range_m_s2: Annotated[float, Field(gt=0.0, le=32.0)] = 19.62
+    delay_s: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
+    lowpass_hz: Annotated[float, Field(ge=1.0, le=2000.0)] | None = None
+    mounting_resonance_hz: Annotated[float, Field(ge=5.0, le=2000.0)] | None = None
+    mounting_damping: Annotated[float, Field(gt=0.0, le=2.0)] = 0.05
+
+    @property
+    def filters(self) -> bool:
+        """True where the output is anything else than the tip's acceleration at the instant, noise and steps apart."""
+        return bool(self.delay_s) or self.lowpass_hz is not None or self.mounting_resonance_hz is not None
+
+
+class BusFacts(Table):
+    """The bus on which the robot is found.
+
+    Attributes:
+        bitrate: Bit rate in bit/s, which its blank bench file names; None: the bus is ideal unless its address says otherwise.
+    """
+
+    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] | None = None
 
 
 class Robot(Table):
-    """A robot: axes by number, geometry, accelerometer, and the seed of everything random."""
+    """A robot: axes by number, geometry, accelerometer, bus, and the seed of everything random."""
 
     name: str = "robot"
     seed: Annotated[int, Field(ge=0)] = 1
@@ -212,6 +243,7 @@ class Robot(Table):
     sync_period_s: Positive = 0.002
     axis: Annotated[dict[Annotated[int, Field(ge=1, le=MAX_AXES)], RobotAxis], Field(min_length=1)]
     accelerometer: RobotAccelerometer = RobotAccelerometer()
+    bus: BusFacts = BusFacts()
     geometry: Geometry | None = None
     line_motion: LineMotion | None = None
     constant_acceleration: ConstantAccelerationMotion | None = None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drive_profiles.errors import FileError
-from drive_profiles.files.toml import loads
+from drive_profiles.files.toml import loads, toml_value
 from hil import robot_tables
 from hil.bench.bench import REFERENCE as BENCH_FILE
 from hil.bench.bench import Bench, Model, load_bench
@@ -12,7 +12,7 @@ from hil.errors import NotPossibleError
 from hil.experiments.motions import line_motion
 from hil.robot_tables import NotchShape, NotchTable, PlantTable, TransmissionErrorTable
 from plant_emulator.robots.robot import REFERENCE as ROBOT_FILE
-from plant_emulator.robots.robot import GearTransmissionError, Robot, RobotAxis, load_robot
+from plant_emulator.robots.robot import Robot, RobotAxis, load_robot
 from plant_emulator.robots.tuning import TunedAxis
 from plant_emulator.studies.simulate import simulate
 
@@ -25,14 +25,48 @@ def test_bench_and_robot_have_one_shape_of_what_both_state(key):
 def test_what_one_side_says_more_of_is_derived_from_what_both_say():
     assert issubclass(RobotAxis, PlantTable)
     assert issubclass(Model, PlantTable)
-    assert issubclass(GearTransmissionError, TransmissionErrorTable)
+    assert RobotAxis.model_fields["ate"].annotation is Model.model_fields["ate"].annotation is TransmissionErrorTable
     assert issubclass(NotchTable, NotchShape)
     assert TunedAxis.model_fields["notch"].default == ()
 
 
-def test_a_robot_s_gear_shows_a_first_order_that_a_bench_does_not_believe_in():
-    extra = set(GearTransmissionError.model_fields) - set(TransmissionErrorTable.model_fields)
-    assert extra == {"a1_arcsec", "phi1_deg"}
+ERROR = "a2_arcsec = 5.0\nphi2_deg = 222.0\na4_arcsec = 3.0\nphi4_deg = 126.0\n"
+
+
+def test_a_file_without_a_first_order_has_none():
+    table = loads(ERROR, TransmissionErrorTable)
+    assert (table.a1_arcsec, table.more) == (0.0, ())
+    assert table.amplitudes_arcsec() == {2: 5.0, 4: 3.0}
+    assert table.phases_deg() == {2: 222.0, 4: 126.0}
+
+
+def test_amplitudes_and_phases_of_any_orders_make_the_table_they_came_from():
+    amplitudes, phases = {0.5: 1.0, 1: 40.0, 2.0: 5.0, 3: 2.0}, {0.5: 10.0, 1: 20.0, 2.0: 30.0, 3: 40.0}
+    table = TransmissionErrorTable.of(amplitudes, phases)
+    assert (table.amplitudes_arcsec(), table.phases_deg()) == (amplitudes, phases)
+    assert [type(line.order) for line in table.more] == [float, int]
+    assert [type(order) for order in table.amplitudes_arcsec()] == [float, int, int, int]
+    assert loads("\n".join(f"{key} = {toml_value(value)}" for key, value in table.model_dump().items()), type(table)) == table
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("{ order = 2.0, a_arcsec = 1.0 }", "order 2 twice"),
+        ("{ order = 3, a_arcsec = 1.0 }, { order = 3.0, a_arcsec = 2.0 }", "order 3 twice"),
+        ("{ order = 0, a_arcsec = 1.0 }", "order"),
+        ("{ order = 3, a_arcsec = -1.0 }", "a_arcsec"),
+        (", ".join(f"{{ order = {order}, a_arcsec = 1.0 }}" for order in (3, 5, 6, 7, 8)), "more"),
+    ],
+)
+def test_an_order_that_a_table_cannot_hold_is_refused(more, said):
+    with pytest.raises(FileError, match=said):
+        loads(ERROR + f"more = [{more}]\n", TransmissionErrorTable)
+
+
+def test_an_amplitude_without_a_phase_is_refused():
+    with pytest.raises(ValueError, match="order 3 has an amplitude and no phase"):
+        TransmissionErrorTable.of({2: 1.0, 3: 1.0}, {2: 0.0})
 
 
 @pytest.mark.parametrize(("file", "model"), [(BENCH_FILE, Bench), (ROBOT_FILE, Robot)])
@@ -96,5 +130,5 @@ def test_a_bench_without_the_arms_lengths_says_what_a_line_needs():
 
 def test_every_table_says_what_it_is():
     tables = [each for each in vars(robot_tables).values() if isinstance(each, type) and each.__module__ == robot_tables.__name__]
-    assert len(tables) == 9
+    assert len(tables) == 10
     assert all(table.__doc__ for table in tables)

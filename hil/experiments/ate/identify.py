@@ -26,11 +26,11 @@ from hil.experiments.ate.motion import (
     too_short,
 )
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
-from hil.experiments.ate.request import ORDERS, AteRequest, AxisKnowledge, first_end_speed, sensing_of
+from hil.experiments.ate.request import FITTED_ORDERS, AteRequest, AxisKnowledge, first_end_speed, sensing_of
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-from hil.robot_tables import TransmissionErrorTable
+from hil.robot_tables import TransmissionErrorTable, amplitude_key, phase_key
 
 Real = NDArray[np.float64]
 
@@ -129,7 +129,7 @@ def identify_on(
                 bench.axis[axis].reduction_ratio,
                 sensing,
                 start,
-                ORDERS,
+                FITTED_ORDERS,
             )
         except ValueError as error:
             raise NotPossibleError(f"not identified: {error}") from error
@@ -200,10 +200,10 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         f"the standard errors have been widened {estimate.widened:.1f} times"
         for each in apart
     ]
-    for order in ORDERS:
-        sigmas = estimate.error.amplitude_arcsec[order] / max(estimate.amplitude_error_arcsec[order], 1e-30)
+    for order, amplitude in estimate.error.amplitude_arcsec.items():
+        sigmas = amplitude / max(estimate.amplitude_error_arcsec[order], 1e-30)
         if sigmas < 3.0:
-            identification.notes.append(f"A_{order} is {sigmas:.1f} standard errors: φ_{order} means nothing")
+            identification.notes.append(f"A_{order:g} is {sigmas:.1f} standard errors: φ_{order:g} means nothing")
     peak = max(float(np.max(np.abs(each.recording.axis(request.axis, "torque_nm")))) for each in identification.passes)
     if peak >= SATURATED_TORQUE_FRACTION * table.limits.torque_nm:
         identification.notes.append(
@@ -216,22 +216,22 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
     identification.notes += identification.missed
 
 
+def standard_errors(estimate: JointEstimate) -> dict[str, float]:
+    """Standard errors of A_k and φ_k, by the names that the model file has for them."""
+    errors = {}
+    for order in estimate.error.amplitude_arcsec:
+        errors[amplitude_key(order)] = estimate.amplitude_error_arcsec[order]
+        errors[phase_key(order)] = estimate.phase_error_deg[order]
+    return errors
+
+
 def as_part(estimate: JointEstimate, request: AteRequest, note: str = "") -> IdentifiedError:
     """Transmission error as an entry of the model file."""
-    error, errors = estimate.error, {}
-    for order in ORDERS:
-        errors[f"a{order}_arcsec"] = estimate.amplitude_error_arcsec[order]
-        errors[f"phi{order}_deg"] = estimate.phase_error_deg[order]
-    errors |= {"arm_hz": estimate.arm_error.resonance_hz, "damping": estimate.arm_error.damping}
+    errors = standard_errors(estimate) | {"arm_hz": estimate.arm_error.resonance_hz, "damping": estimate.arm_error.damping}
     if not request.sensorless:
         errors["accelerometer_delay_s"] = estimate.arm_error.delay_s
     return IdentifiedError(
-        values=TransmissionErrorTable(
-            a2_arcsec=error.amplitude_arcsec[2],
-            phi2_deg=error.phase_deg[2],
-            a4_arcsec=error.amplitude_arcsec[4],
-            phi4_deg=error.phase_deg[4],
-        ),
+        values=TransmissionErrorTable.of(estimate.error.amplitude_arcsec, estimate.error.phase_deg),
         standard_error=errors,
         arm_hz=estimate.arm.resonance_hz,
         damping=estimate.arm.damping,

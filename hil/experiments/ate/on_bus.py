@@ -6,8 +6,7 @@ from pathlib import Path
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError
 from hil.can.channel import Channel
-from hil.design.ate_identification import JointEstimate
-from hil.experiments.ate.identify import Identification, as_part, identify_on
+from hil.experiments.ate.identify import Identification, as_part, identify_on, standard_errors
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.ate.request import AteRequest, axis_knowledge, first_end_speed, sensing_of
 from hil.experiments.bus_demand import BusDemand
@@ -128,14 +127,6 @@ def _enter(result: AteResult, identification: Identification, part: IdentifiedEr
         band_hz=estimate.band_hz,
         agreement=tuple(estimate.agreement),
     )
-    result.history = tuple(_standard_errors(each.estimate) for each in identification.passes)
+    result.history = tuple(AteStandardErrors(standard_error=standard_errors(each.estimate)) for each in identification.passes)
     result.is_within_goal = not identification.missed
     result.notes = tuple(identification.notes)
-
-
-def _standard_errors(estimate: JointEstimate) -> AteStandardErrors:
-    """The standard errors after a pass."""
-    amplitudes, phases = estimate.amplitude_error_arcsec, estimate.phase_error_deg
-    return AteStandardErrors(
-        a2_error_arcsec=amplitudes[2], a4_error_arcsec=amplitudes[4], phi2_error_deg=phases[2], phi4_error_deg=phases[4]
-    )

@@ -8,9 +8,10 @@ from hil.design.ate_identification import JointEstimate
 from hil.design.ate_model import Arm, Sensing
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import end_speed
-from hil.robot_tables import PlantTable
+from hil.robot_tables import ORDERS, PlantTable
 
-ORDERS = (2, 4)
+FITTED_ORDERS = ORDERS[1:]
+"""Orders that are identified: those that a ramp through f_a/2 shows."""
 
 
 @dataclass(frozen=True)
@@ -22,13 +23,13 @@ class Goal:
         phase_deg: Standard error of φ_k, by order.
     """
 
-    amplitude_fraction: dict[int, float] = field(default_factory=lambda: {2: 0.02 / 4.0, 4: 0.03 / 4.0})
-    phase_deg: dict[int, float] = field(default_factory=lambda: {2: 0.5, 4: 0.75})
+    amplitude_fraction: dict[float, float] = field(default_factory=lambda: {2: 0.02 / 4.0, 4: 0.03 / 4.0})
+    phase_deg: dict[float, float] = field(default_factory=lambda: {2: 0.5, 4: 0.75})
 
     def missed(self, estimate: JointEstimate) -> list[str]:
         """Sentences on what is not known well enough; empty when the goal is reached."""
         missed = []
-        for order in ORDERS:
+        for order in self.amplitude_fraction:
             error_pct = 100.0 * estimate.amplitude_error_arcsec[order] / max(estimate.error.amplitude_arcsec[order], 1e-30)
             goal_pct = 100.0 * self.amplitude_fraction[order]
             if error_pct > goal_pct:

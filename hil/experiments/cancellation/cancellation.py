@@ -5,8 +5,9 @@ trusted before its trial on the accelerometer: `hil.experiments.cancellation.tri
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from hil.control.cancellation import CancellationLaw, CancellationTable
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.experiments.cancellation.effect import Part, Response
+from hil.experiments.cancellation.waves import response_of
 from hil.experiments.judge import scale_at
 from hil.master.motion import Motion
 from hil.master.session import Session
@@ -65,6 +68,7 @@ class Cancellation:
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         torque_steps_nm: Resolution of the torque offsets, by axis.
         scales: Scales by which the vibration is judged, by axis.
+        responses: Responses of the arm by axis, with which its trial reads the orders.
     """
 
     axes: tuple[int, ...]
@@ -73,12 +77,25 @@ class Cancellation:
     actuation: Actuation = "reference"
     torque_steps_nm: Mapping[int, float] = field(default_factory=dict)
     scales: Mapping[int, TipScale] = field(default_factory=dict)
+    responses: Mapping[int, Response] = field(default_factory=dict)
 
     @property
     def scale(self) -> TipScale | None:
         """Scale of all axes together; None without one."""
         scales = list(self.scales.values())
         return scales[0] if len(scales) == 1 else joint_scale(scales) if scales else None
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Each order of each axis."""
+        return tuple(Part(number, order) for number, table in self.tables.items() for order in table.orders)
+
+    def without(self, parts: Collection[Part]) -> "Cancellation":
+        """The cancellation with some orders of some axes left out."""
+        left = {
+            number: table.without([part.order for part in parts if part.axis == number]) for number, table in self.tables.items()
+        }
+        return replace(self, tables={number: table for number, table in left.items() if table is not None})
 
     def adder(self, gain: float = 1.0, only: int | None = None) -> CancellationAdder:
         """Adder for one run.
@@ -173,7 +190,9 @@ def cancellation_for(
             raise NotPossibleError(f"axis {number}: {error}") from error
     if not tables:
         raise NotPossibleError(_nothing_known(axes))
-    return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {}, scales)
+    responses = {number: response_of(bench, identified, number) for number in axes}
+    known = {number: response for number, response in responses.items() if response is not None}
+    return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {}, scales, known)
 
 
 def measured_delay_s(identified: Identified | None, number: int) -> float:
@@ -223,7 +242,9 @@ def cancellation_on(
     return cancellation
 
 
-def cancel_inside(session: Session, identified: Identified | None, axes: Sequence[int], gain: float = 1.0) -> tuple[int, ...]:
+def cancel_inside(
+    session: Session, identified: Identified | None, axes: Sequence[int], gain: float = 1.0, without: Collection[Part] = ()
+) -> tuple[int, ...]:
     """Let the drives cancel the error in their own loops, where their family can, in the next run; it puts everything back.
 
     Nothing more goes over the bus in a cycle, and no delay has to be known.
@@ -233,6 +254,7 @@ def cancel_inside(session: Session, identified: Identified | None, axes: Sequenc
         identified: The model file; None for the bench file's own model.
         axes: Axis numbers of the motion.
         gain: Fraction of the cancellation, 0 to 1.
+        without: Orders of axes that are left out.
 
     Returns:
         Numbers of the axes whose drives cancel.
@@ -243,10 +265,11 @@ def cancel_inside(session: Session, identified: Identified | None, axes: Sequenc
     """
     models = inside_models(session.bench, identified, axes)
     for number, model in models.items():
-        axis, amplitudes = session.axes[number], _amplitudes(model.ate)
-        motor = {f"a{order}_rad": gain * axis.table.reduction_ratio * size for order, size in amplitudes.items()}
-        turns = {f"phi{order}_rad": math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
-        values = {f"a{order}_rad": 0.0 for order in (2, 4)} | motor | turns
+        axis = session.axes[number]
+        amplitudes = {order: size for order, size in _amplitudes(model.ate).items() if Part(number, order) not in without}
+        motor = {f"a{order:g}_rad": gain * axis.table.reduction_ratio * size for order, size in amplitudes.items()}
+        turns = {f"phi{order:g}_rad": math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
+        values = {f"a{order:g}_rad": 0.0 for order in _orders_inside(Profile.load(axis.table.profile))} | motor | turns
         values |= {"motor_inertia_kg_m2": model.motor_inertia_kg_m2, "motor_damping_nm_s_rad": model.motor_damping_nm_s_rad}
         for name, value in values.items():
             axis.write_parameter(f"cancellation.{name}", value)
@@ -261,13 +284,35 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
         NotPossibleError: A drive family cannot cancel, or no transmission error is known of any axis.
     """
     models = {number: model for number in axes if (model := _model(bench, identified, number)) is not None}
-    for number in models:
+    for number, model in models.items():
         profile = Profile.load(bench.axis[number].profile)
         if "cancellation.mode" not in profile.parameters:
             raise NotPossibleError(f"axis {number}: drive family {profile.label} cancels nothing by itself")
+        able, known = _orders_inside(profile), model.ate.amplitudes_arcsec()
+        if not able >= known.keys():
+            own, others = (", ".join(f"{order:g}" for order in sorted(each)) for each in (able, known.keys() - able))
+            raise NotPossibleError(
+                f"axis {number}: the drive cancels orders {own} only, the model has order {others}: cancel by the set-points"
+            )
     if not models:
         raise NotPossibleError(_nothing_known(axes))
     return models
+
+
+def inside_parts(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> tuple[Part, ...]:
+    """Each order of each axis that the drives are to cancel by themselves.
+
+    Raises:
+        NotPossibleError: As `inside_models`.
+    """
+    models = inside_models(bench, identified, axes)
+    return tuple(Part(number, order) for number, model in models.items() for order in _amplitudes(model.ate))
+
+
+def _orders_inside(profile: Profile) -> set[float]:
+    """Orders that the drives of a family can cancel by themselves."""
+    found = (re.fullmatch(r"cancellation\.a([0-9.]+)_rad", name) for name in profile.parameters)
+    return {float(each[1]) for each in found if each is not None}
 
 
 def _model(bench: Bench, identified: Identified | None, number: int) -> Model | None:
@@ -284,14 +329,14 @@ def _model(bench: Bench, identified: Identified | None, number: int) -> Model | 
     return model if model is not None and _amplitudes(model.ate) else None
 
 
-def _amplitudes(ate: TransmissionErrorTable) -> dict[int, float]:
+def _amplitudes(ate: TransmissionErrorTable) -> dict[float, float]:
     """A_k in rad, by order; only amplitudes above 0."""
-    return {order: a * ARCSEC for order, a in ((2, ate.a2_arcsec), (4, ate.a4_arcsec)) if a > 0.0}
+    return {order: size * ARCSEC for order, size in ate.amplitudes_arcsec().items()}
 
 
-def _phases_deg(ate: TransmissionErrorTable) -> dict[int, float]:
+def _phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
     """φ_k from 0 to 360°."""
-    return {2: ate.phi2_deg % 360.0, 4: ate.phi4_deg % 360.0}
+    return {order: degrees % 360.0 for order, degrees in ate.phases_deg().items()}
 
 
 def _nothing_known(axes: Sequence[int]) -> str:

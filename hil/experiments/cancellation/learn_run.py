@@ -138,8 +138,8 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
     for axis, learnt in outcome.learnt.items():
         error, delay_ms = learnt.estimate.error, 1e3 * learnt.passes[-1].set_point_delay_s
         orders = ", ".join(
-            f"A_{k} = {error.amplitude_arcsec[k]:.2f}″ ± {learnt.estimate.amplitude_error_arcsec[k]:.2f}″, "
-            f"φ_{k} = {error.phase_deg[k]:.1f}° ± {learnt.estimate.phase_error_deg[k]:.1f}°"
+            f"A_{k:g} = {error.amplitude_arcsec[k]:.2f}″ ± {learnt.estimate.amplitude_error_arcsec[k]:.2f}″, "
+            f"φ_{k:g} = {error.phase_deg[k]:.1f}° ± {learnt.estimate.phase_error_deg[k]:.1f}°"
             for k in error.amplitude_arcsec
         )
         late = f"; the motor follows {delay_ms:.2f} ms later than known" if delay_ms else ""

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.analysis import ORDERS, motor_speed_rps
+from hil.analysis import motor_speed_rps
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, update_file
 from hil.design.ate_identification import JointEstimate, identify
@@ -23,9 +23,10 @@ from hil.design.ate_model import Arm, Sensing, Sweep
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_estimate, check_run
-from hil.experiments.ate.identify import sweep_of
+from hil.experiments.ate.identify import standard_errors, sweep_of
 from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, end_speed, ramps
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
+from hil.experiments.ate.request import FITTED_ORDERS
 from hil.experiments.cancellation.cancellation import CancellationAdder, cancellation_on
 from hil.experiments.cancellation.trial import CancellationRefusedError, judged_rows, vibration_m_s2
 from hil.experiments.judge import axis_scale, scale_at
@@ -74,10 +75,7 @@ class LearntPass:
             vibration_m_s2=self.vibration_m_s2,
             set_point_delay_s=self.set_point_delay_s,
             following=self.following,
-            a2_arcsec=error.amplitude_arcsec[2],
-            a4_arcsec=error.amplitude_arcsec[4],
-            phi2_deg=error.phase_deg[2],
-            phi4_deg=error.phase_deg[4],
+            values=TransmissionErrorTable.of(error.amplitude_arcsec, error.phase_deg),
         )
 
 
@@ -113,19 +111,10 @@ class AxisLearning:
             on: Date of the passes; today's unless it is given.
         """
         estimate, last = self.estimate, self.passes[-1]
-        errors = {}
-        for order in ORDERS:
-            errors[f"a{order}_arcsec"] = estimate.amplitude_error_arcsec[order]
-            errors[f"phi{order}_deg"] = estimate.phase_error_deg[order]
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
-            values=TransmissionErrorTable(
-                a2_arcsec=estimate.error.amplitude_arcsec[2],
-                phi2_deg=estimate.error.phase_deg[2],
-                a4_arcsec=estimate.error.amplitude_arcsec[4],
-                phi4_deg=estimate.error.phase_deg[4],
-            ),
-            standard_error=errors,
+            values=TransmissionErrorTable.of(estimate.error.amplitude_arcsec, estimate.error.phase_deg),
+            standard_error=standard_errors(estimate),
             arm_hz=estimate.arm.resonance_hz,
             damping=estimate.arm.damping,
             accelerometer_delay_s=estimate.arm.delay_s,
@@ -265,7 +254,7 @@ def _fitted(sweeps: Sequence[Sweep], table: AxisTable, start: Arm | None) -> Joi
         NotPossibleError: The passes do not carry a fit.
     """
     try:
-        return identify(sweeps, table.reduction_ratio, Sensing(table.tip_lever_m), start, ORDERS)
+        return identify(sweeps, table.reduction_ratio, Sensing(table.tip_lever_m), start, FITTED_ORDERS)
     except ValueError as error:
         raise NotPossibleError(f"not learnt: {error}") from error
 
@@ -309,7 +298,7 @@ def motor_following(
     measured, wanted, rate = signal.sosfiltfilt(band, np.stack([angle, intended, np.gradient(intended, period)]))
     rows = motion.direction(EDGE_S / motion.trajectory.ramp_s) != 0
     rows &= np.roll(rows, -round(EDGE_S / period))  # the end of a ramp says nothing either
-    rows &= np.abs(motor_speed_rps(recording, axis)) > band_hz[0] / min(ORDERS)
+    rows &= np.abs(motor_speed_rps(recording, axis)) > band_hz[0] / min(estimate.error.amplitude_arcsec)
     columns = np.stack([wanted[rows], rate[rows]], axis=1)
     solution = np.linalg.lstsq(columns, measured[rows], rcond=None)[0]
     gain = float(solution[0])

@@ -1,11 +1,12 @@
 """Trial of a cancellation on the accelerometer: it is trusted only after it has lowered the vibration.
 
-A cancellation that is wrong by more than 60° makes the vibration worse. So the motion runs without it, then with a small fraction
-of it on all axes and on each. Where the vibration falls by less than half of what it should, the cancellation is refused, and the
-notch stays.
+An order whose cancellation is wrong by more than 60° vibrates more with it. So the motion runs without it, then with a small fraction
+of it on all axes and on each, then with the whole; and each order of each axis is judged for itself (`verdict`), by its own complex
+amplitude at the tip (`effect`). What is wrong is taken out, as is what does too little to be seen; where nothing is left the
+cancellation is refused, and the notch stays.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,21 +16,23 @@ from hil.analysis import TipScale, band_passed, line_window_s, motor_speed_rps
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.errors import HilError, NotPossibleError
-from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder, cancel_inside
+from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder, cancel_inside, inside_parts
+from hil.experiments.cancellation.effect import AxisWaves, Part, Response, refined, sight
+from hil.experiments.cancellation.verdict import PartVerdict, Seen, judged
+from hil.experiments.cancellation.waves import response_of, seen_rows, waves_of
 from hil.experiments.judge import vibration_scale
 from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-from hil.results.runs import CancellationTrial, TrialRun
+from hil.results.runs import CancellationTrial, TrialPart, TrialRun
 
 Rows = NDArray[np.bool_]
 
 PROBE_GAIN = 0.3
-LEAST_FRACTION = 0.5
-"""Least fraction of the reduction that a right cancellation brings: 45° of phase error still pass, 60° do not."""
-WORSE = 0.02
-"""Largest apparent rise of the vibration by one axis' cancellation: sensor noise, on an axis that contributes little."""
+MOST_WHOLE = 4
+"""Most runs with the whole cancellation: where an order cannot be judged above the sensor's noise, the mean of so many may."""
+PARTS_TOLD = 4
 
 
 class CancellationRefusedError(HilError):
@@ -37,77 +40,92 @@ class CancellationRefusedError(HilError):
 
     exit_code = 9
 
-    def __init__(self, what: str, reduction_fraction: float, needed: float) -> None:
-        """Keep the cancellation in words, the fraction by which the vibration fell, and the least fraction."""
-        self.what, self.reduction_fraction, self.needed = what, reduction_fraction, needed
-        change = (
-            f"fell by {100.0 * reduction_fraction:.1f} %"
-            if reduction_fraction >= 0.0
-            else f"rose by {-100.0 * reduction_fraction:.1f} %"
-        )
-        super().__init__(
-            f"cancellation refused: with {what} the vibration {change}, a reduction of at least {100.0 * needed:.1f} % is "
-            "needed; the notch stays"
-        )
+    def __init__(self, what: str, verdicts: Sequence[PartVerdict]) -> None:
+        """Keep the cancellation in words, and the verdicts on its orders."""
+        self.what, self.verdicts = what, tuple(verdicts)
+        told = "; ".join(verdict.words for verdict in self.verdicts[:PARTS_TOLD])
+        more = "" if len(self.verdicts) <= PARTS_TOLD else f"; and {len(self.verdicts) - PARTS_TOLD} more"
+        super().__init__(f"cancellation refused: of {what} no order passes; the notch stays. {told}{more}")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One run of a trial against the run without cancellation.
+    """One run of a trial.
 
     Attributes:
         what: Cancellation of this run, in words.
-        rms_m_s2: Vibration of the tip in the window, in the band around f_al.
-        reduction_fraction: Fraction by which the vibration is below that of the run without.
-        needed_fraction: Least fraction that is needed.
+        recording: Recording of the run.
+        gains: Fraction of each part that acted.
+        rms_m_s2: Vibration of the tip in the rows that are judged, in the band around f_al.
     """
 
     what: str
+    recording: Recording
+    gains: Mapping[Part, float]
     rms_m_s2: float
-    reduction_fraction: float
-    needed_fraction: float
-
-    @property
-    def is_good(self) -> bool:
-        """True where the vibration fell far enough."""
-        return self.reduction_fraction >= self.needed_fraction
 
 
 @dataclass(frozen=True)
 class Verification:
-    """Runs of a trial and their vibration.
+    """Runs of a trial, and the verdict on each part.
 
     Attributes:
-        before_m_s2: Vibration without the cancellation.
-        gain: Fraction of the cancellation that was tried.
-        trials: Runs with all axes, then with each alone where there are several.
-        runs: Recordings by name.
+        gain: Fraction of the cancellation that was tried first.
+        trials: All runs, the first without the cancellation.
+        verdicts: Verdict on each order of each axis.
     """
 
-    before_m_s2: float
     gain: float
     trials: tuple[Trial, ...]
-    runs: Mapping[str, Recording]
+    verdicts: tuple[PartVerdict, ...]
 
     @property
     def is_good(self) -> bool:
-        """True where the cancellation may be trusted."""
-        return all(trial.is_good for trial in self.trials)
+        """True where something of the cancellation may be trusted."""
+        return any(verdict.verdict == "accepted" for verdict in self.verdicts)
+
+    @property
+    def left_out(self) -> frozenset[Part]:
+        """Parts that are not to be used: those that are wrong, and those that could not be judged."""
+        return frozenset(verdict.part for verdict in self.verdicts if verdict.verdict != "accepted")
 
     def entry(self) -> CancellationTrial:
         """The trial as a result file has it."""
-        trials = tuple(TrialRun(**vars(trial), is_good=trial.is_good) for trial in self.trials)
-        return CancellationTrial(before_m_s2=self.before_m_s2, gain=self.gain, is_good=self.is_good, trials=trials)
+        before = self.trials[0].rms_m_s2
+        runs = tuple(
+            TrialRun(what=trial.what, rms_m_s2=trial.rms_m_s2, reduction_fraction=1.0 - trial.rms_m_s2 / max(before, 1e-30))
+            for trial in self.trials[1:]
+        )
+        parts = tuple(part_entry(verdict) for verdict in self.verdicts)
+        return CancellationTrial(before_m_s2=before, gain=self.gain, is_good=self.is_good, trials=runs, parts=parts)
 
-    def demand(self) -> None:
-        """Refuse a cancellation that has not lowered the vibration.
+    def demand(self, what: str = "it") -> None:
+        """Refuse a cancellation of which nothing has lowered the vibration.
 
         Raises:
-            CancellationRefusedError: A run of the trial fell short.
+            CancellationRefusedError: No order of any axis passes.
         """
-        for trial in self.trials:
-            if not trial.is_good:
-                raise CancellationRefusedError(trial.what, trial.reduction_fraction, trial.needed_fraction)
+        if not self.is_good:
+            raise CancellationRefusedError(what, self.verdicts)
+
+
+def part_entry(verdict: PartVerdict) -> TrialPart:
+    """The verdict on one part as a result file has it."""
+    return TrialPart(
+        axis=verdict.part.axis,
+        order=verdict.part.order,
+        verdict=verdict.verdict,
+        expected_fall_fraction=verdict.gain,
+        fall_fraction=verdict.fall,
+        fall_error=verdict.fall_error,
+        left_fraction=verdict.left,
+        left_error=verdict.left_error,
+        factor=verdict.factor,
+        factor_error=verdict.factor_error,
+        turn_deg=verdict.turn_deg,
+        turn_error_deg=verdict.turn_error_deg,
+        words=verdict.words,
+    )
 
 
 def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
@@ -140,59 +158,6 @@ def vibration_m_s2(recording: Recording, rows: Rows, scale: TipScale) -> float:
     return float(np.sqrt(np.mean(band[rows] ** 2)))
 
 
-def verify(
-    session: Session,
-    cancellation: Cancellation,
-    motion: Motion,
-    filters: FilterUse = "none",
-    *,
-    gain: float = PROBE_GAIN,
-    shows_filter: bool = True,
-    reporter: Reporter = SILENT,
-) -> Verification:
-    """Try a small fraction of a cancellation on the robot: the motion without it, with it, and with it on each axis alone.
-
-    Args:
-        session: Session that has been brought up.
-        cancellation: Cancellation of the motion's axes.
-        motion: The very motion that is to be run with it; it must excite the arm.
-        filters: Filters of the drives that act, in all of these runs.
-        gain: Fraction that is tried.
-        shows_filter: True where the drives report their filters' state.
-        reporter: Listener of each run.
-
-    Raises:
-        NotPossibleError: The motion does not excite the arm.
-        SafetyStopError: A run was stopped.
-        HilError: Limits or nodes do not allow a run.
-    """
-    reporter.step("trial of the cancellation: without")
-    first = _run(session, motion, filters, None, shows_filter)
-    scale = cancellation.scale or vibration_scale(session.bench, motion.axes)
-    rows = judged_rows(session.bench, first, scale)
-    before = vibration_m_s2(first, rows, scale)
-    runs, trials = {"without": first}, []
-    several = len(cancellation.tables) > 1
-    for only in (None, *(cancellation.tables if several else ())):
-        what = f"{100.0 * gain:g} % of it" + ("" if only is None else f" on axis {only} alone")
-        reporter.step(f"trial of the cancellation: {what}")
-        recording = _run(session, motion, filters, cancellation.adder(gain, only), shows_filter)
-        runs["all" if only is None else f"axis{only}"] = recording
-        rms_m_s2 = vibration_m_s2(recording, rows[: len(recording.time_s)], scale)
-        trials.append(
-            Trial(what, rms_m_s2, 1.0 - rms_m_s2 / max(before, 1e-30), LEAST_FRACTION * gain if only is None else -WORSE)
-        )
-    return Verification(before, gain, tuple(trials), runs)
-
-
-def _run(session: Session, motion: Motion, filters: FilterUse, adder: CancellationAdder | None, shows_filter: bool) -> Recording:
-    session.check_interrupt()
-    result: RunResult = session.run(motion, filters, "drive", adder, shows_filter=shows_filter)
-    if result.stopped is not None:
-        raise result.stopped
-    return result.recording
-
-
 def averaged(recordings: Sequence[Recording]) -> Recording:
     """The mean of recordings of the same motion, row by row: the sensor's noise falls with the root of their number.
 
@@ -206,21 +171,165 @@ def averaged(recordings: Sequence[Recording]) -> Recording:
     return Recording({name: np.mean([recording.columns[name] for recording in recordings], axis=0) for name in first})
 
 
+Runner = Callable[[float, int | None, frozenset[Part]], Recording]
+"""What runs the motion: with a fraction of the cancellation, on one axis alone or on all, without some parts."""
+
+
+class _Protocol:
+    """The runs of a trial and what they show, whoever cancels."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        motion: Motion,
+        parts: Sequence[Part],
+        responses: Mapping[int, Response],
+        scale: TipScale,
+        gain: float,
+        run: Runner,
+        reporter: Reporter,
+    ) -> None:
+        self._bench, self._motion, self._parts, self._responses = bench, motion, tuple(parts), responses
+        self._scale, self._gain, self._run, self._reporter = scale, gain, run, reporter
+        self._trials: list[Trial] = []
+        self._seen: dict[Part, list[Seen]] = {part: [] for part in parts}
+        self._axes: tuple[AxisWaves, ...] = ()
+        self._rows = self._judged = np.zeros(0, dtype=np.bool_)
+
+    def perform(self) -> Verification:
+        """Make the runs that the verdicts need.
+
+        Raises:
+            NotPossibleError: The motion does not excite the arm.
+        """
+        alone = sorted({part.axis for part in self._parts})
+        alone = alone if len(alone) > 1 else []
+        least, most = 3 + len(alone), 1 + len(alone) + 2 * MOST_WHOLE
+        self._reporter.step(
+            f"trial of the cancellation: without; {least} runs of {self._motion.time_s[-1]:.1f} s in all, at most {most}"
+        )
+        self._add("without", 0.0)
+        percent = f"{100.0 * self._gain:g} % of it"
+        for only, what in ((None, percent), *((axis, f"{percent} on axis {axis} alone") for axis in alone)):
+            self._reporter.step(f"trial of the cancellation: {what}")
+            self._add(what, self._gain, only)
+        self._refine(2 + len(alone))
+        verdicts = judged(self._gain, self._seen)
+        for number in range(1, MOST_WHOLE + 1):
+            wrong = _wrong(verdicts)
+            if len(wrong) == len(self._parts):
+                break
+            if number > 1 and any(verdict.verdict == "not judged" for verdict in verdicts.values()):
+                self._reporter.step("trial of the cancellation: without, once more, for the mean")
+                self._add("without, once more", 0.0)
+            what = "the whole of it" + (f" but {', '.join(part.words for part in sorted(wrong))}" if wrong else "")
+            self._reporter.step(f"trial of the cancellation: {what}")
+            self._add(what, 1.0, None, wrong)
+            verdicts = judged(self._gain, self._seen)
+            if _wrong(verdicts) == wrong and all(verdict.verdict != "not judged" for verdict in verdicts.values()):
+                break
+        return Verification(self._gain, tuple(self._trials), tuple(verdicts.values()))
+
+    def _add(self, what: str, gain: float, only: int | None = None, without: frozenset[Part] = frozenset()) -> None:
+        """Make one run, and read it."""
+        recording = self._run(gain, only, without)
+        if not self._trials:
+            self._judged = judged_rows(self._bench, recording, self._scale)
+            self._rows = seen_rows(self._bench, recording, self._scale.f_al_hz)
+            orders: dict[int, list[float]] = {}
+            for part in self._parts:
+                orders.setdefault(part.axis, []).append(part.order)
+            self._axes = waves_of(self._bench, self._responses, orders, self._motion, recording)
+        rms_m_s2 = vibration_m_s2(recording, self._judged[: len(recording.time_s)], self._scale)
+        gains = {part: gain if only in {None, part.axis} and part not in without else 0.0 for part in self._parts}
+        self._trials.append(Trial(what, recording, gains, rms_m_s2))
+        self._see(self._trials[-1])
+
+    def _refine(self, count: int) -> None:
+        """Refine the responses on the first runs, and read those anew."""
+        recordings = [trial.recording for trial in self._trials[:count]]
+        rows = [self._rows[: len(recording.time_s)] for recording in recordings]
+        self._axes = refined(recordings, self._axes, rows, self._scale.band_hz)
+        for sights in self._seen.values():
+            sights.clear()
+        for trial in self._trials:
+            self._see(trial)
+
+    def _see(self, trial: Trial) -> None:
+        sighting = sight(trial.recording, self._axes, self._rows[: len(trial.recording.time_s)], self._scale.band_hz)
+        for part, sights in self._seen.items():
+            sights.append(Seen(1, trial.gains[part], sighting.amplitude[part], sighting.variance(part)))
+
+
+def _wrong(verdicts: Mapping[Part, PartVerdict]) -> frozenset[Part]:
+    return frozenset(part for part, verdict in verdicts.items() if verdict.verdict == "refused")
+
+
+def verify(
+    session: Session,
+    cancellation: Cancellation,
+    motion: Motion,
+    filters: FilterUse = "none",
+    *,
+    gain: float = PROBE_GAIN,
+    shows_filter: bool = True,
+    reporter: Reporter = SILENT,
+) -> Verification:
+    """Try a cancellation on the robot: the motion without it, with a fraction, with that on each axis alone, and with the whole.
+
+    Args:
+        session: Session that has been brought up.
+        cancellation: Cancellation of the motion's axes.
+        motion: The very motion that is to be run with it; it must excite the arm.
+        filters: Filters of the drives that act, in all of these runs.
+        gain: Fraction that is tried first.
+        shows_filter: True where the drives report their filters' state.
+        reporter: Listener of each run.
+
+    Raises:
+        NotPossibleError: The motion does not excite the arm.
+        SafetyStopError: A run was stopped.
+        HilError: Limits or nodes do not allow a run.
+    """
+
+    def run(part_of: float, only: int | None, without: frozenset[Part]) -> Recording:
+        adder = cancellation.without(without).adder(part_of, only) if part_of > 0.0 else None
+        return _run(session, motion, filters, adder, shows_filter)
+
+    scale = cancellation.scale or vibration_scale(session.bench, motion.axes)
+    return _Protocol(
+        session.bench, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter
+    ).perform()
+
+
+def _run(session: Session, motion: Motion, filters: FilterUse, adder: CancellationAdder | None, shows_filter: bool) -> Recording:
+    session.check_interrupt()
+    result: RunResult = session.run(motion, filters, "drive", adder, shows_filter=shows_filter)
+    if result.stopped is not None:
+        raise result.stopped
+    return result.recording
+
+
 @dataclass(frozen=True)
 class Choice:
-    """Choice after a trial: the cancellation, or the notch where it was refused.
+    """Choice after a trial: what of the cancellation passed, or the notch where nothing did.
 
     Attributes:
-        adder: Adder of one run, each needs a new one (`Cancellation.adder`); None where the cancellation was refused.
+        cancellation: Cancellation without the parts that did not pass; None where it was refused, or the drives cancel.
         filters: Filters of the drives that act.
         verification: Runs of the trial.
         refusal: Reason why the cancellation is not used, or None.
     """
 
-    adder: CancellationAdder | None
+    cancellation: Cancellation | None
     filters: FilterUse
     verification: Verification
     refusal: CancellationRefusedError | None
+
+    @property
+    def adder(self) -> CancellationAdder | None:
+        """Adder of one run, each needs a new one; None where the cancellation was refused, or the drives cancel."""
+        return None if self.cancellation is None else self.cancellation.adder()
 
 
 def choose(
@@ -233,14 +342,14 @@ def choose(
     shows_filter: bool = True,
     reporter: Reporter = SILENT,
 ) -> Choice:
-    """Try a cancellation, and choose for the motion: the cancellation, or the notch where it is refused.
+    """Try a cancellation, and choose for the motion: what of it passes, or the notch where nothing does.
 
     Args:
         session: Session that has been brought up.
         cancellation: Cancellation of the motion's axes.
         motion: The very motion that is to be run.
         with_notch: True where the filters act beside it; after a refusal they act alone, where the bench has any.
-        gain: Fraction that is tried.
+        gain: Fraction that is tried first.
         shows_filter: True where the drives report their filters' state.
         reporter: Listener of each run.
 
@@ -249,12 +358,19 @@ def choose(
     """
     filters: FilterUse = "notch" if with_notch else "none"
     verification = verify(session, cancellation, motion, filters, gain=gain, shows_filter=shows_filter, reporter=reporter)
+    return _chosen(session, motion, filters, verification, cancellation)
+
+
+def _chosen(
+    session: Session, motion: Motion, filters: FilterUse, verification: Verification, cancellation: Cancellation | None
+) -> Choice:
     try:
         verification.demand()
     except CancellationRefusedError as refusal:
         has_notch = any(session.bench.axis[number].notch for number in motion.axes)
         return Choice(None, "notch" if has_notch else "none", verification, refusal)
-    return Choice(cancellation.adder(), filters, verification, None)
+    kept = None if cancellation is None else cancellation.without(verification.left_out)
+    return Choice(kept, filters, verification, None)
 
 
 def choose_inside(
@@ -271,25 +387,23 @@ def choose_inside(
         session: Session that has been brought up.
         identified: The model file; None for the bench file's own model.
         motion: The very motion that is to be run.
-        gain: Fraction that is tried.
+        gain: Fraction that is tried first.
         reporter: Listener of each run.
 
     Raises:
         HilError: As `verify`, and as `cancel_inside`.
     """
-    reporter.step("trial of the cancellation in the drives: without")
-    first = _run(session, motion, "none", None, shows_filter=True)
-    scale = vibration_scale(session.bench, motion.axes, identified)
-    rows = judged_rows(session.bench, first, scale)
-    before, what = vibration_m_s2(first, rows, scale), f"{100.0 * gain:g} % of it in the drives"
-    reporter.step(f"trial of the cancellation: {what}")
-    cancel_inside(session, identified, motion.axes, gain)
-    second = _run(session, motion, "none", None, shows_filter=True)
-    rms_m_s2 = vibration_m_s2(second, rows[: len(second.time_s)], scale)
-    trial = Trial(what, rms_m_s2, 1.0 - rms_m_s2 / max(before, 1e-30), LEAST_FRACTION * gain)
-    verification = Verification(before, gain, (trial,), {"without": first, "all": second})
-    if trial.is_good:
-        return Choice(None, "none", verification, None)
-    has_notch = any(session.bench.axis[number].notch for number in motion.axes)
-    refusal = CancellationRefusedError(trial.what, trial.reduction_fraction, trial.needed_fraction)
-    return Choice(None, "notch" if has_notch else "none", verification, refusal)
+    bench = session.bench
+    parts = inside_parts(bench, identified, motion.axes)
+
+    def run(part_of: float, only: int | None, without: frozenset[Part]) -> Recording:
+        if part_of > 0.0:
+            others = {part for part in parts if only is not None and part.axis != only}
+            cancel_inside(session, identified, motion.axes, part_of, without | others)
+        return _run(session, motion, "none", None, shows_filter=True)
+
+    known = {number: response_of(bench, identified, number) for number in motion.axes}
+    responses = {number: response for number, response in known.items() if response is not None}
+    scale = vibration_scale(bench, motion.axes, identified)
+    verification = _Protocol(bench, motion, parts, responses, scale, gain, run, reporter).perform()
+    return _chosen(session, motion, "none", verification, None)

@@ -91,7 +91,8 @@ def _measured(row: ComparisonRow, run: RunEntry | None, change: TreatmentCompari
         return row.model_copy(update={"not_judged": ended or "not run"})
     values: dict[str, object] = {"recording": run.recording}
     if run.trial is not None:
-        values["trial"] = "accepted" if run.trial.is_good else "refused"
+        whole = "accepted in part" if run.trial.refused else "accepted"
+        values["trial"] = whole if run.trial.is_good else "refused"
     if run.invalid is not None or run.stopped is not None:
         return row.model_copy(update=values | {"not_judged": run.invalid or run.stopped})
     values |= {"tip_peak_mm": run.tip_peak_mm, "spectrum_area": run.spectrum_area, "within_spec": run.within_spec}

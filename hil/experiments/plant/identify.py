@@ -9,7 +9,8 @@ import numpy as np
 from hil.bench.model import IdentifiedPlant
 from hil.design.estimation import EstimatedParameter, UnidentifiableError
 from hil.design.friction import Friction, SlowStretch, fit_friction
-from hil.design.plant_identification import PlantEstimate, SamplingTiming, fit_plant
+from hil.design.plant_identification import PlantEstimate, fit_plant
+from hil.design.plant_problem import SamplingTiming
 from hil.design.plant_spectra import Spectra, Stretch, spectra
 from hil.experiments.plant.checks import (
     MISFIT,

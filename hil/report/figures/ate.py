@@ -16,12 +16,14 @@ from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style
 from hil.report.drawn_run import smooth_spectrum
+from hil.report.order_names import BY_ORDER, order_words, symbol, symbol_of
 from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
 from hil.report.style import Drawing, Real
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number, value_and_error
-from hil.results.ate import AteResult, AteRun, AteStandardErrors
+from hil.results.ate import AteResult, AteRun
 from hil.results.files import load_result
+from hil.robot_tables import amplitude_key, phase_key
 
 AROUND = (0.75, 1.3)
 """Motor speeds of a window, by that at which its order meets the resonance."""
@@ -125,8 +127,12 @@ class AteMaterial:
 
 def error_of(part: IdentifiedError) -> TransmissionError:
     """θ_sync as a function of the motor angle."""
-    values = part.values
-    return TransmissionError({2: values.a2_arcsec, 4: values.a4_arcsec}, {2: values.phi2_deg, 4: values.phi4_deg})
+    return TransmissionError(part.values.amplitudes_arcsec(), part.values.phases_deg())
+
+
+def shown_orders(part: IdentifiedError) -> list[float]:
+    """Orders of the result, from that with the lowest resonant speed."""
+    return sorted(part.values.amplitudes_arcsec(), reverse=True)
 
 
 def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False) -> Drawing | None:
@@ -141,15 +147,15 @@ def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False)
     angle = 2.0 * math.pi * turns
     middle = error.angle_rad(angle) / ARCSEC
     variance = np.zeros_like(angle)
-    for order in (2, 4):
-        amplitude, phase = error.amplitude_arcsec[order], order * angle + math.radians(error.phase_deg[order])
-        variance += (part.standard_error.get(f"a{order}_arcsec", 0.0) * np.cos(phase)) ** 2
-        variance += (amplitude * math.radians(part.standard_error.get(f"phi{order}_deg", 0.0)) * np.sin(phase)) ** 2
+    for order, amplitude in error.amplitude_arcsec.items():
+        phase = order * angle + math.radians(error.phase_deg[order])
+        variance += (part.standard_error.get(amplitude_key(order), 0.0) * np.cos(phase)) ** 2
+        variance += (amplitude * math.radians(part.standard_error.get(phase_key(order), 0.0)) * np.sin(phase)) ** 2
     spread = 2.0 * np.sqrt(variance)
     panel.fill_between(turns, middle - spread, middle + spread, color=style.SKY, alpha=0.6, label="± 2 standard errors")
     panel.plot(turns, middle, label="identified", **style.MEASURED)
     if paper is not None:
-        printed = TransmissionError({2: paper.a2_arcsec, 4: paper.a4_arcsec}, {2: paper.phi2_deg, 4: paper.phi4_deg})
+        printed = paper.error()
         panel.plot(turns, printed.angle_rad(angle) / ARCSEC, label="paper, Table 2", **style.MODEL)
         rest = panels[1, 0]
         rest.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.6)
@@ -166,7 +172,7 @@ def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False)
         f"Synchronous transmission error of axis {axis}",
         "Fig. 5",
         "measured and computed",
-        "θ_sync at the arm over two revolutions of the motor, of the 2nd and 4th order as they were identified, with its "
+        f"θ_sync at the arm over two revolutions of the motor, of {order_words(error.amplitude_arcsec)} as identified, with its "
         "confidence. Dotted lines: whole revolutions.",
         style.to_svg(figure, key),
     )
@@ -185,9 +191,9 @@ def against_speed(material: AteMaterial) -> Drawing | None:
         panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.measured[rows]), label=material.word, **style.BROAD)
         panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.model[rows]), label="model", **style.MODEL)
         if part is not None and part.arm_hz is not None:
-            for order in (4, 2):
+            for order in shown_orders(part):
                 speed = part.arm_hz / order
-                style.flag(panel, speed, f"$f_a$/{order} = {speed:.2f} rev/s", side="right")
+                style.flag(panel, speed, f"$f_a$/{order:g} = {speed:.2f} rev/s", side="right")
         panel.set_title(f"motor turning {TURNS[sign]}")
         if rows.any():
             style.residual(
@@ -203,8 +209,8 @@ def against_speed(material: AteMaterial) -> Drawing | None:
         "Fig. 7" if material.axis == 2 else "Fig. 8",
         "measured and computed",
         f"The {material.signal_name.lower()} of the first pass in the band of the fit, and what the identified model makes of "
-        "the measured motor angle, over the speed of the motor; below each what it leaves, enlarged. The 4th order meets the "
-        "arm's resonance first, the 2nd at twice that speed.",
+        "the measured motor angle, over the speed of the motor; below each what it leaves, enlarged. An order k meets the arm's "
+        "resonance at f_a/k.",
         style.to_svg(figure, "against-speed"),
     )
 
@@ -215,13 +221,14 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
     if not material.passes or part is None or part.arm_hz is None:
         return None
     drawn, rest_name = material.passes[0], f"{material.word} − model"
-    figure, panels = style.panels(4, 2, 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
-    for column, order in enumerate((2, 4)):
+    orders = [k for k in shown_orders(part) if np.max(np.abs(drawn.speed_rps)) >= part.arm_hz / k] or shown_orders(part)[-1:]
+    figure, panels = style.panels(4, len(orders), 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
+    for column, order in enumerate(orders):
         centre = part.arm_hz / order
         speed = np.abs(drawn.speed_rps)
         rows = (drawn.direction == direction) & (speed >= AROUND[0] * centre) & (speed <= AROUND[1] * centre)
         top, middle, rest, bottom = panels[:, column]
-        top.set_title(f"k = {order}: {AROUND[0] * centre:.1f} to {AROUND[1] * centre:.1f} rev/s")
+        top.set_title(f"k = {order:g}: {AROUND[0] * centre:.1f} to {AROUND[1] * centre:.1f} rev/s")
         if np.count_nonzero(rows) < 16:
             style.note(top, "the run did not reach these speeds")
             continue
@@ -269,18 +276,13 @@ def errors(
         return None
     rows: list[list[Cell]] = []
     paper = TABLE_2.get(axis) if is_paper else None
-    values = part.values.model_dump()
-    for column, (name, symbol, unit) in enumerate(
-        (
-            ("a2_arcsec", Markup("A<sub>2</sub>"), "arcsec"),
-            ("phi2_deg", Markup("φ<sub>2</sub>"), "°"),
-            ("a4_arcsec", Markup("A<sub>4</sub>"), "arcsec"),
-            ("phi4_deg", Markup("φ<sub>4</sub>"), "°"),
-        )
-    ):
-        form = "{:.3f}" if unit == "arcsec" else "{:.2f}"
-        printed = [] if paper is None else [number(paper[column], "{:g}")]
-        rows.append([symbol, unit, *printed, number(values[name], form), number(part.standard_error.get(name), form)])
+    amplitudes, phases = part.values.amplitudes_arcsec(), part.values.phases_deg()
+    for order in amplitudes:
+        for column, (letter, unit, form) in enumerate((("A", "arcsec", "{:.3f}"), ("φ", "°", "{:.2f}"))):
+            printed = [] if paper is None else [number(paper.of(order)[column], "{:g}")]
+            value, key = (amplitudes, phases)[column][order], (amplitude_key, phase_key)[column](order)
+            shown = [number(value, form), number(part.standard_error.get(key), form)]
+            rows.append([symbol(letter, order), unit, *printed, *shown])
     return ReportTable(
         f"table-2-axis{axis}",
         f"Parameters of the synchronous transmission error of axis {axis}",
@@ -389,7 +391,7 @@ def agreement(material: AteMaterial) -> ReportTable | None:
     rows: list[list[Cell]] = []
     for each in fit.agreement:
         numbers = (number(each.forward, "{:.3f}"), number(each.backward, "{:.3f}"), number(each.sigma, "{:.1f}"))
-        rows.append([_SYMBOLS.get(each.name, each.name), *numbers, Mark(each.sigma <= 4.0)])
+        rows.append([symbol_of(each.name), *numbers, Mark(each.sigma <= 4.0)])
     return ReportTable(
         "agreement",
         "Both directions against each other",
@@ -403,20 +405,14 @@ def agreement(material: AteMaterial) -> ReportTable | None:
     )
 
 
-_SYMBOLS = {"a2_arcsec": "A_2 (arcsec)", "phi2_deg": "φ_2 (°)", "a4_arcsec": "A_4 (arcsec)", "phi4_deg": "φ_4 (°)"}
-
-
-def _in_table_order(errors: AteStandardErrors | None) -> tuple[float | None, ...]:
-    if errors is None:
-        return (None,) * 4
-    return errors.a2_error_arcsec, errors.phi2_error_deg, errors.a4_error_arcsec, errors.phi4_error_deg
-
-
 def passes(material: AteMaterial) -> ReportTable | None:
     """Table of every pass, and the standard errors after it."""
     if not material.result.passes:
         return None
     history = material.result.history or ()
+    part = material.part
+    orders = [] if part is None else list(part.values.amplitudes_arcsec())
+    names = [(key(order), symbol(letter, order), unit) for order in orders for key, letter, unit in BY_ORDER]
     rows: list[list[Cell]] = []
     for index, each in enumerate(material.result.passes):
         after = history[index] if index < len(history) else None
@@ -427,7 +423,7 @@ def passes(material: AteMaterial) -> ReportTable | None:
                 number(each.end_rps, "{:.2f}"),
                 f"{each.low_rev:.1f} … {each.high_rev:.1f}".replace("-", "−"),
                 number(each.sensor_missed + each.missed_cycles, "{:d}"),
-                *(number(value, "{:.3f}") for value in _in_table_order(after)),
+                *(number(None if after is None else after.standard_error.get(name), "{:.3f}") for name, _, _ in names),
                 each.recording if each.stopped is None else "stopped",
             ]
         )
@@ -436,8 +432,8 @@ def passes(material: AteMaterial) -> ReportTable | None:
         "passes",
         "Passes",
         "",
-        (*header, "A₂ ± (arcsec)", "φ₂ ± (°)", "A₄ ± (arcsec)", "φ₄ ± (°)", "Recording"),
+        (*header, *(Markup("{} ± ({})").format(sign, unit) for _, sign, unit in names), "Recording"),
         rows,
-        frozenset({0, 9}),
+        frozenset({0, len(header) + len(names)}),
         "Each pass goes forwards and back; the standard errors are those of all passes so far together.",
     )

@@ -20,8 +20,9 @@ def identification(material: Material, axis: int) -> Drawing | None:
     if run is None or recording is None:
         return None
     model = _modelled(material, axis, recording)
-    figure, panels = style.panels(4, 2, 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
-    for column, order in enumerate((2, 4)):
+    orders = material.judged_orders(axis)
+    figure, panels = style.panels(4, len(orders), 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
+    for column, order in enumerate(orders):
         _window(material, axis, recording, model, order, panels[:, column])
     panels[0, 0].set_ylabel("Speed (rev/s)")
     panels[1, 0].set_ylabel("Tip acceleration (m/s²)")

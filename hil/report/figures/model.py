@@ -80,7 +80,7 @@ def transmission_errors(material: Material) -> Drawing | None:
     how = (
         "The solid line is identified from the accelerometer at the tip while the motor passed through both "
         "resonances without a "
-        "notch (joint least squares of orders 2 and 4 through the arm on its gear, driven by the measured motor "
+        "notch (joint least squares of all orders through the arm on its gear, driven by the measured motor "
         "angle); "
         if identified
         else "No run without a notch is there from which it could be identified; "

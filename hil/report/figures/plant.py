@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hil.design.frequency import Complex, Real
-from hil.design.plant_identification import angle_response, tip_response
+from hil.design.plant_problem import angle_response, tip_response
 from hil.report import style
 from hil.report.origin import origin_of
 from hil.report.style import Drawing

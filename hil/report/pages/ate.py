@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from hil.bench.model import values_in_words
 from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.ate import AteMaterial
@@ -81,13 +82,7 @@ def verdict(material: AteMaterial) -> PageVerdict:
         f"By {'motor torque and encoder alone' if material.is_sensorless else 'tip acceleration and motor angle'}.",
         *(result.notes or ()),
     )
-    values, errors = part.values.model_dump(), part.standard_error
-    numbers = ", ".join(
-        f"{symbol} = {values[name]:.2f} ± {errors.get(name, 0.0):.2f}{unit}"
-        for symbol, name, unit in (
-            ("A_2", "a2_arcsec", " arcsec"), ("φ_2", "phi2_deg", "°"), ("A_4", "a4_arcsec", " arcsec"), ("φ_4", "phi4_deg", "°"),
-        )
-    )  # fmt: skip
+    numbers = ", ".join(values_in_words(part))
     if result.is_within_goal:
         return PageVerdict("good", "✔", "The transmission error is identified", (numbers, *details))
     return PageVerdict("open", "▲", "The transmission error is known less well than asked", (numbers, *details))

@@ -138,6 +138,7 @@ def requirements(outcome: NotchDesignOutcome) -> ReportTable:
 def plants(outcome: NotchDesignOutcome) -> ReportTable:
     """The set of plants."""
     rows: list[list[Cell]] = []
+    orders = [order for order, size in sorted(outcome.problem.members[0].error.amplitude_arcsec.items()) if size > 0.0]
     for member in outcome.problem.members:
         plant = member.plant
         peak = outcome.problem.loop(member).peak_hz()
@@ -148,7 +149,7 @@ def plants(outcome: NotchDesignOutcome) -> ReportTable:
             plant.antiresonance_hz,
             peak,
         )
-        amplitudes = (f"{member.error.amplitude_arcsec[order]:.3g}" for order in (2, 4))
+        amplitudes = (f"{member.error.amplitude_arcsec[order]:.3g}" for order in orders)
         rows.append([member.label, *(number(value, "{:.4g}") for value in numbers), *amplitudes])
     header = (
         "plant",
@@ -157,8 +158,7 @@ def plants(outcome: NotchDesignOutcome) -> ReportTable:
         "D_g (N·m·s/rad)",
         "f_a (Hz)",
         "f_al (Hz)",
-        "A_2 (arcsec)",
-        "A_4 (arcsec)",
+        *(f"A_{order:g} (arcsec)" for order in orders),
     )
     caption = f"Plant from {outcome.source}. Every requirement holds for each of them, or is said not to."
     return ReportTable("plant-set", "Plants for which the filter is designed", "", header, rows, caption=caption)

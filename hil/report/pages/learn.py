@@ -2,8 +2,11 @@
 
 from pathlib import Path
 
+from markupsafe import Markup
+
 from hil.report import style
 from hil.report.figures import ate as figures_ate
+from hil.report.order_names import symbol
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
@@ -51,14 +54,20 @@ def sections(result: LearningResult) -> list[Section]:
 def estimates(result: LearningResult) -> ReportTable | None:
     """Table of the estimates after each pass."""
     rows: list[list[Cell]] = []
+    orders = sorted({order for axis in result.learnt for each in axis.passes for order in each.values.amplitudes_arcsec()})
     for axis in result.learnt:
         for index, each in enumerate(axis.passes, start=1):
-            values = (each.a2_arcsec, each.phi2_deg, each.a4_arcsec, each.phi4_deg)
-            delay = number(1e3 * each.set_point_delay_s, "{:.2f}")
-            rows.append([f"axis {axis.axis}", str(index), *(number(value, "{:.3f}") for value in values), delay])
+            amplitudes, phases = each.values.amplitudes_arcsec(), each.values.phases_deg()
+            values = [number(column.get(order), "{:.3f}") for order in orders for column in (amplitudes, phases)]
+            rows.append([f"axis {axis.axis}", str(index), *values, number(1e3 * each.set_point_delay_s, "{:.2f}")])
     if not rows:
         return None
-    header = ("", "After pass", "A₂ (arcsec)", "φ₂ (°)", "A₄ (arcsec)", "φ₄ (°)", "Set-point delay (ms)")
+    symbols = [
+        Markup("{} ({})").format(symbol(letter, order), unit)
+        for order in orders
+        for letter, unit in (("A", "arcsec"), ("φ", "°"))
+    ]
+    header = ("", "After pass", *symbols, "Set-point delay (ms)")
     caption = (
         "Each estimate is from all passes so far, from the motor angle as it was measured: it finds the transmission error "
         "itself and not what the cancellation has left of it. Set-point delay: by how much later the motor follows than its "

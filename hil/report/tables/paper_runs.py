@@ -149,21 +149,22 @@ def transmission_errors(material: Material) -> ReportTable | None:
         believed, estimate, paper = material.transmission_error(axis), material.estimate(axis), TABLE_2.get(axis)
         if believed is None:
             continue
-        for row, order in enumerate((2, 4)):
+        known = believed.amplitude_arcsec.keys() | (set() if estimate is None else estimate.error.amplitude_arcsec.keys())
+        for order in sorted(known):
             for column in range(2):
                 name, unit = ("A", "arcsec") if column == 0 else ("φ", "°")
                 identified = NONE
-                if estimate is not None:
+                if estimate is not None and order in estimate.error.amplitude_arcsec:
                     value = (estimate.error.amplitude_arcsec, estimate.error.phase_deg)[column][order]
                     error = (estimate.amplitude_error_arcsec, estimate.phase_error_deg)[column][order]
                     identified = f"{value:.2f} ± {error:.2f}" if column == 0 else f"{value:.1f} ± {error:.1f}"
                 rows.append(
                     [
                         f"axis {axis}",
-                        Markup("{}<sub>{}</sub>").format(name, order),
+                        Markup("{}<sub>{:g}</sub>").format(name, order),
                         unit,
-                        *([number(None if paper is None else paper[2 * row + column], "{:g}")] if is_paper else []),
-                        number((believed.amplitude_arcsec, believed.phase_deg)[column][order], "{:g}"),
+                        *([number(None if paper is None else paper.of(order)[column], "{:g}")] if is_paper else []),
+                        number((believed.amplitude_arcsec, believed.phase_deg)[column].get(order), "{:g}"),
                         identified,
                     ]
                 )

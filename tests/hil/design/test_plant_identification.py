@@ -6,7 +6,8 @@ import pytest
 from hil.control.cascade import Cascade
 from hil.design.estimation import UnidentifiableError
 from hil.design.frequency import TwoInertia
-from hil.design.plant_identification import PlantEstimate, SamplingTiming, angle_response, fit_plant, tip_response
+from hil.design.plant_identification import PlantEstimate, fit_plant
+from hil.design.plant_problem import SamplingTiming, angle_response, tip_response
 from hil.design.plant_spectra import Spectra, Stretch, spectra
 
 PLANT = TwoInertia(120.0, 2.6e-4, 8e-4, 8.0, 6.0, 48950.0, 42.0)

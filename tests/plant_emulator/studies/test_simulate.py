@@ -15,11 +15,11 @@ from hil.bench.bench import load_bench
 from hil.control.angles import ARCSEC
 from hil.control.notch import Notch
 from hil.recording import Recording
-from hil.robot_tables import Control, NotchShape
+from hil.robot_tables import Control, NotchShape, TransmissionErrorTable
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
 from plant_emulator.physics.tip import TipSensor
-from plant_emulator.robots.robot import GearTransmissionError, load_robot
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.studies.simulate import references, simulate
 
 BENCH, ROBOT = load_bench("reference"), load_robot("reference")
@@ -131,7 +131,7 @@ def test_in_the_line_motion_the_spectrums_area_falls_by_26_percent_and_more(line
 @pytest.mark.parametrize("number", [2, 3])
 def test_without_any_transmission_error_the_notch_adds_no_vibration_of_its_own(number, bits):
     """Gravity and friction on, up through f_s and f_e and down again: switching moves the tip by 0.005 mm at most."""
-    quiet = robot_with(ate=GearTransmissionError(a2_arcsec=0.0, phi2_deg=0.0), encoder_counts_per_rev=2**bits)
+    quiet = robot_with(ate=TransmissionErrorTable.of({}, {}), encoder_counts_per_rev=2**bits)
     assert quiet.axis[number].coulomb_friction_nm > 0.0
     assert quiet.axis[number].gravity_moment_nm > 0.0
     bare, filtered = (
@@ -242,9 +242,9 @@ def test_before_and_after_the_motion_gear_and_gravity_are_in_balance(line):
         for row in (0, -1):
             motor = float(run.position_counts[row, column]) * 2.0 * math.pi / axis.encoder_counts_per_rev
             arm = float(run.arm_angle_rad[row, column])
+            phases = axis.ate.phases_deg()
             error = sum(
-                getattr(axis.ate, f"a{k}_arcsec") * ARCSEC * math.cos(k * motor + math.radians(getattr(axis.ate, f"phi{k}_deg")))
-                for k in (2, 4)
+                size * ARCSEC * math.cos(k * motor + math.radians(phases[k])) for k, size in axis.ate.amplitudes_arcsec().items()
             )
             weight = axis.gravity_moment_nm * math.cos(arm + ROBOT.home_angle(number))
             sag = weight / axis.gear_stiffness_nm_rad

@@ -1,6 +1,7 @@
 """A session without a bus: the emulated axis in one process, for identifications that look at the numbers."""
 
 import math
+from collections import deque
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,10 +15,9 @@ from hil.recording import Recording
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
 from plant_emulator.physics.tip import TipSensor
-from plant_emulator.robots.robot import load_robot
+from plant_emulator.robots.robot import Robot, load_robot
 
 SYNC = 0.004
-CONTROL = 250e-6
 
 
 def unknown_bench(number: int, sync_s: float = SYNC, **limits: float) -> Bench:
@@ -31,23 +31,28 @@ def unknown_bench(number: int, sync_s: float = SYNC, **limits: float) -> Bench:
 
 
 class FakeSession:
-    """As much of a session as an identification uses.
+    """As much of a session as an identification uses: an axis of the reference robot, or of the robot that is given.
 
     Attributes:
         motions: What was asked for.
     """
 
     def __init__(self, bench: Bench, number: int, *, seed: int = 1, tip_gain: float = 1.0, sensor_range: float = 19.62,
-                 missing: tuple[int, ...] = (), sensor_missed: int = 0, profile: str = "emulated_drive") -> None:  # fmt: skip
-        robot = load_robot("reference")
-        table = robot.axis[number]
+                 missing: tuple[int, ...] = (), sensor_missed: int = 0, profile: str = "emulated_drive",
+                 robot: Robot | None = None, sensor_delay_s: float = 0.0) -> None:  # fmt: skip
         rng = np.random.default_rng(seed)
-        ate = {"phi2_deg": float(rng.uniform(0.0, 360.0)), "phi4_deg": float(rng.uniform(0.0, 360.0))}
-        table = table.model_copy(update={"ate": table.ate.model_copy(update=ate)})
-        self.robot = robot.model_copy(update={"axis": {number: table}, "geometry": None, "line_motion": None})
+        if robot is None:
+            robot = load_robot("reference")
+            table = robot.axis[number]
+            ate = {"phi2_deg": float(rng.uniform(0.0, 360.0)), "phi4_deg": float(rng.uniform(0.0, 360.0))}
+            table = table.model_copy(update={"ate": table.ate.model_copy(update=ate)})
+            sensor = robot.accelerometer.model_copy(update={"noise_m_s2": 0.05, "resolution_m_s2": 0.01})
+            update = {"axis": {number: table}, "geometry": None, "line_motion": None, "accelerometer": sensor}
+            robot = robot.model_copy(update=update)
+        self.robot, table = robot, robot.axis[number]
         self.bench, self.number, self.motions = bench, number, list[Motion]()
         self._scaling = Scaling(table.encoder_counts_per_rev, table.rated_torque)
-        self._rng, self._tip_gain, self._range = rng, tip_gain, sensor_range
+        self._rng, self._tip_gain, self._range, self._delay_s = rng, tip_gain, sensor_range, sensor_delay_s
         self._missing, self._sensor_missed = missing, sensor_missed
         drive = SimpleNamespace(position_rad=lambda: 0.0, scaling=self._scaling, profile=Profile.load(profile))
         self.axes = {number: drive}
@@ -61,26 +66,36 @@ class FakeSession:
         self.motions.append(motion)
         number, sync = self.number, motion.period_s
         axes = Axes(self.robot)
-        self.bench.axis[number].control.cascade().write(axes.cascade_config[0])
-        periods, scaling = round(sync / CONTROL), self._scaling
+        control_s = self.robot.control_period_s
+        self.bench.axis[number].gains("the rig").cascade().write(axes.cascade_config[0])
+        periods, scaling = round(sync / control_s), self._scaling
         targets = np.asarray(scaling.position_counts(motion.motor_angle_rad[:, 0]))
         count = len(targets)
         offsets = np.zeros(count) if motion.torque_offset_nm is None else motion.torque_offset_nm[:, 0]
         quantum = scaling.torque_quantum_nm
-        sensor = TipSensor(0.05, 0.01, self._range, self._rng)
+        accelerometer = self.robot.accelerometer
+        sensor = TipSensor(accelerometer.noise_m_s2, accelerometer.resolution_m_s2, self._range, self._rng)
         axes.open_brake(0, POSITION, periods)
         table = np.zeros((count, 3))
         axes.motion[0]["torque_limit_nm"] = self.bench.axis[number].limits.torque_nm
         for _ in range(round(0.3 / sync)):
             axes.set_point(0, int(targets[0]))
             axes.advance(periods)
+        late = round(self._delay_s / control_s)
+        whole, part = late // periods, late % periods
+        felt = deque([0.0] * (whole + 1), maxlen=whole + 1)
         for row in range(count):
-            tip = sensor.sample((0.0, 0.0, self._tip_gain * axes.tip_acceleration()[2]))[2]
+            if not part:
+                felt.append(self._tip_gain * axes.tip_acceleration()[2])
+            tip = sensor.sample((0.0, 0.0, felt[0]))[2]
             torque = round(float(axes.motion[0]["torque_nm"]) / quantum) * quantum
             table[row] = axes.counts(0) / scaling.counts_per_rad, torque, tip
             axes.set_point(0, int(targets[row]))
             axes.motion[0]["torque_offset_nm"] = round(float(offsets[row]) / quantum) * quantum
-            axes.advance(periods)
+            axes.advance(periods - part)
+            if part:
+                felt.append(self._tip_gain * axes.tip_acceleration()[2])
+                axes.advance(part)
         missing = np.zeros(count)
         missing[[row for row in self._missing if row < count]] = 1.0
         columns = {
@@ -91,7 +106,7 @@ class FakeSession:
             "missing": missing,
         }
         duration = float(motion.time_s[-1])
-        return RunResult(Recording(columns), count, 0, self._sensor_missed, duration, duration, CONTROL, None)
+        return RunResult(Recording(columns), count, 0, self._sensor_missed, duration, duration, control_s, None)
 
 
 def true_values(number: int) -> dict[str, float]:

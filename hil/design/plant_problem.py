@@ -1,0 +1,324 @@
+"""The fit of a plant to spectra: what the motor felt and did, the scatter, the unknowns and the residual.
+
+Y* and U* are what the plant did and felt, made from what was sampled with the SYNC (period T) while the drive's law runs at T_c:
+
+    U* = (D H_d + (U − D e^{−jωT} − Σ F_k) e^{jωδ}) H_c,        Y* = Y − Σ Y_k
+
+The offset is held over a period, H_d = (1 − e^{−jωT})/(jωT), but is sampled at its very end; the loop's own part is younger:
+δ ≥ 0 is how old the torque is that the drive reports, half a control period if it reports the present one, and refined by the
+fit. At the resonance the two nearly cancel, which is why a single delay for both will not do. What a drive reports is in
+general the demand, and the motor feels it behind the current loop, H_c = 1/(1 + jω T_i): T_i ≥ 0 is an unknown too, since a
+tenth of a millisecond of it looks like 6 % of motor inertia. F_k and Y_k are the images of the held excitation at f + k/T,
+which fold onto the line; they are computed from the fitted plant and the law's gains.
+
+An accelerometer has a delay δ_a, and a low-pass or a mounting that resonates: gain g exp(κ (ω/ω_κ)² − jωδ_a), both to second
+order in ω.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.control.cascade import Cascade
+from hil.design.estimation import UnidentifiableError
+from hil.design.frequency import AnyComplex, Complex, Loop, Real, TwoInertia
+from hil.design.plant_spectra import Spectra
+
+AGE_PRIOR_S = 3e-4
+"""Standard deviation of the age of the reported torque around half a control period, as believed before the fit."""
+LAG_PRIOR_S = 1e-3
+"""Standard deviation of the current loop's time constant, as believed before the fit: real ones have 0.1 to 1 ms."""
+TILT_PRIOR = 0.5
+"""Standard deviation of the accelerometer's change of gain, ln, at `TILT_HZ`, as believed before the fit."""
+TILT_HZ = 40.0
+LARGEST_LAG_S, LARGEST_DELAY_S = 5e-3, 0.05
+"""Largest time constant of a current loop, and largest delay of an accelerometer, that are believed."""
+LEAST_DELAY_S = 2e-3
+"""Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
+LEAST_LAG_S = 1e-4
+GUESSES = 3
+"""First guesses that are followed."""
+LARGEST_CHANGE = 3.0
+"""Largest change, as a logarithm, of an inertia, the stiffness, the damping or the lever in one round of the fit."""
+MODEL_ERROR, TIP_ERROR = 5e-4, 1e-3
+"""Parts of the motor's and the tip's motion that the model leaves open: counts, holds and Runge-Kutta steps, without scatter."""
+IMAGE_ERROR = 0.1
+"""Part of the tip's images that is left open: a sensor's gain at such frequencies is not known."""
+SMOOTHED_LINES = 5
+"""Lines over which the scatter between periods is averaged: of a few periods alone it is too uncertain for a weight."""
+
+
+@dataclass(frozen=True)
+class SamplingTiming:
+    """Sampling times of a measurement, and the law inside the drive.
+
+    Attributes:
+        sync_s: Time T between two samples and two set-points.
+        control_s: Control period T_c of the drive's law; 0 where it is not known.
+        kind: Input to which the excitation is added: `torque`, which is held, or `reference`, which is interpolated.
+        law: The drive's gains, for the images; None leaves them out.
+    """
+
+    sync_s: float
+    control_s: float
+    kind: Literal["torque", "reference"]
+    law: Cascade | None
+
+
+J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT = range(11)
+"""Unknowns: ln J_m, ln J_l, ln K_g, ln (D_g + D_l), D_m + D_l/N², δ, D_l/(D_g + D_l), T_i; with an accelerometer ln g, δ_a, κ."""
+
+
+@dataclass(frozen=True)
+class _Folding:
+    """What folds onto the lines, of shape (images, lines): frequencies, jω, the law, what drives it, and 1/hold of the torque."""
+
+    frequency_hz: Real
+    jw: Complex
+    feedback: Complex
+    drive: Complex
+    flat: Real
+
+
+class PlantProblem:
+    """The fit's data and its residual as a function of the unknowns."""
+
+    def __init__(self, data: Spectra, timing: SamplingTiming, reduction_ratio: float, lever_m: float, gravity: float) -> None:
+        self.data, self.timing, self.ratio, self.lever_m = data, timing, reduction_ratio, lever_m
+        self.gravity = gravity
+        self.jw = 2j * math.pi * data.frequency_hz
+        self.excitation = data.excitation.mean(axis=0)
+        self._measured = tuple(each.mean(axis=0) for each in (data.angle, data.torque))
+        self._folded = self._folding()
+        self.scatter = Scatter.of(data.angle, data.torque)
+        self.tip_scatter = None if data.tip is None else Scatter.of(data.tip, data.angle)
+
+    def _folding(self) -> "_Folding | None":
+        """What the images take from the law and the times alone."""
+        law, sync, control = self.timing.law, self.timing.sync_s, self.timing.control_s
+        highest = max(1, int(0.5 * sync / control + 1e-9) - 1) if control > 0.0 else 0  # below half the rate of the law
+        if law is None or highest == 0:
+            return None
+        fold = np.array([k for k in range(-highest, highest + 1) if k])[:, np.newaxis]
+        frequency = self.data.frequency_hz + fold / sync
+        jw = 2j * math.pi * frequency
+        still = TwoInertia(self.ratio, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0)  # the law does not ask for the plant
+        feedback = Loop(still, law, (), control).controller(frequency)
+        if self.timing.kind == "torque":
+            drive = self.excitation * (1.0 - np.exp(-jw * sync)) / (jw * sync)
+        else:
+            # the set-point of a SYNC is reached, in a straight line, with the last control period before the next
+            wanted = self.excitation * np.exp(-jw * (sync - control)) * np.sinc(frequency * sync) ** 2
+            drive = _reference_path(law, jw, control) * wanted
+        return _Folding(frequency, jw, feedback, np.asarray(drive), 1.0 / np.sinc(frequency * control))
+
+    # -- what the plant felt and did -----------------------------------------------------------------------------------
+
+    def images(self, x: Real) -> tuple[Complex, Complex, Complex]:
+        """Images of the excitation in the torque, F_k, in the motor angle, Y_k, and at the tip, summed over k; shapes (lines,).
+
+        With a SYNC of 4 ms they are as large as what they lie on, so that they take part in every step of the fit.
+        """
+        folded = self._folded
+        if folded is None:
+            none = np.zeros_like(self.excitation)
+            return none, none, none
+        plant = self.plant(x)
+        motion = plant.motor_angle_per_torque(folded.frequency_hz) / (1.0 + folded.jw * x[LAG])
+        acting = folded.drive / (1.0 + folded.feedback * motion)
+        moved = motion * acting
+        asked = -folded.feedback * moved if self.timing.kind == "torque" else acting
+        reported = (asked * folded.flat * np.exp(-folded.jw * x[AGE])).sum(axis=0)
+        tip = np.zeros_like(self.excitation)
+        if self.data.tip is not None:
+            lever = self.lever_m * math.exp(x[LEVER])
+            tip = (tip_response(plant, folded.frequency_hz, lever, float(x[DELAY])) * moved).sum(axis=0)
+        return np.asarray(reported), np.asarray(moved.sum(axis=0)), np.asarray(tip)
+
+    def torque(self, x: Real, torque: Complex, image: Complex) -> Complex:
+        """Torque that was asked of the current loop, from the reported one; shape (…, lines)."""
+        late = np.exp(self.jw * x[AGE])
+        corrected = (torque - image) * late
+        if self.timing.kind == "reference":
+            return np.asarray(corrected)
+        sync = self.timing.sync_s
+        hold = (1.0 - np.exp(-self.jw * sync)) / (self.jw * sync)
+        return np.asarray(self.excitation * (hold - np.exp(-self.jw * sync) * late) + corrected)
+
+    def felt(self, x: Real) -> Complex:
+        """What the current loop leaves of the torque, H_c; shape (lines,)."""
+        return np.asarray(1.0 / (1.0 + self.jw * x[LAG]))
+
+    # -- unknowns ------------------------------------------------------------------------------------------------------
+
+    def first_guesses(self) -> list[Real]:
+        """First guesses of the first five unknowns, from the response without images."""
+        none = np.zeros_like(self.excitation)
+        torque = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], none)
+        return first_guesses(self._measured[0] / torque, self.data.frequency_hz, self.ratio)
+
+    def start(self, guess: Real) -> Real:
+        """All unknowns from a guess of the first five."""
+        more = [0.5 * self.timing.control_s, 0.1, 0.5 * LEAST_LAG_S]
+        return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0]])
+
+    def bounds(self, x: Real) -> tuple[Real, Real]:
+        """Bounds of one round of the fit around x: what physics allows, and no further than it can be trusted."""
+        low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
+        for unknown in (J_M, J_L, K_G, DAMPING, LEVER)[: 5 if self.data.tip is not None else 4]:
+            low[unknown], high[unknown] = x[unknown] - LARGEST_CHANGE, x[unknown] + LARGEST_CHANGE
+        low[AGE], high[AGE] = 0.0, max(self.timing.sync_s, 1e-3)
+        low[ARM_PART], high[ARM_PART] = 0.0, 1.0
+        low[LAG], high[LAG] = 0.0, LARGEST_LAG_S
+        if self.data.tip is not None:
+            low[DELAY], high[DELAY] = -LEAST_DELAY_S, LARGEST_DELAY_S
+        return low, high
+
+    def scale(self, x: Real) -> Real:
+        """Sizes of a change of each unknown that are alike in their effect."""
+        sizes = [0.1, 0.1, 0.1, 0.3, max(1e-6, 0.3 * math.exp(x[J_M])), 1e-4, 0.1, 1e-4, 0.1, 1e-3, 0.1]
+        return np.array(sizes[: len(x)])
+
+    def plant(self, x: Real) -> TwoInertia:
+        """The plant of the unknowns."""
+        motor, arm, stiffness, damping = np.exp(x[: VISCOUS]).tolist()
+        arm_damping = float(x[ARM_PART]) * damping
+        return TwoInertia(
+            self.ratio,
+            motor,
+            float(x[VISCOUS]) - arm_damping / self.ratio**2,
+            arm,
+            arm_damping,
+            stiffness,
+            damping - arm_damping,
+        )
+
+    def residual(self, x: Real) -> Real:
+        """Residuals in standard deviations, real and imaginary parts, and last those of what was believed (`beliefs`)."""
+        plant, data = self.plant(x), self.data
+        of_torque, of_angle, of_tip = self.images(x)
+        angle = self._measured[0] - of_angle
+        torque = self.torque(x, self._measured[1], of_torque)
+        model = angle_response(plant, data.frequency_hz, self.gravity) * self.felt(x)
+        size = np.abs(model) * (np.abs(torque) + np.abs(of_torque)) + np.abs(of_angle)
+        sigma = self.scatter.deviation(model * np.exp(self.jw * x[AGE]), MODEL_ERROR * size)
+        left = [(angle - model * torque) / sigma]
+        if data.tip is not None and self.tip_scatter is not None:
+            model = tip_response(plant, data.frequency_hz, self.lever_m * math.exp(x[LEVER]), float(x[DELAY]), self.gravity)
+            model = model * np.exp(float(x[TILT]) * (data.frequency_hz / TILT_HZ) ** 2)
+            sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
+            left.append((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)
+        stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
+        believed = [(x[AGE] - 0.5 * self.timing.control_s) / AGE_PRIOR_S, x[LAG] / LAG_PRIOR_S]
+        if data.tip is not None:
+            believed.append(x[TILT] / TILT_PRIOR)
+        return np.concatenate([stacked.real, stacked.imag, believed])
+
+    @property
+    def beliefs(self) -> int:
+        """Number of the last residuals that are beliefs, not data."""
+        return 2 if self.data.tip is None else 3
+
+
+def first_guesses(response: Complex, frequency_hz: Real, ratio: float) -> list[Real]:
+    """First guesses of ln J_m, ln J_l, ln K_g, ln D_g, D_m from dips and peaks of |P| ω², the likeliest first."""
+    omega = 2.0 * math.pi * frequency_hz
+    compliance = np.abs(response) * omega**2
+    even = np.exp(np.convolve(np.pad(np.log(compliance), 1, "edge"), np.ones(3) / 3.0, "valid"))
+    guesses: list[tuple[float, int, Real]] = []
+    for dip in np.argsort(even)[:12].tolist():
+        if dip >= len(omega) - 3:
+            continue
+        peak = dip + 1 + int(np.argmax(even[dip + 1 :]))
+        w_a, w_r = omega[dip], omega[peak]
+        shape = np.abs((1 - (omega / w_a) ** 2 + 0.06j * omega / w_a) / (1 - (omega / w_r) ** 2 + 0.06j * omega / w_r))
+        whole = math.exp(float(np.median(np.log(shape / compliance))))
+        error = float(np.median(np.abs(np.log(compliance * whole / shape))))
+        motor = whole * (w_a / w_r) ** 2
+        arm = ratio**2 * (whole - motor)
+        stiffness = w_a**2 * arm
+        guess = np.array([math.log(motor), math.log(arm), math.log(stiffness), math.log(0.08 * stiffness / w_a), 0.2 * whole])
+        guesses.append((error, dip, guess))
+    if not guesses:
+        raise UnidentifiableError("the response has no dip below the end of the band", 0.0, 1.0, "dip")
+    apart: dict[int, Real] = {}
+    for _, dip, guess in sorted(guesses, key=lambda each: each[0]):
+        if all(abs(dip - other) > 2 for other in apart):
+            apart[dip] = guess
+    return list(apart.values())[:GUESSES]
+
+
+def angle_response(plant: TwoInertia, frequency_hz: Real, gravity_nm_rad: float = 0.0) -> Complex:
+    """Motor angle per torque, θ_m/τ = (B' + c)/(A (B' + c) + B' c/N²) with B' = B + k; gravity as a spring k on the arm."""
+    a, b, c = plant.terms(2j * math.pi * frequency_hz)
+    b = b + gravity_nm_rad
+    return np.asarray((b + c) / (a * (b + c) + b * c / plant.reduction_ratio**2))
+
+
+def tip_response(
+    plant: TwoInertia, frequency_hz: Real, lever_m: float, delay_s: float = 0.0, gravity_nm_rad: float = 0.0
+) -> Complex:
+    """Tip acceleration per motor angle, L s² θ_l/θ_m = L s² c/(N (B' + c)) e^{−jωδ}; gravity as in `angle_response`.
+
+    Args:
+        plant: The plant.
+        frequency_hz: Frequencies; shape (m,).
+        lever_m: Tip lever L.
+        delay_s: Delay δ of the accelerometer.
+        gravity_nm_rad: Spring constant k, dM/dθ_l of the gravity moment.
+    """
+    jw = 2j * math.pi * frequency_hz
+    _, b, c = plant.terms(jw)
+    return np.asarray(lever_m / plant.reduction_ratio * jw**2 * c / (b + gravity_nm_rad + c) * np.exp(-jw * delay_s))
+
+
+def _reference_path(law: Cascade, jw: AnyComplex, control_s: float) -> Complex:
+    """Torque per reference angle of the bilinear P-PI, held."""
+    delay = np.exp(-jw * control_s)
+    s = 2.0 / control_s * (1.0 - delay) / (1.0 + delay)
+    pi = law.velocity_gain_nm_s_rad + law.velocity_integral_gain_nm_rad / s
+    return np.asarray(pi * law.position_gain_per_s * (1.0 - delay) / (jw * control_s))
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Covariances of the mean of an output and an input over the periods, smoothed over neighbouring lines; shape (lines,).
+
+    Attributes:
+        output: Variance E|Δy|² of the output.
+        given: Variance E|Δu|² of the input.
+        both: Covariance E[Δy Δu*].
+    """
+
+    output: Real
+    given: Real
+    both: NDArray[Any]
+
+    @classmethod
+    def of(cls, output: Complex, given: Complex) -> "Scatter":
+        """Compute them from the spectra of the periods, shapes (periods, lines)."""
+        out, put = output - output.mean(axis=0), given - given.mean(axis=0)
+        count = len(out) * (len(out) - 1)
+        power, other = np.sum(np.abs(out) ** 2, axis=0), np.sum(np.abs(put) ** 2, axis=0)
+        return cls(smooth(power) / count, smooth(other) / count, smooth(np.sum(out * put.conj(), axis=0)) / count)
+
+    def deviation(self, gain: Complex, floor: Real) -> Real:
+        """Standard deviation √(E|Δy − G Δu|² + floor²) for a gain G; shape (lines,).
+
+        The deviation must follow the gain while that is fitted: under feedback a smaller G would leave less noise in the
+        residual, and would be preferred for it.
+        """
+        variance = self.output + np.abs(gain) ** 2 * self.given - 2.0 * np.real(gain.conj() * self.both)
+        return np.asarray(np.sqrt(np.maximum(variance, 1e-9 * self.output + 1e-300) + floor**2))
+
+
+def smooth(values: NDArray[Any]) -> NDArray[Any]:
+    """Moving average over neighbouring lines, narrower at the ends."""
+    width = min(SMOOTHED_LINES, len(values))
+    window = np.ones(width)
+    return np.asarray(np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same"))
+
+

@@ -1,0 +1,267 @@
+"""Effect of each order of each axis on the tip, read from recordings of the vibration.
+
+An order k of an axis shakes the tip by L X(s) [A_k cos(k θ_m + φ_k)]'', where X = θ_l/θ_sync is the response of arm and loop. A
+cancellation of that order is the same wave with another amplitude and phase, whatever X is. So a recording is fitted with the
+waves L X(s) [cos k θ_m]'' and −L X(s) [sin k θ_m]'' of all orders of all axes at once, by least squares: one complex amplitude for
+each, in arcseconds as the tip feels it. Without cancellation that is e = A_k e^{jφ_k}; with a fraction g of it, e − g c. Only c and
+e are compared with each other, and a response that is not quite X changes both alike.
+
+X is that of the model; its resonance, its damping and the sensor's delay are refined on the recordings themselves. The planned
+motion, as the position loop lets it through, is fitted beside the orders: its jerks ring as well.
+"""
+
+# ruff: noqa: PLC0415 - scipy takes longer to import than all else that a run needs before it moves
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.control.angles import ARCSEC
+from hil.design.ate_model import Arm
+from hil.design.frequency import Loop
+from hil.recording import Recording
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Rows = NDArray[np.bool_]
+
+LOWEST_HZ = 0.3
+"""Below it nothing of X is needed: a band of vibration begins at 2 Hz."""
+RING_DOWN_S = 3.0
+"""Time by which a transform is longer than its recording, so that its end does not ring into its beginning."""
+EDGE_ROWS = 16
+"""Rows at either end of a recording whose mean is taken for the level there."""
+LEAST_NOISE_M_S2 = 1e-5
+"""Noise that every accelerometer has: no verdict rests on less."""
+TOP_FRACTION = 0.4
+"""Highest frequency of a band as a fraction of the sampling rate."""
+LIKELY = (0.04, 0.4, 0.003)
+"""Standard deviations that are believed of a model: of ln f, of ln ζ, and of the sensor's delay in s."""
+REFINED_EVALUATIONS = 120
+
+
+class Part(NamedTuple):
+    """An order of an axis: what is cancelled, or not, as one.
+
+    Attributes:
+        axis: Axis number.
+        order: Order k.
+    """
+
+    axis: int
+    order: float
+
+    @property
+    def words(self) -> str:
+        """The part in words."""
+        return f"axis {self.axis}, order {self.order:g}"
+
+
+@dataclass(frozen=True)
+class Response:
+    """Response X of the arm to its transmission error, seen by the accelerometer.
+
+    Attributes:
+        known: The loop around the model; or, where nothing but the arm on its gear is known, that.
+        stretch: Factor of the resonance.
+        damping: Factor of the damping.
+        delay_s: Delay of the sensor.
+    """
+
+    known: Loop | Arm
+    stretch: float = 1.0
+    damping: float = 1.0
+    delay_s: float = 0.0
+
+    def at(self, frequency_hz: Real) -> Complex:
+        """X(jω) e^{−jωΔ}; 0 at frequencies that are too low to matter; shape of `frequency_hz`."""
+        response = np.zeros(len(frequency_hz), dtype=np.complex128)
+        inside = frequency_hz > LOWEST_HZ
+        frequency = frequency_hz[inside]
+        late = np.exp(-2j * math.pi * frequency * self.delay_s)
+        if isinstance(self.known, Arm):
+            arm = replace(
+                self.known, resonance_hz=self.known.resonance_hz * self.stretch, damping=self.known.damping * self.damping
+            )
+            response[inside] = arm.response(frequency) * late
+            return response
+        plant = self.known.plant
+        plant = replace(
+            plant,
+            gear_stiffness_nm_rad=plant.gear_stiffness_nm_rad * self.stretch**2,
+            gear_damping_nm_s_rad=plant.gear_damping_nm_s_rad * self.damping,
+            arm_damping_nm_s_rad=plant.arm_damping_nm_s_rad * self.damping,
+        )
+        response[inside] = replace(self.known, plant=plant).arm_per_transmission_error(frequency) * late
+        return response
+
+    def varied(self, steps: Real) -> "Response":
+        """The response with resonance, damping and delay changed by as many of their `LIKELY` deviations; shape (3,)."""
+        stretch, damping, delay = (float(step) * likely for step, likely in zip(steps, LIKELY, strict=True))
+        return replace(
+            self,
+            stretch=self.stretch * math.exp(stretch),
+            damping=self.damping * math.exp(damping),
+            delay_s=self.delay_s + delay,
+        )
+
+
+@dataclass(frozen=True)
+class AxisWaves:
+    """An axis whose orders are read.
+
+    Attributes:
+        number: Axis number.
+        orders: Orders k that are fitted, those that are not cancelled included.
+        lever_m: Lever of the tip: a number, or one for each row; shape () or (n,).
+        response: Response X.
+        planned_rad: Planned motor angle over the reduction ratio, as the position loop lets it through; shape (n,).
+    """
+
+    number: int
+    orders: tuple[float, ...]
+    lever_m: Real
+    response: Response
+    planned_rad: Real
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """Complex amplitudes of all parts in one recording.
+
+    Attributes:
+        amplitude: Amplitude at the tip in arcsec, by part.
+        unit_variance: Variance of either component of it for residuals of variance 1, by part.
+        residual: What the waves leave of the vibration in m/s²; shape (rows,).
+    """
+
+    amplitude: Mapping[Part, complex]
+    unit_variance: Mapping[Part, float]
+    residual: Real
+
+    def variance(self, part: Part) -> float:
+        """Variance of either component of a part's amplitude, by what the waves leave."""
+        return self.unit_variance[part] * max(float(np.mean(self.residual**2)), LEAST_NOISE_M_S2**2)
+
+
+class _Spectra:
+    """Transforms of one recording and of its waves, from which the columns of any response follow."""
+
+    def __init__(self, recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> None:
+        from scipy import fft, signal
+
+        from hil.design.transmission_error import acceleration_spectrum
+
+        period, self._count = recording.period_s, len(recording.time_s)
+        self._rows, self._fft = rows[: self._count], fft
+        self._length = int(fft.next_fast_len(self._count + round(RING_DOWN_S / period), real=True))
+        self.frequency = fft.rfftfreq(self._length, period)
+        top = min(band_hz[1], TOP_FRACTION / period)
+        band = signal.butter(2, (band_hz[0], top), "bandpass", fs=1.0 / period, output="sos")
+        self._weight = np.abs(signal.sosfreqz(band, self.frequency, fs=1.0 / period)[1]) ** 2  # forward and backward
+        self.independent = float(np.mean(self._weight**2))
+        self.signal = self._samples(self._weight * fft.rfft(_level(recording.columns["tip_z_m_s2"]), self._length))
+        self._waves: dict[int, Complex] = {}
+        for axis in axes:
+            angle = recording.axis(axis.number, "position_rad")
+            turning = np.outer(axis.orders, angle)
+            pairs = np.stack([np.cos(turning), -np.sin(turning)], axis=1).reshape(-1, self._count)
+            waves = np.concatenate([ARCSEC * pairs, axis.planned_rad[np.newaxis, : self._count]])
+            self._waves[axis.number] = acceleration_spectrum(waves, period, self._length)[1]
+
+    def _samples(self, spectra: Complex) -> Real:
+        whole = self._fft.irfft(spectra, self._length)[..., : self._count]
+        return np.asarray(whole[..., self._rows])
+
+    def columns(self, axis: AxisWaves, response: Response) -> Real:
+        """Two columns for each order, and that of the planned motion; shape (rows, 2 orders + 1)."""
+        made = self._samples(self._waves[axis.number] * (self._weight * response.at(self.frequency)))
+        lever = axis.lever_m if np.ndim(axis.lever_m) == 0 else axis.lever_m[: self._count][self._rows]
+        return np.asarray(made * lever).T
+
+
+def _level(values: Real) -> Real:
+    """Subtract the straight line from beginning to end: gravity's part."""
+    few = min(EDGE_ROWS, len(values))
+    return np.asarray(values - np.linspace(float(np.mean(values[:few])), float(np.mean(values[-few:])), len(values)))
+
+
+def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
+    """Unknowns of a least-squares problem, their variances for a residual of variance 1, and the residual."""
+    scale = np.sqrt(np.sum(columns**2, axis=0)) + 1e-300
+    scaled = columns / scale
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-10, hermitian=True)
+    unknowns = inverse @ (scaled.T @ wanted) / scale
+    return unknowns, np.diag(inverse) / scale**2, wanted - columns @ unknowns
+
+
+def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> Sighting:
+    """Read the complex amplitude of every order of every axis from one recording.
+
+    Args:
+        recording: The recording.
+        axes: Axes whose orders are read, all at once.
+        rows: Rows that count; shape (n,).
+        band_hz: Band of the vibration.
+    """
+    spectra = _Spectra(recording, axes, rows, band_hz)
+    columns = [spectra.columns(axis, axis.response) for axis in axes]
+    unknowns, variance, residual = _solved(np.concatenate(columns, axis=1), spectra.signal)
+    amplitude, unit, at = {}, {}, 0
+    for axis, own in zip(axes, columns, strict=True):
+        for order in axis.orders:
+            part = Part(axis.number, order)
+            amplitude[part] = complex(unknowns[at], unknowns[at + 1])
+            unit[part] = 0.5 * float(variance[at] + variance[at + 1]) / spectra.independent
+            at += 2
+        at += own.shape[1] - 2 * len(axis.orders)
+    return Sighting(amplitude, unit, residual)
+
+
+def refined(
+    recordings: Sequence[Recording], axes: Sequence[AxisWaves], rows: Sequence[Rows], band_hz: tuple[float, float]
+) -> tuple[AxisWaves, ...]:
+    """The axes with responses that fit the recordings best, one axis after the other.
+
+    Each recording has amplitudes of its own, so a cancellation in it, right or wrong, does not matter. What is believed of a model
+    (`LIKELY`) counts as much as the noise allows.
+
+    Args:
+        recordings: Recordings that show the vibration.
+        axes: Axes as the model has them.
+        rows: Rows that count in each of the recordings.
+        band_hz: Band of the vibration.
+    """
+    from scipy import optimize
+
+    spectra = [_Spectra(recording, axes, each, band_hz) for recording, each in zip(recordings, rows, strict=True)]
+    found = list(axes)
+    for index, axis in enumerate(axes):
+        others = [
+            [one.columns(each, each.response) for each in found if each is not found[index]] for one in spectra
+        ]
+
+        def power(steps: Real, axis: AxisWaves = axis, others: Sequence[Sequence[Real]] = others) -> float:
+            response, total = axis.response.varied(steps), 0.0
+            for one, beside in zip(spectra, others, strict=True):
+                residual = _solved(np.concatenate([one.columns(axis, response), *beside], axis=1), one.signal)[2]
+                total += one.independent * float(residual @ residual)
+            return total
+
+        start = np.zeros(3)
+        count = sum(one.independent * len(one.signal) for one in spectra)
+        first = power(start)
+        noise = max(first / max(count, 1.0), 1e-30)
+
+        def cost(steps: Real, noise: float = noise) -> float:
+            return power(steps) / noise + float(steps @ steps)  # noqa: B023 - used within this turn of the loop alone
+
+        simplex = np.vstack([start, 0.5 * np.eye(3)])
+        options = {"maxfev": REFINED_EVALUATIONS, "xatol": 0.01, "fatol": 0.1, "initial_simplex": simplex}
+        best = optimize.minimize(cost, start, method="Nelder-Mead", options=options)
+        found[index] = replace(axis, response=axis.response.varied(best.x))
+    return tuple(found)

@@ -1,0 +1,170 @@
+"""Verdict on each order of each axis of a cancellation, from runs without it, with parts of it and with the whole.
+
+In run i a fraction g_i of a part acts, so its complex amplitude at the tip is e − g_i c: e what is there without, c what the part
+takes away. Both follow by least squares from all runs. A part is good where the whole of it leaves at most `MOST_LEFT` of e, and
+where the tried fraction lowers it by at least half of that fraction: 45° of phase error pass, 60° do not at any amplitude, nor do
+three times the amplitude. It is wrong where it is not, by as many standard errors; between the two it cannot be told.
+"""
+
+import cmath
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from hil.experiments.cancellation.effect import Part
+
+Verdict = Literal["accepted", "refused", "not judged"]
+
+MOST_LEFT = 0.765
+"""Largest fraction of an order that the whole of its cancellation may leave: 2 sin(45°/2), a phase error of 45°."""
+LEAST_FRACTION = 0.5
+"""Least fall of an order, as a fraction of the fraction of its cancellation that is tried."""
+SURE = 0.05
+"""Standard error, as a fraction of the order, at which the number itself decides: nothing more would be learnt."""
+SIGMAS = 2.0
+"""Standard errors by which a verdict stands."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One part in one run, in one direction of turning.
+
+    Attributes:
+        direction: +1 or −1: an unknown delay turns one against the other, so each is judged beside the other.
+        gain: Fraction of the part's cancellation that acted.
+        amplitude: Complex amplitude in arcsec.
+        variance: Variance of either of its components.
+    """
+
+    direction: int
+    gain: float
+    amplitude: complex
+    variance: float
+
+
+@dataclass(frozen=True)
+class PartVerdict:
+    """Verdict on one order of one axis.
+
+    Attributes:
+        part: Axis and order.
+        gain: Fraction of the cancellation that was tried.
+        fall: Fraction by which the order fell with it; negative where it rose.
+        fall_error: Standard error of that.
+        left: Fraction of the order that the whole cancellation leaves.
+        left_error: Standard error of that.
+        factor: Factor by which the cancellation should be multiplied; None where nothing of it was seen.
+        factor_error: Standard error of that.
+        turn_deg: Angle by which φ_k should be turned.
+        turn_error_deg: Standard error of that.
+        verdict: `accepted`; `refused` where it is wrong; `not judged` where it does too little to be seen.
+    """
+
+    part: Part
+    gain: float
+    fall: float
+    fall_error: float
+    left: float
+    left_error: float
+    factor: float | None
+    factor_error: float | None
+    turn_deg: float | None
+    turn_error_deg: float | None
+    verdict: Verdict
+
+    @property
+    def words(self) -> str:
+        """The verdict as a line of text."""
+        change = f"{'fell' if self.fall >= 0.0 else 'rose'} by {100.0 * abs(self.fall):.0f} ± {100.0 * self.fall_error:.0f} %"
+        head = f"{self.part.words}: with {100.0 * self.gain:g} % of it {change} ({100.0 * self.gain:g} % expected)"
+        if self.verdict == "not judged":
+            return f"{self.part.words}: too little of it to be judged above the sensor's noise ({change})"
+        if self.factor is None or self.turn_deg is None:
+            return head
+        turn = f"{self.turn_deg:+.0f}° ± {self.turn_error_deg:.0f}°".replace("-", "−")
+        return f"{head}, the correction should be × {self.factor:.2f} ± {self.factor_error:.2f} ∠ {turn}"
+
+
+def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
+    """Judge a part of a cancellation.
+
+    Args:
+        part: Axis and order.
+        gain: Fraction that is tried first.
+        seen: The part in all runs: at least one without it and one with it, in each direction.
+
+    Raises:
+        ValueError: No run is without the part, or none with it.
+    """
+    pairs = [_solved(part, [each for each in seen if each.direction == way]) for way in sorted({each.direction for each in seen})]
+    there, taken, covariance = (np.array(each) for each in zip(*pairs, strict=True))
+    size = float(np.linalg.norm(there))
+    left, left_error = _left(there, taken, covariance, 1.0)
+    tried, tried_error = _left(there, taken, covariance, gain)
+    verdict: Verdict = "accepted"
+    for fraction, most, (rest, error) in (
+        (1.0, MOST_LEFT, (left, left_error)),
+        (gain, 1.0 - LEAST_FRACTION * gain, (tried, tried_error)),
+    ):
+        margin = most * size - rest
+        clear = SIGMAS * error if error > SURE * fraction * size else 0.0
+        if margin < -clear:
+            verdict = "refused"
+            break
+        if margin < clear:
+            verdict = "not judged"
+    safe = max(size, 1e-30)
+    factor = _factor(there, taken, covariance)
+    return PartVerdict(
+        part, gain, 1.0 - tried / safe, tried_error / safe, left / safe, left_error / safe, *factor, verdict
+    )
+
+
+def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndarray]:
+    """e and c of one direction by weighted least squares, and the covariance of either of their components; shape (2, 2)."""
+    gains = {each.gain for each in seen}
+    if len(gains) < 2:
+        raise ValueError(f"{part.words} was seen with {sorted(gains)} of its cancellation alone: nothing to compare")
+    rows = np.array([[1.0, -each.gain] for each in seen]) / np.sqrt([[each.variance] for each in seen])
+    wanted = np.array([each.amplitude for each in seen]) / np.sqrt([each.variance for each in seen])
+    covariance = np.linalg.inv(rows.T @ rows)
+    there, taken = covariance @ (rows.T @ wanted)
+    return complex(there), complex(taken), covariance
+
+
+def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: float) -> tuple[float, float]:
+    """‖e − g c‖ over the directions, and the standard error of its difference from a given part of ‖e‖."""
+    remainder = there - gain * taken
+    left, size = float(np.linalg.norm(remainder)), float(np.linalg.norm(there))
+    most = MOST_LEFT if gain == 1.0 else 1.0 - LEAST_FRACTION * gain
+    total = 0.0
+    for e, rest, own in zip(there, remainder, covariance, strict=True):
+        along_e, along_rest = e / max(size, 1e-30), rest / max(left, 1e-30)
+        # d(most ‖e‖ − ‖e − g c‖) by e and by c
+        slope_e, slope_c = most * along_e - along_rest, gain * along_rest
+        total += abs(slope_e) ** 2 * own[0, 0] + abs(slope_c) ** 2 * own[1, 1]
+        total += 2.0 * (slope_e * np.conj(slope_c)).real * own[0, 1]
+    noise = sum(float(own[0, 0] - 2.0 * gain * own[0, 1] + gain**2 * own[1, 1]) for own in covariance)
+    # noise makes every amplitude larger: by as much as it has power, in both components
+    return math.sqrt(max(left**2 - 2.0 * noise, 0.0)), math.sqrt(max(total, 0.0))
+
+
+def _factor(
+    there: np.ndarray, taken: np.ndarray, covariance: np.ndarray
+) -> tuple[float, float, float, float] | tuple[None, None, None, None]:
+    """Complex e/c by least squares over the directions, as factor and angle with standard errors; None where c is not seen."""
+    size, effect = float(np.linalg.norm(there)), float(np.linalg.norm(taken))
+    error_e, error_c = (math.sqrt(float(np.max(covariance[:, i, i]))) for i in (0, 1))
+    if effect < SIGMAS * error_c or size < SIGMAS * error_e:
+        return None, None, None, None
+    ratio = complex(np.vdot(taken, there)) / effect**2
+    relative = math.hypot(error_e / size, error_c / effect)
+    return abs(ratio), abs(ratio) * relative, math.degrees(cmath.phase(ratio)), math.degrees(relative)
+
+
+def judged(gain: float, seen: Mapping[Part, Sequence[Seen]]) -> dict[Part, PartVerdict]:
+    """Verdicts on all parts."""
+    return {part: judge(part, gain, sights) for part, sights in seen.items()}

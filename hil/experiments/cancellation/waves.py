@@ -1,0 +1,129 @@
+"""Waves of a motion's axes, as `effect` fits them: levers of the tip, the planned motion, and the rows that count."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.analysis import BRAKING_S, line_window_s, motor_speed_rps
+from hil.bench.bench import Bench
+from hil.bench.model import Identified, with_identified
+from hil.design.ate_model import Arm
+from hil.design.frequency import CONTROL_PERIOD_S
+from hil.errors import NotPossibleError
+from hil.experiments.cancellation.effect import AxisWaves, Response
+from hil.master.motion import Motion
+from hil.recording import Recording
+from hil.robot_tables import ORDERS
+
+Real = NDArray[np.float64]
+Rows = NDArray[np.bool_]
+
+SLOWEST = 0.05
+"""Motor speed below which nothing is read, in rev/s, as a fraction of f_al in Hz: there the start's jerk is all that rings."""
+LEAST_S = 0.1
+"""Least time that a motion must show."""
+LEVER_STEP_RAD = 1e-5
+
+
+def response_of(bench: Bench, identified: Identified | None, number: int) -> Response | None:
+    """Response of an axis to its transmission error; None where nothing is known of its arm.
+
+    Args:
+        bench: The bench file.
+        identified: The model file; None for the bench file's own model.
+        number: Axis number.
+    """
+    known = None if identified is None else identified.axis.get(number)
+    error = None if known is None else known.ate
+    delay_s = 0.0 if error is None else error.accelerometer_delay_s
+    loop = (bench if identified is None else with_identified(bench, identified)).axis[number].loop(
+        CONTROL_PERIOD_S, with_notch=False
+    )
+    if loop is not None:
+        return Response(loop, delay_s=delay_s)
+    if error is None or error.arm_hz is None or error.damping is None:
+        return None
+    return Response(Arm(error.arm_hz, error.damping), delay_s=delay_s)
+
+
+def waves_of(
+    bench: Bench,
+    responses: Mapping[int, Response],
+    orders: Mapping[int, Sequence[float]],
+    motion: Motion,
+    recording: Recording,
+) -> tuple[AxisWaves, ...]:
+    """Waves of all axes of a motion of which a response is known.
+
+    Orders that are usual are fitted though they are not cancelled, so that their vibration is not taken for another order's.
+
+    Args:
+        bench: The bench file.
+        responses: Responses by axis number.
+        orders: Orders that are cancelled, by axis number.
+        motion: Motion that is run.
+        recording: One recording of it.
+    """
+    levers, made = _levers(bench, motion, recording), []
+    for column, number in enumerate(motion.axes):
+        if number not in responses:
+            continue
+        table = bench.axis[number]
+        planned = motion.motor_angle_rad[:, column] - motion.motor_angle_rad[0, column]
+        rate = getattr(table.control, "position_gain_per_s", 0.0)
+        planned = _late(planned, rate, motion.period_s) / table.reduction_ratio
+        count = len(recording.time_s)
+        planned = np.pad(planned[:count], (0, max(count - len(planned), 0)), mode="edge")
+        fitted = tuple(sorted({*ORDERS, *orders.get(number, ())}))
+        made.append(AxisWaves(number, fitted, levers[column], responses[number], planned))
+    return tuple(made)
+
+
+def _late(angle_rad: Real, gain_per_s: float, period_s: float) -> Real:
+    """A set-point as a position loop of some gain lets it through; unchanged without a gain."""
+    if gain_per_s <= 0.0:
+        return angle_rad
+    from scipy import signal  # noqa: PLC0415 - see hil/analysis.py
+
+    blend = 1.0 - math.exp(-period_s * gain_per_s)
+    return np.asarray(signal.lfilter([blend], [1.0, blend - 1.0], angle_rad))
+
+
+def _levers(bench: Bench, motion: Motion, recording: Recording) -> list[Real]:
+    """Lever of each axis: the tip's distance from an axis that moves alone, or ∂z/∂q along the motion of several."""
+    if len(motion.axes) == 1 or bench.geometry is None or motion.axes != bench.chain_axes or bench.line_motion is None:
+        return [np.asarray(bench.axis[number].tip_lever_m) for number in motion.axes]
+    chain = bench.geometry.chain()
+    home = bench.line_motion.line(chain).joints(np.zeros(1))[0]
+    turned = [recording.axis(number, "position_rad") / bench.axis[number].reduction_ratio for number in motion.axes]
+    joints, levers = home + np.stack(turned, axis=1), []
+    for column in range(len(motion.axes)):
+        step = np.zeros(len(motion.axes))
+        step[column] = LEVER_STEP_RAD
+        levers.append((chain.tip(joints + step)[:, 1] - chain.tip(joints - step)[:, 1]) / (2.0 * LEVER_STEP_RAD))
+    return levers
+
+
+def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
+    """Rows of a recording in which orders are read: the line motion's window, or the rising speeds of a single axis.
+
+    Args:
+        bench: The bench file.
+        recording: Recording of the motion.
+        f_al_hz: Lowest f_al of the axes that moved.
+
+    Raises:
+        NotPossibleError: The motion is too slow or too short to show anything.
+    """
+    if len(recording.axes) > 1 and bench.line_motion is not None:
+        time, start = recording.time_s, bench.line_motion.dwell_s
+        begin, end = (start + each for each in line_window_s(bench.line_motion.duration_s))
+        return np.asarray((time >= begin) & (time <= end))
+    speed = np.abs(motor_speed_rps(recording, recording.axes[0]))
+    top = int(np.argmax(speed)) - round(BRAKING_S / recording.period_s)
+    rows = np.asarray((speed >= SLOWEST * f_al_hz) & (np.arange(len(speed)) < top))
+    if np.count_nonzero(rows) * recording.period_s < LEAST_S:
+        raise NotPossibleError("a motion that does not excite the arm shows nothing of a cancellation")
+    return rows

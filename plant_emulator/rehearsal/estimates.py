@@ -1,0 +1,95 @@
+"""Truth beside estimate: facts of a robot, and what the path found of them."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from hil.bench.bench import Bench
+from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant
+from plant_emulator.rehearsal.record import Cell, QuantityRecord
+from plant_emulator.rehearsal.truth import true_f_al_hz, true_resonance_hz
+from plant_emulator.robots.robot import Robot, RobotAxis
+from plant_emulator.robots.stable import antiresonance_hz
+
+
+def facts_of(robot: Robot, bench: Bench, number: int) -> dict[str, Cell]:
+    """Facts of an axis and its robot, by the names of `record.FACTS`."""
+    axis, sensor = robot.axis[number], robot.accelerometer
+    return {
+        "reduction_ratio": axis.reduction_ratio,
+        "antiresonance_hz": antiresonance_hz(axis),
+        "f_al_hz": true_f_al_hz(bench, robot, number),
+        "inertia_ratio": axis.arm_inertia_kg_m2 / (axis.reduction_ratio**2 * axis.motor_inertia_kg_m2),
+        "a1_arcsec": axis.ate.a1_arcsec,
+        "a2_arcsec": axis.ate.a2_arcsec,
+        "a4_arcsec": axis.ate.a4_arcsec,
+        "encoder_bits": math.log2(axis.encoder_counts_per_rev),
+        "current_lag_s": axis.current_time_constant_s,
+        "hysteresis_nm": axis.hysteresis_torque_nm,
+        "softness": axis.wind_up_softness,
+        "gear_reaction": axis.gear_reaction,
+        "noise_m_s2": sensor.noise_m_s2,
+        "sensor_delay_s": sensor.delay_s,
+        "mounting_hz": sensor.mounting_resonance_hz,
+        "sync_period_s": robot.sync_period_s,
+        "late_answers": bool(axis.behaviour.tpdo_delay_us),
+        "bitrate": robot.bus.bitrate,
+    }
+
+
+def quantities_of(
+    robot: Robot, number: int, identified: Identified | None, learnt: Identified | None
+) -> dict[str, QuantityRecord]:
+    """Truth, estimate and standard error by the names of `record.QUANTITIES`.
+
+    Args:
+        robot: The robot.
+        number: Number of the axis.
+        identified: Model file of the identifications; None without one.
+        learnt: Model file of learning; None where nothing was learnt.
+    """
+    axis = robot.axis[number]
+    known = None if identified is None else identified.axis.get(number)
+    taught = None if learnt is None else learnt.axis.get(number)
+    found = _plant(axis, None if known is None else known.plant)
+    error = None if known is None else known.ate
+    found["accelerometer_delay_s"] = QuantityRecord(
+        robot.accelerometer.delay_s,
+        None if error is None else error.accelerometer_delay_s,
+        None if error is None else error.standard_error.get("accelerometer_delay_s"),
+    )
+    found |= _error(axis, error, "")
+    return found | _error(axis, None if taught is None else taught.ate, "learnt_")
+
+
+def _plant(axis: RobotAxis, plant: IdentifiedPlant | None) -> dict[str, QuantityRecord]:
+    omega = 2.0 * math.pi * antiresonance_hz(axis)
+    true = {
+        "motor_inertia_kg_m2": axis.motor_inertia_kg_m2,
+        "arm_inertia_kg_m2": axis.arm_inertia_kg_m2,
+        "gear_stiffness_nm_rad": axis.gear_stiffness_nm_rad,
+        "antiresonance_hz": antiresonance_hz(axis),
+        "resonance_hz": true_resonance_hz(axis),
+        "damping": (axis.gear_damping_nm_s_rad + axis.arm_damping_nm_s_rad) / (2.0 * axis.arm_inertia_kg_m2 * omega),
+        "coulomb_friction_nm": axis.coulomb_friction_nm,
+        "gravity_moment_nm": abs(axis.gravity_moment_nm),
+    }
+    if plant is None:
+        return {name: QuantityRecord(value) for name, value in true.items()}
+    values: dict[str, Any] = plant.values.model_dump() | plant.model_dump(exclude={"values"})
+    errors: Mapping[str, float] = plant.standard_error
+    named = {"coulomb_friction_nm": "friction_coulomb_nm"}
+    return {
+        name: QuantityRecord(value, values.get(name), errors.get(name, errors.get(named.get(name, ""))))
+        for name, value in true.items()
+    }
+
+
+def _error(axis: RobotAxis, error: IdentifiedError | None, prefix: str) -> dict[str, QuantityRecord]:
+    found = {}
+    for order in (1, 2, 4):
+        for name in (f"a{order}_arcsec", f"phi{order}_deg"):
+            estimate = None if error is None else getattr(error.values, name, None)
+            spread = None if error is None else error.standard_error.get(name)
+            found[f"{prefix}{name}"] = QuantityRecord(getattr(axis.ate, name), estimate, spread)
+    return found

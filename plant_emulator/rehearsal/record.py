@@ -1,0 +1,204 @@
+"""The record of one walk: how each step ended, truth beside estimate, and the true tip under each treatment."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+Cell = str | float | int | bool | None
+
+ORDERS = (1, 2, 4)
+"""Orders whose true tip is measured."""
+
+STEPS = ("plant", "ate", "design", "none", "notch", "notch_designed", "cancellation", "learn", "cancellation_learnt")
+"""Steps of the documented path, in their order; runs by the name of their treatment."""
+
+TREATMENTS = ("none", "notch", "notch_designed", "cancellation", "cancellation_learnt")
+"""Treatments of which the true tip is measured; `notch` is the copied one of Table 3."""
+
+QUANTITIES = (
+    "motor_inertia_kg_m2", "arm_inertia_kg_m2", "gear_stiffness_nm_rad", "antiresonance_hz", "resonance_hz", "damping",
+    "coulomb_friction_nm", "gravity_moment_nm", "accelerometer_delay_s",
+    "a1_arcsec", "phi1_deg", "a2_arcsec", "phi2_deg", "a4_arcsec", "phi4_deg",
+    "learnt_a1_arcsec", "learnt_phi1_deg", "learnt_a2_arcsec", "learnt_phi2_deg", "learnt_a4_arcsec", "learnt_phi4_deg",
+)  # fmt: skip
+"""Quantities that the path estimates."""
+
+PROBES = (
+    *(f"phi{order}_off_{angle}" for order in ORDERS for angle in (60, 90, 180)),
+    *(f"a{order}_times_3" for order in ORDERS),
+    "another_robot",
+)
+"""Wrong corrections that the trial must refuse."""
+
+FACTS = (
+    "reduction_ratio", "antiresonance_hz", "f_al_hz", "inertia_ratio", "a1_arcsec", "a2_arcsec", "a4_arcsec", "encoder_bits",
+    "current_lag_s", "hysteresis_nm", "softness", "gear_reaction", "noise_m_s2", "sensor_delay_s", "mounting_hz",
+    "sync_period_s", "late_answers", "bitrate",
+)  # fmt: skip
+"""Facts of the robot that a table is sorted by."""
+
+Ended = Literal["done", "noted", "refused", "stopped", "crashed", "skipped"]
+"""`noted`: done, with less than was asked; `crashed`: an error that is no sentence; `skipped`: an earlier step had to be done."""
+
+MAX_WORDS = 600
+QUIET_MM, FLOOR_FACTOR = 0.010, 1.3
+"""The goal: this tip, or so many times the floor, whichever is more."""
+WORSE_FRACTION, WORSE_MM = 0.05, 0.002
+"""Rise of the true tip that counts as worse; both must be exceeded."""
+
+
+@dataclass(frozen=True)
+class StepRecord:
+    """End of a step.
+
+    Attributes:
+        ended: How it ended.
+        error: Class of the error that ended it.
+        words: The error's words, or the note of a step that is done.
+        cpu_s: Processor time.
+    """
+
+    ended: Ended = "skipped"
+    error: str = ""
+    words: str = ""
+    cpu_s: float = 0.0
+
+    @property
+    def is_done(self) -> bool:
+        """True where its result is there."""
+        return self.ended in ("done", "noted")
+
+
+@dataclass(frozen=True)
+class QuantityRecord:
+    """One quantity: truth, estimate and standard error; None what is not there. Phases in degrees are compared on the circle."""
+
+    true: float | None = None
+    estimate: float | None = None
+    error: float | None = None
+
+    def z(self, *, is_angle: bool = False) -> float | None:
+        """Deviation in standard errors."""
+        if self.true is None or self.estimate is None or not self.error:
+            return None
+        off = self.estimate - self.true
+        if is_angle:
+            off = math.remainder(off, 360.0)
+        return off / self.error
+
+
+@dataclass(frozen=True)
+class ProbeRecord:
+    """One wrong correction.
+
+    Attributes:
+        accepted: True where the trial let it through; None where it was not tried.
+        words: Words of the refusal, or the reason why it was not tried.
+        worst_ratio: Largest true tip of any order over that without a treatment; only of an accepted one.
+    """
+
+    accepted: bool | None = None
+    words: str = ""
+    worst_ratio: float | None = None
+
+
+@dataclass
+class PathRecord:
+    """One walk of the documented path.
+
+    Attributes:
+        name: Name of the robot.
+        seed: Its seed.
+        axis: The axis that was treated.
+        over_bus: True where the walk went over a bus.
+        facts: Facts of the robot, by `FACTS`.
+        steps: End of each step, by `STEPS`.
+        quantities: By `QUANTITIES`.
+        tips: True tip in mm by treatment, then by order; an order whose resonance the motion does not pass has none.
+        floor: The same without a transmission error, by order.
+        probes: Wrong corrections, by `PROBES`.
+        cpu_s: Processor time of the walk.
+        simulated_s: Time of the robot's world.
+    """
+
+    name: str
+    seed: int
+    axis: int
+    over_bus: bool = False
+    facts: dict[str, Cell] = field(default_factory=dict)
+    steps: dict[str, StepRecord] = field(default_factory=dict)
+    quantities: dict[str, QuantityRecord] = field(default_factory=dict)
+    tips: dict[str, dict[int, float]] = field(default_factory=dict)
+    floor: dict[int, float] = field(default_factory=dict)
+    probes: dict[str, ProbeRecord] = field(default_factory=dict)
+    cpu_s: float = 0.0
+    simulated_s: float = 0.0
+
+    @property
+    def end_treatment(self) -> str:
+        """What the path ends with: the last of its treatments that is done, the cancellations before the notches."""
+        for name in ("cancellation_learnt", "cancellation", "notch_designed"):
+            if self.steps.get(name, StepRecord()).is_done and name in self.tips:
+                return name
+        return "none"
+
+    @property
+    def end_tip_mm(self) -> float | None:
+        """True tip of the worst order at the path's end."""
+        return max(self.tips.get(self.end_treatment, {}).values(), default=None)
+
+    @property
+    def goal_mm(self) -> float:
+        """Tip that is asked for."""
+        return max(QUIET_MM, FLOOR_FACTOR * max(self.floor.values(), default=0.0))
+
+    @property
+    def is_quiet(self) -> bool | None:
+        """True where the path's end keeps the goal; None where nothing was measured."""
+        tip = self.end_tip_mm
+        return None if tip is None else tip <= self.goal_mm
+
+    @property
+    def worse(self) -> tuple[str, ...]:
+        """Accepted treatments that raise the true tip of any order, with it: `cancellation k4`; the copied notch apart."""
+        before, found = self.tips.get("none", {}), []
+        for name in ("notch_designed", "cancellation", "cancellation_learnt"):
+            if not self.steps.get(name, StepRecord()).is_done:
+                continue
+            for order, after in self.tips.get(name, {}).items():
+                rise = after - before.get(order, math.inf)
+                if rise > max(WORSE_MM, WORSE_FRACTION * before.get(order, 0.0)):
+                    found.append(f"{name} k{order}")
+        return tuple(found)
+
+    def row(self) -> dict[str, Cell]:
+        """The record as one row of a table, its columns always `COLUMNS`."""
+        cells: dict[str, Cell] = {"name": self.name, "seed": self.seed, "axis": self.axis, "over_bus": self.over_bus}
+        cells |= {f"robot_{name}": self.facts.get(name) for name in FACTS}
+        for name in STEPS:
+            step = self.steps.get(name, StepRecord())
+            cells |= {f"{name}_ended": step.ended, f"{name}_error": step.error, f"{name}_words": step.words[:MAX_WORDS]}
+            cells[f"{name}_cpu_s"] = step.cpu_s
+        for name in QUANTITIES:
+            quantity = self.quantities.get(name, QuantityRecord())
+            cells |= {f"{name}_true": quantity.true, f"{name}_estimate": quantity.estimate, f"{name}_error": quantity.error}
+            cells[f"{name}_z"] = quantity.z(is_angle=name.endswith("_deg"))
+        for name in TREATMENTS:
+            cells |= {f"tip_{name}_k{order}_mm": self.tips.get(name, {}).get(order) for order in ORDERS}
+        cells |= {f"tip_floor_k{order}_mm": self.floor.get(order) for order in ORDERS}
+        for name in PROBES:
+            probe = self.probes.get(name, ProbeRecord())
+            cells[f"probe_{name}_accepted"] = probe.accepted
+            cells[f"probe_{name}_worst_ratio"] = probe.worst_ratio
+        cells |= {"end_treatment": self.end_treatment, "end_tip_mm": self.end_tip_mm, "goal_mm": self.goal_mm}
+        cells |= {"is_quiet": self.is_quiet, "worse": ", ".join(self.worse)}
+        cells |= {"cpu_s": self.cpu_s, "simulated_s": self.simulated_s}
+        return cells
+
+
+def _columns() -> tuple[str, ...]:
+    return tuple(PathRecord(name="", seed=0, axis=0).row())
+
+
+COLUMNS = _columns()
+"""Names of the columns of a row, in their order."""

@@ -1,0 +1,85 @@
+"""The true tip of a robot: its motions on a quiet sensor, judged where the robot itself resonates."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from hil.analysis import band_passed, motor_speed_rps, tip_scale
+from hil.bench.bench import Bench, Model
+from hil.experiments.judge import peak_hz
+from hil.recording import Recording
+from hil.robot_tables import PlantTable, TransmissionErrorTable
+from plant_emulator.rehearsal.record import ORDERS
+from plant_emulator.robots.robot import GearTransmissionError, Robot, RobotAxis
+
+END_S = 0.15
+"""Part before the top of the ramp that is left out: its braking shows there."""
+
+
+def quiet(robot: Robot) -> Robot:
+    """The robot with a sensor that has no noise, steps, delay or mounting, and answers in time."""
+    still = robot.accelerometer.model_copy(
+        update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0, "delay_s": 0.0, "lowpass_hz": None, "mounting_resonance_hz": None}
+    )
+    return robot.model_copy(update={"accelerometer": still})
+
+
+def without_error(robot: Robot) -> Robot:
+    """The robot with perfect gears."""
+    none = GearTransmissionError(a2_arcsec=0.0, phi2_deg=0.0)
+    axes = {number: axis.model_copy(update={"ate": none}) for number, axis in robot.axis.items()}
+    return robot.model_copy(update={"axis": axes})
+
+
+def with_true_models(bench: Bench, robot: Robot) -> Bench:
+    """The bench with the true plant of every axis."""
+    axes = {}
+    for number, table in bench.axis.items():
+        plant = {name: getattr(robot.axis[number], name) for name in PlantTable.model_fields}
+        model = Model(**plant, ate=TransmissionErrorTable(a2_arcsec=0.0, phi2_deg=0.0))
+        axes[number] = table.model_copy(update={"model": model})
+    return bench.model_copy(update={"axis": axes})
+
+
+def true_f_al_hz(bench: Bench, robot: Robot, axis: int) -> float:
+    """f_al of an axis: the peak of |G_al| of its linear plant under the bench's gains."""
+    found = peak_hz(with_true_models(bench, robot), axis, robot.control_period_s)
+    assert found is not None  # noqa: S101 - the model has just been put in
+    return found
+
+
+def true_resonance_hz(axis: RobotAxis) -> float:
+    """f_r of the free motor on the gear: √(K_g (1/J_l + 1/(N² J_m)))/2π."""
+    both = 1.0 / axis.arm_inertia_kg_m2 + 1.0 / (axis.reduction_ratio**2 * axis.motor_inertia_kg_m2)
+    return math.sqrt(axis.gear_stiffness_nm_rad * both) / (2.0 * math.pi)
+
+
+def tip_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[int, float]:
+    """Largest tip displacement in each order's window of a rising ramp, mm; an order whose resonance it does not pass has none.
+
+    Args:
+        recording: Recording on a quiet sensor.
+        axis: Number of the axis.
+        f_al_hz: The robot's own.
+    """
+    scale = tip_scale(f_al_hz)
+    period = recording.period_s
+    band = (scale.band_hz[0], min(scale.band_hz[1], 0.45 / period))
+    displacement = np.abs(band_passed(recording.columns["tip_z_m_s2"], period, band)) * 1e3 / (2.0 * math.pi * f_al_hz) ** 2
+    speed = np.abs(motor_speed_rps(recording, axis))
+    top = int(np.argmax(speed))
+    rising = np.arange(len(speed)) < top - round(END_S / period)
+    found: dict[int, float] = {}
+    for order in ORDERS:
+        low, high = 0.76 * f_al_hz / order, 1.27 * f_al_hz / order
+        inside = rising & (speed >= low) & (speed <= high)
+        if np.any(inside) and float(speed[inside].max()) >= f_al_hz / order:
+            found[order] = float(displacement[inside].max())
+    return found
+
+
+def ratio_of_tips(after: Mapping[int, float], before: Mapping[int, float]) -> float | None:
+    """Largest rise of any order as a ratio, tips below 0.002 mm apart."""
+    ratios = [after[order] / max(before[order], 0.002) for order in after if order in before]
+    return max(ratios, default=None)
