@@ -9,8 +9,7 @@ from hil.analysis import band_passed, motor_speed_rps, tip_scale
 from hil.bench.bench import Bench, Model
 from hil.experiments.judge import peak_hz
 from hil.recording import Recording
-from hil.robot_tables import PlantTable, TransmissionErrorTable
-from plant_emulator.rehearsal.record import ORDERS
+from hil.robot_tables import ORDERS, PlantTable, TransmissionErrorTable
 from plant_emulator.robots.robot import Robot, RobotAxis
 
 END_S = 0.15

@@ -29,6 +29,7 @@ from hil.robot_tables import (
     phase_key,
 )
 from plant_emulator.physics.axis import PLANT
+from plant_emulator.physics.sensing import HIGHEST_FREQUENCY
 
 MAX_AXES = 126
 """The most drives that one bus has node IDs for, beside the accelerometer (CiA 301, 7.2.8.2: 1 to 127)."""
@@ -259,6 +260,13 @@ class Robot(Table):
             raise ValueError(f"node id {twice[0]} is given to two nodes of the bus, {given}: node_id changes it")
         if self.geometry is not None:
             self.geometry.check_axes(self.axis, "a geometry")
+        for name in ("lowpass_hz", "mounting_resonance_hz"):
+            frequency = getattr(self.accelerometer, name)
+            if frequency is not None and frequency * self.control_period_s > HIGHEST_FREQUENCY:
+                raise ValueError(
+                    f"accelerometer: {name} {frequency:g} is above {HIGHEST_FREQUENCY / self.control_period_s:g} Hz, the most "
+                    f"that a control_period_s of {self.control_period_s:g} shows; leave it out"
+                )
         step_s = self.control_period_s / self.plant_substeps
         for number, axis in self.axis.items():
             lag_s = axis.current_time_constant_s
