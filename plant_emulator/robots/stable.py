@@ -89,7 +89,7 @@ class Ranges:
     softness: Range = (0.0, 0.3)
     noise: Range = (0.2, 5.0)
     sensor_delay_s: Range = (0.0, 10e-3)
-    mounting_hz: Range = (80.0, 400.0)
+    mounting_hz: Range = (200.0, 800.0)
     tip_lever_m: Range = (0.25, 0.9)
     sync_period_s: tuple[float, ...] = (0.001, 0.002, 0.004, 0.008)
     bitrates: tuple[int, ...] = (500_000, 1_000_000)

@@ -241,9 +241,7 @@ def refined(
     spectra = [_Spectra(recording, axes, each, band_hz) for recording, each in zip(recordings, rows, strict=True)]
     found = list(axes)
     for index, axis in enumerate(axes):
-        others = [
-            [one.columns(each, each.response) for each in found if each is not found[index]] for one in spectra
-        ]
+        others = [[one.columns(each, each.response) for each in found if each is not found[index]] for one in spectra]
 
         def power(steps: Real, axis: AxisWaves = axis, others: Sequence[Sequence[Real]] = others) -> float:
             response, total = axis.response.varied(steps), 0.0
@@ -258,7 +256,7 @@ def refined(
         noise = max(first / max(count, 1.0), 1e-30)
 
         def cost(steps: Real, noise: float = noise) -> float:
-            return power(steps) / noise + float(steps @ steps)  # noqa: B023 - used within this turn of the loop alone
+            return power(steps) / noise + float(steps @ steps)
 
         simplex = np.vstack([start, 0.5 * np.eye(3)])
         options = {"maxfev": REFINED_EVALUATIONS, "xatol": 0.01, "fatol": 0.1, "initial_simplex": simplex}

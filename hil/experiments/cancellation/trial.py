@@ -297,9 +297,7 @@ def verify(
         return _run(session, motion, filters, adder, shows_filter)
 
     scale = cancellation.scale or vibration_scale(session.bench, motion.axes)
-    return _Protocol(
-        session.bench, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter
-    ).perform()
+    return _Protocol(session.bench, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter).perform()
 
 
 def _run(session: Session, motion: Motion, filters: FilterUse, adder: CancellationAdder | None, shows_filter: bool) -> Recording:

@@ -118,13 +118,11 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
             verdict = "not judged"
     safe = max(size, 1e-30)
     factor = _factor(there, taken, covariance)
-    return PartVerdict(
-        part, gain, 1.0 - tried / safe, tried_error / safe, left / safe, left_error / safe, *factor, verdict
-    )
+    return PartVerdict(part, gain, 1.0 - tried / safe, tried_error / safe, left / safe, left_error / safe, *factor, verdict)
 
 
 def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndarray]:
-    """e and c of one direction by weighted least squares, and the covariance of either of their components; shape (2, 2)."""
+    """E and c of one direction by weighted least squares, and the covariance of either of their components; shape (2, 2)."""
     gains = {each.gain for each in seen}
     if len(gains) < 2:
         raise ValueError(f"{part.words} was seen with {sorted(gains)} of its cancellation alone: nothing to compare")
