@@ -232,8 +232,8 @@ def _axis(draws: _Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) 
 
 def _error(draws: _Draws, ranges: Ranges) -> TransmissionErrorTable:
     """Transmission error with any phases."""
-    phases = {order: draws.even(f"phi{order}_deg", (0.0, 360.0)) for order in ORDERS}
-    amplitudes = {order: draws.even(f"a{order}", getattr(ranges, amplitude_key(order))) for order in ORDERS}
+    phases: dict[float, float] = {order: draws.even(f"phi{order}_deg", (0.0, 360.0)) for order in ORDERS}
+    amplitudes: dict[float, float] = {order: draws.even(f"a{order}", getattr(ranges, amplitude_key(order))) for order in ORDERS}
     return TransmissionErrorTable.of(amplitudes, phases)
 
 
