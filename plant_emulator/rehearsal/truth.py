@@ -26,7 +26,7 @@ def quiet(robot: Robot) -> Robot:
 
 def without_error(robot: Robot) -> Robot:
     """The robot with perfect gears."""
-    none = TransmissionErrorTable(a2_arcsec=0.0, phi2_deg=0.0)
+    none = TransmissionErrorTable.of({}, {})
     axes = {number: axis.model_copy(update={"ate": none}) for number, axis in robot.axis.items()}
     return robot.model_copy(update={"axis": axes})
 

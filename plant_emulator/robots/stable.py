@@ -16,7 +16,7 @@ from zlib import crc32
 import numpy as np
 
 from hil.control.angles import ARCSEC
-from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key
+from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phase_key
 from plant_emulator.robots.robot import (
     Behaviour,
     BusFacts,
@@ -232,7 +232,7 @@ def _axis(draws: _Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) 
 
 def _error(draws: _Draws, ranges: Ranges) -> TransmissionErrorTable:
     """Transmission error with any phases."""
-    phases: dict[float, float] = {order: draws.even(f"phi{order}_deg", (0.0, 360.0)) for order in ORDERS}
+    phases: dict[float, float] = {order: draws.even(phase_key(order), (0.0, 360.0)) for order in ORDERS}
     amplitudes: dict[float, float] = {order: draws.even(f"a{order}", getattr(ranges, amplitude_key(order))) for order in ORDERS}
     return TransmissionErrorTable.of(amplitudes, phases)
 
