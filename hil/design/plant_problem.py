@@ -222,7 +222,7 @@ class PlantProblem:
 
     def plant(self, x: Real) -> TwoInertia:
         """The plant of the unknowns."""
-        motor, arm, stiffness, damping = np.exp(x[: VISCOUS]).tolist()
+        motor, arm, stiffness, damping = np.exp(x[:VISCOUS]).tolist()
         arm_damping = float(x[ARM_PART]) * damping
         return TwoInertia(
             self.ratio,
@@ -358,5 +358,3 @@ def smooth(values: NDArray[Any]) -> NDArray[Any]:
     width = min(SMOOTHED_LINES, len(values))
     window = np.ones(width)
     return np.asarray(np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same"))
-
-
