@@ -107,6 +107,7 @@ class Axes:
         self._chain_rows = [] if home is None else [self.row(number) for number in robot.chain_axes]
         self._levers = [robot.axis[number].tip_lever_m for number in self.numbers]
         self._response = response_of(robot)
+        self._traces: dict[int, NDArray[np.float64]] = {}
         self._bind()
 
     def _bind(self) -> None:
@@ -133,7 +134,9 @@ class Axes:
         if self._response is None:
             advance(periods, self._control_period_s, self._substeps, self.rows)
             return
-        trace = np.empty((periods, len(self.numbers), 3))
+        trace = self._traces.get(periods)
+        if trace is None:  # machine code knows an array by its identity: a new one at each call costs half a millisecond
+            trace = self._traces[periods] = np.empty((periods, len(self.numbers), 3))
         advance_traced(periods, self._control_period_s, self._substeps, self.rows, trace)
         self._response.drive(self._tips(trace))
 

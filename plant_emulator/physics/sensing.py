@@ -111,10 +111,16 @@ class SensorResponse:
         row["first"], row["weights"] = interpolation(delay_s / period_s)
         self._ring = np.zeros((int(row["first"]) + 5, CHANNELS))
         self._sensed = np.zeros(CHANNELS)
+        self._row = row
+        self._kept: dict[int, Real] = {}
 
     def drive(self, tip_m_s2: Real) -> None:
         """Let samples of the true acceleration pass, one per control period; shape (n, 3)."""
-        sense(self._rows[0], self._ring, tip_m_s2, self._sensed)
+        kept = self._kept.get(len(tip_m_s2))
+        if kept is None:  # machine code knows an array by its identity: a new one at each call costs half a millisecond
+            kept = self._kept[len(tip_m_s2)] = np.empty((len(tip_m_s2), CHANNELS))
+        kept[:] = tip_m_s2
+        sense(self._row, self._ring, kept, self._sensed)
 
     @property
     def acceleration_m_s2(self) -> tuple[float, float, float]:
