@@ -56,6 +56,7 @@ class IdentifiedError(Table):
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle.
         set_point_delay_s: Delay of the motor behind its set-points beyond SYNC period and interpolation.
         learnt_by: Source of the values: `identify` or `adaptive`.
+        motor_inertia_kg_m2: J_m with which it was learnt, as it was given; None where a plant was known.
         note: Notes of the engineer: date, load, temperature.
         emulated: True where it was identified on an emulated robot; None where that was not recorded.
     """
@@ -67,6 +68,7 @@ class IdentifiedError(Table):
     accelerometer_delay_s: float = 0.0
     set_point_delay_s: float = 0.0
     learnt_by: str = "identify"
+    motor_inertia_kg_m2: Positive | None = None
     note: str = ""
     emulated: bool | None = None
 

@@ -47,6 +47,13 @@ def learn(
     model: Annotated[
         Path, typer.Option("--model", help="Model file: read where it is there, for the motor's inertia, and written.")
     ],
+    plant: Annotated[
+        Path | None, typer.Option("--plant", help="Model file of hil identify plant: its plants go into the model file.")
+    ] = None,
+    motor_inertia_kg_m2: Annotated[
+        float | None,
+        typer.Option("--motor-inertia-kg-m2", min=1e-9, max=10.0, help="Of the motor's data sheet, where no file has a plant."),
+    ] = None,
     bus: BusOption = None,
     passes: Annotated[int, typer.Option(min=2, max=50, help="To and fro; the first is without cancellation.")] = 5,
     acceleration_rps_s: Annotated[float, typer.Option(min=0.1, max=100.0, help="Of every ramp.")] = 4.0,
@@ -60,18 +67,20 @@ def learn(
 
     What is learnt is frozen in the model file, for hil run --treatment cancellation-learnt --learnt.
 
-    Example: hil learn --bench bench.toml --axis 2 --axis 3 --model learnt.toml --note "22 °C, no load"
+    Example: hil learn --bench bench.toml --axis 2 --axis 3 --plant model.toml --model learnt.toml --note "22 °C, no load"
     """
     with exit_on_error():
         bench = bench_on(bench_file, bus)
 
         from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus  # noqa: PLC0415
 
-        request = LearnRequest(tuple(dict.fromkeys(axis)), passes, acceleration_rps_s, note=note)
+        request = LearnRequest(
+            tuple(dict.fromkeys(axis)), passes, acceleration_rps_s, note=note, motor_inertia_kg_m2=motor_inertia_kg_m2
+        )
         if not yes and not is_on_local_bus(bench):
             confirm(_motion_lines(bench, request))
         where = out or new_directory(f"learn-axis{'-'.join(map(str, request.axes))}")
-        outcome = learn_on_bus(bench, request, where, model, overload=overload, reporter=SpokenReporter())
+        outcome = learn_on_bus(bench, request, where, model, plant=plant, overload=overload, reporter=SpokenReporter())
         _tell(outcome, where, model, as_json=as_json)
 
 

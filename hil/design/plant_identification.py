@@ -41,6 +41,8 @@ from hil.design.plant_problem import (
 )
 from hil.design.plant_spectra import Spectra
 
+EVALUATIONS = 100
+"""Steps of a fit from one start."""
 CONFIDENCE = 0.95
 
 
@@ -117,7 +119,7 @@ def fit_plant(
     problem = PlantProblem(data, timing, reduction_ratio, lever_m, gravity_nm_rad)
     fit: Any = None
     for guess in problem.first_guesses():
-        found = _fitted(problem, problem.start(guess))
+        found = _fitted(problem, guess)
         fit = found if fit is None or found.cost < fit.cost else fit
     return _estimate(problem, fit.x, np.asarray(fit.jac))
 
@@ -131,6 +133,7 @@ def _fitted(problem: PlantProblem, x: Real) -> Any:
         x_scale=problem.scale(x),
         loss="soft_l1",
         f_scale=3.0,
+        max_nfev=EVALUATIONS,
     )
 
 

@@ -39,6 +39,8 @@ LARGEST_LAG_S, LARGEST_DELAY_S = 5e-3, 0.05
 LEAST_DELAY_S = 2e-3
 """Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
 LEAST_LAG_S = 1e-4
+TRIED = 16
+"""Anti-resonances that are tried as a start."""
 GUESSES = 3
 """First guesses that are followed."""
 LARGEST_CHANGE = 3.0
@@ -155,10 +157,36 @@ class PlantProblem:
     # -- unknowns ------------------------------------------------------------------------------------------------------
 
     def first_guesses(self) -> list[Real]:
-        """First guesses of the first five unknowns, from the response without images."""
+        """Starts of the fit, the likeliest first: from dip and peak of the response, and where images hide those, by trial."""
         none = np.zeros_like(self.excitation)
         torque = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], none)
-        return first_guesses(self._measured[0] / torque, self.data.frequency_hz, self.ratio)
+        response = self._measured[0] / torque
+        guesses: list[Real] = []
+        try:
+            guesses = [self.start(guess) for guess in first_guesses(response, self.data.frequency_hz, self.ratio)]
+        except UnidentifiableError:
+            if self._folded is None:
+                raise
+        return guesses if self._folded is None else [*guesses[:2], *self._tried()]
+
+    def _tried(self) -> list[Real]:
+        """The likeliest of many plants: f_a on a grid, ratios of inertia, and whole inertias about that of the lowest lines."""
+        low = slice(0, max(2, len(self.jw) // 20))
+        felt = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], np.zeros_like(self.excitation))
+        whole = float(np.median(np.abs(felt[low] / (self._measured[0][low] * self.jw[low] ** 2))))
+        tried: list[tuple[float, float, Real]] = []
+        for f_a in np.geomspace(1.2 * self.data.frequency_hz[0], 0.9 * self.data.frequency_hz[-1], TRIED).tolist():
+            for arms in (0.6, 1.3, 2.5, 4.5):
+                for total in (0.6 * whole, whole, 1.7 * whole):
+                    motor, arm = total / (1.0 + arms), self.ratio**2 * total * arms / (1.0 + arms)
+                    stiffness = (2.0 * math.pi * f_a) ** 2 * arm
+                    damping = math.log(0.08 * stiffness / (2.0 * math.pi * f_a))
+                    x = self.start(np.array([math.log(motor), math.log(arm), math.log(stiffness), damping, 3.0 * motor]))
+                    tried.append((float(np.sum(np.log1p(np.abs(self.residual(x))))), f_a, x))
+        tried.sort(key=lambda each: each[0])
+        best = tried[0]
+        other = next((each for each in tried if abs(math.log(each[1] / best[1])) > 0.25), None)
+        return [best[2]] if other is None else [best[2], other[2]]
 
     def start(self, guess: Real) -> Real:
         """All unknowns from a guess of the first five."""
@@ -184,7 +212,7 @@ class PlantProblem:
 
     def plant(self, x: Real) -> TwoInertia:
         """The plant of the unknowns."""
-        motor, arm, stiffness, damping = np.exp(x[: VISCOUS]).tolist()
+        motor, arm, stiffness, damping = np.exp(x[:VISCOUS]).tolist()
         arm_damping = float(x[ARM_PART]) * damping
         return TwoInertia(
             self.ratio,
@@ -320,5 +348,3 @@ def smooth(values: NDArray[Any]) -> NDArray[Any]:
     width = min(SMOOTHED_LINES, len(values))
     window = np.ones(width)
     return np.asarray(np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same"))
-
-

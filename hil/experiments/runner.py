@@ -82,9 +82,7 @@ def run_experiments(
     channel: Channel | None = None,
     reporter: Reporter = SILENT,
 ) -> ExperimentsOutcome:
-    """Run experiments one after the other on one bus.
-
-    Once a run has been recorded, `out/runs/*.csv`, `out/bus.log` and `out/result.json` are written, also after a failure.
+    """Run experiments on one bus; once a run has been recorded, its files and `result.json` are written, also after a failure.
 
     Args:
         bench: The bench file.

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from hil.bench.model import IdentifiedError
 from hil.results.base import MeasuredResult, ResultPart
+from hil.results.runs import TrialPart
 from hil.robot_tables import TransmissionErrorTable
 
 
@@ -44,6 +45,7 @@ class LearningPass(ResultPart):
         set_point_delay_s: Delay of the set-points as estimated after this pass.
         following: Motor's motion over the intended one; None where it was not measured.
         values: Amplitudes A_k and phases φ_k.
+        parts: Verdict on each order that was cancelled in the pass.
     """
 
     gain: float
@@ -51,6 +53,7 @@ class LearningPass(ResultPart):
     set_point_delay_s: float
     following: float | None
     values: TransmissionErrorTable
+    parts: tuple[TrialPart, ...] = ()
 
 
 class LearntAxis(ResultPart):
@@ -61,12 +64,14 @@ class LearntAxis(ResultPart):
         reduction_fraction: Fraction by which the last pass' vibration is below the first's.
         passes: Passes in their order.
         ate: Entry of the model file.
+        left_out: Orders that are not in it, in words.
     """
 
     axis: int
     reduction_fraction: float
     passes: tuple[LearningPass, ...]
     ate: IdentifiedError
+    left_out: tuple[str, ...] = ()
 
 
 class LearningResult(MeasuredResult):

@@ -6,6 +6,7 @@ from typing import Any
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant
+from hil.robot_tables import ORDERS, amplitude_key, phase_key
 from plant_emulator.rehearsal.record import Cell, QuantityRecord
 from plant_emulator.rehearsal.truth import true_f_al_hz, true_resonance_hz
 from plant_emulator.robots.robot import Robot, RobotAxis
@@ -87,8 +88,8 @@ def _plant(axis: RobotAxis, plant: IdentifiedPlant | None) -> dict[str, Quantity
 
 def _error(axis: RobotAxis, error: IdentifiedError | None, prefix: str) -> dict[str, QuantityRecord]:
     found = {}
-    for order in (1, 2, 4):
-        for name in (f"a{order}_arcsec", f"phi{order}_deg"):
+    for order in ORDERS:
+        for name in (amplitude_key(order), phase_key(order)):
             estimate = None if error is None else getattr(error.values, name, None)
             spread = None if error is None else error.standard_error.get(name)
             found[f"{prefix}{name}"] = QuantityRecord(getattr(axis.ate, name), estimate, spread)

@@ -22,7 +22,7 @@ from hil.experiments.plant.on_bus import run_identify_plant
 from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import Knowledge
 from hil.reporter import SILENT, Reporter
-from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.estimates import facts_of, quantities_of
 from plant_emulator.rehearsal.record import TREATMENTS, PathRecord, StepRecord
 from plant_emulator.rehearsal.survey import Survey
@@ -86,7 +86,7 @@ class _Walk:
         self.result = PathRecord(self.robot.name, self.robot.seed, self.axis, self.options.over_bus)
         self.folder.mkdir(parents=True, exist_ok=True)
         self.model, self.learnt, self.designs = (self.folder / f"{name}.toml" for name in ("model", "learnt", "design"))
-        self.channel = InProcessChannel(World(self.robot))
+        self.channel = DirectChannel(World(self.robot), self.robot.bus.bitrate)
 
     def record(self) -> PathRecord:
         """Walk, measure the truth, and give the record."""

@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-Cell = str | float | int | bool | None
+from hil.robot_tables import ORDERS
 
-ORDERS = (1, 2, 4)
-"""Orders whose true tip is measured."""
+Cell = str | float | int | bool | None
 
 STEPS = ("plant", "ate", "design", "none", "notch", "notch_designed", "cancellation", "learn", "cancellation_learnt")
 """Steps of the documented path, in their order; runs by the name of their treatment."""
@@ -52,7 +51,7 @@ class StepRecord:
     """End of a step.
 
     Attributes:
-        ended: How it ended.
+        ended: Kind of the end.
         error: Class of the error that ended it.
         words: The error's words, or the note of a step that is done.
         cpu_s: Processor time.

@@ -1,9 +1,7 @@
 """The survey of a robot: its true tip under each treatment, its floor, and what the trial makes of wrong corrections."""
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from hil.bench.bench import Bench
 from hil.bench.design import with_designs
@@ -14,8 +12,8 @@ from hil.experiments.motions import constant_acceleration
 from hil.experiments.treatment import Knowledge
 from hil.master.motion import FilterUse
 from hil.master.session import Session
-from hil.recording import BusLog, Recording
-from plant_emulator.bus.in_process import InProcessChannel
+from hil.recording import Recording
+from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.record import ProbeRecord
 from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, true_f_al_hz, without_error
 from plant_emulator.robots.robot import Robot
@@ -74,8 +72,6 @@ class Survey:
 @contextmanager
 def _session(robot: Robot, bench: Bench) -> Iterator[Session]:
     """A session on a robot of its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        log = BusLog(Path(folder) / "bus.log")
-        with Session(bench, InProcessChannel(World(robot)), log) as session:
-            session.bring_up()
-            yield session
+    with DirectChannel(World(robot)).session(bench) as session:
+        session.bring_up()
+        yield session

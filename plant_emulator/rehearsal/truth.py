@@ -9,9 +9,8 @@ from hil.analysis import band_passed, motor_speed_rps, tip_scale
 from hil.bench.bench import Bench, Model
 from hil.experiments.judge import peak_hz
 from hil.recording import Recording
-from hil.robot_tables import PlantTable, TransmissionErrorTable
-from plant_emulator.rehearsal.record import ORDERS
-from plant_emulator.robots.robot import GearTransmissionError, Robot, RobotAxis
+from hil.robot_tables import ORDERS, PlantTable, TransmissionErrorTable
+from plant_emulator.robots.robot import Robot, RobotAxis
 
 END_S = 0.15
 """Part before the top of the ramp that is left out: its braking shows there."""
@@ -27,7 +26,7 @@ def quiet(robot: Robot) -> Robot:
 
 def without_error(robot: Robot) -> Robot:
     """The robot with perfect gears."""
-    none = GearTransmissionError(a2_arcsec=0.0, phi2_deg=0.0)
+    none = TransmissionErrorTable.of({}, {})
     axes = {number: axis.model_copy(update={"ate": none}) for number, axis in robot.axis.items()}
     return robot.model_copy(update={"axis": axes})
 

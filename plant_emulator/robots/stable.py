@@ -16,10 +16,10 @@ from zlib import crc32
 import numpy as np
 
 from hil.control.angles import ARCSEC
+from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phase_key
 from plant_emulator.robots.robot import (
     Behaviour,
     BusFacts,
-    GearTransmissionError,
     Robot,
     RobotAccelerometer,
     RobotAxis,
@@ -230,11 +230,11 @@ def _axis(draws: _Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) 
     )
 
 
-def _error(draws: _Draws, ranges: Ranges) -> GearTransmissionError:
+def _error(draws: _Draws, ranges: Ranges) -> TransmissionErrorTable:
     """Transmission error with any phases."""
-    phases = {f"phi{order}_deg": draws.even(f"phi{order}_deg", (0.0, 360.0)) for order in (1, 2, 4)}
-    amplitudes = {f"a{order}_arcsec": draws.even(f"a{order}", getattr(ranges, f"a{order}_arcsec")) for order in (1, 2, 4)}
-    return GearTransmissionError(**amplitudes, **phases)
+    phases = {order: draws.even(phase_key(order), (0.0, 360.0)) for order in ORDERS}
+    amplitudes = {order: draws.even(f"a{order}", getattr(ranges, amplitude_key(order))) for order in ORDERS}
+    return TransmissionErrorTable.of(amplitudes, phases)
 
 
 def antiresonance_hz(axis: RobotAxis) -> float:

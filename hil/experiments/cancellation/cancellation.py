@@ -14,7 +14,7 @@ import numpy as np
 from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
 from hil.bench.bench import Bench, Model
-from hil.bench.model import Identified, with_identified
+from hil.bench.model import Identified, IdentifiedError, with_identified
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw, CancellationTable
 from hil.design.frequency import CONTROL_PERIOD_S
@@ -326,7 +326,47 @@ def _model(bench: Bench, identified: Identified | None, number: int) -> Model | 
     if number not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {number}")
     model = (bench if identified is None else with_identified(bench, identified)).axis[number].model
+    known = None if identified is None else identified.axis.get(number)
+    if model is None and known is not None and known.ate is not None:
+        model = believed_model(bench.axis[number].reduction_ratio, known.ate)
     return model if model is not None and _amplitudes(model.ate) else None
+
+
+def believed_model(reduction_ratio: float, error: IdentifiedError) -> Model | None:
+    """Model of an axis of which nothing but J_m and its learnt error are known; None without a J_m.
+
+    A cancellation is made of J_m alone. The rest gives the arm its learnt resonance and damping, with as much inertia as the
+    motor has behind its gear; from it only the band follows in which a trial judges.
+    """
+    if error.motor_inertia_kg_m2 is None or error.arm_hz is None or error.damping is None:
+        return None
+    inertia, omega = reduction_ratio**2 * error.motor_inertia_kg_m2, 2.0 * math.pi * error.arm_hz
+    return Model(
+        motor_inertia_kg_m2=error.motor_inertia_kg_m2,
+        motor_damping_nm_s_rad=0.0,
+        arm_inertia_kg_m2=inertia,
+        arm_damping_nm_s_rad=0.0,
+        gear_stiffness_nm_rad=inertia * omega**2,
+        gear_damping_nm_s_rad=2.0 * error.damping * omega * inertia,
+        ate=error.values,
+    )
+
+
+def given_inertia(bench: Bench, identified: Identified | None, number: int, given_kg_m2: float | None) -> float | None:
+    """J_m as it was given; None where a file has a plant, which then holds.
+
+    Raises:
+        NotPossibleError: Nobody knows it.
+    """
+    known = None if identified is None else identified.axis.get(number)
+    if bench.axis[number].model is not None or (known is not None and known.plant is not None):
+        return None
+    if given_kg_m2 is None:
+        raise NotPossibleError(
+            f"the motor inertia of axis {number} is not known, and a cancellation needs it: --plant model.toml of hil identify "
+            f"plant, [axis.{number}.model] in the bench file, or --motor-inertia-kg-m2 from the motor's data sheet"
+        )
+    return given_kg_m2
 
 
 def _amplitudes(ate: TransmissionErrorTable) -> dict[float, float]:

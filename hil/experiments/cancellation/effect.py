@@ -1,10 +1,10 @@
 """Effect of each order of each axis on the tip, read from recordings of the vibration.
 
-An order k of an axis shakes the tip by L X(s) [A_k cos(k θ_m + φ_k)]'', where X = θ_l/θ_sync is the response of arm and loop. A
-cancellation of that order is the same wave with another amplitude and phase, whatever X is. So a recording is fitted with the
-waves L X(s) [cos k θ_m]'' and −L X(s) [sin k θ_m]'' of all orders of all axes at once, by least squares: one complex amplitude for
-each, in arcseconds as the tip feels it. Without cancellation that is e = A_k e^{jφ_k}; with a fraction g of it, e − g c. Only c and
-e are compared with each other, and a response that is not quite X changes both alike.
+An order k of an axis shakes the tip by L X(s) [A_k cos(k θ_m + φ_k)]'', where X = θ_l/θ_sync is the response of arm and loop.
+A cancellation of that order is the same wave with another amplitude and phase, whatever X is. So a recording is fitted with the
+waves L X(s) [cos k θ_m]'' and −L X(s) [sin k θ_m]'' of all orders of all axes at once, by least squares: one complex amplitude
+for each, in arcseconds as the tip feels it. Without cancellation that is e = A_k e^{jφ_k}; with a fraction g of it, e − g c. Only
+c and e are compared with each other, and a response that is not quite X changes both alike.
 
 X is that of the model; its resonance, its damping and the sensor's delay are refined on the recordings themselves. The planned
 motion, as the position loop lets it through, is fitted beside the orders: its jerks ring as well.
@@ -227,8 +227,8 @@ def refined(
 ) -> tuple[AxisWaves, ...]:
     """The axes with responses that fit the recordings best, one axis after the other.
 
-    Each recording has amplitudes of its own, so a cancellation in it, right or wrong, does not matter. What is believed of a model
-    (`LIKELY`) counts as much as the noise allows.
+    Each recording has amplitudes of its own, so a cancellation in it, right or wrong, does not matter. What is believed of a
+    model (`LIKELY`) counts as much as the noise allows.
 
     Args:
         recordings: Recordings that show the vibration.
@@ -241,27 +241,34 @@ def refined(
     spectra = [_Spectra(recording, axes, each, band_hz) for recording, each in zip(recordings, rows, strict=True)]
     found = list(axes)
     for index, axis in enumerate(axes):
-        others = [
-            [one.columns(each, each.response) for each in found if each is not found[index]] for one in spectra
-        ]
-
-        def power(steps: Real, axis: AxisWaves = axis, others: Sequence[Sequence[Real]] = others) -> float:
-            response, total = axis.response.varied(steps), 0.0
-            for one, beside in zip(spectra, others, strict=True):
-                residual = _solved(np.concatenate([one.columns(axis, response), *beside], axis=1), one.signal)[2]
-                total += one.independent * float(residual @ residual)
-            return total
-
-        start = np.zeros(3)
-        count = sum(one.independent * len(one.signal) for one in spectra)
-        first = power(start)
-        noise = max(first / max(count, 1.0), 1e-30)
-
-        def cost(steps: Real, noise: float = noise) -> float:
-            return power(steps) / noise + float(steps @ steps)  # noqa: B023 - used within this turn of the loop alone
-
-        simplex = np.vstack([start, 0.5 * np.eye(3)])
-        options = {"maxfev": REFINED_EVALUATIONS, "xatol": 0.01, "fatol": 0.1, "initial_simplex": simplex}
-        best = optimize.minimize(cost, start, method="Nelder-Mead", options=options)
-        found[index] = replace(axis, response=axis.response.varied(best.x))
+        others = [[one.columns(each, each.response) for each in found if each is not axis] for one in spectra]
+        problem = _Refinement(spectra, axis, others)
+        simplex = np.vstack([np.zeros(3), 0.5 * np.eye(3)])
+        best = optimize.minimize(
+            problem.cost,
+            np.zeros(3),
+            method="Nelder-Mead",
+            options={"maxfev": REFINED_EVALUATIONS, "xatol": 0.01, "fatol": 0.1, "initial_simplex": simplex},
+        )
+        found[index] = replace(axis, response=axis.response.varied(np.asarray(best.x, dtype=np.float64)))
     return tuple(found)
+
+
+class _Refinement:
+    """The residual power of some recordings by the response of one axis, in units of the noise, and what is believed of it."""
+
+    def __init__(self, spectra: Sequence[_Spectra], axis: AxisWaves, others: Sequence[Sequence[Real]]) -> None:
+        self._spectra, self._axis, self._others = spectra, axis, others
+        independent = sum(one.independent * len(one.signal) for one in spectra)
+        self._noise = max(self._power(np.zeros(3)) / max(independent, 1.0), 1e-30)
+
+    def _power(self, steps: Real) -> float:
+        response, total = self._axis.response.varied(steps), 0.0
+        for one, beside in zip(self._spectra, self._others, strict=True):
+            residual = _solved(np.concatenate([one.columns(self._axis, response), *beside], axis=1), one.signal)[2]
+            total += one.independent * float(residual @ residual)
+        return total
+
+    def cost(self, steps: Real) -> float:
+        """Residual power over the noise at the start, and the steps' own squares."""
+        return self._power(steps) / self._noise + float(steps @ steps)

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hil.bench.bench import Bench
-from hil.bench.model import load_identified
+from hil.bench.model import Identified, load_identified, update_file
 from hil.can.channel import Channel
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import Ramps, end_speed
 from hil.experiments.bus_demand import BusDemand
+from hil.experiments.cancellation.cancellation import given_inertia
 from hil.experiments.cancellation.learning import ACCELERATION_RPS_S, PASSES, AxisLearning, learn
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.master.motion import RunResult
@@ -28,6 +29,7 @@ class LearnRequest:
         acceleration_rps_s: Acceleration of every ramp.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         note: Load, temperature: goes into the model file beside the date.
+        motor_inertia_kg_m2: J_m from a data sheet, of one axis, where no plant is known.
     """
 
     axes: tuple[int, ...]
@@ -35,6 +37,7 @@ class LearnRequest:
     acceleration_rps_s: float = ACCELERATION_RPS_S
     actuation: Actuation = "reference"
     note: str = ""
+    motor_inertia_kg_m2: float | None = None
 
     def bus_demand(self, bench: Bench, axis: int) -> BusDemand:
         """Demand of an axis' passes on the bus."""
@@ -59,6 +62,7 @@ def learn_on_bus(
     out: Path,
     model: Path,
     *,
+    plant: Path | None = None,
     channel: Channel | None = None,
     overload: bool = False,
     reporter: Reporter = SILENT,
@@ -70,6 +74,7 @@ def learn_on_bus(
         request: Axes and passes.
         out: Directory for recordings, bus log and result.json; made where it is missing.
         model: The model file: read for the motors' inertia where it exists, and written.
+        plant: Model file with the plants of the axes, which are taken over into the model file; None: it has them, or the bench.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.
         overload: Run even what does not fit on the bus.
         reporter: Listener of each pass and its progress.
@@ -78,12 +83,11 @@ def learn_on_bus(
         HilError: Nothing has moved yet: nodes, limits or files do not allow it.
         ChannelError: The bus cannot be opened, or was lost before anything was recorded.
     """
-    identified = load_identified(model) if model.exists() else None
-    if identified is not None and identified.robot != bench.name:
-        raise NotPossibleError(f"{model} is of {identified.robot!r}, this is {bench.name!r}: choose another")
+    identified = _known(bench, request, model, plant)
     axes = [axis for axis in request.axes if axis in bench.axis]  # another one is refused when it is its turn
     for axis in axes:
         bench.axis[axis].gains(f"learning on axis {axis}")
+        given_inertia(bench, identified, axis, request.motor_inertia_kg_m2)
         end_speed(bench, axis, request.acceleration_rps_s, None)
     demands = [request.bus_demand(bench, axis) for axis in axes]
     learnt: dict[int, AxisLearning] = {}
@@ -102,13 +106,47 @@ def learn_on_bus(
                 passes=request.passes,
                 acceleration_rps_s=request.acceleration_rps_s,
                 actuation=request.actuation,
+                motor_inertia_kg_m2=request.motor_inertia_kg_m2,
                 keep=_Keeper(measurement, axis),
                 reporter=reporter,
             )
             learnt[axis].emulated = measurement.result.emulated
             measurement.result.learnt.append(learnt[axis].entry(request.note, today))
-            identified = learnt[axis].store(model, bench.name, request.note, today)
+            known = None if identified is None else identified.axis.get(axis)
+            if plant is not None and known is not None and known.plant is not None:
+                update_file(model, bench.name, axis, known.plant)
+            stored = learnt[axis].store(model, bench.name, request.note, today)
+            identified = _with_plants(stored, identified)
     return LearningOutcome(measurement.result, measurement.failure, learnt)
+
+
+def _known(bench: Bench, request: LearnRequest, model: Path, plant: Path | None) -> Identified | None:
+    """What is known of the axes: the model file, with the plants of another where there is one.
+
+    Raises:
+        FileError: A file is no model file.
+        NotPossibleError: A file is another robot's, or one inertia is given for several axes.
+    """
+    if request.motor_inertia_kg_m2 is not None and len(request.axes) > 1:
+        raise NotPossibleError(
+            f"one motor inertia, {request.motor_inertia_kg_m2:g} kg·m², for {len(request.axes)} axes: learn them one by one"
+        )
+    identified = load_identified(model) if model.exists() else None
+    plants = None if plant is None else load_identified(plant)
+    for path, file in ((model, identified), (plant, plants)):
+        if file is not None and file.robot != bench.name:
+            raise NotPossibleError(f"{path} is of {file.robot!r}, this is {bench.name!r}: choose another")
+    if plants is None:
+        return identified
+    return _with_plants(identified or Identified(robot=bench.name), plants)
+
+
+def _with_plants(identified: Identified, plants: Identified | None) -> Identified:
+    """A model file with the plants of another."""
+    for number, known in ({} if plants is None else plants.axis).items():
+        if known.plant is not None:
+            identified = identified.with_part(number, known.plant)
+    return identified
 
 
 class _Keeper:
@@ -143,6 +181,7 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
             for k in error.amplitude_arcsec
         )
         late = f"; the motor follows {delay_ms:.2f} ms later than known" if delay_ms else ""
+        lines += [f"axis {axis}: left out: {words}" for words in learnt.left_out.values()]
         lines.append(
             f"axis {axis}: {orders}; vibration −{100.0 * learnt.reduction_fraction:.0f} % after {len(learnt.passes)} passes{late}"
         )

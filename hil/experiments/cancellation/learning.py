@@ -1,9 +1,10 @@
 """Adaptive cancellation: an axis goes to and fro, and its transmission error is learnt from pass to pass, then frozen.
 
-The first pass is without cancellation, the second with half of it, every later one with all of it. After each pass the fit is
-made anew from all passes and from the motor angle as it was measured: it finds the transmission error itself, and not what the
-cancellation leaves of it. Learning is between passes only: a cancellation that adapted during acceleration would follow the
-motion, not the error. For the method see docs/cancellation.md.
+The first pass is without cancellation, the second with half of it, every later one with all of it. After each pass each order
+of it is judged as in a trial (`verdict`), and one whose cancellation is wrong is left out from there on. And the fit is made anew
+from all passes and from the motor angle as it was measured: it finds the transmission error itself, and not what the cancellation
+leaves of it. Learning is between passes only: a cancellation that adapted during acceleration would follow the motion, not the
+error. For the method see docs/cancellation.md.
 """
 
 import datetime
@@ -27,8 +28,10 @@ from hil.experiments.ate.identify import standard_errors, sweep_of
 from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, end_speed, ramps
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.request import FITTED_ORDERS
-from hil.experiments.cancellation.cancellation import CancellationAdder, cancellation_on
-from hil.experiments.cancellation.trial import CancellationRefusedError, judged_rows, vibration_m_s2
+from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, given_inertia
+from hil.experiments.cancellation.pass_judge import PassJudge
+from hil.experiments.cancellation.trial import CancellationRefusedError, judged_rows, part_entry, vibration_m_s2
+from hil.experiments.cancellation.verdict import PartVerdict
 from hil.experiments.judge import axis_scale, scale_at
 from hil.master.session import Session
 from hil.recording import Recording
@@ -41,8 +44,6 @@ Real = NDArray[np.float64]
 PASSES = 5
 ACCELERATION_RPS_S = 4.0
 SECOND_GAIN = 0.5
-LEAST_FRACTION = 0.5
-"""Least reduction of the vibration, as a fraction of a pass' gain."""
 LEAST_DELAY_S = 1e-4
 """Least delay of the motor that is not the gear's effect on it: 0.03 ms on the reference robot, and 0.4° at 12 Hz."""
 EDGE_S = 0.3
@@ -59,6 +60,7 @@ class LearntPass:
         estimate: Estimate from all passes so far.
         set_point_delay_s: Delay of the set-points as estimated after this pass.
         following: Motor's motion over the intended one, after a pass with the whole cancellation; 1 where the motor follows.
+        verdicts: Verdict on each order that was cancelled in it.
     """
 
     gain: float
@@ -66,6 +68,7 @@ class LearntPass:
     estimate: JointEstimate
     set_point_delay_s: float
     following: float | None
+    verdicts: tuple[PartVerdict, ...] = ()
 
     def entry(self) -> LearningPass:
         """The pass as a result file has it."""
@@ -76,6 +79,7 @@ class LearntPass:
             set_point_delay_s=self.set_point_delay_s,
             following=self.following,
             values=TransmissionErrorTable.of(error.amplitude_arcsec, error.phase_deg),
+            parts=tuple(part_entry(verdict) for verdict in self.verdicts),
         )
 
 
@@ -87,11 +91,15 @@ class AxisLearning:
         axis: Axis number.
         passes: Passes in their order.
         emulated: True where the robot is emulated; None where that is not known.
+        motor_inertia_kg_m2: J_m as it was given, where no plant is known.
+        left_out: Orders that are not cancelled, with the reason in words.
     """
 
     axis: int
     passes: list[LearntPass] = field(default_factory=list)
     emulated: bool | None = None
+    motor_inertia_kg_m2: float | None = None
+    left_out: dict[float, str] = field(default_factory=dict)
 
     @property
     def estimate(self) -> JointEstimate:
@@ -111,16 +119,20 @@ class AxisLearning:
             on: Date of the passes; today's unless it is given.
         """
         estimate, last = self.estimate, self.passes[-1]
+        found = estimate.error.amplitude_arcsec
+        kept = {order: found[order] for order in found if order not in self.left_out}
+        without = f"without order {', '.join(f'{order:g}' for order in sorted(self.left_out))}" if self.left_out else ""
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
-            values=TransmissionErrorTable.of(estimate.error.amplitude_arcsec, estimate.error.phase_deg),
+            values=TransmissionErrorTable.of(kept, estimate.error.phase_deg),
             standard_error=standard_errors(estimate),
             arm_hz=estimate.arm.resonance_hz,
             damping=estimate.arm.damping,
             accelerometer_delay_s=estimate.arm.delay_s,
             set_point_delay_s=last.set_point_delay_s,
             learnt_by="adaptive",
-            note="; ".join(text for text in (date, f"{len(self.passes)} passes", note) if text),
+            motor_inertia_kg_m2=self.motor_inertia_kg_m2,
+            note="; ".join(text for text in (date, f"{len(self.passes)} passes", without, note) if text),
             emulated=self.emulated,
         )
 
@@ -146,6 +158,7 @@ class AxisLearning:
             reduction_fraction=self.reduction_fraction,
             passes=tuple(each.entry() for each in self.passes),
             ate=self.part(note, on),
+            left_out=tuple(self.left_out.values()),
         )
 
 
@@ -157,6 +170,7 @@ def learn(
     passes: int = PASSES,
     acceleration_rps_s: float = ACCELERATION_RPS_S,
     actuation: Actuation = "reference",
+    motor_inertia_kg_m2: float | None = None,
     keep: PassKeeper = keep_nothing,
     reporter: Reporter = SILENT,
 ) -> AxisLearning:
@@ -169,34 +183,38 @@ def learn(
         passes: Number of passes, each to and fro; two at least.
         acceleration_rps_s: Acceleration of every ramp.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
+        motor_inertia_kg_m2: J_m from a data sheet, where neither file has a plant.
         keep: Keeper of every pass, a stopped one included, before it is checked.
         reporter: Listener of each pass.
 
     Raises:
         NotPossibleError: Fewer than two passes, no motor inertia, or limits that keep the motor from the resonance.
         AteNotIdentifiedError: The runs do not identify the transmission error.
-        CancellationRefusedError: A cancellation did not lower the vibration.
+        CancellationRefusedError: No order's cancellation lowered its vibration.
         SafetyStopError: A run was stopped.
         HilError: Limits or nodes do not allow a run.
     """
     bench, period = session.bench, session.bench.bus.sync_period_s
     table = _table_of(bench, axis, passes)
+    given_kg_m2 = given_inertia(bench, identified, axis, motor_inertia_kg_m2)
     end = end_speed(bench, axis, acceleration_rps_s, None)
-    learning, sweeps, start, delay_s, scale = AxisLearning(axis), list[Sweep](), None, 0.0, axis_scale(bench, axis)
+    learning = AxisLearning(axis, motor_inertia_kg_m2=given_kg_m2)
+    sweeps, start, delay_s, scale = list[Sweep](), None, 0.0, axis_scale(bench, axis)
+    judge = PassJudge(bench, identified, axis)
     for number in range(1, passes + 1):
         gain = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0
         reporter.step(f"pass {number} of {passes}: axis {axis} to {end:.2f} rev/s, {100.0 * gain:g} % of the cancellation")
         session.check_interrupt()
         here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
         motion = ramps(bench, axis, here_rev, acceleration_rps_s, end, period)
-        adder = _adder(session, identified, learning, delay_s, motion, actuation, gain)
-        result = session.run(motion.motion, "none", "drive", adder)
+        cancellation = _cancellation(session, identified, learning, delay_s, motion, actuation)
+        result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
         keep(number, result, motion)
         if result.stopped is not None:
             raise result.stopped
         check_run(result, sensorless=False)
         recording, following = result.recording, None
-        if adder is not None and gain == 1.0 and scale is not None:
+        if cancellation is not None and gain == 1.0 and scale is not None:
             following, late_s = motor_following(recording, motion, axis, table.reduction_ratio, learning.estimate, scale.band_hz)
             delay_s += late_s if abs(late_s) > LEAST_DELAY_S else 0.0
         sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
@@ -204,18 +222,27 @@ def learn(
         check_estimate(estimate, sensorless=False)
         scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first pass: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
-        learning.passes.append(LearntPass(gain, vibration, estimate, delay_s, following))
-        _check_reduction(learning, axis, number, gain)
+        orders = () if cancellation is None else cancellation.tables[axis].orders
+        verdicts = judge.judge(recording, motion, orders, gain, estimate, scale)
+        learning.passes.append(LearntPass(gain, vibration, estimate, delay_s, following, verdicts))
+        _leave_out(learning, number, is_last=number == passes)
         start = estimate.arm
         end = min(end, max(END_OVER_RESONANCE * start.resonance_hz / 2.0, 1.0))
     return learning
 
 
-def _check_reduction(learning: AxisLearning, axis: int, number: int, gain: float) -> None:
-    """Refuse to go on where the cancellation of a pass did not lower the vibration as far as its gain should."""
-    if learning.reduction_fraction < LEAST_FRACTION * gain:
-        what = f"what pass {number - 1} has learnt of axis {axis}"
-        raise CancellationRefusedError(what, learning.reduction_fraction, LEAST_FRACTION * gain)
+def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:
+    """Leave out the orders whose cancellation is wrong, after the last pass those too that could not be judged.
+
+    Raises:
+        CancellationRefusedError: None is left.
+    """
+    verdicts = learning.passes[-1].verdicts
+    for verdict in verdicts:
+        if verdict.verdict == "refused" or (is_last and verdict.verdict == "not judged"):
+            learning.left_out[verdict.part.order] = verdict.words
+    if number > 1 and not learning.estimate.error.amplitude_arcsec.keys() - learning.left_out.keys():
+        raise CancellationRefusedError(f"what pass {number - 1} has learnt of axis {learning.axis}", verdicts)
 
 
 def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
@@ -231,20 +258,19 @@ def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
     return bench.axis[axis]
 
 
-def _adder(
+def _cancellation(
     session: Session,
     identified: Identified | None,
     learning: AxisLearning,
     delay_s: float,
     motion: Ramps,
     actuation: Actuation,
-    gain: float,
-) -> CancellationAdder | None:
-    """Adder of what has been learnt so far; None before the first pass."""
+) -> Cancellation | None:
+    """Cancellation of what has been learnt so far; None before the first pass."""
     if not learning.passes:
         return None
     so_far = _with_estimate(session, identified, learning, delay_s)
-    return cancellation_on(session, so_far, motion.motion, actuation=actuation).adder(gain)
+    return cancellation_on(session, so_far, motion.motion, actuation=actuation)
 
 
 def _fitted(sweeps: Sequence[Sweep], table: AxisTable, start: Arm | None) -> JointEstimate:

@@ -1,9 +1,9 @@
 """Trial of a cancellation on the accelerometer: it is trusted only after it has lowered the vibration.
 
-An order whose cancellation is wrong by more than 60° vibrates more with it. So the motion runs without it, then with a small fraction
-of it on all axes and on each, then with the whole; and each order of each axis is judged for itself (`verdict`), by its own complex
-amplitude at the tip (`effect`). What is wrong is taken out, as is what does too little to be seen; where nothing is left the
-cancellation is refused, and the notch stays.
+An order whose cancellation is wrong by more than 60° vibrates more with it. So the motion runs without it, then with a small
+fraction of it on all axes and on each, then with the whole; and each order of each axis is judged for itself (`verdict`), by its
+own complex amplitude at the tip (`effect`). What is wrong is taken out, as is what does too little to be seen; where nothing is
+left the cancellation is refused, and the notch stays.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -219,14 +219,14 @@ class _Protocol:
             wrong = _wrong(verdicts)
             if len(wrong) == len(self._parts):
                 break
-            if number > 1 and any(verdict.verdict == "not judged" for verdict in verdicts.values()):
+            if number > 1 and _open(verdicts, number - 1):
                 self._reporter.step("trial of the cancellation: without, once more, for the mean")
                 self._add("without, once more", 0.0)
             what = "the whole of it" + (f" but {', '.join(part.words for part in sorted(wrong))}" if wrong else "")
             self._reporter.step(f"trial of the cancellation: {what}")
             self._add(what, 1.0, None, wrong)
             verdicts = judged(self._gain, self._seen)
-            if _wrong(verdicts) == wrong and all(verdict.verdict != "not judged" for verdict in verdicts.values()):
+            if _wrong(verdicts) == wrong and not _open(verdicts, number):
                 break
         return Verification(self._gain, tuple(self._trials), tuple(verdicts.values()))
 
@@ -265,6 +265,11 @@ def _wrong(verdicts: Mapping[Part, PartVerdict]) -> frozenset[Part]:
     return frozenset(part for part, verdict in verdicts.items() if verdict.verdict == "refused")
 
 
+def _open(verdicts: Mapping[Part, PartVerdict], wholes: int) -> bool:
+    """True where more runs with the whole than these could still judge a part."""
+    return any(verdict.could_be_judged(MOST_WHOLE / wholes) for verdict in verdicts.values())
+
+
 def verify(
     session: Session,
     cancellation: Cancellation,
@@ -297,9 +302,7 @@ def verify(
         return _run(session, motion, filters, adder, shows_filter)
 
     scale = cancellation.scale or vibration_scale(session.bench, motion.axes)
-    return _Protocol(
-        session.bench, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter
-    ).perform()
+    return _Protocol(session.bench, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter).perform()
 
 
 def _run(session: Session, motion: Motion, filters: FilterUse, adder: CancellationAdder | None, shows_filter: bool) -> Recording:

@@ -75,17 +75,21 @@ class PartVerdict:
     turn_error_deg: float | None
     verdict: Verdict
 
+    def could_be_judged(self, more: float) -> bool:
+        """True where an undecided part could be told with so many times the present runs."""
+        return self.verdict == "not judged" and SIGMAS * self.left_error <= MOST_LEFT * math.sqrt(more)
+
     @property
     def words(self) -> str:
         """The verdict as a line of text."""
         change = f"{'fell' if self.fall >= 0.0 else 'rose'} by {100.0 * abs(self.fall):.0f} ± {100.0 * self.fall_error:.0f} %"
         head = f"{self.part.words}: with {100.0 * self.gain:g} % of it {change} ({100.0 * self.gain:g} % expected)"
         if self.verdict == "not judged":
-            return f"{self.part.words}: too little of it to be judged above the sensor's noise ({change})"
+            return f"{self.part.words}: does too little to be judged above the sensor's noise ({change})"
         if self.factor is None or self.turn_deg is None:
             return head
         turn = f"{self.turn_deg:+.0f}° ± {self.turn_error_deg:.0f}°".replace("-", "−")
-        return f"{head}, the correction should be × {self.factor:.2f} ± {self.factor_error:.2f} ∠ {turn}"
+        return f"{head}, the cancellation should be × {self.factor:.2f} ± {self.factor_error:.2f} ∠ {turn}"
 
 
 def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
@@ -105,10 +109,8 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     left, left_error = _left(there, taken, covariance, 1.0)
     tried, tried_error = _left(there, taken, covariance, gain)
     verdict: Verdict = "accepted"
-    for fraction, most, (rest, error) in (
-        (1.0, MOST_LEFT, (left, left_error)),
-        (gain, 1.0 - LEAST_FRACTION * gain, (tried, tried_error)),
-    ):
+    whole, part_of = (1.0, MOST_LEFT, left, left_error), (gain, 1.0 - LEAST_FRACTION * gain, tried, tried_error)
+    for fraction, most, rest, error in (whole,) if gain == 1.0 else (whole, part_of):
         margin = most * size - rest
         clear = SIGMAS * error if error > SURE * fraction * size else 0.0
         if margin < -clear:
@@ -117,14 +119,24 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
         if margin < clear:
             verdict = "not judged"
     safe = max(size, 1e-30)
-    factor = _factor(there, taken, covariance)
+    factor, factor_error, turn_deg, turn_error_deg = _factor(there, taken, covariance)
     return PartVerdict(
-        part, gain, 1.0 - tried / safe, tried_error / safe, left / safe, left_error / safe, *factor, verdict
+        part,
+        gain,
+        fall=1.0 - tried / safe,
+        fall_error=tried_error / safe,
+        left=left / safe,
+        left_error=left_error / safe,
+        factor=factor,
+        factor_error=factor_error,
+        turn_deg=turn_deg,
+        turn_error_deg=turn_error_deg,
+        verdict=verdict,
     )
 
 
 def _solved(part: Part, seen: Sequence[Seen]) -> tuple[complex, complex, np.ndarray]:
-    """e and c of one direction by weighted least squares, and the covariance of either of their components; shape (2, 2)."""
+    """E and c of one direction by weighted least squares, and the covariance of either of their components; shape (2, 2)."""
     gains = {each.gain for each in seen}
     if len(gains) < 2:
         raise ValueError(f"{part.words} was seen with {sorted(gains)} of its cancellation alone: nothing to compare")

@@ -38,8 +38,10 @@ def response_of(bench: Bench, identified: Identified | None, number: int) -> Res
     known = None if identified is None else identified.axis.get(number)
     error = None if known is None else known.ate
     delay_s = 0.0 if error is None else error.accelerometer_delay_s
-    loop = (bench if identified is None else with_identified(bench, identified)).axis[number].loop(
-        CONTROL_PERIOD_S, with_notch=False
+    loop = (
+        (bench if identified is None else with_identified(bench, identified))
+        .axis[number]
+        .loop(CONTROL_PERIOD_S, with_notch=False)
     )
     if loop is not None:
         return Response(loop, delay_s=delay_s)

@@ -119,7 +119,9 @@ def _cells(row: ComparisonRow) -> list[Cell]:
         within = Mark(None, "not judged")
     else:
         within = Mark(row.within_spec, "within" if row.within_spec else "outside")
-    trial: Cell = NONE if row.trial is None else Mark(None if row.trial == "accepted in part" else row.trial == "accepted", row.trial)
+    trial: Cell = (
+        NONE if row.trial is None else Mark(None if row.trial == "accepted in part" else row.trial == "accepted", row.trial)
+    )
     return [
         TITLES.get(row.treatment, row.treatment),
         row.loop,

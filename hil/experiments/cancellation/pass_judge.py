@@ -1,0 +1,87 @@
+"""Verdicts on the orders that a pass of the learning has cancelled, against its first pass, which was without."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from hil.analysis import TipScale
+from hil.bench.bench import Bench
+from hil.bench.model import Identified
+from hil.design.ate_identification import JointEstimate
+from hil.design.ate_model import Arm
+from hil.experiments.ate.motion import Ramps
+from hil.experiments.cancellation.effect import AxisWaves, Part, Response, refined, sight
+from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
+from hil.experiments.cancellation.waves import response_of, waves_of
+from hil.recording import Recording
+
+DIRECTIONS = (1, -1)
+
+
+class PassJudge:
+    """Judge of the passes of one axis.
+
+    A pass may be to another speed than the first, so each is read with its own waves; and each direction for itself, since an
+    unknown delay turns one against the other.
+    """
+
+    def __init__(self, bench: Bench, identified: Identified | None, axis: int) -> None:
+        """Keep the bench and the axis; the response is that of the model file, or of the first pass' arm."""
+        self._bench, self._axis, self._known = bench, axis, response_of(bench, identified, axis)
+        self._response: Response | None = None
+        self._without: dict[Part, list[Seen]] = {}
+
+    def judge(
+        self,
+        recording: Recording,
+        motion: Ramps,
+        orders: Sequence[float],
+        gain: float,
+        estimate: JointEstimate,
+        scale: TipScale,
+    ) -> tuple[PartVerdict, ...]:
+        """Verdict on each order that was cancelled; none after the first pass.
+
+        Args:
+            recording: Recording of the pass.
+            motion: Ramps of the pass.
+            orders: Orders that were cancelled.
+            gain: Fraction of the cancellation that acted.
+            estimate: Estimate after the pass.
+            scale: Scale of the axis.
+        """
+        if self._response is None:
+            self._response = self._first(recording, motion, estimate, scale)
+            fitted = tuple(estimate.error.amplitude_arcsec)
+            self._without = self._seen(recording, motion, fitted, dict.fromkeys(fitted, 0.0), scale)
+            return ()
+        seen = self._seen(recording, motion, orders, dict.fromkeys(orders, gain), scale)
+        return tuple(judge(part, gain, [*self._without[part], *sights]) for part, sights in seen.items())
+
+    def _first(self, recording: Recording, motion: Ramps, estimate: JointEstimate, scale: TipScale) -> Response:
+        """The response, refined on the first pass."""
+        arm = estimate.arm
+        bare = Response(Arm(arm.resonance_hz, arm.damping, gear_fraction=arm.gear_fraction))
+        start = replace(self._known or bare, delay_s=arm.delay_s)
+        waves = self._waves(recording, motion, tuple(estimate.error.amplitude_arcsec), start)
+        rows = motion.direction() != 0
+        return refined([recording], waves, [rows], scale.band_hz)[0].response
+
+    def _waves(self, recording: Recording, motion: Ramps, orders: Sequence[float], response: Response) -> tuple[AxisWaves, ...]:
+        return waves_of(self._bench, {self._axis: response}, {self._axis: orders}, motion.motion, recording)
+
+    def _seen(
+        self, recording: Recording, motion: Ramps, orders: Sequence[float], gains: dict[float, float], scale: TipScale
+    ) -> dict[Part, list[Seen]]:
+        assert self._response is not None  # noqa: S101 - made by the first pass
+        waves = self._waves(recording, motion, tuple(self._orders(orders)), self._response)
+        directions = motion.direction()[: len(recording.time_s)]
+        found: dict[Part, list[Seen]] = {Part(self._axis, order): [] for order in orders}
+        for way in DIRECTIONS:
+            sighting = sight(recording, waves, directions == way, scale.band_hz)
+            for part, sights in found.items():
+                sights.append(Seen(way, gains[part.order], sighting.amplitude[part], sighting.variance(part)))
+        return found
+
+    def _orders(self, orders: Sequence[float]) -> set[float]:
+        """Orders that are fitted: those of the pass, and those of the first."""
+        return {*orders, *(part.order for part in self._without)}
