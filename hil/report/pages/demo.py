@@ -6,8 +6,8 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from hil.bench.bench import Bench
 from hil.analysis import is_noise
+from hil.bench.bench import Bench
 from hil.experiments.plan import outside
 from hil.report import style
 from hil.report.drawn_run import pair
@@ -118,10 +118,11 @@ def _own_robot(material: Material) -> ReportTable | None:
         return None
     if _moment(result.started_utc) < _moment(material.result.bench.started_utc):
         return None
+    which = "The same robot" if result.story.seed is None else f"A robot drawn by seed {result.story.seed}, not the paper's,"
     link = Markup(
-        "The same robot as somebody meets it who knows nothing of it: identified, a notch designed and uploaded, and run side by "
+        "{} as somebody meets it who knows nothing of it: identified, a notch designed and uploaded, and run side by "
         "side. <a href='story/report.html'>The whole story</a>."
-    )
+    ).format(which)
     table = tables_compare.overview(result, "own-robot-table", link)
     if result.story.failure is None and table is not None:
         return table

@@ -273,7 +273,7 @@ def runs(material: Material) -> ReportTable | None:
         rows,
         frozenset({0, 1, 10}),
         "Tip: equivalent displacement in the window in which the run is judged. A ramp is judged in a window for each order k "
-        "whose line crosses the resonance on it: around f_al/k. Beside it: the peak that the sensor's noise alone would show; the "
+        "whose line crosses the resonance on it: around f_al/k. Beside it: the peak that noise alone would show; the "
         "largest amplitude of the order itself, tracked along the motor's angle, with its standard error; and the peak on the "
         "whole ramp without the jerks at its ends. Without an f_al nothing is judged, and there are no millimetres.",
     )
