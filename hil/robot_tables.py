@@ -5,7 +5,7 @@ more keys derives its table from the one here.
 """
 
 from collections.abc import Collection, Mapping
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -16,6 +16,8 @@ from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, Smoo
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
+
+K = TypeVar("K", bound=float)
 
 AxisNumber = Annotated[int, Field(ge=1, le=6)]
 
@@ -75,22 +77,24 @@ class TransmissionErrorTable(Table):
         return self
 
     @classmethod
-    def of(cls, amplitudes_arcsec: Mapping[float, float], phases_deg: Mapping[float, float]) -> Self:
+    def of(cls, amplitudes_arcsec: Mapping[K, float], phases_deg: Mapping[K, float]) -> Self:
         """The table of amplitudes and phases by their order; an order of `ORDERS` that is not there is 0.
 
         Raises:
             ValueError: An amplitude has no phase, or the orders are more than a table holds.
         """
-        without = sorted(amplitudes_arcsec.keys() - phases_deg.keys())
+        amplitudes: dict[float, float] = {order: float(value) for order, value in amplitudes_arcsec.items()}
+        phases: dict[float, float] = {order: float(value) for order, value in phases_deg.items()}
+        without = sorted(amplitudes.keys() - phases.keys())
         if without:
             raise ValueError(f"order {', '.join(f'{order:g}' for order in without)} has an amplitude and no phase")
         named: dict[str, float] = {}
         for order in ORDERS:
-            named[amplitude_key(order)] = amplitudes_arcsec.get(order, 0.0)
-            named[phase_key(order)] = phases_deg.get(order, 0.0)
+            named[amplitude_key(order)] = amplitudes.get(order, 0.0)
+            named[phase_key(order)] = phases.get(order, 0.0)
         lines = [
-            {"order": order, "a_arcsec": amplitudes_arcsec[order], "phi_deg": phases_deg[order]}
-            for order in sorted(amplitudes_arcsec.keys() - set(ORDERS))
+            {"order": order, "a_arcsec": amplitudes[order], "phi_deg": phases[order]}
+            for order in sorted(amplitudes.keys() - set(ORDERS))
         ]
         return cls.model_validate({**named, "more": tuple(lines)})
 

@@ -68,7 +68,7 @@ class World:
             setting.noise_m_s2, setting.resolution_m_s2, setting.range_m_s2, np.random.default_rng(robot.seed)
         )
         self.accelerometer = AccelerometerNode(
-            setting.node_id, self._measure, setting.range_m_s2, sdo_max_bytes=setting.sdo_download_bytes
+            setting.node_id, self.measure, setting.range_m_s2, sdo_max_bytes=setting.sdo_download_bytes
         )
         nodes: list[Node] = [*self.drives.values(), self.accelerometer]
         self._nodes = sorted(nodes, key=lambda node: node.node_id)
@@ -232,6 +232,14 @@ class World:
             self._owed_ns = self.period_ns
         return _by_priority(answers) if len(answers) > 1 else answers
 
+    def measure(self) -> tuple[float, float, float]:
+        """Draw a sample of the accelerometer, in m/s²; its node does so once per SYNC."""
+        return self._sensor.sample(self.axes.sensed_acceleration())
+
+    def pass_period(self) -> list[Frame]:
+        """Let the period of a SYNC pass that was heard without a frame; what the nodes send meanwhile."""
+        return self.advance(self.now + self.period_ns)
+
     def settle(self) -> list[Frame]:
         """Let the period pass that the last SYNC is worth."""
         owed, self._owed_ns = self._owed_ns, 0
@@ -305,9 +313,6 @@ class World:
         while self.now < until:
             frames += self.advance(min(until, self.now + FREE_STEP_NS))
         return frames
-
-    def _measure(self) -> tuple[float, float, float]:
-        return self._sensor.sample(self.axes.tip_acceleration())
 
 
 def _is_due(slave: Slave, now: int) -> bool:

@@ -4,8 +4,9 @@ For given ω, ζ and Δ it is linear in A_k cos φ_k and A_k sin φ_k: `SweepMod
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,10 @@ Signs = NDArray[np.int8]
 
 GEAR_FRACTION = 0.9
 """ζ_g/ζ unless a plant gives it: most of the damping is the gear's. A tenth more or less is 0.2 ζ/ω in Δ, 0.1 ms, and no more."""
+LEAST_SENSOR_NOISE = 0.05
+"""Least fraction of a residual's power that is taken for the sensor's."""
+BEND_UP_TO = 2.1
+"""Frequency, by the arm's, up to which a bend is meant: the end of the band."""
 FLOOR = 0.02
 """Smallest ζ ω, as a fraction of ω, for which a transform is padded."""
 
@@ -65,29 +70,55 @@ class Arm:
         damping: Damping ratio ζ.
         delay_s: Delay Δ.
         gear_fraction: Fraction ζ_g/ζ of the damping, believed.
+        bend: (f_a/f_s)², for a sensor that resonates at f_s on its mounting; below 0 for one that falls off.
     """
 
     resonance_hz: float
     damping: float
     delay_s: float = 0.0
     gear_fraction: float = GEAR_FRACTION
+    bend: float = 0.0
 
     def response(self, frequency_hz: Real) -> Complex:
-        """H(jω) e^{−jωΔ}; shape of `frequency_hz`."""
+        """H(jω) e^{−jωΔ} of arm and sensor; shape of `frequency_hz`."""
         x = np.asarray(frequency_hz) / self.resonance_hz
-        late = np.exp(-2j * math.pi * frequency_hz * self.delay_s)
+        late = np.exp(-2j * math.pi * frequency_hz * self.delay_s) / (1.0 - self.bend * np.minimum(x, BEND_UP_TO) ** 2)
         return np.asarray((1.0 + 2j * self.gear_fraction * self.damping * x) / (1.0 + 2j * self.damping * x - x**2) * late)
+
+
+SAME_ARM: Mapping[float, Arm] = MappingProxyType({})
+"""One arm for all orders."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise of a signal: the sensor's, and what an encoder's rounding becomes behind an arm.
+
+    Attributes:
+        arm: The arm.
+        sensor_variance: Variance of the sensor's white noise.
+    """
+
+    arm: Arm
+    sensor_variance: float
 
 
 class SweepModel:
     """Model of one recording: the transforms are computed once, then one inverse transform for each arm."""
 
     def __init__(
-        self, sweep: Sweep, reduction_ratio: float, sensing: Sensing, orders: Sequence[float], band_hz: tuple[float, float]
+        self,
+        sweep: Sweep,
+        reduction_ratio: float,
+        sensing: Sensing,
+        orders: Sequence[float],
+        band_hz: tuple[float, float],
+        noise: Noise | None = None,
     ) -> None:
-        angle, period_s = sweep.motor_angle_rad, sweep.period_s
+        angle, period_s, self._orders = sweep.motor_angle_rad, sweep.period_s, tuple(orders)
         # nothing passes beyond four times the band, so every n-th sample says all
         self._every = max(1, int(0.5 / period_s / (4.0 * band_hz[1])))
+        self.sample_s = self._every * period_s
         self.direction = sweep.direction[:: self._every]
         self._rows, self._count = self.direction != 0, len(self.direction)
         ring_down = round(min(RING_DOWN / (FLOOR * 2.0 * math.pi * band_hz[0]), 4.0) / period_s)
@@ -100,29 +131,60 @@ class SweepModel:
         band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
         _, gain = signal.sosfreqz(band, frequency, fs=1.0 / period_s)
         weight = np.abs(gain) ** 2  # forward and backward: no phase
+        self._white = float(np.mean(weight**2))
+        # a rounded angle carries white noise of q²/12, twice differentiated and filtered like the angle
+        rounding = sensing.gain * (2.0 * math.pi * frequency) ** 2 * resolution_rad(angle) / reduction_ratio / math.sqrt(12.0)
+        if noise is not None:
+            weight = weight / np.sqrt(1.0 + np.abs(rounding * noise.arm.response(frequency)) ** 2 / noise.sensor_variance)
+        self._rounding, self._all_frequency = weight * rounding, frequency
         inside = slice(0, self._length // 2)
         self._frequency = frequency[inside]
         self._spectra = sensing.gain * weight[inside] * spectra[:, inside]
         inertia = sensing.motor_inertia_kg_m2 * reduction_ratio  # the first spectrum is that of θ̈_m/N
         self._own = inertia * weight[inside] * spectra[0, inside]
         # the fraction of white noise that comes through, hence of the samples that are independent
-        self.independent = self._every * float(np.mean(weight**2))
-        self.signal = self._samples(weight[inside] * fft.rfft(_level(sweep.signal), full)[inside])
+        self.independent = self._every * self._white
+        self._seen = weight[inside] * fft.rfft(levelled(sweep.signal), full)[inside]
+        self.signal = self._samples(self._seen)
+
+    def ahead(self, delay_s: float) -> Real:
+        """The signal, earlier by a delay, in the rows that count."""
+        return self._samples(self._seen * np.exp(2j * math.pi * self._frequency * delay_s))
 
     def _samples(self, spectra: Complex) -> Real:
         """Spectra as samples in the rows that count."""
         samples = fft.irfft(spectra, self._length, axis=-1) / self._every
         return np.asarray(samples[..., : self._count][..., self._rows], dtype=np.float64)
 
-    def columns(self, arm: Arm) -> tuple[Real, Real]:
+    def columns(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
         """Signal from the motor's motion alone, shape (n,), and from a unit of each linear unknown, shape (n, unknowns)."""
         spectra = self._spectra * arm.response(self._frequency)
+        for order, other in own.items():
+            row = 1 + 2 * self._orders.index(order)
+            spectra[row : row + 2] = self._spectra[row : row + 2] * other.response(self._frequency)
         spectra[0] += self._own * np.exp(-2j * math.pi * self._frequency * arm.delay_s)
         rows = self._samples(spectra)
         return rows[0], rows[1:].T
 
+    @property
+    def white(self) -> float:
+        """Power of white noise of variance 1 behind the filter."""
+        return self._white
 
-def _level(values: Real, edge: int = 16) -> Real:
+    def rounding_power(self, arm: Arm) -> float:
+        """Power that the encoder's rounding is expected to leave in the rows that count, summed over them."""
+        passed = np.abs(self._rounding * arm.response(self._all_frequency)) ** 2
+        return float(np.mean(passed)) * int(np.count_nonzero(self._rows))
+
+
+def resolution_rad(angle_rad: Real) -> float:
+    """Step of an encoder, as its readings show it: the smallest difference of two of them; 0 for none."""
+    steps = np.diff(np.unique(angle_rad))
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def levelled(values: Real, edge: int = 16) -> Real:
     """Subtract the straight line from beginning to end: gravity's part, which would be a step where a recording is cut off."""
     few = min(edge, len(values))
     return np.asarray(values - np.linspace(float(np.mean(values[:few])), float(np.mean(values[-few:])), len(values)))
@@ -138,34 +200,65 @@ class RampsModel:
         sensing: Sensing,
         orders: tuple[float, ...],
         band_hz: tuple[float, float],
+        noise: Noise | None = None,
     ) -> None:
-        self._parts = [SweepModel(sweep, reduction_ratio, sensing, orders, band_hz) for sweep in sweeps]
+        self._parts = [SweepModel(sweep, reduction_ratio, sensing, orders, band_hz, noise) for sweep in sweeps]
         self.directions = np.concatenate([part.direction[part.direction != 0] for part in self._parts])
         self.signal = np.concatenate([part.signal for part in self._parts])
         self.independent = float(np.mean([part.independent for part in self._parts]))
         self.orders, self.band_hz = orders, band_hz
+        self._put_forward: dict[float, Real] = {}
 
-    def columns(self, arm: Arm) -> tuple[Real, Real]:
+    def columns(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
         """Columns of all recordings, one behind the other."""
-        parts = [part.columns(arm) for part in self._parts]
+        parts = [part.columns(arm, own) for part in self._parts]
         return np.concatenate([motion for motion, _ in parts]), np.concatenate([matrix for _, matrix in parts])
 
-    def solve(self, arm: Arm) -> tuple[Real, Real]:
+    def solve(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
         """The linear unknowns, and the residual."""
-        motion, matrix = self.columns(arm)
+        motion, matrix = self.columns(arm, own)
         unknowns = least_squares(matrix, self.signal - motion)
         return unknowns, self.signal - motion - matrix @ unknowns
 
-    def power_apart(self, arm: Arm) -> float:
-        """Power of the residual where each direction may have its own amplitudes and phases, which hides a delay."""
-        motion, matrix = self.columns(arm)
-        total = 0.0
+    def block(self, frequency_hz: float, periods: float = 3.0) -> int:
+        """Samples of a block of so many periods of a frequency."""
+        return max(4, round(periods / frequency_hz / self._parts[0].sample_s))
+
+    def rounding_power(self, arm: Arm) -> float:
+        """Power that the encoder's rounding is expected to leave, summed over all rows."""
+        return sum(part.rounding_power(arm) for part in self._parts)
+
+    def noise(self, arm: Arm) -> Noise:
+        """The noise that a residual shows, less the part of it that rounding explains."""
+        left = self.power(arm)
+        sensor = max(left - self.rounding_power(arm), LEAST_SENSOR_NOISE * left) / len(self.signal)
+        return Noise(arm, sensor / float(np.mean([part.white for part in self._parts])))
+
+    def powers_apart(self, arm: Arm, delays_s: Sequence[float]) -> list[float]:
+        """Power of the residual by delay, where each direction may have its own amplitudes and phases.
+
+        The signal is put forward instead of the model back, so the columns are made once for all delays.
+        """
+        motion, matrix = self.columns(replace(arm, delay_s=0.0))
+        totals = np.zeros(len(delays_s))
         for direction in (1, -1):
             rows = self.directions == direction
-            if rows.any():
-                wanted = (self.signal - motion)[rows]
-                total += float(np.sum((wanted - matrix[rows] @ least_squares(matrix[rows], wanted)) ** 2))
-        return total
+            if not rows.any():
+                continue
+            own = matrix[rows]
+            scale = np.sqrt(np.sum(own**2, axis=0)) + 1e-300
+            own = own / scale
+            solver = np.linalg.pinv(own.T @ own, rcond=1e-12, hermitian=True)
+            for i, delay in enumerate(delays_s):
+                wanted = (self._ahead(delay) - motion)[rows]
+                totals[i] += float(np.sum((wanted - own @ (solver @ (own.T @ wanted))) ** 2))
+        return [float(total) for total in totals]
+
+    def _ahead(self, delay_s: float) -> Real:
+        """The signal as it would have been without a delay."""
+        if delay_s not in self._put_forward:
+            self._put_forward[delay_s] = np.concatenate([part.ahead(delay_s) for part in self._parts])
+        return self._put_forward[delay_s]
 
     def power(self, arm: Arm) -> float:
         """Power of the residual."""
@@ -177,24 +270,6 @@ def least_squares(matrix: Real, wanted: Real) -> Real:
     scale = np.sqrt(np.sum(matrix**2, axis=0)) + 1e-300
     scaled = matrix / scale
     return np.asarray(np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) @ (scaled.T @ wanted) / scale)
-
-
-class FreeMotionModel:
-    """A model in which the scale of the motor's own motion is one more linear unknown, the last."""
-
-    def __init__(self, model: RampsModel) -> None:
-        self._model, self.signal = model, model.signal
-
-    def columns(self, arm: Arm) -> tuple[Real, Real]:
-        """Zeros for the given motion, and the columns of the unknowns."""
-        motion, matrix = self._model.columns(arm)
-        return np.zeros_like(motion), np.column_stack([matrix, motion])
-
-    def solve(self, arm: Arm) -> tuple[Real, Real]:
-        """The linear unknowns, and the residual."""
-        _, matrix = self.columns(arm)
-        unknowns = least_squares(matrix, self.signal)
-        return unknowns, self.signal - matrix @ unknowns
 
 
 def modelled(sweep: Sweep, reduction_ratio: float, sensing: Sensing, arm: Arm, error: TransmissionError) -> Real:

@@ -164,10 +164,12 @@ def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np
     phase = np.outer(window.angle_rad, orders[shown])
     slow = np.stack([np.ones_like(window.place), window.place, window.place**2], axis=1)
     columns = np.concatenate([slow, np.cos(phase), -np.sin(phase)], axis=1)
-    normal = np.linalg.pinv(columns.T @ (window.weight[:, None] * columns))
-    gains = normal @ (window.weight[:, None] * columns).T
-    found = gains @ window.values
-    residual = window.values - columns @ found
+    weighted = window.weight[:, None] * columns
+    # sums by hand: for matrices this small the linear algebra's threads only wait for each other
+    normal = np.linalg.pinv(np.einsum("ij,ik->jk", columns, weighted), hermitian=True)
+    gains = np.einsum("ij,kj->ik", normal, weighted)
+    found = np.einsum("ij,j->i", gains, window.values)
+    residual = window.values - np.einsum("ij,j->i", columns, found)
     real, imaginary = 3 + np.arange(len(shown)), 3 + len(shown) + np.arange(len(shown))
     component[shown] = found[real] + 1j * found[imaginary]
     length = np.maximum(np.abs(component[shown]), 1e-300)

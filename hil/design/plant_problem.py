@@ -11,8 +11,8 @@ general the demand, and the motor feels it behind the current loop, H_c = 1/(1 +
 tenth of a millisecond of it looks like 6 % of motor inertia. F_k and Y_k are the images of the held excitation at f + k/T,
 which fold onto the line; they are computed from the fitted plant and the law's gains.
 
-An accelerometer has a delay δ_a, and a low-pass or a mounting that resonates: gain g exp(κ (ω/ω_κ)² − jωδ_a), both to second
-order in ω.
+An accelerometer has a delay δ_a, and a low-pass or a mounting that resonates: gain g exp(−jωδ_a)/(1 − κ (ω/ω_κ)²), used
+around f_a only.
 """
 
 import math
@@ -31,14 +31,18 @@ AGE_PRIOR_S = 3e-4
 """Standard deviation of the age of the reported torque around half a control period, as believed before the fit."""
 LAG_PRIOR_S = 1e-3
 """Standard deviation of the current loop's time constant, as believed before the fit: real ones have 0.1 to 1 ms."""
-TILT_PRIOR = 0.5
-"""Standard deviation of the accelerometer's change of gain, ln, at `TILT_HZ`, as believed before the fit."""
+TILT_PRIOR = 0.15
+"""Standard deviation of the accelerometer's change of gain at `TILT_HZ`, as believed before the fit."""
 TILT_HZ = 40.0
+TIP_BAND = (0.5, 1.6)
+"""Band in which the tip is used, over f_a."""
 LARGEST_LAG_S, LARGEST_DELAY_S = 5e-3, 0.05
 """Largest time constant of a current loop, and largest delay of an accelerometer, that are believed."""
 LEAST_DELAY_S = 2e-3
 """Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
 LEAST_LAG_S = 1e-4
+TRIED = 16
+"""Anti-resonances that are tried as a start."""
 GUESSES = 3
 """First guesses that are followed."""
 LARGEST_CHANGE = 3.0
@@ -95,6 +99,7 @@ class PlantProblem:
         self._folded = self._folding()
         self.scatter = Scatter.of(data.angle, data.torque)
         self.tip_scatter = None if data.tip is None else Scatter.of(data.tip, data.angle)
+        self._tip_lines = np.arange(len(self.jw))
 
     def _folding(self) -> "_Folding | None":
         """What the images take from the law and the times alone."""
@@ -155,10 +160,36 @@ class PlantProblem:
     # -- unknowns ------------------------------------------------------------------------------------------------------
 
     def first_guesses(self) -> list[Real]:
-        """First guesses of the first five unknowns, from the response without images."""
+        """Starts of the fit, the likeliest first: from dip and peak of the response, and where images hide those, by trial."""
         none = np.zeros_like(self.excitation)
         torque = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], none)
-        return first_guesses(self._measured[0] / torque, self.data.frequency_hz, self.ratio)
+        response = self._measured[0] / torque
+        guesses: list[Real] = []
+        try:
+            guesses = [self.start(guess) for guess in first_guesses(response, self.data.frequency_hz, self.ratio)]
+        except UnidentifiableError:
+            if self._folded is None:
+                raise
+        return guesses if self._folded is None else [*guesses[:2], *self._tried()]
+
+    def _tried(self) -> list[Real]:
+        """The likeliest of many plants: f_a on a grid, ratios of inertia, and whole inertias about that of the lowest lines."""
+        low = slice(0, max(2, len(self.jw) // 20))
+        felt = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], np.zeros_like(self.excitation))
+        whole = float(np.median(np.abs(felt[low] / (self._measured[0][low] * self.jw[low] ** 2))))
+        tried: list[tuple[float, float, Real]] = []
+        for f_a in np.geomspace(1.2 * self.data.frequency_hz[0], 0.9 * self.data.frequency_hz[-1], TRIED).tolist():
+            for arms in (0.6, 1.3, 2.5, 4.5):
+                for total in (0.6 * whole, whole, 1.7 * whole):
+                    motor, arm = total / (1.0 + arms), self.ratio**2 * total * arms / (1.0 + arms)
+                    stiffness = (2.0 * math.pi * f_a) ** 2 * arm
+                    damping = math.log(0.08 * stiffness / (2.0 * math.pi * f_a))
+                    x = self.start(np.array([math.log(motor), math.log(arm), math.log(stiffness), damping, 3.0 * motor]))
+                    tried.append((float(np.sum(np.log1p(np.abs(self.residual(x))))), f_a, x))
+        tried.sort(key=lambda each: each[0])
+        best = tried[0]
+        other = next((each for each in tried if abs(math.log(each[1] / best[1])) > 0.25), None)
+        return [best[2]] if other is None else [best[2], other[2]]
 
     def start(self, guess: Real) -> Real:
         """All unknowns from a guess of the first five."""
@@ -175,12 +206,19 @@ class PlantProblem:
         low[LAG], high[LAG] = 0.0, LARGEST_LAG_S
         if self.data.tip is not None:
             low[DELAY], high[DELAY] = -LEAST_DELAY_S, LARGEST_DELAY_S
+            last = self.data.frequency_hz[self._tip_lines[-1]] if len(self._tip_lines) else TILT_HZ
+            low[TILT], high[TILT] = -1.0, 0.9 * (TILT_HZ / last) ** 2
         return low, high
 
     def scale(self, x: Real) -> Real:
         """Sizes of a change of each unknown that are alike in their effect."""
         sizes = [0.1, 0.1, 0.1, 0.3, max(1e-6, 0.3 * math.exp(x[J_M])), 1e-4, 0.1, 1e-4, 0.1, 1e-3, 0.1]
         return np.array(sizes[: len(x)])
+
+    def focus(self, f_a: float) -> None:
+        """Use the tip around an anti-resonance only: it tells f_a and ζ, and nothing that a sensor's own response may spoil."""
+        frequency = self.data.frequency_hz
+        self._tip_lines = np.flatnonzero((frequency > TIP_BAND[0] * f_a) & (frequency < TIP_BAND[1] * f_a))
 
     def plant(self, x: Real) -> TwoInertia:
         """The plant of the unknowns."""
@@ -208,9 +246,9 @@ class PlantProblem:
         left = [(angle - model * torque) / sigma]
         if data.tip is not None and self.tip_scatter is not None:
             model = tip_response(plant, data.frequency_hz, self.lever_m * math.exp(x[LEVER]), float(x[DELAY]), self.gravity)
-            model = model * np.exp(float(x[TILT]) * (data.frequency_hz / TILT_HZ) ** 2)
+            model = model / (1.0 - float(x[TILT]) * (data.frequency_hz / TILT_HZ) ** 2)
             sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
-            left.append((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)
+            left.append(((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)[self._tip_lines])
         stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
         believed = [(x[AGE] - 0.5 * self.timing.control_s) / AGE_PRIOR_S, x[LAG] / LAG_PRIOR_S]
         if data.tip is not None:

@@ -15,7 +15,7 @@ from hil.can.opening import open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.bus_demand import BusDemand, check_load
 from hil.master.drive.needs import ProfileGapsError, run_gaps
-from hil.master.session import Session
+from hil.master.session import Session, SessionSource
 from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE, MeasuredBench, MeasuredResult
@@ -151,14 +151,19 @@ class Measurement(Generic[R]):
         if gaps:
             raise ProfileGapsError(dict.fromkeys(gaps))
         self.shows_filter = [overload or check_load(self._bench, self._channel, demand) for demand in demands]
-        log = BusLog(self._out / "bus.log", log_label(self._channel))
-        with Session(self._bench, self._channel, log, self._reporter.progress) as session:
+        with self._new_session() as session:
             try:
                 session.bring_up(reset_faults=reset_faults)
                 self.result.note_emulation(session.emulated)
                 yield session
             finally:
                 self.result.not_restored = tuple(session.not_restored) or None
+
+    def _new_session(self) -> Session:
+        channel, progress = self._channel, self._reporter.progress
+        if isinstance(channel, SessionSource):
+            return channel.session(self._bench, progress)
+        return Session(self._bench, channel, BusLog(self._out / "bus.log", log_label(channel)), progress)
 
     def keep(self, recording: Recording, name: str) -> str:
         """Save a recording as `runs/name.csv`; from now on the result is written whatever happens.

@@ -254,9 +254,6 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
         raise NotPossibleError(f"axis {number} has no model: give one in the bench file, or by hil identify and --model")
     if bench.constant_acceleration is None:
         raise NotPossibleError(f"bench {bench.name!r} has no constant_acceleration table: a filter is judged on its ramp")
-    for order in request.orders:
-        if not table.model.ate.amplitudes_arcsec().get(order, 0.0) > 0.0:
-            raise NotPossibleError(f"axis {number}: the transmission error of order {order} is not known: hil identify ate")
     period = request.period_s or _period_s(table)
     cascade = table.gains(f"a filter of axis {number}").cascade()
     bare = Loop(plant, cascade, (), period, request.delay_samples)
@@ -265,6 +262,9 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
     if unjudged := [order for order in request.orders if order not in scale.windows_rps]:
         own = " and ".join(map(str, sorted(scale.windows_rps)))
         raise NotPossibleError(f"filters of order {unjudged[0]} are not judged; of order {own} they are")
+    for order in request.orders:
+        if not table.model.ate.amplitudes_arcsec().get(order, 0.0) > 0.0:
+            raise NotPossibleError(f"axis {number}: the transmission error of order {order} is not known: hil identify ate")
     ate, nothing = table.model.ate, dict[float, float]()
     nothing |= dict.fromkeys(scale.windows_rps, 0.0)  # an order may have a window, and no amplitude
     error = TransmissionError({**nothing, **ate.amplitudes_arcsec()}, {**nothing, **ate.phases_deg()})

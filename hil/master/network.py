@@ -144,6 +144,10 @@ class Network:
                 self.log.add(LoggedFrame(now, can_id, data, False))
         self._lock_step_s += self.period_s
 
+    def pass_cycle(self) -> None:
+        """Count a cycle of a lock-step bus that needed no frames."""
+        self._lock_step_s += self.period_s
+
     def receive_all(self, timeout_s: float) -> list[Frame]:
         """The next frame and those that came in one message with it, logged; empty when none came in time."""
         frames = self.channel.receive_all(timeout_s)

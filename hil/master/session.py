@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from types import FrameType
-from typing import Self
+from typing import Protocol, Self, runtime_checkable
 
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import Mode, Object, State, state_of
@@ -29,6 +29,16 @@ from hil.master.sensor import sensor_of
 from hil.master.set_point_adder import SetPointAdder
 from hil.master.supervision import Supervisor
 from hil.recording import BusLog
+
+
+@runtime_checkable
+class SessionSource(Protocol):
+    """A channel that brings a kind of session of its own: one whose cycles need no frames."""
+
+    def session(self, bench: Bench, progress: Callable[[float], None]) -> "Session":
+        """A session on this channel, without a log of frames."""
+        ...
+
 
 TWICE_S = 0.05
 """Time to listen for a second answer to the last question: two nodes may share a node ID."""

@@ -141,7 +141,7 @@ class Drive:
         slave.on_reset = self._on_reset
         slave.on_rpdo_timeout = self._on_rpdo_timeout
         slave.store.may_store = lambda: SdoAbortCode.DEVICE_STATE if self._is_powered() else None
-        dictionary.on_read(Object.STATUS_WORD, 0, self._status_word)
+        dictionary.on_read(Object.STATUS_WORD, 0, self.status_word)
         dictionary.on_write(Object.CONTROL_WORD, 0, self._write_control_word)
 
     @property
@@ -153,6 +153,11 @@ class Drive:
     def state(self) -> State:
         """State of the power drive system."""
         return self._standing.power.state
+
+    def repeats(self, control_word: int) -> bool:
+        """True where the drive is enabled and this control word is the one that it follows: it asks for nothing new."""
+        standing = self._standing
+        return standing.is_following and standing.power.control_word == control_word
 
     @property
     def mode(self) -> Mode | None:
@@ -239,7 +244,8 @@ class Drive:
         """Replace the standing where something beside the state has changed."""
         self._stand(self._standing.power)
 
-    def _status_word(self) -> int:
+    def status_word(self) -> int:
+        """The status word now."""
         standing, signals, row = self._standing, self._signals, self.row
         word, acting = standing.plain_word, self._modes.acting
         if standing.is_enabled and acting is not None:

@@ -2,6 +2,9 @@
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hil.control.cancellation import FADE_S, InnerCancellation, inner_cancellation
 from hil.control.cascade import cascade_start, hold_integrator
 from hil.control.compiled import compiled, inlined
@@ -36,6 +39,8 @@ from plant_emulator.motion.supervision import watch_limits, watch_windows
 from plant_emulator.motion.transitions import begin_stop, brake_hard
 from plant_emulator.physics.angle_grid import constants
 from plant_emulator.physics.integration import arm_acceleration, nearest_to, plant_period
+
+Real = NDArray[np.float64]
 
 
 @inlined
@@ -221,3 +226,32 @@ def advance(periods: int, period_s: float, substeps: int, axes: Rows[AxisRow]) -
             m.wake = 0
         if periods > 0:
             mechanics.arm_acceleration_rad_s2 = arm_acceleration(k, mechanics)
+
+
+@compiled
+def advance_traced(periods: int, period_s: float, substeps: int, axes: Rows[AxisRow], trace: Real) -> None:
+    """`advance`, with the arms' states after every control period, for a sensor that remembers them.
+
+    Args:
+        periods: Number of control periods.
+        period_s: The control period, 250 µs.
+        substeps: Runge-Kutta steps of the plant per period.
+        axes: `AXIS` array, shape (n_axes,); changed in place.
+        trace: θ_l, θ̇_l and θ̈_l of each axis; shape (periods, n_axes, 3), written.
+    """
+    for row in range(len(axes)):
+        axis = axes[row]
+        m, mechanics = axis.motion, axis.plant_state
+        k = constants(axis.plant)
+        near = nearest_to(k, mechanics)
+        for period in range(periods):
+            torque = command(axis, mechanics.motor_angle_rad, period_s)
+            near = plant_period(k, near, mechanics, torque, m.mode == BRAKED, period_s, substeps)
+            mechanics.arm_acceleration_rad_s2 = arm_acceleration(k, mechanics)
+            trace[period, row, 0] = mechanics.arm_angle_rad
+            trace[period, row, 1] = mechanics.arm_speed_rad_s
+            trace[period, row, 2] = mechanics.arm_acceleration_rad_s2
+        if m.trip != 0 or m.event != 0:
+            m.wake = 1
+        else:
+            m.wake = 0

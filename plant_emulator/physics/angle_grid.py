@@ -11,13 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from hil.control.compiled import inlined
-from plant_emulator.physics.axis import PlantRow, friction
+from plant_emulator.physics.axis import MORE_LINES, PlantRow, friction
 
 MOTOR_GRID_RAD, ARM_GRID_RAD = 1.0 / 16.0, 1.0 / 64.0
 """Distance between grid angles, and the reach of the polynomials of `_motor_turn` and `_arm_turn` around each.
 
 Which grid angle is used follows from the state alone, so that a run in many pieces gives the bits of a run in one.
 """
+
+
+Lines = tuple[float, float, float, float]
+"""A number for each of the other orders of the transmission error."""
 
 
 class Constants(NamedTuple):
@@ -50,6 +54,10 @@ class Constants(NamedTuple):
     a2_sin: float
     a4_cos: float
     a4_sin: float
+    is_more: float
+    more_orders: Lines
+    more_rad: Lines
+    more_phi: Lines
 
 
 class GridPoint(NamedTuple):
@@ -140,6 +148,10 @@ def constants(p: PlantRow) -> Constants:
         p.a2_rad * math.sin(p.phi2_rad),
         p.a4_rad * math.cos(p.phi4_rad),
         p.a4_rad * math.sin(p.phi4_rad),
+        p.is_more,
+        (p.more_orders[0], p.more_orders[1], p.more_orders[2], p.more_orders[3]),
+        (p.more_rad[0], p.more_rad[1], p.more_rad[2], p.more_rad[3]),
+        (p.more_phi_rad[0], p.more_phi_rad[1], p.more_phi_rad[2], p.more_phi_rad[3]),
     )
 
 
@@ -197,6 +209,11 @@ def rates(k: Constants, near: GridPoint, command: float, braked: bool, at: AxisS
     slope1, slope2 = near.x1 * sine + near.y1 * cosine, near.x2 * sine2 + near.y2 * cosine2
     slope4 = near.x4 * sine4 + near.y4 * cosine4
     slope = -slope1 - 2.0 * slope2 - 4.0 * slope4
+    if k.is_more > 0.0:  # any order, a fraction too: no grid leads there
+        for i in range(MORE_LINES):
+            turned = k.more_orders[i] * at.theta_m + k.more_phi[i]
+            sync += k.more_rad[i] * math.cos(turned)
+            slope -= k.more_orders[i] * k.more_rad[i] * math.sin(turned)
     torsion = at.theta_m * k.per_ratio + sync - at.theta_l
     torsion_rate = at.w_m * (k.per_ratio + slope) - at.w_l
     stiffness = k.gear_stiffness

@@ -5,10 +5,18 @@ runs, and `plant_emulator.physics.integration` follows them over time.
 """
 
 import math
-from typing import Protocol
+from typing import Annotated, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hil.control.compiled import compiled, inlined
 from hil.control.records import record_dtype
+
+Real = NDArray[np.float64]
+
+MORE_LINES = 4
+"""Orders beside 1, 2 and 4 for which an axis has room; `is_more` is 0 where it has none, and they cost nothing."""
 
 
 class PlantRow(Protocol):
@@ -32,6 +40,10 @@ class PlantRow(Protocol):
     phi2_rad: float
     a4_rad: float
     phi4_rad: float
+    is_more: float
+    more_orders: Annotated[Real, (MORE_LINES,)]
+    more_rad: Annotated[Real, (MORE_LINES,)]
+    more_phi_rad: Annotated[Real, (MORE_LINES,)]
     gear_reaction: float
     wind_up_softness: float
     wind_up_torsion_rad: float
@@ -90,10 +102,15 @@ def friction(coulomb_nm: float, rise_nm: float, per_stribeck: float, speed: floa
 
 @compiled
 def synchronous_error(p: PlantRow, motor_angle: float) -> tuple[float, float]:
-    """θ_sync = Σ A_k cos(k θ_m + φ_k), k = 1, 2, 4, in rad on the arm side, and dθ_sync/dθ_m. Eq. (2)."""
+    """θ_sync = Σ A_k cos(k θ_m + φ_k), k = 1, 2, 4 and `more_orders`, in rad on the arm side, and dθ_sync/dθ_m. Eq. (2)."""
     x1, x2, x4 = motor_angle + p.phi1_rad, 2.0 * motor_angle + p.phi2_rad, 4.0 * motor_angle + p.phi4_rad
     value = p.a1_rad * math.cos(x1) + p.a2_rad * math.cos(x2) + p.a4_rad * math.cos(x4)
     slope = -p.a1_rad * math.sin(x1) - 2.0 * p.a2_rad * math.sin(x2) - 4.0 * p.a4_rad * math.sin(x4)
+    if p.is_more > 0.0:
+        for i in range(MORE_LINES):
+            turned = p.more_orders[i] * motor_angle + p.more_phi_rad[i]
+            value += p.more_rad[i] * math.cos(turned)
+            slope -= p.more_orders[i] * p.more_rad[i] * math.sin(turned)
     return value, slope
 
 

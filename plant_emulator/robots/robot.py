@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from hil.robot_tables import (
     phase_key,
 )
 from plant_emulator.physics.axis import PLANT
+from plant_emulator.physics.sensing import HIGHEST_FREQUENCY
 
 MAX_AXES = 126
 """The most drives that one bus has node IDs for, beside the accelerometer (CiA 301, 7.2.8.2: 1 to 127)."""
@@ -153,12 +154,6 @@ class RobotAxis(PlantTable):
     switches: Switches | None = None
     behaviour: Behaviour = Behaviour()
 
-    @model_validator(mode="after")
-    def _orders_that_the_gear_has(self) -> Self:
-        if self.ate.more:
-            raise ValueError("ate.more: an emulated gear has the orders 1, 2 and 4 only")
-        return self
-
     @property
     def rated_torque(self) -> float:
         """Rated motor torque in N·m; a third of the peak torque unless the file says otherwise, in whole mN·m."""
@@ -189,6 +184,11 @@ class RobotAxis(PlantTable):
         for order in ORDERS:
             row[f"a{order}_rad"] = getattr(self.ate, amplitude_key(order)) * ARCSEC
             row[f"phi{order}_rad"] = math.radians(getattr(self.ate, phase_key(order)))
+        row["is_more"] = float(bool(self.ate.more))
+        row["more_orders"], row["more_rad"], row["more_phi_rad"] = 0.0, 0.0, 0.0
+        for column, line in enumerate(self.ate.more):
+            row["more_orders"][column], row["more_rad"][column] = line.order, line.a_arcsec * ARCSEC
+            row["more_phi_rad"][column] = math.radians(line.phi_deg)
         row["wind_up_torsion_rad"] = self.wind_up_torsion_arcsec * ARCSEC
         row["hysteresis_torsion_rad"] = self.hysteresis_torsion_arcsec * ARCSEC
 
@@ -260,6 +260,13 @@ class Robot(Table):
             raise ValueError(f"node id {twice[0]} is given to two nodes of the bus, {given}: node_id changes it")
         if self.geometry is not None:
             self.geometry.check_axes(self.axis, "a geometry")
+        for name in ("lowpass_hz", "mounting_resonance_hz"):
+            frequency = getattr(self.accelerometer, name)
+            if frequency is not None and frequency * self.control_period_s > HIGHEST_FREQUENCY:
+                raise ValueError(
+                    f"accelerometer: {name} {frequency:g} is above {HIGHEST_FREQUENCY / self.control_period_s:g} Hz, the most "
+                    f"that a control_period_s of {self.control_period_s:g} shows; leave it out"
+                )
         step_s = self.control_period_s / self.plant_substeps
         for number, axis in self.axis.items():
             lag_s = axis.current_time_constant_s

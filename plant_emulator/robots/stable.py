@@ -16,13 +16,13 @@ from zlib import crc32
 import numpy as np
 
 from hil.control.angles import ARCSEC
+from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phase_key
 from plant_emulator.robots.robot import (
     Behaviour,
     BusFacts,
     Robot,
     RobotAccelerometer,
     RobotAxis,
-    TransmissionErrorTable,
 )
 
 Kind = Literal["linear", "real", "any"]
@@ -89,7 +89,7 @@ class Ranges:
     softness: Range = (0.0, 0.3)
     noise: Range = (0.2, 5.0)
     sensor_delay_s: Range = (0.0, 10e-3)
-    mounting_hz: Range = (80.0, 400.0)
+    mounting_hz: Range = (200.0, 800.0)
     tip_lever_m: Range = (0.25, 0.9)
     sync_period_s: tuple[float, ...] = (0.001, 0.002, 0.004, 0.008)
     bitrates: tuple[int, ...] = (500_000, 1_000_000)
@@ -232,9 +232,9 @@ def _axis(draws: _Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) 
 
 def _error(draws: _Draws, ranges: Ranges) -> TransmissionErrorTable:
     """Transmission error with any phases."""
-    phases = {f"phi{order}_deg": draws.even(f"phi{order}_deg", (0.0, 360.0)) for order in (1, 2, 4)}
-    amplitudes = {f"a{order}_arcsec": draws.even(f"a{order}", getattr(ranges, f"a{order}_arcsec")) for order in (1, 2, 4)}
-    return TransmissionErrorTable(**amplitudes, **phases)
+    phases: dict[float, float] = {order: draws.even(phase_key(order), (0.0, 360.0)) for order in ORDERS}
+    amplitudes: dict[float, float] = {order: draws.even(f"a{order}", getattr(ranges, amplitude_key(order))) for order in ORDERS}
+    return TransmissionErrorTable.of(amplitudes, phases)
 
 
 def antiresonance_hz(axis: RobotAxis) -> float:

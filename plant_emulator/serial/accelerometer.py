@@ -109,5 +109,5 @@ class MeasuredWorld(World):
         """Let time pass to an instant that is not beyond `due`, and take the sample that is due then."""
         frames = super().move(until)
         if self._serial.due <= until:
-            self._serial.sample(self.axes.tip_acceleration())
+            self._serial.sample(self.axes.sensed_acceleration())
         return frames

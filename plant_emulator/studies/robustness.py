@@ -160,6 +160,8 @@ class Study:
             raise ValueError(
                 f"a SYNC period of {self.robot.sync_period_s} s does not show vibrations up to {TIP_BAND_HZ[1]:g} Hz"
             )
+        if self.robot.accelerometer.lowpass_hz is not None or self.robot.accelerometer.mounting_resonance_hz is not None:
+            raise ValueError("a study sees the tip at each SYNC only: leave lowpass_hz and mounting_resonance_hz of it out")
         self._targets()
         for number in self.axes:
             if number not in self.controls:

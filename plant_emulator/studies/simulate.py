@@ -31,7 +31,7 @@ class Simulation:
         position_counts: Encoders; shape (n, axes).
         arm_angle_rad: True arm angles; shape (n, axes).
         torque_nm: Motor torques; shape (n, axes).
-        tip_acceleration_m_s2: True acceleration (X, Y, Z); shape (n, 3).
+        tip_acceleration_m_s2: Acceleration (X, Y, Z) of the tip as the accelerometer passes it on, without noise; shape (n, 3).
     """
 
     time_s: Real
@@ -112,7 +112,7 @@ def simulate(
     position, tip = np.zeros_like(targets), np.zeros((count, 3))
     arm, torque = np.zeros(angles.shape), np.zeros(angles.shape)
     for i in range(count):
-        tip[i] = axes.tip_acceleration()
+        tip[i] = axes.sensed_acceleration()
         for column, row in enumerate(rows):
             position[i, column] = axes.counts(row)
             arm[i, column] = axes.plant_state[row]["arm_angle_rad"]

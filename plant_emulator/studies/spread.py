@@ -264,7 +264,7 @@ def drawn_reading(sensor: RobotAccelerometer, values: Values) -> Reading:
         1.0 + 0.01 * values["accelerometer_sensitivity_percent"],
         0.01 * values["accelerometer_cross_axis_percent"],
         sensor.noise_m_s2 * values["accelerometer_noise_factor"],
-        1e-3 * values["accelerometer_delay_ms"],
+        sensor.delay_s + 1e-3 * values["accelerometer_delay_ms"],
         sensor.resolution_m_s2,
         sensor.range_m_s2,
     )

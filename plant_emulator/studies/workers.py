@@ -1,12 +1,12 @@
 """Many runs of studies, on all cores, with the same result on any number of them."""
 
 import multiprocessing
-import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 
+from plant_emulator.processes import deaf_children, one_thread
 from plant_emulator.studies.robustness import PlantRunResult, Study
 
 CHUNK = 5
@@ -29,34 +29,15 @@ def _judge(number: int, indices: Sequence[int]) -> list[PlantRunResult]:
 
 @contextmanager
 def _workers(jobs: int, studies: Sequence[Study]) -> Iterator[Executor]:
-    """Processes with one thread each for linear algebra; they are spawned, since a fork of a process with threads may stop."""
-    name = "OPENBLAS_NUM_THREADS"
-    before = os.environ.get(name)
-    os.environ[name] = "1"
+    """Processes that know the studies; they are spawned, since a fork of a process with threads may stop."""
     pool = ProcessPoolExecutor(
         jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_begin, initargs=(tuple(studies),)
     )
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before
-
-
-@contextmanager
-def _deaf_children() -> Iterator[None]:
-    """Processes that start in here inherit that Ctrl-C waits, before they could ask for it; here it waits until this is over."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with one_thread():
+        try:
+            yield pool
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def run_all(
@@ -87,7 +68,7 @@ def run_all(
     for study in studies:
         study.judge(-1)  # whatever has to be compiled is, once, before there are several who would
     with _workers(jobs, studies) as pool:
-        with _deaf_children():
+        with deaf_children():
             pending = [
                 pool.submit(_judge, number, range(start, min(start + CHUNK, runs)))
                 for number in range(len(studies))

@@ -6,17 +6,19 @@ from pathlib import Path
 from drive_profiles.files.toml import load
 from plant_emulator.bus.faults import FaultsFile
 from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
-from plant_emulator.robots.robot import SDO_DOWNLOAD_BYTES, Behaviour, Switches, load_robot
+from plant_emulator.robots.robot import SDO_DOWNLOAD_BYTES, Behaviour, RobotAccelerometer, Switches, load_robot
 from plant_emulator.world import World
 from tests.plant_emulator.many_axes import robot_file
 
 PAGE = (Path(__file__).parents[2] / "docs" / "emulated-drive.md").read_text()
 TABLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
 
+OF_EVERY_NODE = {"node_id", "unconfigured", "sdo_download_bytes"}
+
 
 def test_the_tables_of_the_page_make_a_robot_and_hold_every_key(tmp_path):
-    switches, sdo, behaviour, _ = TABLES
-    text = robot_file([2], more=switches + behaviour)
+    switches, sdo, behaviour, sensor, _ = TABLES
+    text = robot_file([2], more=switches + behaviour).replace("[accelerometer]\n", sensor)
     assert sdo.startswith("[axis.2]\n")
     (tmp_path / "robot.toml").write_text(text.replace("[axis.2]\n", sdo))
     robot = load_robot(tmp_path / "robot.toml")
@@ -24,6 +26,7 @@ def test_the_tables_of_the_page_make_a_robot_and_hold_every_key(tmp_path):
     assert axis.switches is not None
     assert axis.switches.model_fields_set == set(Switches.model_fields)
     assert set(axis.behaviour.given) == set(Behaviour.model_fields)
+    assert robot.accelerometer.model_fields_set - OF_EVERY_NODE == set(RobotAccelerometer.model_fields) - OF_EVERY_NODE
     assert axis.sdo_download_bytes == SDO_DOWNLOAD_BYTES
     assert [frame.can_id for frame in World(robot).power_on()] == [0x77F]
 

@@ -62,7 +62,9 @@ from hil.control.compiled import Compiled
 from plant_emulator.motion import axes
 from plant_emulator.robots.robot import load_robot
 
-axes.rehearse(load_robot("reference"))
+robot = load_robot("reference")
+axes.rehearse(robot)
+axes.rehearse(robot.model_copy(update={"accelerometer": robot.accelerometer.model_copy(update={"delay_s": 0.001})}))
 doors = {name: len(door._entries) for name, door in vars(axes).items() if isinstance(door, Compiled)}
 print(len(doors) > 3, [name for name, count in doors.items() if count != 1])
 """

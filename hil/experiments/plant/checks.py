@@ -7,6 +7,7 @@ import numpy as np
 
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
 from hil.errors import HilError
+from hil.experiments.plant.motion import PlantRequest
 from hil.master.motion import Real
 
 SATURATED_FRACTION = 1e-3
@@ -17,8 +18,6 @@ SENSOR_MISSED_FRACTION = 5e-3
 """Fraction of the rows that may lack the accelerometer."""
 AT_RANGE_ROWS = 4
 """Rows in which the accelerometer may show its very largest value; noise leaves that to one or two."""
-COHERENCE = 0.8
-"""Median coherence of motor angle and torque that is needed around f_a and f_r."""
 TIP_COHERENCE = 0.5
 """Median coherence of the tip with the motor that shows that it is this axis' tip."""
 LEVER_RATIO = 2.0
@@ -125,41 +124,54 @@ def _around(response: ResponseEstimate, *frequencies_hz: float) -> Real:
     return response.coherence[near] if np.any(near) else response.coherence
 
 
-def tip_checks(estimate: PlantEstimate, lever_m: float) -> list[DataCheck]:
-    """Checks that the motion of the tip is this axis'."""
+def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
+    """Reason why the motion of the tip is not this axis', or None."""
     if estimate.tip is None:
-        return []
+        return None
     coherence = float(np.median(_around(estimate.tip, estimate.plant.antiresonance_hz)))
-    ratio = estimate.parameters["lever_ratio"].value
-    remedy = "does this axis move the accelerometer (right axis, sensor mounted)? --no-accelerometer goes without"
-    lever = f"the tip acts as on a lever of {ratio * lever_m:.3g} m, the bench file says {lever_m:.3g} m; {remedy}"
-    far = max(ratio, 1.0 / max(ratio, 1e-9))
-    return [
-        DataCheck("coherence of the tip with the motor", coherence, TIP_COHERENCE, "", coherence >= TIP_COHERENCE, remedy),
-        DataCheck("factor between the lever seen and the bench file's", far, LEVER_RATIO, "", far <= LEVER_RATIO, lever),
-    ]
+    if coherence < TIP_COHERENCE:
+        return (
+            f"the coherence of the tip with the motor is {coherence:.2g}, needed: {TIP_COHERENCE:g} (does this axis move the "
+            "accelerometer: right axis of the sensor, mounted?)"
+        )
+    ratio = estimate.parameters["lever_ratio"]
+    far = max(ratio.value, 1.0 / max(ratio.value, 1e-9))
+    if far > LEVER_RATIO and ratio.relative < 0.2:
+        return (
+            f"the tip acts as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m (right axis of the "
+            "sensor, tip_lever_m, sign and unit of its scale?)"
+        )
+    return None
 
 
-def estimate_checks(estimate: PlantEstimate, amplitude_nm: float) -> list[DataCheck]:
-    """Checks that the plant is identified well enough."""
-    f_a, f_r = estimate.parameters["antiresonance_hz"], estimate.parameters["resonance_hz"]
-    low, high = float(estimate.response.frequency_hz[0]), float(estimate.response.frequency_hz[-1])
-    coherence = float(np.median(_around(estimate.response, f_a.value, f_r.value)))
-    odds = math.sqrt(COHERENCE / (1.0 - COHERENCE) * max(1e-9, 1.0 - coherence) / max(1e-9, coherence))
-    stronger = f"raise --amplitude-nm from {amplitude_nm:.2g} to {amplitude_nm * max(odds, 1.05):.2g}"
-    checks = [
-        DataCheck(
-            "coherence of motor angle and torque around f_a and f_r", coherence, COHERENCE, "", coherence >= COHERENCE, stronger
-        ),
-        DataCheck("lowest frequency of the band", low, f_a.value / 1.3, "Hz", low <= f_a.value / 1.3, "lower --low-hz"),
-        DataCheck("highest frequency of the band", high, 1.15 * f_r.value, "Hz", high >= 1.15 * f_r.value, "raise --high-hz"),
-    ]
+def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: PlantRequest, limited_by: str) -> list[DataCheck]:
+    """Checks that the plant is identified well enough; the advice is one that can be followed.
+
+    Args:
+        estimate: The plant.
+        amplitude_nm: Peak of the excitation.
+        request: Request of the identification.
+        limited_by: Name of what allowed no larger amplitude; empty where it was requested.
+    """
+    checks = []
+    high = float(estimate.response.frequency_hz[-1])
+    f_r = estimate.parameters["resonance_hz"].value
     for name, parameter, allowed in (
-        ("standard error of f_a", f_a, ANTIRESONANCE_PCT),
+        ("standard error of f_a", estimate.parameters["antiresonance_hz"], ANTIRESONANCE_PCT),
         ("standard error of K_g", estimate.parameters["gear_stiffness_nm_rad"], STIFFNESS_PCT),
     ):
         percent = 100.0 * parameter.relative
         times = percent / allowed
-        more = f"raise --amplitude-nm to {amplitude_nm * times:.2g}, or --periods by {times**2:.2g} times"
+        if f_r > high:
+            more = f"the band ends at {high:.3g} Hz, below f_r = {f_r:.3g} Hz: " + (
+                "raise --high-hz" if request.high_hz is not None else "a shorter SYNC period carries more"
+            )
+        elif request.amplitude_nm is not None:
+            more = f"leave out --amplitude-nm, or raise --periods by {times**2:.2g} times"
+        else:
+            more = (
+                f"the {limited_by} allows no amplitude above {amplitude_nm:.2g} N·m: raise --periods by {times**2:.2g} times, or "
+                "take a finer encoder or a shorter SYNC period"
+            )
         checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed, more))
     return checks

@@ -1,7 +1,7 @@
 """Identification of the plant of one axis without previous knowledge: slow turns, a pilot, the excitation, fit and checks."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,12 +19,14 @@ from hil.experiments.plant.checks import (
     estimate_checks,
     reversal_check,
     sensor_trouble,
-    tip_checks,
+    tip_trouble,
     torque_check,
     travel_check,
 )
+from hil.experiments.plant.bands import highest_hz, main_band, pilot_band
 from hil.experiments.plant.motion import (
     TURN,
+    Band,
     ExcitedSignal,
     PlannedMotion,
     PlantRequest,
@@ -35,22 +37,30 @@ from hil.experiments.plant.motion import (
     slow_motion,
     takes_torque_offset,
 )
+from hil.experiments.plant.pilot import (
+    LARGEST_RISE,
+    PILOT_FRACTION,
+    Room,
+    is_rough,
+    measured_peaks,
+    predicted_peaks,
+    rigid_inertia,
+)
+from hil.experiments.plant.probe import probe_motion, probe_trouble
 from hil.master.motion import Real, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.robot_tables import PlantTable
 
-PILOT_FRACTION = 0.05
-"""Amplitude of the pilot run as a fraction of the torque limit."""
-EXCITED_TORQUE_FRACTION = 0.6
-"""Fraction of the torque limit that the whole torque may reach under the amplitude that is chosen."""
-EXCITED_SPEED_FRACTION = 0.6
-"""Fraction of the bias speed that the excitation may take from it."""
-TIP_M_S2 = 10.0
-"""Largest tip acceleration under the chosen amplitude: half of the range of the usual 2 g sensor."""
-LARGEST_RISE = 10.0
-"""Largest ratio of the chosen amplitude to the pilot's."""
+PILOTS = 3
+"""Pilot runs that are made at most: each is stronger, until the resonances are roughly known."""
+PILOT_RISE = 5.0
+"""Largest ratio of the amplitudes of two pilots."""
+MAIN_RUNS = 4
+"""Main runs that are made at most: one more while the standard errors are too large."""
+CALMER = 0.6
+"""Factor of the amplitude where the motor turned back under one that was chosen."""
 WIDE_DEG = 30.0
 """Arm angle over which gravity's cosine can be told from a constant."""
 
@@ -140,8 +150,13 @@ class PlantIdentification:
         self.remarks: list[str] = []
         self.excited: ExcitedSignal = self._excited_signal()
         self.start_rev = self.drive.position_rad() / TURN
-        self.travel = plan_travel(self.bench, request, self.start_rev, self.excited)
+        self.travel = self._travel(pilot_band(request, self.bench.bus.sync_period_s))
         self._control_s = 0.0
+        self._uses_tip = request.with_accelerometer
+        self._limited_by = ""
+
+    def _travel(self, band: Band, *, is_pilot: bool = False) -> Travel:
+        return plan_travel(self.bench, self.request, band, self.start_rev, self.excited, is_pilot=is_pilot)
 
     def _excited_signal(self) -> ExcitedSignal:
         if self.request.excitation != "auto":
@@ -154,24 +169,26 @@ class PlantIdentification:
         return "torque" if can else "reference"
 
     def perform(self) -> PlantEvaluation:
-        """Make the slow run, the pilot and the main run, and fit the plant.
+        """Make the probe, the pilot, the slow run and the main runs, and fit the plant.
 
         Raises:
             PlantNotIdentifiedError: The data do not identify the plant; with every reason.
             SafetyStopError: A run was stopped.
             HilError: A run was refused.
         """
+        self._probe()
+        rough, room = self._pilot()
+        self.travel = self._travel(
+            main_band(self.request, self.bench.bus.sync_period_s, rough.plant, self.table.limits.speed_rps)
+        )
+        amplitude = self.request.amplitude_nm or self._chosen(rough, room)
         self._reporter.step("slow turns for friction and gravity")
         slow = slow_motion(self.bench, self.request, self.travel, self.start_rev)
         try:
             friction = self._friction(slow, self._run("slow", slow))
         except UnidentifiableError as error:
-            raise PlantNotIdentifiedError(self.request.axis, (f"friction: {error}",)) from error
-        amplitude = self.request.amplitude_nm or self._pilot()
-        self._reporter.step(f"{self.request.shape} of {amplitude:.3g} N·m at {self.travel.bias_rps:.3g} rev/s")
-        main = self._excited(amplitude, is_pilot=False)
-        result = self._run("main", main)
-        estimate = self._estimate(main, result, friction, amplitude)
+            raise self._refused(f"friction: {error}") from error
+        estimate, amplitude = self._main(amplitude, friction)
         if estimate.misfit > MISFIT:
             self.remarks.append(
                 f"the two-inertia model leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to "
@@ -182,18 +199,20 @@ class PlantIdentification:
             tuple(self.checks), tuple(self.remarks), cannot_tell(estimate, friction),
         )  # fmt: skip
 
+    def _refused(self, *reasons: str) -> PlantNotIdentifiedError:
+        return PlantNotIdentifiedError(self.request.axis, reasons)
+
     # -- runs ----------------------------------------------------------------------------------------------------------
 
-    def _excited(self, amplitude_nm: float, *, is_pilot: bool) -> PlannedMotion:
-        where = self.bench, self.request, self.travel, self.start_rev
-        planned = excited_motion(*where, self.excited, amplitude_nm, is_pilot=is_pilot)
+    def _excited(self, travel: Travel, amplitude_nm: float) -> PlannedMotion:
+        planned = excited_motion(self.bench, self.request, travel, self.start_rev, self.excited, amplitude_nm)
         offset = planned.motion.torque_offset_nm
         if offset is None:
             return planned
         # the bus carries per mille of the rated torque
         scaling = self.drive.scaling
         sent = np.array([scaling.torque_nm(scaling.torque_per_mille(each)) for each in planned.excitation.tolist()])
-        return PlannedMotion(planned.motion, planned.bias_rad, sent, planned.stretches, planned.speeds_rps)
+        return replace(planned, excitation=sent)
 
     def _run(self, name: str, planned: PlannedMotion) -> RunResult:
         self.session.check_interrupt()
@@ -204,32 +223,138 @@ class PlantIdentification:
             raise result.stopped
         return result
 
-    def _pilot(self) -> float:
-        """Amplitude at which torque, speed and tip stay well within their limits, from a run at a small one."""
-        small = PILOT_FRACTION * self.table.limits.torque_nm
-        self._reporter.step(f"pilot at {small:.3g} N·m")
-        planned = self._excited(small, is_pilot=True)
-        result = self._run("pilot", planned)
-        recording, rows = result.recording, planned.stretches[0]
-        torque = recording.axis(self.request.axis, "torque_nm")[rows]
-        steady = float(np.mean(torque))
-        allowed = EXCITED_TORQUE_FRACTION * self.table.limits.torque_nm - abs(steady)
-        ripple = self.travel.bias_rps - float(np.min(self._speed_rps(recording, planned)))
-        tip = float(np.max(np.abs(recording.columns["tip_z_m_s2"][rows])))
-        rises = {
-            "torque": allowed / max(1e-9, float(np.max(np.abs(torque - steady)))),
-            "speed": EXCITED_SPEED_FRACTION * self.travel.bias_rps / max(1e-9, ripple),
-            "tip": TIP_M_S2 / tip if tip > 0.0 and self.request.with_accelerometer else LARGEST_RISE,
-        }
-        least = min(rises, key=lambda name: rises[name])
-        rise = min(LARGEST_RISE, rises[least])
-        if rise < 0.2:
-            raise PlantNotIdentifiedError(
-                self.request.axis,
-                (f"at {small:.3g} N·m the {least} already is {1.0 / rise:.3g} times what it may be: lower --amplitude-nm",),
+    def _probe(self) -> None:
+        """Turn a third of a turn and back: what must not be found at full travel is found here.
+
+        Raises:
+            PlantNotIdentifiedError: Encoder, brake or arm are not as they must be.
+        """
+        self._reporter.step("a third of a turn and back")
+        planned = probe_motion(self.bench, self.request, self.start_rev)
+        self.session.check_interrupt()
+        result = self.session.run(planned.motion, "none", "drive")
+        self.recordings["probe"], self._control_s = result.recording, result.control_period_s
+        limit, ratio = self.table.limits.torque_nm, self.table.reduction_ratio
+        trouble = probe_trouble(planned, result.recording, self.request.axis, limit, ratio)
+        if trouble is not None:
+            raise self._refused(trouble) from result.stopped
+        if result.stopped is not None:
+            raise result.stopped
+        self._require([travel_check(result.recording.axis(self.request.axis, "position_rad"), planned.bias_rad)])
+
+    def _pilot(self) -> tuple[PlantEstimate, Room]:
+        """The plant, roughly, and the room that the main run's excitation has, from short runs at small amplitudes.
+
+        Raises:
+            PlantNotIdentifiedError: There is no resonance in the band, or it is not seen at any amplitude within the limits.
+        """
+        band = pilot_band(self.request, self.bench.bus.sync_period_s)
+        travel = self._travel(band, is_pilot=True)
+        small = min(PILOT_FRACTION * self.table.limits.torque_nm, self.request.amplitude_nm or math.inf)
+        for number in range(1, PILOTS + 1):
+            self._reporter.step(f"pilot at {small:.3g} N·m")
+            planned = self._excited(travel, small)
+            result = self._run("pilot", planned)
+            recording, rows = result.recording, planned.stretches[0]
+            tip = self._tip(recording, result)
+            angle = recording.axis(self.request.axis, "position_rad")
+            torque = recording.axis(self.request.axis, "torque_nm")
+            seen = None if tip is None else tip[rows]
+            peaks = measured_peaks((angle - planned.bias_rad)[rows], torque[rows], seen, travel.samples, recording.period_s)
+            reach = self.bench.accelerometer.range_m_s2 if tip is not None and self.bench.accelerometer else math.inf
+            room = Room(
+                self.table.limits.torque_nm, float(np.mean(torque[rows])), travel.bias_rps, reach, peaks.rest
             )
-        self.remarks.append(f"the amplitude of {rise * small:.3g} N·m was chosen from a pilot at {small:.3g} N·m ({least})")
-        return rise * small
+            largest, self._limited_by = room.largest(peaks.driven.times(1.0 / small))
+            data = self._spectra(travel, [(planned, recording)])
+            try:
+                estimate = self._fit(data, 0.0)
+            except UnidentifiableError:
+                estimate = None
+            if estimate is not None and is_rough(estimate):
+                return self._with_right_tip(estimate, data), room
+            if number < PILOTS and largest > 1.2 * small and self.request.amplitude_nm is None:
+                small *= min(PILOT_RISE, largest / small)
+                continue
+            break
+        raise self._refused(self._unseen(data, estimate, band, small, largest))
+
+    def _unseen(self, data: Spectra, estimate: PlantEstimate | None, band: Band, amplitude: float, largest: float) -> str:
+        """Reason why no pilot showed the resonances."""
+        inertia = rigid_inertia(data, self._timing())
+        if inertia is not None:
+            return (
+                f"motor and arm turn as one inertia of {inertia:.2g} kg·m² from {band.low_hz:g} to {band.high_hz:.3g} Hz: no "
+                f"resonance of the arm is in reach; {self._reach_words(band)}"
+            )
+        why = f"at {amplitude:.3g} N·m the motor's motion does not show the resonances between {band.low_hz:g} and {band.high_hz:.3g} Hz"
+        if estimate is not None:
+            f_a, stiffness = estimate.parameters["antiresonance_hz"], estimate.parameters["gear_stiffness_nm_rad"]
+            why += f" (f_a {f_a.value:.3g} ± {f_a.standard_error:.2g} Hz, K_g ± {100.0 * stiffness.relative:.0f} %)"
+        if self.request.amplitude_nm is not None and largest > 1.2 * amplitude:
+            return f"{why}; the limits allow {largest:.2g} N·m: leave out --amplitude-nm"
+        return f"{why}, and the {self._limited_by} allows no more than {largest:.2g} N·m; {self._reach_words(band)}"
+
+    def _reach_words(self, band: Band) -> str:
+        sync = self.bench.bus.sync_period_s
+        if self.request.high_hz is not None or band.high_hz < 0.9 * highest_hz(sync):
+            return "a wider band (--low-hz, --high-hz) or a brace that is taken off may show it"
+        return f"a SYNC period of {1e3 * sync:g} ms carries no more than {highest_hz(sync):.3g} Hz, a shorter one carries more"
+
+    def _with_right_tip(self, estimate: PlantEstimate, data: Spectra) -> PlantEstimate:
+        """The estimate; without the accelerometer where that does not show this axis' arm."""
+        trouble = tip_trouble(estimate, self.table.tip_lever_m)
+        if trouble is None:
+            return estimate
+        self._leave_out_tip(trouble)
+        return self._fit(replace(data, tip=None), 0.0)
+
+    def _chosen(self, rough: PlantEstimate, room: Room) -> float:
+        """Amplitude at which torque, speed and tip stay well within their limits."""
+        law = self.table.gains("its plant").cascade()
+        per_nm = predicted_peaks(rough, self.travel, self.excited, law, self._control_s, self.table.tip_lever_m)
+        wide = replace(room, bias_rps=self.travel.bias_rps)
+        largest, self._limited_by = wide.largest(per_nm)
+        small = PILOT_FRACTION * self.table.limits.torque_nm
+        amplitude = min(largest, LARGEST_RISE * small)
+        if amplitude <= 0.02 * small:
+            raise self._refused(
+                f"no amplitude fits: without any excitation the {self._limited_by} already is at its limit (transmission error at "
+                f"{self.travel.bias_rps:.2g} rev/s: {room.rest.speed_rps:.2g} rev/s, {room.rest.tip_m_s2:.2g} m/s²); another "
+                "--bias-rps moves it away from the resonance"
+            )
+        self.remarks.append(f"the amplitude of {amplitude:.3g} N·m was chosen from a pilot ({self._limited_by})")
+        return amplitude
+
+    def _main(self, amplitude: float, friction: Friction) -> tuple[PlantEstimate, float]:
+        """The plant from as many main runs as it takes, and the amplitude at which they were made."""
+        runs: list[tuple[PlannedMotion, Recording]] = []
+        calmed = False
+        for number in range(1, MAIN_RUNS + 1):
+            self._reporter.step(f"{self.request.shape} of {amplitude:.3g} N·m at {self.travel.bias_rps:.3g} rev/s")
+            planned = self._excited(self.travel, amplitude)
+            result = self._run("main" if number == 1 else f"main-{number}", planned)
+            troubles = self._main_checks(planned, result.recording, amplitude)
+            if any(not check.holds for check in troubles) and self.request.amplitude_nm is None and not calmed:
+                amplitude, calmed = CALMER * amplitude, True
+                self.remarks.append(f"the motor turned back or met its torque limit: on with {amplitude:.3g} N·m")
+                continue
+            self._require(troubles)
+            runs.append((planned, result.recording))
+            self._tip(result.recording, result)
+            try:
+                estimate = self._fit(self._spectra(self.travel, runs), self._gravity_spring(planned, result.recording, friction))
+            except UnidentifiableError as error:
+                raise self._refused(str(error)) from error
+            checks = estimate_checks(estimate, amplitude, self.request, self._limited_by)
+            if all(check.holds for check in checks):
+                break
+        if self._uses_tip:
+            trouble = tip_trouble(estimate, self.table.tip_lever_m)
+            if trouble is not None:
+                self._leave_out_tip(trouble)
+        self._require(checks)
+        return estimate, amplitude
 
     # -- evaluation ----------------------------------------------------------------------------------------------------
 
@@ -250,57 +375,60 @@ class PlantIdentification:
         ]
         return np.concatenate(speeds) / recording.period_s / TURN
 
-    def _estimate(self, planned: PlannedMotion, result: RunResult, friction: Friction, amplitude: float) -> PlantEstimate:
-        recording, axis = result.recording, self.request.axis
-        torque = recording.axis(axis, "torque_nm")
+    def _main_checks(self, planned: PlannedMotion, recording: Recording, amplitude: float) -> list[DataCheck]:
+        torque = recording.axis(self.request.axis, "torque_nm")
         counted = np.concatenate([torque[rows] for rows in planned.stretches])
-        self._require([
+        return [
             torque_check(counted, self.table.limits.torque_nm, amplitude),
             reversal_check(self._speed_rps(recording, planned), self.travel.bias_rps, amplitude),
-        ])  # fmt: skip
-        tip = self._tip(recording, result)
-        try:
-            data = self._spectra(planned, recording, tip)
-            spring = self._gravity_spring(planned, recording, friction)
-            timing = SamplingTiming(recording.period_s, self._control_s, self.excited, self.table.gains("its plant").cascade())
-            estimate = fit_plant(data, timing, self.table.reduction_ratio, self.table.tip_lever_m, spring)
-        except UnidentifiableError as error:
-            raise PlantNotIdentifiedError(axis, (str(error),)) from error
-        self._require([*estimate_checks(estimate, amplitude), *tip_checks(estimate, self.table.tip_lever_m)])
-        return estimate
+        ]
+
+    def _timing(self) -> SamplingTiming:
+        law = self.table.gains("its plant").cascade()
+        return SamplingTiming(self.bench.bus.sync_period_s, self._control_s, self.excited, law)
+
+    def _fit(self, data: Spectra, spring_nm_rad: float) -> PlantEstimate:
+        return fit_plant(data, self._timing(), self.table.reduction_ratio, self.table.tip_lever_m, spring_nm_rad)
 
     def _tip(self, recording: Recording, result: RunResult) -> Real | None:
-        if not self.request.with_accelerometer:
+        if not self.request.with_accelerometer and "the accelerometer was not used" not in self.remarks:
             self.remarks.append("the accelerometer was not used")
+        if not self._uses_tip:
             return None
         tip = recording.columns["tip_z_m_s2"]
         trouble = sensor_trouble(tip, result.sensor_missed, result.cycles)
         if trouble is None:
             return tip
-        self.remarks.append(f"{trouble}: f_a, ζ and K_g are from the motor alone, and the lever arm is not checked")
+        self._leave_out_tip(trouble)
         return None
 
-    def _spectra(self, planned: PlannedMotion, recording: Recording, tip: Real | None) -> Spectra:
+    def _leave_out_tip(self, trouble: str) -> None:
+        self._uses_tip = False
+        self.remarks.append(f"{trouble}: f_a, ζ and K_g are from the motor alone, and the lever arm is not checked")
+
+    def _spectra(self, travel: Travel, runs: list[tuple[PlannedMotion, Recording]]) -> Spectra:
         """Spectra of the periods of all stretches; of a stretch with missing answers the longest whole part."""
-        start, samples = TURN * self.start_rev, self.travel.samples
-        angle = recording.axis(self.request.axis, "position_rad") - start - planned.bias_rad
-        torque = recording.axis(self.request.axis, "torque_nm")
-        whole = recording.columns["missing"] == 0
+        start, axis, samples = TURN * self.start_rev, self.request.axis, travel.samples
         stretches, used, planned_periods = [], 0, 0
-        for rows in planned.stretches:
-            planned_periods += (rows.stop - rows.start) // samples
-            part = _longest(whole, rows, samples)
-            if part.stop - part.start < 2 * samples:
-                continue
-            used += (part.stop - part.start) // samples
-            stretches.append(Stretch(planned.excitation[part], angle[part], torque[part], None if tip is None else tip[part]))
+        for planned, recording in runs:
+            felt = None if not self._uses_tip else recording.columns["tip_z_m_s2"]
+            angle = recording.axis(axis, "position_rad") - start - planned.bias_rad
+            torque, whole = recording.axis(axis, "torque_nm"), recording.columns["missing"] == 0
+            for rows in planned.stretches:
+                planned_periods += (rows.stop - rows.start) // samples
+                part = _longest(whole, rows, samples)
+                if part.stop - part.start < 2 * samples:
+                    continue
+                used += (part.stop - part.start) // samples
+                seen = None if felt is None else felt[part]
+                stretches.append(Stretch(planned.excitation[part], angle[part], torque[part], seen))
         if used < planned_periods:
             self.remarks.append(
                 f"{planned_periods - used} of {planned_periods} periods were left out: answers were missing in them"
             )
         if not stretches:
             raise UnidentifiableError("whole periods without missing answers", used, 3)
-        return spectra(stretches, samples, self.travel.wave.lines, recording.period_s)
+        return spectra(stretches, samples, travel.wave.lines, self.bench.bus.sync_period_s)
 
     def _gravity_spring(self, planned: PlannedMotion, recording: Recording, friction: Friction) -> float:
         """DM/dθ_l of the gravity moment M = m g l cos(θ_l + q₀), on average over the stretches, in N·m/rad."""

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from drive_profiles.family.profile import Profile
-from hil.bench.bench import AxisTable, Bench
+from hil.bench.bench import AxisTable, Bench, Limits
 from hil.control.excitation import Excitation, band_lines, chirp, multisine, quiet_bias_rps
 from hil.control.trajectory import Smooth, sample_times
 from hil.design.frequency import Complex
@@ -26,6 +26,8 @@ PERIODS_S = (2.0, 1.0)
 """Periods of the excitation that are tried: lines every 0.5 Hz, or every 1 Hz where the travel is short."""
 PER_STRETCH = (9, 8, 7, 6, 5, 3)
 """Periods in a row that average the transmission error to nothing (not 4: it divides the order)."""
+PILOT_PERIODS = 3
+"""Periods of the pilot: the fewest over which orders 1, 2 and 4 average to nothing."""
 FEWEST = 6
 """Periods in all below which the scatter between them is no measure of confidence."""
 SLOW_TURNS = 6.0
@@ -42,9 +44,9 @@ class PlantRequest:
     Attributes:
         axis: Axis number.
         amplitude_nm: Peak of the excitation as a torque at the motor; None to choose it by a pilot run.
-        low_hz: Lower end of the band.
-        high_hz: Upper end of the band.
-        bias_rps: Approximate motor speed under the excitation.
+        low_hz: Lower end of the band; None to choose it by the pilot run.
+        high_hz: Upper end of the band; None to choose it by the pilot run and the SYNC period.
+        bias_rps: Approximate motor speed under the excitation; None for one at which the transmission error does not ring.
         periods: Least number of periods to average over.
         excitation: Signal to which the excitation is added; `auto` for the torque where the drive allows it.
         shape: Form of the excitation.
@@ -53,13 +55,28 @@ class PlantRequest:
 
     axis: int
     amplitude_nm: float | None = None
-    low_hz: float = 3.0
-    high_hz: float = 60.0
-    bias_rps: float = 2.0
+    low_hz: float | None = None
+    high_hz: float | None = None
+    bias_rps: float | None = None
     periods: int = 10
     excitation: Literal["auto", "torque", "reference"] = "auto"
     shape: Shape = "multisine"
     with_accelerometer: bool = True
+
+
+@dataclass(frozen=True)
+class Band:
+    """Band and bias speed of an excitation.
+
+    Attributes:
+        low_hz: Lower end.
+        high_hz: Upper end.
+        bias_rps: Motor speed.
+    """
+
+    low_hz: float
+    high_hz: float
+    bias_rps: float
 
 
 @dataclass(frozen=True)
@@ -125,14 +142,18 @@ def stretch_rev(bias_rps: float, period_s: float, periods: int) -> float:
     return bias_rps * (period_s * (1 + periods) + RAMP_S)
 
 
-def plan_travel(bench: Bench, request: PlantRequest, start_rev: float, excited: ExcitedSignal) -> Travel:
+def plan_travel(
+    bench: Bench, request: PlantRequest, band: Band, start_rev: float, excited: ExcitedSignal, *, is_pilot: bool = False
+) -> Travel:
     """Travel between the position limits that carries the requested periods in as few stretches as possible.
 
     Args:
         bench: The bench file.
-        request: Axis, band and excitation.
+        request: Axis and excitation.
+        band: Band and bias speed.
         start_rev: Present position of the motor, rev.
         excited: Signal to which the excitation is added.
+        is_pilot: A single stretch of three periods.
 
     Raises:
         NotPossibleError: The bench has no such axis, or the band is empty.
@@ -140,18 +161,7 @@ def plan_travel(bench: Bench, request: PlantRequest, start_rev: float, excited: 
     """
     table, sync = axis_table(bench, request.axis), bench.bus.sync_period_s
     limits = table.limits
-    if request.periods < FEWEST:
-        raise NotPossibleError(f"{request.periods} periods are too few to tell their scatter: at least {FEWEST} are needed")
-    if request.bias_rps < 0.2:
-        raise NotPossibleError(
-            f"a bias of {request.bias_rps:g} rev/s does not keep the motor out of its friction; needed: 0.2 rev/s"
-        )
-    if 2.0 * request.bias_rps > limits.speed_rps:
-        what = f"the speed of axis {request.axis} with the excitation on the bias"
-        raise UnsafeRequestError(what, 2.0 * request.bias_rps, limits.speed_rps, "rev/s", "lower --bias-rps")
-    if request.amplitude_nm is not None and request.amplitude_nm > 0.8 * limits.torque_nm:
-        what = f"the torque of the excitation on axis {request.axis}"
-        raise UnsafeRequestError(what, request.amplitude_nm, 0.8 * limits.torque_nm, "N·m", "lower --amplitude-nm")
+    _check_request(request, band, limits)
     low, high = limits.position_min_rev + MARGIN_REV, limits.position_max_rev - MARGIN_REV
     if not low <= start_rev <= high:
         where = low if start_rev < low else high
@@ -159,26 +169,44 @@ def plan_travel(bench: Bench, request: PlantRequest, start_rev: float, excited: 
         raise UnsafeRequestError(what, start_rev, where, "rev", "move it away from its limit first")
     needed = math.inf
     for period_s in PERIODS_S:
-        for periods in PER_STRETCH:
-            stretches = max(2, 2 * math.ceil(request.periods / periods / 2.0))
+        for periods in (PILOT_PERIODS,) if is_pilot else PER_STRETCH:
+            stretches = 1 if is_pilot else max(2, 2 * math.ceil(request.periods / periods / 2.0))
             if periods > math.ceil(request.periods / 2):
                 continue
-            bias = quiet_bias_rps(request.bias_rps, period_s, periods)
+            bias = quiet_bias_rps(band.bias_rps, period_s, periods)
             length = stretch_rev(bias, period_s, periods)
             needed = min(needed, length)
             if length > high - low:
                 continue
             begin = min(max(start_rev, low), high - length)
-            return Travel(bias, _wave(request, period_s, sync, table, excited), periods, stretches, begin, begin + length)
-    what = f"the travel of axis {request.axis} at {request.bias_rps:g} rev/s"
+            return Travel(bias, _wave(request, band, period_s, sync, table, excited), periods, stretches, begin, begin + length)
+    what = f"the travel of axis {request.axis} at {band.bias_rps:g} rev/s"
     raise UnsafeRequestError(what, needed, high - low, "rev", f"lower --bias-rps (the limits leave {high - low:.4g} rev)")
 
 
-def _wave(request: PlantRequest, period_s: float, sync_s: float, table: AxisTable, excited: ExcitedSignal) -> Excitation:
+def _check_request(request: PlantRequest, band: Band, limits: Limits) -> None:
+    """Refuse what cannot be, or would leave the limits."""
+    if request.periods < FEWEST:
+        raise NotPossibleError(f"{request.periods} periods are too few to tell their scatter: at least {FEWEST} are needed")
+    if band.bias_rps < 0.2:
+        raise NotPossibleError(
+            f"a bias of {band.bias_rps:g} rev/s does not keep the motor out of its friction; needed: 0.2 rev/s"
+        )
+    if 2.0 * band.bias_rps > limits.speed_rps:
+        what = f"the speed of axis {request.axis} with the excitation on the bias"
+        raise UnsafeRequestError(what, 2.0 * band.bias_rps, limits.speed_rps, "rev/s", "lower --bias-rps")
+    if request.amplitude_nm is not None and request.amplitude_nm > 0.8 * limits.torque_nm:
+        what = f"the torque of the excitation on axis {request.axis}"
+        raise UnsafeRequestError(what, request.amplitude_nm, 0.8 * limits.torque_nm, "N·m", "lower --amplitude-nm")
+
+
+def _wave(
+    request: PlantRequest, band: Band, period_s: float, sync_s: float, table: AxisTable, excited: ExcitedSignal
+) -> Excitation:
     """One period with a peak of 1 N·m, as torque or as the reference that makes the drive's law give that torque."""
     samples = round(period_s / sync_s)
     try:
-        lines = band_lines(request.low_hz, request.high_hz, period_s, sync_s)
+        lines = band_lines(band.low_hz, band.high_hz, period_s, sync_s)
     except ValueError as error:
         raise NotPossibleError(f"{error} (--low-hz, --high-hz, bus.sync_period_s)") from error
     law = table.gains(f"the plant of axis {request.axis}")
@@ -274,9 +302,10 @@ class PlannedMotion:
     speeds_rps: tuple[float, ...]
 
 
-def _planned(
+def planned(
     builder: MotionBuilder, request: PlantRequest, excited: ExcitedSignal, stretches: list[slice], speeds: list[float]
 ) -> PlannedMotion:
+    """The motion of a builder, with the rows that are evaluated and their speeds."""
     bias, added = TURN * np.concatenate(builder.turns), np.concatenate(builder.offset)
     times = np.arange(len(bias), dtype=np.float64) * builder.sync_s
     has_offset = excited == "torque" and bool(np.any(added))
@@ -313,7 +342,7 @@ def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: 
             speeds.append(sign * speed)
     builder.go(0.0, bench.approach_rps)
     builder.rest(0.1)
-    return _planned(builder, request, "torque", stretches, speeds)
+    return planned(builder, request, "torque", stretches, speeds)
 
 
 def excited_motion(
@@ -323,10 +352,8 @@ def excited_motion(
     start_rev: float,
     excited: ExcitedSignal,
     amplitude_nm: float,
-    *,
-    is_pilot: bool,
 ) -> PlannedMotion:
-    """Motion to and fro at the bias speed under the excitation; the pilot is a single short stretch.
+    """Motion to and fro at the bias speed under the excitation.
 
     Args:
         bench: The bench file.
@@ -335,22 +362,21 @@ def excited_motion(
         start_rev: Present position of the motor, rev.
         excited: Signal to which the excitation is added.
         amplitude_nm: Peak of the excitation.
-        is_pilot: True for the pilot.
     """
     builder = MotionBuilder(bench.bus.sync_period_s)
     builder.rest(0.1)
     builder.go(travel.low_rev - start_rev, bench.approach_rps)
-    periods = 2 if is_pilot else travel.per_stretch
+    periods = travel.per_stretch
     samples = travel.samples
     wave = np.tile(amplitude_nm * travel.wave.wave, periods + 1)
     lead = max(1, samples // 2)
     wave[:lead] *= 0.5 - 0.5 * np.cos(math.pi * (np.arange(lead) + 0.5) / lead)
     stretches, speeds = [], []
-    for number in range(1 if is_pilot else travel.stretches):
+    for number in range(travel.stretches):
         speed = travel.bias_rps if number % 2 == 0 else -travel.bias_rps
         rows = builder.cruise(speed, len(wave), wave)
         stretches.append(slice(rows.start + samples, rows.stop))
         speeds.append(speed)
     builder.go(0.0, bench.approach_rps)
     builder.rest(0.1)
-    return _planned(builder, request, excited, stretches, speeds)
+    return planned(builder, request, excited, stretches, speeds)

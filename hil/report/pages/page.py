@@ -29,6 +29,7 @@ class PageHead:
         aftermath: Sentences on all that the drives were not left as they were found.
         origin: Origin of the numbers: a robot, or an emulated one.
         is_paper: True for the paper's robot.
+        is_bench: True where `bench` is a bench; False where it says in words what the page is of.
     """
 
     bench: str
@@ -39,6 +40,7 @@ class PageHead:
     aftermath: tuple[str, ...] = ()
     origin: Origin = MEASURED
     is_paper: bool = False
+    is_bench: bool = True
 
     def tag(self, drawing: Drawing) -> str:
         """Origin of a figure in words: what was measured on an emulated robot is called emulated."""

@@ -105,12 +105,12 @@ class DriveData:
         read: dict[int, Callable[[], Any]] = {
             Object.POSITION_DEMAND: self._demand_position,
             Object.POSITION_ACTUAL_INTERNAL: lambda: clip(self.axes.counts(self.row)),
-            Object.POSITION_ACTUAL: self._position_counts,
+            Object.POSITION_ACTUAL: self.position_counts,
             Object.VELOCITY_SENSOR_ACTUAL: self._shown_actual_speed,
             Object.VELOCITY_DEMAND: lambda: self.counting.shown_speed(self._demand_speeds[self.row]),
             Object.VELOCITY_ACTUAL: self._shown_actual_speed,
             Object.TORQUE_DEMAND: lambda: self.counting.shown_torque(self._torque_demands[self.row]),
-            Object.TORQUE_ACTUAL: lambda: self.counting.shown_torque(self._torques[self.row]),
+            Object.TORQUE_ACTUAL: self.shown_torque,
             Object.CURRENT_ACTUAL: self._current_per_mille,
             Object.DC_LINK_VOLTAGE: lambda: DC_LINK_MV,
             Object.FOLLOWING_ERROR_ACTUAL: self._following_error_counts,
@@ -125,7 +125,12 @@ class DriveData:
         """Motor speed as the law sees it."""
         return float(self._speeds[self.row])
 
-    def _position_counts(self) -> int:
+    def shown_torque(self) -> int:
+        """6077h now."""
+        return self.counting.shown_torque(self._torques[self.row])
+
+    def position_counts(self) -> int:
+        """6064h now."""
         counting, counts = self.counting, self.axes.counts(self.row)
         shown = counts + counting.offset_counts
         # every TPDO passes here: in increments and within its object the position is what it is
@@ -174,6 +179,20 @@ class DriveData:
     def cyclic_target_speed_rad_s(self) -> float:
         """Target speed of cyclic velocity mode: 60FFh; 60B1h is added in the law."""
         return self.counting.speed_rad_s(self._target_speed.value)
+
+    def take_cyclic_target(self, position: int, torque_offset: int | None = None) -> None:
+        """Put a set-point of cyclic position mode into force, as SYNC does with what an RPDO has brought.
+
+        Args:
+            position: 607Ah.
+            torque_offset: 60B2h; None where it is not mapped.
+        """
+        if torque_offset is not None:
+            cell = self.dictionary.cell(Object.TORQUE_OFFSET)
+            cell.value = torque_offset
+            self.motion["torque_offset_nm"] = self.counting.torque_nm(torque_offset)
+        self._target.value = position
+        self.axes.set_point(self.row, self.cyclic_target_counts())
 
     # -- what is written -----------------------------------------------------------------------------------------------
 

@@ -14,6 +14,8 @@ PLANT = TwoInertia(120.0, 2.6e-4, 8e-4, 8.0, 6.0, 48950.0, 42.0)
 LAW = Cascade(25.0, 0.196, 3.92, 300.0)
 FREQUENCY = np.arange(3.0, 60.5, 0.5)
 SYNC, AGE, LEVER = 0.002, 125e-6, 0.7
+LAG = 3e-4
+"""Time constant of the current loop."""
 
 
 def synthetic(seed: int, periods: int = 10, noise: float = 1e-5, amplitude: float = 0.1) -> Spectra:
@@ -28,7 +30,7 @@ def synthetic(seed: int, periods: int = 10, noise: float = 1e-5, amplitude: floa
         shape = (periods, len(FREQUENCY))
         return size * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
 
-    motion = PLANT.motor_angle_per_torque(FREQUENCY)
+    motion = PLANT.motor_angle_per_torque(FREQUENCY) / (1.0 + jw * LAG)
     hold = (1.0 - np.exp(-jw * SYNC)) / (jw * SYNC)
     excitation = np.tile(amplitude * np.exp(2j * math.pi * rng.random(len(FREQUENCY))), (periods, 1))
     disturbance, law = white(noise), (0.196 + 3.92 / jw) * (25.0 + jw / (1.0 + jw / (2.0 * math.pi * 300.0)))
@@ -63,6 +65,7 @@ def test_standard_errors_are_what_the_scatter_over_seeds_is() -> None:
         "damping": 48.0 / (2.0 * math.sqrt(48950.0 * 8.0)),
         "viscous_damping_nm_s_rad": 8e-4 + 6.0 / 120.0**2,
         "torque_age_s": AGE,
+        "torque_lag_s": LAG,
     }
     away: dict[str, list[float]] = {name: [] for name in truth}
     for seed in range(14):

@@ -56,15 +56,20 @@ states = st.tuples(st.floats(-1e3, 1e3), speeds, st.floats(-3.0, 3.0), speeds, t
     st.sampled_from([0.0, 3.0]),
     st.sampled_from([0.0, 1e-3]),
     st.floats(-3.0, 3.0),
+    st.booleans(),
 )
 def test_rates_around_any_grid_point_are_those_of_the_plain_equations(
-    number, values, command, braked, softness, hysteresis, lag, away
+    number, values, command, braked, softness, hysteresis, lag, away, is_more
 ):
     """Within the polynomials' bounds, and beyond them, where the library's sine takes over."""
     changes = {
         "a1_rad": 20.0 * ARCSEC,
         "phi1_rad": 0.3,
         "a4_rad": 10.0 * ARCSEC,
+        "is_more": float(is_more),
+        "more_orders": (0.5, 3.0, 5.75, 8.0),
+        "more_rad": (30.0 * ARCSEC, 20.0 * ARCSEC, 5.0 * ARCSEC, 2.0 * ARCSEC),
+        "more_phi_rad": (1.0, -0.7, 2.0, 0.1),
         "gear_reaction": 1.0,
         "wind_up_softness": softness,
         "wind_up_torsion_rad": 60.0 * ARCSEC,

@@ -17,6 +17,12 @@ T = 250e-6
 LINEAR = {"coulomb_friction_nm": 0.0, "static_friction_nm": 0.0, "gravity_moment_nm": 0.0}
 NO_ATE = {"a1_rad": 0.0, "a2_rad": 0.0, "a4_rad": 0.0}
 UNDAMPED = {"motor_damping_nm_s_rad": 0.0, "arm_damping_nm_s_rad": 0.0, "gear_damping_nm_s_rad": 0.0}
+MORE = {
+    "is_more": 1.0,
+    "more_orders": (3.0, 0.5, 6.25, 0.0),
+    "more_rad": (80 * ARCSEC, 150 * ARCSEC, 40 * ARCSEC, 0.0),
+    "more_phi_rad": (0.4, 2.0, -1.0, 0.0),
+}
 BIG_ATE = {"a1_rad": 100 * ARCSEC, "a2_rad": 300 * ARCSEC, "phi2_rad": 1.0, "a4_rad": 200 * ARCSEC, "gear_reaction": 1.0}
 
 
@@ -128,7 +134,7 @@ def test_the_transmission_error_shakes_the_arm_as_scipys_lsim_says():
 
 
 def everything(number=2):
-    return Axis(number, **BIG_ATE, wind_up_softness=0.4, wind_up_torsion_rad=60 * ARCSEC, current_time_constant_s=2e-3)
+    return Axis(number, **BIG_ATE, **MORE, wind_up_softness=0.4, wind_up_torsion_rad=60 * ARCSEC, current_time_constant_s=2e-3)
 
 
 def by_hand(p, command):
@@ -137,8 +143,10 @@ def by_hand(p, command):
     def rates(_, x):
         th, wm, tl, wl, tau = x
         n = p["reduction_ratio"]
-        sync = sum(p[f"a{k}_rad"] * math.cos(k * th + p[f"phi{k}_rad"]) for k in (1, 2, 4))
-        slope = sum(-k * p[f"a{k}_rad"] * math.sin(k * th + p[f"phi{k}_rad"]) for k in (1, 2, 4))
+        lines = [(k, p[f"a{k}_rad"], p[f"phi{k}_rad"]) for k in (1, 2, 4)]
+        lines += zip(p["more_orders"], p["more_rad"], p["more_phi_rad"], strict=True)
+        sync = sum(size * math.cos(k * th + phase) for k, size, phase in lines)
+        slope = sum(-k * size * math.sin(k * th + phase) for k, size, phase in lines)
         psi, rate = th / n + sync - tl, wm / n + slope * wm - wl
         soft = 1.0 - p["wind_up_softness"] * math.exp(-((psi / p["wind_up_torsion_rad"]) ** 2))
         gear = p["gear_stiffness_nm_rad"] * soft * psi + p["gear_damping_nm_s_rad"] * rate
@@ -164,7 +172,7 @@ def by_hand(p, command):
 def test_the_short_polynomials_change_nothing_near_or_far(speed, angle):
     """One Runge-Kutta step with the library's sine, cosine and tanh; at 2000 rad/s the motor leaves the polynomials' range."""
     axis = everything().at(angle, speed, angle / 120.0 + 2e-4, speed / 120.0 - 1e-3)
-    rates = by_hand({name: float(axis.plant[0][name]) for name in PLANT.names}, 1.5)
+    rates = by_hand({name: axis.plant[0][name].tolist() for name in PLANT.names}, 1.5)
     x = np.array([angle, speed, angle / 120.0 + 2e-4, speed / 120.0 - 1e-3, 0.0])
     k1 = np.array(rates(0.0, x))
     k2 = np.array(rates(0.0, x + 0.5 * T * k1))
@@ -179,7 +187,7 @@ def test_the_short_polynomials_change_nothing_near_or_far(speed, angle):
 
 def test_with_every_nonlinearity_on_it_is_what_scipys_integrator_finds():
     axis = everything()
-    p = {name: float(axis.plant[0][name]) for name in PLANT.names}
+    p = {name: axis.plant[0][name].tolist() for name in PLANT.names}
     x = np.zeros(5)
     names = ("motor_angle_rad", "motor_speed_rad_s", "arm_angle_rad", "arm_speed_rad_s", "torque_nm")
     # pieces of constant torque through standstill and both directions

@@ -8,6 +8,7 @@ import pytest
 from drive_profiles.files.toml import FileError
 from hil.bench.bench import load_bench
 from hil.control.angles import ARCSEC
+from hil.robot_tables import MOST_MORE_ORDERS, TransmissionErrorTable
 from plant_emulator.physics.axis import PLANT
 from plant_emulator.robots.robot import REFERENCE, Robot, load_robot
 
@@ -41,6 +42,16 @@ def test_the_transmission_errors_are_those_of_table_2():
     np.testing.assert_allclose(np.degrees(rows["phi4_rad"]), [126.0, 306.0])
 
 
+def test_other_orders_of_a_gear_are_written_too_and_a_table_s_room_is_the_plant_s():
+    table = TransmissionErrorTable.of({2: 5.0, 3: 4.0, 0.5: 6.0}, {2: 0.0, 3: 90.0, 0.5: 180.0})
+    row = np.full(1, np.nan, PLANT)[0]
+    ROBOT.axis[2].model_copy(update={"ate": table}).write(row, 0.0)
+    assert (row["is_more"], row["more_orders"].tolist()) == (1.0, [0.5, 3.0, 0.0, 0.0])
+    np.testing.assert_allclose(row["more_rad"] / ARCSEC, [6.0, 4.0, 0.0, 0.0])
+    np.testing.assert_allclose(np.degrees(row["more_phi_rad"]), [180.0, 90.0, 0.0, 0.0])
+    assert len(row["more_orders"]) == MOST_MORE_ORDERS
+
+
 def test_every_field_of_the_plant_is_written_in_si():
     axis = ROBOT.axis[2].model_copy(
         update={
@@ -54,7 +65,7 @@ def test_every_field_of_the_plant_is_written_in_si():
     )
     row = np.full(1, np.nan, PLANT)
     axis.write(row[0], 0.25)
-    assert not any(math.isnan(row[0][name]) for name in PLANT.names)
+    assert not any(np.isnan(row[0][name]).any() for name in PLANT.names)
     want = {
         "home_angle_rad": 0.25,
         "gear_reaction": 1.0,

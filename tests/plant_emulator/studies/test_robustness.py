@@ -32,7 +32,7 @@ from plant_emulator.studies.closed_loop import arm_peak_hz, frozen_law, growth_p
 from plant_emulator.studies.figure import figure_svg
 from plant_emulator.studies.robustness import PlantRunResult, Study
 from plant_emulator.studies.simulate import simulate
-from plant_emulator.studies.spread import AXIS_UNKNOWNS, SENSOR_UNKNOWNS, PlantSpread, drawn, drawn_axis, nominal
+from plant_emulator.studies.spread import AXIS_UNKNOWNS, SENSOR_UNKNOWNS, PlantSpread, drawn, drawn_axis, drawn_reading, nominal
 from plant_emulator.studies.summary import document, draws_csv, influences, run_fraction, summarise
 from plant_emulator.studies.workers import run_all
 
@@ -520,3 +520,16 @@ def test_of_a_thousand_plants_most_keep_the_specification_with_table_3():
     assert found.stable.count == 1000
     assert found.meeting.fraction > 0.7
     assert found.influences[0].name == "arm_inertia_factor"
+
+
+def test_the_robots_own_sensor_delay_is_added_to_the_drawn_one():
+    values = nominal(SENSOR_UNKNOWNS) | {"accelerometer_delay_ms": 2.0}
+    late = drawn_reading(ROBOT.accelerometer.model_copy(update={"delay_s": 0.003}), values)
+    assert late.delay_s == pytest.approx(0.005)
+
+
+def test_a_study_refuses_a_sensor_whose_response_it_cannot_follow():
+    for change in ({"lowpass_hz": 90.0}, {"mounting_resonance_hz": 90.0}):
+        robot = ROBOT.model_copy(update={"accelerometer": ROBOT.accelerometer.model_copy(update=change)})
+        with pytest.raises(ValueError, match="leave lowpass_hz"):
+            Study(robot, 2, CONTROLS, NOTCHES)

@@ -1,0 +1,63 @@
+"""What a fit leaves that is not noise: a gear that is no spring leaves it where the arm resonates, noise is left everywhere.
+
+The level of the noise is read in the quiet parts of the residual, block by block. What is above it is misfit. How far it can bend
+an order's amplitude and phase follows from where it lies: what is left while the order itself is large counts against it.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+BEND = 0.6
+"""Error of A_k/A_k, and of φ_k in rad, over the order's misfit; as found on gears with hysteresis and with a soft wind-up."""
+QUIET = 0.25
+"""Quantile of the blocks' powers that is taken for quiet."""
+QUIET_SIGMA = -0.6745
+"""The same quantile of a normal distribution."""
+LEAST_MISFIT = 0.003
+"""Misfit of the whole signal that no noise hides: gravity alone bends f_a by a tenth of a per cent along a ramp."""
+CHANCE = 1.5
+"""Power of a block over that of the noise up to which it may be chance."""
+
+
+def block_powers(values: Real, length: int) -> Real:
+    """Mean power of each whole block of samples; shape (blocks,)."""
+    count = max(1, len(values) // length)
+    return np.array([float(np.mean(part**2)) for part in np.array_split(values, count)])
+
+
+def noise_power(powers: Real, freedom: float) -> float:
+    """Power of white noise, from the quiet ones of some blocks.
+
+    Args:
+        powers: Mean power of each block.
+        freedom: Independent samples of a block.
+    """
+    # Wilson and Hilferty's approximation of the quantile of χ²/n
+    spread = 2.0 / (9.0 * max(1.0, freedom))
+    quiet = max(0.2, 1.0 - spread + QUIET_SIGMA * math.sqrt(spread)) ** 3
+    return float(np.quantile(powers, QUIET)) / quiet
+
+
+def misfit(residual: Real, part: Real, whole: Real, length: int, freedom: float) -> float:
+    """Size of what is left beside noise, over the size of one order's part of the signal, at the instants at which that is large.
+
+    Args:
+        residual: What the fit leaves; shape (n,).
+        part: Part of one order in the model; shape (n,).
+        whole: What the model gives; shape (n,).
+        length: Samples of a block.
+        freedom: Independent samples of a block.
+    """
+    left, own = block_powers(residual, length), block_powers(part, length)
+    more = np.maximum(left - CHANCE * noise_power(left, freedom), LEAST_MISFIT**2 * block_powers(whole, length))
+    return math.sqrt(float(np.sum(more * own)) / max(float(np.sum(own**2)), 1e-300))
+
+
+def structured_power(residual: Real, length: int, freedom: float) -> float:
+    """Power of what is left beside noise."""
+    left = block_powers(residual, length)
+    return float(np.mean(np.maximum(0.0, left - CHANCE * noise_power(left, freedom))))

@@ -1,0 +1,148 @@
+"""What a pilot run tells: peaks under an excitation, the amplitude that stays within all limits, and why a plant was not seen."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.control.cascade import Cascade
+from hil.design.frequency import Complex, Loop
+from hil.design.plant_identification import PlantEstimate
+from hil.design.plant_problem import SamplingTiming, tip_response
+from hil.design.plant_spectra import Spectra
+from hil.experiments.plant.motion import TURN, ExcitedSignal, Travel
+from hil.master.motion import Real
+
+PILOT_FRACTION = 0.05
+"""Amplitude of the pilot run as a fraction of the torque limit."""
+LARGEST_RISE = 10.0
+"""Largest ratio of the main run's amplitude to the pilot's."""
+EXCITED_TORQUE_FRACTION = 0.6
+"""Fraction of the torque limit that the whole torque may reach."""
+EXCITED_SPEED_FRACTION = 0.75
+"""Fraction of the bias speed that excitation and transmission error may take from it."""
+TIP_FRACTION = 0.6
+"""Fraction of the accelerometer's range that the whole acceleration may reach."""
+ROUGH_ANTIRESONANCE, ROUGH_STIFFNESS = 0.05, 0.5
+"""Relative standard errors of f_a and K_g with which a pilot is good enough to plan the main run."""
+RIGID = 0.2
+"""Largest relative deviation of the inertia over the band with which an axis is called rigid."""
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """Largest values of a run: torque in N·m, speed in rev/s, tip acceleration in m/s²."""
+
+    torque_nm: float
+    speed_rps: float
+    tip_m_s2: float
+
+    def times(self, factor: float) -> "Peaks":
+        """All of them times a factor."""
+        return Peaks(factor * self.torque_nm, factor * self.speed_rps, factor * self.tip_m_s2)
+
+    def of(self, name: str) -> float:
+        """One of them, by the name of its limit."""
+        return {"torque": self.torque_nm, "speed": self.speed_rps, "tip": self.tip_m_s2}[name]
+
+
+@dataclass(frozen=True)
+class MeasuredPeaks:
+    """Peaks of what follows the excitation, and of the rest: transmission error, noise, counts."""
+
+    driven: Peaks
+    rest: Peaks
+
+
+def measured_peaks(angle_rad: Real, torque_nm: Real, tip_m_s2: Real | None, samples: int, sync_s: float) -> MeasuredPeaks:
+    """Peaks of a stretch of whole periods, angle less the bias motion; the mean over the periods follows the excitation."""
+    speed = np.gradient(angle_rad, sync_s) / TURN
+    pairs = []
+    for values in (torque_nm, speed, tip_m_s2):
+        if values is None:
+            pairs.append((0.0, 0.0))
+            continue
+        periods = (values - np.mean(values)).reshape(-1, samples)
+        mean = periods.mean(axis=0)
+        pairs.append((float(np.max(np.abs(mean))), float(np.max(np.abs(periods - mean)))))
+    return MeasuredPeaks(Peaks(*(pair[0] for pair in pairs)), Peaks(*(pair[1] for pair in pairs)))
+
+
+def predicted_peaks(
+    estimate: PlantEstimate, travel: Travel, excited: ExcitedSignal, law: Cascade, control_s: float, lever_m: float
+) -> Peaks:
+    """Peaks under an excitation of 1 N·m, of a plant that is roughly known in the drive's loop."""
+    wave, plant = travel.wave, estimate.plant
+    frequency, count = wave.frequency_hz, len(wave.wave)
+    jw = 2j * math.pi * frequency
+    drive = np.fft.rfft(wave.wave)[wave.lines] * np.sinc(frequency * wave.sample_s)
+    if excited == "reference":
+        drive = drive * law.position_gain_per_s * (law.velocity_gain_nm_s_rad + law.velocity_integral_gain_nm_rad / jw)
+    motion = plant.motor_angle_per_torque(frequency) / (1.0 + jw * estimate.parameters["torque_lag_s"].value)
+    torque = drive / (1.0 + motion * Loop(plant, law, (), control_s).controller(frequency))
+    angle = motion * torque
+    ratio = estimate.parameters["lever_ratio"].value if "lever_ratio" in estimate.parameters else 1.0
+    tip = tip_response(plant, frequency, lever_m * ratio) * angle
+
+    def peak(lines: Complex) -> float:
+        spectrum = np.zeros(count // 2 + 1, dtype=np.complex128)
+        spectrum[wave.lines] = lines
+        return float(np.max(np.abs(np.fft.irfft(spectrum, count))))
+
+    return Peaks(peak(torque), peak(jw * angle) / TURN, peak(tip))
+
+
+@dataclass(frozen=True)
+class Room:
+    """Room that an excitation has under the limits, beside what is there without it.
+
+    Attributes:
+        torque_limit_nm: Limit of the torque.
+        steady_nm: Mean torque of the stretch: friction and gravity.
+        bias_rps: Bias speed.
+        range_m_s2: Range of the accelerometer; infinite where it is not used.
+        rest: Peaks without excitation.
+    """
+
+    torque_limit_nm: float
+    steady_nm: float
+    bias_rps: float
+    range_m_s2: float
+    rest: Peaks
+
+    def largest(self, per_nm: Peaks) -> tuple[float, str]:
+        """The largest amplitude for peaks per N·m, and the name of what limits it; 0 where nothing is left."""
+        allowed = {
+            "torque": EXCITED_TORQUE_FRACTION * self.torque_limit_nm - abs(self.steady_nm) - self.rest.torque_nm,
+            "speed": EXCITED_SPEED_FRACTION * self.bias_rps - self.rest.speed_rps,
+            "tip": TIP_FRACTION * self.range_m_s2 - self.rest.tip_m_s2,
+        }
+        limits = {name: max(0.0, each) / max(1e-12, per_nm.of(name)) for name, each in allowed.items()}
+        least = min(limits, key=lambda name: limits[name])
+        return limits[least], least
+
+
+def is_rough(estimate: PlantEstimate) -> bool:
+    """True where a pilot's estimate is good enough to plan the main run."""
+    parameters = estimate.parameters
+    return (
+        parameters["antiresonance_hz"].relative < ROUGH_ANTIRESONANCE
+        and parameters["gear_stiffness_nm_rad"].relative < ROUGH_STIFFNESS
+    )
+
+
+def rigid_inertia(data: Spectra, timing: SamplingTiming) -> float | None:
+    """Inertia of a motor that shows no resonance in the band, in kg·m²; None where there is one, or too little is seen."""
+    if timing.kind != "torque":
+        return None
+    angle, torque = data.angle.mean(axis=0), data.torque.mean(axis=0)
+    jw = 2j * math.pi * data.frequency_hz
+    late = np.exp(-jw * timing.sync_s)
+    felt = torque + data.excitation.mean(axis=0) * ((1.0 - late) / (jw * timing.sync_s) - late)
+    noise = np.std(data.angle, axis=0) / math.sqrt(data.periods)
+    seen = np.abs(angle) > 3.0 * noise
+    if np.mean(seen) < 0.8:
+        return None
+    inertia = np.abs(felt[seen] / (jw[seen] ** 2 * angle[seen]))
+    middle = float(np.median(inertia))
+    return middle if float(np.quantile(np.abs(inertia / middle - 1.0), 0.95)) < RIGID else None

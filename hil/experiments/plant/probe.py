@@ -1,0 +1,111 @@
+"""The first motion of an identification: a third of a motor turn and back, which shows what must not be found at full travel."""
+
+import math
+
+import numpy as np
+
+from hil.bench.bench import Bench
+from hil.design.estimation import inverse
+from hil.experiments.plant.motion import TURN, MotionBuilder, PlannedMotion, PlantRequest, planned
+from hil.master.motion import Real
+from hil.recording import Recording
+
+PROBE_RPS = 0.4
+PROBE_S = 0.4
+"""Speed of the probe, and duration of the part at constant speed in either direction; its ramps take another fifth of a turn."""
+SIGNIFICANT = 4.0
+"""Standard errors from which a torque counts as seen."""
+CORRELATED = 10.0
+"""Rows for which the torque of a slow turn keeps its deviation: its noise is not white."""
+WOUND_FRACTION = 0.7
+"""Torque per radian of the motor, in parts of torque limit over N, that gravity does not reach but a gear with its arm held does."""
+STILL_FRACTION = 0.2
+"""Fraction of the travel below which the motor has not turned."""
+
+
+def probe_motion(bench: Bench, request: PlantRequest, start_rev: float) -> PlannedMotion:
+    """Motion of the probe, towards the middle of the travel and back.
+
+    Args:
+        bench: The bench file.
+        request: Request of the identification.
+        start_rev: Present position of the motor, rev.
+    """
+    limits = bench.axis[request.axis].limits
+    sign = 1.0 if start_rev <= 0.5 * (limits.position_min_rev + limits.position_max_rev) else -1.0
+    builder = MotionBuilder(bench.bus.sync_period_s)
+    builder.rest(0.1)
+    count = max(4, round(PROBE_S / bench.bus.sync_period_s))
+    speeds = [sign * PROBE_RPS, -sign * PROBE_RPS]
+    stretches = [builder.cruise(speed, count) for speed in speeds]
+    builder.rest(0.1)
+    return planned(builder, request, "torque", stretches, speeds)
+
+
+def probe_trouble(
+    motion: PlannedMotion, recording: Recording, axis: int, torque_limit_nm: float, reduction_ratio: float
+) -> str | None:
+    """Reason why the axis must not be moved on, or None.
+
+    Args:
+        motion: Motion of the probe.
+        recording: Its recording, also of one that was stopped.
+        axis: Axis number.
+        torque_limit_nm: Limit of the motor torque.
+        reduction_ratio: Reduction ratio N.
+    """
+    angle, torque = recording.axis(axis, "position_rad"), recording.axis(axis, "torque_nm")
+    if len(angle) < len(motion.bias_rad):
+        return _stopped_trouble(angle, torque, motion, torque_limit_nm)
+    travelled = float(np.ptp(angle)) / float(np.ptp(motion.bias_rad))
+    largest = float(np.max(np.abs(torque)))
+    if travelled < STILL_FRACTION:
+        return (
+            f"the motor angle showed {travelled:.0%} of a motion of {np.ptp(motion.bias_rad) / TURN:.2g} rev at up to "
+            f"{largest:.3g} N·m: is the brake open, the arm free, and the encoder the axis' own?"
+        )
+    friction, slope = _slow_torque(angle, torque, motion)
+    if friction[0] < -SIGNIFICANT * friction[1]:
+        return (
+            f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m where friction asks for a positive "
+            "one: the encoder counts backwards, or the torque is reported with the wrong sign (607Eh, 6077h, motor phases)"
+        )
+    free = WOUND_FRACTION * torque_limit_nm / reduction_ratio
+    if slope[0] - SIGNIFICANT * slope[1] > free:
+        return (
+            f"the motor wound up a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, gravity is at most {free:.2g}: the arm is "
+            "held (a brace, a stop, a second brake)"
+        )
+    return None
+
+
+def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_limit_nm: float) -> str | None:
+    """Reason of a probe that was stopped, as far as torque and angle tell it."""
+    if len(angle) < 2:
+        return None
+    moved, largest = float(angle[-1] - angle[0]), float(np.max(np.abs(torque)))
+    tail = slice(-max(3, len(torque) // 10), None)
+    pushed = float(np.mean(torque[tail]))
+    if abs(moved) > 0.1 * float(np.ptp(motion.bias_rad)) and moved * pushed < 0.0 and abs(pushed) > 0.3 * largest:
+        return (
+            f"the motor ran {moved / TURN:+.2g} rev against a torque of {pushed:+.3g} N·m until it was stopped: the encoder counts "
+            "backwards (607Eh, motor phases)"
+        )
+    if abs(moved) <= STILL_FRACTION * float(np.ptp(motion.bias_rad)) and largest > 0.8 * torque_limit_nm:
+        return f"the motor did not turn under {largest:.3g} N·m until it was stopped: is the brake open, and the arm free?"
+    return None
+
+
+def _slow_torque(angle: Real, torque: Real, motion: PlannedMotion) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Friction and torque per angle in the slow stretches, each with its standard error."""
+    rows, wanted = [], []
+    for stretch, speed in zip(motion.stretches, motion.speeds_rps, strict=True):
+        part = angle[stretch]
+        rows.append(np.column_stack([np.full(len(part), math.copysign(1.0, speed)), part, np.ones(len(part))]))
+        wanted.append(torque[stretch])
+    matrix, values = np.concatenate(rows), np.concatenate(wanted)
+    found = np.linalg.lstsq(matrix, values, rcond=None)[0]
+    left = values - matrix @ found
+    power = float(np.mean(left**2)) * CORRELATED
+    errors = np.sqrt(np.diag(inverse(matrix.T @ matrix)) * power)
+    return (float(found[0]), float(errors[0])), (float(found[1]), float(errors[1]))

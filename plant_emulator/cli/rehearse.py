@@ -1,0 +1,263 @@
+"""plant-emulator rehearse: the documented path walked on many drawn robots, into one table and one report."""
+
+# ruff: noqa: PLC0415 - numpy, scipy and the master are imported inside the command, so that --help stays quick
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.cli.console import epilog, fail, print_json, table
+from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error, exit_on_value_error
+from plant_emulator.cli.stable import KindName, KindOption, OutOption
+
+if TYPE_CHECKING:
+    from plant_emulator.rehearsal.many.claims import RehearsalClaim
+    from plant_emulator.rehearsal.many.rows import Kept, Row
+    from plant_emulator.rehearsal.many.walkers import Walkers
+
+EPILOG = epilog(
+    (
+        EmulatorExitStatus.DONE,
+        EmulatorExitStatus.USAGE,
+        EmulatorExitStatus.FILE,
+        EmulatorExitStatus.BUS,
+        EmulatorExitStatus.NOT_MET,
+        EmulatorExitStatus.INTERRUPTED,
+    ),
+    {
+        EmulatorExitStatus.DONE: "done, whatever the numbers",
+        EmulatorExitStatus.FILE: "bad file, or a folder that holds another rehearsal",
+        EmulatorExitStatus.BUS: "no scheduler, or it is lost",
+        EmulatorExitStatus.NOT_MET: "with --check: a number is not reached",
+        EmulatorExitStatus.INTERRUPTED: "interrupted, finished robots are kept",
+    },
+)
+
+CLAIMS_FILE, PAGE_FILE = "claims.json", "report.html"
+SAID_EVERY_S = 60.0
+"""Time between two lines of progress where there is no terminal."""
+RATE_OVER_S = 600.0
+"""Time over which the rate is taken: a robot takes many seconds, and some many more."""
+
+SeedsOption = Annotated[str | None, typer.Option("--seeds", metavar="SEEDS", help="Seeds of the robots: 7, 1-1000, 1-40,50.")]
+OverBusOption = Annotated[bool, typer.Option("--over-bus", help="Over a bus: each robot is served, and the tools are processes.")]
+JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; left out: one per processor.")]
+OnOption = Annotated[
+    str | None, typer.Option("--on", metavar="dask:tcp://HOST:PORT", help="On the workers of a Dask scheduler (extra cluster).")
+]
+ResumeOption = Annotated[bool, typer.Option("--resume", help="Go on with the folder's rehearsal: walk the robots that it lacks.")]
+KeepOption = Annotated[bool, typer.Option("--keep", help="Keep all files of each walk, in files/SEED of the folder.")]
+CheckOption = Annotated[bool, typer.Option("--check", help="Exit status 9 where a number that must be reached is not.")]
+SummaryOption = Annotated[
+    Path | None,
+    typer.Option("--summary", metavar="DIR", help="Walk nothing: make table and report of DIR again, and print Markdown."),
+]
+
+
+def mount(app: typer.Typer) -> None:
+    """Make it `plant-emulator rehearse`."""
+    app.command("rehearse", epilog=EPILOG)(rehearse)
+
+
+def rehearse(
+    seeds: SeedsOption = None,
+    out: OutOption = Path("rehearsal"),
+    kind: KindOption = "both",
+    over_bus: OverBusOption = False,
+    jobs: JobsOption = None,
+    on: OnOption = None,
+    resume: ResumeOption = False,
+    keep: KeepOption = False,
+    check: CheckOption = False,
+    summary: SummaryOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Walk the documented path on many drawn robots, and say of how many the tip becomes quiet, and of which not, and why.
+
+    Each robot is drawn by its seed, and treated from a bench file that knows nothing of it: identified, designed for, cancelled,
+    learnt; then its true tip is measured. A robot's row is kept as soon as it is there, so that nothing that ends this loses it.
+
+    Examples:
+        plant-emulator rehearse --seeds 1-1000 --out rehearsal
+
+        plant-emulator rehearse --seeds 1-1000 --out rehearsal --resume
+
+        plant-emulator rehearse --seeds 1-1000 --on dask:tcp://127.0.0.1:8786
+
+        plant-emulator rehearse --seeds 7 --kind real --keep --out look
+
+        plant-emulator rehearse --summary rehearsal
+    """
+    from plant_emulator.rehearsal.many.rows import Kept, RehearsalSettings
+
+    with exit_on_error():
+        if summary is not None:
+            if seeds is not None:
+                raise fail("--summary walks nothing: leave --seeds out", EmulatorExitStatus.USAGE)
+            kept = Kept(summary)
+            kept.settings()
+            _tell(kept, check=check, as_json=as_json, as_markdown=True)
+            return
+        named = _seeds(seeds)
+        walkers = _walkers(on, jobs, keep=keep)
+        kept = Kept(out)
+        kept.begin(RehearsalSettings(kind, over_bus), resume=resume)
+        _walk(kept, named, walkers, kind, over_bus=over_bus, keep=keep)
+        _tell(kept, check=check, as_json=as_json)
+
+
+def _seeds(text: str | None) -> tuple[int, ...]:
+    from plant_emulator.rehearsal.many.seeds import seeds_of
+
+    if text is None:
+        raise fail("--seeds is needed, such as --seeds 1-40; or --summary DIR", EmulatorExitStatus.USAGE)
+    with exit_on_value_error():
+        return seeds_of(text)
+
+
+def _walkers(on: str | None, jobs: int | None, *, keep: bool) -> "Walkers":
+    """Those who walk, as the options say."""
+    from plant_emulator.rehearsal.many.cluster import DaskWorkers, scheduler_address
+    from plant_emulator.rehearsal.many.walkers import LocalProcesses
+
+    if on is None:
+        return LocalProcesses(jobs or _processors())
+    if jobs is not None:
+        raise fail("--jobs: the workers of --on are as many as there are", EmulatorExitStatus.USAGE)
+    if keep:
+        raise fail("--keep: the workers of --on may have another file system", EmulatorExitStatus.USAGE)
+    with exit_on_value_error():
+        return DaskWorkers(scheduler_address(on))
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _walk(kept: "Kept", seeds: Sequence[int], walkers: "Walkers", kind: KindName, *, over_bus: bool, keep: bool) -> None:
+    """Walk the robots that are not there yet; each row is kept at once."""
+    from plant_emulator.rehearsal.many.one import kind_of, walk_seed
+    from plant_emulator.rehearsal.many.walkers import WalkersLostError, WalkersRefusedError
+    from plant_emulator.rehearsal.many.walking import walk_all
+
+    there = kept.seeds()
+    missing = [seed for seed in seeds if seed not in there]
+    if len(missing) < len(seeds):
+        typer.echo(f"{len(seeds) - len(missing)} of {len(seeds)} robots are there already", err=True)
+    if not missing:
+        return
+    done = 0
+    files = str(kept.folder.resolve() / "files") if keep else None
+    try:
+        with walkers, _progress(len(missing)) as step:
+
+            def on_row(row: "Row") -> None:
+                nonlocal done
+                seed = row["seed"]
+                kept.keep({"kind": kind_of(seed, kind)} | dict(row) if isinstance(seed, int) else row)
+                done += 1
+                step(row)
+
+            walk_all(missing, walk_seed, (kind, over_bus, files), walkers, on_row)
+    except WalkersRefusedError as error:
+        raise fail(str(error), EmulatorExitStatus.BUS) from None
+    except (WalkersLostError, KeyboardInterrupt) as error:
+        is_lost = isinstance(error, WalkersLostError)
+        words = (
+            f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots were walked and are kept: --resume goes on"
+        )
+        raise fail(words, EmulatorExitStatus.BUS if is_lost else EmulatorExitStatus.INTERRUPTED) from None
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[["Row"], None]]:
+    """Progress on standard error: a bar with rate and time left on a terminal, else a line a minute."""
+    from plant_emulator.rehearsal.many.reading import is_quiet
+
+    begin, quiet, done = time.monotonic(), 0, 0
+
+    def words() -> str:
+        return f"{quiet} of {done} within the goal"
+
+    def rate() -> float:
+        return 60.0 * done / max(time.monotonic() - begin, 1e-3)
+
+    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        said = begin
+
+        def tell(row: "Row") -> None:
+            nonlocal quiet, done, said
+            quiet, done = quiet + is_quiet(row), done + 1
+            now = time.monotonic()
+            if now - said >= SAID_EVERY_S or done == total:
+                said = now
+                left = (total - done) / max(rate(), 1e-9)
+                typer.echo(f"{done} of {total} robots, {words()}, {rate():.2g} a minute, {left:.0f} min left", err=True)
+
+        yield tell
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=RATE_OVER_S) as bar:
+        task = bar.add_task("robots", total=total)
+
+        def show(row: "Row") -> None:
+            nonlocal quiet, done
+            quiet, done = quiet + is_quiet(row), done + 1
+            bar.update(task, advance=1, description=f"{words()}, {rate():.2g} a minute")
+
+        yield show
+
+
+def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False) -> None:
+    """Write table and report of all robots of the folder, and say which numbers are reached."""
+    from plant_emulator.rehearsal.many import tables
+    from plant_emulator.rehearsal.many.claims import claims_of, document
+    from plant_emulator.rehearsal.many.page import write_page
+    from plant_emulator.rehearsal.many.table import write_table
+
+    rows = kept.rows()
+    if not rows:
+        raise fail(f"{kept.folder}: no robot has been walked yet", EmulatorExitStatus.FILE)
+    found = claims_of(rows)
+    whole = document(rows, found)
+    written = write_table(kept.folder, rows)
+    written += [_claims_file(kept.folder, whole), write_page(kept.folder / PAGE_FILE, rows)]
+    if as_json:
+        print_json(whole)
+    elif as_markdown:
+        made = (tables.claims(found), tables.tips(rows), tables.steps(rows), tables.causes(rows), tables.estimates(rows),
+                tables.probes(rows), tables.cost(rows))  # fmt: skip
+        typer.echo("\n\n".join(f"**{each.title}**\n\n{tables.markdown(each)}" for each in made if each is not None))
+    else:
+        signs = {True: "yes", False: "no", None: "not judged"}
+        lines = [(each.name, each.asked, each.measured, signs[each.holds]) for each in found]
+        table(f"{len(rows)} robots", ("claim", "asked", "measured", "holds"), lines)
+    typer.echo(f"files: {', '.join(map(str, written))}", err=True)
+    _judge(found, check=check)
+
+
+def _claims_file(folder: Path, whole: "Mapping[str, object]") -> Path:
+    import json
+
+    from drive_profiles.files.safefile import write_atomically
+
+    text = json.dumps(whole, indent=2, ensure_ascii=False) + "\n"
+    write_atomically(folder / CLAIMS_FILE, text.encode(), force=True)
+    return folder / CLAIMS_FILE
+
+
+def _judge(found: "Sequence[RehearsalClaim]", *, check: bool) -> None:
+    failed = [each for each in found if each.holds is False]
+    for each in failed:
+        typer.echo(f"not reached: {each.words}; asked {each.asked}, measured {each.measured}", err=True)
+    if failed and check:
+        raise typer.Exit(EmulatorExitStatus.NOT_MET)

@@ -1,0 +1,149 @@
+"""A session whose cycles need no frames: the master's own run, on the drives and axes behind the bus themselves.
+
+Set-up, enabling, stops and all that is not a plain cycle still go over the in-process bus, frame by frame. A cycle in which every
+drive is enabled in cyclic position mode, and hears nothing but the next set-point, is done at the seam that frames would reach:
+counts, torque in per mille and the sensor's sample out, set-points in, one period of the world. A recording is the same, to the
+bit.
+"""
+
+from collections.abc import Callable
+
+from drive_profiles.address import LOCAL, Address
+from drive_profiles.standard.cia402 import Mode
+from hil.bench.bench import Bench
+from hil.master.cyclic import CyclicExchange, Slot
+from hil.master.drive import mapping
+from hil.master.drive.axis import DriveAxis
+from hil.master.sensor import CanopenSensor
+from hil.master.session import Session
+from hil.recording import BusLog
+from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.sensor.accelerometer import DIGITS
+from plant_emulator.slave.dictionary import Cell
+from plant_emulator.world import World
+
+_PER_UNIT: int = 10**DIGITS
+_SCALE: float = 10.0**-DIGITS
+_LARGEST = 2**15 - 1
+
+
+class DirectChannel(InProcessChannel):
+    """The in-process bus to a robot, whose sessions need frames for nothing but set-up and stops.
+
+    Args:
+        world: The world behind it.
+        bitrate: Bit rate by which the load of the bus is checked, as on a bus that has one; None for an ideal bus.
+    """
+
+    def __init__(self, world: World, bitrate: int | None = None) -> None:
+        super().__init__(world)
+        self.address = Address(LOCAL, "in-process", bitrate)
+
+    def session(self, bench: Bench, progress: Callable[[float], None] = lambda fraction: None) -> "DirectSession":
+        """A session on this robot."""
+        return DirectSession(bench, self, progress)
+
+
+class DirectSession(Session):
+    """A session of the master on a robot in this process; frames are not logged."""
+
+    def __init__(self, bench: Bench, channel: DirectChannel, progress: Callable[[float], None]) -> None:
+        super().__init__(bench, channel, BusLog(None), progress)
+        self._direct = channel
+
+    def exchange(
+        self,
+        axes: list[DriveAxis],
+        period_s: float,
+        mode: Mode,
+        *,
+        with_notch_state: bool = False,
+        with_torque_offset: bool = False,
+    ) -> CyclicExchange:
+        """Prepare the exchange with these axes and the sensor; nothing is sent.
+
+        Args:
+            axes: The axes that take part.
+            period_s: SYNC period.
+            mode: CSP (position set-points) or CST (torque set-points).
+            with_notch_state: Record the state of each drive's first filter.
+            with_torque_offset: Send a torque offset beside each position set-point.
+        """
+        return DirectExchange(
+            self._direct, self, axes, period_s, mode, with_notch_state=with_notch_state, with_torque_offset=with_torque_offset
+        )
+
+
+class DirectExchange(CyclicExchange):
+    """An exchange that does plain cycles without frames."""
+
+    def __init__(
+        self,
+        channel: DirectChannel,
+        session: Session,
+        axes: list[DriveAxis],
+        period_s: float,
+        mode: Mode,
+        *,
+        with_notch_state: bool,
+        with_torque_offset: bool,
+    ) -> None:
+        """Prepare a run.
+
+        Args:
+            channel: The in-process bus.
+            session: The session.
+            axes: The axes that take part.
+            period_s: SYNC period.
+            mode: CSP or CST; only CSP does without frames.
+            with_notch_state: Record the state of each drive's first filter.
+            with_torque_offset: Send a torque offset beside each position set-point.
+        """
+        super().__init__(
+            session.network, axes, session.sensor, period_s, mode=mode, with_notch_state=with_notch_state,
+            with_torque_offset=with_torque_offset, clock=session.clock,
+        )  # fmt: skip
+        self._channel, self._world = channel, channel.world
+        by_node = {drive.node_id: drive for drive in self._world.drives.values()}
+        self._drives = [(slot, by_node[slot.axis.node]) for slot in self.slots]
+        self._notches: list[tuple[Slot, list[Cell]]] = []
+        self._can_be_direct = mode is Mode.CSP and isinstance(self.sensor, CanopenSensor)
+
+    def configure(self) -> None:
+        """Map the PDOs of the nodes, and take hold of the filters' states."""
+        super().configure()
+        self._notches = [
+            (slot, [drive.slave.dictionary.cell(each.index, each.subindex) for each in mapping.notch_state(slot.axis.profile)])
+            for slot, drive in self._drives
+            if slot.notch_id
+        ]
+
+    def _exchange_in_lock_step(self) -> None:
+        if self._can_be_direct and all(drive.repeats(slot.control_word) for slot, drive in self._drives):
+            self._exchange_directly()
+        else:
+            super()._exchange_in_lock_step()
+
+    def _exchange_directly(self) -> None:
+        """Do what a SYNC does: sample, put the set-points into force, and let the period pass."""
+        world = self._world
+        self._channel.syncs += 1
+        x, y, z = world.measure()
+        self.sensor.acceleration_m_s2 = (_shown(x), _shown(y), _shown(z))
+        for slot, drive in self._drives:
+            slot.status_word = drive.status_word()
+            slot.position_counts, slot.torque_per_mille = drive.data.position_counts(), drive.data.shown_torque()
+        for slot, cells in self._notches:
+            slot.take_notch(b"".join(cell.encoded() for cell in cells))
+        for slot, drive in self._drives:
+            drive.data.take_cyclic_target(slot.target, slot.torque_offset if self.with_torque_offset else None)
+        self.network.pass_cycle()
+        for frame in world.pass_period():
+            self.network.dispatch(frame)
+        self._count(set())
+
+
+def _shown(acceleration: float) -> float:
+    """A channel of the accelerometer as its process value shows it, m/s²."""
+    steps = round(acceleration * _PER_UNIT)
+    return (steps if -_LARGEST <= steps <= _LARGEST else max(-_LARGEST, min(_LARGEST, steps))) * _SCALE

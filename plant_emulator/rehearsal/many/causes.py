@@ -1,0 +1,125 @@
+"""Causes of refusals, as the refusals' words name them, and whether the robot has them."""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from plant_emulator.rehearsal.many.reading import number, text, worst_tip_mm
+from plant_emulator.rehearsal.many.rows import Row
+
+REFUSED = frozenset({"refused", "stopped"})
+LAST_WORDS = ("cancellation_learnt", "learn", "cancellation", "ate", "plant")
+"""Steps whose refusal ends the path, the last first."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause that a refusal can name.
+
+    Attributes:
+        name: Name for readers.
+        pattern: Words that name it.
+        condition: The robots that have it, in words.
+        is_true: True for a robot that has it.
+    """
+
+    name: str
+    pattern: re.Pattern[str]
+    condition: str
+    is_true: Callable[[Row], bool]
+
+
+HYSTERESIS_NM, SOFT_FRACTION, LAG_S, NOISY_M_S2, COARSE_BITS, LONG_SYNC_S = 0.2, 0.1, 0.1e-3, 0.04, 15.0, 0.004
+"""From here on (down to here, of bits) a robot counts as one that has the cause."""
+
+
+def _at_least(name: str, least: float) -> Callable[[Row], bool]:
+    return lambda row: (number(row, name) or 0.0) >= least
+
+
+def _is_coarse(row: Row) -> bool:
+    bits = number(row, "robot_encoder_bits")
+    return bits is not None and bits <= COARSE_BITS
+
+
+def _is_noisy(row: Row) -> bool:
+    return _at_least("robot_noise_m_s2", NOISY_M_S2)(row) or _is_coarse(row)
+
+
+def _is_quiet_already(row: Row) -> bool:
+    tip, goal = worst_tip_mm(row, "none"), number(row, "goal_mm")
+    return tip is not None and goal is not None and tip <= goal
+
+
+def _is_slow(row: Row) -> bool:
+    return row.get("robot_late_answers") is True or _at_least("robot_sync_period_s", LONG_SYNC_S)(row)
+
+
+NOBODY = "no robot of the stable"
+
+CAUSES = (
+    Cause("hysteresis", re.compile(r"hysteresis|stiffens|lost motion", re.IGNORECASE),
+          f"hysteresis of {HYSTERESIS_NM:g} N·m or more", _at_least("robot_hysteresis_nm", HYSTERESIS_NM)),
+    Cause("soft wind-up", re.compile(r"wind-up|softer|softness"),
+          f"softness of {100 * SOFT_FRACTION:g} % or more", _at_least("robot_softness", SOFT_FRACTION)),
+    Cause("current loop", re.compile(r"current.loop|torque (?:that is )?felt|lag between"),
+          f"current lag of {1e3 * LAG_S:g} ms or more", _at_least("robot_current_lag_s", LAG_S)),
+    Cause("nothing to cancel", re.compile(r"nothing to cancel|no transmission error to|already (?:quiet|within)"),
+          "tip within the goal without a treatment", _is_quiet_already),
+    Cause("noise", re.compile(r"noise|noisy|coherence|standard error of"),
+          f"accelerometer noise of {NOISY_M_S2:g} m/s² or more, or an encoder of {COARSE_BITS:g} bits or fewer", _is_noisy),
+    Cause("encoder", re.compile(r"encoder"), f"encoder of {COARSE_BITS:g} bits or fewer", _is_coarse),
+    Cause("cycle", re.compile(r"SYNC|late answer|missed|highest frequency of the band"),
+          f"SYNC period of {1e3 * LONG_SYNC_S:g} ms or more, or late answers", _is_slow),
+    Cause("limits", re.compile(r"the limit is|s are needed|end_rps|position limit|speed limit"), NOBODY, lambda row: False),
+    Cause("another source of vibration", re.compile(r"explains"), NOBODY, lambda row: False),
+    Cause("wrong axis or wiring", re.compile(r"is this the axis|does this axis move|wiring|wired"), NOBODY, lambda row: False),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The refusal that ended a path.
+
+    Attributes:
+        seed: Seed of the robot.
+        step: The step that refused.
+        words: Its words.
+        named: Names of the causes in them.
+        is_true: True where the robot has one of these causes.
+    """
+
+    seed: int
+    step: str
+    words: str
+    named: tuple[str, ...]
+    is_true: bool
+
+    @property
+    def cause(self) -> str:
+        """The causes as one name."""
+        return " or ".join(self.named) or "none of the known causes"
+
+
+def main_refusal(row: Row) -> Refusal | None:
+    """The refusal that ended a robot's path; None where it ends with a cancellation, or nothing was refused.
+
+    It is the last one that names a cause: one that only misses what an earlier step did not give names none.
+    """
+    if text(row, "end_treatment").startswith("cancellation"):
+        return None
+    found = [_refusal(row, step) for step in LAST_WORDS if text(row, f"{step}_ended") in REFUSED]
+    return next((each for each in found if each.named), found[0] if found else None)
+
+
+def _refusal(row: Row, step: str) -> Refusal:
+    words, seed = text(row, f"{step}_words"), row.get("seed")
+    named = [cause for cause in CAUSES if cause.pattern.search(words)]
+    names = tuple(cause.name for cause in named)
+    return Refusal(seed if isinstance(seed, int) else -1, step, words, names, any(cause.is_true(row) for cause in named))
+
+
+def refusals(rows: Sequence[Row]) -> list[Refusal]:
+    """The refusals that ended paths, of the robots that are not quiet."""
+    found = (main_refusal(row) for row in rows if row.get("is_quiet") is not True)
+    return [each for each in found if each is not None]

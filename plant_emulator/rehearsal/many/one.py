@@ -1,0 +1,87 @@
+"""One robot of a rehearsal: drawn, walked, and made a row; the function that a process or a cluster's worker is given."""
+
+import tempfile
+import threading
+import time
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import cast, get_args
+
+from drive_profiles.files.toml import loads
+from drive_profiles.version import version_text
+from hil.bench.bench import Bench
+from plant_emulator.rehearsal.estimates import facts_of
+from plant_emulator.rehearsal.many.rows import BROKEN, WALKED, Row, plain
+from plant_emulator.rehearsal.path import PathOptions, walk
+from plant_emulator.rehearsal.record import MAX_WORDS
+from plant_emulator.robots.blank_bench import blank_bench
+from plant_emulator.robots.robot import Robot
+from plant_emulator.robots.stable import Kind, draw
+
+BOTH = "both"
+KINDS = (*get_args(Kind), BOTH)
+"""Kinds of robots that can be asked for; with `both` robots of odd seeds are linear, those of even seeds real."""
+
+
+_ALONE = threading.Lock()
+"""One walk at a time in a process, whoever gives them out."""
+
+
+def kind_of(seed: int, kind: str) -> Kind:
+    """Return the kind of a seed's robot.
+
+    >>> kind_of(7, "both"), kind_of(8, "both"), kind_of(8, "any")
+    ('linear', 'real', 'any')
+
+    Raises:
+        ValueError: There is no such kind.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"kind {kind!r}: one of {', '.join(KINDS)} is wanted")
+    if kind == BOTH:
+        return "linear" if seed % 2 else "real"
+    return cast("Kind", kind)
+
+
+def drawn(seed: int, kind: str) -> tuple[Robot, str]:
+    """A seed's robot, and the text of its blank bench file."""
+    robot = draw(seed, kind=kind_of(seed, kind))
+    return robot, blank_bench(robot)
+
+
+def facts(seed: int, kind: str) -> Row:
+    """Facts of a seed's robot and of its first axis, as a row."""
+    robot, text = drawn(seed, kind)
+    found = facts_of(robot, loads(text, Bench, "blank bench"), min(robot.axis))
+    return {name: plain(value) for name, value in ({"seed": seed, "kind": kind_of(seed, kind)} | found).items()}
+
+
+def walk_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None) -> Row:
+    """Walk the documented path on a seed's robot.
+
+    Args:
+        seed: Seed of the robot.
+        kind: One of `KINDS`.
+        over_bus: Walk over a bus, not in this process.
+        keep: Folder in which a folder named by the seed keeps all files of the walk; None: they go when it is over.
+
+    Returns:
+        The robot's row; an error that nobody expected is in it, and ends nothing else.
+    """
+    head: dict[str, object] = {"seed": seed, "kind": kind_of(seed, kind)}
+    with _ALONE:
+        begin = time.process_time()
+        try:
+            robot, text = drawn(seed, kind)
+            with _folder(None if keep is None else f"{keep}/{seed}") as folder:
+                options = PathOptions(over_bus=over_bus, keeps_files=keep is not None)
+                record = walk(robot, loads(text, Bench, "blank bench"), Path(folder), options)
+            cells = {"walk": WALKED, "walk_words": ""} | record.row()
+        except Exception as error:  # noqa: BLE001 - of a thousand robots one that breaks is a row, and no end
+            words = f"{type(error).__name__}: {error}"[:MAX_WORDS]
+            cells = {"walk": BROKEN, "walk_words": words, "cpu_s": time.process_time() - begin}
+    return {name: plain(value) for name, value in (head | cells | {"version": version_text()}).items()}
+
+
+def _folder(keep: str | None) -> AbstractContextManager[str]:
+    return tempfile.TemporaryDirectory(prefix="rehearsal") if keep is None else nullcontext(keep)

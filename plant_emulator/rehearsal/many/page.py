@@ -1,0 +1,99 @@
+"""The page of a rehearsal: one self-contained HTML file, in the style of all pages."""
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from hil.report import style
+from hil.report.origin import Origin
+from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.style import Drawing
+from hil.report.tables.paper_runs import ReportTable
+from plant_emulator.rehearsal.many import figures, tables
+from plant_emulator.rehearsal.many.claims import RehearsalClaim, claims_of
+from plant_emulator.rehearsal.many.figures import kinds_of
+from plant_emulator.rehearsal.many.reading import is_quiet, of_kind, text
+from plant_emulator.rehearsal.many.rows import Row
+from plant_emulator.rehearsal.many.seeds import spans_text
+from plant_emulator.rehearsal.many.wording import KIND_NAMES
+
+EMULATED = Origin("emulated", "Emulated robots: nothing on this page was measured on a real one.", is_emulated=True)
+
+
+def write_page(path: Path, rows: Sequence[Row]) -> Path:
+    """Write the page of the robots of these rows; there must be one at least.
+
+    Raises:
+        OSError: The page cannot be written.
+        ValueError: There are no rows.
+    """
+    if not rows:
+        raise ValueError("no robot has been walked: there is nothing to show")
+    found = claims_of(rows)
+    with style.styled():
+        chapters = sections(rows, found)
+    robots = f"{len(rows)} robots" if len(rows) > 1 else "one robot"
+    head = PageHead(
+        f"{robots} drawn by seed",
+        heading="The documented path, rehearsed",
+        subtitle="Each robot walked the documented path alone, without an edit, from a bench file that knows nothing of it",
+        origin=EMULATED,
+        is_bench=False,
+    )
+    return render(path, head, verdict(rows, found), chapters, provenance=provenance(rows))
+
+
+def sections(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> list[Section]:
+    """All chapters for which there is data."""
+    chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
+        ("result", "Result", [tables.claims(found), figures.tips(rows), tables.tips(rows), figures.before_and_after(rows)]),
+        ("path", "Steps", [figures.steps(rows), tables.steps(rows), tables.causes(rows), figures.facts(rows)]),
+        ("honesty", "Estimates", [figures.errors(rows), tables.estimates(rows)]),
+        ("safety", "Never worse", [tables.worse(rows), tables.probes(rows)]),
+        ("time", "Cost", [figures.cost(rows), tables.cost(rows)]),
+        ("which", "Robots", [tables.robots(rows)]),
+    ]
+    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
+    return [section for section in filled if section.items]
+
+
+def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict:
+    """Verdict at the top of the page: the claims that do not hold, in words."""
+    failed = [each for each in found if each.holds is False]
+    open_ = [each for each in found if each.holds is None]
+    quiet = "; ".join(
+        f"{KIND_NAMES[kind]}: {sum(map(is_quiet, own))} of {len(own)} robots end within the goal"
+        for kind in kinds_of(rows)
+        if (own := of_kind(rows, kind))
+    )
+    details = [quiet, *(f"{each.name}: {each.measured}; asked: {each.asked}" for each in failed)]
+    if open_:
+        details.append(f"Not judged, for want of robots: {'; '.join(each.name for each in open_)}")
+    judged = len(found) - len(open_)
+    if failed:
+        headline = f"{len(failed)} of {judged} claims {'do' if len(failed) > 1 else 'does'} not hold"
+        return PageVerdict("bad", "✘", headline, tuple(details))
+    return PageVerdict("good", "✔", f"All {judged} claims that could be judged hold", tuple(details))
+
+
+def provenance(rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """Seeds, kinds, the way over which the path went, and versions."""
+    versions = Counter(text(row, "version") for row in rows if text(row, "version"))
+    ways = {True: "over the bus", False: "in one process, without frames"}
+    over = [ways[value] for value in (False, True) if any(row.get("over_bus") is value for row in rows)]
+    by_kind = ((kind, [row["seed"] for row in of_kind(rows, kind)]) for kind in kinds_of(rows))
+    return [
+        *((KIND_NAMES[kind], f"seeds {_spans(seeds)}") for kind, seeds in by_kind),
+        ("Path", " and ".join(over) or "not known"),
+        ("Version", " and ".join(f"{name} ({count} robots)" for name, count in versions.items()) or "not known"),
+    ]
+
+
+def _spans(seeds: Sequence[object]) -> str:
+    """Seeds in as few words as name them; those of one kind out of two are every second."""
+    numbers = sorted(seed for seed in seeds if isinstance(seed, int))
+    steps = {after - before for before, after in pairwise(numbers)}
+    if len(numbers) > 2 and steps == {2}:
+        return f"{numbers[0]}, {numbers[1]} … {numbers[-1]}"
+    return spans_text(numbers)

@@ -1,0 +1,173 @@
+"""Rows of the table, a robot each: plain values by the name of their column, kept in files of their own, whole or not at all."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from drive_profiles.errors import FileError, Problem, RefusedError
+from drive_profiles.files.safefile import write_atomically
+
+Value = str | int | float | bool | None
+Row = Mapping[str, Value]
+
+WALKED, BROKEN, CRASHED = "walked", "error", "crashed"
+"""Ends of a robot's walk: to its end, by an error that nobody expected, with its process."""
+
+
+MAX_ROW_BYTES = 1_000_000
+SETTINGS_FILE = "rehearsal.json"
+
+
+@dataclass(frozen=True)
+class RehearsalSettings:
+    """RehearsalSettings that all robots of a rehearsal share.
+
+    Attributes:
+        kind: `linear`, `real` or `any`: the robots that are drawn.
+        over_bus: True where the path is walked over a bus, False where in one process without frames.
+    """
+
+    kind: str
+    over_bus: bool
+
+
+def steady(row: Row) -> dict[str, Value]:
+    """Columns that follow from the seed; another machine or another day changes the others, which count processor time."""
+    return {name: value for name, value in row.items() if not name.endswith("cpu_s")}
+
+
+def plain(value: object) -> Value:
+    """Value as it stands in a row: a number that is not finite is none.
+
+    Raises:
+        TypeError: It is neither text, number, truth value nor None.
+    """
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if (item := getattr(value, "item", None)) is not None:  # a scalar of numpy
+        return plain(item())
+    raise TypeError(f"{value!r} is no value of a row")
+
+
+class Kept:
+    """The rows of a folder: `robots/seed-N.json` each, beside the settings they were made with.
+
+    Args:
+        folder: Folder of the rehearsal; made where it is not there.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def begin(self, settings: RehearsalSettings, *, resume: bool) -> None:
+        """Take a folder for a rehearsal, or take it up again.
+
+        Args:
+            settings: RehearsalSettings of this rehearsal.
+            resume: True where rows that are there already are to be kept.
+
+        Raises:
+            RefusedError: There are rows already and `resume` is not given, or they were made with other settings.
+            FileError: The folder cannot be read or written.
+        """
+        path = self.folder / SETTINGS_FILE
+        if not path.exists():
+            if any(self._paths()):
+                raise RefusedError(f"{self.folder} has robots but no {SETTINGS_FILE}; choose another folder")
+            text = json.dumps(asdict(settings), indent=2) + "\n"
+            write_atomically(path, text.encode())
+            return
+        before = self.settings()
+        if not resume:
+            raise RefusedError(f"{self.folder} has a rehearsal already; --resume goes on with it, or choose another folder")
+        if before != settings:
+            differs = ", ".join(
+                f"{each.name} was {getattr(before, each.name)}, now {getattr(settings, each.name)}"
+                for each in fields(RehearsalSettings)
+                if getattr(before, each.name) != getattr(settings, each.name)
+            )
+            raise RefusedError(f"{self.folder} has a rehearsal with other settings ({differs}); choose another folder")
+
+    def settings(self) -> RehearsalSettings:
+        """RehearsalSettings of the rehearsal in the folder.
+
+        Raises:
+            FileError: The folder holds none, or one that cannot be read.
+        """
+        document = _document(self.folder / SETTINGS_FILE)
+        if set(document) != {"kind", "over_bus"}:
+            raise _bad(self.folder / SETTINGS_FILE, f"has the keys {sorted(document)}", "kind and over_bus")
+        kind, over_bus = document["kind"], document["over_bus"]
+        if not isinstance(kind, str) or not isinstance(over_bus, bool):
+            raise _bad(self.folder / SETTINGS_FILE, f"says {document}", "a text and a truth value")
+        return RehearsalSettings(kind, over_bus)
+
+    def keep(self, row: Row) -> None:
+        """Write one robot's row, whole or not at all.
+
+        Raises:
+            FileError: It cannot be written.
+        """
+        text = json.dumps(row, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        write_atomically(self._path(_seed(row)), text.encode(), force=True)
+
+    def seeds(self) -> set[int]:
+        """Seeds whose rows are there."""
+        return {int(path.stem.removeprefix("seed-")) for path in self._paths()}
+
+    def rows(self, seeds: Sequence[int] | None = None) -> list[Row]:
+        """Rows in the order of their seeds: all, or those of these seeds.
+
+        Raises:
+            FileError: A row is not there or cannot be read.
+        """
+        found: list[Row] = []
+        for seed in sorted(self.seeds()) if seeds is None else seeds:
+            path = self._path(seed)
+            row = _document(path)
+            if row.get("seed") != seed:
+                raise _bad(path, f"is the row of seed {row.get('seed')}", f"that of seed {seed}")
+            found.append(row)
+        return found
+
+    def _path(self, seed: int) -> Path:
+        return self.folder / "robots" / f"seed-{seed}.json"
+
+    def _paths(self) -> Iterator[Path]:
+        yield from (path for path in (self.folder / "robots").glob("seed-*.json") if path.stem[5:].isdecimal())
+
+
+def _seed(row: Row) -> int:
+    seed = row["seed"]
+    if not isinstance(seed, int):
+        raise TypeError(f"seed {seed!r} is no number")
+    return seed
+
+
+def _document(path: Path) -> dict[str, Value]:
+    """A flat JSON document of plain values."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_ROW_BYTES + 1)
+        if len(data) > MAX_ROW_BYTES:
+            raise _bad(path, "is longer than a row can be", f"at most {MAX_ROW_BYTES} bytes")
+        document = json.loads(data)
+    except OSError as error:
+        raise _bad(path, f"cannot be read ({error.strerror})", "a file of plant-emulator rehearse") from None
+    except ValueError as error:
+        raise _bad(path, f"is no JSON ({error})", "a file of plant-emulator rehearse") from None
+    if not isinstance(document, dict) or not all(_is_plain(value) for value in document.values()):
+        raise _bad(path, "is no flat JSON object", "a file of plant-emulator rehearse")
+    return document
+
+
+def _is_plain(value: object) -> bool:
+    return value is None or isinstance(value, str | bool | int) or (isinstance(value, float) and math.isfinite(value))
+
+
+def _bad(path: Path, found: str, wanted: str) -> FileError:
+    return FileError(path, (Problem(0, "", found, wanted),))

@@ -1,0 +1,53 @@
+"""Seeds as they are named on a command line: `7`, `1-40`, `1-40,50,60-70`."""
+
+import re
+from collections.abc import Iterable
+
+MOST_SEEDS = 100_000
+"""Robots of one rehearsal at most."""
+LARGEST_SEED = 2**31 - 1
+
+_SPAN = re.compile(r"(\d{1,10})(?:-(\d{1,10}))?")
+
+
+def seeds_of(text: str) -> tuple[int, ...]:
+    """Return the seeds that a text names, each once, in order.
+
+    >>> seeds_of("7"), seeds_of("3-5,1")
+    ((7,), (1, 3, 4, 5))
+
+    Raises:
+        ValueError: The text names none, one twice, or too many.
+    """
+    found: set[int] = set()
+    for part in text.split(","):
+        span = _SPAN.fullmatch(part.strip())
+        if span is None or not part.isascii():
+            raise ValueError(f"{text}: seeds with commas between are wanted, such as 7 or 1-40,50")
+        first, last = int(span[1]), int(span[2] or span[1])
+        if last < first:
+            raise ValueError(f"{text}: {part.strip()} ends before it begins")
+        if last > LARGEST_SEED:
+            raise ValueError(f"{text}: the largest seed is {LARGEST_SEED}")
+        if len(found) + last - first + 1 > MOST_SEEDS:
+            raise ValueError(f"{text}: more than {MOST_SEEDS} robots")
+        named = range(first, last + 1)
+        if twice := found.intersection(named):
+            raise ValueError(f"{text}: seed {min(twice)} is named twice")
+        found.update(named)
+    return tuple(sorted(found))
+
+
+def spans_text(seeds: Iterable[int]) -> str:
+    """Seeds in as few words as name them.
+
+    >>> spans_text([1, 2, 3, 7, 9, 10])
+    '1-3, 7, 9-10'
+    """
+    spans: list[list[int]] = []
+    for seed in sorted(seeds):
+        if spans and seed == spans[-1][1] + 1:
+            spans[-1][1] = seed
+        else:
+            spans.append([seed, seed])
+    return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in spans)

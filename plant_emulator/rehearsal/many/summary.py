@@ -1,0 +1,104 @@
+"""Statistics of a rehearsal's rows: fractions with their interval, deviations in standard errors, percentiles."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from plant_emulator.rehearsal.many.reading import number
+from plant_emulator.rehearsal.many.rows import Row
+from plant_emulator.rehearsal.record import QUANTITIES
+
+FAR_Z = 4.0
+"""Standard errors beyond which a deviation is no chance."""
+SHOWN_PERCENT = (5, 50, 95)
+
+
+@dataclass(frozen=True)
+class QuantityStatistics:
+    """Estimates of one quantity against the truth.
+
+    Attributes:
+        name: The quantity.
+        count: Robots of which estimate, truth and standard error are known.
+        median_off: Median of the deviation: of the true value as a fraction, of an angle in degrees.
+        rms_z: Root mean square of the deviations in standard errors.
+        far: Deviations of more than `FAR_Z` standard errors.
+        worst_z: The largest of them, with its sign.
+        worst_seed: Seed of its robot.
+    """
+
+    name: str
+    count: int
+    median_off: float | None
+    rms_z: float
+    far: int
+    worst_z: float
+    worst_seed: int
+
+
+def deviations(rows: Sequence[Row], name: str) -> list[tuple[int, float]]:
+    """Seeds and z of a quantity."""
+    found = ((row["seed"], number(row, f"{name}_z")) for row in rows)
+    return [(seed, z) for seed, z in found if z is not None and isinstance(seed, int)]
+
+
+def quantities(rows: Sequence[Row]) -> list[QuantityStatistics]:
+    """Statistics of each quantity that any robot states."""
+    found = []
+    for name in QUANTITIES:
+        pairs = deviations(rows, name)
+        if not pairs:
+            continue
+        z = np.array([each for _, each in pairs])
+        worst = int(np.argmax(np.abs(z)))
+        found.append(
+            QuantityStatistics(
+                name=name,
+                count=len(z),
+                median_off=_median_off(rows, name),
+                rms_z=float(np.sqrt(np.mean(z**2))),
+                far=int(np.sum(np.abs(z) > FAR_Z)),
+                worst_z=float(z[worst]),
+                worst_seed=pairs[worst][0],
+            )
+        )
+    return found
+
+
+def _median_off(rows: Sequence[Row], name: str) -> float | None:
+    """Median deviation, without its sign."""
+    is_angle = name.endswith("_deg")
+    off = []
+    for row in rows:
+        true, estimate = number(row, f"{name}_true"), number(row, f"{name}_estimate")
+        if true is None or estimate is None:
+            continue
+        if is_angle:
+            off.append(abs(math.remainder(estimate - true, 360.0)))
+        elif true:
+            off.append(abs(estimate / true - 1.0))
+    return float(np.median(off)) if off else None
+
+
+def fraction_text(count: int, whole: int) -> str:
+    """A fraction with Wilson's 95 % interval.
+
+    >>> fraction_text(95, 100), fraction_text(0, 0)
+    ('95 of 100, 95 % (89–98)', '0 of 0')
+    """
+    if not whole:
+        return "0 of 0"
+    interval = stats.binomtest(count, whole).proportion_ci(0.95, "wilson")
+    low, high = (100.0 * float(each) for each in (interval.low, interval.high))
+    return f"{count} of {whole}, {100.0 * count / whole:.3g} % ({low:.2g}–{high:.2g})"
+
+
+def percentiles(values: Sequence[float]) -> dict[str, float]:
+    """Percentiles, each a robot's own, and the largest; empty where there are no values."""
+    if not values:
+        return {}
+    found = {f"{percent} %": float(np.percentile(values, percent, method="nearest")) for percent in SHOWN_PERCENT}
+    return found | {"worst": max(values)}

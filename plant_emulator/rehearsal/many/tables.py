@@ -1,0 +1,217 @@
+"""Tables of a rehearsal: on the page, on the terminal, and as Markdown for the documents."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable
+from hil.report.tables.paper_runs import number as number_text
+from plant_emulator.rehearsal.many.causes import CAUSES, main_refusal, refusals
+from plant_emulator.rehearsal.many.claims import RehearsalClaim
+from plant_emulator.rehearsal.many.figures import kinds_of
+from plant_emulator.rehearsal.many.reading import (
+    ENDED,
+    accepted,
+    is_done,
+    is_quiet,
+    number,
+    numbers,
+    of_kind,
+    text,
+    tips_mm,
+    worst_tip_mm,
+)
+from plant_emulator.rehearsal.many.rows import WALKED, Row
+from plant_emulator.rehearsal.many.summary import FAR_Z, percentiles, quantities
+from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES, STEP_NAMES, TREATMENT_NAMES
+from plant_emulator.rehearsal.record import PROBES, STEPS, TREATMENTS
+
+MOST_LISTED = 40
+"""Robots that are listed one by one; the table of all is beside the page."""
+SHORT_WORDS = 220
+
+
+def claims(found: Sequence[RehearsalClaim]) -> ReportTable:
+    """The numbers that must be reached, beside those that were."""
+    rows: list[list[Cell]] = [[each.words, each.asked, each.measured, Mark(each.holds)] for each in found]
+    header = ("Claim", "Asked", "Measured", "Holds")
+    return ReportTable("claims", "Numbers that must be reached", "", header, rows, frozenset({0, 1, 2, 3}), is_prose=True)
+
+
+def tips(rows: Sequence[Row]) -> ReportTable | None:
+    """True tip of the worst order, in mm: percentiles by treatment."""
+    cells: list[list[Cell]] = []
+    groups = {}
+    for kind in kinds_of(rows):
+        own = of_kind(rows, kind)
+        groups[len(cells)] = f"{KIND_NAMES[kind]}: {len(own)} robots"
+        for treatment in (*TREATMENTS, "floor", "end"):
+            if treatment == "end":
+                values = numbers(own, "end_tip_mm")
+            else:
+                done = own if treatment in {"none", "notch", "floor"} else [row for row in own if is_done(row, treatment)]
+                values = [tip for row in done if (tip := worst_tip_mm(row, treatment)) is not None]
+            if values:
+                name = "at the path's end" if treatment == "end" else TREATMENT_NAMES[treatment]
+                found = percentiles(values).values()
+                cells.append([name, str(len(values)), *(number_text(value, "{:.2g}") for value in found)])
+    if not cells:
+        return None
+    header = ("", "Robots", "5 %", "50 %", "95 %", "Worst")
+    caption = "Peak of the tip's displacement in the worst order's window, in mm, on a quiet sensor; only where it was accepted."
+    return ReportTable("tip-table", "True tip (mm)", "", header, cells, frozenset({0}), caption, groups=groups)
+
+
+def steps(rows: Sequence[Row]) -> ReportTable:
+    """How each step ended, in counts."""
+    cells: list[list[Cell]] = []
+    groups = {}
+    for kind in kinds_of(rows):
+        own = of_kind(rows, kind)
+        groups[len(cells)] = f"{KIND_NAMES[kind]}: {len(own)} robots"
+        for step in STEPS:
+            counts = Counter(text(row, f"{step}_ended") for row in own)
+            cells.append([STEP_NAMES[step], *(str(counts[ended]) if counts[ended] else NONE for ended in ENDED)])
+    header = ("Step", *(ended.capitalize() for ended in ENDED))
+    return ReportTable("steps-table", "How each step ended", "", header, cells, groups=groups)
+
+
+def causes(rows: Sequence[Row]) -> ReportTable | None:
+    """The refusals that ended paths, by their cause."""
+    found = refusals(rows)
+    unrefused = sum(not is_quiet(row) and main_refusal(row) is None for row in rows)
+    if not found and not unrefused:
+        return None
+    cells: list[list[Cell]] = []
+    for cause, count in Counter(each.cause for each in found).most_common():
+        own = [each for each in found if each.cause == cause]
+        true, example = sum(each.is_true for each in own), own[0]
+        by_step = ", ".join(f"{STEP_NAMES[step]} {n}" for step, n in Counter(each.step for each in own).most_common())
+        cells.append([cause, str(count), str(true), by_step, f"seed {example.seed}: {_short(example.words)}"])
+    if unrefused:
+        cells.append(["not refused, and not within the goal", str(unrefused), "0", NONE, NONE])
+    header = ("Cause", "Robots", "True", "Where", "For instance")
+    conditions = "; ".join(f"{cause.name}: {cause.condition}" for cause in CAUSES)
+    caption = f"The refusal that ended the path, of robots not within the goal. True is a cause of robots with: {conditions}."
+    return ReportTable("causes", "Refusals by cause", "", header, cells, frozenset({0, 3, 4}), caption, is_prose=True)
+
+
+def estimates(rows: Sequence[Row]) -> ReportTable | None:
+    """Truth beside estimate: deviations of each quantity, and what its standard error promised."""
+    cells: list[list[Cell]] = []
+    for each in quantities(rows):
+        off = NONE if each.median_off is None else number_text(each.median_off, "{:.2g}°")
+        if each.median_off is not None and not each.name.endswith("_deg"):
+            off = number_text(100.0 * each.median_off, "{:.2g} %")
+        far = f"{100.0 * each.far / each.count:.2g} %"
+        worst = f"{number_text(each.worst_z, '{:+.1f}')} (seed {each.worst_seed})"
+        cells.append([QUANTITY_NAMES[each.name], str(each.count), off, number_text(each.rms_z, "{:.2f}"), far, worst])
+    if not cells:
+        return None
+    header = ("Quantity", "Robots", "Median deviation", "rms of z", f"|z| > {FAR_Z:g}", "Largest z")
+    caption = "z: estimate less truth, in standard errors as the tools state them."
+    return ReportTable("estimates", "Truth beside estimate", "", header, cells, frozenset({0}), caption)
+
+
+def worse(rows: Sequence[Row]) -> ReportTable | None:
+    """Robots that an accepted treatment made worse."""
+    found = [row for row in rows if text(row, "worse")]
+    if not found:
+        return None
+    cells: list[list[Cell]] = []
+    for row in found[:MOST_LISTED]:
+        before = tips_mm(row, "none")
+        pairs = [
+            f"{TREATMENT_NAMES[name]} k = {order}: {number_text(before.get(order), '{:.3g}')} → {number_text(tip, '{:.3g}')} mm"
+            for name in accepted(row)
+            for order, tip in tips_mm(row, name).items()
+            if f"{name} k{order}" in text(row, "worse").split(", ")
+        ]
+        cells.append([_seed(row), KIND_NAMES[text(row, "kind")], "; ".join(pairs)])
+    header = ("Seed", "Robot", "True tip before → after")
+    return ReportTable("worse", f"Made worse: {len(found)}", "", header, cells, frozenset({0, 1, 2}), is_prose=True)
+
+
+def probes(rows: Sequence[Row]) -> ReportTable | None:
+    """Wrong corrections: how many were tried, how many accepted, and what they did."""
+    cells: list[list[Cell]] = []
+    for name in PROBES:
+        tried = [row for row in rows if row.get(f"probe_{name}_accepted") is not None]
+        if not tried:
+            continue
+        let_in = [row for row in tried if row.get(f"probe_{name}_accepted") is True]
+        worst = max(numbers(let_in, f"probe_{name}_worst_ratio"), default=None)
+        seeds = ", ".join(_seed(row) for row in let_in[:8]) + (" …" if len(let_in) > 8 else "")
+        cells.append([_probe(name), str(len(tried)), str(len(let_in)), number_text(worst, "× {:.2f}"), seeds or NONE])
+    if not cells:
+        return None
+    header = ("Correction", "Tried", "Accepted", "Tip, at worst", "Seeds")
+    caption = "Each was offered to the trial in place of the right one. Tip: of the worst order with it, over that with nothing."
+    return ReportTable("probes", "Wrong corrections", "", header, cells, frozenset({0, 4}), caption)
+
+
+def cost(rows: Sequence[Row]) -> ReportTable | None:
+    """Processor time by step."""
+    cells: list[list[Cell]] = []
+    for name, column in (*((STEP_NAMES[step], f"{step}_cpu_s") for step in STEPS), ("whole path", "cpu_s")):
+        values = [value for value in numbers(rows, column) if value > 0.0]
+        if values:
+            cells.append([name, str(len(values)), *(number_text(value, "{:.1f}") for value in percentiles(values).values())])
+    header = ("", "Robots", "5 %", "50 %", "95 %", "Worst")
+    caption = "In seconds. What no step has is the survey of the true tip and the wrong corrections."
+    return ReportTable("cost", "Processor time (s)", "", header, cells, frozenset({0}), caption) if cells else None
+
+
+def robots(rows: Sequence[Row]) -> ReportTable | None:
+    """Robots that are not within the goal, one by one, those that broke first."""
+    found = sorted((row for row in rows if not is_quiet(row)), key=lambda row: (row.get("walk") == WALKED, row["seed"]))
+    if not found:
+        return None
+    cells: list[list[Cell]] = []
+    for row in found[:MOST_LISTED]:
+        refusal = main_refusal(row)
+        words = text(row, "walk_words") or ("not refused" if refusal is None else f"{STEP_NAMES[refusal.step]}: {refusal.words}")
+        tip = f"{number_text(number(row, 'end_tip_mm'), '{:.2g}')} / {number_text(number(row, 'goal_mm'), '{:.2g}')}"
+        cells.append([_seed(row), KIND_NAMES.get(text(row, "kind"), NONE), tip, _short(words)])
+    header = ("Seed", "Robot", "Tip / goal (mm)", "Last words")
+    caption = (
+        f"{len(found)} robots; robots.csv has all. `plant-emulator rehearse --seeds SEED --keep --out FOLDER` walks one again."
+    )
+    return ReportTable("robots", "Robots not within the goal", "", header, cells, frozenset({0, 1, 2, 3}), caption, is_prose=True)
+
+
+def markdown(table: ReportTable) -> str:
+    """Table as Markdown, its headings as rows of their own."""
+    lines = [f"| {' | '.join(table.header)} |", f"|{'---|' * len(table.header)}"]
+    for index, row in enumerate(table.rows):
+        if index in table.groups:
+            lines.append(f"| **{table.groups[index]}** |{' |' * (len(table.header) - 1)}")
+        lines.append(f"| {' | '.join(_plain(cell) for cell in row)} |")
+    return "\n".join(lines)
+
+
+def _plain(cell: Cell) -> str:
+    if isinstance(cell, Mark):
+        return "not judged" if cell.value is None else "yes" if cell.value else "no"
+    return cell.replace("|z|", "abs z").replace("|", "/")
+
+
+def _seed(row: Row) -> str:
+    return str(row["seed"])
+
+
+def _short(words: str) -> str:
+    return words if len(words) <= SHORT_WORDS else f"{words[: SHORT_WORDS - 2]} …"
+
+
+def _probe(name: str) -> str:
+    """Name of a wrong correction in words.
+
+    >>> _probe("phi2_off_60"), _probe("a4_times_3"), _probe("another_robot")
+    ('φ₂ off by 60°', 'A₄ × 3', 'another robot')
+    """
+    index = {"1": "₁", "2": "₂", "4": "₄"}
+    if name.startswith("phi"):
+        order, _, angle = name.removeprefix("phi").partition("_off_")
+        return f"φ{index.get(order, order)} off by {angle}°"
+    order, found, factor = name.removeprefix("a").partition("_times_")
+    return f"A{index.get(order, order)} × {factor}" if found else name.replace("_", " ")

@@ -1,0 +1,199 @@
+"""The numbers that must be reached are judged from the rows: each claim fails for the robot that breaks it, and for no other."""
+
+import math
+
+import numpy as np
+import pytest
+
+from plant_emulator.rehearsal.many.causes import main_refusal, refusals
+from plant_emulator.rehearsal.many.claims import FEWEST_FAR, claims_of
+from plant_emulator.rehearsal.many.rows import CRASHED, WALKED
+from plant_emulator.rehearsal.many.summary import fraction_text, percentiles, quantities
+from plant_emulator.rehearsal.many.walking import crashed
+from tests.plant_emulator.rehearsal.made import CURED, refused, row
+
+HYSTERESIS = "not identified: the gear's hysteresis is 0.8 N·m, which hides its transmission error"
+
+
+def judged(rows):
+    return {each.key: each for each in claims_of(rows)}
+
+
+def holds(rows):
+    return {key: each.holds for key, each in judged(rows).items()}
+
+
+def honest(count, seed=3):
+    """Estimates whose deviations are as large as their standard errors say."""
+    z = np.random.default_rng(seed).normal(size=count)
+    return [{"a2_arcsec": (20.0, 20.0 + 0.1 * float(each), 0.1)} for each in z]
+
+
+# -- all together ------------------------------------------------------------------------------------------------------
+
+
+def test_robots_that_are_cured_and_honestly_measured_reach_every_number():
+    probes = {"phi2_off_60": False, "a2_times_3": False}
+    rows = [
+        row(seed, kind, quantities=each, probes=probes)
+        for seed, (kind, each) in enumerate(zip(["linear", "real"] * 100, honest(200), strict=True))
+    ]
+    rows.append(refused(900, HYSTERESIS, "real", facts={"hysteresis_nm": 1.0}))
+    assert set(holds(rows).values()) == {True}
+
+
+def test_what_no_robot_shows_is_not_judged():
+    found = holds([row(1)])
+    assert found["quiet_linear"] is True
+    assert [found[key] for key in ("quiet_real", "true_cause", "wrong_refused", "rms_z", "far_together", "far_each")] == [
+        None
+    ] * 6
+
+
+def test_no_robot_reaches_nothing():
+    assert set(holds([]).values()) == {None}
+
+
+# -- one by one --------------------------------------------------------------------------------------------------------
+
+
+def test_one_order_that_an_accepted_treatment_raises_is_worse():
+    raised = row(2, tips={"cancellation": {1: 0.008, 2: 0.009, 4: 0.054}})
+    assert holds([row(1), raised])["never_worse"] is False
+    assert judged([row(1), raised])["never_worse"].measured == "1 of 2 robots, with 6 accepted treatments"
+
+
+def test_what_was_refused_makes_nothing_worse():
+    ended = {"cancellation": "refused"}
+    assert holds([row(2, ended=ended, tips={"cancellation": {1: 0.9, 2: 0.9, 4: 0.9}})])["never_worse"] is True
+
+
+def test_the_copied_notch_is_nobody_s_choice():
+    assert holds([row(2, tips={"notch": {1: 0.9, 2: 0.9, 4: 0.9}})])["never_worse"] is True
+
+
+def test_one_wrong_correction_that_is_accepted_is_one_too_many():
+    rows = [row(seed, probes={"phi2_off_60": seed == 7, "phi1_off_180": False}) for seed in range(10)]
+    found = judged(rows)["wrong_refused"]
+    assert (found.holds, found.measured) == (False, "1 of 20")
+
+
+@pytest.mark.parametrize(
+    ("kind", "others", "is_reached"), [("linear", 1, True), ("linear", 2, False), ("real", 3, True), ("real", 4, False)]
+)
+def test_of_twenty_linear_robots_one_may_stay_loud_and_of_twenty_real_ones_three(kind, others, is_reached):
+    loud = {"cancellation_learnt": {1: 0.02, 2: 0.02, 4: 0.02}}
+    rows = [row(seed, kind, tips=loud if seed < others else None) for seed in range(20)]
+    assert holds(rows)[f"quiet_{kind}"] is is_reached
+
+
+def test_a_robot_whose_process_died_is_neither_quiet_nor_refused():
+    died = {"kind": "linear"} | dict(crashed(2))
+    assert died["walk"] == CRASHED != WALKED
+    found = holds([row(1), died])
+    assert (found["quiet_linear"], found["true_cause"], found["whole"]) == (False, False, False)
+
+
+def test_a_step_that_breaks_is_no_end_of_a_walk():
+    assert holds([row(1, ended={"design": "crashed"})])["whole"] is False
+
+
+def test_a_standard_error_that_is_half_of_what_it_should_be_is_seen():
+    proud = [{"a2_arcsec": (true, estimate, 0.5 * error)} for each in honest(200) for true, estimate, error in each.values()]
+    assert holds([row(seed, quantities=each) for seed, each in enumerate(proud)])["rms_z"] is False
+    timid = [{"a2_arcsec": (true, estimate, 2.0 * error)} for each in honest(200) for true, estimate, error in each.values()]
+    assert holds([row(seed, quantities=each) for seed, each in enumerate(timid)])["rms_z"] is False
+
+
+def test_one_deviation_in_fifty_beyond_four_standard_errors_is_too_many():
+    rows = [row(seed, quantities=each) for seed, each in enumerate(honest(FEWEST_FAR))]
+    assert holds(rows)["far_each"] is True
+    far = [row(1000 + seed, quantities={"a2_arcsec": (20.0, 20.5, 0.1)}) for seed in range(3)]
+    assert holds(rows + far)["far_each"] is holds(rows + far)["far_together"] is False
+
+
+def test_one_robot_that_takes_longer_is_one_too_many():
+    assert holds([row(1), row(2, cpu_s=19.9)])["cpu"] is True
+    assert holds([row(1), row(2, cpu_s=20.1)])["cpu"] is False
+
+
+def test_processor_time_over_a_bus_is_another_matter():
+    over = row(2, cpu_s=200.0) | {"over_bus": True}
+    assert holds([over])["cpu"] is None
+
+
+# -- causes ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "facts", "cause", "is_true"),
+    [
+        (HYSTERESIS, {"hysteresis_nm": 1.0}, "hysteresis", True),
+        (HYSTERESIS, {"hysteresis_nm": 0.1}, "hysteresis", False),
+        ("the cancellation of axis 2 would be 0.04 rev, the limit is 0.02 rev", {}, "limits", False),
+        ("highest frequency of the band is 60 Hz, needed: 116 Hz", {"sync_period_s": 0.008}, "cycle", True),
+        ("coherence is 0.6, needed: 0.8: raise --amplitude-nm", {"encoder_bits": 13.0}, "noise", True),
+        ("is this the axis that moved?", {"hysteresis_nm": 5.0}, "wrong axis or wiring", False),
+        ("something that nobody has thought of", {"hysteresis_nm": 5.0}, "none of the known causes", False),
+    ],
+)  # fmt: skip
+def test_a_refusal_is_right_where_the_robot_has_the_cause_that_it_names(words, facts, cause, is_true):
+    found = main_refusal(refused(1, words, facts=facts))
+    assert (found.cause, found.is_true, found.step) == (cause, is_true, "learn")
+    assert holds([refused(1, words, facts=facts)])["true_cause"] is is_true
+
+
+def test_nothing_to_cancel_is_true_of_a_robot_that_is_quiet_without_a_treatment():
+    words = "nothing to cancel: the tip is already within 0.010 mm"
+    assert main_refusal(refused(1, words, tips={"none": {1: 0.005}})).is_true
+    assert not main_refusal(refused(1, words)).is_true
+
+
+def test_a_refusal_that_only_misses_an_earlier_result_leaves_the_word_to_that_one():
+    ended = {"plant": "refused", "cancellation": "refused", "learn": "refused", "cancellation_learnt": "skipped"}
+    missing = "no motor inertia is known of axis 2: hil identify"
+    words = {"plant": "coherence is 0.6, needed: 0.8", "cancellation": missing, "learn": missing}
+    assert main_refusal(row(1, ended=ended, words=words)).step == "plant"
+
+
+def test_a_robot_that_is_treated_and_still_loud_is_not_refused():
+    loud = row(1, tips={"cancellation_learnt": {1: 0.02}, "cancellation": {1: 0.02}})
+    assert main_refusal(loud) is None
+    assert holds([loud])["true_cause"] is False
+
+
+def test_quiet_robots_need_no_refusal():
+    assert refusals([row(1)]) == []
+
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_phase_deviates_on_the_circle():
+    [found] = quantities([row(1, quantities={"phi2_deg": (359.0, 1.0, 1.0)})])
+    assert (found.rms_z, found.median_off, found.far) == (2.0, 2.0, 0)
+
+
+def test_an_estimate_without_a_standard_error_promises_nothing():
+    assert quantities([row(1, quantities={"a2_arcsec": (20.0, 21.0, None)})]) == []
+
+
+def test_the_largest_deviation_names_its_robot():
+    rows = [row(seed, quantities={"a2_arcsec": (20.0, 20.0 + off, 0.1)}) for seed, off in ((4, 0.1), (5, -0.6), (6, 0.2))]
+    [found] = quantities(rows)
+    assert (found.worst_seed, found.far) == (5, 1)
+    assert math.isclose(found.worst_z, -6.0, rel_tol=1e-9)
+
+
+def test_a_fraction_has_wilson_s_interval():
+    """Brown, Cai and DasGupta 2001, equation (4): 0 of 20 reaches to z²/(20 + z²) = 16 %."""
+    assert fraction_text(0, 20) == "0 of 20, 0 % (0–16)"
+
+
+def test_percentiles_are_a_robot_s_own_values():
+    assert percentiles([4.0, 1.0, 3.0, 2.0, 5.0]) == {"5 %": 1.0, "50 %": 3.0, "95 %": 5.0, "worst": 5.0}
+    assert percentiles([]) == {}
+
+
+def test_the_made_rows_are_cured():
+    assert max(CURED["cancellation_learnt"].values()) <= row(1)["goal_mm"]

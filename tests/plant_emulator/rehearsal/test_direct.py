@@ -1,0 +1,119 @@
+"""A session without frames records what one over the in-process bus does, to the bit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drive_profiles.address import Address
+from drive_profiles.files.toml import loads
+from hil.bench.bench import Bench, load_bench
+from hil.errors import NotPossibleError
+from hil.experiments.bus_demand import BusDemand, check_load
+from hil.experiments.cancellation.cancellation import cancellation_on
+from hil.experiments.motions import constant_acceleration, line_motion
+from hil.master.session import Session
+from hil.recording import BusLog
+from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.robots.blank_bench import blank_bench
+from plant_emulator.robots.robot import load_robot
+from plant_emulator.robots.stable import draw
+from plant_emulator.world import World
+
+FAST = {"acceleration_rps_s": 12.0, "end_rps": 6.0, "tail_s": 0.1}
+
+
+def short(bench):
+    motion = bench.constant_acceleration.model_copy(update=FAST)
+    return bench.model_copy(update={"constant_acceleration": motion, "settle_s": 0.1})
+
+
+def sessions(robot, bench):
+    """The same robot twice: over frames, and without."""
+    yield Session(bench, InProcessChannel(World(robot)), BusLog(None))
+    yield DirectChannel(World(robot)).session(bench)
+
+
+def recorded(robot, bench, motion, filters="none", *, loop="drive", cancels=False, runs=1):
+    """Columns of the last of some runs, of each kind of session."""
+    found = []
+    for session in sessions(robot, bench):
+        with session:
+            session.bring_up()
+            for _ in range(runs):
+                adder = cancellation_on(session, None, motion).adder() if cancels else None
+                result = session.run(motion, filters, loop, adder)
+            found.append(result)
+    return found
+
+
+def assert_same(results):
+    over_bus, direct = results
+    assert over_bus.stopped is None
+    assert direct.stopped is None
+    assert list(direct.recording.columns) == list(over_bus.recording.columns)
+    for name, column in over_bus.recording.columns.items():
+        np.testing.assert_array_equal(direct.recording.columns[name], column, err_msg=name)
+    assert replace(direct, recording=None, wall_s=0.0) == replace(over_bus, recording=None, wall_s=0.0)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"filters": "notch"}, {"cancels": True}, {"runs": 2}], ids=["plain", "notch", "cancellation", "second run"]
+)
+def test_a_recording_without_frames_is_that_over_the_bus_to_the_bit(options):
+    bench = short(load_bench("reference"))
+    assert_same(recorded(load_robot("reference"), bench, constant_acceleration(bench, 2, 0.002), **options))
+
+
+def test_torque_offsets_reach_the_drive_without_frames_too():
+    bench = short(load_bench("reference"))
+    motion = constant_acceleration(bench, 2, 0.002)
+    torque = 0.4 * np.sin(40.0 * motion.time_s)[:, np.newaxis]
+    results = recorded(load_robot("reference"), bench, replace(motion, torque_offset_nm=torque))
+    assert_same(results)
+    plain = recorded(load_robot("reference"), bench, motion)[1]
+    assert np.max(np.abs(results[1].recording.axis(2, "torque_nm") - plain.recording.axis(2, "torque_nm"))) > 0.1
+
+
+def test_several_axes_move_without_frames_as_they_do_over_the_bus():
+    bench = short(load_bench("reference"))
+    motion = line_motion(bench, 0.004)
+    part = replace(motion, time_s=motion.time_s[:200], motor_angle_rad=motion.motor_angle_rad[:200])
+    assert_same(recorded(load_robot("reference"), bench, part))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 9])
+def test_a_drawn_robot_with_a_slow_sensor_and_late_answers_is_the_same_without_frames(seed):
+    robot = draw(seed)
+    bench = short(loads(blank_bench(robot), Bench)).on("local:/tmp/robot.sock")
+    assert robot.accelerometer.filters
+    assert_same(recorded(robot, bench, constant_acceleration(bench, 2, robot.sync_period_s)))
+
+
+def test_a_limit_that_is_broken_stops_a_run_without_frames_in_the_words_of_the_drive():
+    robot, bench = load_robot("reference"), short(load_bench("reference"))
+    limits = bench.axis[2].limits.model_copy(update={"following_error_rev": 0.05, "following_error_timeout_s": 0.02})
+    table = bench.axis[2].model_copy(update={"limits": limits})
+    bench = bench.model_copy(update={"axis": {**bench.axis, 2: table}})
+    over_bus, direct = recorded(robot, bench, constant_acceleration(bench, 2, 0.002))
+    assert direct.stopped is not None
+    assert direct.stopped.reason == over_bus.stopped.reason
+    assert direct.stopped.all_disabled
+    assert direct.cycles == over_bus.cycles
+
+
+def test_a_loop_of_the_host_goes_frame_by_frame_and_is_the_same():
+    bench = short(load_bench("reference"))
+    motion = constant_acceleration(bench, 2, 0.00025)
+    part = replace(motion, time_s=motion.time_s[:800], motor_angle_rad=motion.motor_angle_rad[:800])
+    assert_same(recorded(load_robot("reference"), bench, part, loop="host"))
+
+
+def test_the_bit_rate_of_the_robot_limits_what_a_bus_carries_without_frames_too():
+    robot = load_robot("reference")
+    bench = load_bench("reference")
+    channel = DirectChannel(World(robot), 125_000)
+    assert channel.address == Address("local", "in-process", 125_000)
+    with pytest.raises(NotPossibleError, match="SYNC period"):
+        check_load(bench, channel, BusDemand("three axes", (2, 3, 5), 0.001))
