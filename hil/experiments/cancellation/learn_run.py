@@ -181,7 +181,7 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
             for k in error.amplitude_arcsec
         )
         late = f"; the motor follows {delay_ms:.2f} ms later than known" if delay_ms else ""
-        lines += [f"axis {axis}: left out: {words}" for words in learnt.left_out.values()]
+        lines += [f"left out: {verdict.words}" for verdict in learnt.left_out.values()]
         lines.append(
             f"axis {axis}: {orders}; vibration −{100.0 * learnt.reduction_fraction:.0f} % after {len(learnt.passes)} passes{late}"
         )

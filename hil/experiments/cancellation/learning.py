@@ -92,14 +92,14 @@ class AxisLearning:
         passes: Passes in their order.
         emulated: True where the robot is emulated; None where that is not known.
         motor_inertia_kg_m2: J_m as it was given, where no plant is known.
-        left_out: Orders that are not cancelled, with the reason in words.
+        left_out: Orders that are not cancelled, with the verdicts on them.
     """
 
     axis: int
     passes: list[LearntPass] = field(default_factory=list)
     emulated: bool | None = None
     motor_inertia_kg_m2: float | None = None
-    left_out: dict[float, str] = field(default_factory=dict)
+    left_out: dict[float, PartVerdict] = field(default_factory=dict)
 
     @property
     def estimate(self) -> JointEstimate:
@@ -121,7 +121,8 @@ class AxisLearning:
         estimate, last = self.estimate, self.passes[-1]
         found = estimate.error.amplitude_arcsec
         kept = {order: found[order] for order in found if order not in self.left_out}
-        without = f"without order {', '.join(f'{order:g}' for order in sorted(self.left_out))}" if self.left_out else ""
+        wrong = sorted(order for order, verdict in self.left_out.items() if verdict.verdict == "refused")
+        without = f"without order {', '.join(f'{order:g}' for order in wrong)}" if wrong else ""
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
             values=TransmissionErrorTable.of(kept, estimate.error.phase_deg),
@@ -158,7 +159,7 @@ class AxisLearning:
             reduction_fraction=self.reduction_fraction,
             passes=tuple(each.entry() for each in self.passes),
             ate=self.part(note, on),
-            left_out=tuple(self.left_out.values()),
+            left_out=tuple(verdict.words for verdict in self.left_out.values()),
         )
 
 
@@ -240,7 +241,7 @@ def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:
     verdicts = learning.passes[-1].verdicts
     for verdict in verdicts:
         if verdict.verdict == "refused" or (is_last and verdict.verdict == "not judged"):
-            learning.left_out[verdict.part.order] = verdict.words
+            learning.left_out[verdict.part.order] = verdict
     if number > 1 and not learning.estimate.error.amplitude_arcsec.keys() - learning.left_out.keys():
         raise CancellationRefusedError(f"what pass {number - 1} has learnt of axis {learning.axis}", verdicts)
 
