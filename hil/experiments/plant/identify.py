@@ -12,6 +12,7 @@ from hil.design.friction import Friction, SlowStretch, fit_friction
 from hil.design.plant_identification import PlantEstimate, fit_plant
 from hil.design.plant_problem import SamplingTiming
 from hil.design.plant_spectra import Spectra, Stretch, spectra
+from hil.experiments.plant.bands import highest_hz, main_band, pilot_band
 from hil.experiments.plant.checks import (
     MISFIT,
     DataCheck,
@@ -23,7 +24,6 @@ from hil.experiments.plant.checks import (
     torque_check,
     travel_check,
 )
-from hil.experiments.plant.bands import highest_hz, main_band, pilot_band
 from hil.experiments.plant.motion import (
     TURN,
     Band,
