@@ -13,12 +13,10 @@ from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError
 from hil.design.ate_identification import JointEstimate
 from hil.design.ate_model import Sweep
-from hil.design.ate_passes import identify_passes
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import (
     AteNotIdentifiedError,
     check_accelerometer,
-    check_estimate,
     check_moved,
     check_run,
     factor_remark,
@@ -37,6 +35,8 @@ from hil.experiments.ate.motion import (
     too_short,
     with_room,
 )
+from hil.experiments.ate.order_scan import OrderScan, identify_orders
+from hil.experiments.ate.orders import OrderWatch, checked, seen_words
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.request import (
     AteRequest,
@@ -97,11 +97,13 @@ class Identification:
         passes: Passes in their order.
         notes: Sentences for the engineer.
         misses: Numbers that are known less well than requested.
+        scan: Orders of the vibration.
     """
 
     passes: list[Pass] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     misses: list[Miss] = field(default_factory=list)
+    scan: OrderScan | None = None
 
     @property
     def estimate(self) -> JointEstimate:
@@ -164,14 +166,22 @@ def identify_on(
         made = _fitted(bench, request, knowledge, identification, motion, result.recording)
         identification.passes.append(made)
         left = request.passes - number
-        check_estimate(made.estimate, sensorless=request.sensorless, passes_left=left)
+        watch = _watch(bench, request, knowledge, identification)
+        checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
         is_through = _is_through(bench, axis, made, passes_left=left)
         identification.misses = request.goal.missed(made.estimate)
         if is_through and not _curable(identification, bench, axis):
             break
         acceleration, end = _next_ramp(bench, axis, identification, acceleration)
+    identification.scan = watch.scan(identification.estimate)
     _remark(identification, bench, request, knowledge)
     return identification
+
+
+def _watch(bench: Bench, request: AteRequest, knowledge: AxisKnowledge, identification: Identification) -> OrderWatch:
+    """The passes so far, to be looked through for orders."""
+    sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
+    return OrderWatch(bench, request.axis, sensing, [each.sweep for each in identification.passes])
 
 
 def _fitted(
@@ -191,7 +201,7 @@ def _fitted(
     sweep = sweep_of(motion, recording, request.axis, sensorless=request.sensorless)
     before = identification.passes
     try:
-        estimate = identify_passes(
+        estimate = identify_orders(
             [*(each.sweep for each in before), sweep],
             bench.axis[request.axis].reduction_ratio,
             sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
@@ -308,6 +318,8 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         fraction = knowledge.arm_inertia_fraction
         error = f"whose standard error of {100.0 * fraction:.2g} % is in A_k's" if fraction else "whose error nobody has stated"
         identification.notes.append(f"sensorless: A_k is as wrong as J_l from {knowledge.source}, {error}; {SENSORLESS_BIAS}")
+    if identification.scan is not None:
+        identification.notes += seen_words(identification.scan.seen, request.orders)
     shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
     identification.notes += [miss.sentence for miss in shown]
     if any(miss.is_gears for miss in shown):

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.design.ate_identification import JointEstimate, identify
 from hil.design.ate_model import Arm, RampsModel, Sensing, Sweep
+from hil.design.ate_passes import identify_passes
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
@@ -73,9 +74,15 @@ class OrderScan:
 
 
 def identify_orders(
-    sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, start: Arm | None, orders: Sequence[float]
+    sweeps: Sequence[Sweep],
+    reduction_ratio: float,
+    sensing: Sensing,
+    start: Arm | None,
+    orders: Sequence[float],
+    *,
+    is_near: bool = False,
 ) -> JointEstimate:
-    """`identify` of those orders that the ramps show; A_k and φ_k of the others with their errors, but nothing built on them.
+    """`identify_passes` of those orders that the ramps show; A_k and φ_k of the others with their errors.
 
     An order whose resonance no ramp passes, and whose amplitude is below `SIGNIFICANT_SIGMAS` standard errors, is fitted once,
     for its amplitude and errors, and left out of the fit that gives everything else.
@@ -86,11 +93,12 @@ def identify_orders(
         sensing: The kind of signal in the recordings.
         start: An arm to start from; it may be wrong.
         orders: Orders k that are asked for.
+        is_near: True for a start from an estimate of most of these recordings.
 
     Raises:
-        ValueError: As `identify`.
+        ValueError: As `identify_passes`.
     """
-    estimate = identify(sweeps, reduction_ratio, sensing, start, orders)
+    estimate = identify_passes(sweeps, reduction_ratio, sensing, start, orders, is_near=is_near)
     weak = [
         order
         for order in orders
@@ -99,7 +107,7 @@ def identify_orders(
     kept = [order for order in orders if order not in weak]
     if not weak or not kept:
         return estimate
-    without = identify(sweeps, reduction_ratio, sensing, estimate.arm, kept)
+    without = identify_passes(sweeps, reduction_ratio, sensing, estimate.arm, kept, is_near=True)
     return replace(
         without,
         error=TransmissionError(
@@ -178,8 +186,9 @@ class _Scan:
 
     def with_order(self, estimate: JointEstimate, order: float) -> JointEstimate:
         """The fit with one order more, which is its last."""
-        start = estimate.arm if estimate.explained_by_error >= LITTLE_EXPLAINED else None
-        return identify(self.sweeps, self.reduction_ratio, self.sensing, start, (*estimate.error.amplitude_arcsec, order))
+        is_near, orders = estimate.explained_by_error >= LITTLE_EXPLAINED, (*estimate.error.amplitude_arcsec, order)
+        start = estimate.arm if is_near else None
+        return identify(self.sweeps, self.reduction_ratio, self.sensing, start, orders, is_near=is_near)
 
     def last_of(self, estimate: JointEstimate) -> SeenOrder:
         """The last order of a fit."""
