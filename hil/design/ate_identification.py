@@ -42,6 +42,8 @@ LARGEST_BEND = 0.17
 """A mounting that resonates at 2.4 times the arm's frequency."""
 ROUNDING_FELT, ROUNDING_STEPS = 0.02, 20
 """Fraction of the residual's power from which the encoder's rounding is taken out of the arm, and steps for that."""
+ROUNDING_LEFT = 0.25
+"""Fraction of that correction which goes into the standard error of A_k."""
 LEAST_DAMPING = 0.003
 OWN_FROM_ORDER = 2
 """Least order with an arm of its own: order 1 passes its resonance at twice the speed of order 2, which few ramps reach."""
@@ -146,10 +148,16 @@ def identify(
         arm = _refine(model, arm)
         noise = model.noise(arm)
     arm, own = _own_arms(model, arm)
-    bend_row = _bend_row(model, arm, model.solve(arm, own)[1])
-    arm, own = _without_rounding(model, *_refined(model, arm, own, bend_row))
+    for again in (True, False):
+        bend_row = _bend_row(model, arm, model.solve(arm, own)[1])
+        rounded = _refined(model, arm, own, bend_row)
+        arm, own = _without_rounding(model, *rounded)
+        moved = _moved(model, rounded, (arm, own))
+        if not again or not _is_rounding_felt(model, arm, own):
+            break
+        model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, model.noise(arm))
     factor = motion_factor(sweeps, reduction_ratio, sensing, orders, arm)
-    return _estimate(model, arm, own, factor)
+    return _estimate(model, arm, own, factor, moved)
 
 
 def _check(sweeps: Sequence[Sweep], orders: tuple[float, ...]) -> None:
@@ -207,7 +215,7 @@ def _least_apart(model: RampsModel, arms: Sequence[Arm], delays_s: Real) -> Arm:
     """The arm and the delay that leave least where either direction has its own error."""
     delays = [float(delay) for delay in delays_s]
     powers = np.array([model.powers_apart(arm, delays) for arm in arms])
-    row, column = np.unravel_index(int(np.argmin(powers)), powers.shape)
+    row, column = divmod(int(np.argmin(powers)), len(delays))
     return replace(arms[row], delay_s=delays[column])
 
 
@@ -247,7 +255,7 @@ def _refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: 
             [1.25, 10.0, 1.0] + has_bend * [LARGEST_BEND] + more * [1.25, 10.0],
         ),
         x_scale=np.array([0.01, 0.3, 0.05] + has_bend * [0.01] + more * [0.01, 0.3]),
-        diff_step=1e-4,
+        diff_step=np.full(3 + has_bend + 2 * more, 1e-4),
     )
     return arms(fit.x)
 
@@ -266,7 +274,7 @@ def _without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> 
     """
     found, others = arm, dict(own)
     unknowns, left = model.solve(arm, own)
-    if model.rounding_power(arm) < ROUNDING_FELT * float(np.sum(left**2)):
+    if not _is_rounding_felt(model, arm, own):
         return found, others
     bend_row = _bend_row(model, arm, left)
     for _ in range(ROUNDING_STEPS):
@@ -287,6 +295,11 @@ def _without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> 
         if is_lost or min(each.damping for each in (found, *others.values())) < LEAST_DAMPING:
             return arm, dict(own)
     return found, others
+
+
+def _is_rounding_felt(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> bool:
+    """True where the encoder's rounding is a part of what a fit leaves."""
+    return model.rounding_power(arm) >= ROUNDING_FELT * float(np.sum(model.solve(arm, own)[1] ** 2))
 
 
 def _rounding_slopes(model: RampsModel, arm: Arm) -> tuple[float, float]:
@@ -322,7 +335,20 @@ def _own_arms(model: RampsModel, arm: Arm) -> tuple[Arm, dict[float, Arm]]:
     return (refined, own) if is_better else (arm, {})
 
 
-def _estimate(model: RampsModel, arm: Arm, own: Mapping[float, Arm], factor: tuple[float, float]) -> JointEstimate:
+def _moved(
+    model: RampsModel, before: tuple[Arm, Mapping[float, Arm]], after: tuple[Arm, Mapping[float, Arm]]
+) -> dict[float, float]:
+    """How far the unknowns of each order, as a fraction of them, went with the arms."""
+    first, second = (model.solve(*arms)[0].reshape(-1, 2) for arms in (before, after))
+    return {
+        order: float(np.linalg.norm(second[row] - first[row]) / max(float(np.linalg.norm(second[row])), 1e-30))
+        for row, order in enumerate(model.orders)
+    }
+
+
+def _estimate(
+    model: RampsModel, arm: Arm, own: Mapping[float, Arm], factor: tuple[float, float], moved: Mapping[float, float]
+) -> JointEstimate:
     """The unknowns as amplitudes and phases, with errors from the Jacobian of all unknowns."""
     unknowns, left = model.solve(arm, own)
     motion, matrix = model.columns(arm, own)
@@ -342,7 +368,8 @@ def _estimate(model: RampsModel, arm: Arm, own: Mapping[float, Arm], factor: tup
     parts = {k: matrix[:, 2 * i : 2 * i + 2] @ unknowns[2 * i : 2 * i + 2] for i, k in enumerate(model.orders)}
     misfits = {order: misfit(left, part, model.signal - left, length, freedom) for order, part in parts.items()}
     for order, size in misfits.items():
-        amplitude_error[order] = math.hypot(amplitude_error[order], BEND * size * amplitude[order])
+        systematic = math.hypot(BEND * size, ROUNDING_LEFT * moved[order])
+        amplitude_error[order] = math.hypot(amplitude_error[order], systematic * amplitude[order])
         phase_error[order] = min(180.0, math.hypot(phase_error[order], math.degrees(BEND * size)))
     arm_error = widened * np.sqrt(np.maximum(0.0, np.diag(covariance)[len(unknowns) : len(unknowns) + 3]))
     without = max(float(np.sum((model.signal - motion) ** 2)), 1e-300)

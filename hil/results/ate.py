@@ -105,7 +105,7 @@ class AteResult(MeasuredResult):
         ate: Entry of the model file; None, like all below, where nothing was identified.
         fit: Fit of all passes.
         history: Standard errors after each pass.
-        is_within_goal: True where the standard errors reach the goal.
+        is_within_goal: True where the standard errors reach the goal, or miss it by no more than half; the notes say which.
         notes: Sentences for the engineer.
         not_identified: Reason why nothing was identified.
     """
