@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError
-from hil.design.ate_identification import JointEstimate
-from hil.design.ate_model import Sweep
-from hil.design.ate_passes import identify_passes
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Sweep
+from hil.design.ate.passes import identify_passes
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import (
     AteNotIdentifiedError,

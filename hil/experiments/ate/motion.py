@@ -89,13 +89,27 @@ def acceleration_for(bench: Bench, arm_hz: float | None) -> float:
 
 
 def with_room(bench: Bench, axis: int, acceleration_rps_s: float, end_rps: float) -> float:
-    """An acceleration with which a ramp to a speed has room: the given one, or more, up to the deceleration."""
+    """An acceleration with which a ramp to a speed has room: the given one, or more, up to the deceleration.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        acceleration_rps_s: Acceleration that is wanted.
+        end_rps: Speed at the ramp's end.
+    """
     least = 1.001 * slowest(bench.axis[axis], deceleration(bench), end_rps)
     return max(acceleration_rps_s, min(least, deceleration(bench)))
 
 
 def further_end(bench: Bench, axis: int, arm_hz: float, order: float) -> float | None:
-    """End speed of a ramp in which a low order passes the resonance; None where speed limit or travel do not allow it."""
+    """End speed of a ramp in which a low order passes the resonance; None where speed limit or travel do not allow it.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        arm_hz: f_a.
+        order: The order.
+    """
     end = min(FIRST_ORDER_END * arm_hz / order, SPEED_FRACTION * bench.axis[axis].limits.speed_rps)
     has_room = slowest(bench.axis[axis], deceleration(bench), end) < deceleration(bench)
     return end if has_room and end >= PASSED * arm_hz / order else None

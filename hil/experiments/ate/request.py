@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
-from hil.design.ate_identification import JointEstimate
-from hil.design.ate_misfit import BEND
-from hil.design.ate_model import Arm, Sensing
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.misfit import BEND
+from hil.design.ate.model import Arm, Sensing
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import END_OVER_RESONANCE, acceleration_for, end_speed, with_room
 from hil.robot_tables import ORDERS, PlantTable

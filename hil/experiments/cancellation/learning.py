@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from hil.analysis import motor_speed_rps
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, update_file
-from hil.design.ate_identification import JointEstimate, identify
-from hil.design.ate_model import Arm, Sensing, Sweep
+from hil.design.ate.identification import JointEstimate, identify
+from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_estimate, check_run
