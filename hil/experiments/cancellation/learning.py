@@ -23,9 +23,9 @@ from hil.design.ate.identification import JointEstimate, identify
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
-from hil.experiments.ate.checks import check_estimate, check_run
+from hil.experiments.ate.checks import check_estimate, check_moved, check_run
 from hil.experiments.ate.identify import standard_errors, sweep_of
-from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, end_speed, ramps
+from hil.experiments.ate.motion import Ramps, furthest_end, ramps
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.request import FITTED_ORDERS
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, given_inertia
@@ -197,7 +197,7 @@ def learn(
     bench, period = session.bench, session.bench.bus.sync_period_s
     table = _table_of(bench, axis, passes)
     given_kg_m2 = given_inertia(bench, identified, axis, motor_inertia_kg_m2)
-    end = end_speed(bench, axis, acceleration_rps_s, None)
+    end = furthest_end(bench, axis, acceleration_rps_s, _known_hz(identified, axis))
     learning = AxisLearning(axis, motor_inertia_kg_m2=given_kg_m2)
     sweeps, start, delay_s, scale = list[Sweep](), None, 0.0, axis_scale(bench, axis)
     judge = PassJudge(bench, identified, axis)
@@ -210,6 +210,7 @@ def learn(
         cancellation = _cancellation(session, identified, learning, delay_s, motion, actuation)
         result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
         keep(number, result, motion)
+        check_moved(motion, result, axis, table.limits)
         if result.stopped is not None:
             raise result.stopped
         check_run(result, sensorless=False)
@@ -219,7 +220,7 @@ def learn(
             delay_s += late_s if abs(late_s) > LEAST_DELAY_S else 0.0
         sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
         estimate = _fitted(sweeps, table, start)
-        check_estimate(estimate, sensorless=False)
+        check_estimate(estimate, sensorless=False, passes_left=passes - number)
         scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first pass: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
         orders = () if cancellation is None else cancellation.tables[axis].orders
@@ -227,8 +228,14 @@ def learn(
         learning.passes.append(LearntPass(gain, vibration, estimate, delay_s, following, verdicts))
         _leave_out(learning, number, is_last=number == passes)
         start = estimate.arm
-        end = min(end, max(END_OVER_RESONANCE * start.resonance_hz / 2.0, 1.0))
+        end = furthest_end(bench, axis, acceleration_rps_s, start.resonance_hz)
     return learning
+
+
+def _known_hz(identified: Identified | None, axis: int) -> float | None:
+    """f_a of an axis' identified plant; None without one."""
+    part = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
+    return None if part is None else part.antiresonance_hz
 
 
 def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:
