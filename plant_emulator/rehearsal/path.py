@@ -14,6 +14,7 @@ from hil.design.notch_search import Effort
 from hil.errors import HilError, SafetyStopError
 from hil.experiments.ate.on_bus import identify_ate
 from hil.experiments.ate.request import AteRequest
+from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus
 from hil.experiments.notch_design import NotchDesignRequest, design, designed_axis
 from hil.experiments.plan import Experiment
@@ -24,6 +25,7 @@ from hil.experiments.treatment import Knowledge
 from hil.reporter import SILENT, Reporter
 from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.estimates import facts_of, quantities_of
+from plant_emulator.rehearsal.probes import probe
 from plant_emulator.rehearsal.record import TREATMENTS, PathRecord, StepRecord
 from plant_emulator.rehearsal.survey import Survey
 from plant_emulator.robots.robot import Robot
@@ -84,6 +86,7 @@ class _Walk:
     def __post_init__(self) -> None:
         self.axis = min(self.bench.axis) if self.options.axis is None else self.options.axis
         self.result = PathRecord(self.robot.name, self.robot.seed, self.axis, self.options.over_bus)
+        self.left_out: dict[str, list[Part]] = {}
         self.folder.mkdir(parents=True, exist_ok=True)
         self.model, self.learnt, self.designs = (self.folder / f"{name}.toml" for name in ("model", "learnt", "design"))
         self.channel = DirectChannel(World(self.robot), self.robot.bus.bitrate)
@@ -105,9 +108,11 @@ class _Walk:
         self._step("learn", self._learn)
         self._step("cancellation_learnt", lambda: self._run("cancellation-learnt"), needs=("learn",))
         self.result.quantities = quantities_of(self.robot, self.axis, self._identified(), self._learnt())
-        self._survey()
         self.result.simulated_s = self.channel.syncs * self.robot.sync_period_s
-        self.result.cpu_s = time.process_time() - began
+        walked = time.process_time()
+        self.result.cpu_s = walked - began
+        self._survey()
+        self.result.survey_cpu_s = time.process_time() - walked
         if not self.options.keeps_files:
             for path in self.folder.iterdir():
                 if path.is_dir():
@@ -162,10 +167,14 @@ class _Walk:
             self.bench, [experiment], self.folder / treatment, knowledge=self._knowledge(), channel=self.channel
         )
         _raise(outcome.failure)
-        refusals = [run.invalid for run in outcome.result.runs if run.trial is not None and not run.trial.is_good]
-        if refusals:
-            raise TrialRefusedError(str(refusals[0]))
-        return "; ".join(dict.fromkeys(outcome.invalid)) or None
+        run = outcome.result.runs[0]
+        notes = list(dict.fromkeys(outcome.invalid))
+        if run.trial is not None:
+            if not run.trial.is_good:
+                raise TrialRefusedError(str(run.invalid))
+            self.left_out[treatment] = [Part(part.axis, part.order) for part in run.trial.left_out]
+            notes += [part.words for part in run.trial.left_out]
+        return "; ".join(notes) or None
 
     def _learn(self) -> str | None:
         outcome = learn_on_bus(self.bench, LearnRequest((self.axis,)), self.folder / "learn", self.learnt, channel=self.channel)
@@ -194,10 +203,10 @@ class _Walk:
         for name in TREATMENTS:
             if name in needs and (needs[name] not in steps or not steps[needs[name]].is_done):
                 continue
-            self.result.tips[name] = survey.tip(name, knowledge)
+            self.result.tips[name] = survey.tip(name, knowledge, self.left_out.get(name.replace("_", "-"), ()))
         self.result.floor = survey.floor()
         if self.options.with_probes:
-            self.result.probes = survey.probes(knowledge)
+            self.result.probes = probe(self.robot, self.bench, self.axis, survey, self.result.tips["none"])
 
 
 class TrialRefusedError(HilError):

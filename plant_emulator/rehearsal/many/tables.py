@@ -189,16 +189,6 @@ def markdown(table: ReportTable) -> str:
     return "\n".join(lines)
 
 
-def plain_rows(table: ReportTable) -> list[tuple[str, ...]]:
-    """Rows of a table as text alone, its headings in between, for a terminal."""
-    lines: list[tuple[str, ...]] = []
-    for index, row in enumerate(table.rows):
-        if index in table.groups:
-            lines.append((table.groups[index], *[""] * (len(table.header) - 1)))
-        lines.append(tuple(map(_plain, row)))
-    return lines
-
-
 def _plain(cell: Cell) -> str:
     if isinstance(cell, Mark):
         return "not judged" if cell.value is None else "yes" if cell.value else "no"

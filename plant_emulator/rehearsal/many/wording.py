@@ -44,7 +44,7 @@ QUANTITY_NAMES = {
 }
 
 FACT_NAMES = {
-    "antiresonance_hz": ("Antiresonance f_a (Hz)", 1.0),
+    "antiresonance_hz": ("Antiresonance $f_a$ (Hz)", 1.0),
     "a1_arcsec": ("A₁ (arcsec)", 1.0),
     "a2_arcsec": ("A₂ (arcsec)", 1.0),
     "encoder_bits": ("Encoder (bits)", 1.0),
