@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.design.ate_identification import JointEstimate, identify
-from hil.design.ate_model import Arm, RampsModel, Sensing, Sweep
+from hil.design.ate.identification import JointEstimate, identify
+from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
