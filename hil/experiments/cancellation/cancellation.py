@@ -14,7 +14,7 @@ import numpy as np
 from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
 from hil.bench.bench import Bench, Limits, Model
-from hil.bench.model import Identified, IdentifiedError, with_identified
+from hil.bench.model import Identified, IdentifiedError, significant, with_identified
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw, CancellationTable
 from hil.design.frequency import CONTROL_PERIOD_S
@@ -373,7 +373,7 @@ def believed_model(reduction_ratio: float, error: IdentifiedError) -> Model | No
         arm_damping_nm_s_rad=0.0,
         gear_stiffness_nm_rad=inertia * omega**2,
         gear_damping_nm_s_rad=2.0 * error.damping * omega * inertia,
-        ate=error.values,
+        ate=significant(error),
     )
 
 
