@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from hil.robot_tables import ORDERS as ORDERS
+from hil.robot_tables import ORDERS
 
 Cell = str | float | int | bool | None
 
