@@ -80,7 +80,8 @@ CAUSES = (
           f"SYNC period of {1e3 * SHORT_SYNC_S:g} ms at {SLOW_BIT_S // 1000} kbit/s", _is_loaded),
     Cause("cycle", re.compile(r"a SYNC period of|late answer|missed|highest frequency of the band"),
           f"SYNC period of {1e3 * LONG_SYNC_S:g} ms or more, or late answers", _is_slow),
-    Cause("limits", re.compile(r"the limit is|s are needed|end_rps|position limit|speed limit|allows no more"), NOBODY, lambda row: False),
+    Cause("limits", re.compile(r"the limit is|s are needed|end_rps|position limit|speed limit|allows no more"),
+          NOBODY, lambda row: False),
     Cause("another source of vibration", re.compile(r"explains"), NOBODY, lambda row: False),
     Cause("wrong axis or wiring", re.compile(r"is this the axis|does this axis move|wiring|wired"), NOBODY, lambda row: False),
 )  # fmt: skip
