@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.bench import Limits
-from hil.design.ate_identification import DELAY_S, JointEstimate
+from hil.design.ate.identification import DELAY_S, JointEstimate
 from hil.errors import HilError
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.ate.request import SEEN_SIGMAS

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.model import SIGNIFICANT_SIGMAS
-from hil.design.ate_identification import JointEstimate, identify
-from hil.design.ate_model import Arm, RampsModel, Sensing, Sweep
+from hil.design.ate.identification import JointEstimate, identify
+from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from hil.bench.bench import Bench
-from hil.design.ate_identification import JointEstimate
-from hil.design.ate_model import Sensing, Sweep
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Sensing, Sweep
 from hil.experiments.ate.checks import AteNotIdentifiedError, check_estimate
 from hil.experiments.ate.motion import SPEED_FRACTION, deceleration, room_rev, travel_rev
 from hil.experiments.ate.order_scan import OrderScan, SeenOrder, is_passed, scan_orders
@@ -82,14 +82,20 @@ def carried_words(scan: OrderScan) -> str:
     return ", ".join(f"order {order:g} {100.0 * fraction:.0f} %" for order, fraction in parts if fraction >= 0.005)
 
 
-def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool) -> None:
+def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
     """`check_estimate`, whose error tells the orders that are seen and not in the set, if there are any.
+
+    Args:
+        watch: The passes.
+        estimate: Estimate from them.
+        sensorless: True where it is of the motor torque.
+        passes_left: Number of passes that may follow.
 
     Raises:
         AteNotIdentifiedError: One of the checks fails.
     """
     try:
-        check_estimate(estimate, sensorless=sensorless)
+        check_estimate(estimate, sensorless=sensorless, passes_left=passes_left)
     except AteNotIdentifiedError as error:
         words = seen_words(watch.scan(estimate).seen, tuple(estimate.error.amplitude_arcsec))
         if not words:

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from hil.analysis import motor_speed_rps
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, significant, update_file
-from hil.design.ate_identification import JointEstimate
-from hil.design.ate_model import Arm, Sensing, Sweep
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
-from hil.experiments.ate.checks import check_run
+from hil.experiments.ate.checks import check_moved, check_run
 from hil.experiments.ate.identify import standard_errors, sweep_of
-from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, end_speed, ramps
+from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, furthest_end, ramps
 from hil.experiments.ate.order_scan import identify_orders, is_significant
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
@@ -205,7 +205,7 @@ def learn(
     bench, period = session.bench, session.bench.bus.sync_period_s
     table = _table_of(bench, axis, passes)
     given_kg_m2 = given_inertia(bench, identified, axis, motor_inertia_kg_m2)
-    end = end_speed(bench, axis, acceleration_rps_s, None)
+    end = furthest_end(bench, axis, acceleration_rps_s, _known_hz(identified, axis))
     learning = AxisLearning(axis, motor_inertia_kg_m2=given_kg_m2)
     watch = OrderWatch(bench, axis, Sensing(table.tip_lever_m), acceleration_rps_s=acceleration_rps_s)
     start, delay_s, scale = None, 0.0, axis_scale(bench, axis)
@@ -219,6 +219,7 @@ def learn(
         cancellation = _cancellation(session, identified, learning, delay_s, motion, actuation)
         result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
         keep(number, result, motion)
+        check_moved(motion, result, axis, table.limits)
         if result.stopped is not None:
             raise result.stopped
         check_run(result, sensorless=False)
@@ -228,7 +229,7 @@ def learn(
             delay_s += late_s if abs(late_s) > LEAST_DELAY_S else 0.0
         watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
         estimate = _fitted(watch.sweeps, table, start, orders)
-        checked(watch, estimate, sensorless=False)
+        checked(watch, estimate, sensorless=False, passes_left=passes - number)
         scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first pass: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
         acted = () if cancellation is None else cancellation.tables[axis].orders
@@ -236,16 +237,22 @@ def learn(
         learning.passes.append(LearntPass(gain, vibration, estimate, delay_s, following, verdicts))
         _leave_out(learning, number, is_last=number == passes)
         start = estimate.arm
-        end = _next_end(end, estimate)
+        end = max(furthest_end(bench, axis, acceleration_rps_s, start.resonance_hz), _low_end(end, estimate))
     learning.notes += watch.notes(estimate, watch.scan(estimate))
     return learning
 
 
-def _next_end(end_rps: float, estimate: JointEstimate) -> float:
-    """End of the next pass' ramps: beyond the resonance of order 2, or of a lower one that is there and was reached."""
+def _known_hz(identified: Identified | None, axis: int) -> float | None:
+    """f_a of an axis' identified plant; None without one."""
+    part = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
+    return None if part is None else part.antiresonance_hz
+
+
+def _low_end(end_rps: float, estimate: JointEstimate) -> float:
+    """End of the next pass' ramps for an order below 2 that is there and was reached; 0 where there is none."""
     arm_hz = estimate.arm.resonance_hz
     low = [k for k in estimate.error.amplitude_arcsec if k < LOWEST and end_rps >= arm_hz / k and is_significant(estimate, k)]
-    return min(end_rps, max(END_OVER_RESONANCE * arm_hz / min(low, default=LOWEST), 1.0))
+    return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
 
 
 def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hil.design.ate_model import Arm, Sensing, Sweep, modelled
+from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant, scan_orders
 
