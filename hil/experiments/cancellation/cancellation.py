@@ -13,8 +13,8 @@ import numpy as np
 
 from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
-from hil.bench.bench import Bench, Model
-from hil.bench.model import Identified, IdentifiedError, with_identified
+from hil.bench.bench import Bench, Limits, Model
+from hil.bench.model import Identified, IdentifiedError, significant, with_identified
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw, CancellationTable
 from hil.design.frequency import CONTROL_PERIOD_S
@@ -27,9 +27,10 @@ from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.robot_tables import TransmissionErrorTable
 
-MAX_ERROR_ARCSEC = 180.0
-"""Largest ΣA_k that is taken for a transmission error: harmonic drives have 1′ to 2′. How far the set-point moves for it follows
-from the loop and the gear: 0.03 motor revolutions for 120″ on a gear of 120 at 12 Hz."""
+MAX_ERROR_ARCSEC = 200.0
+"""Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
+FOLLOWING_PART = 0.05
+"""Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`."""
 LEAST_OVER_RESONANCE = 2.0
 """Least k f_m up to which an order is cancelled, in units of f_al: from four fifths of it on it fades."""
 LOWERED = 0.85
@@ -126,11 +127,11 @@ class Cancellation:
             angle = motion.motor_angle_rad[:, column] + (0.0 if starts_rad is None else starts_rad[column])
             peak_rps = peak_speed_rps(bench, motion, column)
             reach_rev = own.largest_reference_rad(peak_rps) / turn
-            remedy = "is this its transmission error?"
-            error_arcsec = own.largest_reference_rad(0.0) / bench.axis[number].reduction_ratio / ARCSEC
-            if error_arcsec > MAX_ERROR_ARCSEC:
-                what = f"the error that the cancellation of {name} is for"
-                raise UnsafeRequestError(what, error_arcsec, MAX_ERROR_ARCSEC, "″", remedy)
+            remedy, allowed_rev = "is this its transmission error?", allowed_reference_rev(limits)
+            if reach_rev > allowed_rev:
+                where = f"limits.cancellation_rev of {name} in the bench file sets it, else it is {FOLLOWING_PART:g} of "
+                where += f"following_error_rev; {remedy}"
+                raise UnsafeRequestError(f"the cancellation of {name}", reach_rev, allowed_rev, "rev", where)
             torque, allowed = own.largest_torque_nm(peak_rps), MAX_TORQUE_FRACTION * limits.torque_nm
             if torque > allowed:
                 raise UnsafeRequestError(f"the torque offset of {name}", torque, allowed, "N·m", remedy)
@@ -142,6 +143,25 @@ class Cancellation:
                 raise UnsafeRequestError(f"the position of {name} with its cancellation", high, limits.position_max_rev, "rev")
             if low < limits.position_min_rev:
                 raise UnsafeRequestError(f"the position of {name} with its cancellation", low, limits.position_min_rev, "rev")
+
+
+def allowed_reference_rev(limits: Limits) -> float:
+    """Largest addition to a set-point, motor revolutions: as the bench file says, else a part of the following error."""
+    if limits.cancellation_rev is not None:
+        return limits.cancellation_rev
+    return FOLLOWING_PART * limits.following_error_rev
+
+
+def _check_size(number: int, ate: TransmissionErrorTable) -> None:
+    """Refuse an error that no gear has.
+
+    Raises:
+        UnsafeRequestError: ΣA_k is beyond `MAX_ERROR_ARCSEC`.
+    """
+    total = sum(ate.amplitudes_arcsec().values())
+    if total > MAX_ERROR_ARCSEC:
+        remedy = "no gear has as much: is the model file right?"
+        raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
 
 
 def cancellation_for(
@@ -178,6 +198,7 @@ def cancellation_for(
 
     Raises:
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
+        UnsafeRequestError: The model file has an error that no gear has.
     """
     tables: dict[int, CancellationTable] = {}
     scales: dict[int, TipScale] = {}
@@ -189,6 +210,7 @@ def cancellation_for(
         table.gains(f"cancellation on axis {number}")
         phases = {order: math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
         period = (control_periods_s or {}).get(number) or CONTROL_PERIOD_S
+        _check_size(number, model.ate)
         loop = table.loop(period, with_notch=with_notch)
         assert loop is not None  # noqa: S101 - it has a model and gains
         scales[number] = scale_at(bench, number, loop.peak_hz())
@@ -370,7 +392,7 @@ def believed_model(reduction_ratio: float, error: IdentifiedError) -> Model | No
         arm_damping_nm_s_rad=0.0,
         gear_stiffness_nm_rad=inertia * omega**2,
         gear_damping_nm_s_rad=2.0 * error.damping * omega * inertia,
-        ate=error.values,
+        ate=significant(error),
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.design.ate_model import Arm
+from hil.design.ate.model import Arm
 from hil.design.frequency import Loop
 from hil.recording import Recording
 
