@@ -6,8 +6,9 @@ trusted before its trial on the accelerometer: `hil.experiments.cancellation.tri
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -208,7 +209,6 @@ def cancellation_for(
             continue
         table = bench.axis[number].model_copy(update={"model": model})
         table.gains(f"cancellation on axis {number}")
-        phases = {order: math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
         period = (control_periods_s or {}).get(number) or CONTROL_PERIOD_S
         _check_size(number, model.ate)
         loop = table.loop(period, with_notch=with_notch)
@@ -216,20 +216,27 @@ def cancellation_for(
         scales[number] = scale_at(bench, number, loop.peak_hz())
         try:
             timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
-            shape = (loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
-            tables[number] = cancellation_table(*shape)
-            peak_rps, highest_hz = (peaks_rps or {}).get(number, 0.0), HIGHEST_HZ
-            least_hz = LEAST_OVER_RESONANCE * scales[number].f_al_hz
-            while tables[number].largest_speed_rps(peak_rps) > table.limits.speed_rps and highest_hz * LOWERED >= least_hz:
-                highest_hz *= LOWERED
-                tables[number] = cancellation_table(*shape, highest_hz)
+            make = partial(cancellation_table, loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
+            peak_rps, least_hz = (peaks_rps or {}).get(number, 0.0), LEAST_OVER_RESONANCE * scales[number].f_al_hz
+            tables[number] = _slow_enough(make, peak_rps, table.limits.speed_rps, least_hz)
         except ValueError as error:
             raise NotPossibleError(f"axis {number}: {error}") from error
     if not tables:
         raise NotPossibleError(_nothing_known(axes))
-    responses = {number: response_of(bench, identified, number) for number in axes}
-    known = {number: response for number, response in responses.items() if response is not None}
+    known = {number: response for number in axes if (response := response_of(bench, identified, number)) is not None}
     return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {}, scales, known)
+
+
+def _slow_enough(
+    make: Callable[[float], CancellationTable], peak_rps: float, allowed_rps: float, least_hz: float
+) -> CancellationTable:
+    """The table that ends at the highest k f_m at which no set-point is too fast, but at no less than a least one."""
+    highest_hz = HIGHEST_HZ
+    table = make(highest_hz)
+    while table.largest_speed_rps(peak_rps) > allowed_rps and highest_hz * LOWERED >= least_hz:
+        highest_hz *= LOWERED
+        table = make(highest_hz)
+    return table
 
 
 def peak_speed_rps(bench: Bench, motion: Motion, column: int) -> float:
@@ -399,6 +406,12 @@ def believed_model(reduction_ratio: float, error: IdentifiedError) -> Model | No
 def given_inertia(bench: Bench, identified: Identified | None, number: int, given_kg_m2: float | None) -> float | None:
     """J_m as it was given; None where a file has a plant, which then holds.
 
+    Args:
+        bench: The bench file.
+        identified: The model file; None without one.
+        number: Axis number.
+        given_kg_m2: J_m of a data sheet; None without one.
+
     Raises:
         NotPossibleError: Nobody knows it.
     """
@@ -421,6 +434,11 @@ def _amplitudes(ate: TransmissionErrorTable) -> dict[float, float]:
 def _phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
     """φ_k from 0 to 360°."""
     return {order: degrees % 360.0 for order, degrees in ate.phases_deg().items()}
+
+
+def _phases_rad(ate: TransmissionErrorTable) -> dict[float, float]:
+    """φ_k from 0 to 2π."""
+    return {order: math.radians(degrees) for order, degrees in _phases_deg(ate).items()}
 
 
 def _nothing_known(axes: Sequence[int]) -> str:
