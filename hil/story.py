@@ -11,7 +11,7 @@ import threading
 import time
 import tomllib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,7 +26,7 @@ from drive_profiles.upload.upload import Upload
 from hil.bench.bench import REFERENCE, Bench, load_bench
 from hil.bench.design import load_designs, update_designs
 from hil.bench.model import IdentifiedAxis, load_identified, update_file, values_in_words
-from hil.control.treatments import TreatmentName
+from hil.control.treatments import TreatmentName, treatment
 from hil.design.notch_search import Effort
 from hil.emulator import DrawnRobot
 from hil.errors import HilError, InterruptedRunError, NotPossibleError, not_put_back
@@ -36,6 +36,7 @@ from hil.experiments.ate.request import AteRequest
 from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot, plan
 from hil.experiments.comparison.run import ComparisonOutcome, any_emulated, compare, request_entry
 from hil.experiments.motions import CONSTANT_ACCELERATION
+from hil.experiments.notch_design import InfeasibleError
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
 from hil.experiments.treatment import Knowledge
@@ -101,6 +102,8 @@ class _Teller:
     reporter: Reporter
     steps: list[StoryStep] = field(default_factory=list)
     emulated: list[bool | None] = field(default_factory=list)
+    designed: tuple[int, ...] | None = None
+    """Axes with a designed filter; None for all."""
 
     @property
     def model(self) -> Path:
@@ -109,6 +112,10 @@ class _Teller:
     @property
     def design(self) -> Path:
         return self.out / "design.toml"
+
+    @property
+    def _uploaded(self) -> tuple[int, ...]:
+        return self.axes if self.designed is None else self.designed
 
     def parameter_set(self, axis: int) -> Path:
         return self.out / f"notch-axis{axis}.toml"
@@ -178,12 +185,12 @@ class _Teller:
         return what, f"design-axis{axis}/design.html"
 
     def upload(self) -> tuple[str, str]:
-        for axis in self.axes:
+        for axis in self._uploaded:
             self._check_same(axis)
         outcomes = self._transact(_written)
         if any(outcome.kind != "done" for outcome in outcomes):
             raise UploadFailedError(outcomes)
-        return "; ".join(map(str, outcomes)), self.parameter_set(self.axes[0]).name
+        return "; ".join(map(str, outcomes)), self.parameter_set(self._uploaded[0]).name
 
     def _check_same(self, axis: int) -> None:
         """Check that the parameter set is the filter of the design file, which a run would write."""
@@ -199,14 +206,14 @@ class _Teller:
         differing = self._transact(lambda uploads: [str(write.entry) for each in uploads for write, _ in each.changes])
         if differing:
             raise NotPossibleError(f"after the runs the drives no longer hold what was uploaded: {', '.join(differing)}")
-        return "every object of the sets read once more after the runs: as uploaded", self.parameter_set(self.axes[-1]).name
+        return "every object of the sets read once more after the runs: as uploaded", self.parameter_set(self._uploaded[-1]).name
 
     def _transact(self, then: Callable[[list[Upload]], T]) -> T:
         """Prepare the transaction of `drive-profiles upload`, each drive identified and read, and pass it to `then`."""
         options = UploadOptions(store=True, journals=self.out / "drive-journals")
         with SdoBus(self.bench.bus.address) as bus:
             uploads = []
-            for axis in self.axes:
+            for axis in self._uploaded:
                 wanted = ParameterSet.load(self.parameter_set(axis))
                 device = device_at(bus, self.bench.axis[axis].node_id, wanted.header.profile or None)
                 uploads.append(Upload(device, wanted, options, bus.address))
@@ -262,14 +269,7 @@ def tell(
     comparisons: list[ComparisonOutcome] = []
     failure: Exception | None = None
     try:
-        for axis in axes:
-            teller.step(f"identify plant, axis {axis}", partial(teller.identify_plant, axis))
-            teller.step(f"identify transmission error, axis {axis}", partial(teller.identify_ate, axis))
-        for axis in axes:
-            teller.step(f"design notch, axis {axis}", partial(teller.design_notch, axis))
-        teller.step("upload, read back, store", teller.upload)
-        teller.step("run side by side", lambda: _side_by_side(teller, request, comparisons))
-        teller.step("read back after the runs", teller.still_there)
+        request = _told(teller, request, comparisons)
     except KeyboardInterrupt:
         failure = InterruptedRunError("interrupted")
     except Exception as error:  # noqa: BLE001 - noted in the result, and returned
@@ -291,6 +291,33 @@ def tell(
     return StoryOutcome(result, failure, comparisons[0] if comparisons else None)
 
 
+def _told(teller: _Teller, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> ComparisonRequest:
+    """Take all steps, and return the request of the comparison.
+
+    Where no notch keeps all that is asked that is said, and the comparison is made without a designed one.
+    """
+    for axis in teller.axes:
+        teller.step(f"identify plant, axis {axis}", partial(teller.identify_plant, axis))
+        teller.step(f"identify transmission error, axis {axis}", partial(teller.identify_ate, axis))
+    designed = []
+    for axis in teller.axes:
+        try:
+            teller.step(f"design notch, axis {axis}", partial(teller.design_notch, axis))
+            designed.append(axis)
+        except InfeasibleError:
+            continue
+    teller.designed = tuple(designed)
+    if designed:
+        teller.step("upload, read back, store", teller.upload)
+    else:
+        left = tuple(name for name in request.treatments if treatment(name).needs != "design")
+        request = replace(request, treatments=left, named=frozenset(left))
+    teller.step("run side by side", lambda: _side_by_side(teller, request, comparisons))
+    if designed:
+        teller.step("read back after the runs", teller.still_there)
+    return request
+
+
 def _revealed(robot: DrawnRobot, teller: _Teller) -> dict[str, Any]:
     """The drawn robot, beside what was found of it."""
     (teller.out / ROBOT_FILE).write_bytes(robot.robot_file.read_bytes())
@@ -306,7 +333,8 @@ def _revealed(robot: DrawnRobot, teller: _Teller) -> dict[str, Any]:
 
 def _side_by_side(teller: _Teller, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> tuple[str, str]:
     """Run the comparison with the identified models and the designed filters."""
-    knowledge = Knowledge(load_identified(teller.model), load_designs(teller.design))
+    designs = load_designs(teller.design) if teller.design.is_file() else None
+    knowledge = Knowledge(load_identified(teller.model), designs)
     planned = plan(KnownRobot(teller.bench, knowledge, "bench.toml"), request)
     comparisons.append(compare([planned], request, teller.out, reporter=teller.reporter))
     if comparisons[0].failure is not None:
