@@ -15,7 +15,8 @@ from hil.errors import HilError, SafetyStopError
 from hil.experiments.ate.on_bus import identify_ate
 from hil.experiments.ate.request import AteRequest
 from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus
-from hil.experiments.notch_design import NotchDesignRequest, design, designed_axis
+from hil.experiments.notch_design import design, designed_axis
+from hil.experiments.notch_problem import NotchDesignRequest
 from hil.experiments.plan import Experiment
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
@@ -152,9 +153,10 @@ class _Walk:
     def _design(self) -> str | None:
         request = NotchDesignRequest(self.axis, effort=self.options.effort)
         outcome = design(self.bench, request, self._identified())
-        _raise(outcome.failure)
+        if not outcome.is_usable:
+            _raise(outcome.failure)
         update_designs(self.designs, self.bench.name, self.axis, designed_axis(outcome))
-        return None
+        return None if outcome.failure is None else str(outcome.failure)
 
     def _run(self, treatment: TreatmentName) -> str | None:
         experiment = Experiment("constant-acceleration", self.axis, treatment)
