@@ -31,6 +31,8 @@ VERDICT_FREQUENCY_STEP = 1.0 / 1280.0
 LINE_WEIGHT, LINE_REACH = 2.0, 0.1
 """Weight of what a filter misses constraint (5) by in a score, and up to which miss it counts."""
 
+WORST_RATIO = 2.0
+"""Score above which a filter raises a peak, or breaks a margin."""
 GAIN_ENOUGH = 0.98
 """Ratio of the tip peak with a filter to that without, above which the filter is not worth having."""
 
@@ -163,7 +165,7 @@ class Judge:
             before = max(before, self.problem.weighted_mm(bare, self.order))
             excess += sum(rise.excess for rise in rises(self.problem, bare, peaks))
         ratio = peak / max(before, 1e-9) * (1.0 + LINE_WEIGHT * min(max(self._line_ratio(notch) - 1.0, 0.0), LINE_REACH))
-        return min(ratio, 2.0) if excess == 0.0 else 2.0 + min(0.2 * ratio + excess, 6.9)
+        return min(ratio, WORST_RATIO) if excess == 0.0 else WORST_RATIO + min(0.2 * ratio + excess, 6.9)
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,8 @@ STARTS = (
     (0.061, 0.036, 0.10, 0.68, 1.52, 4.2, 0.10),
     (0.12, 0.06, 0.20, 0.62, 1.52, 4.2, 0.15),
     (0.20, 0.15, 0.60, 0.60, 1.45, 4.2, 0.30),
+    (0.06, 0.10, 0.20, 0.60, 1.50, 4.2, 0.20),
+    (0.03, 0.10, 0.15, 0.60, 1.50, 4.2, 0.20),
 )
 """Filters from which a search starts, whatever the robot: ω_d/2π, ζ_rn, ζ_rdth, f_s, f_e, corner of the speed's low-pass, slopes;
 the first and the sixth in units of f_al, speeds in units of f_al/k. Filters that were good on several robots, and the paper's."""
@@ -339,7 +341,8 @@ def search(
         progress(min(1.0, done / total))
 
     judge = Judge(problem, order)
-    known = [notch for notch in (*given, *PAPER_FILTERS) if notch.order == order]
+    paper = PAPER_FILTERS if "switched" in shapes else ()
+    known = [notch for notch in (*given, *paper) if notch.order == order]
     scores: dict[str, float] = {}
     candidates = {notch: judge.score(notch) for notch in known}
     for shape in shapes:

@@ -117,24 +117,28 @@ def fit_plant(
     if len(data.frequency_hz) < 12:
         raise UnidentifiableError("excited lines", len(data.frequency_hz), 12)
     problem = PlantProblem(data, timing, reduction_ratio, lever_m, gravity_nm_rad)
-    fit: Any = None
-    for guess in problem.first_guesses():
-        found = _fitted(problem, guess)
-        fit = found if fit is None or found.cost < fit.cost else fit
-    return _estimate(problem, fit.x, np.asarray(fit.jac))
+    fits = [_fitted(problem, guess) for guess in problem.first_guesses()]
+    best = min(fits, key=lambda fit: float(fit.cost) / len(fit.fun))
+    problem.focus(problem.plant(best.x).antiresonance_hz)
+    return _estimate(problem, best.x, np.asarray(best.jac))
 
 
 def _fitted(problem: PlantProblem, x: Real) -> Any:
-    low, high = problem.bounds(x)
-    return optimize.least_squares(
-        problem.residual,
-        np.clip(x, low + 1e-9, high - 1e-9),
-        bounds=(low, high),
-        x_scale=problem.scale(x),
-        loss="soft_l1",
-        f_scale=3.0,
-        max_nfev=EVALUATIONS,
-    )
+    fit: Any = None
+    for evaluations in (EVALUATIONS, EVALUATIONS // 2):  # the second round has the tip's lines around f_a as it came out
+        problem.focus(problem.plant(x).antiresonance_hz)
+        low, high = problem.bounds(x)
+        fit = optimize.least_squares(
+            problem.residual,
+            np.clip(x, low + 1e-9, high - 1e-9),
+            bounds=(low, high),
+            x_scale=problem.scale(x),
+            loss="soft_l1",
+            f_scale=3.0,
+            max_nfev=evaluations,
+        )
+        x = fit.x
+    return fit
 
 
 def _estimate(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:

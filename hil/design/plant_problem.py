@@ -11,8 +11,8 @@ general the demand, and the motor feels it behind the current loop, H_c = 1/(1 +
 tenth of a millisecond of it looks like 6 % of motor inertia. F_k and Y_k are the images of the held excitation at f + k/T,
 which fold onto the line; they are computed from the fitted plant and the law's gains.
 
-An accelerometer has a delay δ_a, and a low-pass or a mounting that resonates: gain g exp(κ (ω/ω_κ)² − jωδ_a), both to second
-order in ω.
+An accelerometer has a delay δ_a, and a low-pass or a mounting that resonates: gain g exp(−jωδ_a)/(1 − κ (ω/ω_κ)²), used
+around f_a only.
 """
 
 import math
@@ -31,9 +31,11 @@ AGE_PRIOR_S = 3e-4
 """Standard deviation of the age of the reported torque around half a control period, as believed before the fit."""
 LAG_PRIOR_S = 1e-3
 """Standard deviation of the current loop's time constant, as believed before the fit: real ones have 0.1 to 1 ms."""
-TILT_PRIOR = 0.5
-"""Standard deviation of the accelerometer's change of gain, ln, at `TILT_HZ`, as believed before the fit."""
+TILT_PRIOR = 0.15
+"""Standard deviation of the accelerometer's change of gain at `TILT_HZ`, as believed before the fit."""
 TILT_HZ = 40.0
+TIP_BAND = (0.5, 1.6)
+"""Band in which the tip is used, over f_a."""
 LARGEST_LAG_S, LARGEST_DELAY_S = 5e-3, 0.05
 """Largest time constant of a current loop, and largest delay of an accelerometer, that are believed."""
 LEAST_DELAY_S = 2e-3
@@ -97,6 +99,7 @@ class PlantProblem:
         self._folded = self._folding()
         self.scatter = Scatter.of(data.angle, data.torque)
         self.tip_scatter = None if data.tip is None else Scatter.of(data.tip, data.angle)
+        self._tip_lines = np.arange(len(self.jw))
 
     def _folding(self) -> "_Folding | None":
         """What the images take from the law and the times alone."""
@@ -172,7 +175,9 @@ class PlantProblem:
     def _tried(self) -> list[Real]:
         """The likeliest of many plants: f_a on a grid, ratios of inertia, and whole inertias about that of the lowest lines."""
         low = slice(0, max(2, len(self.jw) // 20))
-        felt = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], np.zeros_like(self.excitation))
+        felt = self.torque(
+            np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], np.zeros_like(self.excitation)
+        )
         whole = float(np.median(np.abs(felt[low] / (self._measured[0][low] * self.jw[low] ** 2))))
         tried: list[tuple[float, float, Real]] = []
         for f_a in np.geomspace(1.2 * self.data.frequency_hz[0], 0.9 * self.data.frequency_hz[-1], TRIED).tolist():
@@ -203,12 +208,19 @@ class PlantProblem:
         low[LAG], high[LAG] = 0.0, LARGEST_LAG_S
         if self.data.tip is not None:
             low[DELAY], high[DELAY] = -LEAST_DELAY_S, LARGEST_DELAY_S
+            last = self.data.frequency_hz[self._tip_lines[-1]] if len(self._tip_lines) else TILT_HZ
+            low[TILT], high[TILT] = -1.0, 0.9 * (TILT_HZ / last) ** 2
         return low, high
 
     def scale(self, x: Real) -> Real:
         """Sizes of a change of each unknown that are alike in their effect."""
         sizes = [0.1, 0.1, 0.1, 0.3, max(1e-6, 0.3 * math.exp(x[J_M])), 1e-4, 0.1, 1e-4, 0.1, 1e-3, 0.1]
         return np.array(sizes[: len(x)])
+
+    def focus(self, f_a: float) -> None:
+        """Use the tip around an anti-resonance only: it tells f_a and ζ, and nothing that a sensor's own response may spoil."""
+        frequency = self.data.frequency_hz
+        self._tip_lines = np.flatnonzero((frequency > TIP_BAND[0] * f_a) & (frequency < TIP_BAND[1] * f_a))
 
     def plant(self, x: Real) -> TwoInertia:
         """The plant of the unknowns."""
@@ -236,9 +248,9 @@ class PlantProblem:
         left = [(angle - model * torque) / sigma]
         if data.tip is not None and self.tip_scatter is not None:
             model = tip_response(plant, data.frequency_hz, self.lever_m * math.exp(x[LEVER]), float(x[DELAY]), self.gravity)
-            model = model * np.exp(float(x[TILT]) * (data.frequency_hz / TILT_HZ) ** 2)
+            model = model / (1.0 - float(x[TILT]) * (data.frequency_hz / TILT_HZ) ** 2)
             sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
-            left.append((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)
+            left.append(((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)[self._tip_lines])
         stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
         believed = [(x[AGE] - 0.5 * self.timing.control_s) / AGE_PRIOR_S, x[LAG] / LAG_PRIOR_S]
         if data.tip is not None:

@@ -15,7 +15,7 @@ from hil.can.opening import open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.bus_demand import BusDemand, check_load
 from hil.master.drive.needs import ProfileGapsError, run_gaps
-from hil.master.session import Session, SessionMaker
+from hil.master.session import Session, SessionSource
 from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE, MeasuredBench, MeasuredResult
@@ -161,7 +161,7 @@ class Measurement(Generic[R]):
 
     def _new_session(self) -> Session:
         channel, progress = self._channel, self._reporter.progress
-        if isinstance(channel, SessionMaker):
+        if isinstance(channel, SessionSource):
             return channel.session(self._bench, progress)
         return Session(self._bench, channel, BusLog(self._out / "bus.log", log_label(channel)), progress)
 

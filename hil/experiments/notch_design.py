@@ -14,7 +14,7 @@ from hil.bench.design import DesignedAxis, notch_table
 from hil.bench.model import Identified, IdentifiedAxis, with_identified
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
 from hil.design.frequency import Loop
-from hil.design.notch_design import GAIN_ENOUGH, NotchVerdict, RequirementCheck
+from hil.design.notch_design import GAIN_ENOUGH, WORST_RATIO, NotchVerdict, RequirementCheck
 from hil.design.notch_problem import NotchProblem
 from hil.design.notch_search import SearchResult, pooled_verdict, search, workers
 from hil.errors import HilError, NotPossibleError
@@ -220,8 +220,9 @@ class _Series:
         if result.best.is_harmless and result.ratio < GAIN_ENOUGH:
             return None
         self.best = self.best or self.none
-        percent = 100.0 * result.ratio
-        what = f"no filter of order {order} is better than none here: the closest leaves {percent:.0f} % of its tip peak"
+        what = f"no filter of order {order} is better than none here"
+        if result.ratio < WORST_RATIO:
+            what += f": the closest leaves {100.0 * result.ratio:.0f} % of its tip peak"
         raised = [check for check in result.best.missed if check.is_rise]
         if raised:
             what = f"no filter of order {order} is better than none here: the closest raises a peak"

@@ -32,7 +32,7 @@ from hil.recording import BusLog
 
 
 @runtime_checkable
-class SessionMaker(Protocol):
+class SessionSource(Protocol):
     """A channel that brings a kind of session of its own: one whose cycles need no frames."""
 
     def session(self, bench: Bench, progress: Callable[[float], None]) -> "Session":

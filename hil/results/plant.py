@@ -15,9 +15,9 @@ class PlantRequestEntry(ResultPart):
 
     axis: int
     amplitude_nm: float | None
-    low_hz: float
-    high_hz: float
-    bias_rps: float
+    low_hz: float | None
+    high_hz: float | None
+    bias_rps: float | None
     periods: int
     excitation: str
     shape: str

@@ -60,7 +60,15 @@ class DirectSession(Session):
         with_notch_state: bool = False,
         with_torque_offset: bool = False,
     ) -> CyclicExchange:
-        """Prepare the exchange with these axes and the sensor; nothing is sent."""
+        """Prepare the exchange with these axes and the sensor; nothing is sent.
+
+        Args:
+            axes: The axes that take part.
+            period_s: SYNC period.
+            mode: CSP (position set-points) or CST (torque set-points).
+            with_notch_state: Record the state of each drive's first filter.
+            with_torque_offset: Send a torque offset beside each position set-point.
+        """
         return DirectExchange(
             self._direct, self, axes, period_s, mode, with_notch_state=with_notch_state, with_torque_offset=with_torque_offset
         )

@@ -8,8 +8,8 @@ from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant
 from hil.robot_tables import ORDERS, amplitude_key, phase_key
 from plant_emulator.rehearsal.record import Cell, QuantityRecord
-from plant_emulator.rehearsal.truth import true_f_al_hz, true_resonance_hz
-from plant_emulator.robots.robot import Robot, RobotAxis
+from plant_emulator.rehearsal.truth import plant_damping, true_f_al_hz, true_resonance_hz
+from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
 from plant_emulator.robots.stable import antiresonance_hz
 
 
@@ -55,7 +55,7 @@ def quantities_of(
     found = _plant(axis, None if known is None else known.plant)
     error = None if known is None else known.ate
     found["accelerometer_delay_s"] = QuantityRecord(
-        robot.accelerometer.delay_s,
+        sensor_delay_s(robot.accelerometer),
         None if error is None else error.accelerometer_delay_s,
         None if error is None else error.standard_error.get("accelerometer_delay_s"),
     )
@@ -63,15 +63,20 @@ def quantities_of(
     return found | _error(axis, None if taught is None else taught.ate, "learnt_")
 
 
+def sensor_delay_s(sensor: RobotAccelerometer) -> float:
+    """Time by which slow vibrations come late: the delay, and that of the low-pass, √2/ω."""
+    lowpass_s = 0.0 if sensor.lowpass_hz is None else math.sqrt(2.0) / (2.0 * math.pi * sensor.lowpass_hz)
+    return sensor.delay_s + lowpass_s
+
+
 def _plant(axis: RobotAxis, plant: IdentifiedPlant | None) -> dict[str, QuantityRecord]:
-    omega = 2.0 * math.pi * antiresonance_hz(axis)
     true = {
         "motor_inertia_kg_m2": axis.motor_inertia_kg_m2,
         "arm_inertia_kg_m2": axis.arm_inertia_kg_m2,
         "gear_stiffness_nm_rad": axis.gear_stiffness_nm_rad,
         "antiresonance_hz": antiresonance_hz(axis),
         "resonance_hz": true_resonance_hz(axis),
-        "damping": (axis.gear_damping_nm_s_rad + axis.arm_damping_nm_s_rad) / (2.0 * axis.arm_inertia_kg_m2 * omega),
+        "damping": plant_damping(axis),
         "coulomb_friction_nm": axis.coulomb_friction_nm,
         "gravity_moment_nm": abs(axis.gravity_moment_nm),
     }

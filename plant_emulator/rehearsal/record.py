@@ -116,7 +116,8 @@ class PathRecord:
         tips: True tip in mm by treatment, then by order; an order whose resonance the motion does not pass has none.
         floor: The same without a transmission error, by order.
         probes: Wrong corrections, by `PROBES`.
-        cpu_s: Processor time of the walk.
+        cpu_s: Processor time of the path.
+        survey_cpu_s: Processor time of measuring the truth, and of the wrong corrections.
         simulated_s: Time of the robot's world.
     """
 
@@ -127,10 +128,11 @@ class PathRecord:
     facts: dict[str, Cell] = field(default_factory=dict)
     steps: dict[str, StepRecord] = field(default_factory=dict)
     quantities: dict[str, QuantityRecord] = field(default_factory=dict)
-    tips: dict[str, dict[int, float]] = field(default_factory=dict)
-    floor: dict[int, float] = field(default_factory=dict)
+    tips: dict[str, dict[float, float]] = field(default_factory=dict)
+    floor: dict[float, float] = field(default_factory=dict)
     probes: dict[str, ProbeRecord] = field(default_factory=dict)
     cpu_s: float = 0.0
+    survey_cpu_s: float = 0.0
     simulated_s: float = 0.0
 
     @property
@@ -191,7 +193,7 @@ class PathRecord:
             cells[f"probe_{name}_worst_ratio"] = probe.worst_ratio
         cells |= {"end_treatment": self.end_treatment, "end_tip_mm": self.end_tip_mm, "goal_mm": self.goal_mm}
         cells |= {"is_quiet": self.is_quiet, "worse": ", ".join(self.worse)}
-        cells |= {"cpu_s": self.cpu_s, "simulated_s": self.simulated_s}
+        cells |= {"cpu_s": self.cpu_s, "survey_cpu_s": self.survey_cpu_s, "simulated_s": self.simulated_s}
         return cells
 
 

@@ -1,6 +1,6 @@
-"""The survey of a robot: its true tip under each treatment, its floor, and what the trial makes of wrong corrections."""
+"""The survey of a robot: its true tip under each treatment, and its floor."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
 from hil.bench.bench import Bench
@@ -8,13 +8,13 @@ from hil.bench.design import with_designs
 from hil.bench.model import Identified
 from hil.errors import HilError
 from hil.experiments.cancellation.cancellation import cancellation_on
+from hil.experiments.cancellation.effect import Part
 from hil.experiments.motions import constant_acceleration
 from hil.experiments.treatment import Knowledge
 from hil.master.motion import FilterUse
 from hil.master.session import Session
 from hil.recording import Recording
 from plant_emulator.rehearsal.direct import DirectChannel
-from plant_emulator.rehearsal.record import ProbeRecord
 from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, true_f_al_hz, without_error
 from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
@@ -33,8 +33,14 @@ class Survey:
         self._robot, self._bench, self._axis = robot, bench, axis
         self._f_al_hz = true_f_al_hz(bench, robot, axis)
 
-    def tip(self, treatment: str, knowledge: Knowledge) -> dict[int, float]:
-        """True tip by order under a treatment, in mm."""
+    def tip(self, treatment: str, knowledge: Knowledge, left_out: Collection[Part] = ()) -> dict[float, float]:
+        """True tip by order under a treatment, in mm.
+
+        Args:
+            treatment: Name as in `record.TREATMENTS`.
+            knowledge: What the path has found.
+            left_out: Orders of a cancellation that its trial has left out.
+        """
         bench, model = self._bench, None
         filters: FilterUse = "none"
         if treatment == "notch":
@@ -45,24 +51,30 @@ class Survey:
             model = knowledge.identified
         elif treatment == "cancellation_learnt":
             model = knowledge.learnt
-        recording = self._record(self._robot, bench, filters, model)
-        return {} if recording is None else tip_by_order_mm(recording, self._axis, self._f_al_hz)
+        return self._tip(self._robot, bench, filters, model, left_out)
 
-    def floor(self) -> dict[int, float]:
+    def cancelled(self, model: Identified, left_out: Collection[Part]) -> dict[float, float]:
+        """True tip by order under the cancellation of a model, in mm."""
+        return self._tip(self._robot, self._bench, "none", model, left_out)
+
+    def floor(self) -> dict[float, float]:
         """The same without a transmission error."""
-        recording = self._record(without_error(self._robot), self._bench, "none", None)
+        return self._tip(without_error(self._robot), self._bench, "none", None, ())
+
+    def _tip(
+        self, robot: Robot, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]
+    ) -> dict[float, float]:
+        recording = self._record(robot, bench, filters, model, left_out)
         return {} if recording is None else tip_by_order_mm(recording, self._axis, self._f_al_hz)
 
-    def probes(self, knowledge: Knowledge) -> dict[str, ProbeRecord]:
-        """What the trial makes of wrong corrections, by the names of `record.PROBES`."""
-        return {}
-
-    def _record(self, robot: Robot, bench: Bench, filters: FilterUse, model: Identified | None) -> Recording | None:
+    def _record(
+        self, robot: Robot, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]
+    ) -> Recording | None:
         """Run the user's motion; None where the product refuses or stops it."""
-        with _session(quiet(robot), bench) as session:
+        with session_on(quiet(robot), bench) as session:
             motion = constant_acceleration(bench, self._axis, bench.bus.sync_period_s)
             try:
-                adder = None if model is None else cancellation_on(session, model, motion).adder()
+                adder = None if model is None else cancellation_on(session, model, motion).without(left_out).adder()
                 result = session.run(motion, filters, "drive", adder, shows_filter=False)
             except HilError:
                 return None
@@ -70,8 +82,8 @@ class Survey:
 
 
 @contextmanager
-def _session(robot: Robot, bench: Bench) -> Iterator[Session]:
-    """A session on a robot of its own."""
-    with DirectChannel(World(robot)).session(bench) as session:
+def session_on(robot: Robot, bench: Bench) -> Iterator[Session]:
+    """A session on a robot of its own, brought up."""
+    with DirectChannel(World(robot), robot.bus.bitrate).session(bench) as session:
         session.bring_up()
         yield session

@@ -54,7 +54,13 @@ def true_resonance_hz(axis: RobotAxis) -> float:
     return math.sqrt(axis.gear_stiffness_nm_rad * both) / (2.0 * math.pi)
 
 
-def tip_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[int, float]:
+def plant_damping(axis: RobotAxis) -> float:
+    """ζ of the arm on its gear, (D_g + D_l)/(2 J_l ω_a)."""
+    omega = math.sqrt(axis.gear_stiffness_nm_rad / axis.arm_inertia_kg_m2)
+    return (axis.gear_damping_nm_s_rad + axis.arm_damping_nm_s_rad) / (2.0 * axis.arm_inertia_kg_m2 * omega)
+
+
+def tip_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[float, float]:
     """Largest tip displacement in each order's window of a rising ramp, mm; an order whose resonance it does not pass has none.
 
     Args:
@@ -69,7 +75,7 @@ def tip_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[int
     speed = np.abs(motor_speed_rps(recording, axis))
     top = int(np.argmax(speed))
     rising = np.arange(len(speed)) < top - round(END_S / period)
-    found: dict[int, float] = {}
+    found: dict[float, float] = {}
     for order in ORDERS:
         low, high = 0.76 * f_al_hz / order, 1.27 * f_al_hz / order
         inside = rising & (speed >= low) & (speed <= high)
@@ -78,7 +84,7 @@ def tip_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[int
     return found
 
 
-def ratio_of_tips(after: Mapping[int, float], before: Mapping[int, float]) -> float | None:
+def ratio_of_tips(after: Mapping[float, float], before: Mapping[float, float]) -> float | None:
     """Largest rise of any order as a ratio, tips below 0.002 mm apart."""
     ratios = [after[order] / max(before[order], 0.002) for order in after if order in before]
     return max(ratios, default=None)

@@ -89,7 +89,7 @@ class Ranges:
     softness: Range = (0.0, 0.3)
     noise: Range = (0.2, 5.0)
     sensor_delay_s: Range = (0.0, 10e-3)
-    mounting_hz: Range = (80.0, 400.0)
+    mounting_hz: Range = (200.0, 800.0)
     tip_lever_m: Range = (0.25, 0.9)
     sync_period_s: tuple[float, ...] = (0.001, 0.002, 0.004, 0.008)
     bitrates: tuple[int, ...] = (500_000, 1_000_000)
@@ -232,8 +232,8 @@ def _axis(draws: _Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) 
 
 def _error(draws: _Draws, ranges: Ranges) -> TransmissionErrorTable:
     """Transmission error with any phases."""
-    phases = {order: draws.even(phase_key(order), (0.0, 360.0)) for order in ORDERS}
-    amplitudes = {order: draws.even(f"a{order}", getattr(ranges, amplitude_key(order))) for order in ORDERS}
+    phases: dict[float, float] = {order: draws.even(phase_key(order), (0.0, 360.0)) for order in ORDERS}
+    amplitudes: dict[float, float] = {order: draws.even(f"a{order}", getattr(ranges, amplitude_key(order))) for order in ORDERS}
     return TransmissionErrorTable.of(amplitudes, phases)
 
 

@@ -128,5 +128,5 @@ def _enter(result: AteResult, identification: Identification, part: IdentifiedEr
         agreement=tuple(estimate.agreement),
     )
     result.history = tuple(AteStandardErrors(standard_error=standard_errors(each.estimate)) for each in identification.passes)
-    result.is_within_goal = not identification.missed
+    result.is_within_goal = identification.is_good
     result.notes = tuple(identification.notes)

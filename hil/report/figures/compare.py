@@ -93,7 +93,7 @@ def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: in
     runs = [run for row in rows if row.loop == rows[0].loop and (run := _drawn(material, row)) is not None]
     title = f"{robot.name}, axis" if several else "Axis"
     key = f"orders-{robot.directory}-{key_of(experiment, axis)}"
-    return order_maps(key, f"{title} {axis}: which order shakes the tip", runs[:MAPPED], axis, material.f_al_hz.get(axis))
+    return order_maps(key, f"{title} {axis}: which order shakes the tip", runs[:MAPPED], axis, material.f_al(axis))
 
 
 def _drawn(material: Material, row: ComparisonRow) -> DrawnRun | None:

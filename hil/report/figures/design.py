@@ -223,8 +223,8 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
         "Tip on the ramp, predicted",
         "Figs. 13 and 14",
         "computed",
-        "The bench file's constant acceleration up, and the same down, in a simulation of the believed plant "
-        f"with the law at its sampling time, without friction: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: "
+        "The bench file's constant acceleration up, and the same down, in a simulation of the believed plant with "
+        f"the law at its sampling time: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: "
         "the speeds in which it is judged; dotted: the specification. At constant speed the filter does better: on a ramp it has "
         "no time to settle.",
         style.to_svg(figure, "ramps"),

@@ -140,8 +140,8 @@ def requirements(outcome: NotchDesignOutcome) -> ReportTable:
     header = ("what", "worst", "asked", "unit", "at (rev/s)", "plant", "holds")
     step = f"every {outcome.f_al_hz / VERDICT_STEPS:.2g} rev/s"
     caption = (
-        f"The worst of all plants and of all motor speeds from rest to the speed limit, {step}. Peaks over those without a filter: "
-        "on the bench file's ramp, and an order's largest of all ramps."
+        f"The worst of all plants and of all motor speeds from rest to the speed limit, {step}. Peaks over those without a "
+        "filter: on the bench file's ramp, and an order's largest of all ramps."
     )
     return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 3, 5, 6}), caption, groups=groups)
 

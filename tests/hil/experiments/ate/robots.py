@@ -13,11 +13,11 @@ from hil.bench.bench import AccelerometerTable, AxisTable, Bench, Bus, Limits
 from hil.control.trajectory import ConstantAcceleration
 from hil.master.motion import Motion, RunResult
 from hil.recording import Recording
-from hil.robot_tables import ConstantAccelerationMotion, Control
+from hil.robot_tables import ConstantAccelerationMotion, Control, TransmissionErrorTable
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
 from plant_emulator.physics.tip import TipSensor
-from plant_emulator.robots.robot import GearTransmissionError, Robot, RobotAccelerometer, RobotAxis
+from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
 
 AXIS = 2
 SETTLE_S = 2.0
@@ -60,7 +60,7 @@ def built(name: str = "", seed: int = 1, **changes: Any) -> Robot:
         arm_damping_nm_s_rad=0.12 * damping, gear_stiffness_nm_rad=arm * omega**2, gear_damping_nm_s_rad=0.88 * damping,
         coulomb_friction_nm=0.015 * it["friction"] * limit, static_friction_nm=0.02 * it["friction"] * limit,
         torque_limit_nm=limit, encoder_counts_per_rev=2 ** it["bits"], tip_lever_m=0.6,
-        ate=GearTransmissionError(a1_arcsec=it["a1"], a2_arcsec=it["a2"], a4_arcsec=it["a4"], **phases),
+        ate=TransmissionErrorTable(a1_arcsec=it["a1"], a2_arcsec=it["a2"], a4_arcsec=it["a4"], **phases),
         **({"gravity_moment_nm": 6.0 * arm} | {key: it[key] for key in options if key in it}),
     )  # fmt: skip
     sensor = RobotAccelerometer(

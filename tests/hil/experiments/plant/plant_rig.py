@@ -1,7 +1,6 @@
 """A session without a bus: the emulated axis in one process, for identifications that look at the numbers."""
 
 import math
-from collections import deque
 from types import SimpleNamespace
 from typing import Any
 
@@ -39,7 +38,7 @@ class FakeSession:
 
     def __init__(self, bench: Bench, number: int, *, seed: int = 1, tip_gain: float = 1.0, sensor_range: float = 19.62,
                  missing: tuple[int, ...] = (), sensor_missed: int = 0, profile: str = "emulated_drive",
-                 robot: Robot | None = None, sensor_delay_s: float = 0.0) -> None:  # fmt: skip
+                 robot: Robot | None = None) -> None:  # fmt: skip
         rng = np.random.default_rng(seed)
         if robot is None:
             robot = load_robot("reference")
@@ -52,7 +51,7 @@ class FakeSession:
         self.robot, table = robot, robot.axis[number]
         self.bench, self.number, self.motions = bench, number, list[Motion]()
         self._scaling = Scaling(table.encoder_counts_per_rev, table.rated_torque)
-        self._rng, self._tip_gain, self._range, self._delay_s = rng, tip_gain, sensor_range, sensor_delay_s
+        self._rng, self._tip_gain, self._range = rng, tip_gain, sensor_range
         self._missing, self._sensor_missed = missing, sensor_missed
         drive = SimpleNamespace(position_rad=lambda: 0.0, scaling=self._scaling, profile=Profile.load(profile))
         self.axes = {number: drive}
@@ -81,21 +80,13 @@ class FakeSession:
         for _ in range(round(0.3 / sync)):
             axes.set_point(0, int(targets[0]))
             axes.advance(periods)
-        late = round(self._delay_s / control_s)
-        whole, part = late // periods, late % periods
-        felt = deque([0.0] * (whole + 1), maxlen=whole + 1)
         for row in range(count):
-            if not part:
-                felt.append(self._tip_gain * axes.tip_acceleration()[2])
-            tip = sensor.sample((0.0, 0.0, felt[0]))[2]
+            tip = sensor.sample((0.0, 0.0, self._tip_gain * axes.sensed_acceleration()[2]))[2]
             torque = round(float(axes.motion[0]["torque_nm"]) / quantum) * quantum
             table[row] = axes.counts(0) / scaling.counts_per_rad, torque, tip
             axes.set_point(0, int(targets[row]))
             axes.motion[0]["torque_offset_nm"] = round(float(offsets[row]) / quantum) * quantum
-            axes.advance(periods - part)
-            if part:
-                felt.append(self._tip_gain * axes.tip_acceleration()[2])
-                axes.advance(part)
+            axes.advance(periods)
         missing = np.zeros(count)
         missing[[row for row in self._missing if row < count]] = 1.0
         columns = {

@@ -1,0 +1,92 @@
+"""Wrong corrections, and what the trial makes of them: it must let none through."""
+
+import cmath
+import math
+from collections.abc import Mapping
+
+from hil.bench.bench import Bench
+from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError, IdentifiedPlant, with_identified
+from hil.errors import HilError
+from hil.experiments.cancellation.cancellation import cancellation_on
+from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.trial import choose
+from hil.experiments.motions import constant_acceleration
+from hil.robot_tables import ORDERS, PlantTable, TransmissionErrorTable
+from plant_emulator.rehearsal.estimates import sensor_delay_s
+from plant_emulator.rehearsal.record import PROBES, ProbeRecord
+from plant_emulator.rehearsal.survey import Survey, session_on
+from plant_emulator.rehearsal.truth import plant_damping, ratio_of_tips, true_resonance_hz
+from plant_emulator.robots.robot import Robot
+from plant_emulator.robots.stable import antiresonance_hz, draw
+
+WRONG_FROM = 0.99
+"""Fraction of an order's error that a correction leaves, from which on it is wrong: 60° of phase leave all of it."""
+
+
+def probe(robot: Robot, bench: Bench, axis: int, survey: Survey, before: Mapping[float, float]) -> dict[str, ProbeRecord]:
+    """What the trial makes of wrong corrections, by the names of `record.PROBES`; the plant in each is the true one.
+
+    Args:
+        robot: The robot, with all of its noise.
+        bench: Its bench file.
+        axis: Number of the axis.
+        survey: Its survey.
+        before: True tip by order without a treatment.
+    """
+    found = {}
+    with session_on(robot, bench) as session:
+        for name, table in wrong_corrections(robot, axis).items():
+            model = _model(robot, bench, axis, table)
+            session.adopt(with_identified(bench, model))
+            motion = constant_acceleration(bench, axis, bench.bus.sync_period_s)
+            try:
+                choice = choose(session, cancellation_on(session, model, motion), motion, shows_filter=False)
+            except HilError as error:
+                found[name] = ProbeRecord(None, f"{type(error).__name__}: {error}")
+                continue
+            verdicts = choice.verification.verdicts
+            used = {verdict.part.order for verdict in verdicts if verdict.verdict == "accepted"}
+            words = "; ".join(verdict.words for verdict in verdicts)
+            if not used & wrong_orders(robot.axis[axis].ate, table):
+                found[name] = ProbeRecord(accepted=False, words=words)
+                continue
+            left_out = [Part(axis, verdict.part.order) for verdict in verdicts if verdict.part.order not in used]
+            found[name] = ProbeRecord(True, words, ratio_of_tips(survey.cancelled(model, left_out), before))
+    return {name: found[name] for name in PROBES if name in found}
+
+
+def wrong_corrections(robot: Robot, axis: int) -> dict[str, TransmissionErrorTable]:
+    """Wrong transmission errors by the names of `record.PROBES`; an order that the gear lacks is not made wrong."""
+    true = robot.axis[axis].ate
+    amplitudes, phases = true.amplitudes_arcsec(), true.phases_deg()
+    made = {}
+    for order in amplitudes.keys() & set(ORDERS):
+        for angle in (60, 90, 180):
+            turned = {**phases, order: phases[order] + angle}
+            made[f"phi{order}_off_{angle}"] = TransmissionErrorTable.of(amplitudes, turned)
+        made[f"a{order}_times_3"] = TransmissionErrorTable.of({**amplitudes, order: 3.0 * amplitudes[order]}, phases)
+    made["another_robot"] = draw(robot.seed + 1).axis[min(draw(robot.seed + 1).axis)].ate
+    return made
+
+
+def wrong_orders(true: TransmissionErrorTable, assumed: TransmissionErrorTable) -> set[float]:
+    """Orders of a correction that leave about all of their error, or more."""
+    wrong: set[float] = set()
+    known, turned = true.amplitudes_arcsec(), true.phases_deg()
+    for order, amplitude in assumed.amplitudes_arcsec().items():
+        there = cmath.rect(known.get(order, 0.0), math.radians(turned.get(order, 0.0)))
+        taken = cmath.rect(amplitude, math.radians(assumed.phases_deg()[order]))
+        if abs(there - taken) >= WRONG_FROM * abs(there):
+            wrong.add(order)
+    return wrong
+
+
+def _model(robot: Robot, bench: Bench, number: int, error: TransmissionErrorTable) -> Identified:
+    """A model file with the true plant and an assumed error."""
+    axis = robot.axis[number]
+    values = PlantTable(**{name: getattr(axis, name) for name in PlantTable.model_fields})
+    plant = IdentifiedPlant(
+        values=values, antiresonance_hz=antiresonance_hz(axis), resonance_hz=true_resonance_hz(axis), damping=plant_damping(axis)
+    )
+    part = IdentifiedError(values=error, accelerometer_delay_s=sensor_delay_s(robot.accelerometer))
+    return Identified(robot=bench.name, axis={number: IdentifiedAxis(plant=plant, ate=part)})
