@@ -26,6 +26,7 @@ QUICKLY = {
 MAY_REFUSE = {
     "hil plan": "",
     "hil run constant-acceleration --axis 2 --bench": "",
+    "hil identify ate": "",
     "hil design notch": "design.toml",
     "hil run constant-acceleration --axis 2 --treatment notch-designed": "",
     "hil compare": "",

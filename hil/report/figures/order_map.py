@@ -13,7 +13,6 @@ from hil.analysis import motor_speed_rps
 from hil.design.order_map import OrderMap, order_map
 from hil.recording import Recording
 from hil.report import palette, style
-from hil.report.drawn_run import DrawnRun
 from hil.report.style import Drawing, Real
 
 ORDERS: Real = np.linspace(0.5, 10.0, 96)
@@ -30,17 +29,17 @@ RAYS = (1, 2, 4)
 """Orders that are drawn as rays over frequency."""
 
 
-def order_maps(key: str, title: str, runs: Sequence[DrawnRun], axis: int, f_al: float | None) -> Drawing | None:
+def order_maps(key: str, title: str, runs: Sequence[tuple[str, Recording]], axis: int, f_al: float | None) -> Drawing | None:
     """Figure of the tip's vibration over motor speed and order, a panel for each run, all in one scale of colours.
 
     Args:
         key: Anchor of the figure.
         title: Title of the figure.
-        runs: Runs of one constant acceleration.
+        runs: Recordings of ramps, each with its name.
         axis: Axis that moved.
         f_al: Peak of |G_al| in Hz; None where it is not known.
     """
-    maps = [(run, found) for run in runs if (found := ramp_map(run.recording, axis)) is not None]
+    maps = [(name, found) for name, recording in runs if (found := ramp_map(recording, axis)) is not None]
     top = max((float(np.nanmax(found.amplitude)) for _, found in maps), default=0.0)
     if top <= 0.0:
         return None
@@ -57,9 +56,9 @@ def order_maps(key: str, title: str, runs: Sequence[DrawnRun], axis: int, f_al: 
             for panel in shown:
                 panel.set_visible(False)
             continue
-        run, found = maps[number]
+        name, found = maps[number]
         _draw(shown[0], found, levels, f_al)
-        shown[0].set_title(run.label)
+        shown[0].set_title(name)
         if has_frequencies:
             _draw_frequencies(shown[1], found, levels, f_al)
     for panel in panels[-1, :]:
