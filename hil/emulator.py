@@ -57,11 +57,11 @@ class EmulatorProcess:
     The emulator ends when our end of its standard input closes, so that it never outlives this process.
     """
 
-    def __init__(self, robot: str) -> None:
-        """Name the robot: a file, or `reference`."""
+    def __init__(self, robot: str, bitrate: int | None = None) -> None:
+        """Name the robot, a file or `reference`, and the bit rate of its bus; None for an ideal one."""
         self.robot = robot
         self._directory = tempfile.TemporaryDirectory(prefix="hil-")
-        self.address = Address(LOCAL, str(Path(self._directory.name) / "robot.sock"))
+        self.address = Address(LOCAL, str(Path(self._directory.name) / "robot.sock"), bitrate)
         self._process: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> Self:

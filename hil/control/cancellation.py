@@ -123,10 +123,12 @@ class CancellationTable:
         """The largest torque offset up to a motor speed."""
         return self._largest(self.torque, up_to_rps)
 
-    def largest_rate_rps(self, up_to_rps: float = math.inf) -> float:
-        """The fastest change of the addition to the set-point, in rev/s, up to a motor speed."""
-        turning = np.asarray(self.orders)[:, np.newaxis] * self.speeds_rps * self.reference
-        return self._largest(turning, up_to_rps)
+    def largest_speed_rps(self, up_to_rps: float) -> float:
+        """The fastest set-point of a motion up to a motor speed, in rev/s: that of the motion, and the change of the addition."""
+        speeds = np.minimum(self.speeds_rps, up_to_rps)
+        turning = np.asarray(self.orders)[:, np.newaxis] * speeds * self.reference
+        inside = self.speeds_rps <= up_to_rps + self.step_rps
+        return float(np.max((speeds + np.sum(np.abs(turning), axis=0))[inside]))
 
     def _largest(self, table: Complex, up_to_rps: float) -> float:
         inside = self.speeds_rps <= up_to_rps + self.step_rps  # between two speeds it is between their values

@@ -5,8 +5,8 @@ from typing import Literal
 from pydantic import Field
 
 from hil.bench.model import IdentifiedError
-from hil.design.ate_identification import Agreement
-from hil.design.ate_model import Arm, Sensing
+from hil.design.ate.identification import Agreement
+from hil.design.ate.model import Arm, Sensing
 from hil.results.base import MeasuredResult, ResultPart
 from hil.results.runs import RunTiming
 
@@ -68,7 +68,7 @@ class AteRun(ResultPart):
 
 
 class AteFit(ResultPart):
-    """Fit of all passes together; the fields are those of `hil.design.ate_identification.JointEstimate`."""
+    """Fit of all passes together; the fields are those of `hil.design.ate.identification.JointEstimate`."""
 
     delay_s: float
     delay_error_s: float

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.bench import Limits
-from hil.design.ate_identification import DELAY_S, JointEstimate
+from hil.design.ate.identification import DELAY_S, JointEstimate
 from hil.errors import HilError
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.ate.request import SEEN_SIGMAS
@@ -55,7 +55,7 @@ class AteNotIdentifiedError(HilError):
             remedy: Advice, in words; empty for none.
             at_most: True where `needed` is an upper bound.
         """
-        self.what, self.value, self.needed, self.unit, self.remedy = what, value, needed, unit, remedy
+        self.what, self.value, self.needed, self.unit, self.remedy, self.at_most = what, value, needed, unit, remedy, at_most
         suffix, tail = f" {unit}" if unit else "", f"; {remedy}" if remedy else ""
         bound = f"at most {needed:.4g}{suffix} is allowed" if at_most else f"at least {needed:.4g}{suffix} is needed"
         super().__init__(f"not identified: {what} is {value:.4g}{suffix}, {bound}{tail}")

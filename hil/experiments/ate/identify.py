@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError
-from hil.design.ate_identification import JointEstimate
-from hil.design.ate_model import Sweep
-from hil.design.ate_passes import identify_passes
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Sweep
+from hil.design.ate.passes import identify_passes
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import (
     AteNotIdentifiedError,
     check_accelerometer,
-    check_estimate,
     check_moved,
     check_run,
     factor_remark,
@@ -33,10 +32,10 @@ from hil.experiments.ate.motion import (
     end_speed,
     further_end,
     ramps,
-    room_rev,
     too_short,
     with_room,
 )
+from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.request import (
     AteRequest,
@@ -164,14 +163,24 @@ def identify_on(
         made = _fitted(bench, request, knowledge, identification, motion, result.recording)
         identification.passes.append(made)
         left = request.passes - number
-        check_estimate(made.estimate, sensorless=request.sensorless, passes_left=left)
+        watch = _watch(identification, bench, request, knowledge)
+        checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
         is_through = _is_through(bench, axis, made, passes_left=left)
         identification.misses = request.goal.missed(made.estimate)
         if is_through and not _curable(identification, bench, axis):
             break
         acceleration, end = _next_ramp(bench, axis, identification, acceleration)
     _remark(identification, bench, request, knowledge)
+    if not request.sensorless:
+        identification.notes += watch.notes(identification.estimate, watch.scan(identification.estimate))
     return identification
+
+
+def _watch(identification: Identification, bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> OrderWatch:
+    """The passes so far, to be looked through for orders."""
+    sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
+    last = identification.passes[-1].ramps.trajectory.acceleration_rps_s
+    return OrderWatch(bench, request.axis, sensing, [each.sweep for each in identification.passes], last)
 
 
 def _fitted(
@@ -317,12 +326,6 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
             f"the gear is no spring (hysteresis, soft wind-up): its resonance depends on the size of the vibration "
             f"({estimate.arm.resonance_hz:.2f} Hz{also}), which the standard errors contain and more passes do not change"
         )
-    identification.notes += [
-        f"order {order:g} meets the resonance at {estimate.arm.resonance_hz / order:.1f} rev/s, beyond the end of the ramps "
-        f"(speed_rps is {table.limits.speed_rps:g}, the travel {room_rev(table):.0f} rev): A_{order:g} is known from below it"
-        for order in request.orders
-        if not identification.is_reached(order) and is_seen(estimate, order)
-    ]
 
 
 def standard_errors(estimate: JointEstimate) -> dict[str, float]:

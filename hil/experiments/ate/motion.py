@@ -26,6 +26,7 @@ ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
 """Acceleration of a first pass, and the arm's frequency for which it is meant; it goes with the square of the frequency."""
 SLOWEST_RPS_S = 0.3
 DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
+LEAST_END_RPS = 1.0
 SPEED_FRACTION = 0.95
 """Fraction of the speed limit that a ramp uses."""
 DWELL_S, TAIL_S = 0.3, 0.5
@@ -89,13 +90,27 @@ def acceleration_for(bench: Bench, arm_hz: float | None) -> float:
 
 
 def with_room(bench: Bench, axis: int, acceleration_rps_s: float, end_rps: float) -> float:
-    """An acceleration with which a ramp to a speed has room: the given one, or more, up to the deceleration."""
+    """An acceleration with which a ramp to a speed has room: the given one, or more, up to the deceleration.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        acceleration_rps_s: Acceleration that is wanted.
+        end_rps: Speed at the ramp's end.
+    """
     least = 1.001 * slowest(bench.axis[axis], deceleration(bench), end_rps)
     return max(acceleration_rps_s, min(least, deceleration(bench)))
 
 
 def further_end(bench: Bench, axis: int, arm_hz: float, order: float) -> float | None:
-    """End speed of a ramp in which a low order passes the resonance; None where speed limit or travel do not allow it."""
+    """End speed of a ramp in which a low order passes the resonance; None where speed limit or travel do not allow it.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        arm_hz: f_a.
+        order: The order.
+    """
     end = min(FIRST_ORDER_END * arm_hz / order, SPEED_FRACTION * bench.axis[axis].limits.speed_rps)
     has_room = slowest(bench.axis[axis], deceleration(bench), end) < deceleration(bench)
     return end if has_room and end >= PASSED * arm_hz / order else None
@@ -138,6 +153,27 @@ def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float 
             "wider position limits are needed"
         )
     return reached
+
+
+def furthest_end(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float | None) -> float:
+    """End speed of a ramp as `end_speed` gives it, or as near to f_m2 as the limits allow.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        acceleration_rps_s: Acceleration of the ramp.
+        arm_hz: f_a; None where it is not known.
+
+    Raises:
+        NotPossibleError: There is no room for any ramp.
+    """
+    reached = end_speed(bench, axis, acceleration_rps_s, None)
+    if arm_hz is None:
+        return reached
+    room = max(room_rev(bench.axis[axis]), 0.0)
+    by_room = math.sqrt(2.0 * room / (1.0 / acceleration_rps_s + 1.0 / deceleration(bench)))
+    wanted = max(END_OVER_RESONANCE * arm_hz / 2.0, LEAST_END_RPS)
+    return min(wanted, SPEED_FRACTION * bench.axis[axis].limits.speed_rps, by_room)
 
 
 def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float, reached_rps: float) -> str:

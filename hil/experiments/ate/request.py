@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass, field, replace
 
 from hil.bench.bench import Bench
-from hil.bench.model import Identified
-from hil.design.ate_identification import JointEstimate
-from hil.design.ate_misfit import BEND
-from hil.design.ate_model import Arm, Sensing
+from hil.bench.model import SIGNIFICANT_SIGMAS, Identified
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.misfit import BEND
+from hil.design.ate.model import Arm, Sensing
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import END_OVER_RESONANCE, acceleration_for, end_speed, with_room
 from hil.robot_tables import ORDERS, PlantTable
@@ -82,7 +82,7 @@ class Goal:
         return missed
 
 
-SEEN_SIGMAS = 3.0
+SEEN_SIGMAS = SIGNIFICANT_SIGMAS
 """Least ratio of an amplitude to its standard error; one with less is not entered into a model file."""
 
 

@@ -17,6 +17,7 @@ from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.master.motion import RunResult
 from hil.reporter import SILENT, Reporter
 from hil.results.learning import LearningResult, LearningRun
+from hil.robot_tables import ORDERS
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class LearnRequest:
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         note: Load, temperature: goes into the model file beside the date.
         motor_inertia_kg_m2: J_m from a data sheet, of one axis, where no plant is known.
+        orders: Orders that are learnt.
     """
 
     axes: tuple[int, ...]
@@ -38,6 +40,7 @@ class LearnRequest:
     actuation: Actuation = "reference"
     note: str = ""
     motor_inertia_kg_m2: float | None = None
+    orders: tuple[float, ...] = ORDERS
 
     def bus_demand(self, bench: Bench, axis: int) -> BusDemand:
         """Demand of an axis' passes on the bus."""
@@ -107,6 +110,7 @@ def learn_on_bus(
                 acceleration_rps_s=request.acceleration_rps_s,
                 actuation=request.actuation,
                 motor_inertia_kg_m2=request.motor_inertia_kg_m2,
+                orders=request.orders,
                 keep=_Keeper(measurement, axis),
                 reporter=reporter,
             )
@@ -182,6 +186,7 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
         )
         late = f"; the motor follows {delay_ms:.2f} ms later than known" if delay_ms else ""
         lines += [f"axis {axis}: left out: {words}" for words in learnt.left_out.values()]
+        lines += [f"axis {axis}: note: {words}" for words in learnt.notes]
         lines.append(
             f"axis {axis}: {orders}; vibration −{100.0 * learnt.reduction_fraction:.0f} % after {len(learnt.passes)} passes{late}"
         )

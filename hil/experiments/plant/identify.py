@@ -262,9 +262,7 @@ class PlantIdentification:
             seen = None if tip is None else tip[rows]
             peaks = measured_peaks((angle - planned.bias_rad)[rows], torque[rows], seen, travel.samples, recording.period_s)
             reach = self.bench.accelerometer.range_m_s2 if tip is not None and self.bench.accelerometer else math.inf
-            room = Room(
-                self.table.limits.torque_nm, float(np.mean(torque[rows])), travel.bias_rps, reach, peaks.rest
-            )
+            room = Room(self.table.limits.torque_nm, float(np.mean(torque[rows])), travel.bias_rps, reach, peaks.rest)
             largest, self._limited_by = room.largest(peaks.driven.times(1.0 / small))
             data = self._spectra(travel, [(planned, recording)])
             try:

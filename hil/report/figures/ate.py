@@ -11,7 +11,7 @@ from scipy import signal
 
 from hil.bench.model import IdentifiedError
 from hil.control.angles import ARCSEC
-from hil.design.ate_model import Arm, Sensing, Sweep, modelled
+from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style

@@ -55,3 +55,12 @@ FACT_NAMES = {
     "current_lag_s": ("Current lag (ms)", 1e3),
 }
 """Name and factor of a fact, for the axis of a figure."""
+
+
+def counted(kind: str, count: int) -> str:
+    """Number of robots of a kind, in words.
+
+    >>> counted("linear", 1), counted("any", 40)
+    ('Linear gears: 1 robot', 'Any gears: 40 robots')
+    """
+    return f"{KIND_NAMES[kind]}: {count} robot{'' if count == 1 else 's'}"

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.design.ate_identification import JointEstimate
-from hil.design.ate_model import Arm
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Arm
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.checks import (
     AteNotIdentifiedError,

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.design.ate_identification import JointEstimate, identify
-from hil.design.ate_misfit import BEND
-from hil.design.ate_model import Arm, Sensing, Sweep
+from hil.design.ate.identification import JointEstimate, identify
+from hil.design.ate.misfit import BEND
+from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
 
 APART_FROM = 0.01

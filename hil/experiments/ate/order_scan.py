@@ -15,30 +15,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.design.ate_identification import JointEstimate, identify
-from hil.design.ate_model import Arm, RampsModel, Sensing, Sweep
+from hil.bench.model import SIGNIFICANT_SIGMAS
+from hil.design.ate.identification import JointEstimate, identify
+from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
 
-SIGNIFICANT_SIGMAS = 3.0
-"""Standard errors from which an amplitude is one: noise alone reaches them in 1.1 % of cases, e^{−9/2}."""
 LOOKED_AT = (0.5, 10.0)
 """Orders among which others are looked for, from and to."""
-STEP, FINE_STEP = 0.125, 0.025
+GRID_STEP, FINE_STEP = 0.125, 0.025
 STANDING_OUT = ((0.003, 20.0), (0.01, 4.0))
 """Fraction of the vibration's power, and power over that of the orders beside it, from which an order is fitted to see: of white
 noise one in 10⁸ is twenty times as strong; high orders are passed within a turn, and show in those beside them too."""
 SEEN_SIGMAS, SEEN_FRACTION, SEEN_LEAVES = 8.0, 0.02, 0.7
 """Standard errors of its amplitude, and fraction of the vibration's power, from which an order is seen, and what its fit leaves
 over at most of what was left over without it."""
-APART, BESIDE = 0.6, 2.5
+APART_ORDERS, BESIDE_ORDERS = 0.6, 2.5
 """Distance in orders from which two are told apart, a resonance lasting two or three turns, and to which they are beside it."""
-NEARLY = 0.9
+NEARLY_AS_GOOD = 0.9
 MOST_SEEN = 3
-TRIED = (1, 2, 3, 4, 5, 6, 8)
+TRIED_ORDERS = (1, 2, 3, 4, 5, 6, 8)
 LITTLE_EXPLAINED, MUCH_BETTER = 0.9, 0.2
-"""Fraction of the vibration below which each order of `TRIED` is fitted too, and the fraction by which it must explain more."""
+"""Fraction of the vibration below which each of `TRIED_ORDERS` is fitted too, and the fraction by which it must explain more."""
 LEAST_OWN = 0.1
 """Part of an order's sine that the fitted orders must not explain."""
 
@@ -146,7 +145,7 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
     """
     scan, seen = _Scan(sweeps, reduction_ratio, sensing), list[SeenOrder]()
     if estimate.explained_by_error < LITTLE_EXPLAINED:
-        tried = [scan.with_order(estimate, order) for order in TRIED if order not in estimate.error.amplitude_arcsec]
+        tried = [scan.with_order(estimate, order) for order in TRIED_ORDERS if order not in estimate.error.amplitude_arcsec]
         better = [fit for fit in tried if fit.explained_by_error > estimate.explained_by_error + MUCH_BETTER]
         if better:
             estimate = max(better, key=lambda fit: fit.explained_by_error)
@@ -201,8 +200,8 @@ class _Scan:
 
     def standing_out(self, estimate: JointEstimate) -> float | None:
         """The order that stands out of what an estimate leaves; None where none does."""
-        fitted = [order for order in estimate.error.amplitude_arcsec if is_significant(estimate, order)]
-        grid = np.arange(LOOKED_AT[0], LOOKED_AT[1] + 1e-9, STEP)
+        fitted = list(estimate.error.amplitude_arcsec)
+        grid = np.arange(LOOKED_AT[0], LOOKED_AT[1] + 1e-9, GRID_STEP)
         model = self.model(estimate, (*fitted, *map(float, grid)))
         motion, columns = model.columns(estimate.arm)
         own = columns[:, : 2 * len(fitted)]
@@ -214,7 +213,7 @@ class _Scan:
         if best is None:
             return None
         distance = np.abs(grid - grid[best])
-        beside = powers[(distance >= APART) & (distance <= BESIDE) & np.isfinite(powers)]
+        beside = powers[(distance >= APART_ORDERS) & (distance <= BESIDE_ORDERS) & np.isfinite(powers)]
         noise = float(np.median(beside)) / math.log(2.0) if len(beside) else math.inf
         if not any(powers[best] >= fraction and powers[best] >= over * noise for fraction, over in STANDING_OUT):
             return None
@@ -222,12 +221,12 @@ class _Scan:
 
     def _named(self, estimate: JointEstimate, basis: Real, order: float) -> float:
         """An order more finely than the grid; a whole number where that does nearly as well."""
-        fine = [float(each) for each in order + np.arange(-1.2 * STEP, 1.2 * STEP + 1e-9, FINE_STEP)]
+        fine = [float(each) for each in order + np.arange(-1.2 * GRID_STEP, 1.2 * GRID_STEP + 1e-9, FINE_STEP)]
         whole = max(1, round(order))
         model = self.model(estimate, (*fine, whole))
         powers = np.nan_to_num(_powers(basis, model.signal, model.columns(estimate.arm)[1]))
         best = int(np.argmax(powers))
-        return whole if powers[-1] >= NEARLY * powers[best] else round(fine[min(best, len(fine) - 1)], 2)
+        return whole if powers[-1] >= NEARLY_AS_GOOD * powers[best] else round(fine[min(best, len(fine) - 1)], 2)
 
 
 def _slopes(model: RampsModel, arm: Arm, count: int) -> list[Real]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 
-from hil.design.ate_model import Arm, Sensing, Sweep, levelled, resolution_rad
+from hil.design.ate.model import Arm, Sensing, Sweep, levelled, resolution_rad
 from hil.design.transmission_error import acceleration_spectrum
 
 Real = NDArray[np.float64]
