@@ -4,7 +4,7 @@ import pytest
 
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
-from hil.errors import HilError
+from hil.errors import HilError, InterruptedRunError
 from hil.reporter import SilentReporter
 from plant_emulator.rehearsal import path
 from plant_emulator.rehearsal.estimates import facts_of, sensor_delay_s
@@ -122,6 +122,14 @@ def test_an_error_that_nobody_expected_is_a_crash_in_the_record(tmp_path, monkey
     record = walk(robot, bench_of(robot), tmp_path, PathOptions(with_probes=False, with_design=False))
     assert (record.steps["plant"].ended, record.steps["plant"].error) == ("crashed", "ZeroDivisionError")
     assert (record.steps["design"].ended, record.steps["design"].words) == ("skipped", "not asked for")
+
+
+def test_a_signal_ends_the_walk_and_is_no_fact_of_the_robot(tmp_path, monkeypatch):
+    robot = draw(3, kind="linear")
+    error = InterruptedRunError("interrupted by SIGTERM", all_disabled=True)
+    monkeypatch.setattr(path, "StepsInProcess", lambda *_: Refusing(error))
+    with pytest.raises(KeyboardInterrupt):
+        walk(robot, bench_of(robot), tmp_path)
 
 
 @pytest.mark.slow
