@@ -36,6 +36,7 @@ DESIGN_EPILOG = epilog(
 class OrderName(StrEnum):
     """Orders of the transmission error that get a filter."""
 
+    FIRST = "1"
     SECOND = "2"
     FOURTH = "4"
     BOTH = "both"
