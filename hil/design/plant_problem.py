@@ -91,9 +91,14 @@ J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT = range(
 
 @dataclass(frozen=True)
 class _Folding:
-    """What folds onto the lines, and first the lines themselves: frequencies, jω, the law, what drives it, and 1/hold of the torque.
+    """What folds onto the lines, and first the lines themselves; all of shape (1 + images, lines).
 
-    All of shape (1 + images, lines).
+    Attributes:
+        frequency_hz: Frequencies f + k/T.
+        jw: Their jω.
+        feedback: The law, with its hold.
+        drive: Demand of the excitation.
+        flat: Inverse of the torque's hold.
     """
 
     frequency_hz: Real
@@ -134,12 +139,18 @@ class PlantProblem:
             # the set-point of a SYNC is reached, in a straight line, with the last control period before the next
             wanted = self.excitation * np.exp(-jw * (sync - control)) * np.sinc(frequency * sync) ** 2
             drive = _reference_path(law, jw, control) * wanted
-        return _Folding(frequency, jw, feedback, np.asarray(drive, dtype=np.complex128), 1.0 / np.sinc(frequency * control))
+        return _Folding(
+            frequency,
+            np.asarray(jw, dtype=np.complex128),
+            feedback,
+            np.asarray(drive, dtype=np.complex128),
+            1.0 / np.sinc(frequency * control),
+        )
 
     # -- what the plant felt and did -----------------------------------------------------------------------------------
 
     def images(self, x: Real) -> tuple[Complex, Complex, Complex, Complex]:
-        """Images of the excitation in the torque, F_k, in the motor angle, Y_k, and at the tip, and the angle that the law foretells.
+        """Images in the torque, F_k, in the motor angle, Y_k, and at the tip, and the motor angle that the law foretells.
 
         Images are summed over k; all of shape (lines,). With a SYNC of 4 ms they are as large as what they lie on, so that they
         take part in every step of the fit.
@@ -192,7 +203,9 @@ class PlantProblem:
     def _tried(self) -> list[Real]:
         """The likeliest of many plants: f_a on a grid, ratios of inertia, and whole inertias about that of the lowest lines."""
         low = slice(0, max(2, len(self.jw) // 20))
-        felt = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], np.zeros_like(self.excitation))
+        felt = self.torque(
+            np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], np.zeros_like(self.excitation)
+        )
         whole = float(np.median(np.abs(felt[low] / (self._measured[0][low] * self.jw[low] ** 2))))
         tried: list[tuple[float, float, Real]] = []
         for f_a in np.geomspace(1.2 * self.data.frequency_hz[0], 0.9 * self.data.frequency_hz[-1], TRIED).tolist():
@@ -214,7 +227,7 @@ class PlantProblem:
         return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0]])
 
     def is_inside(self, x: Real) -> bool:
-        """True where both resonances are in the band, or not far above it: others are what the images of a slow SYNC look like."""
+        """True where both resonances are in the band, or not far above it: others are made of a slow SYNC's images."""
         plant, frequency = self.plant(x), self.data.frequency_hz
         return bool(frequency[0] < plant.antiresonance_hz < frequency[-1] and plant.resonance_hz < OUTSIDE * frequency[-1])
 
