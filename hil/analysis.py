@@ -38,8 +38,13 @@ LINE_END_S, LINE_END_FRACTION = 0.2, 0.1
 """Parts at the beginning and at the end of a line motion in which its tip displacement is not judged; the shorter counts."""
 LINE_BAND_HZ = (0.0, 50.0)
 
+NOISE_MARGIN = 1.5
+"""A vibration up to so many times what noise alone would show is not told apart from it."""
+
 BRAKING_S = 0.12
 """Time before the top of a ramp in which a filter without phase shows the jerk of the braking already."""
+LAST_S = 0.18
+"""Time before the end of a ramp's set-points, by the same and by how far the motor is behind them."""
 
 
 @dataclass(frozen=True)
@@ -65,18 +70,22 @@ def tip_scale(f_al_hz: float) -> TipScale:
     return TipScale(f_al_hz, _times(f_al_hz, BAND_FACTORS), _times(f_al_hz, PEAK_BAND_FACTORS), windows)
 
 
-def judged_orders(scale: TipScale | None, end_rps: float) -> tuple[int, ...]:
-    """Orders in whose windows a ramp is judged: all of the scale, but the first only where the ramp reaches it.
+def last_rps(end_rps: float, acceleration_rps_s: float) -> float:
+    """Motor speed up to which a ramp shows the arm: the motor is behind its set-points, and the braking comes before its time."""
+    return end_rps - LAST_S * acceleration_rps_s
 
-    At its resonance the motor turns f_al times a second, which few ramps do; one that does not is no run without a verdict.
+
+def judged_orders(scale: TipScale | None, last_rps: float) -> tuple[int, ...]:
+    """Orders in whose windows a ramp is judged: those that meet f_al on it; of none the highest, which comes nearest.
 
     Args:
         scale: Scale of the axis; None where no f_al is known.
-        end_rps: Speed at the end of the ramp.
+        last_rps: Speed up to which the ramp shows the arm.
     """
     if scale is None:
         return ORDERS[1:]
-    return tuple(order for order in scale.windows_rps if order > 1 or end_rps >= scale.f_al_hz)
+    met = tuple(order for order in scale.windows_rps if last_rps >= scale.f_al_hz / order)
+    return met or (max(scale.windows_rps),)
 
 
 def paper_scale(f_al_hz: float) -> TipScale:
@@ -197,6 +206,9 @@ class Metrics:
         spectrum_area: Trapezoid area of the amplitude spectrum in m/s²·Hz: the Hann spectrum of the window in the band of the
             vibration (single axis), or the rectangular spectrum of the whole motion from 0 to 50 Hz (line motion).
         ramp_peak_mm: Largest |tip displacement| on the whole ramp, without the jerks at its ends; None for the line motion.
+        order_mm: Largest amplitude of the order itself in the window, as a displacement; None where it cannot be tracked there.
+        order_error_mm: Its standard error.
+        noise_mm: Largest tip displacement that noise alone would show in the window.
     """
 
     tip_peak_mm: float | None
@@ -205,6 +217,19 @@ class Metrics:
     spectrum_peak_hz: float | None
     spectrum_area: float
     ramp_peak_mm: float | None = None
+    order_mm: float | None = None
+    order_error_mm: float | None = None
+    noise_mm: float | None = None
+
+    @property
+    def is_noise(self) -> bool:
+        """True where the tip's peak is not told apart from noise."""
+        return is_noise(self.tip_peak_mm, self.noise_mm)
+
+
+def is_noise(tip_peak_mm: float | None, noise_mm: float | None) -> bool:
+    """True where a tip's peak is not told apart from what noise alone would show."""
+    return tip_peak_mm is not None and noise_mm is not None and tip_peak_mm <= NOISE_MARGIN * noise_mm
 
 
 def constant_acceleration_metrics(recording: Recording, axis: int, order: int, scale: TipScale) -> Metrics:
@@ -263,6 +288,8 @@ def line_motion_metrics(recording: Recording, start_s: float, duration_s: float,
 
 def _peak(frequency: Real, amplitude: Real, band_hz: tuple[float, float]) -> tuple[float, float]:
     inside = np.flatnonzero((frequency >= band_hz[0]) & (frequency <= band_hz[1]))
+    if not len(inside):  # a window shorter than a cycle of the resonance: its line that is nearest
+        inside = np.array([int(np.argmin(np.abs(frequency - math.sqrt(band_hz[0] * band_hz[1]))))])
     top = inside[int(np.argmax(amplitude[inside]))]
     return float(amplitude[top]), float(frequency[top])
 

@@ -1,9 +1,10 @@
-"""The emulated robot as a process for `hil demo`, which ends with ours; nothing of the emulator is imported."""
+"""The emulator as processes for `hil demo`: a robot that is served, which ends with ours, and one drawn by its seed."""
 
 import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -11,9 +12,43 @@ from typing import Self
 from drive_profiles.address import LOCAL, Address
 from hil.can.errors import BusUnavailableError
 from hil.can.raw import connect_local
+from hil.errors import NotPossibleError
 
 START_TIMEOUT_S = 120.0
 """The first start compiles the plant; later ones take under two seconds."""
+
+DRAW_TIMEOUT_S = 120.0
+
+
+@dataclass(frozen=True)
+class DrawnRobot:
+    """A robot drawn by its seed.
+
+    Attributes:
+        seed: Its seed.
+        robot_file: Robot file, with all its truth.
+        bench_file: Bench file, which knows nothing of plant and transmission error.
+    """
+
+    seed: int
+    robot_file: Path
+    bench_file: Path
+
+
+def draw_robot(seed: int, folder: Path) -> DrawnRobot:
+    """Let `plant-emulator stable` draw a robot with a real gear, and write its files into a folder where they are not yet.
+
+    Raises:
+        NotPossibleError: It cannot; its output is in the message.
+    """
+    command = [sys.executable, "-m", "plant_emulator", "stable", "--seeds", str(seed), "--kind", "real", "--out", str(folder)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=DRAW_TIMEOUT_S, check=False)  # noqa: S603 - our own interpreter and module, no shell
+    except subprocess.TimeoutExpired:
+        raise NotPossibleError(f"robot {seed} was not drawn within {DRAW_TIMEOUT_S:g} s") from None
+    if done.returncode != 0:
+        raise NotPossibleError(f"robot {seed} was not drawn: {done.stderr.strip()}")
+    return DrawnRobot(seed, folder / f"robot-{seed}.toml", folder / f"bench-{seed}.toml")
 
 
 class EmulatorProcess:
@@ -22,11 +57,11 @@ class EmulatorProcess:
     The emulator ends when our end of its standard input closes, so that it never outlives this process.
     """
 
-    def __init__(self, robot: str) -> None:
-        """Name the robot: a file, or `reference`."""
+    def __init__(self, robot: str, bitrate: int | None = None) -> None:
+        """Name the robot, a file or `reference`, and the bit rate of its bus; None for an ideal one."""
         self.robot = robot
         self._directory = tempfile.TemporaryDirectory(prefix="hil-")
-        self.address = Address(LOCAL, str(Path(self._directory.name) / "robot.sock"))
+        self.address = Address(LOCAL, str(Path(self._directory.name) / "robot.sock"), bitrate)
         self._process: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> Self:

@@ -23,6 +23,7 @@ AxisNumber = Annotated[int, Field(ge=1, le=6)]
 
 ORDERS = (1, 2, 4)
 """Orders k of the transmission error that are looked for in every gear: the first, which real ones show, and the paper's two."""
+HIGHEST_ORDER = 100.0
 MOST_MORE_ORDERS = 4
 """Orders beside them that one axis can have."""
 
@@ -51,7 +52,7 @@ class TransmissionErrorLine(Table):
         phi_deg: Phase.
     """
 
-    order: Annotated[float, Field(gt=0.0, le=100.0), AfterValidator(_whole_is_int)]
+    order: Annotated[float, Field(gt=0.0, le=HIGHEST_ORDER), AfterValidator(_whole_is_int)]
     a_arcsec: NotNegative
     phi_deg: float = 0.0
 
@@ -109,6 +110,29 @@ class TransmissionErrorTable(Table):
         named: dict[float, float] = {order: getattr(self, phase_key(order)) for order in ORDERS}
         named |= {each.order: each.phi_deg for each in self.more}
         return {order: named[order] for order in self.amplitudes_arcsec()}
+
+
+def orders_of(text: str) -> tuple[float, ...]:
+    """A set of orders from its words, the least first; whole ones as int.
+
+    >>> orders_of("1,2,4,0.5")
+    (0.5, 1, 2, 4)
+
+    Raises:
+        ValueError: A word is no order, one stands twice, or there are more than a table holds.
+    """
+    words = [word.strip() for word in text.split(",")]
+    try:
+        orders = sorted(_whole_is_int(float(word)) for word in words)
+    except ValueError:
+        raise ValueError(f"{text!r} is no set of orders: numbers between commas are, 1,2,4") from None
+    if not all(0.0 < order <= HIGHEST_ORDER for order in orders):
+        raise ValueError(f"{text!r}: an order is above 0, and {HIGHEST_ORDER:g} at most")
+    if len(set(orders)) < len(orders):
+        raise ValueError(f"{text!r}: each order once")
+    if len(set(orders) - set(ORDERS)) > MOST_MORE_ORDERS:
+        raise ValueError(f"{text!r}: beside {', '.join(map(str, ORDERS))} at most {MOST_MORE_ORDERS} others")
+    return tuple(orders)
 
 
 def amplitude_key(order: float) -> str:

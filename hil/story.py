@@ -9,11 +9,12 @@ import os
 import re
 import threading
 import time
+import tomllib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from drive_profiles.cli.console import Interrupts
 from drive_profiles.device.bus import SdoBus
@@ -24,15 +25,19 @@ from drive_profiles.upload.result import UploadOptions, UploadResult
 from drive_profiles.upload.upload import Upload
 from hil.bench.bench import REFERENCE, Bench, load_bench
 from hil.bench.design import load_designs, update_designs
-from hil.bench.model import load_identified, update_file, values_in_words
-from hil.control.treatments import TreatmentName
+from hil.bench.model import IdentifiedAxis, load_identified, update_file, values_in_words
+from hil.control.treatments import TreatmentName, treatment
 from hil.design.notch_search import Effort
+from hil.emulator import DrawnRobot
 from hil.errors import HilError, InterruptedRunError, NotPossibleError, not_put_back
 from hil.experiments import notch_design
 from hil.experiments.ate.on_bus import identify_ate
 from hil.experiments.ate.request import AteRequest
 from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot, plan
 from hil.experiments.comparison.run import ComparisonOutcome, any_emulated, compare, request_entry
+from hil.experiments.motions import CONSTANT_ACCELERATION
+from hil.experiments.notch_design import InfeasibleError
+from hil.experiments.notch_problem import NotchDesignRequest
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
 from hil.experiments.treatment import Knowledge
@@ -43,13 +48,14 @@ from hil.report.tables.paper_runs import value_and_error
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
 from hil.results.comparison import StoryPart, StoryResult, StoryStep
+from hil.results.revealed import facts_of
 
 T = TypeVar("T")
 
 NAME = "own-robot"
 TREATMENTS: tuple[TreatmentName, ...] = ("none", "notch", "notch-designed", "cancellation")
-AXES = (2, 3)
 EXPERIMENTS = ("constant-acceleration", "line-motion")
+ROBOT_FILE, BENCH_FILE = "robot.toml", "bench.toml"
 
 _REFERENCE = re.compile(r'reference = "paper"[^\n]*\n')
 _MODEL = re.compile(r"\n\[axis\.\d\.model\]\n(?:[^\n]+\n)+")
@@ -97,6 +103,8 @@ class _Teller:
     reporter: Reporter
     steps: list[StoryStep] = field(default_factory=list)
     emulated: list[bool | None] = field(default_factory=list)
+    designed: tuple[int, ...] | None = None
+    """Axes with a designed filter; None for all."""
 
     @property
     def model(self) -> Path:
@@ -105,6 +113,10 @@ class _Teller:
     @property
     def design(self) -> Path:
         return self.out / "design.toml"
+
+    @property
+    def _uploaded(self) -> tuple[int, ...]:
+        return self.axes if self.designed is None else self.designed
 
     def parameter_set(self, axis: int) -> Path:
         return self.out / f"notch-axis{axis}.toml"
@@ -159,11 +171,11 @@ class _Teller:
         return ", ".join(values_in_words(outcome.part)), f"{where.name}/report.html"
 
     def design_notch(self, axis: int) -> tuple[str, str]:
-        request = notch_design.NotchDesignRequest(axis=axis, shapes=("switched",), effort=self.effort, jobs=_processors())
+        request = NotchDesignRequest(axis=axis, shapes=("switched",), effort=self.effort, jobs=_processors())
         outcome = notch_design.design(self.bench, request, load_identified(self.model))
         notch_design.result_of(outcome).write(self.out / f"design-axis{axis}" / "design.json")
         write_design_report(outcome, self.out / f"design-axis{axis}" / "design.html")
-        if outcome.failure is not None:
+        if outcome.failure is not None and not outcome.is_usable:
             raise outcome.failure
         update_designs(self.design, self.bench.name, axis, notch_design.designed_axis(outcome))
         made = notch_design.parameter_set(outcome.bench, axis, outcome.best, outcome.f_al_hz)
@@ -174,12 +186,12 @@ class _Teller:
         return what, f"design-axis{axis}/design.html"
 
     def upload(self) -> tuple[str, str]:
-        for axis in self.axes:
+        for axis in self._uploaded:
             self._check_same(axis)
         outcomes = self._transact(_written)
         if any(outcome.kind != "done" for outcome in outcomes):
             raise UploadFailedError(outcomes)
-        return "; ".join(map(str, outcomes)), self.parameter_set(self.axes[0]).name
+        return "; ".join(map(str, outcomes)), self.parameter_set(self._uploaded[0]).name
 
     def _check_same(self, axis: int) -> None:
         """Check that the parameter set is the filter of the design file, which a run would write."""
@@ -195,14 +207,14 @@ class _Teller:
         differing = self._transact(lambda uploads: [str(write.entry) for each in uploads for write, _ in each.changes])
         if differing:
             raise NotPossibleError(f"after the runs the drives no longer hold what was uploaded: {', '.join(differing)}")
-        return "every object of the sets read once more after the runs: as uploaded", self.parameter_set(self.axes[-1]).name
+        return "every object of the sets read once more after the runs: as uploaded", self.parameter_set(self._uploaded[-1]).name
 
     def _transact(self, then: Callable[[list[Upload]], T]) -> T:
         """Prepare the transaction of `drive-profiles upload`, each drive identified and read, and pass it to `then`."""
         options = UploadOptions(store=True, journals=self.out / "drive-journals")
         with SdoBus(self.bench.bus.address) as bus:
             uploads = []
-            for axis in self.axes:
+            for axis in self._uploaded:
                 wanted = ParameterSet.load(self.parameter_set(axis))
                 device = device_at(bus, self.bench.axis[axis].node_id, wanted.header.profile or None)
                 uploads.append(Upload(device, wanted, options, bus.address))
@@ -222,28 +234,35 @@ def tell(
     address: str,
     out: Path,
     *,
-    axes: tuple[int, ...] = AXES,
+    axes: tuple[int, ...] = (),
     experiments: tuple[str, ...] = EXPERIMENTS,
     effort: Effort | None = None,
     reporter: Reporter = SILENT,
     bench_text: str | None = None,
+    robot: DrawnRobot | None = None,
 ) -> StoryOutcome:
     """Identify, design, upload, and run side by side; `out/result.json` has the steps, also after a failure.
 
     Args:
         address: Address of the bus.
         out: Directory; made where it is missing. Model and design file of an earlier story are replaced.
-        axes: Axes that are identified and get a filter.
-        experiments: Experiments of the comparison.
+        axes: Axes that are identified and get a filter; empty for those of the bench file with a notch.
+        experiments: Experiments of the comparison, as far as the bench file has them.
         effort: Effort of the search for a filter; None for that of `hil design notch --quick`.
         reporter: Listener of each step, and of each run of the comparison.
-        bench_text: Text of the bench file; None for the reference bench without any model.
+        bench_text: Text of the bench file; None for the drawn robot's, and without one for the reference bench without any model.
+        robot: The drawn robot that is served; its file is not looked into before the end, when what it is stands beside what was
+            found.
     """
     out.mkdir(parents=True, exist_ok=True)
     started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    bench_file = out / "bench.toml"
-    bench_file.write_text(bench_without_model() if bench_text is None else bench_text, encoding="utf-8")
+    bench_file = out / BENCH_FILE
+    if bench_text is None:
+        bench_text = bench_without_model() if robot is None else robot.bench_file.read_text(encoding="utf-8")
+    bench_file.write_text(bench_text, encoding="utf-8")
     bench = load_bench(bench_file).on(address)
+    axes = axes or tuple(number for number, table in sorted(bench.axis.items()) if table.notch)
+    experiments = tuple(name for name in experiments if name == CONSTANT_ACCELERATION or bench.line_motion is not None)
     teller = _Teller(bench, out, axes, effort or Effort.quick(), reporter)
     for old in (teller.model, teller.design):
         old.unlink(missing_ok=True)
@@ -251,19 +270,17 @@ def tell(
     comparisons: list[ComparisonOutcome] = []
     failure: Exception | None = None
     try:
-        for axis in axes:
-            teller.step(f"identify plant, axis {axis}", partial(teller.identify_plant, axis))
-            teller.step(f"identify transmission error, axis {axis}", partial(teller.identify_ate, axis))
-        for axis in axes:
-            teller.step(f"design notch, axis {axis}", partial(teller.design_notch, axis))
-        teller.step("upload, read back, store", teller.upload)
-        teller.step("run side by side", lambda: _side_by_side(teller, request, comparisons))
-        teller.step("read back after the runs", teller.still_there)
+        request = _told(teller, request, comparisons)
     except KeyboardInterrupt:
         failure = InterruptedRunError("interrupted")
     except Exception as error:  # noqa: BLE001 - noted in the result, and returned
         failure = error
-    part = StoryPart(bench_file="bench.toml", steps=tuple(teller.steps), failure=None if failure is None else str(failure))
+    part = StoryPart(
+        bench_file=BENCH_FILE,
+        steps=tuple(teller.steps),
+        failure=None if failure is None else str(failure),
+        **({} if robot is None else _revealed(robot, teller)),
+    )
     result = StoryResult(
         started_utc=comparisons[0].result.started_utc if comparisons else started,
         request=request_entry(request),
@@ -275,9 +292,50 @@ def tell(
     return StoryOutcome(result, failure, comparisons[0] if comparisons else None)
 
 
+def _told(teller: _Teller, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> ComparisonRequest:
+    """Take all steps, and return the request of the comparison.
+
+    Where no notch keeps all that is asked that is said, and the comparison is made without a designed one.
+    """
+    for axis in teller.axes:
+        teller.step(f"identify plant, axis {axis}", partial(teller.identify_plant, axis))
+        teller.step(f"identify transmission error, axis {axis}", partial(teller.identify_ate, axis))
+    designed = []
+    for axis in teller.axes:
+        try:
+            teller.step(f"design notch, axis {axis}", partial(teller.design_notch, axis))
+            designed.append(axis)
+        except InfeasibleError:
+            continue
+    teller.designed = tuple(designed)
+    if designed:
+        teller.step("upload, read back, store", teller.upload)
+    else:
+        left = tuple(name for name in request.treatments if treatment(name).needs != "design")
+        request = replace(request, treatments=left, named=frozenset(left))
+    teller.step("run side by side", lambda: _side_by_side(teller, request, comparisons))
+    if designed:
+        teller.step("read back after the runs", teller.still_there)
+    return request
+
+
+def _revealed(robot: DrawnRobot, teller: _Teller) -> dict[str, Any]:
+    """The drawn robot, beside what was found of it."""
+    (teller.out / ROBOT_FILE).write_bytes(robot.robot_file.read_bytes())
+    truth: dict[str, Any] = tomllib.loads(robot.robot_file.read_text(encoding="utf-8"))
+    known = load_identified(teller.model).axis if teller.model.is_file() else {}
+    facts = [
+        fact
+        for number in teller.axes
+        for fact in facts_of(number, truth["axis"][str(number)], known.get(number, IdentifiedAxis()))
+    ]
+    return {"robot_file": ROBOT_FILE, "seed": robot.seed, "facts": tuple(facts)}
+
+
 def _side_by_side(teller: _Teller, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> tuple[str, str]:
     """Run the comparison with the identified models and the designed filters."""
-    knowledge = Knowledge(load_identified(teller.model), load_designs(teller.design))
+    designs = load_designs(teller.design) if teller.design.is_file() else None
+    knowledge = Knowledge(load_identified(teller.model), designs)
     planned = plan(KnownRobot(teller.bench, knowledge, "bench.toml"), request)
     comparisons.append(compare([planned], request, teller.out, reporter=teller.reporter))
     if comparisons[0].failure is not None:

@@ -64,7 +64,10 @@ class Bus(Table):
 
 
 class Limits(Table):
-    """Limits that an axis must never exceed, motor side; enforced by the master and written to the drive."""
+    """Limits that an axis must never exceed, motor side; enforced by the master and written to the drive.
+
+    `cancellation_rev` is the largest addition of a cancellation to a set-point; left out, a twentieth of `following_error_rev`.
+    """
 
     torque_nm: Positive
     speed_rps: Positive
@@ -72,6 +75,7 @@ class Limits(Table):
     position_max_rev: float
     following_error_rev: Positive = 4.0
     following_error_timeout_s: Positive = 0.05
+    cancellation_rev: Positive | None = None
     quick_stop_rps_s: Positive = 50.0
 
     @model_validator(mode="after")

@@ -83,6 +83,24 @@ def values_in_words(part: IdentifiedError) -> list[str]:
     return words
 
 
+SIGNIFICANT_SIGMAS = 3.0
+"""Standard errors from which an amplitude is believed: noise alone reaches them in 1.1 % of cases, e^{−9/2}."""
+
+
+def significant(part: IdentifiedError) -> TransmissionErrorTable:
+    """The orders whose amplitude is more than noise makes: a cancellation of noise would only add to the vibration.
+
+    An amplitude without a standard error is believed.
+    """
+    values, errors = part.values, part.standard_error
+    kept = {
+        order: amplitude
+        for order, amplitude in values.amplitudes_arcsec().items()
+        if amplitude >= SIGNIFICANT_SIGMAS * errors.get(amplitude_key(order), 0.0)
+    }
+    return TransmissionErrorTable.of(kept, values.phases_deg())
+
+
 class IdentifiedAxis(Table):
     """The identified parts of one axis; either may be missing."""
 
@@ -160,7 +178,7 @@ def with_identified(bench: Bench, identified: Identified) -> Bench:
     """The bench with the believed models of its axes replaced by the identified ones.
 
     Where only one part of an axis was identified, the other is kept from the bench. Without either plant the axis has no model;
-    without either error it has none.
+    without either error it has none. Of an identified error the bench believes the significant orders.
     """
     axes = {}
     for number, table in bench.axis.items():
@@ -174,7 +192,7 @@ def with_identified(bench: Bench, identified: Identified) -> Bench:
             axes[number] = table
             continue
         if known.ate is not None:
-            ate = known.ate.values
+            ate = significant(known.ate)
         else:
             ate = table.model.ate if table.model is not None else TransmissionErrorTable.of({}, {})
         axes[number] = table.model_copy(update={"model": Model(**plant, ate=ate)})

@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,9 @@ from drive_profiles.cli.console import terminal_width
 from hil.cli.console import EPILOG, ExitStatus, SpokenReporter, bench_on_emulator, exit_on_error, exit_status_of, message_of, say
 from hil.cli.options import JsonOption
 from hil.cli.run import run_and_report
+
+ROBOT_SEED = 10
+"""Seed of the robot that the story is told of unless another is chosen: one on which every step has something to show."""
 
 OutOption = Annotated[Path, typer.Option("--out", help="Directory for recordings, result.json and report.html.")]
 
@@ -28,14 +32,17 @@ def demo(
     robot: Annotated[
         str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.", autocompletion=complete_reference)
     ] = "reference",
+    robot_seed: Annotated[
+        int, typer.Option("--robot-seed", min=0, help="Seed of the robot that the story is told of (plant-emulator stable).")
+    ] = ROBOT_SEED,
     no_story: Annotated[
         bool, typer.Option("--no-story", help="Only the paper's experiments, without the story of a robot of one's own.")
     ] = False,
 ) -> None:
     """Start an emulated robot, run the paper's experiments over CAN, and write the report; then the same for your own robot.
 
-    The second part takes the same robot as somebody meets it who knows nothing of it: identify, design, upload, and run with
-    nothing, the notch, the designed notch and cancellation side by side.
+    The second part takes another robot, drawn by a seed, as somebody meets it who knows nothing of it: identify, design, upload,
+    and run with nothing, the notch, the designed notch and cancellation side by side. At the end stands what it really was.
 
     Example: hil demo --out demo
     """
@@ -48,8 +55,8 @@ def demo(
 
             bench = bench_on_emulator(load_bench("reference"), str(emulator.address))
             status = run_and_report(bench, demo_experiments(bench), out, as_json=as_json, is_paper=True)
-            if not no_story and status in {0, ExitStatus.NOT_MET}:
-                status = _tell_story(str(emulator.address), out, as_json=as_json) or status
+        if not no_story and status in {0, ExitStatus.NOT_MET}:
+            status = _tell_story(robot_seed, out, as_json=as_json) or status
         for line in next_steps(tool_prefix(sys.argv[0])):
             say(line)
         if status:
@@ -97,15 +104,19 @@ def tool_prefix(program: str) -> str:
     return f"{folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder}/"
 
 
-def _tell_story(address: str, out: Path, *, as_json: bool) -> int:
+def _tell_story(seed: int, out: Path, *, as_json: bool) -> int:
     """Tell the story, the demo's second part, link to it from the first part's report, and return the exit status."""
     from hil import story  # noqa: PLC0415
+    from hil.emulator import EmulatorProcess, draw_robot  # noqa: PLC0415
     from hil.experiments.comparison.table import summary  # noqa: PLC0415
     from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
     from hil.report.pages.demo import write_report  # noqa: PLC0415
 
-    say("your own robot: of which nothing is known")
-    done = story.tell(address, out / "story", reporter=SpokenReporter())
+    say(f"your own robot: of which nothing is known; drawn by seed {seed}, --robot-seed takes another")
+    with tempfile.TemporaryDirectory(prefix="hil-") as folder:
+        robot = draw_robot(seed, Path(folder))
+        with EmulatorProcess(str(robot.robot_file)) as emulator:
+            done = story.tell(str(emulator.address), out / "story", reporter=SpokenReporter(), robot=robot)
     page = write_compare_report(out / "story")
     write_report(out)
     for line in summary(done.result, terminal_width(err=as_json)):

@@ -1,5 +1,6 @@
 """hil identify ate: the transmission error of one axis, from ramps in both directions."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +22,17 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
-from hil.cli.options import BenchOption, BusOption, JsonOption, MovedAxisOption, NewOutOption, OverloadOption, YesOption
+from hil.cli.options import (
+    BenchOption,
+    BusOption,
+    JsonOption,
+    MovedAxisOption,
+    NewOutOption,
+    OrdersOption,
+    OverloadOption,
+    YesOption,
+    orders_from,
+)
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -48,11 +59,15 @@ def ate(
         Path | None,
         typer.Option("--model", help="Model file: read where it is there, and written. Left out: model.toml in the directory."),
     ] = None,
-    acceleration_rps_s: Annotated[float, typer.Option(help="Of the first pass; later ones are slower.")] = 4.0,
+    acceleration_rps_s: Annotated[
+        float | None,
+        typer.Option(help="Of the first pass; later ones are slower. Left out: chosen from f_a of the model file, or 4."),
+    ] = None,
     passes: Annotated[int, typer.Option(help="How many passes there may be, each forwards and back.")] = 6,
     sensorless: Annotated[
         bool, typer.Option("--sensorless", help="From motor torque and encoder only; needs J_m and J_l.")
     ] = False,
+    orders: OrdersOption = "1,2,4",
     out: NewOutOption = None,
     overload: OverloadOption = False,
     yes: YesOption = False,
@@ -69,14 +84,15 @@ def ate(
 
         from hil.bench.model import load_identified, update_file  # noqa: PLC0415
         from hil.experiments.ate.on_bus import identify_ate  # noqa: PLC0415
-        from hil.experiments.ate.request import AteRequest, axis_knowledge, first_end_speed  # noqa: PLC0415
+        from hil.experiments.ate.request import AteRequest, axis_knowledge, first_acceleration, first_end_speed  # noqa: PLC0415
 
         identified = load_identified(model) if model is not None and model.exists() else None
-        request = AteRequest(axis, acceleration_rps_s, passes, sensorless)
+        request = AteRequest(axis, acceleration_rps_s, passes, sensorless, orders=orders_from(orders))
         knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)
         end_rps = first_end_speed(bench, request, knowledge)
         if not yes and not is_on_local_bus(bench):
-            confirm([_motion_line(bench, request, end_rps)])
+            first = first_acceleration(bench, request, knowledge)
+            confirm([_motion_line(bench, request, first, end_rps)])
         where = out or new_directory(f"identify-ate-axis{axis}")
         outcome = identify_ate(bench, request, where, identified, overload=overload, reporter=SpokenReporter())
         file = model or where / "model.toml"
@@ -125,16 +141,25 @@ def _summary(outcome: "AteOutcome") -> None:
     typer.echo(f"  the {late} lags the motor angle by {1e3 * fit.delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
     worst = max(fit.agreement, key=lambda each: each.sigma)
     typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} standard errors at most ({worst.name})")
-    typer.echo(f"  the transmission error explains {100.0 * fit.explained_by_error:.1f} % of the vibration")
+    typer.echo(
+        f"  the transmission error explains {100.0 * fit.explained_by_error:.1f} % of the vibration{_by_order(fit.carried)}"
+    )
     for note in result.notes or ():
         typer.echo(f"  note: {note}")
 
 
-def _motion_line(bench: "Bench", request: "AteRequest", end_rps: float) -> str:
+def _by_order(carried: "Mapping[str, float] | None") -> str:
+    """Return what each order carries of the vibration, the most first."""
+    parts = sorted((carried or {}).items(), key=lambda each: -each[1])
+    words = ", ".join(f"order {order} {100.0 * fraction:.0f} %" for order, fraction in parts if fraction >= 0.005)
+    return f": {words}" if words else ""
+
+
+def _motion_line(bench: "Bench", request: "AteRequest", acceleration_rps_s: float, end_rps: float) -> str:
     """Return the line on how the robot is moved."""
     limits = bench.axis[request.axis].limits
     return (
         f"This moves axis {request.axis} on {bench.bus.address}: at most {request.passes} passes forwards and back, to "
-        f"{end_rps:.2f} rev/s at {request.acceleration_rps_s:g} rev/s² or slower, anywhere within {limits.position_min_rev:g} … "
+        f"{end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² or slower, anywhere within {limits.position_min_rev:g} … "
         f"{limits.position_max_rev:g} motor revolutions; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m."
     )

@@ -21,7 +21,17 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
-from hil.cli.options import AXES, BenchOption, BusOption, JsonOption, NewOutOption, OverloadOption, YesOption
+from hil.cli.options import (
+    AXES,
+    BenchOption,
+    BusOption,
+    JsonOption,
+    NewOutOption,
+    OrdersOption,
+    OverloadOption,
+    YesOption,
+    orders_from,
+)
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -57,6 +67,7 @@ def learn(
     bus: BusOption = None,
     passes: Annotated[int, typer.Option(min=2, max=50, help="To and fro; the first is without cancellation.")] = 5,
     acceleration_rps_s: Annotated[float, typer.Option(min=0.1, max=100.0, help="Of every ramp.")] = 4.0,
+    orders: OrdersOption = "1,2,4",
     note: Annotated[str, typer.Option(help="Load, temperature: goes into the model file beside the date.")] = "",
     out: NewOutOption = None,
     overload: OverloadOption = False,
@@ -75,7 +86,12 @@ def learn(
         from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus  # noqa: PLC0415
 
         request = LearnRequest(
-            tuple(dict.fromkeys(axis)), passes, acceleration_rps_s, note=note, motor_inertia_kg_m2=motor_inertia_kg_m2
+            tuple(dict.fromkeys(axis)),
+            passes,
+            acceleration_rps_s,
+            note=note,
+            motor_inertia_kg_m2=motor_inertia_kg_m2,
+            orders=orders_from(orders),
         )
         if not yes and not is_on_local_bus(bench):
             confirm(_motion_lines(bench, request))

@@ -48,9 +48,26 @@ TreatmentListOption = Annotated[
     ),
 ]
 PlainTreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="Plan with the notch or without.")]
+OrdersOption = Annotated[
+    str, typer.Option("--orders", metavar="K[,K]", help="Orders of the transmission error with commas between; fractions too.")
+]
 NewOutOption = Annotated[Path | None, typer.Option("--out", help="Directory; left out: a new one in bench-out.")]
 OverloadOption = Annotated[
     bool, typer.Option("--overload", help="Run even what does not fit on the bus at its bit rate (hil plan).")
 ]
 YesOption = Annotated[bool, typer.Option("--yes", help="Move a real robot without asking.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print result.json on standard output, all else on standard error.")]
+
+
+def orders_from(text: str) -> tuple[float, ...]:
+    """Return the set of orders that `--orders` names.
+
+    Raises:
+        typer.BadParameter: It is no set of orders.
+    """
+    from hil.robot_tables import orders_of  # noqa: PLC0415 - --help must not wait for pydantic
+
+    try:
+        return orders_of(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--orders") from None

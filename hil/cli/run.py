@@ -190,6 +190,8 @@ def _status(outcome: "ExperimentsOutcome") -> int:
     if outcome.stopped is not None:
         say(str(outcome.stopped))
         return outcome.stopped.exit_code
+    for remark in outcome.remarks:
+        say(remark)
     for reason in dict.fromkeys(outcome.invalid):
         say(f"not judged: {reason}")
     refused_in_part = [part for trial in outcome.trials if trial.is_good for part in trial.refused]

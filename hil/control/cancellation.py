@@ -123,10 +123,12 @@ class CancellationTable:
         """The largest torque offset up to a motor speed."""
         return self._largest(self.torque, up_to_rps)
 
-    def largest_rate_rps(self, up_to_rps: float = math.inf) -> float:
-        """The fastest change of the addition to the set-point, in rev/s, up to a motor speed."""
-        turning = np.asarray(self.orders)[:, np.newaxis] * self.speeds_rps * self.reference
-        return self._largest(turning, up_to_rps)
+    def largest_speed_rps(self, up_to_rps: float) -> float:
+        """The fastest set-point of a motion up to a motor speed, in rev/s: that of the motion, and the change of the addition."""
+        speeds = np.minimum(self.speeds_rps, up_to_rps)
+        turning = np.asarray(self.orders)[:, np.newaxis] * speeds * self.reference
+        inside = self.speeds_rps <= up_to_rps + self.step_rps
+        return float(np.max((speeds + np.sum(np.abs(turning), axis=0))[inside]))
 
     def _largest(self, table: Complex, up_to_rps: float) -> float:
         inside = self.speeds_rps <= up_to_rps + self.step_rps  # between two speeds it is between their values
@@ -172,7 +174,7 @@ def cancellation_step(
 
 
 class InnerCancellation(NamedTuple):
-    """Parameters of the cancellation inside a drive, orders 2 and 4.
+    """Parameters of the cancellation inside a drive, orders 1, 2 and 4.
 
     Attributes:
         a2_rad: N A_2, at the motor.
@@ -181,6 +183,8 @@ class InnerCancellation(NamedTuple):
         phi4_rad: φ_4.
         inertia_kg_m2: J_m.
         damping_nm_s_rad: D_m.
+        a1_rad: N A_1.
+        phi1_rad: φ_1.
     """
 
     a2_rad: float
@@ -189,6 +193,8 @@ class InnerCancellation(NamedTuple):
     phi4_rad: float
     inertia_kg_m2: float
     damping_nm_s_rad: float
+    a1_rad: float
+    phi1_rad: float
 
 
 @inlined
@@ -208,14 +214,16 @@ def inner_cancellation(
         angle: θ_m as measured.
         speed_rad_s: θ̇_m as measured.
     """
-    a2_rad, phi2_rad, a4_rad, phi4_rad, inertia_kg_m2, damping_nm_s_rad = known
+    a2_rad, phi2_rad, a4_rad, phi4_rad, inertia_kg_m2, damping_nm_s_rad, a1_rad, phi1_rad = known
     reference = -a2_rad * math.cos(2.0 * angle + phi2_rad) - a4_rad * math.cos(4.0 * angle + phi4_rad)
+    reference -= a1_rad * math.cos(angle + phi1_rad)
     late = angle - speed_rad_s / (2.0 * math.pi * lowpass_hz)
     rate = 2.0 * a2_rad * math.sin(2.0 * late + phi2_rad) + 4.0 * a4_rad * math.sin(4.0 * late + phi4_rad)
+    rate += a1_rad * math.sin(late + phi1_rad)
     ahead = angle + 0.5 * period_s * speed_rad_s
-    x2, x4 = 2.0 * ahead + phi2_rad, 4.0 * ahead + phi4_rad
-    bend = 4.0 * a2_rad * math.cos(x2) + 16.0 * a4_rad * math.cos(x4)
-    slope = 2.0 * a2_rad * math.sin(x2) + 4.0 * a4_rad * math.sin(x4)
+    x1, x2, x4 = ahead + phi1_rad, 2.0 * ahead + phi2_rad, 4.0 * ahead + phi4_rad
+    bend = 4.0 * a2_rad * math.cos(x2) + 16.0 * a4_rad * math.cos(x4) + a1_rad * math.cos(x1)
+    slope = 2.0 * a2_rad * math.sin(x2) + 4.0 * a4_rad * math.sin(x4) + a1_rad * math.sin(x1)
     torque = inertia_kg_m2 * speed_rad_s * speed_rad_s * bend + damping_nm_s_rad * speed_rad_s * slope
     return reference, speed_rad_s * rate, torque
 

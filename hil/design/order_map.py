@@ -66,7 +66,6 @@ class OrderTrack:
         orders: Orders k; shape (p,).
         component: Complex amplitude c_k: the component is Re(c_k e^{jkθ_m}); shape (m, p).
         standard_error: Standard error of |c_k|; shape (m, p).
-        noise_variance: Variance of white noise as strong as what lies beside each order; shape (m, p).
     """
 
     speed_rps: Real
@@ -74,7 +73,6 @@ class OrderTrack:
     orders: Real
     component: NDArray[np.complex128]
     standard_error: Real
-    noise_variance: Real
 
     @property
     def amplitude(self) -> Real:
@@ -150,18 +148,19 @@ def order_track(
         np.array([each[0].speed_rps for each in made]),
         np.array([each[0].direction for each in made]),
         array,
-        *(np.stack([each[which] for each in made]) for which in (1, 2, 3)),
+        np.stack([each[1] for each in made]),
+        np.stack([each[2] for each in made]),
     )
 
 
-def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np.complex128], Real, Real]:
-    """Complex amplitudes at the orders that the samples show, their standard errors and the noise beside; NaN elsewhere."""
+def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np.complex128], Real]:
+    """Complex amplitudes at the orders that the samples show, and their standard errors; NaN elsewhere."""
     component = np.full(len(orders), complex(math.nan, math.nan))
-    error, noise = np.full((2, len(orders)), math.nan)
+    error = np.full(len(orders), math.nan)
     shown = np.flatnonzero(_shown(window, orders))
     unknowns = 3 + 2 * len(shown)
     if not len(shown) or len(window.values) < 2 * unknowns:
-        return component, error, noise
+        return component, error
     phase = np.outer(window.angle_rad, orders[shown])
     slow = np.stack([np.ones_like(window.place), window.place, window.place**2], axis=1)
     columns = np.concatenate([slow, np.cos(phase), -np.sin(phase)], axis=1)
@@ -175,9 +174,8 @@ def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np
     component[shown] = found[real] + 1j * found[imaginary]
     length = np.maximum(np.abs(component[shown]), 1e-300)
     along = (found[real] / length)[:, None] * gains[real] + (found[imaginary] / length)[:, None] * gains[imaginary]
-    noise[shown] = _noise(window, residual, orders[shown], turns)
-    error[shown] = np.sqrt(noise[shown] * np.sum(along**2, axis=1))
-    return component, error, noise
+    error[shown] = np.sqrt(_noise(window, residual, orders[shown], turns) * np.sum(along**2, axis=1))
+    return component, error
 
 
 def _noise(window: _Window, residual: Real, orders: Real, turns: float) -> Real:

@@ -17,6 +17,7 @@ peak: some order has to pass its speed with room to spare.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,21 +29,21 @@ Real = NDArray[np.float64]
 
 RANGE_HZ = (2.0, 48.0)
 """Frequencies that are looked at: arms of robots ring at 4 to 30 Hz."""
-STEP = 0.035
+GRID_STEP = 0.035
 """Distance of two frequencies of the grid, as a logarithm."""
 DAMPINGS = (0.012, 0.03, 0.06, 0.12, 0.22)
 SLOW = 4
 """Degree of the slow curve: gravity along the way, and the ramp itself."""
-BRAKING_S = 0.05
+RAMP_END_S = 0.05
 """Time before the top of the ramp from which on nothing is used."""
-RING_DOWN_S = 2.0
+PADDING_S = 2.0
 """Padding of the transforms: what rings longer than that hardly decays within a ramp."""
 TOP_RATE_HZ = 200.0
 """Sampling beyond which every n-th sample says all."""
 
 LEAST_DAMPING, MOST_DAMPING = 0.008, 0.2
 """Damping ratios of an arm on its gear with its loop closed: beyond them a swell is no resonance, but a tone or a slope."""
-LEAST_EXPLAINED = 0.5
+LEAST_TIP_EXPLAINED = 0.5
 """Fraction of the vibration that the resonance has to explain."""
 LEAST_SIGNIFICANCE = 8.0
 """Amplitude of an order in units of its standard error from which it counts: that of a model that is searched for."""
@@ -61,7 +62,7 @@ LEAST_TORQUE_SIGNIFICANCE = 5.0
 """Root of the mean square of its unknowns there, in units of their standard errors."""
 FEWEST = 60
 """Least number of samples of the torque."""
-SLOWEST_RPS = 0.5
+LEAST_MET_RPS = 0.5
 ROOM = 1.15
 """The ramp goes on to so many times the speed at which an order meets the resonance."""
 LAW_ERROR, LAW_ERROR_BY_DAMPING = 0.003, 1.2
@@ -144,7 +145,7 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
         raise NoResonanceError(f"nothing swells as an arm does that rings (a damping ratio of {tip.damping:.2g})")
     if error > MOST_UNCERTAINTY * tip.peak_hz:
         raise NoResonanceError(f"a resonance near {tip.peak_hz:.1f} Hz would be known to {error:.1f} Hz only")
-    if tip.explained_fraction < LEAST_EXPLAINED:
+    if tip.explained_fraction < LEAST_TIP_EXPLAINED:
         raise NoResonanceError(
             f"a resonance near {tip.peak_hz:.1f} Hz explains {100.0 * tip.explained_fraction:.0f} % of the vibration"
         )
@@ -172,7 +173,7 @@ class _RampModel:
         self._time_s = (self._rows - begin) * period_s
         self._period_s = every * period_s
         self._top_rps = float(speed_rps[end - 1])
-        self._length = int(fft.next_fast_len(len(angle) + round(RING_DOWN_S / period_s), real=True))
+        self._length = int(fft.next_fast_len(len(angle) + round(PADDING_S / period_s), real=True))
         waves = np.concatenate([[np.cos(order * angle), np.sin(order * angle)] for order in orders])
         self._frequency, self._spectra = acceleration_spectrum(waves, period_s, self._length)
         place = 2.0 * self._time_s / self._time_s[-1] - 1.0
@@ -182,11 +183,11 @@ class _RampModel:
         highest = min(RANGE_HZ[1], 0.4 / period_s, max(orders) * self._top_rps / ROOM)
         if highest < 2.0 * RANGE_HZ[0]:
             raise NoResonanceError(f"the ramp shows frequencies up to {highest:.1f} Hz only")
-        self._grid = np.exp(np.arange(math.log(RANGE_HZ[0]), math.log(highest), STEP))
+        self._grid = np.exp(np.arange(math.log(RANGE_HZ[0]), math.log(highest), GRID_STEP))
 
     def passes(self, speed_rps: float) -> bool:
         """True where the ramp goes through a speed with room on both sides."""
-        return SLOWEST_RPS <= speed_rps <= self._top_rps / ROOM
+        return LEAST_MET_RPS <= speed_rps <= self._top_rps / ROOM
 
     def columns(self, resonance_hz: float, damping: float) -> Real:
         """Columns of the orders, of what rings from the start, and of the slow curve; shape (n, unknowns)."""
@@ -208,7 +209,7 @@ class _RampModel:
             return math.log(max(self._left(float(resonance_hz), float(damping)), 1e-300))
 
         simplex = start + np.array([[0.0, 0.0], [0.02, 0.0], [0.02, 0.3]])
-        options = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-5, "maxiter": 100}
+        options: Any = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-5, "maxiter": 100}
         found = optimize.minimize(power, start, method="Nelder-Mead", options=options)
         resonance_hz, damping = (float(value) for value in np.exp(np.clip(found.x, -7.0, [7.0, -0.5])))
         return self._fit(self._tip, resonance_hz, damping)
@@ -308,7 +309,7 @@ def _rising(ramp: Ramp) -> tuple[int, int, Real]:
     rate = np.gradient(ramp.motor_angle_rad, ramp.period_s) / (2.0 * math.pi)
     smooth = np.convolve(np.pad(rate, width, mode="edge"), np.full(2 * width + 1, 1.0 / (2 * width + 1)), mode="valid")
     speed = np.abs(smooth)
-    end = int(np.argmax(speed)) - max(1, round(BRAKING_S / ramp.period_s))
+    end = int(np.argmax(speed)) - max(1, round(RAMP_END_S / ramp.period_s))
     if end <= moved[0] + 1:
         raise NoResonanceError("the motor does not speed up")
     return int(moved[0]), end, speed

@@ -1,16 +1,23 @@
-"""Scale by which a bench's runs are judged: f_al of the axes that move, from the bench's models.
+"""Scale by which a bench's runs are judged: f_al of the axes that move, from a model or from what a ramp shows of itself.
 
-A run without an f_al is not judged. The paper's robot (`reference = "paper"`) is judged in the windows of the paper, but for an
+A model, of the bench file or identified, comes first. Without one, a ramp on which nothing acts against the vibration may show
+the resonance by itself (`hil.design.ringing`); with one, what it shows has to agree. A run without an f_al is not judged. The
+paper's robot (`reference = "paper"`) is judged in the windows of the paper, but for an
 axis that is another one than the paper's.
 """
 
+import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 
-from hil.analysis import TipScale, joint_scale, paper_scale, tip_scale
+from hil.analysis import TipScale, joint_scale, last_rps, paper_scale, tip_scale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.design.frequency import CONTROL_PERIOD_S
+from hil.design.ringing import NoResonanceError, Ramp, Ringing, ringing
 from hil.errors import NotPossibleError
+from hil.recording import Recording
+from hil.robot_tables import ORDERS
 
 PAPER_F_AL_HZ = {2: 11.84, 3: 11.45}
 """f_al of the paper's robot by axis; source: the paper, Table 1."""
@@ -18,6 +25,167 @@ PAPER_LINE_AXIS = 2
 """Axis by whose f_al the line motion of the paper's robot becomes a displacement."""
 PAPER_TOLERANCE = 0.05
 """Relative difference from the paper's f_al beyond which an axis is another one."""
+
+FEWEST_ERRORS = 3.0
+"""Difference between a model's f_al and a run's own, in units of its standard error, from which it is said."""
+LEAST_DIFFERENCE, MOST_DIFFERENCE = 0.03, 0.15
+"""The same as a fraction of f_al: the least that is said, and that from which the run is not judged."""
+
+
+@dataclass(frozen=True)
+class FoundScale:
+    """Scale of the axes that move, and where its f_al comes from.
+
+    Attributes:
+        scale: The scale; None where no f_al is known.
+        source: `model`, or `own` for the run's own vibration; None without a scale.
+        error_hz: Standard error of an f_al that comes from the run's own vibration.
+        words: f_al and where it comes from, as a line; without a scale, why there is none.
+        doubt: Reason why nothing may be judged by it, or None.
+        remark: Sentence on what else the run shows, or None.
+        most_factor: Factor by which a displacement may be larger, by what is known of f_al.
+    """
+
+    scale: TipScale | None
+    source: str | None = None
+    error_hz: float | None = None
+    words: str = ""
+    doubt: str | None = None
+    remark: str | None = None
+    most_factor: float = 1.0
+
+
+class RunJudge:
+    """Scales of the runs on a bench; what the ramps without treatment show of their axes is kept for the runs that follow."""
+
+    def __init__(self, bench: Bench) -> None:
+        """Begin without any run."""
+        self.bench = bench
+        self._own: dict[int, Ringing] = {}
+        self._why: dict[int, str] = {}
+
+    def look(self, recording: Recording, axis: int) -> None:
+        """Look for the resonance of an axis in a ramp on which nothing acts against the vibration."""
+        try:
+            self._own[axis] = own_ringing(recording, axis)
+        except NoResonanceError as error:
+            self._own.pop(axis, None)
+            self._why[axis] = str(error)
+
+    def found(self, axis: int | None) -> FoundScale:
+        """Scale of a ramp of one axis, or of the line motion (None)."""
+        return self._line() if axis is None else self._axis(axis)
+
+    def _axis(self, axis: int) -> FoundScale:
+        known, own = axis_scale(self.bench, axis), self._own.get(axis)
+        if known is not None:
+            return _compared(known, own, f"axis {axis}")
+        if own is None:
+            why = self._why.get(axis)
+            rest = "" if why is None else f" The ramp itself does not show it: {why}."
+            return FoundScale(None, words=missing_words([axis]) + rest)
+        factor = (own.peak_hz / (own.peak_hz - 2.0 * own.standard_error_hz)) ** 2
+        return FoundScale(
+            scale_at(self.bench, axis, own.peak_hz), "own", own.standard_error_hz, own_words(own), None, None, factor
+        )
+
+    def _line(self) -> FoundScale:
+        bench = self.bench
+        known = line_scale(bench)
+        if known is not None:
+            return FoundScale(known, "model", words=f"f_al {known.f_al_hz:.2f} Hz, from the model")
+        own = {axis: self._own[axis] for axis in bench.chain_axes if axis in self._own}
+        if not own:
+            return FoundScale(None, words=missing_words(bench.chain_axes))
+        scale = joint_scale([scale_at(bench, axis, each.peak_hz) for axis, each in own.items()])
+        lowest = min(own.values(), key=lambda each: each.peak_hz)
+        factor = (lowest.peak_hz / (lowest.peak_hz - 2.0 * lowest.standard_error_hz)) ** 2
+        axes = " and ".join(f"axis {axis}" for axis in own)
+        words = f"f_al {lowest.peak_hz:.2f} ± {lowest.standard_error_hz:.2f} Hz, from the ramps of {axes}"
+        return FoundScale(scale, "own", lowest.standard_error_hz, words, None, None, factor)
+
+
+def _compared(known: TipScale, own: Ringing | None, who: str) -> FoundScale:
+    """Scale of a model, held against what the ramp shows."""
+    words = f"f_al {known.f_al_hz:.2f} Hz, from the model"
+    if own is None:
+        return FoundScale(known, "model", words=words)
+    difference = own.peak_hz - known.f_al_hz
+    least = max(FEWEST_ERRORS * own.standard_error_hz, LEAST_DIFFERENCE * known.f_al_hz)
+    if abs(difference) <= least:
+        return FoundScale(known, "model", words=words)
+    remark = f"{who}: the model says f_al = {known.f_al_hz:.2f} Hz, the ramp itself shows {own_words(own)}"
+    doubt = None
+    if abs(difference) > MOST_DIFFERENCE * known.f_al_hz:
+        doubt = f"{remark}: the model is another robot's, or the robot has changed: hil identify plant"
+    return FoundScale(known, "model", None, words, doubt, remark, max(1.0, (known.f_al_hz / own.peak_hz) ** 2))
+
+
+def own_words(own: Ringing) -> str:
+    """A resonance that a ramp shows of its own, with its standard error and its orders."""
+    orders = " and ".join(f"{order:g}" for order in own.orders)
+    many = "order" if len(own.orders) == 1 else "orders"
+    return f"f_al {own.peak_hz:.2f} ± {own.standard_error_hz:.2f} Hz, from the run's own {many} {orders}"
+
+
+def own_ringing(recording: Recording, axis: int) -> Ringing:
+    """Resonance that a ramp shows of its own.
+
+    Raises:
+        NoResonanceError: It shows none that is clearly the arm's.
+    """
+    ramp = Ramp(
+        recording.axis(axis, "position_rad"), recording.axis(axis, "reference_rad"), recording.columns["tip_z_m_s2"],
+        recording.axis(axis, "torque_nm"), recording.period_s,
+    )  # fmt: skip
+    return ringing(ramp, ORDERS)
+
+
+def own_scale(bench: Bench, axis: int, recording: Recording) -> TipScale:
+    """Scale of an axis without a model, from a ramp on which nothing acts against the vibration.
+
+    Raises:
+        NotPossibleError: The ramp does not show the resonance.
+    """
+    judge = RunJudge(bench)
+    judge.look(recording, axis)
+    found = judge.found(axis)
+    if found.scale is None:
+        raise NotPossibleError(found.words)
+    return found.scale
+
+
+def shown_rps(bench: Bench) -> float:
+    """Motor speed up to which the bench's ramps show the arm."""
+    ramp = bench.constant_acceleration
+    return math.inf if ramp is None else last_rps(ramp.end_rps, ramp.acceleration_rps_s)
+
+
+def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Sentences on the orders that meet f_al beyond the end of the bench's ramp: within the axis' limits, and beyond them.
+
+    What the limits allow is reckoned for a ramp from the middle of the travel, at the bench's accelerations.
+    """
+    ramp, limits = bench.constant_acceleration, bench.axis[axis].limits
+    if ramp is None:
+        return (), ()
+    room_rev = limits.position_max_rev
+    travel_rps = math.sqrt(2.0 * max(room_rev, 0.0) / (1.0 / ramp.acceleration_rps_s + 1.0 / ramp.deceleration_rps_s))
+    most_rps = min(limits.speed_rps, travel_rps)
+    within, beyond = [], []
+    for order in scale.windows_rps:
+        resonant_rps = scale.f_al_hz / order
+        if shown_rps(bench) >= resonant_rps:
+            continue
+        text = (
+            f"axis {axis}: order {order} is not judged: it meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s, the "
+            f"ramp ends at {ramp.end_rps:g} rev/s"
+        )
+        if last_rps(most_rps, ramp.acceleration_rps_s) >= resonant_rps:
+            within.append(f"{text}, and the limits allow {most_rps:.3g}: raise end_rps of constant_acceleration")
+        else:
+            beyond.append(f"{text}, and the limits allow no more than {most_rps:.3g}")
+    return tuple(within), tuple(beyond)
 
 
 def peak_hz(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S) -> float | None:

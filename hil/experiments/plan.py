@@ -7,18 +7,18 @@ from typing import Literal
 
 import numpy as np
 
-from hil.analysis import Metrics, TipScale, constant_acceleration_metrics, judged_orders, line_motion_metrics
+from hil.analysis import Metrics, judged_orders
 from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
 from hil.control.treatments import TreatmentName
 from hil.design.frequency import CONTROL_PERIOD_S, acceleration_bound, margins
 from hil.experiments.bus_demand import BusDemand
-from hil.experiments.judge import axis_scale, line_scale, missing_words
+from hil.experiments.judge import FoundScale, RunJudge, shown_rps, unreached
 from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION, constant_acceleration, line_motion
 from hil.experiments.treatment import FILTERING, REMEDIES, TITLES
+from hil.experiments.window import JudgedWindow, judged_window
 from hil.master.motion import LoopName, Motion, RunResult
-from hil.recording import Recording
-from hil.results.runs import CancellationTrial, PaperClaim, RunEntry, RunTiming, TreatmentComparison
+from hil.results.runs import CancellationTrial, PaperClaim, RunEntry, RunTiming, TreatmentComparison, leading
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,13 @@ NO_TRIAL = TrialVerdict()
 
 
 def entries(
-    bench: Bench, experiment: Experiment, result: RunResult, recording: str, trial: TrialVerdict = NO_TRIAL, repeated: int = 1
+    bench: Bench,
+    experiment: Experiment,
+    result: RunResult,
+    recording: str,
+    trial: TrialVerdict = NO_TRIAL,
+    repeated: int = 1,
+    judge: RunJudge | None = None,
 ) -> list[RunEntry]:
     """Make the entries of one run: one per order's window, or one for the line motion.
 
@@ -113,44 +119,68 @@ def entries(
         recording: Path of the recording, from the result's directory.
         trial: End of the trial before the run.
         repeated: Number of runs in the mean.
+        judge: RunJudge of all runs on the bench; None for one that knows this run alone.
     """
-    scale = line_scale(bench) if experiment.axis is None else axis_scale(bench, experiment.axis)
+    judge = RunJudge(bench) if judge is None else judge
+    is_ramp = experiment.axis is not None and result.stopped is None
+    if is_ramp and experiment.treatment == "none":
+        judge.look(result.recording, experiment.axis or 0)
+    found = judge.found(experiment.axis)
     orders: tuple[int | None, ...] = (None,)
-    if experiment.axis is not None and result.stopped is None:
-        ramp = bench.constant_acceleration
-        orders = judged_orders(scale, math.inf if ramp is None else ramp.end_rps)
-    made = []
-    for order in orders:
-        window = _window(bench, experiment, result, order, scale)
-        invalid = trial.refusal or window.invalid
-        entry = RunEntry(
-            experiment=experiment.name,
-            axis=experiment.axis,
-            treatment=experiment.treatment,
-            loop=experiment.loop,
-            sync_period_s=experiment.period_s(bench),
-            control_period_s=result.control_period_s,
-            order=order,
-            **(dict.fromkeys(Metrics.__dataclass_fields__) if window.metrics is None else vars(window.metrics)),
-            within_spec=None if invalid is not None or result.stopped is not None else window.is_within,
-            cycles=result.cycles,
-            missed_cycles=result.missed_cycles,
-            wall_s=round(result.wall_s, 4),
-            motion_s=round(result.motion_s, 6),
-            recording=recording,
-            bus_errors=result.bus_errors or None,
-            discarded_positions=result.discarded or None,
-            timing=timing_of(result),
-            stopped=None if result.stopped is None else result.stopped.reason,
-            invalid=invalid,
-            trial=trial.trial,
-            repeated=repeated if repeated > 1 else None,
-            f_al_hz=None if scale is None else scale.f_al_hz,
-            window_rps=None if scale is None or order is None else scale.windows_rps[order],
-            band_hz=None if scale is None else scale.band_hz,
+    if is_ramp:
+        orders = judged_orders(found.scale, shown_rps(bench))
+    missed: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+    if is_ramp and found.scale is not None:
+        missed = unreached(bench, experiment.axis or 0, found.scale)
+    windows = [(order, judged_window(bench, experiment.axis, result, order, found)) for order in orders]
+    return [
+        _entry(bench, experiment, result, found, order, window).model_copy(
+            update={
+                "recording": recording,
+                "invalid": trial.refusal or window.invalid,
+                "within_spec": None if trial.refusal is not None else window.is_within,
+                "trial": trial.trial,
+                "repeated": repeated if repeated > 1 else None,
+                "unjudged_orders": missed[0] or None,
+                "unreached_orders": missed[1] or None,
+            }
         )
-        made.append(entry)
-    return made
+        for order, window in windows
+    ]
+
+
+def _entry(
+    bench: Bench, experiment: Experiment, result: RunResult, found: FoundScale, order: int | None, window: JudgedWindow
+) -> RunEntry:
+    """Entry of one window, with all that the run itself says."""
+    scale = found.scale
+    return RunEntry(
+        experiment=experiment.name,
+        axis=experiment.axis,
+        treatment=experiment.treatment,
+        loop=experiment.loop,
+        sync_period_s=experiment.period_s(bench),
+        control_period_s=result.control_period_s,
+        order=order,
+        **(dict.fromkeys(Metrics.__dataclass_fields__) if window.metrics is None else vars(window.metrics)),
+        within_spec=None,
+        cycles=result.cycles,
+        missed_cycles=result.missed_cycles,
+        wall_s=round(result.wall_s, 4),
+        motion_s=round(result.motion_s, 6),
+        recording="",
+        bus_errors=result.bus_errors or None,
+        discarded_positions=result.discarded or None,
+        timing=timing_of(result),
+        stopped=None if result.stopped is None else result.stopped.reason,
+        f_al_hz=None if scale is None else scale.f_al_hz,
+        f_al_source=found.source,
+        f_al_error_hz=found.error_hz,
+        f_al_words=None if scale is None else found.words,
+        remark=found.remark,
+        window_rps=None if scale is None or order is None else scale.windows_rps[order],
+        band_hz=None if scale is None else scale.band_hz,
+    )
 
 
 def timing_of(result: RunResult) -> RunTiming | None:
@@ -158,101 +188,32 @@ def timing_of(result: RunResult) -> RunTiming | None:
     return None if result.timing is None else RunTiming(dropped_cycles=result.dropped_cycles, **vars(result.timing))
 
 
-MAX_SENSOR_MISSED = 0.005
-"""Fraction of a motion's cycles that may lack the accelerometer; beyond it the run is not judged."""
-AT_RANGE = 0.998
-"""Fraction of its range from which a sensor counts as saturated: a step of its resolution below."""
-MAX_LATE = 0.005
-"""Fraction of a motion's cycles on the wall clock that may be dropped or lack an answer; beyond it the run is not judged."""
-
-
-@dataclass(frozen=True)
-class _Window:
-    """One window of a run: its metrics, or the reason why there are none."""
-
-    metrics: Metrics | None = None
-    is_within: bool = False
-    invalid: str | None = None
-
-
-def _window(
-    bench: Bench, experiment: Experiment, result: RunResult, order: int | None, scale: TipScale | None
-) -> _Window:  # fmt: skip
-    """Metrics and verdict of one window; a window that cannot be judged has the reason, and is never within the limits."""
-    if result.stopped is not None:
-        return _Window()
-    try:
-        if result.timing is not None and result.dropped_cycles + result.missed_cycles > MAX_LATE * result.cycles:
-            raise ValueError(
-                f"of {result.cycles} cycles {result.dropped_cycles} were not sent in time and {result.missed_cycles} "
-                f"lack an answer, more than {100.0 * MAX_LATE:g} %; docs/realtime.md"
-            )
-        if result.sensor_missed > MAX_SENSOR_MISSED * result.cycles:
-            raise ValueError(f"the accelerometer was missing in {result.sensor_missed} of {result.cycles} cycles")
-        check_range(bench, result.recording)
-        metrics = _metrics(bench, experiment, result, order, scale)
-    except ValueError as error:
-        return _Window(invalid=str(error))
-    if metrics.tip_peak_mm is None:
-        return _Window(metrics, invalid=missing_words(bench.chain_axes))
-    return _Window(metrics, is_within=bool(metrics.tip_peak_mm <= bench.specification.tip_mm))
-
-
-def check_range(bench: Bench, recording: Recording) -> None:
-    """Refuse a recording in which the accelerometer was at the end of its range.
-
-    Raises:
-        ValueError: The accelerometer was there; the message has the number of samples.
-    """
-    limit = bench.accelerometer.range_m_s2
-    if limit is None:
-        return
-    for name in ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2"):
-        values = np.abs(recording.columns[name])
-        count = int(np.count_nonzero(values >= AT_RANGE * limit))
-        if count:
-            raise ValueError(
-                f"the accelerometer was at the end of its range of {limit:g} m/s² in {count} samples of {name}: "
-                "move more slowly, or take one with a wider range"
-            )
-
-
-def _metrics(
-    bench: Bench, experiment: Experiment, result: RunResult, order: int | None, scale: TipScale | None
-) -> Metrics:  # fmt: skip
-    if experiment.axis is not None and order is not None:
-        if scale is None:
-            raise ValueError(missing_words([experiment.axis]))
-        return constant_acceleration_metrics(result.recording, experiment.axis, order, scale)
-    line = bench.line_motion
-    assert line is not None  # noqa: S101 - the motion was made from it
-    return line_motion_metrics(result.recording, line.dwell_s, line.duration_s, scale)
-
-
 def comparisons(runs: Sequence[RunEntry]) -> list[TreatmentComparison]:
-    """Compare each treatment with none, in every pair that was run (single axis: the k = 2 window)."""
+    """Compare each treatment with none, in every pair that was run; a ramp by the window that speaks for it."""
     pairs = []
-    for run in runs:
-        if run.treatment != "none" or run.order == 4 or run.tip_peak_mm is None:
+    leads = leading(runs)
+    for run in leads:
+        if run.treatment != "none" or run.tip_peak_mm is None:
             continue
-        for other in runs:
+        for other in leads:
             if other.treatment == "none" or other.tip_peak_mm is None or _conditions(other) != _conditions(run):
                 continue
+            same = next((each for each in runs if each.recording == other.recording and each.order == run.order), other)
             comparison = TreatmentComparison(
                 experiment=run.experiment,
                 axis=run.axis,
                 loop=run.loop,
                 treatment=other.treatment,
                 tip_peak_reduction_pct=_reduction_pct(run.tip_peak_mm, other.tip_peak_mm),
-                spectrum_area_reduction_pct=_reduction_pct(run.spectrum_area, other.spectrum_area),
+                spectrum_area_reduction_pct=_reduction_pct(run.spectrum_area, same.spectrum_area),
             )
             pairs.append(comparison)
     return pairs
 
 
-def _conditions(run: RunEntry) -> tuple[str, int | None, str, int | None]:
+def _conditions(run: RunEntry) -> tuple[str, int | None, str]:
     """Conditions in which runs that are compared with each other agree."""
-    return run.experiment, run.axis, run.loop, run.order
+    return run.experiment, run.axis, run.loop
 
 
 def _reduction_pct(before: float | None, after: float | None) -> float:
@@ -290,8 +251,8 @@ def claims(bench: Bench, runs: Sequence[RunEntry], pairs: Sequence[TreatmentComp
 
 
 def outside(runs: Sequence[RunEntry]) -> list[RunEntry]:
-    """Runs with a treatment that is meant to keep the specification, and did not; ramps by the window of order 2."""
-    return [run for run in runs if run.treatment in REMEDIES and run.order in {2, None} and run.within_spec is False]
+    """Runs with a treatment that is meant to keep the specification, and did not; each ramp by the window that speaks for it."""
+    return [run for run in leading(runs) if run.treatment in REMEDIES and run.within_spec is False]
 
 
 def _design_claims(bench: Bench) -> list[PaperClaim]:

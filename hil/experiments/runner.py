@@ -11,7 +11,7 @@ from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.cancellation.cancellation import Cancellation, cancel_inside, cancellation_on
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.trial import Choice, averaged, choose, choose_inside
-from hil.experiments.judge import axis_scale, line_scale
+from hil.experiments.judge import RunJudge, axis_scale, line_scale
 from hil.experiments.measurement import ClockName, Measurement, MeasurementOutcome
 from hil.experiments.plan import NO_TRIAL, Experiment, TrialVerdict, claims, comparisons, entries, outside
 from hil.experiments.treatment import Knowledge, TreatmentSetup, treatment_setup
@@ -37,11 +37,19 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
 
     @property
     def unjudged(self) -> bool:
-        """True where a verdict was asked and could not be given.
+        """True where a run, or an order that its axis can reach within its limits, was not judged."""
+        return any(run.invalid is not None or run.unjudged_orders for run in self.result.runs)
 
-        Without any treatment, on a robot of which no f_al is known, none was asked: it is run to be looked at.
-        """
-        return any(run.invalid is not None and (run.f_al_hz is not None or run.treatment != "none") for run in self.result.runs)
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on where f_al comes from, on models that a run contradicts, and on orders that were not judged, each once."""
+        sentences: list[str] = []
+        for run in self.result.runs:
+            if run.f_al_source == "own" and run.f_al_words is not None:
+                sentences.append(f"{'line motion' if run.axis is None else f'axis {run.axis}'}: {run.f_al_words}")
+            sentences += [run.remark] if run.remark is not None and run.remark not in (run.invalid or "") else []
+            sentences += [*(run.unjudged_orders or ()), *(run.unreached_orders or ())]
+        return list(dict.fromkeys(sentences))
 
     @property
     def trials(self) -> list[CancellationTrial]:
@@ -80,7 +88,7 @@ def run_experiments(
         bench: The bench file.
         experiments: Experiments in their order.
         out: Directory of the files; made where it is missing.
-        is_paper: Judge all of the paper's claims, its tables included; for the paper's robot alone.
+        is_paper: RunJudge all of the paper's claims, its tables included; for the paper's robot alone.
         reset_faults: Reset drives that are in fault before anything else.
         clock: The clock that the bus must have; None for whichever it has.
         overload: Run even what does not fit on the bus.
@@ -91,8 +99,7 @@ def run_experiments(
 
     Raises:
         ValueError: The paper's claims are asked of another robot.
-        NotPossibleError: The bus has another clock or does not carry a run, or a treatment lacks its model or design; nothing
-            has been sent.
+        NotPossibleError: The bus has another clock or does not carry a run, or a treatment lacks its file; nothing was sent.
         HilError: Nodes, limits or set-up do not allow the first run; all changes have been put back.
         ChannelError: The bus cannot be opened, or was lost before that.
     """
@@ -107,7 +114,7 @@ def run_experiments(
     with Measurement(
         bench, out, lambda described: ExperimentsResult(bench=described), channel=channel, reporter=reporter
     ) as measurement:
-        result = measurement.result
+        result, judge = measurement.result, RunJudge(bench)
         measurement.check_clock(clock)
         check_bands(bench, experiments, motions)
         with measurement.session(demands, overload=overload, reset_faults=reset_faults) as session:
@@ -115,7 +122,7 @@ def run_experiments(
                 reporter.run(experiment.title)
                 runs = _ExperimentRuns(session, experiment, motion, replace(setup, shows_filter=shows), reporter)
                 runs.perform(repeat)
-                _enter(measurement, bench, experiment, runs)
+                _enter(measurement, judge, experiment, runs)
         if is_paper:
             result.paper = claims(bench, result.runs, result.comparisons)
     return ExperimentsOutcome(measurement.result, measurement.failure)
@@ -206,7 +213,7 @@ class _ExperimentRuns:
         )
 
 
-def _enter(measurement: Measurement[ExperimentsResult], bench: Bench, experiment: Experiment, runs: _ExperimentRuns) -> None:
+def _enter(measurement: Measurement[ExperimentsResult], judge: RunJudge, experiment: Experiment, runs: _ExperimentRuns) -> None:
     """Save the runs of an experiment, and enter them into the result.
 
     Raises:
@@ -214,7 +221,7 @@ def _enter(measurement: Measurement[ExperimentsResult], bench: Bench, experiment
     """
     result = measurement.result
     one, path = _keep(measurement, runs.results, experiment.file_name)
-    result.runs += entries(bench, experiment, one, path, runs.trial, runs.count)
+    result.runs += entries(judge.bench, experiment, one, path, runs.trial, runs.count, judge)
     result.comparisons = comparisons(result.runs)
     if one.stopped is not None:
         raise one.stopped

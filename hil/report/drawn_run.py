@@ -161,7 +161,7 @@ def window_words(material: Material, axis: int, order: int = 2) -> str:
     window = material.window_rps(axis, order)
     if window is None:
         return "Nothing is shaded, since the run is not judged."
-    words = {2: "second", 4: "fourth"}[order]
+    words = {1: "first", 2: "second", 4: "fourth"}.get(order, f"{order}th")
     return f"Shaded: {window[0]:.3g} to {window[1]:.3g} rev/s, where the {words} harmonic crosses the resonance."
 
 
@@ -187,9 +187,10 @@ def limit_m_s2(material: Material, f_al: float) -> float:
 
 def limit_words(material: Material, axis: int, where: str = "") -> str:
     """Sentence on the dotted lines of a diagram; `where` ends it, for lines around a mean."""
-    if axis not in material.f_al_hz:
-        return "Without a model there is no frequency by which the specification becomes an acceleration."
-    limit = limit_m_s2(material, material.f_al_hz[axis])
+    f_al = material.f_al(axis)
+    if f_al is None:
+        return "Without an f_al there is no frequency by which the specification becomes an acceleration."
+    limit = limit_m_s2(material, f_al)
     return (
         f"Dotted: the specification of ±{material.bench.specification.tip_mm:g} mm as an acceleration, ±{limit:.3f} m/s²{where}."
     )

@@ -8,16 +8,16 @@ from typing import Any, cast
 
 import numpy as np
 
-from hil.analysis import PAPER_BAND_HZ, TipScale, judged_orders, motor_speed_rps
+from hil.analysis import PAPER_BAND_HZ, TipScale, joint_scale, judged_orders, motor_speed_rps
 from hil.bench.bench import Bench
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, Margins, margins
 from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate, fit_transmission_error
-from hil.experiments.judge import line_scale, scale_at
+from hil.experiments.judge import line_scale, scale_at, shown_rps
 from hil.experiments.treatment import TITLES
 from hil.recording import Recording
 from hil.report.origin import origin_of
 from hil.results.files import load_result
-from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison
+from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison, leading
 
 CONSTANT_ACCELERATION, LINE_MOTION = "constant-acceleration", "line-motion"
 
@@ -83,8 +83,22 @@ class Material:
     def scale(self, axis: int | None) -> TipScale | None:
         """Scale of an axis, or of the line motion (None); None where no f_al is known."""
         if axis is None:
-            return line_scale(self.bench, self.control_period_s)
-        return scale_at(self.bench, axis, self.f_al_hz[axis]) if axis in self.f_al_hz else None
+            known = line_scale(self.bench, self.control_period_s)
+            own = [
+                scale_at(self.bench, number, f_al) for number, f_al in self.own_f_al_hz.items() if number in self.bench.chain_axes
+            ]
+            return known or (joint_scale(own) if own else None)
+        f_al_hz = self.f_al_hz.get(axis, self.own_f_al_hz.get(axis))
+        return None if f_al_hz is None else scale_at(self.bench, axis, f_al_hz)
+
+    @cached_property
+    def own_f_al_hz(self) -> dict[int, float]:
+        """f_al by axis, of those whose ramps show it by themselves."""
+        return {
+            run.axis: run.f_al_hz
+            for run in self.result.runs
+            if run.f_al_source == "own" and run.axis is not None and run.f_al_hz is not None
+        }
 
     def f_al(self, axis: int | None) -> float | None:
         """Frequency that turns an acceleration into a displacement; None where it is not known."""
@@ -103,8 +117,7 @@ class Material:
 
     def judged_orders(self, axis: int) -> tuple[int, ...]:
         """Orders in whose windows the ramps of an axis are judged."""
-        ramp = self.bench.constant_acceleration
-        return judged_orders(self.scale(axis), math.inf if ramp is None else ramp.end_rps)
+        return judged_orders(self.scale(axis), shown_rps(self.bench))
 
     @property
     def word(self) -> str:
@@ -155,6 +168,20 @@ class Material:
             if same and order in (None, run.order):
                 return run
         return None
+
+    def lead(self, experiment: str, axis: int | None, treatment: str, loop: str) -> RunEntry | None:
+        """Window that speaks for a run, or None.
+
+        Args:
+            experiment: Name of the experiment.
+            axis: Axis of a constant-acceleration run, else None.
+            treatment: Name of the treatment.
+            loop: Side that closes the loop, the drive or the host.
+        """
+        wanted = (experiment, axis, treatment, loop)
+        return next(
+            (run for run in leading(self.result.runs) if (run.experiment, run.axis, run.treatment, run.loop) == wanted), None
+        )
 
     def comparison(
         self, experiment: str, axis: int | None, loop: str = "drive", treatment: str = "notch"

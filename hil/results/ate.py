@@ -5,8 +5,8 @@ from typing import Literal
 from pydantic import Field
 
 from hil.bench.model import IdentifiedError
-from hil.design.ate_identification import Agreement
-from hil.design.ate_model import Arm, Sensing
+from hil.design.ate.identification import Agreement
+from hil.design.ate.model import Arm, Sensing
 from hil.results.base import MeasuredResult, ResultPart
 from hil.results.runs import RunTiming
 
@@ -68,7 +68,11 @@ class AteRun(ResultPart):
 
 
 class AteFit(ResultPart):
-    """Fit of all passes together; the fields are those of `hil.design.ate_identification.JointEstimate`."""
+    """Fit of all passes together; the fields are those of `hil.design.ate.identification.JointEstimate`.
+
+    Attributes:
+        carried: Fraction of the vibration's power by order; orders overlap, so that the sum is not quite what is explained.
+    """
 
     delay_s: float
     delay_error_s: float
@@ -81,6 +85,7 @@ class AteFit(ResultPart):
     widened: float
     band_hz: tuple[float, float]
     agreement: tuple[Agreement, ...]
+    carried: dict[str, float] | None = None
 
 
 class AteStandardErrors(ResultPart):
@@ -105,7 +110,7 @@ class AteResult(MeasuredResult):
         ate: Entry of the model file; None, like all below, where nothing was identified.
         fit: Fit of all passes.
         history: Standard errors after each pass.
-        is_within_goal: True where the standard errors reach the goal.
+        is_within_goal: True where the standard errors reach the goal, or miss it by no more than half; the notes say which.
         notes: Sentences for the engineer.
         not_identified: Reason why nothing was identified.
     """

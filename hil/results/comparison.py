@@ -143,6 +143,28 @@ class StoryStep(ResultPart):
     seconds: float
 
 
+class StoryFact(ResultPart):
+    """One drawn number of an emulated robot, beside what was found of it.
+
+    Attributes:
+        axis: Axis number.
+        symbol: Symbol of the quantity.
+        name: Quantity in words.
+        unit: Its unit.
+        truth: The robot's number.
+        estimate: Number that was identified; None where it was not, or nothing identifies it.
+        standard_error: Standard error of the estimate.
+    """
+
+    axis: int
+    symbol: str
+    name: str
+    unit: str
+    truth: float
+    estimate: float | None = None
+    standard_error: float | None = None
+
+
 class StoryPart(ResultPart):
     """Steps of a story up to its comparison.
 
@@ -150,11 +172,17 @@ class StoryPart(ResultPart):
         bench_file: Path of the bench file, from the story's directory.
         steps: Steps in their order.
         failure: Reason why it ended early, or None.
+        robot_file: Path of the robot file that was kept aside, from the story's directory; None of a robot that has none.
+        seed: Seed by which the robot was drawn.
+        facts: Numbers of the robot beside what was found, revealed at the end.
     """
 
     bench_file: str
     steps: tuple[StoryStep, ...]
     failure: str | None
+    robot_file: str | None = None
+    seed: int | None = None
+    facts: tuple[StoryFact, ...] | None = None
 
 
 class TreatmentTable(Result):

@@ -1,9 +1,11 @@
 """Result of `hil run`, and of the first part of `hil demo`: runs, the changes by treatments, and the paper's claims."""
 
+from collections.abc import Iterable
 from typing import Literal
 
 from pydantic import Field
 
+from hil.analysis import PAPER_WINDOWS_RPS
 from hil.master.lateness import Percentiles
 from hil.master.realtime import Measure
 from hil.results.base import MeasuredResult, ResultPart
@@ -137,8 +139,17 @@ class RunEntry(ResultPart):
         repeated: Number of runs in the recording's mean.
         ramp_peak_mm: Largest tip displacement on the whole ramp, without the jerks at its ends; None for the line motion.
         f_al_hz: Frequency by which the run is judged: the peak of |G_al|; None where it is not known, and nothing is judged.
+        f_al_source: `model`, or `own` where the run's own vibration shows it.
+        f_al_error_hz: Standard error of an f_al from the run's own vibration.
+        f_al_words: f_al and where it comes from, as a line.
+        remark: Sentence on an f_al of a model that the run itself does not show.
         window_rps: Motor speeds of the window; None for the line motion.
         band_hz: Band of the vibration.
+        order_mm: Largest amplitude of the order itself in the window, as a displacement; None where it cannot be tracked.
+        order_error_mm: Its standard error.
+        noise_mm: Largest tip displacement that noise alone would show in the window.
+        unjudged_orders: Sentences on orders that the limits let meet f_al and the ramp does not: the run is not within.
+        unreached_orders: Sentences on orders that cannot meet f_al within the limits.
     """
 
     experiment: str
@@ -168,8 +179,37 @@ class RunEntry(ResultPart):
     repeated: int | None = None
     ramp_peak_mm: float | None = None
     f_al_hz: float | None = None
+    f_al_source: Literal["model", "own"] | None = None
+    f_al_error_hz: float | None = None
+    f_al_words: str | None = None
+    remark: str | None = None
     window_rps: tuple[float, float] | None = None
     band_hz: tuple[float, float] | None = None
+    order_mm: float | None = None
+    order_error_mm: float | None = None
+    noise_mm: float | None = None
+    unjudged_orders: tuple[str, ...] | None = None
+    unreached_orders: tuple[str, ...] | None = None
+
+
+def leading(runs: Iterable[RunEntry]) -> list[RunEntry]:
+    """The window that speaks for each run, in the order of the runs.
+
+    In the paper's windows that of order 2, which the paper judges by. Else one that could not be judged, or the largest tip peak:
+    a run keeps a limit only where every order keeps it.
+    """
+    by_run: dict[str, list[RunEntry]] = {}
+    for run in runs:
+        by_run.setdefault(run.recording, []).append(run)
+    return [_leading(windows) for windows in by_run.values()]
+
+
+def _leading(windows: list[RunEntry]) -> RunEntry:
+    paper = [run for run in windows if run.order == 2 and run.window_rps == PAPER_WINDOWS_RPS[2]]
+    if paper:
+        return paper[0]
+    open_ = [run for run in windows if run.tip_peak_mm is None or run.invalid is not None]
+    return open_[0] if open_ else max(windows, key=lambda run: run.tip_peak_mm or 0.0)
 
 
 class TreatmentComparison(ResultPart):

@@ -238,8 +238,9 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
                 tables.probes(rows), tables.cost(rows))  # fmt: skip
         typer.echo("\n\n".join(f"**{each.title}**\n\n{tables.markdown(each)}" for each in made if each is not None))
     else:
-        shown = tables.claims(found)
-        table(f"{len(rows)} robots", shown.header, tables.plain_rows(shown))
+        signs = {True: "yes", False: "no", None: "not judged"}
+        lines = [(each.name, each.asked, each.measured, signs[each.holds]) for each in found]
+        table(f"{len(rows)} robots", ("claim", "asked", "measured", "holds"), lines)
     typer.echo(f"files: {', '.join(map(str, written))}", err=True)
     _judge(found, check=check)
 
@@ -257,6 +258,6 @@ def _claims_file(folder: Path, whole: "Mapping[str, object]") -> Path:
 def _judge(found: "Sequence[RehearsalClaim]", *, check: bool) -> None:
     failed = [each for each in found if each.holds is False]
     for each in failed:
-        typer.echo(f"not reached: {each.words}: asked {each.asked}, measured {each.measured}", err=True)
+        typer.echo(f"not reached: {each.words}; asked {each.asked}, measured {each.measured}", err=True)
     if failed and check:
         raise typer.Exit(EmulatorExitStatus.NOT_MET)

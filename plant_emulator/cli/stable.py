@@ -65,7 +65,7 @@ def stable(seeds: SeedsOption, out: OutOption, kind: KindOption = "both") -> Non
     from plant_emulator.rehearsal.many.one import drawn, facts
     from plant_emulator.rehearsal.many.seeds import seeds_of
     from plant_emulator.rehearsal.many.table import csv_text
-    from plant_emulator.robots.writing import robot_text
+    from plant_emulator.robots.writing import file_text
 
     with exit_on_error():
         with exit_on_value_error():
@@ -78,7 +78,7 @@ def stable(seeds: SeedsOption, out: OutOption, kind: KindOption = "both") -> Non
         rows = []
         for seed in named:
             robot, bench = drawn(seed, kind)
-            write_atomically(out / f"robot-{seed}.toml", robot_text(robot).encode())
+            write_atomically(out / f"robot-{seed}.toml", file_text(robot).encode())
             write_atomically(out / f"bench-{seed}.toml", bench.encode())
             rows.append(facts(seed, kind))
         write_atomically(out / "robots.csv", csv_text(rows).encode())

@@ -2,37 +2,41 @@
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from hil.bench.bench import Bench
-from hil.bench.design import load_designs, update_designs
-from hil.bench.model import Identified, load_identified, update_file
 from hil.control.treatments import TreatmentName
 from hil.design.notch_search import Effort
+from hil.emulator import EmulatorProcess
 from hil.errors import HilError, SafetyStopError
-from hil.experiments.ate.on_bus import identify_ate
-from hil.experiments.ate.request import AteRequest
 from hil.experiments.cancellation.effect import Part
-from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus
-from hil.experiments.notch_design import NotchDesignRequest, design, designed_axis
-from hil.experiments.plan import Experiment
-from hil.experiments.plant.motion import PlantRequest
-from hil.experiments.plant.on_bus import run_identify_plant
-from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import Knowledge
 from hil.reporter import SILENT, Reporter
 from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.estimates import facts_of, quantities_of
+from plant_emulator.rehearsal.over_bus import StepsOverBus
 from plant_emulator.rehearsal.probes import probe
 from plant_emulator.rehearsal.record import TREATMENTS, PathRecord, StepRecord
+from plant_emulator.rehearsal.steps import Note, PathFiles, Steps, StepsInProcess
 from plant_emulator.rehearsal.survey import Survey
 from plant_emulator.robots.robot import Robot
+from plant_emulator.robots.writing import file_text
 from plant_emulator.world import World
 
 SMALL_EFFORT = Effort(16, 6, 6, 2)
 """Effort of the notch's search in a rehearsal: a tenth of the quick one."""
+
+RUNS: dict[str, tuple[TreatmentName, tuple[str, ...]]] = {
+    "none": ("none", ()),
+    "notch": ("notch", ()),
+    "notch_designed": ("notch-designed", ("design",)),
+    "cancellation": ("cancellation", ("ate",)),
+    "cancellation_learnt": ("cancellation-learnt", ("learn",)),
+}
+"""Runs of the path: treatment, and the steps that must be done before."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class PathOptions:
         over_bus: Go over a bus: a served robot, and the tools as processes.
         with_design: Design a notch.
         with_probes: Try wrong corrections.
-        effort: Effort of the notch's search.
+        effort: Effort of the notch's search; over a bus it is that of `--quick`.
         keeps_files: Keep recordings and results in the folder; otherwise only the model files stay.
     """
 
@@ -68,8 +72,7 @@ def walk(robot: Robot, bench: Bench, folder: Path, options: PathOptions | None =
         options: Options; the defaults unless given.
         reporter: Listener of each step.
     """
-    walked = _Walk(robot, bench, folder, options or PathOptions(), reporter)
-    return walked.record()
+    return _Walk(robot, bench, folder, options or PathOptions(), reporter).record()
 
 
 @dataclass
@@ -82,139 +85,107 @@ class _Walk:
     options: PathOptions
     reporter: Reporter
     result: PathRecord = field(init=False)
+    left_out: dict[str, Sequence[Part]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.axis = min(self.bench.axis) if self.options.axis is None else self.options.axis
         self.result = PathRecord(self.robot.name, self.robot.seed, self.axis, self.options.over_bus)
-        self.left_out: dict[str, list[Part]] = {}
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self.model, self.learnt, self.designs = (self.folder / f"{name}.toml" for name in ("model", "learnt", "design"))
-        self.channel = DirectChannel(World(self.robot), self.robot.bus.bitrate)
+        self.files = PathFiles(self.folder)
 
     def record(self) -> PathRecord:
         """Walk, measure the truth, and give the record."""
-        began = time.process_time()
-        self.result.facts = facts_of(self.robot, self.bench, self.axis)
-        self._step("plant", self._plant)
-        if self.model.exists():
-            shutil.copyfile(self.model, self.learnt)
-        self._step("ate", self._ate)
-        if self.options.with_design:
-            self._step("design", self._design, needs=("plant",))
-        self._step("none", lambda: self._run("none"))
-        self._step("notch", lambda: self._run("notch"))
-        self._step("notch_designed", lambda: self._run("notch-designed"), needs=("design",))
-        self._step("cancellation", lambda: self._run("cancellation"), needs=("ate",))
-        self._step("learn", self._learn)
-        self._step("cancellation_learnt", lambda: self._run("cancellation-learnt"), needs=("learn",))
-        self.result.quantities = quantities_of(self.robot, self.axis, self._identified(), self._learnt())
-        self.result.simulated_s = self.channel.syncs * self.robot.sync_period_s
+        result, began = self.result, time.process_time()
+        self.folder.mkdir(parents=True, exist_ok=True)
+        result.facts = facts_of(self.robot, self.bench, self.axis)
+        with self._steps() as steps:
+            self._walk(steps)
+        result.quantities = quantities_of(self.robot, self.axis, self.files.identified(), self._knowledge().learnt)
         walked = time.process_time()
-        self.result.cpu_s = walked - began
+        result.cpu_s = walked - began
         self._survey()
-        self.result.survey_cpu_s = time.process_time() - walked
+        result.survey_cpu_s = time.process_time() - walked
         if not self.options.keeps_files:
             for path in self.folder.iterdir():
                 if path.is_dir():
                     shutil.rmtree(path)
-        return self.result
+        return result
 
-    # -- steps ---------------------------------------------------------------------------------------------------------
+    @contextmanager
+    def _steps(self) -> Iterator[Steps]:
+        """The robot behind its bus, and the steps on it."""
+        if not self.options.over_bus:
+            channel = DirectChannel(World(self.robot), self.robot.bus.bitrate)
+            yield StepsInProcess(self.bench, self.axis, self.files, channel, self.options.effort)
+            self.result.simulated_s = channel.syncs * self.robot.sync_period_s
+            return
+        file = self.folder / "robot.toml"
+        file.write_text(file_text(self.robot), encoding="utf-8")
+        with EmulatorProcess(str(file), self.robot.bus.bitrate) as served:
+            yield StepsOverBus(self.bench, self.axis, self.files, served.address)
 
-    def _step(self, name: str, act: Callable[[], str | None], needs: tuple[str, ...] = ()) -> None:
+    def _walk(self, steps: Steps) -> None:
+        """Take the steps in their order."""
+        self._take("plant", steps.plant)
+        if self.files.model.exists():
+            shutil.copyfile(self.files.model, self.files.learnt)
+        self._take("ate", steps.ate)
+        if self.options.with_design:
+            self._take("design", steps.design, ("plant",))
+        else:
+            self.result.steps["design"] = StepRecord("skipped", "", "not asked for")
+        for name in ("none", "notch", "notch_designed", "cancellation"):
+            self._run(steps, name)
+        self._take("learn", steps.learn)
+        self._run(steps, "cancellation_learnt")
+
+    def _run(self, steps: Steps, name: str) -> None:
+        treatment, needs = RUNS[name]
+
+        def act() -> Note:
+            note, self.left_out[name] = steps.run(treatment, is_learnt=self._is_done("learn"))
+            return note
+
+        self._take(name, act, needs)
+
+    def _take(self, name: str, act: Callable[[], Note], needs: tuple[str, ...] = ()) -> None:
         """Take a step; its note, or its error in words, goes into the record."""
-        missing = [need for need in needs if not self.result.steps[need].is_done]
+        missing = [need for need in needs if not self._is_done(need)]
         if missing:
             self.result.steps[name] = StepRecord("skipped", "", f"needs {missing[0]}")
             return
         self.reporter.step(name)
         began = time.process_time()
-        try:
-            note = act()
-            step = StepRecord("noted" if note else "done", "", note or "")
-        except SafetyStopError as error:
-            step = StepRecord("stopped", type(error).__name__, str(error))
-        except (HilError, ValueError, OSError) as error:
-            step = StepRecord("refused", type(error).__name__, str(error))
-        except Exception as error:  # noqa: BLE001 - a walk tells of every robot what happened, and goes on with the next
-            step = StepRecord("crashed", type(error).__name__, str(error))
+        step = _ended(act)
         self.result.steps[name] = StepRecord(step.ended, step.error, step.words, time.process_time() - began)
-
-    def _plant(self) -> str | None:
-        outcome = run_identify_plant(
-            self.bench, PlantRequest(self.axis), self.folder / "plant", model=self.model, channel=self.channel
-        )
-        _raise(outcome.failure)
-        return None
-
-    def _ate(self) -> str | None:
-        outcome = identify_ate(self.bench, AteRequest(self.axis), self.folder / "ate", self._identified(), channel=self.channel)
-        _raise(outcome.failure)
-        if outcome.part is not None:
-            update_file(self.model, self.bench.name, self.axis, outcome.part)
-        return None if outcome.result.is_within_goal else "; ".join(outcome.result.notes or ()) or "not within the goal"
-
-    def _design(self) -> str | None:
-        request = NotchDesignRequest(self.axis, effort=self.options.effort)
-        outcome = design(self.bench, request, self._identified())
-        _raise(outcome.failure)
-        update_designs(self.designs, self.bench.name, self.axis, designed_axis(outcome))
-        return None
-
-    def _run(self, treatment: TreatmentName) -> str | None:
-        experiment = Experiment("constant-acceleration", self.axis, treatment)
-        outcome = run_experiments(
-            self.bench, [experiment], self.folder / treatment, knowledge=self._knowledge(), channel=self.channel
-        )
-        _raise(outcome.failure)
-        run = outcome.result.runs[0]
-        notes = list(dict.fromkeys(outcome.invalid))
-        if run.trial is not None:
-            if not run.trial.is_good:
-                raise TrialRefusedError(str(run.invalid))
-            self.left_out[treatment] = [Part(part.axis, part.order) for part in run.trial.left_out]
-            notes += [part.words for part in run.trial.left_out]
-        return "; ".join(notes) or None
-
-    def _learn(self) -> str | None:
-        outcome = learn_on_bus(self.bench, LearnRequest((self.axis,)), self.folder / "learn", self.learnt, channel=self.channel)
-        _raise(outcome.failure)
-        return None
 
     # -- what is known -------------------------------------------------------------------------------------------------
 
-    def _identified(self) -> Identified | None:
-        return load_identified(self.model) if self.model.exists() else None
-
-    def _learnt(self) -> Identified | None:
-        if "learn" not in self.result.steps or not self.result.steps["learn"].is_done:
-            return None
-        return load_identified(self.learnt)
+    def _is_done(self, step: str) -> bool:
+        return step in self.result.steps and self.result.steps[step].is_done
 
     def _knowledge(self) -> Knowledge:
-        designs = load_designs(self.designs) if self.designs.exists() else None
-        return Knowledge(self._identified(), designs, self._learnt())
+        return self.files.knowledge(is_learnt=self._is_done("learn"))
 
     def _survey(self) -> None:
         """Measure the true tip under each treatment that the path has."""
-        survey = Survey(self.robot, self.bench, self.axis)
-        knowledge, steps = self._knowledge(), self.result.steps
-        needs = {"notch_designed": "design", "cancellation": "ate", "cancellation_learnt": "learn"}
+        survey, knowledge = Survey(self.robot, self.bench, self.axis), self._knowledge()
         for name in TREATMENTS:
-            if name in needs and (needs[name] not in steps or not steps[needs[name]].is_done):
-                continue
-            self.result.tips[name] = survey.tip(name, knowledge, self.left_out.get(name.replace("_", "-"), ()))
-        self.result.floor = survey.floor()
+            if all(self._is_done(need) for need in RUNS[name][1]):
+                tip = survey.tip(name, knowledge, self.left_out.get(name, ()))
+                self.result.tips[name], self.result.tracked[name] = tip
+        self.result.floor, self.result.tracked["floor"] = survey.floor()
         if self.options.with_probes:
             self.result.probes = probe(self.robot, self.bench, self.axis, survey, self.result.tips["none"])
 
 
-class TrialRefusedError(HilError):
-    """The trial refused a cancellation, in the run's own words."""
-
-    exit_code = 9
-
-
-def _raise(failure: Exception | None) -> None:
-    if failure is not None:
-        raise failure
+def _ended(act: Callable[[], Note]) -> StepRecord:
+    """Take a step, and tell how it ended."""
+    try:
+        note = act()
+    except SafetyStopError as error:
+        return StepRecord("stopped", type(error).__name__, str(error))
+    except (HilError, ValueError, OSError) as error:
+        return StepRecord("refused", type(error).__name__, str(error))
+    except Exception as error:  # noqa: BLE001 - a walk tells of every robot what happened, and goes on with the next
+        return StepRecord("crashed", type(error).__name__, str(error))
+    return StepRecord("noted" if note else "done", "", note or "")

@@ -1,15 +1,14 @@
-"""Text of a robot file from a robot."""
+"""Text of a robot file or a bench file from what has been read of one."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from drive_profiles.files.toml import toml_value
-from plant_emulator.robots.robot import Robot
+from drive_profiles.files.toml import Table, toml_value
 
 
-def robot_text(robot: Robot) -> str:
-    """A robot as its file says it; what is as by default is left out. Reading it gives the same robot."""
-    return "\n".join([*_lines("", robot.model_dump(exclude_none=True, exclude_defaults=True)), ""])
+def file_text(table: Table) -> str:
+    """A robot or a bench as its file says it; what is as by default is left out. Reading it gives the same."""
+    return "\n".join([*_lines("", table.model_dump(exclude_none=True, exclude_defaults=True)), ""])
 
 
 def _lines(name: str, values: Mapping[Any, Any]) -> list[str]:

@@ -17,7 +17,7 @@ Real = NDArray[np.float64]
 Block = tuple[Real, Real, Real, float]
 """A (n × n), b (n,), c (n,) and d of a discrete block with one input and one output."""
 
-PEAK_RANGE_HZ = (4.0, 30.0)
+PEAK_RANGE_HZ = (2.0, 48.0)
 """Band in which the peak of |G_al| is looked for."""
 
 

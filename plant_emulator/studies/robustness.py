@@ -35,8 +35,8 @@ from plant_emulator.studies.spread import (
 )
 from plant_emulator.studies.tip_metrics import (
     LINE_WINDOW_S,
-    TIP_BAND_HZ,
     above_band,
+    band_hz,
     spectrum_area,
     speed_window,
     tip_displacement_mm,
@@ -46,6 +46,9 @@ Real = NDArray[np.float64]
 
 WINDOW_SAMPLES = 16
 """Fewer samples in the window than this are no run through it."""
+
+HIGHEST_F_AL = 1.3
+"""Highest f_al of a plant, in units of the robot file's, for which the SYNC period has to do."""
 
 SETTLE_S = 0.5
 """Rest of the axes before the motion in s, as in `simulate`."""
@@ -76,7 +79,7 @@ class PlantRunResult:
         tip_rms_mm: Its root mean square there.
         area_reduction_percent: Reduction of the spectrum's area by the filters, in a line motion with filters; else None.
         following_error_rev: Largest distance of a motor from its set-point.
-        residual_mm: Largest true tip displacement above 6 Hz in the last quarter of a second.
+        residual_mm: Largest true tip displacement above f_al/2 in the last quarter of a second.
         growth_per_s: `closed_loop.growth_per_s`, the worst axis.
         faults: Reasons why it is not stable: `diverged`, `following`, `vibration`, `torque`, `poles`.
         meets: It is stable and within the specification.
@@ -107,11 +110,13 @@ class SimulatedMotion:
         columns: Shape (n, axes, 5): counts, arm angle, speed and acceleration in rad, torque.
         tip_m_s2: True vertical acceleration of the tip; shape (n,).
         measured_m_s2: The accelerometer's reading of it; shape (n,).
+        f_al_hz: Peak of |G_al| of this plant, by which it is judged; of axis 2 in the line motion.
     """
 
     columns: Real
     tip_m_s2: Real
     measured_m_s2: Real
+    f_al_hz: float
 
 
 @dataclass(frozen=True)
@@ -156,10 +161,6 @@ class Study:
         period = self.robot.control_period_s
         if not math.isclose(self.periods * period, self.robot.sync_period_s, rel_tol=1e-9):
             raise ValueError(f"{self.robot.sync_period_s} s is no whole number of control periods of {period} s")
-        if 0.5 / self.robot.sync_period_s <= TIP_BAND_HZ[1]:
-            raise ValueError(
-                f"a SYNC period of {self.robot.sync_period_s} s does not show vibrations up to {TIP_BAND_HZ[1]:g} Hz"
-            )
         if self.robot.accelerometer.lowpass_hz is not None or self.robot.accelerometer.mounting_resonance_hz is not None:
             raise ValueError("a study sees the tip at each SYNC only: leave lowpass_hz and mounting_resonance_hz of it out")
         self._targets()
@@ -171,6 +172,9 @@ class Study:
             softness = self.robot.axis[number].wind_up_softness + self.spread.wind_up_softness
             if softness >= 1.0:
                 raise ValueError(f"axis {number}: wind_up_softness {softness:g} leaves no stiffness; less than 1 is wanted")
+        top_hz = band_hz(HIGHEST_F_AL * self.f_al_hz)[1]
+        if 0.5 / self.robot.sync_period_s <= top_hz:
+            raise ValueError(f"a SYNC period of {self.robot.sync_period_s} s does not show vibrations up to {top_hz:.3g} Hz")
 
     @property
     def periods(self) -> int:
@@ -240,8 +244,11 @@ class Study:
     @cached_property
     def f_al_hz(self) -> float:
         """Frequency of the peak of |G_al| by the robot file, of axis 2 in the line motion, in Hz."""
+        return self._f_al_of(self.robot)
+
+    def _f_al_of(self, robot: Robot) -> float:
         number = self.axes[0]
-        return arm_peak_hz(self.robot.axis[number], self.cascades[number], self.robot.control_period_s)
+        return arm_peak_hz(robot.axis[number], self.cascades[number], robot.control_period_s)
 
     @cached_property
     def _laws(self) -> dict[int, Law]:
@@ -328,7 +335,8 @@ class Study:
         )
         trace = trace[len(set_points) - len(self.set_points) :]
         tip, radial = self._tip(trace)
-        return SimulatedMotion(trace, tip, _read(plant.reading, tip, radial, self.robot.sync_period_s, source))
+        measured = _read(plant.reading, tip, radial, self.robot.sync_period_s, source)
+        return SimulatedMotion(trace, tip, measured, self._f_al_of(plant.robot))
 
     def _tip(self, trace: Real) -> tuple[Real, Real]:
         """True vertical and radial acceleration of the tip; shape (n,) each."""
@@ -371,7 +379,7 @@ class Study:
 
     def _tip_in_window(self, trace: SimulatedMotion) -> tuple[float, float]:
         """Largest and mean square tip displacement where it is judged, as measured."""
-        displacement = tip_displacement_mm(trace.measured_m_s2, self.robot.sync_period_s, self.f_al_hz)[self._window(trace)]
+        displacement = tip_displacement_mm(trace.measured_m_s2, self.robot.sync_period_s, trace.f_al_hz)[self._window(trace)]
         if len(displacement) < WINDOW_SAMPLES:
             return math.inf, math.inf
         return float(np.max(np.abs(displacement))), float(np.sqrt(np.mean(displacement**2)))
@@ -382,7 +390,7 @@ class Study:
             start = self._line_start_s()
             return np.asarray((self.times >= start + LINE_WINDOW_S[0]) & (self.times <= start + LINE_WINDOW_S[1]))
         angle = trace.columns[:, 0, COUNTS] / self.robot.axis[self.axis].encoder_counts_per_rev
-        return speed_window(angle, self.robot.sync_period_s)
+        return speed_window(angle, self.robot.sync_period_s, trace.f_al_hz)
 
     def _line_start_s(self) -> float:
         return 0.0 if self.robot.line_motion is None else self.robot.line_motion.dwell_s
@@ -403,7 +411,8 @@ class Study:
     def _residual(self, trace: SimulatedMotion, faults: list[str]) -> float:
         """The true vibration that is left at the end, in mm; what of it shows that a loop is not stable joins the faults."""
         quarter = round(0.5 * TAIL_S / self.robot.sync_period_s)
-        swing = 1e3 * above_band(trace.tip_m_s2, self.robot.sync_period_s) / (2.0 * math.pi * self.f_al_hz) ** 2
+        f_al = trace.f_al_hz
+        swing = 1e3 * above_band(trace.tip_m_s2, self.robot.sync_period_s, f_al) / (2.0 * math.pi * f_al) ** 2
         before, last = swing[-2 * quarter : -quarter], swing[-quarter:]
         residual = float(np.max(np.abs(last)))
         if residual > SEEN_FRACTION * self.tip_mm and np.std(last) > DECAY * np.std(before):

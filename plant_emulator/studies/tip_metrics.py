@@ -1,7 +1,6 @@
 """Metrics of a tip's acceleration as in the report, reckoned by the world itself; a test holds both side by side."""
 
 import math
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,31 +8,34 @@ from scipy import signal
 
 Real = NDArray[np.float64]
 
-TIP_BAND_HZ = (6.0, 25.0)
-"""Band of the tip vibration."""
+BAND_FACTORS = (0.5, 2.1)
+"""Band of the tip vibration, in units of f_al."""
 SPEED_LOWPASS_HZ = 20.0
-WINDOW_RPS = (4.5, 7.5)
+ORDER, WINDOW_FACTORS = 2, (0.76, 1.27)
+"""Order by which a ramp is judged, and the motor speeds around the one at which it meets f_al, in units of f_al/k."""
 LINE_WINDOW_S = (0.5, 2.0)
 LINE_BAND_HZ = (0.0, 50.0)
 
 
-@cache
-def _band(period_s: float) -> Real:
-    return np.asarray(signal.butter(2, TIP_BAND_HZ, "bandpass", fs=1.0 / period_s, output="sos"))
+def band_hz(f_al_hz: float) -> tuple[float, float]:
+    """Band of the vibration of an arm that rings at f_al."""
+    return BAND_FACTORS[0] * f_al_hz, BAND_FACTORS[1] * f_al_hz
 
 
 def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, f_al_hz: float) -> Real:
-    """The tip's vertical acceleration from 6 to 25 Hz (2nd-order Butterworth, forward and backward) over (2π f_al)², in mm."""
-    return np.asarray(1e3 * signal.sosfiltfilt(_band(period_s), acceleration_m_s2) / (2.0 * math.pi * f_al_hz) ** 2)
+    """The tip's vertical acceleration in its band (2nd-order Butterworth, forward and backward) over (2π f_al)², in mm."""
+    band = signal.butter(2, band_hz(f_al_hz), "bandpass", fs=1.0 / period_s, output="sos")
+    return np.asarray(1e3 * signal.sosfiltfilt(band, acceleration_m_s2) / (2.0 * math.pi * f_al_hz) ** 2)
 
 
-def speed_window(revolutions: Real, period_s: float) -> NDArray[np.bool_]:
-    """Rows in which the motor's speed rises through 4.5 … 7.5 rps (order k = 2); shape (n,)."""
+def speed_window(revolutions: Real, period_s: float, f_al_hz: float) -> NDArray[np.bool_]:
+    """Rows in which the motor's speed rises through 0.76 … 1.27 f_al/2 (order k = 2); shape (n,)."""
+    low_rps, high_rps = (factor * f_al_hz / ORDER for factor in WINDOW_FACTORS)
     corner = min(SPEED_LOWPASS_HZ, 0.2 / period_s)
     sections = signal.butter(2, corner, fs=1.0 / period_s, output="sos")
     speed = np.abs(signal.sosfiltfilt(sections, np.gradient(revolutions, period_s)))
     rising = np.arange(len(speed)) < int(np.argmax(speed))
-    return np.asarray((speed >= WINDOW_RPS[0]) & (speed <= WINDOW_RPS[1]) & rising)
+    return np.asarray((speed >= low_rps) & (speed <= high_rps) & rising)
 
 
 def spectrum_area(acceleration_m_s2: Real, period_s: float) -> float:
@@ -45,7 +47,7 @@ def spectrum_area(acceleration_m_s2: Real, period_s: float) -> float:
     return float(np.trapezoid(amplitude[inside], frequency[inside]))
 
 
-def above_band(acceleration_m_s2: Real, period_s: float) -> Real:
-    """The part above 6 Hz: what the motion itself asks of the tip is left out."""
-    sections = signal.butter(2, TIP_BAND_HZ[0], "highpass", fs=1.0 / period_s, output="sos")
+def above_band(acceleration_m_s2: Real, period_s: float, f_al_hz: float) -> Real:
+    """The part above f_al/2: what the motion itself asks of the tip is left out."""
+    sections = signal.butter(2, band_hz(f_al_hz)[0], "highpass", fs=1.0 / period_s, output="sos")
     return np.asarray(signal.sosfiltfilt(sections, acceleration_m_s2))

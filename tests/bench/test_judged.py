@@ -33,7 +33,6 @@ def run(tmp_path: Path, local_bus: ServedBus, text: str, treatment: str, *more: 
 
 
 def test_without_a_model_a_run_has_no_millimetre_and_says_what_is_missing(tmp_path: Path, local_bus: ServedBus) -> None:
-    """A verdict is asked where something acts: 9; a robot that is only looked at: 0."""
     status, output, page = run(tmp_path, local_bus, bench_without_model(), "notch")
     assert status == 9
     assert "not judged: axis 2 has no model" in output
@@ -42,7 +41,43 @@ def test_without_a_model_a_run_has_no_millimetre_and_says_what_is_missing(tmp_pa
         assert (entry["tip_peak_mm"], entry["within_spec"]) == (None, None)
         assert entry["invalid"].startswith("axis 2 has no model, so f_al is not known")
         assert "f_al_hz" not in entry
-    assert run(tmp_path, local_bus, bench_without_model(), "none")[0] == 0
+
+
+def test_without_a_model_a_ramp_on_which_nothing_acts_is_judged_by_its_own_resonance(
+    tmp_path: Path, local_bus: ServedBus
+) -> None:
+    status, output, page = run(tmp_path, local_bus, bench_without_model(), "none")
+    assert status == 0
+    assert "from the run's own order" in output
+    assert "from the run's own order" in page.replace("&#39;", "'")
+    entries = json.loads((tmp_path / "out-none" / "result.json").read_text())["runs"]
+    assert [entry["order"] for entry in entries] == [2, 4], "order 1 would meet it at 11.8 rev/s, the ramp ends at 10"
+    assert "order 1 is not judged" in output
+    for entry in entries:
+        assert entry["f_al_source"] == "own"
+        assert entry["f_al_hz"] == pytest.approx(11.84, rel=0.02)
+        assert abs(entry["f_al_hz"] - 11.84) < 3.0 * entry["f_al_error_hz"]
+    assert entries[0]["within_spec"] is False
+    assert entries[0]["tip_peak_mm"] == pytest.approx(0.08, rel=0.15)
+    assert 0.0 < entries[0]["noise_mm"] < 0.01
+    assert entries[0]["order_mm"] == pytest.approx(0.06, rel=0.3)
+    assert 0.0 < entries[0]["order_error_mm"] < 0.1 * entries[0]["order_mm"]
+
+
+def test_a_model_that_the_ramp_contradicts_judges_nothing(tmp_path: Path, local_bus: ServedBus) -> None:
+    """By the stiffer model the tip would move less than asked: a wrong yes."""
+    text = (
+        REFERENCE.read_text(encoding="utf-8")
+        .replace('reference = "paper"', "")
+        .replace("stiffness_nm_rad = 48950.0", "stiffness_nm_rad = 120e3")
+    )
+    status, output, _ = run(tmp_path, local_bus, text, "none")
+    assert status == 9
+    assert "the model says f_al = 18." in output
+    assert "the ramp itself shows f_al 11." in output
+    for entry in json.loads((tmp_path / "out-none" / "result.json").read_text())["runs"]:
+        assert entry["within_spec"] is None
+        assert "hil identify plant" in entry["invalid"]
 
 
 def test_another_robots_headline_is_its_own(tmp_path: Path, local_bus: ServedBus) -> None:

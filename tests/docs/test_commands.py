@@ -24,6 +24,7 @@ LIMIT_S = 420
 
 SUDO = "changes the network interfaces of the machine"
 ADAPTER = "needs a CAN adapter or vcan, and root; tests/vcan does it on a kernel of its own"
+DASK = "tests/plant_emulator/rehearsal starts a scheduler and workers itself, on a free port"
 SUITE = "is this test run itself, or another that takes as long"
 NOT_RUN = {
     ("README.md", "make demo"): "installs first; tests/hil/cli runs the demo itself",
@@ -38,6 +39,9 @@ NOT_RUN = {
     ("docs/other-programs.md", "can_viewer -i hil_local -c /tmp/robot.sock"): "draws on a terminal until a key is pressed",
     ("docs/real-drive.md", "sudo ip link set can0 up type can bitrate 1000000"): SUDO,
     ("docs/real-drive.md", "export HIL_BUS=socketcan:can0"): "the emulated drive of the page's beginning stands for the real one",
+    ("docs/robustness.md", "dask scheduler --host 127.0.0.1 --no-dashboard"): DASK,
+    ("docs/robustness.md", "dask worker tcp://127.0.0.1:8786 --nworkers 4 --nthreads 1 --no-dashboard"): DASK,
+    ("docs/robustness.md", "plant-emulator rehearse --seeds 1-1000 --on dask:tcp://127.0.0.1:8786 --out rehearsal"): DASK,
     ("docs/socketcan.md", "sudo ip link set can0 type can bitrate 1000000 restart-ms 0"): SUDO,
     ("docs/socketcan.md", "sudo ip link set can0 txqueuelen 64"): SUDO,
     ("docs/socketcan.md", "sudo ip link set can0 up"): SUDO,
@@ -87,6 +91,8 @@ SHORTENED = {
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --notch design/design.toml"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --spread spread.toml --runs 5000 --seed 7"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --experiment line-motion --runs 300"): "--runs 4",
+    ("docs/robustness.md", "plant-emulator rehearse --seeds 1-1000 --out rehearsal"): "--seeds 4",
+    ("docs/robustness.md", "plant-emulator rehearse --seeds 1-1000 --out rehearsal --resume"): "--seeds 4",
 }
 """What is added to a command that would take minutes; all else of it stands."""
 

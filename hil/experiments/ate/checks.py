@@ -5,20 +5,35 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.design.ate_identification import DELAY_S, JointEstimate
+from hil.bench.bench import Limits
+from hil.bench.model import SIGNIFICANT_SIGMAS
+from hil.design.ate.identification import DELAY_S, JointEstimate
 from hil.errors import HilError
+from hil.experiments.ate.motion import Ramps
 from hil.master.motion import RunResult
 
 Real = NDArray[np.float64]
 
 MAX_MISSED = 0.005
 """Fraction of a pass' cycles that may lack an answer, the accelerometer, or a set-point in time."""
-LEAST_EXPLAINED = 0.5
-"""Fraction of the vibration that θ_sync must explain: 0.99 on a robot that is what the bench file says, 0.1 on another axis."""
+LEAST_EXPLAINED = 0.6
+"""Fraction of the vibration beyond noise that θ_sync must explain: 0.99 on gears of all kinds, 0.3 at a wrong resonance."""
 LEAST_SIGMAS = 5.0
-"""Least ratio of A_2 or A_4 to its standard error."""
+"""Least ratio of the largest A_k to its standard error."""
+VIBRATES = 0.1
+"""Fraction of the vibration that neither the orders nor noise explain, from which another order is looked for."""
+GAIN_OF_PASSES = 2.0
+"""Factor by which further passes, each slower, lower the standard errors."""
 SCALE_TOLERANCE, SCALE_SIGMAS = 0.25, 5.0
-"""Allowed deviation from 1 of the factor of the motor's own motion in the signal: absolute, and in standard errors."""
+"""Deviation from 1 of the motion's factor that is a wrong axis, sensor or lever: absolute, and in standard errors."""
+SCALE_REMARK, SCALE_REMARK_SIGMAS = 0.08, 3.0
+"""Deviation of that factor that is worth a note."""
+FEELS_NOTHING = 0.2
+"""Factor below which the accelerometer does not feel the axis at all."""
+HELD_TORQUE_FRACTION, HELD_TRAVEL_FRACTION = 0.9, 0.7
+"""Signs of an arm that is held: torque over its limit, and travel over the intended one."""
+LEAST_ASKED_REV = 0.2
+"""Distance from which it is told whether a motor follows."""
 FLAT_STRETCHES, FLAT_STEPS, PILE = 4, 20.0, 4.0
 """Signs of a saturated signal: stretches at its largest value, distance of that value from the median in resolution steps,
 and its count over that of the neighbouring values (a sine in steps: 2.4)."""
@@ -30,7 +45,15 @@ class AteNotIdentifiedError(HilError):
     exit_code = 9
 
     def __init__(
-        self, what: str, value: float, needed: float, unit: str = "", remedy: str = "", *, at_most: bool = False
+        self,
+        what: str,
+        value: float,
+        needed: float,
+        unit: str = "",
+        remedy: str = "",
+        *,
+        at_most: bool = False,
+        is_of_orders: bool = False,
     ) -> None:
         """Keep the quantity, its value, and the value that it must have.
 
@@ -41,8 +64,10 @@ class AteNotIdentifiedError(HilError):
             unit: Unit of both values.
             remedy: Advice, in words; empty for none.
             at_most: True where `needed` is an upper bound.
+            is_of_orders: True where an order that is not in the set may be the cause.
         """
-        self.what, self.value, self.needed, self.unit, self.remedy = what, value, needed, unit, remedy
+        self.is_of_orders = is_of_orders
+        self.what, self.value, self.needed, self.unit, self.remedy, self.at_most = what, value, needed, unit, remedy, at_most
         suffix, tail = f" {unit}" if unit else "", f"; {remedy}" if remedy else ""
         bound = f"at most {needed:.4g}{suffix} is allowed" if at_most else f"at least {needed:.4g}{suffix} is needed"
         super().__init__(f"not identified: {what} is {value:.4g}{suffix}, {bound}{tail}")
@@ -90,33 +115,29 @@ def check_accelerometer(tip: Real) -> None:
             raise AteNotIdentifiedError(what, stretches, FLAT_STRETCHES - 1, "", remedy, at_most=True)
 
 
-def check_estimate(estimate: JointEstimate, *, sensorless: bool) -> None:
-    """Check that a fit belongs to this axis and is significant.
+def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
+    """Check that a fit belongs to this axis, and that it is significant or can become so.
+
+    Args:
+        estimate: The fit.
+        sensorless: True where it is of the motor torque.
+        passes_left: Number of passes that may follow.
 
     Raises:
         AteNotIdentifiedError: One of the checks fails.
     """
-    signal = "motor torque's" if sensorless else "tip's"
-    if estimate.explained_by_error < LEAST_EXPLAINED:
-        what = f"the fraction of the {signal} vibration that the transmission error explains"
-        remedy = "is this the axis that moves the accelerometer, and are its reduction ratio and node right?"
-        raise AteNotIdentifiedError(what, estimate.explained_by_error, LEAST_EXPLAINED, "", remedy)
-    strongest = max(
-        amplitude / max(estimate.amplitude_error_arcsec[order], 1e-30)
-        for order, amplitude in estimate.error.amplitude_arcsec.items()
-    )
-    if strongest < LEAST_SIGMAS:
-        what = "the largest amplitude over its standard error"
-        raise AteNotIdentifiedError(what, strongest, LEAST_SIGMAS, "", "excite more: more passes, a slower ramp, a better sensor")
-    off = abs(estimate.motion_scale - 1.0)
-    if off > max(SCALE_TOLERANCE, SCALE_SIGMAS * estimate.motion_scale_error):
-        known = "J_l/N² of the plant" if sensorless else "tip_lever_m / reduction_ratio of the bench file"
-        what = f"the factor by which the motor's own motion shows in the signal other than {known} says, less 1,"
-        factor = f"the factor is {estimate.motion_scale:.3f} ± {estimate.motion_scale_error:.3f}"
-        remedy = f"is this the axis that moved? {factor}; a gear with a soft wind-up shows like this too"
-        raise AteNotIdentifiedError(
-            what, off, max(SCALE_TOLERANCE, SCALE_SIGMAS * estimate.motion_scale_error), "", remedy, at_most=True
+    if not sensorless:
+        _check_factor(estimate)
+    _check_significance(estimate, sensorless=sensorless, passes_left=passes_left)
+    of_vibration = estimate.explained_by_error / max(estimate.explained_by_error + estimate.structured, 1e-30)
+    if of_vibration < LEAST_EXPLAINED:
+        signal = "motor torque's" if sensorless else "tip's"
+        orders = ", ".join(f"{order:g}" for order in estimate.error.amplitude_arcsec)
+        what = (
+            f"the fraction of the {signal} vibration, noise left out, that a transmission error of the orders {orders} explains"
         )
+        remedy = "does another order ring (the order map of a run shows it), another axis, or a loose sensor?"
+        raise AteNotIdentifiedError(what, of_vibration, LEAST_EXPLAINED, "", remedy, is_of_orders=True)
     delay = estimate.arm.delay_s
     if not DELAY_S[0] + 1e-3 < delay < DELAY_S[1] - 1e-3:
         bound = DELAY_S[1] - 1e-3 if delay > 0.0 else -DELAY_S[0] - 1e-3
@@ -124,6 +145,81 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool) -> None:
         raise AteNotIdentifiedError(
             what, 1e3 * abs(delay), 1e3 * bound, "ms", "beyond it φ cannot be told from φ + 180°", at_most=True
         )
+
+
+def _check_factor(estimate: JointEstimate) -> None:
+    """Refuse a signal that the motor's own motion shows to be another axis', or none."""
+    factor, error = estimate.motion_scale, estimate.motion_scale_error
+    off, allowed = abs(factor - 1.0), max(SCALE_TOLERANCE, SCALE_SIGMAS * estimate.motion_scale_error)
+    if off <= allowed:
+        return
+    what = "the factor by which the motor's own motion shows at the tip other than tip_lever_m / reduction_ratio says, less 1,"
+    if factor < -FEELS_NOTHING:
+        remedy = "the tip moves against the motor: the encoder counts backwards (607Eh), or the accelerometer sits upside down"
+    elif factor < FEELS_NOTHING:
+        remedy = "the accelerometer does not feel this axis: is it alive, does it sit on this arm, is the arm coupled and free?"
+    else:
+        remedy = "is this the axis that moved, and are its reduction ratio and lever right?"
+    remedy += f" The factor is {factor:.3f} ± {error:.3f}"
+    raise AteNotIdentifiedError(what, off, allowed, "", remedy, at_most=True)
+
+
+def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_left: int) -> None:
+    """Refuse an error that is not seen, and that further passes would not show."""
+    errors = estimate.amplitude_error_arcsec
+    ratios = {k: amplitude / max(errors[k], 1e-30) for k, amplitude in estimate.error.amplitude_arcsec.items()}
+    order = max(ratios, key=lambda k: ratios[k])
+    most = max(a + SIGNIFICANT_SIGMAS * errors[k] for k, a in estimate.error.amplitude_arcsec.items())
+    hope = GAIN_OF_PASSES if passes_left and not sensorless else 1.0
+    if hope * ratios[order] >= LEAST_SIGMAS:
+        return
+    remedy = f"no A_k is seen, and none is above {most:.2g}″: if that is too much, a slower ramp or a better sensor shows more"
+    what = f"the largest amplitude over its standard error (A_{order:g})"
+    is_of_orders = estimate.structured > VIBRATES
+    raise AteNotIdentifiedError(what, ratios[order], LEAST_SIGMAS, "", remedy, is_of_orders=is_of_orders)
+
+
+def factor_remark(estimate: JointEstimate) -> str | None:
+    """Note on a factor of the motor's motion that is neither 1 nor certainly wrong; None where there is nothing to say."""
+    off = abs(estimate.motion_scale - 1.0)
+    if off <= max(SCALE_REMARK, SCALE_REMARK_SIGMAS * estimate.motion_scale_error):
+        return None
+    return (
+        f"the motor's own motion shows at the tip {estimate.motion_scale:.3f} ± {estimate.motion_scale_error:.3f} times as "
+        "tip_lever_m / reduction_ratio of the bench file says: A_k is wrong by as much, or the gear is no spring; the trial of "
+        "the cancellation decides"
+    )
+
+
+def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> None:
+    """Check that the motor made its motion; where it was stopped on the way, whether the arm is held.
+
+    Args:
+        motion: Ramps that were asked for.
+        result: The run, which may have been stopped.
+        axis: Axis number.
+        limits: Limits of the axis.
+
+    Raises:
+        AteNotIdentifiedError: The motor did not move, or pressed against something that holds it.
+    """
+    recording = result.recording
+    if not len(recording.time_s):
+        return
+    angle, wanted = recording.axis(axis, "position_rad"), motion.motion.motor_angle_rad[: len(recording.time_s), 0]
+    asked_rev = float(np.ptp(wanted)) / (2.0 * math.pi)
+    made_rev = float(np.ptp(angle)) / (2.0 * math.pi)
+    if asked_rev < LEAST_ASKED_REV or made_rev >= HELD_TRAVEL_FRACTION * asked_rev:
+        return
+    torque_nm = float(np.max(np.abs(recording.axis(axis, "torque_nm"))))
+    pressed = torque_nm >= HELD_TORQUE_FRACTION * limits.torque_nm
+    remedy = (
+        f"the motor pressed with {torque_nm:.3g} N·m of {limits.torque_nm:g}: is a brake closed, or the arm blocked?"
+        if pressed
+        else f"its torque was {torque_nm:.3g} N·m: is the motor coupled, does its encoder count, are the gains this axis'?"
+    )
+    what = f"the distance that the motor of axis {axis} turned, of {asked_rev:.2f} rev asked,"
+    raise AteNotIdentifiedError(what, made_rev, HELD_TRAVEL_FRACTION * asked_rev, "rev", remedy)
 
 
 def reached_rps(angle_rad: Real, period_s: float, end_row: int, over_s: float = 0.05) -> float:

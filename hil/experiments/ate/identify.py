@@ -11,22 +11,41 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError
-from hil.design.ate_identification import JointEstimate, identify
-from hil.design.ate_model import Sweep
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Sweep
 from hil.errors import NotPossibleError
-from hil.experiments.ate.checks import AteNotIdentifiedError, check_accelerometer, check_estimate, check_run, reached_rps
+from hil.experiments.ate.checks import (
+    AteNotIdentifiedError,
+    check_accelerometer,
+    check_moved,
+    check_run,
+    factor_remark,
+    reached_rps,
+)
 from hil.experiments.ate.motion import (
+    ACCELERATION_AT_HZ,
     BEYOND_RESONANCE,
     END_OVER_RESONANCE,
+    PASSED,
     Ramps,
-    deceleration,
     end_speed,
+    further_end,
     ramps,
-    slowest,
     too_short,
+    with_room,
 )
+from hil.experiments.ate.order_scan import OrderScan, identify_orders
+from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
-from hil.experiments.ate.request import FITTED_ORDERS, AteRequest, AxisKnowledge, first_end_speed, sensing_of
+from hil.experiments.ate.request import (
+    AteRequest,
+    AxisKnowledge,
+    Miss,
+    first_acceleration,
+    first_end_speed,
+    is_seen,
+    sensing_of,
+)
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -35,7 +54,11 @@ from hil.robot_tables import TransmissionErrorTable, amplitude_key, phase_key
 Real = NDArray[np.float64]
 
 LEAST_ACCELERATION_RPS_S = 1.0
-"""No pass is slower: below it the arm is in its steady state all the way, and time buys no more than another pass would."""
+"""No pass is slower on an arm of 12 Hz: there the arm is in its steady state all the way, and another pass buys as much."""
+SEARCHED_PASSES = 2
+"""Passes after which the arm is searched for; later ones start from what is known."""
+FURTHER = 1.02
+"""End speed of a ramp over that of the last, from which it goes further."""
 SKIP_TORQUE = 0.12
 """Fraction of a ramp, from its beginning, that does not count without an accelerometer: there the torque is friction's."""
 SENSORLESS_BIAS = (
@@ -72,17 +95,34 @@ class Identification:
     Attributes:
         passes: Passes in their order.
         notes: Sentences for the engineer.
-        missed: Sentences on each number that is known less well than requested.
+        misses: Numbers that are known less well than requested.
+        scan: Orders of the vibration; None without an accelerometer.
     """
 
     passes: list[Pass] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    missed: list[str] = field(default_factory=list)
+    misses: list[Miss] = field(default_factory=list)
+    scan: OrderScan | None = None
 
     @property
     def estimate(self) -> JointEstimate:
         """Estimate from all passes."""
         return self.passes[-1].estimate
+
+    @property
+    def missed(self) -> list[str]:
+        """Sentences on the numbers that are known less well than requested."""
+        return [miss.sentence for miss in self.misses]
+
+    def is_reached(self, order: float) -> bool:
+        """True where the ramps went through the resonance with an order."""
+        reached = max(each.ramps.trajectory.end_rps for each in self.passes)
+        return reached >= PASSED * self.estimate.arm.resonance_hz / order
+
+    @property
+    def is_good(self) -> bool:
+        """True where what was requested is known, or is usable (`Miss`); an order out of the ramps' reach is not counted."""
+        return all(miss.is_usable or not self.is_reached(miss.order) for miss in self.misses)
 
 
 def identify_on(
@@ -106,44 +146,74 @@ def identify_on(
         SafetyStopError: A run was stopped.
         HilError: Limits or nodes do not allow a run.
     """
-    bench, axis, period = session.bench, request.axis, session.bench.bus.sync_period_s
-    sensing = sensing_of(bench, axis, knowledge, sensorless=request.sensorless)
-    acceleration, end = request.acceleration_rps_s, first_end_speed(bench, request, knowledge)
-    identification, start = Identification(), knowledge.start
+    bench, axis = session.bench, request.axis
+    acceleration, end = first_acceleration(bench, request, knowledge), first_end_speed(bench, request, knowledge)
+    identification = Identification()
     for number in range(1, request.passes + 1):
         reporter.step(
             f"pass {number} of at most {request.passes}: axis {axis} to {end:.2f} rev/s at {acceleration:.2f} rev/s² and back"
         )
         session.check_interrupt()
         here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
-        motion = ramps(bench, axis, here_rev, acceleration, end, period)
+        motion = ramps(bench, axis, here_rev, acceleration, end, bench.bus.sync_period_s)
         result = session.run(motion.motion, "none", "drive")
         keep(number, result, motion)
+        check_moved(motion, result, axis, bench.axis[axis].limits)
         if result.stopped is not None:
             raise result.stopped
         check_run(result, sensorless=request.sensorless)
-        sweep = sweep_of(motion, result.recording, axis, sensorless=request.sensorless)
-        try:
-            estimate = identify(
-                [*(each.sweep for each in identification.passes), sweep],
-                bench.axis[axis].reduction_ratio,
-                sensing,
-                start,
-                FITTED_ORDERS,
-            )
-        except ValueError as error:
-            raise NotPossibleError(f"not identified: {error}") from error
-        estimate = _with_inertia_error(estimate, knowledge.arm_inertia_fraction)
-        identification.passes.append(Pass(motion, result.recording, sweep, estimate))
-        check_estimate(estimate, sensorless=request.sensorless)
-        _check_speed(bench, axis, motion, result.recording, estimate.arm.resonance_hz)
-        identification.missed = request.goal.missed(estimate)
-        if not identification.missed:
+        made = _fitted(bench, request, knowledge, identification, motion, result.recording)
+        identification.passes.append(made)
+        left = request.passes - number
+        watch = _watch(identification, bench, request, knowledge)
+        checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
+        is_through = _is_through(bench, axis, made, passes_left=left)
+        identification.misses = request.goal.missed(made.estimate)
+        if is_through and not _curable(identification, bench, axis):
             break
-        start = estimate.arm
-        acceleration, end = _slower(bench, axis, acceleration, start.resonance_hz)
+        acceleration, end = _next_ramp(bench, axis, identification, acceleration)
     _remark(identification, bench, request, knowledge)
+    if not request.sensorless:
+        identification.scan = watch.scan(identification.estimate)
+        identification.notes += watch.notes(identification.estimate, identification.scan)
     return identification
+
+
+def _watch(identification: Identification, bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> OrderWatch:
+    """The passes so far, to be looked through for orders."""
+    sensing = sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless)
+    last = identification.passes[-1].ramps.trajectory.acceleration_rps_s
+    return OrderWatch(bench, request.axis, sensing, [each.sweep for each in identification.passes], last)
+
+
+def _fitted(
+    bench: Bench,
+    request: AteRequest,
+    knowledge: AxisKnowledge,
+    identification: Identification,
+    motion: Ramps,
+    recording: Recording,
+) -> Pass:
+    """The pass with the estimate from all passes so far.
+
+    Raises:
+        AteNotIdentifiedError: The accelerometer is dead or saturated.
+        NotPossibleError: The passes do not carry a fit.
+    """
+    sweep = sweep_of(motion, recording, request.axis, sensorless=request.sensorless)
+    before = identification.passes
+    try:
+        estimate = identify_orders(
+            [*(each.sweep for each in before), sweep],
+            bench.axis[request.axis].reduction_ratio,
+            sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
+            before[-1].estimate.arm if before else knowledge.start,
+            request.orders,
+            is_near=len(before) >= SEARCHED_PASSES,
+        )
+    except ValueError as error:
+        raise NotPossibleError(f"not identified: {error}") from error
+    return Pass(motion, recording, sweep, _with_inertia_error(estimate, knowledge.arm_inertia_fraction))
 
 
 def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool) -> Sweep:
@@ -166,21 +236,57 @@ def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool
     return Sweep(angle, tip, recording.period_s, motion.direction())
 
 
-def _slower(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float) -> tuple[float, float]:
-    """Acceleration and end of the next pass: half of the last, as far as there is room."""
-    end = min(END_OVER_RESONANCE * arm_hz / 2.0, end_speed(bench, axis, acceleration_rps_s, arm_hz))
-    least = max(LEAST_ACCELERATION_RPS_S, 1.001 * slowest(bench.axis[axis], deceleration(bench), end))
-    return min(acceleration_rps_s, max(0.5 * acceleration_rps_s, least)), end
+def _is_through(bench: Bench, axis: int, made: Pass, passes_left: int) -> bool:
+    """True where the ramps passed f_m2; False where the next ones can.
+
+    Raises:
+        AteNotIdentifiedError: Limits keep them from it, or no pass is left; with the limit that binds.
+    """
+    arm_hz, direction = made.estimate.arm.resonance_hz, made.ramps.direction()
+    needed = BEYOND_RESONANCE * arm_hz / 2.0
+    ends = [int(np.flatnonzero(direction == sign)[-1]) for sign in (1, -1)]
+    angle, period = made.recording.axis(axis, "position_rad"), made.recording.period_s
+    reached = min(reached_rps(angle, period, end) for end in ends)
+    if reached >= needed:
+        return True
+    acceleration = made.ramps.trajectory.acceleration_rps_s
+    try:
+        further = end_speed(bench, axis, with_room(bench, axis, acceleration, needed), arm_hz)
+    except NotPossibleError as error:
+        raise AteNotIdentifiedError("the speed that the ramps reached", reached, needed, "rev/s", str(error)) from error
+    if not passes_left or further < FURTHER * made.ramps.trajectory.end_rps:
+        why = too_short(bench, axis, acceleration, arm_hz, reached)
+        raise AteNotIdentifiedError("the speed that the ramps reached", reached, needed, "rev/s", why)
+    return False
 
 
-def _check_speed(bench: Bench, axis: int, motion: Ramps, recording: Recording, arm_hz: float) -> None:
-    needed, direction = BEYOND_RESONANCE * arm_hz / 2.0, motion.direction()
-    for sign, name in ((1, "forwards"), (-1, "backwards")):
-        last = int(np.flatnonzero(direction == sign)[-1])
-        reached = reached_rps(recording.axis(axis, "position_rad"), recording.period_s, last)
-        if reached < needed:
-            why = too_short(bench, axis, motion.trajectory.acceleration_rps_s, arm_hz, reached)
-            raise AteNotIdentifiedError(f"the speed that the ramp {name} reached", reached, needed, "rev/s", why)
+def _curable(identification: Identification, bench: Bench, axis: int) -> list[Miss]:
+    """Misses that another pass may cure: those of orders that can yet go through the resonance, and noise's, not the gear's."""
+    arm_hz, misses = identification.estimate.arm.resonance_hz, identification.misses
+    unseen_yet = [
+        miss
+        for miss in misses
+        if not identification.is_reached(miss.order) and further_end(bench, axis, arm_hz, miss.order) is not None
+    ]
+    if not identification.estimate.is_spring:
+        return unseen_yet
+    return unseen_yet + [miss for miss in misses if identification.is_reached(miss.order)]
+
+
+def _next_ramp(bench: Bench, axis: int, identification: Identification, acceleration_rps_s: float) -> tuple[float, float]:
+    """Acceleration and end of the next pass: half as fast as the last, through f_m2, or through f_a where order 1 asks for it."""
+    arm_hz = identification.estimate.arm.resonance_hz
+    ends = [
+        further
+        for miss in identification.misses
+        if miss.order < 2.0 and (further := further_end(bench, axis, arm_hz, miss.order)) is not None
+    ]
+    least = LEAST_ACCELERATION_RPS_S * (arm_hz / ACCELERATION_AT_HZ) ** 2
+    slower = min(acceleration_rps_s, max(0.5 * acceleration_rps_s, least))
+    if ends:
+        return with_room(bench, axis, slower, max(ends)), max(ends)
+    slower = with_room(bench, axis, slower, END_OVER_RESONANCE * arm_hz / 2.0)
+    return slower, end_speed(bench, axis, slower, arm_hz)
 
 
 def _with_inertia_error(estimate: JointEstimate, fraction: float) -> JointEstimate:
@@ -200,10 +306,11 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         f"the standard errors have been widened {estimate.widened:.1f} times"
         for each in apart
     ]
+    identification.notes += [note for note in (None if request.sensorless else factor_remark(estimate),) if note is not None]
     for order, amplitude in estimate.error.amplitude_arcsec.items():
-        sigmas = amplitude / max(estimate.amplitude_error_arcsec[order], 1e-30)
-        if sigmas < 3.0:
-            identification.notes.append(f"A_{order:g} is {sigmas:.1f} standard errors: φ_{order:g} means nothing")
+        if not is_seen(estimate, order):
+            sigma = estimate.amplitude_error_arcsec[order]
+            identification.notes.append(f"A_{order:g} is not seen ({amplitude:.2g} ± {sigma:.2g}″): the model file has none")
     peak = max(float(np.max(np.abs(each.recording.axis(request.axis, "torque_nm")))) for each in identification.passes)
     if peak >= SATURATED_TORQUE_FRACTION * table.limits.torque_nm:
         identification.notes.append(
@@ -213,7 +320,15 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         fraction = knowledge.arm_inertia_fraction
         error = f"whose standard error of {100.0 * fraction:.2g} % is in A_k's" if fraction else "whose error nobody has stated"
         identification.notes.append(f"sensorless: A_k is as wrong as J_l from {knowledge.source}, {error}; {SENSORLESS_BIAS}")
-    identification.notes += identification.missed
+    shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
+    identification.notes += [miss.sentence for miss in shown]
+    if not estimate.is_spring:
+        arms = ", ".join(f"{arm.resonance_hz:.2f} Hz at order {order:g}" for order, arm in estimate.own_arms.items())
+        also = f", {arms}" if arms else ""
+        identification.notes.append(
+            f"the gear is no spring (hysteresis, soft wind-up): its resonance depends on the size of the vibration "
+            f"({estimate.arm.resonance_hz:.2f} Hz{also}), which the standard errors contain and more passes do not change"
+        )
 
 
 def standard_errors(estimate: JointEstimate) -> dict[str, float]:
@@ -226,12 +341,13 @@ def standard_errors(estimate: JointEstimate) -> dict[str, float]:
 
 
 def as_part(estimate: JointEstimate, request: AteRequest, note: str = "") -> IdentifiedError:
-    """Transmission error as an entry of the model file."""
+    """Transmission error as an entry of the model file; an order that is not seen is 0 in it."""
+    seen = {order: size for order, size in estimate.error.amplitude_arcsec.items() if is_seen(estimate, order)}
     errors = standard_errors(estimate) | {"arm_hz": estimate.arm_error.resonance_hz, "damping": estimate.arm_error.damping}
     if not request.sensorless:
         errors["accelerometer_delay_s"] = estimate.arm_error.delay_s
     return IdentifiedError(
-        values=TransmissionErrorTable.of(estimate.error.amplitude_arcsec, estimate.error.phase_deg),
+        values=TransmissionErrorTable.of(seen, {order: estimate.error.phase_deg[order] for order in seen}),
         standard_error=errors,
         arm_hz=estimate.arm.resonance_hz,
         damping=estimate.arm.damping,

@@ -20,7 +20,13 @@ END_OVER_RESONANCE = 1.35
 """End speed of a ramp over f_m2 where f_a is known: a faster ramp gives no more information."""
 MARGIN_REV = 0.5
 """Distance of a ramp from the bench file's position limits: a motor lags its set-point, 0.4 rev at 10 rps and K_pp = 25/s."""
+FIRST_ORDER_END, PASSED = 1.2, 1.08
+"""End speed of a ramp over f_a where order 1 is to pass the resonance as well, and the least with which it does."""
+ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
+"""Acceleration of a first pass, and the arm's frequency for which it is meant; it goes with the square of the frequency."""
+SLOWEST_RPS_S = 0.3
 DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
+LEAST_END_RPS = 1.0
 SPEED_FRACTION = 0.95
 """Fraction of the speed limit that a ramp uses."""
 DWELL_S, TAIL_S = 0.3, 0.5
@@ -72,6 +78,44 @@ def slowest(table: AxisTable, deceleration_rps_s: float, end_rps: float) -> floa
     return 1.0 / left if left > 0.0 else math.inf
 
 
+def acceleration_for(bench: Bench, arm_hz: float | None) -> float:
+    """Acceleration of a first pass in rev/s²: as many periods in the resonance whatever f_a is; 4 where it is not known.
+
+    It is no larger than the deceleration with which every ramp ends.
+    """
+    if arm_hz is None:
+        return ACCELERATION_RPS_S
+    wanted = ACCELERATION_RPS_S * (arm_hz / ACCELERATION_AT_HZ) ** 2
+    return min(max(wanted, SLOWEST_RPS_S), deceleration(bench))
+
+
+def with_room(bench: Bench, axis: int, acceleration_rps_s: float, end_rps: float) -> float:
+    """An acceleration with which a ramp to a speed has room: the given one, or more, up to the deceleration.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        acceleration_rps_s: Acceleration that is wanted.
+        end_rps: Speed at the ramp's end.
+    """
+    least = 1.001 * slowest(bench.axis[axis], deceleration(bench), end_rps)
+    return max(acceleration_rps_s, min(least, deceleration(bench)))
+
+
+def further_end(bench: Bench, axis: int, arm_hz: float, order: float) -> float | None:
+    """End speed of a ramp in which a low order passes the resonance; None where speed limit or travel do not allow it.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        arm_hz: f_a.
+        order: The order.
+    """
+    end = min(FIRST_ORDER_END * arm_hz / order, SPEED_FRACTION * bench.axis[axis].limits.speed_rps)
+    has_room = slowest(bench.axis[axis], deceleration(bench), end) < deceleration(bench)
+    return end if has_room and end >= PASSED * arm_hz / order else None
+
+
 def deceleration(bench: Bench) -> float:
     """Deceleration at the end of a ramp, rev/s²."""
     table = bench.constant_acceleration
@@ -94,7 +138,8 @@ def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float 
     if not math.isfinite(acceleration_rps_s) or acceleration_rps_s <= 0.0:
         raise NotPossibleError(f"an acceleration of {acceleration_rps_s:g} rev/s² makes no ramp; it must be above 0")
     motion = bench.constant_acceleration
-    wanted = DEFAULT_END_RPS if motion is None else motion.end_rps
+    # the end speed of that other experiment is no limit
+    wanted = max(DEFAULT_END_RPS, 0.0 if motion is None else motion.end_rps)
     if arm_hz is not None:
         wanted = END_OVER_RESONANCE * arm_hz / 2.0
     room, braking = max(room_rev(table), 0.0), deceleration(bench)
@@ -108,6 +153,27 @@ def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float 
             "wider position limits are needed"
         )
     return reached
+
+
+def furthest_end(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float | None) -> float:
+    """End speed of a ramp as `end_speed` gives it, or as near to f_m2 as the limits allow.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        acceleration_rps_s: Acceleration of the ramp.
+        arm_hz: f_a; None where it is not known.
+
+    Raises:
+        NotPossibleError: There is no room for any ramp.
+    """
+    reached = end_speed(bench, axis, acceleration_rps_s, None)
+    if arm_hz is None:
+        return reached
+    room = max(room_rev(bench.axis[axis]), 0.0)
+    by_room = math.sqrt(2.0 * room / (1.0 / acceleration_rps_s + 1.0 / deceleration(bench)))
+    wanted = max(END_OVER_RESONANCE * arm_hz / 2.0, LEAST_END_RPS)
+    return min(wanted, SPEED_FRACTION * bench.axis[axis].limits.speed_rps, by_room)
 
 
 def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float, reached_rps: float) -> str:
@@ -126,7 +192,7 @@ def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float,
         return f"{head}: its limit speed_rps is {table.limits.speed_rps:g}, {needed / SPEED_FRACTION:.2f} is needed"
     room, taken = room_rev(table), travel_rev(acceleration_rps_s, deceleration(bench), needed)
     if taken <= room:
-        return f"{head}: constant_acceleration.end_rps is too small"
+        return f"{head}: at {acceleration_rps_s:g} rev/s² there is room for that, so the motor did not follow its set-points"
     least = slowest(table, deceleration(bench), needed)
     remedy = f"accelerate with {least:.2f} rev/s² or more, or " if least < 50.0 else ""
     taken_at = f"{taken:.1f} rev at {acceleration_rps_s:g} rev/s²"

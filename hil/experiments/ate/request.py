@@ -3,15 +3,38 @@
 from dataclasses import dataclass, field, replace
 
 from hil.bench.bench import Bench
-from hil.bench.model import Identified
-from hil.design.ate_identification import JointEstimate
-from hil.design.ate_model import Arm, Sensing
+from hil.bench.model import SIGNIFICANT_SIGMAS, Identified
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Arm, Sensing
 from hil.errors import NotPossibleError
-from hil.experiments.ate.motion import end_speed
+from hil.experiments.ate.motion import END_OVER_RESONANCE, acceleration_for, end_speed, with_room
 from hil.robot_tables import ORDERS, PlantTable
 
-FITTED_ORDERS = ORDERS[1:]
-"""Orders that are identified: those that a ramp through f_a/2 shows."""
+FITTED_ORDERS = ORDERS
+"""Orders that are identified unless others are asked for."""
+AMPLITUDE_FRACTION, PHASE_DEG = 0.0075, 0.75
+"""Standard errors that are asked of orders for which a goal names none: a quarter of 3 % and 3°."""
+WEAK = 0.5
+"""An amplitude below this fraction of the largest is asked for as exactly as if it were so large: it shakes the arm no more."""
+NEARLY = 3.0
+"""Standard errors up to so many times what is asked are a result, with a note: three quarters of the required accuracy."""
+GEAR_FRACTION_AT_MOST, GEAR_PHASE_DEG_AT_MOST = 0.15, 10.0
+"""Standard errors that are a result where the gear is no spring and more passes would not lower them: the trial decides."""
+
+
+@dataclass(frozen=True)
+class Miss:
+    """A number that is known less well than asked.
+
+    Attributes:
+        order: Order k.
+        sentence: Sentence on it.
+        is_usable: True where it is a result all the same.
+    """
+
+    order: float
+    sentence: str
+    is_usable: bool
 
 
 @dataclass(frozen=True)
@@ -19,25 +42,38 @@ class Goal:
     """Standard errors at which the passes end: a quarter of what is asked of A_2 (2 %), φ_2 (2°), A_4 (3 %), φ_4 (3°).
 
     Attributes:
-        amplitude_fraction: Standard error of A_k as a fraction of A_k, by order.
-        phase_deg: Standard error of φ_k, by order.
+        amplitude_fraction: Standard error of A_k as a fraction of A_k, by order; `AMPLITUDE_FRACTION` for others.
+        phase_deg: Standard error of φ_k, by order; `PHASE_DEG` for others.
     """
 
     amplitude_fraction: dict[float, float] = field(default_factory=lambda: {2: 0.02 / 4.0, 4: 0.03 / 4.0})
     phase_deg: dict[float, float] = field(default_factory=lambda: {2: 0.5, 4: 0.75})
 
-    def missed(self, estimate: JointEstimate) -> list[str]:
-        """Sentences on what is not known well enough; empty when the goal is reached."""
+    def missed(self, estimate: JointEstimate) -> list[Miss]:
+        """What is not known well enough; empty when the goal is reached.
+
+        The phase of an amplitude that is no larger than its error is not asked for.
+        """
         missed = []
-        for order in self.amplitude_fraction:
-            error_pct = 100.0 * estimate.amplitude_error_arcsec[order] / max(estimate.error.amplitude_arcsec[order], 1e-30)
-            goal_pct = 100.0 * self.amplitude_fraction[order]
-            if error_pct > goal_pct:
-                missed.append(f"A_{order} has a standard error of {error_pct:.2g} %, {goal_pct:.2g} % is asked")
-            error_deg = estimate.phase_error_deg[order]
-            if error_deg > self.phase_deg[order]:
-                missed.append(f"φ_{order} has a standard error of {error_deg:.2g}°, {self.phase_deg[order]:.2g}° is asked")
+        largest, is_gears = max(estimate.error.amplitude_arcsec.values()), not estimate.is_spring
+        for order, amplitude in estimate.error.amplitude_arcsec.items():
+            size = max(amplitude, WEAK * largest, 1e-30)
+            error, goal = estimate.amplitude_error_arcsec[order] / size, self.amplitude_fraction.get(order, AMPLITUDE_FRACTION)
+            if error > goal:
+                words = f"A_{order:g} has a standard error of {100.0 * error:.2g} %, {100.0 * goal:.2g} % is asked"
+                words += f" of {size:.2g}″" if size > amplitude else ""
+                missed.append(Miss(order, words, error <= (GEAR_FRACTION_AT_MOST if is_gears else NEARLY * goal)))
+            error_deg, goal_deg = estimate.phase_error_deg[order] * amplitude / size, self.phase_deg.get(order, PHASE_DEG)
+            if error_deg > goal_deg and is_seen(estimate, order):
+                asked_deg = goal_deg * size / max(amplitude, 1e-30)
+                words = f"φ_{order:g} has a standard error of {estimate.phase_error_deg[order]:.2g}°, {asked_deg:.2g}° is asked"
+                missed.append(Miss(order, words, error_deg <= (GEAR_PHASE_DEG_AT_MOST if is_gears else NEARLY * goal_deg)))
         return missed
+
+
+def is_seen(estimate: JointEstimate, order: float) -> bool:
+    """True where an order's amplitude is more than its error."""
+    return estimate.error.amplitude_arcsec[order] > SIGNIFICANT_SIGMAS * estimate.amplitude_error_arcsec[order]
 
 
 @dataclass(frozen=True)
@@ -46,17 +82,19 @@ class AteRequest:
 
     Attributes:
         axis: Axis number.
-        acceleration_rps_s: Acceleration of the first pass; later ones are slower.
+        acceleration_rps_s: Acceleration of the first pass, later ones are slower; None: chosen from f_a.
         passes: Largest number of passes.
         sensorless: Use motor torque and encoder only.
         goal: Standard errors at which the passes end.
+        orders: Orders k that are fitted.
     """
 
     axis: int
-    acceleration_rps_s: float = 4.0
+    acceleration_rps_s: float | None = None
     passes: int = 6
     sensorless: bool = False
     goal: Goal = field(default_factory=Goal)
+    orders: tuple[float, ...] = FITTED_ORDERS
 
 
 @dataclass(frozen=True)
@@ -137,6 +175,15 @@ def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless:
     return Sensing(knowledge.plant.arm_inertia_kg_m2 / table.reduction_ratio, knowledge.plant.motor_inertia_kg_m2)
 
 
+def first_acceleration(bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> float:
+    """Acceleration of the first pass, rev/s²: what is asked for, else as f_a wants it and the travel allows it."""
+    if request.acceleration_rps_s is not None:
+        return request.acceleration_rps_s
+    arm_hz = None if knowledge.start is None else knowledge.start.resonance_hz
+    wanted = acceleration_for(bench, arm_hz)
+    return wanted if arm_hz is None else with_room(bench, request.axis, wanted, END_OVER_RESONANCE * arm_hz / 2.0)
+
+
 def first_end_speed(bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> float:
     """Largest motor speed of the first pass, rev/s.
 
@@ -146,4 +193,4 @@ def first_end_speed(bench: Bench, request: AteRequest, knowledge: AxisKnowledge)
     if request.passes < 1:
         raise NotPossibleError(f"{request.passes} passes identify nothing; at least 1 is needed")
     arm_hz = None if knowledge.start is None else knowledge.start.resonance_hz
-    return end_speed(bench, request.axis, request.acceleration_rps_s, arm_hz)
+    return end_speed(bench, request.axis, first_acceleration(bench, request, knowledge), arm_hz)

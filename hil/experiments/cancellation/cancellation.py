@@ -13,12 +13,12 @@ import numpy as np
 
 from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
-from hil.bench.bench import Bench, Model
-from hil.bench.model import Identified, IdentifiedError, with_identified
+from hil.bench.bench import Bench, Limits, Model
+from hil.bench.model import Identified, IdentifiedError, significant, with_identified
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw, CancellationTable
 from hil.design.frequency import CONTROL_PERIOD_S
-from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
+from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.effect import Part, Response
 from hil.experiments.cancellation.waves import response_of
@@ -27,8 +27,13 @@ from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.robot_tables import TransmissionErrorTable
 
-MAX_REFERENCE_REV = 0.02
-"""Largest addition to a set-point, motor side: 120″ on a gear of 120 at 12 Hz. A transmission error never needs more."""
+MAX_ERROR_ARCSEC = 200.0
+"""Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
+FOLLOWING_PART = 0.05
+"""Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`."""
+LEAST_OVER_RESONANCE = 2.0
+"""Least k f_m up to which an order is cancelled, in units of f_al: from four fifths of it on it fades."""
+LOWERED = 0.85
 MAX_TORQUE_FRACTION = 0.1
 """Largest torque offset as a fraction of the torque limit."""
 
@@ -120,15 +125,17 @@ class Cancellation:
                 continue
             limits, name, own = bench.axis[number].limits, f"axis {number}", self.tables[number]
             angle = motion.motor_angle_rad[:, column] + (0.0 if starts_rad is None else starts_rad[column])
-            peak_rps = max(float(np.max(np.abs(np.diff(angle)))) / motion.period_s / turn, bench.approach_rps)
+            peak_rps = peak_speed_rps(bench, motion, column)
             reach_rev = own.largest_reference_rad(peak_rps) / turn
-            remedy = "is this its transmission error?"
-            if reach_rev > MAX_REFERENCE_REV:
-                raise UnsafeRequestError(f"the cancellation of {name}", reach_rev, MAX_REFERENCE_REV, "rev", remedy)
+            remedy, allowed_rev = "is this its transmission error?", allowed_reference_rev(limits)
+            if reach_rev > allowed_rev:
+                where = f"limits.cancellation_rev of {name} in the bench file sets it, else it is {FOLLOWING_PART:g} of "
+                where += f"following_error_rev; {remedy}"
+                raise UnsafeRequestError(f"the cancellation of {name}", reach_rev, allowed_rev, "rev", where)
             torque, allowed = own.largest_torque_nm(peak_rps), MAX_TORQUE_FRACTION * limits.torque_nm
             if torque > allowed:
                 raise UnsafeRequestError(f"the torque offset of {name}", torque, allowed, "N·m", remedy)
-            speed = peak_rps + own.largest_rate_rps(peak_rps)
+            speed = own.largest_speed_rps(peak_rps)
             if speed > limits.speed_rps:
                 raise UnsafeRequestError(f"the speed of {name} with its cancellation", speed, limits.speed_rps, "rev/s")
             high, low = float(angle.max()) / turn + reach_rev, float(angle.min()) / turn - reach_rev
@@ -136,6 +143,25 @@ class Cancellation:
                 raise UnsafeRequestError(f"the position of {name} with its cancellation", high, limits.position_max_rev, "rev")
             if low < limits.position_min_rev:
                 raise UnsafeRequestError(f"the position of {name} with its cancellation", low, limits.position_min_rev, "rev")
+
+
+def allowed_reference_rev(limits: Limits) -> float:
+    """Largest addition to a set-point, motor revolutions: as the bench file says, else a part of the following error."""
+    if limits.cancellation_rev is not None:
+        return limits.cancellation_rev
+    return FOLLOWING_PART * limits.following_error_rev
+
+
+def _check_size(number: int, ate: TransmissionErrorTable) -> None:
+    """Refuse an error that no gear has.
+
+    Raises:
+        UnsafeRequestError: ΣA_k is beyond `MAX_ERROR_ARCSEC`.
+    """
+    total = sum(ate.amplitudes_arcsec().values())
+    if total > MAX_ERROR_ARCSEC:
+        remedy = "no gear has as much: is the model file right?"
+        raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
 
 
 def cancellation_for(
@@ -149,6 +175,7 @@ def cancellation_for(
     control_periods_s: Mapping[int, float] | None = None,
     torque_steps_nm: Mapping[int, float] | None = None,
     delay_s: float = 0.0,
+    peaks_rps: Mapping[int, float] | None = None,
 ) -> Cancellation:
     """Cancellation of some axes, from their models.
 
@@ -166,9 +193,12 @@ def cancellation_for(
         control_periods_s: T_c by axis; 250 µs where it is not given.
         torque_steps_nm: Resolution of the drives' torque offsets, by axis.
         delay_s: Delay of the set-points beyond the SYNC period, the interpolation, and the model file's delay.
+        peaks_rps: Highest motor speeds of a motion by axis. Where its set-points would be faster than the axis may be, the
+            cancellation ends at a lower k f_m, though not within the resonance.
 
     Raises:
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
+        UnsafeRequestError: The model file has an error that no gear has.
     """
     tables: dict[int, CancellationTable] = {}
     scales: dict[int, TipScale] = {}
@@ -180,12 +210,19 @@ def cancellation_for(
         table.gains(f"cancellation on axis {number}")
         phases = {order: math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
         period = (control_periods_s or {}).get(number) or CONTROL_PERIOD_S
+        _check_size(number, model.ate)
         loop = table.loop(period, with_notch=with_notch)
         assert loop is not None  # noqa: S101 - it has a model and gains
         scales[number] = scale_at(bench, number, loop.peak_hz())
         try:
             timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
-            tables[number] = cancellation_table(loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
+            shape = (loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
+            tables[number] = cancellation_table(*shape)
+            peak_rps, highest_hz = (peaks_rps or {}).get(number, 0.0), HIGHEST_HZ
+            least_hz = LEAST_OVER_RESONANCE * scales[number].f_al_hz
+            while tables[number].largest_speed_rps(peak_rps) > table.limits.speed_rps and highest_hz * LOWERED >= least_hz:
+                highest_hz *= LOWERED
+                tables[number] = cancellation_table(*shape, highest_hz)
         except ValueError as error:
             raise NotPossibleError(f"axis {number}: {error}") from error
     if not tables:
@@ -193,6 +230,12 @@ def cancellation_for(
     responses = {number: response_of(bench, identified, number) for number in axes}
     known = {number: response for number, response in responses.items() if response is not None}
     return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {}, scales, known)
+
+
+def peak_speed_rps(bench: Bench, motion: Motion, column: int) -> float:
+    """Highest motor speed of an axis in a motion, or in the approach to its start."""
+    fastest = float(np.max(np.abs(np.diff(motion.motor_angle_rad[:, column])))) / motion.period_s / (2.0 * math.pi)
+    return max(fastest, bench.approach_rps)
 
 
 def measured_delay_s(identified: Identified | None, number: int) -> float:
@@ -236,6 +279,7 @@ def cancellation_on(
         control_periods_s={number: axis.control_period_s() for number, axis in axes.items()},
         torque_steps_nm={number: axis.scaling.torque_nm(1) for number, axis in axes.items()},
         delay_s=delay_s,
+        peaks_rps={number: peak_speed_rps(session.bench, motion, column) for column, number in enumerate(motion.axes)},
     )
     starts = None if motion.starts_at_home else [axis.position_rad() for axis in axes.values()]
     cancellation.check(session.bench, motion, starts)
@@ -348,7 +392,7 @@ def believed_model(reduction_ratio: float, error: IdentifiedError) -> Model | No
         arm_damping_nm_s_rad=0.0,
         gear_stiffness_nm_rad=inertia * omega**2,
         gear_damping_nm_s_rad=2.0 * error.damping * omega * inertia,
-        ate=error.values,
+        ate=significant(error),
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.design.ate_model import Arm
+from hil.design.ate.model import Arm
 from hil.design.frequency import Loop
 from hil.recording import Recording
 
@@ -33,10 +33,13 @@ LOWEST_HZ = 0.3
 """Below it nothing of X is needed: a band of vibration begins at 2 Hz."""
 RING_DOWN_S = 3.0
 """Time by which a transform is longer than its recording, so that its end does not ring into its beginning."""
+LEAST_COLUMN, RIDGE = 1e-30, 1e-10
 EDGE_ROWS = 16
 """Rows at either end of a recording whose mean is taken for the level there."""
 LEAST_NOISE_M_S2 = 1e-5
 """Noise that every accelerometer has: no verdict rests on less."""
+LEAK = 0.02
+"""Fraction of the vibration of other orders that a response which is not quite X may add to an order's."""
 TOP_FRACTION = 0.4
 """Highest frequency of a band as a fraction of the sampling rate."""
 LIKELY = (0.04, 0.4, 0.003)
@@ -144,8 +147,10 @@ class Sighting:
     residual: Real
 
     def variance(self, part: Part) -> float:
-        """Variance of either component of a part's amplitude, by what the waves leave."""
-        return self.unit_variance[part] * max(float(np.mean(self.residual**2)), LEAST_NOISE_M_S2**2)
+        """Variance of either component of a part's amplitude, by what the waves leave, and by what others may leak into it."""
+        noise = max(float(np.mean(self.residual**2)), LEAST_NOISE_M_S2**2)
+        leaks = sum(abs(size) ** 2 / self.unit_variance[other] for other, size in self.amplitude.items() if other != part)
+        return self.unit_variance[part] * (noise + LEAK**2 * leaks)
 
 
 class _Spectra:
@@ -171,14 +176,16 @@ class _Spectra:
             turning = np.outer(axis.orders, angle)
             pairs = np.stack([np.cos(turning), -np.sin(turning)], axis=1).reshape(-1, self._count)
             waves = np.concatenate([ARCSEC * pairs, axis.planned_rad[np.newaxis, : self._count]])
-            self._waves[axis.number] = acceleration_spectrum(waves, period, self._length)[1]
+            spectra = acceleration_spectrum(waves, period, self._length)[1]
+            # the planned motion twice, a quarter of a period apart: the loop turns its jerks by what is not known here
+            self._waves[axis.number] = np.concatenate([spectra, 1j * spectra[-1:]])
 
     def _samples(self, spectra: Complex) -> Real:
         whole = self._fft.irfft(spectra, self._length)[..., : self._count]
         return np.asarray(whole[..., self._rows])
 
     def columns(self, axis: AxisWaves, response: Response) -> Real:
-        """Two columns for each order, and that of the planned motion; shape (rows, 2 orders + 1)."""
+        """Two columns for each order, and those of the planned motion; shape (rows, 2 orders + 2)."""
         made = self._samples(self._waves[axis.number] * (self._weight * response.at(self.frequency)))
         lever = axis.lever_m if np.ndim(axis.lever_m) == 0 else axis.lever_m[: self._count][self._rows]
         return np.asarray(made * lever).T
@@ -192,9 +199,10 @@ def _level(values: Real) -> Real:
 
 def _solved(columns: Real, wanted: Real) -> tuple[Real, Real, Real]:
     """Unknowns of a least-squares problem, their variances for a residual of variance 1, and the residual."""
-    scale = np.sqrt(np.sum(columns**2, axis=0)) + 1e-300
+    scale = np.sqrt(np.sum(columns**2, axis=0)) + LEAST_COLUMN
     scaled = columns / scale
-    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-10, hermitian=True)
+    # what the rows do not show, or cannot tell from another, has a huge variance so, and not none
+    inverse = np.linalg.inv(scaled.T @ scaled + RIDGE * np.eye(len(scale)))
     unknowns = inverse @ (scaled.T @ wanted) / scale
     return unknowns, np.diag(inverse) / scale**2, wanted - columns @ unknowns
 

@@ -10,7 +10,7 @@ error. For the method see docs/cancellation.md.
 import datetime
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,26 +18,28 @@ from numpy.typing import NDArray
 
 from hil.analysis import motor_speed_rps
 from hil.bench.bench import AxisTable, Bench
-from hil.bench.model import Identified, IdentifiedError, update_file
-from hil.design.ate_identification import JointEstimate, identify
-from hil.design.ate_model import Arm, Sensing, Sweep
+from hil.bench.model import Identified, IdentifiedError, significant, update_file
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
-from hil.experiments.ate.checks import check_estimate, check_run
+from hil.experiments.ate.checks import check_moved, check_run
 from hil.experiments.ate.identify import standard_errors, sweep_of
-from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, end_speed, ramps
+from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, furthest_end, ramps
+from hil.experiments.ate.order_scan import identify_orders, is_significant
+from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
-from hil.experiments.ate.request import FITTED_ORDERS
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, given_inertia
 from hil.experiments.cancellation.pass_judge import PassJudge
 from hil.experiments.cancellation.trial import CancellationRefusedError, judged_rows, part_entry, vibration_m_s2
 from hil.experiments.cancellation.verdict import PartVerdict
 from hil.experiments.judge import axis_scale, scale_at
+from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.learning import LearningPass, LearntAxis
-from hil.robot_tables import TransmissionErrorTable
+from hil.robot_tables import ORDERS, TransmissionErrorTable
 
 Real = NDArray[np.float64]
 
@@ -46,6 +48,8 @@ ACCELERATION_RPS_S = 4.0
 SECOND_GAIN = 0.5
 LEAST_DELAY_S = 1e-4
 """Least delay of the motor that is not the gear's effect on it: 0.03 ms on the reference robot, and 0.4° at 12 Hz."""
+LOWEST = 2.0
+"""Order whose resonance every ramp passes; a lower one's where the limits allow."""
 EDGE_S = 0.3
 """Beginning and end of a ramp that say nothing on how the motor follows: there the motion itself is in the band."""
 
@@ -93,6 +97,7 @@ class AxisLearning:
         emulated: True where the robot is emulated; None where that is not known.
         motor_inertia_kg_m2: J_m as it was given, where no plant is known.
         left_out: Orders that are not cancelled, with the reason in words.
+        notes: Sentences for the engineer.
     """
 
     axis: int
@@ -100,6 +105,7 @@ class AxisLearning:
     emulated: bool | None = None
     motor_inertia_kg_m2: float | None = None
     left_out: dict[float, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
 
     @property
     def estimate(self) -> JointEstimate:
@@ -159,6 +165,7 @@ class AxisLearning:
             passes=tuple(each.entry() for each in self.passes),
             ate=self.part(note, on),
             left_out=tuple(self.left_out.values()),
+            notes=tuple(self.notes),
         )
 
 
@@ -171,6 +178,7 @@ def learn(
     acceleration_rps_s: float = ACCELERATION_RPS_S,
     actuation: Actuation = "reference",
     motor_inertia_kg_m2: float | None = None,
+    orders: Sequence[float] = ORDERS,
     keep: PassKeeper = keep_nothing,
     reporter: Reporter = SILENT,
 ) -> AxisLearning:
@@ -184,6 +192,7 @@ def learn(
         acceleration_rps_s: Acceleration of every ramp.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         motor_inertia_kg_m2: J_m from a data sheet, where neither file has a plant.
+        orders: Orders that are learnt.
         keep: Keeper of every pass, a stopped one included, before it is checked.
         reporter: Listener of each pass.
 
@@ -194,41 +203,62 @@ def learn(
         SafetyStopError: A run was stopped.
         HilError: Limits or nodes do not allow a run.
     """
-    bench, period = session.bench, session.bench.bus.sync_period_s
-    table = _table_of(bench, axis, passes)
-    given_kg_m2 = given_inertia(bench, identified, axis, motor_inertia_kg_m2)
-    end = end_speed(bench, axis, acceleration_rps_s, None)
-    learning = AxisLearning(axis, motor_inertia_kg_m2=given_kg_m2)
-    sweeps, start, delay_s, scale = list[Sweep](), None, 0.0, axis_scale(bench, axis)
-    judge = PassJudge(bench, identified, axis)
+    bench, table = session.bench, _table_of(session.bench, axis, passes)
+    learning = AxisLearning(axis, motor_inertia_kg_m2=given_inertia(bench, identified, axis, motor_inertia_kg_m2))
+    end = furthest_end(bench, axis, acceleration_rps_s, _known_hz(identified, axis))
+    watch = OrderWatch(bench, axis, Sensing(table.tip_lever_m), acceleration_rps_s=acceleration_rps_s)
+    delay_s, scale, judge = 0.0, axis_scale(bench, axis), PassJudge(bench, identified, axis)
     for number in range(1, passes + 1):
         gain = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0
         reporter.step(f"pass {number} of {passes}: axis {axis} to {end:.2f} rev/s, {100.0 * gain:g} % of the cancellation")
-        session.check_interrupt()
-        here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
-        motion = ramps(bench, axis, here_rev, acceleration_rps_s, end, period)
+        motion = _ramps_from_here(session, axis, acceleration_rps_s, end)
         cancellation = _cancellation(session, identified, learning, delay_s, motion, actuation)
         result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
-        keep(number, result, motion)
-        if result.stopped is not None:
-            raise result.stopped
-        check_run(result, sensorless=False)
-        recording, following = result.recording, None
+        recording, following = _kept(number, result, motion, axis, table, keep), None
         if cancellation is not None and gain == 1.0 and scale is not None:
             following, late_s = motor_following(recording, motion, axis, table.reduction_ratio, learning.estimate, scale.band_hz)
             delay_s += late_s if abs(late_s) > LEAST_DELAY_S else 0.0
-        sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
-        estimate = _fitted(sweeps, table, start)
-        check_estimate(estimate, sensorless=False)
+        watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
+        estimate = _fitted(watch.sweeps, table, learning.passes[-1].estimate.arm if learning.passes else None, orders)
+        checked(watch, estimate, sensorless=False, passes_left=passes - number)
         scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first pass: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
-        orders = () if cancellation is None else cancellation.tables[axis].orders
-        verdicts = judge.judge(recording, motion, orders, gain, estimate, scale)
+        acted = () if cancellation is None else cancellation.tables[axis].orders
+        verdicts = judge.judge(recording, motion, acted, gain, estimate, scale)
         learning.passes.append(LearntPass(gain, vibration, estimate, delay_s, following, verdicts))
         _leave_out(learning, number, is_last=number == passes)
-        start = estimate.arm
-        end = min(end, max(END_OVER_RESONANCE * start.resonance_hz / 2.0, 1.0))
-    return learning
+        end = max(furthest_end(bench, axis, acceleration_rps_s, estimate.arm.resonance_hz), _low_end(end, estimate))
+    return replace(learning, notes=watch.notes(estimate, watch.scan(estimate)))
+
+
+def _known_hz(identified: Identified | None, axis: int) -> float | None:
+    """f_a of an axis' identified plant; None without one."""
+    part = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
+    return None if part is None else part.antiresonance_hz
+
+
+def _low_end(end_rps: float, estimate: JointEstimate) -> float:
+    """End of the next pass' ramps for an order below 2 that is there and was reached; 0 where there is none."""
+    arm_hz = estimate.arm.resonance_hz
+    low = [k for k in estimate.error.amplitude_arcsec if k < LOWEST and end_rps >= arm_hz / k and is_significant(estimate, k)]
+    return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
+
+
+def _ramps_from_here(session: Session, axis: int, acceleration_rps_s: float, end_rps: float) -> Ramps:
+    """Ramps from where the axis stands."""
+    session.check_interrupt()
+    here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
+    return ramps(session.bench, axis, here_rev, acceleration_rps_s, end_rps, session.bench.bus.sync_period_s)
+
+
+def _kept(number: int, result: RunResult, motion: Ramps, axis: int, table: AxisTable, keep: PassKeeper) -> Recording:
+    """Recording of a pass, once it is kept; what stopped the pass, or what it lacks, is raised."""
+    keep(number, result, motion)
+    check_moved(motion, result, axis, table.limits)
+    if result.stopped is not None:
+        raise result.stopped
+    check_run(result, sensorless=False)
+    return result.recording
 
 
 def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:
@@ -241,7 +271,7 @@ def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:
     for verdict in verdicts:
         if verdict.verdict == "refused" or (is_last and verdict.verdict == "not judged"):
             learning.left_out[verdict.part.order] = verdict.words
-    if number > 1 and not learning.estimate.error.amplitude_arcsec.keys() - learning.left_out.keys():
+    if number > 1 and not significant(learning.part()).amplitudes_arcsec():
         raise CancellationRefusedError(f"what pass {number - 1} has learnt of axis {learning.axis}", verdicts)
 
 
@@ -273,14 +303,14 @@ def _cancellation(
     return cancellation_on(session, so_far, motion.motion, actuation=actuation)
 
 
-def _fitted(sweeps: Sequence[Sweep], table: AxisTable, start: Arm | None) -> JointEstimate:
+def _fitted(sweeps: Sequence[Sweep], table: AxisTable, start: Arm | None, orders: Sequence[float]) -> JointEstimate:
     """The transmission error from all passes so far.
 
     Raises:
         NotPossibleError: The passes do not carry a fit.
     """
     try:
-        return identify(sweeps, table.reduction_ratio, Sensing(table.tip_lever_m), start, FITTED_ORDERS)
+        return identify_orders(sweeps, table.reduction_ratio, Sensing(table.tip_lever_m), start, orders)
     except ValueError as error:
         raise NotPossibleError(f"not learnt: {error}") from error
 
@@ -324,7 +354,9 @@ def motor_following(
     measured, wanted, rate = signal.sosfiltfilt(band, np.stack([angle, intended, np.gradient(intended, period)]))
     rows = motion.direction(EDGE_S / motion.trajectory.ramp_s) != 0
     rows &= np.roll(rows, -round(EDGE_S / period))  # the end of a ramp says nothing either
-    rows &= np.abs(motor_speed_rps(recording, axis)) > band_hz[0] / min(estimate.error.amplitude_arcsec)
+    # an order below 2 comes into the band at a higher speed; below it, it is filtered off on both sides
+    lowest = min(max(order, LOWEST) for order in estimate.error.amplitude_arcsec)
+    rows &= np.abs(motor_speed_rps(recording, axis)) > band_hz[0] / lowest
     columns = np.stack([wanted[rows], rate[rows]], axis=1)
     solution = np.linalg.lstsq(columns, measured[rows], rcond=None)[0]
     gain = float(solution[0])

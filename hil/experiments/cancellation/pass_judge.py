@@ -6,8 +6,8 @@ from dataclasses import replace
 from hil.analysis import TipScale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
-from hil.design.ate_identification import JointEstimate
-from hil.design.ate_model import Arm
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Arm
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.cancellation.effect import AxisWaves, Part, Response, refined, sight
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge

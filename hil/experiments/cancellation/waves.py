@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hil.analysis import BRAKING_S, line_window_s, motor_speed_rps
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, with_identified
-from hil.design.ate_model import Arm
+from hil.design.ate.model import Arm
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.errors import NotPossibleError
 from hil.experiments.cancellation.effect import AxisWaves, Response

@@ -16,12 +16,12 @@ from hil.results.comparison import (
     ComplianceFactors,
     TreatmentTable,
 )
-from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison
+from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison, leading
 
 Key = tuple[str, int | None, str, str]
 """Experiment, axis, treatment, and the side that closes the loop."""
 Runs = Mapping[Key, RunEntry]
-"""Runs by key; of a ramp the window of the second order."""
+"""Runs by key; of a ramp the window that speaks for it."""
 
 
 def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | None, ended: str) -> ComparisonRobot:
@@ -34,7 +34,7 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
         ended: Reason why they ended early; empty where they did not.
     """
     bench = plan.robot.bench
-    runs = {_key(run): run for run in ([] if result is None else result.runs) if run.order != 4}
+    runs = {_key(run): run for run in ([] if result is None else leading(result.runs))}
     changes = {_key(change): change for change in ([] if result is None else result.comparisons)}
     rows = []
     for experiment, setup in plan.setups.items():

@@ -84,8 +84,9 @@ def _window(material: Material, axis: int, recording: Recording, model: Real | N
         style.residual(rest, time[rows], tip[rows] - model[rows], "m/s²", f"{material.word} − model")
     else:
         style.note(rest, "no model to compare with")
-    if axis in material.f_al_hz:
-        centre, limit = float(np.mean(tip[inside])), limit_m_s2(material, material.f_al_hz[axis])
+    f_al = material.f_al(axis)
+    if f_al is not None:
+        centre, limit = float(np.mean(tip[inside])), limit_m_s2(material, f_al)
         for sign, name in ((1.0, f"±{material.bench.specification.tip_mm:g} mm equivalent"), (-1.0, None)):
             middle.axhline(centre + sign * limit, label=name, **style.LIMIT)
     for values, look in ((tip, style.BROAD), (model, style.MODEL)):

@@ -33,7 +33,7 @@ def suppression(material: Material, axis: int) -> Drawing | None:
         return None
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
     top, bottom = panels[:, 0]
-    f_al = material.f_al_hz.get(axis)
+    f_al = material.f_al(axis)
     for run in runs:
         draw_vibration(top, run, material.band_hz(axis))
         inside = judged_samples(material, run.recording, axis)
@@ -135,7 +135,7 @@ def loop_sides(material: Material, axis: int) -> Drawing | None:
         inside = judged_samples(material, recording, axis)
         if len(inside) >= FEWEST:
             top.set_xlim(float(recording.time_s[inside[0]]) - 0.25, float(recording.time_s[inside[-1]]) + 0.25)
-        reach = max(reach, finish_vibration(material, top, material.f_al_hz.get(axis), with_name=column == 0, with_scale=last))
+        reach = max(reach, finish_vibration(material, top, material.f_al(axis), with_name=column == 0, with_scale=last))
         top.set_title(("Without notch" if treatment == "none" else "With notch") + _peaks(runs))
         bottom.set(xlabel="Frequency (Hz)", xlim=(0.0, 30.0))
     if reach > 0.0:

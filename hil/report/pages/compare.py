@@ -72,6 +72,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
         title = case_name(experiment, axis).capitalize()
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
     chapters.append(("way", "How it came to that", [tables_compare.story(result)]))
+    chapters.append(("robot", "Which robot it was", [tables_compare.revealed(result)]))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]

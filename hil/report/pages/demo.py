@@ -6,6 +6,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from hil.analysis import is_noise
 from hil.bench.bench import Bench
 from hil.experiments.plan import outside
 from hil.report import style
@@ -21,7 +22,7 @@ from hil.report.tables.paper_runs import Mark, ReportTable
 from hil.report.timing import timing_table
 from hil.results.comparison import StoryResult
 from hil.results.files import ResultFileError, load_result
-from hil.results.runs import RunEntry, TreatmentComparison
+from hil.results.runs import RunEntry, TreatmentComparison, leading
 
 
 def write_report(directory: Path, bench: Bench | None = None) -> Path:
@@ -105,10 +106,8 @@ def sections(material: Material) -> list[Section]:
 
 def _order_maps(material: Material, axis: int) -> Drawing | None:
     """Order maps of the ramps of an axis, without and with the notch."""
-    runs = pair(material, CONSTANT_ACCELERATION, axis)
-    return order_map.order_maps(
-        f"orders-{axis}", f"Axis {axis}: which order shakes the tip", runs, axis, material.f_al_hz.get(axis)
-    )
+    runs = [(run.label, run.recording) for run in pair(material, CONSTANT_ACCELERATION, axis)]
+    return order_map.order_maps(f"orders-{axis}", f"Axis {axis}: which order shakes the tip", runs, axis, material.f_al(axis))
 
 
 def _own_robot(material: Material) -> ReportTable | None:
@@ -119,10 +118,11 @@ def _own_robot(material: Material) -> ReportTable | None:
         return None
     if _moment(result.started_utc) < _moment(material.result.bench.started_utc):
         return None
+    which = "The same robot" if result.story.seed is None else f"A robot drawn by seed {result.story.seed}, not the paper's,"
     link = Markup(
-        "The same robot as somebody meets it who knows nothing of it: identified, a notch designed and uploaded, and run side by "
+        "{} as somebody meets it who knows nothing of it: identified, a notch designed and uploaded, and run side by "
         "side. <a href='story/report.html'>The whole story</a>."
-    )
+    ).format(which)
     table = tables_compare.overview(result, "own-robot-table", link)
     if result.story.failure is None and table is not None:
         return table
@@ -203,11 +203,16 @@ def millimetres(peak_mm: float | None, limit_mm: float) -> str:
 def _by_specification(material: Material, details: list[str]) -> PageVerdict:
     """Verdict in the user's own terms: the largest tip peak of what was judged, beside what was asked."""
     limit_mm = material.bench.specification.tip_mm
-    runs = [run for run in material.result.runs if run.order in (None, 2)]
+    runs = leading(material.result.runs)
     judged = [run for run in runs if run.within_spec is not None and run.invalid is None]
     details = [
         f"{run_name(run)}: tip peak {millimetres(run.tip_peak_mm, limit_mm)}{_ramp_words(run)}" for run in judged
     ] + details
+    open_orders = [text for run in runs for text in run.unjudged_orders or ()]
+    details += dict.fromkeys(open_orders)
+    details += dict.fromkeys(
+        text for run in runs for text in (*(run.unreached_orders or ()), *((run.remark,) if run.remark else ()))
+    )
     if not judged:
         return PageVerdict("open", "▲", "Not judged", tuple(details))
     acted = [run for run in judged if run.treatment != "none"] or judged
@@ -217,6 +222,8 @@ def _by_specification(material: Material, details: list[str]) -> PageVerdict:
     left = [run for run in acted if not run.within_spec]
     if len(judged) < len(runs):
         return PageVerdict("open", "▲", f"{headline}; {len(runs) - len(judged)} of {len(runs)} not judged", tuple(details))
+    if not left and open_orders:
+        return PageVerdict("open", "▲", f"{headline}; not every order was judged", tuple(details))
     if not left:
         return PageVerdict("good", "✔", headline, tuple(details))
     if all(run.treatment == "none" for run in left):
@@ -225,9 +232,12 @@ def _by_specification(material: Material, details: list[str]) -> PageVerdict:
 
 
 def _ramp_words(run: RunEntry) -> str:
-    """The peak on the whole ramp and the f_al by which a run was judged."""
+    """The order itself, the peak on the whole ramp, and the f_al by which a run was judged and where it comes from."""
+    order = "" if run.order_mm is None else f", order {run.order} {run.order_mm:.4f} ± {run.order_error_mm or 0.0:.4f} mm"
+    noise = ", not told apart from the sensor's noise" if is_noise(run.tip_peak_mm, run.noise_mm) else ""
     whole = "" if run.ramp_peak_mm is None else f", {run.ramp_peak_mm:.3f} mm on the whole ramp"
-    return whole + ("" if run.f_al_hz is None else f"; f_al = {run.f_al_hz:.2f} Hz")
+    f_al = "" if run.f_al_hz is None else f"; f_al = {run.f_al_hz:.2f} Hz"
+    return order + noise + whole + (f_al if run.f_al_words is None else f"; {run.f_al_words}")
 
 
 def _missed(material: Material) -> list[str]:
@@ -248,16 +258,15 @@ def cards(material: Material) -> list[Card]:
     """Card of every pair of runs: before and after."""
     made = []
     for comparison in material.result.comparisons:
-        order = 2 if comparison.experiment == CONSTANT_ACCELERATION else None
-        without = material.find(comparison.experiment, comparison.axis, "none", comparison.loop, order)
-        with_notch = material.find(comparison.experiment, comparison.axis, comparison.treatment, comparison.loop, order)
+        without = material.lead(comparison.experiment, comparison.axis, "none", comparison.loop)
+        with_notch = material.lead(comparison.experiment, comparison.axis, comparison.treatment, comparison.loop)
         if without is None or with_notch is None:
             continue
         title = "Line motion" if comparison.experiment == LINE_MOTION else f"Axis {comparison.axis}, constant acceleration"
         if comparison.treatment != "notch":
             title += f", {treatment_name(with_notch.treatment)}"
         title = f"{title}, {comparison.loop}-closed"
-        if order is None:
+        if comparison.axis is None:
             made += _area_cards(material, title, comparison, (without, with_notch))
         before, after = (tables.number(run.tip_peak_mm, "{:.3f}") for run in (without, with_notch))
         change = "" if not finite(comparison.tip_peak_reduction_pct) else f"{_percent(comparison.tip_peak_reduction_pct)} peak"

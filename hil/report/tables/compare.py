@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from markupsafe import Markup
 
 from hil.experiments.treatment import TITLES
-from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number
+from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number, value_and_error
 from hil.results.comparison import AxisCompliance, ComparisonRow, StoryResult, TreatmentTable
 
 
@@ -202,6 +202,32 @@ def story(result: TreatmentTable) -> ReportTable | None:
     return ReportTable(
         "story", "From a bench file to a quiet arm", "", header, rows, frozenset({0, 1, 2, 4}), caption, is_prose=True
     )
+
+
+def revealed(result: TreatmentTable) -> ReportTable | None:
+    """Table of the numbers that an emulated robot was made of, beside those that were found of it."""
+    if not isinstance(result, StoryResult) or not result.story.facts:
+        return None
+    part = result.story
+    rows: list[list[Cell]] = []
+    for fact in part.facts or ():
+        shown, error = NONE, NONE
+        if fact.estimate is not None and fact.standard_error:
+            shown = " ± ".join(value_and_error(fact.estimate, fact.standard_error))
+            error = f"{(fact.estimate - fact.truth) / fact.standard_error:+.1f}".replace("-", "−")
+        elif fact.estimate is not None:
+            shown = number(fact.estimate, "{:.4g}")
+        rows.append([
+            f"axis {fact.axis}", fact.name, fact.symbol or NONE, fact.unit, number(fact.truth, "{:.4g}"), shown, error,
+        ])  # fmt: skip
+    caption = Markup(
+        "The robot of seed {seed}, looked into only when all was over: <a href='{file}'>{file}</a>. Off: by how many standard "
+        "errors the estimate is beside the truth. A gear with hysteresis or a soft wind-up has no single stiffness: "
+        "f<sub>a</sub> and K<sub>g</sub> are then those of the motion in which they were found, the truth that of a large "
+        "torsion. Nothing looks for what has no estimate."
+    ).format(seed=part.seed, file=part.robot_file)
+    header = ("", "quantity", "", "unit", "truth", "found", "off")
+    return ReportTable("revealed", "Truth beside estimate", "", header, rows, frozenset({0, 1, 2, 3}), caption)
 
 
 def key_of(experiment: str, axis: int | None) -> str:

@@ -256,6 +256,8 @@ def runs(material: Material) -> ReportTable | None:
         "Run",
         "Window",
         "Tip peak (mm)",
+        "of it noise (mm)",
+        "order alone (mm)",
         "on the whole ramp (mm)",
         "Tip rms (mm)",
         "Spectrum peak (m/s²)",
@@ -269,10 +271,11 @@ def runs(material: Material) -> ReportTable | None:
         "",
         header,
         rows,
-        frozenset({0, 1, 8}),
-        "Tip: equivalent displacement in the window in which the run is judged. A ramp is judged in two windows, by the order k "
-        "whose line crosses the resonance there: around f_al/k. Beside it stands the peak on the whole ramp without the jerks at "
-        "its ends. Without an f_al nothing is judged, and there are no millimetres.",
+        frozenset({0, 1, 10}),
+        "Tip: equivalent displacement in the window in which the run is judged. A ramp is judged in a window for each order k "
+        "whose line crosses the resonance on it: around f_al/k. Beside it: the peak that noise alone would show; the "
+        "largest amplitude of the order itself, tracked along the motor's angle, with its standard error; and the peak on the "
+        "whole ramp without the jerks at its ends. Without an f_al nothing is judged, and there are no millimetres.",
     )
 
 
@@ -284,6 +287,8 @@ def _run(run: RunEntry) -> list[Cell]:
         _name(run),
         _window_words(run),
         number(run.tip_peak_mm, "{:.4f}"),
+        number(run.noise_mm, "{:.4f}"),
+        NONE if run.order_mm is None else f"{run.order_mm:.4f} ± {run.order_error_mm or 0.0:.4f}",
         number(run.ramp_peak_mm, "{:.4f}"),
         number(run.tip_rms_mm, "{:.4f}"),
         number(run.spectrum_peak_m_s2, "{:.4f}"),

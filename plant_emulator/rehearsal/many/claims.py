@@ -8,6 +8,7 @@ from plant_emulator.rehearsal.many.causes import main_refusal
 from plant_emulator.rehearsal.many.reading import accepted, is_quiet, numbers, of_kind, text
 from plant_emulator.rehearsal.many.rows import WALKED, Row
 from plant_emulator.rehearsal.many.summary import FAR_Z, fraction_text, quantities
+from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES
 from plant_emulator.rehearsal.record import PROBES, STEPS
 
 QUIET_FRACTION = {"linear": 0.95, "real": 0.85}
@@ -29,7 +30,8 @@ class RehearsalClaim:
     """One number that must be reached.
 
     Attributes:
-        key: Short name.
+        key: Name in files.
+        name: Name in tables, short.
         words: The claim in words.
         asked: Number that is asked for, with its unit.
         measured: Number that was measured, with what it is of.
@@ -37,6 +39,7 @@ class RehearsalClaim:
     """
 
     key: str
+    name: str
     words: str
     asked: str
     measured: str
@@ -71,14 +74,16 @@ def _never_worse(rows: Sequence[Row]) -> RehearsalClaim:
     count = sum(len(accepted(row)) for row in treated)
     words = "Never worse: no accepted treatment raises the true tip of any order by more than 5 % or 0.002 mm, whichever is more"
     measured = f"{len(worse)} of {len(treated)} robots, with {count} accepted treatments"
-    return RehearsalClaim("never_worse", words, "0", measured, not worse if treated else None)
+    return RehearsalClaim("never_worse", "never worse", words, "0", measured, not worse if treated else None)
 
 
 def _wrong_refused(rows: Sequence[Row]) -> RehearsalClaim:
     tried = [row.get(f"probe_{name}_accepted") for row in rows for name in PROBES]
     count, wrong = sum(each is not None for each in tried), sum(each is True for each in tried)
     words = "Wrong corrections accepted: φ_k off by 60°, 90°, 180°, A_k × 3, another robot's"
-    return RehearsalClaim("wrong_refused", words, "0", f"{wrong} of {count}", wrong == 0 if count else None)
+    return RehearsalClaim(
+        "wrong_refused", "wrong corrections accepted", words, "0", f"{wrong} of {count}", wrong == 0 if count else None
+    )
 
 
 def _quiet(rows: Sequence[Row], kind: str) -> RehearsalClaim:
@@ -87,7 +92,9 @@ def _quiet(rows: Sequence[Row], kind: str) -> RehearsalClaim:
     robots = {"linear": "Linear gears", "real": "Hysteresis to 2 N·m, softness to 30 %, current lag to 0.5 ms"}[kind]
     words = f"{robots}: the path ends with a true tip of at most 0.010 mm or 1.3 × the floor, whichever is more"
     holds = count >= least * len(own) if own else None
-    return RehearsalClaim(f"quiet_{kind}", words, f"{100.0 * least:g} %", fraction_text(count, len(own)), holds)
+    return RehearsalClaim(
+        f"quiet_{kind}", f"{KIND_NAMES[kind]}: quiet", words, f"{100.0 * least:g} %", fraction_text(count, len(own)), holds
+    )
 
 
 def _true_causes(rows: Sequence[Row]) -> RehearsalClaim:
@@ -95,7 +102,14 @@ def _true_causes(rows: Sequence[Row]) -> RehearsalClaim:
     count = sum((refusal := main_refusal(row)) is not None and refusal.is_true for row in others)
     words = "The other robots are refused, with the cause that is the true one"
     holds = count >= TRUE_CAUSE_FRACTION * len(others) if others else None
-    return RehearsalClaim("true_cause", words, f"{100.0 * TRUE_CAUSE_FRACTION:g} %", fraction_text(count, len(others)), holds)
+    return RehearsalClaim(
+        "true_cause",
+        "the others refused, rightly",
+        words,
+        f"{100.0 * TRUE_CAUSE_FRACTION:g} %",
+        fraction_text(count, len(others)),
+        holds,
+    )
 
 
 def _rms_z(rows: Sequence[Row]) -> RehearsalClaim:
@@ -104,9 +118,11 @@ def _rms_z(rows: Sequence[Row]) -> RehearsalClaim:
     words = f"Standard errors: rms of z of every stated quantity ({FEWEST_Z} values or more)"
     worst = max(judged, key=lambda each: abs(math.log(max(each.rms_z, 1e-9))), default=None)
     measured = (
-        "no quantity" if worst is None else f"{len(outside)} of {len(judged)} outside; worst {worst.name} {worst.rms_z:.2f}"
+        "no quantity"
+        if worst is None
+        else f"{len(outside)} of {len(judged)} outside; worst {QUANTITY_NAMES[worst.name]} {worst.rms_z:.2f}"
     )
-    return RehearsalClaim("rms_z", words, f"{RMS_Z[0]:g} to {RMS_Z[1]:g}", measured, not outside if judged else None)
+    return RehearsalClaim("rms_z", "rms of z", words, f"{RMS_Z[0]:g} to {RMS_Z[1]:g}", measured, not outside if judged else None)
 
 
 def _far_together(rows: Sequence[Row]) -> RehearsalClaim:
@@ -114,7 +130,9 @@ def _far_together(rows: Sequence[Row]) -> RehearsalClaim:
     count, far = sum(each.count for each in found), sum(each.far for each in found)
     words = f"Standard errors: |z| > {FAR_Z:g}, all stated quantities together"
     holds = far < FAR_FRACTION * count if count else None
-    return RehearsalClaim("far_together", words, f"below {100.0 * FAR_FRACTION:g} %", fraction_text(far, count), holds)
+    return RehearsalClaim(
+        "far_together", "|z| > 4, together", words, f"below {100.0 * FAR_FRACTION:g} %", fraction_text(far, count), holds
+    )
 
 
 def _far_each(rows: Sequence[Row]) -> RehearsalClaim:
@@ -122,10 +140,10 @@ def _far_each(rows: Sequence[Row]) -> RehearsalClaim:
     outside = [each for each in judged if each.far >= FAR_FRACTION * each.count]
     words = f"Standard errors: |z| > {FAR_Z:g}, every stated quantity ({FEWEST_FAR} values or more)"
     worst = max(judged, key=lambda each: each.far / each.count, default=None)
-    named = "" if worst is None else f"; worst {worst.name} {fraction_text(worst.far, worst.count)}"
+    named = "" if worst is None else f"; worst {QUANTITY_NAMES[worst.name]} {fraction_text(worst.far, worst.count)}"
     measured = f"{len(outside)} of {len(judged)} outside{named}"
     holds = not outside if judged else None
-    return RehearsalClaim("far_each", words, f"below {100.0 * FAR_FRACTION:g} %", measured, holds)
+    return RehearsalClaim("far_each", "|z| > 4, each quantity", words, f"below {100.0 * FAR_FRACTION:g} %", measured, holds)
 
 
 def _cpu(rows: Sequence[Row]) -> RehearsalClaim:
@@ -137,10 +155,10 @@ def _cpu(rows: Sequence[Row]) -> RehearsalClaim:
         if spent
         else "no robot"
     )
-    return RehearsalClaim("cpu", words, f"{CPU_S:g} s", measured, over == 0 if spent else None)
+    return RehearsalClaim("cpu", "processor time of a robot", words, f"{CPU_S:g} s", measured, over == 0 if spent else None)
 
 
 def _whole(rows: Sequence[Row]) -> RehearsalClaim:
     broken = [row for row in rows if row.get("walk") != WALKED or any(text(row, f"{step}_ended") == "crashed" for step in STEPS)]
     words = "Every walk comes to its end, and no step breaks with an error that nobody expected"
-    return RehearsalClaim("whole", words, "0", f"{len(broken)} of {len(rows)}", not broken if rows else None)
+    return RehearsalClaim("whole", "walks that break", words, "0", f"{len(broken)} of {len(rows)}", not broken if rows else None)

@@ -14,7 +14,14 @@ from plant_emulator.rehearsal.many.claims import CPU_S, RMS_Z
 from plant_emulator.rehearsal.many.reading import ENDED, is_done, is_quiet, number, numbers, of_kind, text, worst_tip_mm
 from plant_emulator.rehearsal.many.rows import Row
 from plant_emulator.rehearsal.many.summary import FAR_Z, deviations, quantities
-from plant_emulator.rehearsal.many.wording import FACT_NAMES, KIND_NAMES, QUANTITY_NAMES, STEP_NAMES, TREATMENT_NAMES
+from plant_emulator.rehearsal.many.wording import (
+    FACT_NAMES,
+    KIND_NAMES,
+    QUANTITY_NAMES,
+    STEP_NAMES,
+    TREATMENT_NAMES,
+    counted,
+)
 from plant_emulator.rehearsal.record import QUIET_MM, STEPS, TREATMENTS
 
 COMPUTED = "computed"
@@ -68,7 +75,7 @@ def tips(rows: Sequence[Row]) -> Drawing | None:
         panel.axvline(1.0, **style.LIMIT)
         panel.set_xscale("log")
         panel.set(xlabel="True tip / goal", ylim=(0.0, 1.02))
-        panel.set_title(f"{KIND_NAMES[kind]}: {len(own)} robots")
+        panel.set_title(counted(kind, len(own)))
         panel.yaxis.set_major_formatter(PercentFormatter(1.0))
     panels[0, 0].set_ylabel("Robots below (of all)")
     style.legend_above(figure, *panels[0], columns=6)
@@ -146,7 +153,7 @@ def steps(rows: Sequence[Row]) -> Drawing | None:
         panel.set_yticks(at, [STEP_NAMES[step] for step in STEPS])
         panel.set(xlabel="Robots", xlim=(0, len(own)))
         panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-        panel.set_title(f"{KIND_NAMES[kind]}: {len(own)} robots")
+        panel.set_title(counted(kind, len(own)))
         panel.grid(visible=False, axis="y")
     panels[0, 0].invert_yaxis()
     style.legend_above(figure, *panels[0], columns=6)
@@ -278,5 +285,5 @@ def cost(rows: Sequence[Row]) -> Drawing | None:
     panel.set(xlabel="Processor time of one robot's path (s)", ylabel="Robots")
     panel.yaxis.set_major_locator(MaxNLocator(integer=True))
     style.legend_above(figure, panel)
-    caption = "From the drawn robot to its row, in one process; the survey of the true tip and the wrong corrections are in it."
+    caption = "From the drawn robot to the end of its path; measuring the truth and trying wrong corrections is not in it."
     return Drawing("cost-figure", "Processor time", "", COMPUTED, caption, style.to_svg(figure, "cost-figure"))

@@ -67,9 +67,9 @@ def verdict(rows: Sequence[Row], found: Sequence[RehearsalClaim]) -> PageVerdict
         for kind in kinds_of(rows)
         if (own := of_kind(rows, kind))
     )
-    details = [quiet, *(f"{each.words}: asked {each.asked}, measured {each.measured}" for each in failed)]
+    details = [quiet, *(f"{each.name}: {each.measured}; asked: {each.asked}" for each in failed)]
     if open_:
-        details.append(f"Not judged, for want of robots: {'; '.join(each.words for each in open_)}")
+        details.append(f"Not judged, for want of robots: {'; '.join(each.name for each in open_)}")
     judged = len(found) - len(open_)
     if failed:
         headline = f"{len(failed)} of {judged} claims {'do' if len(failed) > 1 else 'does'} not hold"

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
+from hil.robot_tables import ORDERS
 from plant_emulator.rehearsal.many.rows import Row
-from plant_emulator.rehearsal.record import ORDERS
 
 ENDED = ("done", "noted", "refused", "stopped", "crashed", "skipped")
 """Ends of a step, from the best; `noted` is done with less than was asked."""

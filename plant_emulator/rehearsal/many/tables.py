@@ -22,7 +22,7 @@ from plant_emulator.rehearsal.many.reading import (
 )
 from plant_emulator.rehearsal.many.rows import WALKED, Row
 from plant_emulator.rehearsal.many.summary import FAR_Z, percentiles, quantities
-from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES, STEP_NAMES, TREATMENT_NAMES
+from plant_emulator.rehearsal.many.wording import KIND_NAMES, QUANTITY_NAMES, STEP_NAMES, TREATMENT_NAMES, counted
 from plant_emulator.rehearsal.record import PROBES, STEPS, TREATMENTS
 
 MOST_LISTED = 40
@@ -43,7 +43,7 @@ def tips(rows: Sequence[Row]) -> ReportTable | None:
     groups = {}
     for kind in kinds_of(rows):
         own = of_kind(rows, kind)
-        groups[len(cells)] = f"{KIND_NAMES[kind]}: {len(own)} robots"
+        groups[len(cells)] = counted(kind, len(own))
         for treatment in (*TREATMENTS, "floor", "end"):
             if treatment == "end":
                 values = numbers(own, "end_tip_mm")
@@ -67,7 +67,7 @@ def steps(rows: Sequence[Row]) -> ReportTable:
     groups = {}
     for kind in kinds_of(rows):
         own = of_kind(rows, kind)
-        groups[len(cells)] = f"{KIND_NAMES[kind]}: {len(own)} robots"
+        groups[len(cells)] = counted(kind, len(own))
         for step in STEPS:
             counts = Counter(text(row, f"{step}_ended") for row in own)
             cells.append([STEP_NAMES[step], *(str(counts[ended]) if counts[ended] else NONE for ended in ENDED)])
@@ -152,12 +152,13 @@ def probes(rows: Sequence[Row]) -> ReportTable | None:
 def cost(rows: Sequence[Row]) -> ReportTable | None:
     """Processor time by step."""
     cells: list[list[Cell]] = []
-    for name, column in (*((STEP_NAMES[step], f"{step}_cpu_s") for step in STEPS), ("whole path", "cpu_s")):
+    columns = {f"{step}_cpu_s": STEP_NAMES[step] for step in STEPS} | {"cpu_s": "whole path", "survey_cpu_s": "the truth"}
+    for column, name in columns.items():
         values = [value for value in numbers(rows, column) if value > 0.0]
         if values:
             cells.append([name, str(len(values)), *(number_text(value, "{:.1f}") for value in percentiles(values).values())])
     header = ("", "Robots", "5 %", "50 %", "95 %", "Worst")
-    caption = "In seconds. What no step has is the survey of the true tip and the wrong corrections."
+    caption = "In seconds. The truth: measuring the true tip, and trying wrong corrections; it is no part of the path."
     return ReportTable("cost", "Processor time (s)", "", header, cells, frozenset({0}), caption) if cells else None
 
 
@@ -181,7 +182,7 @@ def robots(rows: Sequence[Row]) -> ReportTable | None:
 
 def markdown(table: ReportTable) -> str:
     """Table as Markdown, its headings as rows of their own."""
-    lines = [f"| {' | '.join(table.header)} |", f"|{'---|' * len(table.header)}"]
+    lines = [f"| {' | '.join(map(_plain, table.header))} |", f"|{'---|' * len(table.header)}"]
     for index, row in enumerate(table.rows):
         if index in table.groups:
             lines.append(f"| **{table.groups[index]}** |{' |' * (len(table.header) - 1)}")
@@ -189,20 +190,10 @@ def markdown(table: ReportTable) -> str:
     return "\n".join(lines)
 
 
-def plain_rows(table: ReportTable) -> list[tuple[str, ...]]:
-    """Rows of a table as text alone, its headings in between, for a terminal."""
-    lines: list[tuple[str, ...]] = []
-    for index, row in enumerate(table.rows):
-        if index in table.groups:
-            lines.append((table.groups[index], *[""] * (len(table.header) - 1)))
-        lines.append(tuple(map(_plain, row)))
-    return lines
-
-
 def _plain(cell: Cell) -> str:
     if isinstance(cell, Mark):
         return "not judged" if cell.value is None else "yes" if cell.value else "no"
-    return cell.replace("|z|", "abs z").replace("|", "/")
+    return cell.replace("|", "\\|")
 
 
 def _seed(row: Row) -> str:

@@ -44,7 +44,7 @@ QUANTITY_NAMES = {
 }
 
 FACT_NAMES = {
-    "antiresonance_hz": ("Antiresonance f_a (Hz)", 1.0),
+    "antiresonance_hz": ("Antiresonance $f_a$ (Hz)", 1.0),
     "a1_arcsec": ("A₁ (arcsec)", 1.0),
     "a2_arcsec": ("A₂ (arcsec)", 1.0),
     "encoder_bits": ("Encoder (bits)", 1.0),
@@ -55,3 +55,12 @@ FACT_NAMES = {
     "current_lag_s": ("Current lag (ms)", 1e3),
 }
 """Name and factor of a fact, for the axis of a figure."""
+
+
+def counted(kind: str, count: int) -> str:
+    """Number of robots of a kind, in words.
+
+    >>> counted("linear", 1), counted("any", 40)
+    ('Linear gears: 1 robot', 'Any gears: 40 robots')
+    """
+    return f"{KIND_NAMES[kind]}: {count} robot{'' if count == 1 else 's'}"

@@ -3,11 +3,24 @@
 import numpy as np
 import pytest
 
-from hil.analysis import PAPER_BAND_HZ, PAPER_WINDOWS_RPS, tip_scale
+from hil.analysis import PAPER_BAND_HZ, PAPER_WINDOWS_RPS, Metrics, joint_scale, tip_scale
 from hil.bench.bench import AxisTable, Bench, load_bench
 from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError
+from hil.design.ringing import NoResonanceError, Ringing
 from hil.errors import NotPossibleError
-from hil.experiments.judge import axis_scale, line_scale, missing_words, peak_hz, vibration_scale
+from hil.experiments.judge import (
+    FoundScale,
+    RunJudge,
+    axis_scale,
+    line_scale,
+    missing_words,
+    own_scale,
+    peak_hz,
+    unreached,
+    vibration_scale,
+)
+from hil.experiments.window import JudgedWindow, _verdict, noise_variance
+from hil.recording import Recording
 from hil.robot_tables import TransmissionErrorTable
 
 PAPER = load_bench("reference")
@@ -96,3 +109,109 @@ def test_vibrations_that_are_only_compared_need_no_more_than_the_arm_that_was_id
     error = IdentifiedError(values=TransmissionErrorTable(a2_arcsec=5.0, phi2_deg=0.0), arm_hz=16.0)
     identified = Identified(robot="reference", axis={2: IdentifiedAxis(ate=error)})
     assert vibration_scale(without_models(OWN), (2, 3), identified) == tip_scale(16.0)
+
+
+def looked(monkeypatch: pytest.MonkeyPatch, bench: Bench, own: Ringing | str, axis: int = 2) -> RunJudge:
+    """A judge whose look at a ramp of an axis has ended so."""
+
+    def answer(*_: object) -> Ringing:
+        if isinstance(own, str):
+            raise NoResonanceError(own)
+        return own
+
+    monkeypatch.setattr("hil.experiments.judge.ringing", answer)
+    names = ("axis2_position_rad", "axis2_reference_rad", "axis2_torque_nm", "tip_z_m_s2", "time_s")
+    recording = Recording({name.replace("axis2", f"axis{axis}"): np.arange(4.0) for name in names})
+    judge = RunJudge(bench)
+    judge.look(recording, axis)
+    return judge
+
+
+def ring(peak_hz: float, error_hz: float = 0.1) -> Ringing:
+    return Ringing(peak_hz, error_hz, 0.05, (2, 4), 0.9)
+
+
+def test_the_ramps_own_resonance_judges_where_there_is_no_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = looked(monkeypatch, without_models(OWN), ring(4.6)).found(2)
+    assert found.scale == tip_scale(4.6)
+    assert found.words == "f_al 4.60 ± 0.10 Hz, from the run's own orders 2 and 4"
+    assert (found.source, found.error_hz, found.doubt) == ("own", 0.1, None)
+    assert found.most_factor == pytest.approx((4.6 / 4.4) ** 2)
+
+
+def test_where_the_ramp_shows_none_the_reason_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = looked(monkeypatch, without_models(OWN), "it may be the sensor's mounting").found(2)
+    assert found.scale is None
+    assert "axis 2 has no model" in found.words
+    assert "does not show it: it may be the sensor's mounting" in found.words
+
+
+@pytest.mark.parametrize(
+    ("factor", "is_said", "is_doubted"), [(1.01, False, False), (1.08, True, False), (0.7, True, True), (1.5, True, True)]
+)
+def test_a_model_comes_first_and_is_held_against_what_the_ramp_shows(
+    monkeypatch: pytest.MonkeyPatch, factor: float, is_said: bool, is_doubted: bool
+) -> None:
+    f_al = peak_hz(OWN, 2)
+    assert f_al is not None
+    found = looked(monkeypatch, OWN, ring(factor * f_al)).found(2)
+    assert (found.scale, found.source) == (tip_scale(f_al), "model")
+    assert (found.remark is not None, found.doubt is not None) == (is_said, is_doubted)
+    assert found.most_factor == pytest.approx(max(1.0, factor**-2) if is_said else 1.0)
+
+
+def test_the_line_is_reckoned_with_the_lowest_resonance_of_the_ramps(monkeypatch: pytest.MonkeyPatch) -> None:
+    judge = looked(monkeypatch, without_models(OWN), ring(9.0))
+    assert judge.found(None).scale == joint_scale([tip_scale(9.0)])
+    assert "from the ramps of axis 2" in judge.found(None).words
+    assert RunJudge(without_models(OWN)).found(None).scale is None
+
+
+def test_a_ramp_that_shows_nothing_gives_no_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked(monkeypatch, without_models(OWN), "noise")
+    with pytest.raises(NotPossibleError, match="noise"):
+        own_scale(without_models(OWN), 2, Recording({name: np.arange(4.0) for name in (
+            "axis2_position_rad", "axis2_reference_rad", "axis2_torque_nm", "tip_z_m_s2", "time_s")}))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("f_al_hz", "speed_rps", "within", "beyond"),
+    [(8.0, 12.0, [], []), (10.5, 12.0, [1], []), (11.84, 12.0, [], [1]), (22.0, 12.0, [2], [1]), (22.0, 11.0, [], [1, 2])],
+)
+def test_an_order_that_the_ramp_does_not_reach_is_named(
+    f_al_hz: float, speed_rps: float, within: list[int], beyond: list[int]
+) -> None:
+    axis = OWN.axis[2]
+    bench = with_axis(OWN, 2, axis.model_copy(update={"limits": axis.limits.model_copy(update={"speed_rps": speed_rps})}))
+    found = unreached(bench, 2, tip_scale(f_al_hz))
+    assert [text.split("order ")[1][0] for text in found[0]] == [str(order) for order in within]
+    assert [text.split("order ")[1][0] for text in found[1]] == [str(order) for order in beyond]
+    assert all("raise end_rps" in text for text in found[0])
+
+
+def judged(peak_mm: float, found: FoundScale, noise_mm: float | None = None) -> JudgedWindow:
+    return _verdict(Metrics(peak_mm, 0.0, 0.0, 12.0, 0.0, noise_mm=noise_mm), peak_mm, 0.05, found)
+
+
+def test_a_verdict_that_hangs_on_the_error_of_f_al_is_not_given() -> None:
+    found = FoundScale(tip_scale(10.0), "own", 0.5, "f_al 10.00 ± 0.50 Hz, from the run's own order 2", None, None, 1.23)
+    assert judged(0.03, found).is_within is True
+    assert judged(0.06, found).is_within is False
+    window = judged(0.045, found)
+    assert window.is_within is None
+    assert window.invalid is not None
+    assert "0.0553 mm" in window.invalid
+
+
+def test_a_tip_that_is_not_told_apart_from_noise_is_not_outside() -> None:
+    found = FoundScale(tip_scale(10.0), "model")
+    assert judged(0.06, found, noise_mm=0.05).invalid is not None
+    assert judged(0.06, found, noise_mm=0.01).is_within is False
+    assert judged(0.04, found, noise_mm=0.05).is_within is True
+
+
+def test_the_noise_of_a_sensor_is_found_beside_what_the_motor_drives() -> None:
+    rng, time = np.random.default_rng(20261122), np.arange(0.0, 3.0, 0.002)
+    for sigma in (0.01, 0.1):
+        values = sigma * rng.standard_normal(len(time)) + 2.0 * np.sin(2.0 * np.pi * 5.0 * time**2) + 9.81
+        assert noise_variance(values) == pytest.approx(sigma**2, rel=0.15)

@@ -7,11 +7,12 @@ import pytest
 
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
+from hil.plan.check import check
 from plant_emulator.motion.axes import Axes
 from plant_emulator.robots.blank_bench import TABLE_3, blank_bench
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.robots.stable import RANGES, REAL_HYSTERESIS_NM, antiresonance_hz, draw
-from plant_emulator.robots.writing import robot_text
+from plant_emulator.robots.writing import file_text
 
 SEEDS = range(200)
 
@@ -104,6 +105,15 @@ def test_a_drawn_robot_stands_still_behind_its_brakes() -> None:
 def test_a_written_robot_file_reads_as_the_same_robot() -> None:
     for seed in range(20):
         robot = draw(seed, axes=1 + seed % 3)
-        assert loads(robot_text(robot), Robot) == robot
+        assert loads(file_text(robot), Robot) == robot
     reference = load_robot("reference")
-    assert loads(robot_text(reference), Robot) == reference
+    assert loads(file_text(reference), Robot) == reference
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_the_bus_of_every_drawn_robot_carries_its_cycle(axes: int) -> None:
+    for seed in range(24):
+        robot = draw(seed, axes=axes)
+        bench = loads(blank_bench(robot), Bench)
+        verdict = check(bench, tuple(bench.axis), "drive", robot.sync_period_s, with_notch=True, notch_state=False)
+        assert verdict.fits is not False, verdict.sentence

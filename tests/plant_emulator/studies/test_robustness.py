@@ -16,7 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from drive_profiles.files.toml import FileError, load, loads
-from hil.analysis import constant_acceleration_metrics, line_motion_metrics, paper_scale
+from hil.analysis import constant_acceleration_metrics, line_motion_metrics, tip_scale
 from hil.bench.bench import load_bench
 from hil.bench.design import DesignedAxis, Designs, notch_table
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
@@ -96,8 +96,8 @@ def test_an_encoder_error_of_the_2nd_order_moves_the_arm_like_a_transmission_err
     bare = made.run(quiet, source)
     other = made.run(dataclasses.replace(quiet, encoders=(wrong,)), source)
     inside = made._window(bare)
-    apart = tip_metrics.tip_displacement_mm(other.tip_m_s2 - bare.tip_m_s2, 0.002, made.f_al_hz)[inside]
-    own = tip_metrics.tip_displacement_mm(bare.tip_m_s2, 0.002, made.f_al_hz)[inside]
+    apart = tip_metrics.tip_displacement_mm(other.tip_m_s2 - bare.tip_m_s2, 0.002, bare.f_al_hz)[inside]
+    own = tip_metrics.tip_displacement_mm(bare.tip_m_s2, 0.002, bare.f_al_hz)[inside]
     assert 0.1 < np.max(np.abs(apart)) / np.max(np.abs(own)) < 0.3
     assert other.columns[0, 0, 0] == bare.columns[0, 0, 0]
 
@@ -110,16 +110,28 @@ def test_an_encoder_error_of_the_2nd_order_moves_the_arm_like_a_transmission_err
 def test_tip_peak_and_rms_are_those_of_the_report(axis, index):
     made = study(axis)
     judged = made.judge(index)
-    known = constant_acceleration_metrics(as_recorded(made, made.run(*made.draw(index))), axis, 2, paper_scale(made.f_al_hz))
+    run = made.run(*made.draw(index))
+    known = constant_acceleration_metrics(as_recorded(made, run), axis, 2, tip_scale(run.f_al_hz))
     assert judged.tip_peak_mm == pytest.approx(known.tip_peak_mm, rel=1e-9)
     assert judged.tip_rms_mm == pytest.approx(known.tip_rms_mm, rel=1e-9)
+
+
+def test_a_plant_is_judged_by_its_own_f_al_and_not_by_the_robot_files():
+    made = study()
+    plants = [made.draw(index)[0] for index in range(6)]
+    runs = [made.run(*made.draw(index)) for index in range(6)]
+    for plant, run in zip(plants, runs, strict=True):
+        axis = plant.robot.axis[2]
+        near = math.sqrt(axis.gear_stiffness_nm_rad / axis.arm_inertia_kg_m2) / (2.0 * math.pi)
+        assert run.f_al_hz == pytest.approx(near, rel=0.1)
+    assert max(run.f_al_hz for run in runs) > 1.05 * min(run.f_al_hz for run in runs)
 
 
 def test_the_line_motions_metrics_are_those_of_the_report():
     made = study(None)
     judged = made.judge(0)
     runs = [made.run(*made.draw(0), filters=filters) for filters in ({}, None)]
-    bare, filtered = (line_motion_metrics(as_recorded(made, run), 0.2, 2.2, paper_scale(made.f_al_hz)) for run in runs)
+    bare, filtered = (line_motion_metrics(as_recorded(made, run), 0.2, 2.2, tip_scale(run.f_al_hz)) for run in runs)
     assert judged.tip_peak_mm == pytest.approx(filtered.tip_peak_mm, rel=1e-9)
     assert judged.area_reduction_percent == pytest.approx(100.0 * (1.0 - filtered.spectrum_area / bare.spectrum_area), rel=1e-9)
     assert study(None, {}).judge(0).area_reduction_percent is None

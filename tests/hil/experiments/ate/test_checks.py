@@ -6,10 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.design.ate_identification import JointEstimate
-from hil.design.ate_model import Arm
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Arm
 from hil.design.transmission_error import TransmissionError
-from hil.experiments.ate.checks import AteNotIdentifiedError, check_accelerometer, check_estimate, check_run, reached_rps
+from hil.experiments.ate.checks import (
+    AteNotIdentifiedError,
+    check_accelerometer,
+    check_estimate,
+    check_run,
+    factor_remark,
+    reached_rps,
+)
 from hil.master.motion import RunResult
 from hil.recording import Recording
 
@@ -47,14 +54,40 @@ def test_a_dead_sensor_is_found_out() -> None:
 
 def test_a_good_estimate_passes() -> None:
     check_estimate(GOOD, sensorless=False)
+    assert factor_remark(GOOD) is None
+
+
+def test_a_factor_that_is_not_certainly_wrong_is_a_remark() -> None:
+    unsure = replace(GOOD, motion_scale=0.62, motion_scale_error=0.1)
+    check_estimate(unsure, sensorless=False)
+    assert "0.620 ± 0.100 times" in (factor_remark(unsure) or "")
+
+
+def test_noise_that_more_passes_overcome_is_no_reason_to_stop() -> None:
+    weak = replace(GOOD, amplitude_error_arcsec={2: 1.5, 4: 3.0})
+    check_estimate(weak, sensorless=False, passes_left=5)
+    with pytest.raises(AteNotIdentifiedError, match=r"is 3\.333, at least 5"):
+        check_estimate(weak, sensorless=False, passes_left=0)
+
+
+def test_vibration_that_is_noise_is_not_asked_of_the_error() -> None:
+    check_estimate(replace(GOOD, explained_by_error=0.2, structured=0.01), sensorless=False)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"explained_by_error": 0.07}, r"explains is 0\.07, at least 0\.5 is needed; is this the axis"),
-        ({"amplitude_error_arcsec": {2: 2.0, 4: 3.0}}, r"largest amplitude over its standard error is 2\.5, at least 5"),
-        ({"motion_scale": 0.62}, r"tip_lever_m / reduction_ratio .* is 0\.38, at most 0\.25"),
+        (
+            {"explained_by_error": 0.07, "structured": 0.93},
+            r"of the orders 2, 4 explains is 0\.07, at least 0\.6 is needed; does anoth",
+        ),
+        (
+            {"amplitude_error_arcsec": {2: 2.0, 4: 3.0}},
+            r"over its standard error \(A_2\) is 2\.5, at least 5 .* none is above 12″",
+        ),
+        ({"motion_scale": 0.62}, r"tip_lever_m / reduction_ratio .* is 0\.38, at most 0\.25 .* is this the axis that moved"),
+        ({"motion_scale": -1.01}, r"the tip moves against the motor: the encoder counts backwards"),
+        ({"motion_scale": 0.02}, r"the accelerometer does not feel this axis"),
         ({"arm": Arm(12.4, 0.04, 0.0298)}, r"delay between motor angle and accelerometer is 29\.8 ms, at most 29 ms"),
     ],
 )

@@ -98,12 +98,20 @@ def test_a_loop_that_follows_nothing_is_refused(bench: Bench) -> None:
 def test_a_correction_too_large_to_be_one_is_refused(bench: Bench) -> None:
     motion = constant_acceleration(bench, 2, 0.002)
     cancellation_for(bench, None, (2,), 0.002).check(bench, motion)
-    huge = cancellation_for(bench, identified(bench, 2, 90.0), (2,), 0.002)
-    with pytest.raises(UnsafeRequestError, match="the cancellation of axis 2 would be"):
-        huge.check(bench, motion)
-    torque = cancellation_for(bench, identified(bench, 2, 500.0), (2,), 0.002, actuation="torque")
-    with pytest.raises(UnsafeRequestError):
-        torque.check(bench, motion)
+    large = cancellation_for(bench, identified(bench, 2, 30.0), (2,), 0.002)
+    large.check(bench, motion)  # a strong error of a real gear
+    table = bench.axis[2]
+    tight = table.limits.model_copy(update={"cancellation_rev": 0.01})
+    with pytest.raises(
+        UnsafeRequestError, match=r"axis 2 would be 0\.0\d+ rev, the limit is 0\.01 rev; limits\.cancellation_rev"
+    ):
+        large.check(bench.model_copy(update={"axis": {2: table.model_copy(update={"limits": tight})}}), motion)
+    with pytest.raises(UnsafeRequestError, match=r"ΣA_k, would be 500 arcsec, the limit is 200 arcsec; no gear has as much"):
+        cancellation_for(bench, identified(bench, 2, 500.0), (2,), 0.002, actuation="torque")
+    weak = table.limits.model_copy(update={"torque_nm": 0.05})
+    torque = cancellation_for(bench, identified(bench, 2, 190.0), (2,), 0.002, actuation="torque")
+    with pytest.raises(UnsafeRequestError, match="the torque offset of axis 2"):
+        torque.check(bench.model_copy(update={"axis": {2: table.model_copy(update={"limits": weak})}}), motion)
 
 
 def test_limits_hold_with_the_correction(bench: Bench) -> None:

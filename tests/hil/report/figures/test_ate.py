@@ -3,7 +3,7 @@
 import pytest
 
 from hil.bench.model import IdentifiedError
-from hil.design.ate_model import Arm, Sensing
+from hil.design.ate.model import Arm, Sensing
 from hil.report import style
 from hil.report.figures import ate
 from hil.report.figures.ate import AteMaterial

@@ -16,17 +16,26 @@ Source: the paper, section 3.2.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from hil.control.angles import ARCSEC
-from hil.design.ate_misfit import BEND, misfit, structured_power
-from hil.design.ate_model import GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
-from hil.design.ate_motion import motion_factor
+from hil.design.ate.misfit import BEND, misfit, structured_power
+from hil.design.ate.model import GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
+from hil.design.ate.motion import motion_factor
+from hil.design.ate.refinement import (
+    bend_weight,
+    inverse_square,
+    is_rounding_felt,
+    own_arms,
+    refine,
+    refined,
+    slopes_by_arms,
+    without_rounding,
+)
 from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
 
 Real = NDArray[np.float64]
@@ -36,17 +45,8 @@ SEARCH_HZ = (4.0, 35.0)
 SEARCH_DAMPING = (0.02, 0.05, 0.12)
 DELAY_S = (-0.010, 0.030)
 """Delays that are searched: half a period of the resonance more (42 ms at 12 Hz) looks like φ_k turned by 180°."""
-MOUNTING_HZ = 110.0
-"""A sensor's resonance on its mounting, as likely below as above, so its bend at an arm's frequency f is within ±(f/110 Hz)²."""
-LARGEST_BEND = 0.17
-"""A mounting that resonates at 2.4 times the arm's frequency."""
-ROUNDING_FELT, ROUNDING_STEPS = 0.02, 20
-"""Fraction of the residual's power from which the encoder's rounding is taken out of the arm, and steps for that."""
-LEAST_DAMPING = 0.003
-OWN_FROM_ORDER = 2
-"""Least order with an arm of its own: order 1 passes its resonance at twice the speed of order 2, which few ramps reach."""
-OWN_FROM, OWN_BETTER = 0.1, 0.85
-"""Amplitude over the largest from which an order may have its own arm, and the residual power that this may leave."""
+ROUNDING_LEFT = 0.25
+"""Fraction of that correction which goes into the standard error of A_k."""
 BAND = (0.5, 2.1)
 """Pass band by the arm's frequency: the resonance with its skirts; below lies the motion itself, above lies noise."""
 
@@ -93,6 +93,7 @@ class JointEstimate:
         own_arms: Arms of those orders whose vibration showed another resonance than the strongest order's: a gear that is softer,
             or stiffer, for a small vibration than for a large one.
         misfit: What is left beside noise, over the part of each order, by order.
+        is_spring: False where the gear bends the strongest order visibly: hysteresis, or a soft wind-up.
         structured: Fraction of the signal without the motor's own motion that neither θ_sync nor noise explains.
     """
 
@@ -112,6 +113,7 @@ class JointEstimate:
     own_arms: Mapping[float, Arm] = field(default_factory=dict)
     misfit: Mapping[float, float] = field(default_factory=dict)
     structured: float = 0.0
+    is_spring: bool = True
 
 
 def identify(
@@ -143,13 +145,18 @@ def identify(
     noise = None
     for _ in range(2):  # the band follows the arm, and the weights the noise
         model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, noise)
-        arm = _refine(model, arm)
+        arm = refine(model, arm)
         noise = model.noise(arm)
-    arm, own = _own_arms(model, arm)
-    bend_row = _bend_row(model, arm, model.solve(arm, own)[1])
-    arm, own = _without_rounding(model, *_refined(model, arm, own, bend_row))
+    arm, own = own_arms(model, arm)
+    for again in (True, False):
+        rounded = refined(model, arm, own, bend_weight(model, arm, model.solve(arm, own)[1]))
+        arm, own = without_rounding(model, *rounded)
+        moved = _moved(model, rounded, (arm, own))
+        if not again or not is_rounding_felt(model, arm, own):
+            break
+        model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, model.noise(arm))
     factor = motion_factor(sweeps, reduction_ratio, sensing, orders, arm)
-    return _estimate(model, arm, own, factor)
+    return _estimate(model, arm, own, factor, moved)
 
 
 def _check(sweeps: Sequence[Sweep], orders: tuple[float, ...]) -> None:
@@ -207,131 +214,33 @@ def _least_apart(model: RampsModel, arms: Sequence[Arm], delays_s: Real) -> Arm:
     """The arm and the delay that leave least where either direction has its own error."""
     delays = [float(delay) for delay in delays_s]
     powers = np.array([model.powers_apart(arm, delays) for arm in arms])
-    row, column = np.unravel_index(int(np.argmin(powers)), powers.shape)
+    row, column = divmod(int(np.argmin(powers)), len(delays))
     return replace(arms[row], delay_s=delays[column])
 
 
-def _refine(model: RampsModel, start: Arm) -> Arm:
-    """Gauss-Newton in ω, ζ and Δ with the linear unknowns projected out."""
-    return _refined(model, start, {}, 0.0)[0]
+def _moved(
+    model: RampsModel, before: tuple[Arm, Mapping[float, Arm]], after: tuple[Arm, Mapping[float, Arm]]
+) -> dict[float, float]:
+    """How far the unknowns of each order, as a fraction of them, went with the arms."""
+    first, second = (model.solve(*arms)[0].reshape(-1, 2) for arms in (before, after))
+    return {
+        order: float(np.linalg.norm(second[row] - first[row]) / max(float(np.linalg.norm(second[row])), 1e-30))
+        for row, order in enumerate(model.orders)
+    }
 
 
-def _refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: float) -> tuple[Arm, dict[float, Arm]]:
-    """Gauss-Newton in ω, ζ, Δ, the mounting's bend where `bend_row` is not 0, and ω and ζ of every order's own arm."""
-    step_s = 1.0 / (2.0 * math.pi * start.resonance_hz)
-    has_bend = bend_row > 0.0
-
-    def arms(scaled: Real) -> tuple[Arm, dict[float, Arm]]:
-        delay = start.delay_s + step_s * float(scaled[2])
-        bend = start.bend + (float(scaled[3]) if has_bend else 0.0)
-        pairs = [(start, scaled[:2])]
-        pairs += [(own[order], scaled[i : i + 2]) for order, i in zip(own, range(3 + has_bend, len(scaled), 2), strict=True)]
-        made = [
-            replace(
-                each, resonance_hz=each.resonance_hz * float(hz), damping=each.damping * float(zeta), delay_s=delay, bend=bend
-            )
-            for each, (hz, zeta) in pairs
-        ]
-        return made[0], dict(zip(own, made[1:], strict=True))
-
-    def residual(scaled: Real) -> Real:
-        arm, others = arms(scaled)
-        return np.append(model.solve(arm, others)[1], bend_row * arm.bend)
-
-    more = len(own)
-    fit = optimize.least_squares(
-        residual,
-        np.array([1.0, 1.0, 0.0] + has_bend * [0.0] + more * [1.0, 1.0]),
-        bounds=(
-            [0.8, 0.1, -1.0] + has_bend * [-LARGEST_BEND] + more * [0.8, 0.1],
-            [1.25, 10.0, 1.0] + has_bend * [LARGEST_BEND] + more * [1.25, 10.0],
-        ),
-        x_scale=np.array([0.01, 0.3, 0.05] + has_bend * [0.01] + more * [0.01, 0.3]),
-        diff_step=1e-4,
-    )
-    return arms(fit.x)
-
-
-def _bend_row(model: RampsModel, arm: Arm, left: Real) -> float:
-    """Weight of what is known of the mounting beside a residual: its bend is 0 ± (f/110 Hz)²."""
-    variance = float(np.sum(left**2)) / max(1.0, len(left) * model.independent)
-    return math.sqrt(variance) / (arm.resonance_hz / MOUNTING_HZ) ** 2
-
-
-def _without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> tuple[Arm, dict[float, Arm]]:
-    """Arms less the bias of the encoder's rounding: the resonance amplifies its noise, so least squares damp the resonance.
-
-    The expected power of that noise P(ω, ζ) is known, and what is minimised is the residual's power less P: steps
-    −(JᵀJ)⁻¹ (Jᵀr − ∇P/2), with J the slopes of the residual r by the unknowns of the arms, the linear unknowns projected out.
-    """
-    found, others = arm, dict(own)
-    unknowns, left = model.solve(arm, own)
-    if model.rounding_power(arm) < ROUNDING_FELT * float(np.sum(left**2)):
-        return found, others
-    bend_row = _bend_row(model, arm, left)
-    for _ in range(ROUNDING_STEPS):
-        unknowns, left = model.solve(found, others)
-        matrix = model.columns(found, others)[1]
-        slopes = np.column_stack(_slopes(model, found, others, unknowns))
-        slopes = slopes - matrix @ np.column_stack([least_squares(matrix, slope) for slope in slopes.T])
-        known = np.zeros((1, slopes.shape[1]))
-        known[0, 3] = bend_row
-        downhill = slopes.T @ left
-        downhill[:2] += 0.5 * np.array(_rounding_slopes(model, found))
-        downhill[3] -= bend_row**2 * found.bend
-        step = _inverse(np.vstack([slopes, known])) @ downhill
-        step *= min(1.0, 0.3 * found.damping / max(abs(float(step[1])), 1e-30))
-        found = _shifted(found, *step[:4])
-        others = {k: _shifted(each, step[4 + 2 * i], step[5 + 2 * i], *step[2:4]) for i, (k, each) in enumerate(others.items())}
-        is_lost = abs(found.resonance_hz / arm.resonance_hz - 1.0) > 0.1 or abs(found.bend) > LARGEST_BEND
-        if is_lost or min(each.damping for each in (found, *others.values())) < LEAST_DAMPING:
-            return arm, dict(own)
-    return found, others
-
-
-def _rounding_slopes(model: RampsModel, arm: Arm) -> tuple[float, float]:
-    """Slopes of the rounding's power by ω/2π and ζ."""
-    d_hz, d_zeta = 1e-3 * arm.resonance_hz, 1e-2 * arm.damping
-    by_hz = model.rounding_power(_shifted(arm, hz=d_hz)) - model.rounding_power(_shifted(arm, hz=-d_hz))
-    by_zeta = model.rounding_power(_shifted(arm, damping=d_zeta)) - model.rounding_power(_shifted(arm, damping=-d_zeta))
-    return by_hz / (2.0 * d_hz), by_zeta / (2.0 * d_zeta)
-
-
-def _shifted(arm: Arm, hz: float = 0.0, damping: float = 0.0, late_s: float = 0.0, bend: float = 0.0) -> Arm:
-    """An arm with other ω/2π, ζ, Δ and bend."""
-    return replace(
-        arm,
-        resonance_hz=arm.resonance_hz + float(hz),
-        damping=arm.damping + float(damping),
-        delay_s=arm.delay_s + float(late_s),
-        bend=arm.bend + float(bend),
-    )
-
-
-def _own_arms(model: RampsModel, arm: Arm) -> tuple[Arm, dict[float, Arm]]:
-    """Arms of some orders' own, where they leave clearly less: a large vibration feels another gear than a small one."""
-    unknowns, left = model.solve(arm)
-    sizes = {order: math.hypot(*unknowns[2 * row : 2 * row + 2]) for row, order in enumerate(model.orders)}
-    strongest = max(sizes, key=lambda order: sizes[order])
-    others = [k for k, size in sizes.items() if k != strongest and k >= OWN_FROM_ORDER and size > OWN_FROM * sizes[strongest]]
-    if not others:
-        return arm, {}
-    refined, own = _refined(model, arm, dict.fromkeys(others, arm), 0.0)
-    apart = model.solve(refined, own)[1]
-    is_better = float(np.sum(apart**2)) < OWN_BETTER * float(np.sum(left**2))
-    return (refined, own) if is_better else (arm, {})
-
-
-def _estimate(model: RampsModel, arm: Arm, own: Mapping[float, Arm], factor: tuple[float, float]) -> JointEstimate:
+def _estimate(
+    model: RampsModel, arm: Arm, own: Mapping[float, Arm], factor: tuple[float, float], moved: Mapping[float, float]
+) -> JointEstimate:
     """The unknowns as amplitudes and phases, with errors from the Jacobian of all unknowns."""
     unknowns, left = model.solve(arm, own)
     motion, matrix = model.columns(arm, own)
-    jacobian = np.column_stack([matrix, *_slopes(model, arm, own, unknowns)])
+    jacobian = np.column_stack([matrix, *slopes_by_arms(model, arm, own, unknowns)])
     power = float(np.sum(left**2))
     variance = power / max(1.0, len(left) * model.independent - jacobian.shape[1])
     known = np.zeros((1, jacobian.shape[1]))
-    known[0, len(unknowns) + 3] = _bend_row(model, arm, left)
-    inverse = _inverse(np.vstack([jacobian, known]))
+    known[0, len(unknowns) + 3] = bend_weight(model, arm, left)
+    inverse = inverse_square(np.vstack([jacobian, known]))
     covariance = inverse * variance
     agreement = _agreement(model, matrix, motion, variance)
     chi2 = sum(each.sigma**2 for each in agreement) / max(1, len(agreement))
@@ -342,7 +251,8 @@ def _estimate(model: RampsModel, arm: Arm, own: Mapping[float, Arm], factor: tup
     parts = {k: matrix[:, 2 * i : 2 * i + 2] @ unknowns[2 * i : 2 * i + 2] for i, k in enumerate(model.orders)}
     misfits = {order: misfit(left, part, model.signal - left, length, freedom) for order, part in parts.items()}
     for order, size in misfits.items():
-        amplitude_error[order] = math.hypot(amplitude_error[order], BEND * size * amplitude[order])
+        systematic = math.hypot(BEND * size, ROUNDING_LEFT * moved[order])
+        amplitude_error[order] = math.hypot(amplitude_error[order], systematic * amplitude[order])
         phase_error[order] = min(180.0, math.hypot(phase_error[order], math.degrees(BEND * size)))
     arm_error = widened * np.sqrt(np.maximum(0.0, np.diag(covariance)[len(unknowns) : len(unknowns) + 3]))
     without = max(float(np.sum((model.signal - motion) ** 2)), 1e-300)
@@ -363,36 +273,6 @@ def _estimate(model: RampsModel, arm: Arm, own: Mapping[float, Arm], factor: tup
         misfits,
         structured_power(left, length, freedom) * len(left) / without,
     )
-
-
-def _slopes(model: RampsModel, arm: Arm, own: Mapping[float, Arm], unknowns: Real) -> list[Real]:
-    """Slopes of the model by ω/2π, ζ, Δ and the bend of all, then by ω/2π and ζ of each order's own arm."""
-    d_hz, d_zeta, d_s = 1e-4 * arm.resonance_hz, 1e-3 * arm.damping, 1e-5
-
-    def difference(make: Callable[[float], tuple[Arm, Mapping[float, Arm]]], step: float) -> Real:
-        sides = []
-        for sign in (1.0, -1.0):
-            motion, matrix = model.columns(*make(sign * step))
-            sides.append(motion + matrix @ unknowns)
-        return np.asarray((sides[0] - sides[1]) / (2.0 * step))
-
-    slopes = [
-        difference(lambda x: (_shifted(arm, hz=x), own), d_hz),
-        difference(lambda x: (_shifted(arm, damping=x), own), d_zeta),
-        difference(lambda x: (_shifted(arm, late_s=x), {k: _shifted(each, late_s=x) for k, each in own.items()}), d_s),
-        difference(lambda x: (_shifted(arm, bend=x), {k: _shifted(each, bend=x) for k, each in own.items()}), 1e-4),
-    ]
-    for order, each in own.items():
-        slopes.append(difference(lambda x, k=order, e=each: (arm, {**own, k: _shifted(e, hz=x)}), d_hz))  # type: ignore[misc]
-        slopes.append(difference(lambda x, k=order, e=each: (arm, {**own, k: _shifted(e, damping=x)}), d_zeta))  # type: ignore[misc]
-    return slopes
-
-
-def _inverse(jacobian: Real) -> Real:
-    """(JᵀJ)⁻¹, on scaled columns."""
-    scale = np.sqrt(np.sum(jacobian**2, axis=0)) + 1e-300
-    scaled = jacobian / scale
-    return np.asarray(np.linalg.pinv(scaled.T @ scaled, rcond=1e-14, hermitian=True) / np.outer(scale, scale))
 
 
 def _polar(
@@ -418,7 +298,7 @@ def _agreement(model: RampsModel, matrix: Real, motion: Real, variance: float) -
     for direction in (1, -1):
         rows = model.directions == direction
         own = matrix[rows]
-        sides.append(_polar(least_squares(own, (model.signal - motion)[rows]), _inverse(own) * variance, model.orders))
+        sides.append(_polar(least_squares(own, (model.signal - motion)[rows]), inverse_square(own) * variance, model.orders))
     (forward_a, forward_p, forward_ea, forward_ep), (backward_a, backward_p, backward_ea, backward_ep) = sides
     agreements = []
     for order in model.orders:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from hil.design.ate_identification import identify
-from hil.design.ate_model import Arm, Sensing, Sweep, modelled
+from hil.design.ate.identification import identify
+from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 
 FINE = 1e-4

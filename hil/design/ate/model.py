@@ -1,4 +1,4 @@
-"""The model of ramps with a transmission error, as a sensor sees them that lags the motor angle; see `ate_identification`.
+"""The model of ramps with a transmission error, as a sensor sees them that lags the motor angle; see `identification`.
 
 For given ω, ζ and Δ it is linear in A_k cos φ_k and A_k sin φ_k: `SweepModel` and `RampsModel` give its columns.
 """

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 
-from hil.design.ate_model import Arm, Sensing, Sweep, levelled, resolution_rad
+from hil.design.ate.model import Arm, Sensing, Sweep, levelled, resolution_rad
 from hil.design.transmission_error import acceleration_spectrum
 
 Real = NDArray[np.float64]
@@ -39,16 +39,16 @@ def motion_factor(
         orders: Orders of the error.
         arm: Arm with ω, ζ and Δ.
     """
-    square, wanted, blocks = None, None, []
-    noise = 0.0
+    count = 1 + 2 * len(orders)
+    square, wanted, noise, blocks = np.zeros((count, count)), np.zeros(count), 0.0, []
     for sweep in sweeps:
         matrix, values, variance, every = _below(sweep, reduction_ratio, sensing, orders, arm)
-        square = matrix.T @ matrix if square is None else square + matrix.T @ matrix
-        wanted = matrix.T @ values if wanted is None else wanted + matrix.T @ values
+        square += matrix.T @ matrix
+        wanted += matrix.T @ values
         noise += variance * len(values)
         length = max(1, round(BLOCK_PERIODS / (BELOW[0] * arm.resonance_hz) / (sweep.period_s * every)))
         blocks += [(matrix[i : i + length], values[i : i + length]) for i in range(0, len(values), length)]
-    square = square - np.diag([noise] + [0.0] * (len(square) - 1))
+    square[0, 0] -= noise
     inverse = np.linalg.pinv(square, hermitian=True)
     factors = inverse @ wanted
     scores = np.array([rows.T @ (values - rows @ factors) for rows, values in blocks])

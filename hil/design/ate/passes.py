@@ -1,0 +1,88 @@
+"""The transmission error from several passes: all at once, or, where the gear is no spring, each alone and then their mean.
+
+A slow pass shakes the arm more than a fast one, so a gear with hysteresis or a soft wind-up has another stiffness in each. Then
+one arm for all passes bends A_k by more than any of them alone would, and the scatter of the passes is the honest standard error.
+"""
+
+import cmath
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hil.design.ate.identification import JointEstimate, identify
+from hil.design.ate.misfit import BEND
+from hil.design.ate.model import Arm, Sensing, Sweep
+from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
+
+APART_FROM = 0.01
+"""Bend of the strongest order, by the gear, from which passes are fitted apart."""
+
+
+def identify_passes(
+    sweeps: Sequence[Sweep],
+    reduction_ratio: float,
+    sensing: Sensing,
+    start: Arm | None = None,
+    orders: Sequence[float] = PAPER_ORDERS,
+    *,
+    is_near: bool = False,
+) -> JointEstimate:
+    """A_k and φ_k, the arm and the sensor's delay from passes, each with ramps in both directions.
+
+    Args:
+        sweeps: Recordings, one for each pass.
+        reduction_ratio: Reduction ratio N.
+        sensing: The kind of signal in the recordings.
+        start: An arm to start from.
+        orders: Orders k of the error.
+        is_near: True for a start from an estimate of most of these recordings: nothing is searched.
+
+    Raises:
+        ValueError: A direction is missing or too short, or shapes differ.
+    """
+    joint = identify(sweeps, reduction_ratio, sensing, start, orders, is_near=is_near)
+    strongest = max(joint.error.amplitude_arcsec, key=lambda order: joint.error.amplitude_arcsec[order])
+    if BEND * joint.misfit[strongest] < APART_FROM:
+        return joint
+    joint = replace(joint, is_spring=False)
+    if len(sweeps) < 2:
+        return joint
+    return mean_of([identify([sweep], reduction_ratio, sensing, joint.arm, orders, is_near=True) for sweep in sweeps], joint)
+
+
+def mean_of(passes: Sequence[JointEstimate], joint: JointEstimate) -> JointEstimate:
+    """The estimate with the weighted mean of A_k e^{jφ_k} of some passes; its standard errors contain their scatter.
+
+    Args:
+        passes: Estimates of one pass each.
+        joint: Estimate of all passes, which gives everything else.
+    """
+    amplitude, phase, amplitude_error, phase_error = {}, {}, {}, {}
+    for order in joint.error.amplitude_arcsec:
+        sizes = np.array([each.error.amplitude_arcsec[order] for each in passes])
+        turns = np.radians([each.error.phase_deg[order] for each in passes])
+        along = np.array([max(each.amplitude_error_arcsec[order], 1e-12) for each in passes])
+        across = np.maximum(np.radians([each.phase_error_deg[order] for each in passes]) * sizes, 1e-12)
+        weights = 1.0 / (along**2 + across**2)
+        mean = complex(np.sum(weights * sizes * np.exp(1j * turns)) / np.sum(weights))
+        off = (sizes * np.exp(1j * turns) - mean) * cmath.exp(-1j * cmath.phase(mean))
+        amplitude[order], phase[order] = abs(mean), math.degrees(cmath.phase(mean)) % 360.0
+        amplitude_error[order] = _scattered(off.real, along)
+        error_rad = _scattered(off.imag, across) / max(abs(mean), 1e-30)
+        phase_error[order] = min(180.0, math.degrees(error_rad))
+    return replace(
+        joint,
+        error=TransmissionError(amplitude, phase),
+        amplitude_error_arcsec=amplitude_error,
+        phase_error_deg=phase_error,
+        misfit={k: min(each.misfit[k] for each in passes) for k in joint.misfit},
+        structured=min(each.structured for each in passes),
+        explained_by_error=max(each.explained_by_error for each in passes),
+    )
+
+
+def _scattered(off: np.ndarray, errors: np.ndarray) -> float:
+    """Standard error of a mean of numbers that a gear bends alike: the best one's, or their scatter, whichever is more."""
+    return max(float(np.min(errors)), float(np.sqrt(np.mean(off**2))))

@@ -1,0 +1,271 @@
+"""Which orders a ramp shows: those that are asked for, and others that nobody asked for.
+
+An order k meets the arm where the motor turns f_a/k times a second. Order 1 does so at f_a, which many axes cannot reach: there
+only the foot of its resonance is seen, and what is fitted of it is as good as its standard error, or nothing. Such an order is
+left out of the fit where it is not significant, so that it takes nothing from the others; its amplitude is told all the same.
+
+An order that is not in the set is looked for in what the fit leaves: least squares of its sine through the arm, order by order,
+against the same at the orders beside it, which are noise.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.bench.model import SIGNIFICANT_SIGMAS
+from hil.design.ate.identification import JointEstimate, identify
+from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
+from hil.design.ate.passes import identify_passes
+from hil.design.transmission_error import TransmissionError
+
+Real = NDArray[np.float64]
+
+LOOKED_AT = (0.5, 10.0)
+"""Orders among which others are looked for, from and to."""
+SCAN_STEP, FINE_STEP = 0.125, 0.025
+STANDING_OUT = ((0.003, 20.0), (0.01, 4.0))
+"""Fraction of the vibration's power, and power over that of the orders beside it, from which an order is fitted to see: of white
+noise one in 10⁸ is twenty times as strong; high orders are passed within a turn, and show in those beside them too."""
+CLEAR_SIGMAS, SEEN_FRACTION, SEEN_LEAVES = 8.0, 0.02, 0.7
+"""Standard errors of its amplitude, and fraction of the vibration's power, from which an order is seen, and what its fit leaves
+over at most of what was left over without it."""
+APART_ORDERS, BESIDE_ORDERS = 0.6, 2.5
+"""Distance in orders from which two are told apart, a resonance lasting two or three turns, and to which they are beside it."""
+NEARLY_AS_GOOD = 0.9
+MOST_SEEN = 3
+TRIED_ORDERS = (1, 2, 3, 4, 5, 6, 8)
+LITTLE_EXPLAINED, MUCH_BETTER = 0.9, 0.2
+"""Fraction of the vibration below which each of `TRIED_ORDERS` is fitted too, and the fraction by which it must explain more."""
+LEAST_OWN = 0.1
+"""Part of an order's sine that the fitted orders must not explain."""
+
+
+@dataclass(frozen=True)
+class SeenOrder:
+    """An order that the ramps show, and that is not in the set.
+
+    Attributes:
+        order: Order k.
+        amplitude_arcsec: Amplitude A_k.
+        fraction: Fraction of the vibration's power that it explains.
+        sigmas: Its amplitude in standard errors.
+    """
+
+    order: float
+    amplitude_arcsec: float
+    fraction: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class OrderScan:
+    """Orders of a vibration.
+
+    Attributes:
+        fractions: Fraction of the vibration's power by order of the set.
+        seen: Others, the strongest first.
+    """
+
+    fractions: Mapping[float, float]
+    seen: tuple[SeenOrder, ...]
+
+
+def identify_orders(
+    sweeps: Sequence[Sweep],
+    reduction_ratio: float,
+    sensing: Sensing,
+    start: Arm | None,
+    orders: Sequence[float],
+    *,
+    is_near: bool = False,
+) -> JointEstimate:
+    """`identify_passes` of those orders that the ramps show; A_k and φ_k of the others with their errors.
+
+    An order whose resonance no ramp passes, and whose amplitude is below `SIGNIFICANT_SIGMAS` standard errors, is fitted once,
+    for its amplitude and errors, and left out of the fit that gives everything else.
+
+    Args:
+        sweeps: Recordings with at least one ramp in each direction.
+        reduction_ratio: Reduction ratio N.
+        sensing: The kind of signal in the recordings.
+        start: An arm to start from; it may be wrong.
+        orders: Orders k that are asked for.
+        is_near: True for a start from an estimate of most of these recordings.
+
+    Raises:
+        ValueError: As `identify_passes`.
+    """
+    estimate = identify_passes(sweeps, reduction_ratio, sensing, start, orders, is_near=is_near)
+    weak = [
+        order
+        for order in orders
+        if not is_passed(sweeps, estimate.arm.resonance_hz, order) and not is_significant(estimate, order)
+    ]
+    kept = [order for order in orders if order not in weak]
+    if not weak or not kept:
+        return estimate
+    without = identify_passes(sweeps, reduction_ratio, sensing, estimate.arm, kept, is_near=True)
+    return replace(
+        without,
+        error=TransmissionError(
+            {k: (estimate if k in weak else without).error.amplitude_arcsec[k] for k in orders},
+            {k: (estimate if k in weak else without).error.phase_deg[k] for k in orders},
+        ),
+        amplitude_error_arcsec={k: (estimate if k in weak else without).amplitude_error_arcsec[k] for k in orders},
+        phase_error_deg={k: (estimate if k in weak else without).phase_error_deg[k] for k in orders},
+    )
+
+
+def is_significant(estimate: JointEstimate, order: float) -> bool:
+    """Whether an order's amplitude is more than noise makes."""
+    return estimate.error.amplitude_arcsec[order] >= SIGNIFICANT_SIGMAS * estimate.amplitude_error_arcsec[order]
+
+
+def is_passed(sweeps: Sequence[Sweep], arm_hz: float, order: float) -> bool:
+    """Whether a ramp passes the speed at which an order meets the arm."""
+    return max(_top_rps(sweep) for sweep in sweeps) >= arm_hz / order
+
+
+def _top_rps(sweep: Sweep, over_s: float = 0.05) -> float:
+    """Largest motor speed of the rows that count."""
+    step = max(1, round(over_s / sweep.period_s))
+    angle = np.asarray(sweep.motor_angle_rad)
+    speed = np.abs(angle[step:] - angle[:-step])[sweep.direction[step:] != 0]
+    return float(np.max(speed, initial=0.0)) / (step * sweep.period_s * 2.0 * math.pi)
+
+
+def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, estimate: JointEstimate) -> OrderScan:
+    """Orders of the vibration that an estimate is made from: how much each carries, and which are there beside them.
+
+    What is left over is taken off everything that the fitted orders could leave with another arm, each with its own, to first
+    order in its frequency, damping and delay: a gear that is softer for small vibrations is not another order. What stands out
+    of it is fitted together with the others, and is seen where that fit is much better. An order that has most of the vibration
+    leads the fit of the others astray, arm and all: where they explain little, each whole order is tried beside them.
+
+    Args:
+        sweeps: Recordings of the estimate.
+        reduction_ratio: Reduction ratio N.
+        sensing: The kind of signal in the recordings.
+        estimate: The estimate.
+    """
+    scan, seen = _Scan(sweeps, reduction_ratio, sensing), list[SeenOrder]()
+    if estimate.explained_by_error < LITTLE_EXPLAINED:
+        tried = [scan.with_order(estimate, order) for order in TRIED_ORDERS if order not in estimate.error.amplitude_arcsec]
+        better = [fit for fit in tried if fit.explained_by_error > estimate.explained_by_error + MUCH_BETTER]
+        if better:
+            estimate = max(better, key=lambda fit: fit.explained_by_error)
+            seen.append(scan.last_of(estimate))
+    while len(seen) < MOST_SEEN:
+        order = scan.standing_out(estimate)
+        if order is None:
+            break
+        found = scan.with_order(estimate, order)
+        new, left, once = scan.last_of(found), 1.0 - found.explained_by_error, 1.0 - estimate.explained_by_error
+        if new.sigmas < CLEAR_SIGMAS or new.fraction < SEEN_FRACTION or left > SEEN_LEAVES * once:
+            break
+        seen.append(new)
+        estimate = found
+    others = {each.order for each in seen}
+    return OrderScan({k: part for k, part in scan.fractions(estimate).items() if k not in others}, tuple(seen))
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """Recordings that are looked through."""
+
+    sweeps: Sequence[Sweep]
+    reduction_ratio: float
+    sensing: Sensing
+
+    def model(self, estimate: JointEstimate, orders: Sequence[float]) -> RampsModel:
+        """Model of some orders in the band of an estimate."""
+        return RampsModel(self.sweeps, self.reduction_ratio, self.sensing, tuple(orders), estimate.band_hz)
+
+    def with_order(self, estimate: JointEstimate, order: float) -> JointEstimate:
+        """The fit with one order more, which is its last."""
+        is_near, orders = estimate.explained_by_error >= LITTLE_EXPLAINED, (*estimate.error.amplitude_arcsec, order)
+        start = estimate.arm if is_near else None
+        return identify(self.sweeps, self.reduction_ratio, self.sensing, start, orders, is_near=is_near)
+
+    def last_of(self, estimate: JointEstimate) -> SeenOrder:
+        """The last order of a fit."""
+        order, size = list(estimate.error.amplitude_arcsec.items())[-1]
+        sigmas = size / max(estimate.amplitude_error_arcsec[order], 1e-30)
+        return SeenOrder(order, size, self.fractions(estimate)[order], sigmas)
+
+    def fractions(self, estimate: JointEstimate) -> dict[float, float]:
+        """Fraction of the vibration's power that each order has: what the tip does beyond the motor's own motion."""
+        orders = list(estimate.error.amplitude_arcsec)
+        model = self.model(estimate, orders)
+        motion, columns = model.columns(estimate.arm)
+        vibration = model.signal - motion
+        unknowns = np.linalg.lstsq(columns, vibration, rcond=None)[0]
+        parts = [columns[:, 2 * i : 2 * i + 2] @ unknowns[2 * i : 2 * i + 2] for i in range(len(orders))]
+        total = max(float(np.sum(vibration**2)), 1e-300)
+        return {order: float(np.sum(part**2)) / total for order, part in zip(orders, parts, strict=True)}
+
+    def standing_out(self, estimate: JointEstimate) -> float | None:
+        """The order that stands out of what an estimate leaves; None where none does."""
+        fitted = list(estimate.error.amplitude_arcsec)
+        grid = np.arange(LOOKED_AT[0], LOOKED_AT[1] + 1e-9, SCAN_STEP)
+        model = self.model(estimate, (*fitted, *map(float, grid)))
+        motion, columns = model.columns(estimate.arm)
+        own = columns[:, : 2 * len(fitted)]
+        basis = np.column_stack([motion, own, *_slopes(model, estimate.arm, 2 * len(fitted))])
+        powers = _powers(basis, model.signal, columns[:, 2 * len(fitted) :]) / max(
+            float(np.sum((model.signal - motion) ** 2)), 1e-300
+        )
+        best = max(np.flatnonzero(np.isfinite(powers)), key=lambda row: powers[row], default=None)
+        if best is None:
+            return None
+        distance = np.abs(grid - grid[best])
+        beside = powers[(distance >= APART_ORDERS) & (distance <= BESIDE_ORDERS) & np.isfinite(powers)]
+        noise = float(np.median(beside)) / math.log(2.0) if len(beside) else math.inf
+        if not any(powers[best] >= fraction and powers[best] >= over * noise for fraction, over in STANDING_OUT):
+            return None
+        return self._named(estimate, basis, float(grid[best]))
+
+    def _named(self, estimate: JointEstimate, basis: Real, order: float) -> float:
+        """An order more finely than the grid; a whole number where that does nearly as well."""
+        fine = [float(each) for each in order + np.arange(-1.2 * SCAN_STEP, 1.2 * SCAN_STEP + 1e-9, FINE_STEP)]
+        whole = max(1, round(order))
+        model = self.model(estimate, (*fine, whole))
+        powers = np.nan_to_num(_powers(basis, model.signal, model.columns(estimate.arm)[1]))
+        best = int(np.argmax(powers))
+        return whole if powers[-1] >= NEARLY_AS_GOOD * powers[best] else round(fine[min(best, len(fine) - 1)], 2)
+
+
+def _slopes(model: RampsModel, arm: Arm, count: int) -> list[Real]:
+    """Slopes of the motor's motion and of the first columns of a model by the arm's frequency, damping and delay."""
+    slopes = []
+    for changes in (
+        {"resonance_hz": 0.01 * arm.resonance_hz},
+        {"damping": 0.1 * arm.damping},
+        {"delay_s": 0.01 / arm.resonance_hz},
+    ):
+        sides = []
+        for sign in (1.0, -1.0):
+            motion, columns = model.columns(replace(arm, **{name: getattr(arm, name) + sign * x for name, x in changes.items()}))
+            sides.append(np.column_stack([motion, columns[:, :count]]))
+        slopes.append(np.asarray(sides[0] - sides[1]))
+    return slopes
+
+
+def _powers(basis: Real, signal: Real, candidates: Real) -> Real:
+    """Power that each pair of candidates explains beyond a basis; NaN where the basis explains it itself; shape (pairs,)."""
+    scale = np.sqrt(np.sum(basis**2, axis=0)) + 1e-300
+    vectors, sizes, _ = np.linalg.svd(basis / scale, full_matrices=False)
+    span = vectors[:, sizes > 1e-6 * sizes[0]]
+    left = signal - span @ (span.T @ signal)
+    free = candidates - span @ (span.T @ candidates)
+    powers = np.full(candidates.shape[1] // 2, math.nan)
+    for row in range(len(powers)):
+        pair, whole = free[:, 2 * row : 2 * row + 2], candidates[:, 2 * row : 2 * row + 2]
+        if np.sum(pair**2) < LEAST_OWN * np.sum(whole**2):
+            continue
+        orthogonal = np.linalg.qr(pair)[0]
+        powers[row] = float(np.sum((orthogonal.T @ left) ** 2))
+    return powers

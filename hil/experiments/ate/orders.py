@@ -1,0 +1,100 @@
+"""Orders in the passes of an axis, in words: what each carries, which is seen and not in the set, which is out of reach."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from hil.bench.bench import Bench
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import Sensing, Sweep
+from hil.experiments.ate.checks import AteNotIdentifiedError, check_estimate
+from hil.experiments.ate.motion import SPEED_FRACTION, deceleration, room_rev, travel_rev
+from hil.experiments.ate.order_scan import OrderScan, SeenOrder, is_passed, scan_orders
+
+
+@dataclass
+class OrderWatch:
+    """The passes of one axis, looked through for orders.
+
+    Attributes:
+        bench: The bench file.
+        axis: Axis number.
+        sensing: The kind of signal.
+        sweeps: Passes so far.
+        acceleration_rps_s: Acceleration of the last pass.
+    """
+
+    bench: Bench
+    axis: int
+    sensing: Sensing
+    sweeps: list[Sweep] = field(default_factory=list)
+    acceleration_rps_s: float = 0.0
+
+    def scan(self, estimate: JointEstimate) -> OrderScan:
+        """Orders of the vibration that an estimate of these passes was made from."""
+        return scan_orders(self.sweeps, self.bench.axis[self.axis].reduction_ratio, self.sensing, estimate)
+
+    def notes(self, estimate: JointEstimate, scan: OrderScan) -> list[str]:
+        """Sentences on orders that are seen and not in the set, and on those whose resonance the ramps do not reach."""
+        orders = tuple(estimate.error.amplitude_arcsec)
+        return [*seen_words(scan.seen, orders), *self._out_of_reach(estimate, orders)]
+
+    def _out_of_reach(self, estimate: JointEstimate, orders: Sequence[float]) -> list[str]:
+        table = self.bench.axis[self.axis]
+        arm_hz, limits, room = estimate.arm.resonance_hz, table.limits, room_rev(table)
+        words = []
+        for order in orders:
+            if is_passed(self.sweeps, arm_hz, order):
+                continue
+            needed_rps, most_rps = arm_hz / order, SPEED_FRACTION * limits.speed_rps
+            way = travel_rev(max(self.acceleration_rps_s, 1e-9), deceleration(self.bench), needed_rps)
+            why = "no pass went so far"
+            if most_rps < needed_rps:
+                why = f"ramps end at {most_rps:.2f} rev/s, {100.0 * SPEED_FRACTION:.0f} % of the speed limit"
+            elif way > room:
+                why = f"a ramp to there takes {way:.1f} rev of travel, the position limits leave {room:.1f}"
+            words.append(
+                f"order {order:g} meets the arm at {needed_rps:.2f} rev/s, which the ramps do not reach ({why}): A_{order:g} is "
+                "from the foot of its resonance"
+            )
+        return words
+
+
+def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
+    """Sentences on orders that are seen and not in the set.
+
+    Args:
+        seen: The orders.
+        orders: The set.
+    """
+    if not seen:
+        return []
+    names = ",".join(f"{order:g}" for order in sorted({*orders, *(each.order for each in seen)}))
+    return [
+        f"order {each.order:g} is seen and not in the set: {each.amplitude_arcsec:.2g}″, {100.0 * each.fraction:.0f} % of the "
+        f"vibration: --orders {names}"
+        for each in seen
+    ]
+
+
+def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
+    """`check_estimate`, whose error tells the orders that are seen and not in the set, if there are any.
+
+    Args:
+        watch: The passes.
+        estimate: Estimate from them.
+        sensorless: True where it is of the motor torque.
+        passes_left: Number of passes that may follow.
+
+    Raises:
+        AteNotIdentifiedError: One of the checks fails.
+    """
+    try:
+        check_estimate(estimate, sensorless=sensorless, passes_left=passes_left)
+    except AteNotIdentifiedError as error:
+        if not error.is_of_orders:
+            raise
+        words = seen_words(watch.scan(estimate).seen, tuple(estimate.error.amplitude_arcsec))
+        if not words:
+            raise
+        remedy = "; ".join(filter(None, (*words, error.remedy)))
+        raise AteNotIdentifiedError(error.what, error.value, error.needed, error.unit, remedy, at_most=error.at_most) from error

@@ -1,0 +1,181 @@
+"""The steps of the documented path on one robot: its files, and the product's functions that take each step."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Protocol
+
+from hil.bench.bench import Bench
+from hil.bench.design import load_designs, update_designs
+from hil.bench.model import Identified, load_identified, update_file
+from hil.can.channel import Channel
+from hil.control.treatments import TreatmentName
+from hil.design.notch_search import Effort
+from hil.errors import HilError
+from hil.experiments.ate.on_bus import identify_ate
+from hil.experiments.ate.request import AteRequest
+from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus
+from hil.experiments.notch_design import design, designed_axis
+from hil.experiments.notch_problem import NotchDesignRequest
+from hil.experiments.plan import Experiment
+from hil.experiments.plant.motion import PlantRequest
+from hil.experiments.plant.on_bus import run_identify_plant
+from hil.experiments.runner import run_experiments
+from hil.experiments.treatment import Knowledge
+from hil.results.ate import AteResult
+from hil.results.runs import ExperimentsResult
+
+Note = str | None
+"""Words of a step that is done, with less than was asked."""
+
+
+class TrialRefusedError(HilError):
+    """The trial refused a cancellation, in the run's own words."""
+
+    exit_code: ClassVar[int] = 9
+
+
+@dataclass(frozen=True)
+class PathFiles:
+    """The files of a walk.
+
+    Attributes:
+        folder: Directory of all of them.
+    """
+
+    folder: Path
+
+    @property
+    def model(self) -> Path:
+        """The model file of the identifications."""
+        return self.folder / "model.toml"
+
+    @property
+    def learnt(self) -> Path:
+        """The model file of learning."""
+        return self.folder / "learnt.toml"
+
+    @property
+    def designs(self) -> Path:
+        """The design file."""
+        return self.folder / "design.toml"
+
+    def identified(self) -> Identified | None:
+        """What has been identified so far; None where nothing has."""
+        return load_identified(self.model) if self.model.exists() else None
+
+    def knowledge(self, *, is_learnt: bool) -> Knowledge:
+        """All that is known of the robot; what was learnt only where learning is done."""
+        designs = load_designs(self.designs) if self.designs.exists() else None
+        return Knowledge(self.identified(), designs, load_identified(self.learnt) if is_learnt else None)
+
+
+class Steps(Protocol):
+    """Steps of the path, each by the product; a refusal is raised as the product raises it."""
+
+    def plant(self) -> Note:
+        """Identify the plant."""
+        ...
+
+    def ate(self) -> Note:
+        """Identify the transmission error."""
+        ...
+
+    def design(self) -> Note:
+        """Design a notch."""
+        ...
+
+    def run(self, treatment: TreatmentName, *, is_learnt: bool) -> tuple[Note, Sequence[Part]]:
+        """Run the user's motion; give the note, and the orders that a trial has left out."""
+        ...
+
+    def learn(self) -> Note:
+        """Learn the transmission error."""
+        ...
+
+
+class StepsInProcess:
+    """Steps by the product's functions, on a channel of this process.
+
+    Args:
+        bench: The bench file.
+        axis: Number of the axis.
+        files: The files of the walk.
+        channel: The robot.
+        effort: Effort of the notch's search.
+    """
+
+    def __init__(self, bench: Bench, axis: int, files: PathFiles, channel: Channel, effort: Effort) -> None:
+        self._bench, self._axis, self._files, self._channel, self._effort = bench, axis, files, channel, effort
+
+    def plant(self) -> Note:
+        """Identify the plant."""
+        outcome = run_identify_plant(
+            self._bench, PlantRequest(self._axis), self._out("plant"), model=self._files.model, channel=self._channel
+        )
+        _raise(outcome.failure)
+        return None
+
+    def ate(self) -> Note:
+        """Identify the transmission error, and put it into the model file."""
+        outcome = identify_ate(
+            self._bench, AteRequest(self._axis), self._out("ate"), self._files.identified(), channel=self._channel
+        )
+        _raise(outcome.failure)
+        if outcome.part is not None:
+            update_file(self._files.model, self._bench.name, self._axis, outcome.part)
+        return note_of_error(outcome.result)
+
+    def design(self) -> Note:
+        """Design a notch, and put it into the design file."""
+        outcome = design(self._bench, NotchDesignRequest(self._axis, effort=self._effort), self._files.identified())
+        if not outcome.is_usable:
+            _raise(outcome.failure)
+        update_designs(self._files.designs, self._bench.name, self._axis, designed_axis(outcome))
+        return None if outcome.failure is None else str(outcome.failure)
+
+    def run(self, treatment: TreatmentName, *, is_learnt: bool) -> tuple[Note, Sequence[Part]]:
+        """Run the user's motion with a treatment."""
+        experiment = Experiment("constant-acceleration", self._axis, treatment)
+        knowledge = self._files.knowledge(is_learnt=is_learnt)
+        outcome = run_experiments(self._bench, [experiment], self._out(treatment), knowledge=knowledge, channel=self._channel)
+        _raise(outcome.failure)
+        return note_of_run(outcome.result)
+
+    def learn(self) -> Note:
+        """Learn the transmission error, into a model file of its own."""
+        outcome = learn_on_bus(
+            self._bench, LearnRequest((self._axis,)), self._out("learn"), self._files.learnt, channel=self._channel
+        )
+        _raise(outcome.failure)
+        return None
+
+    def _out(self, name: str) -> Path:
+        return self._files.folder / name
+
+
+def note_of_error(result: AteResult) -> Note:
+    """Note of an identification of the transmission error: standard errors that are larger than asked."""
+    return None if result.is_within_goal else "; ".join(result.notes or ()) or "not within the goal"
+
+
+def note_of_run(result: ExperimentsResult) -> tuple[Note, Sequence[Part]]:
+    """Note of a run, and the orders that its trial has left out.
+
+    Raises:
+        TrialRefusedError: The trial refused the cancellation.
+    """
+    run = result.runs[0]
+    notes = list(dict.fromkeys(each.invalid for each in result.runs if each.invalid is not None))
+    if run.trial is None:
+        return "; ".join(notes) or None, ()
+    if not run.trial.is_good:
+        raise TrialRefusedError(str(run.invalid))
+    notes += [part.words for part in run.trial.left_out]
+    return "; ".join(notes) or None, [Part(part.axis, part.order) for part in run.trial.left_out]
+
+
+def _raise(failure: Exception | None) -> None:
+    if failure is not None:
+        raise failure

@@ -1,0 +1,141 @@
+"""The documented path on drawn robots: every step by the product, truth beside what it finds."""
+
+import pytest
+
+from drive_profiles.files.toml import loads
+from hil.bench.bench import Bench
+from hil.errors import HilError
+from hil.reporter import SilentReporter
+from plant_emulator.rehearsal import path
+from plant_emulator.rehearsal.estimates import facts_of, sensor_delay_s
+from plant_emulator.rehearsal.path import PathOptions, walk
+from plant_emulator.rehearsal.probes import wrong_corrections, wrong_orders
+from plant_emulator.rehearsal.record import COLUMNS, FACTS, PROBES, QUANTITIES, STEPS
+from plant_emulator.rehearsal.survey import Survey
+from plant_emulator.rehearsal.truth import ratio_of_tips, true_f_al_hz
+from plant_emulator.robots.blank_bench import blank_bench
+from plant_emulator.robots.robot import load_robot
+from plant_emulator.robots.stable import antiresonance_hz, draw
+
+
+def bench_of(robot):
+    return loads(blank_bench(robot), Bench)
+
+
+class Heard(SilentReporter):
+    """Steps that were told."""
+
+    def __init__(self):
+        self.steps = []
+
+    def step(self, text):
+        self.steps.append(text)
+
+
+class Refusing:
+    """Steps that refuse, or break."""
+
+    def __init__(self, error):
+        self.error = error
+
+    def __getattr__(self, name):
+        def act(*_, **__):
+            raise self.error
+
+        return act
+
+
+# -- truth
+
+
+def test_f_al_of_a_robot_is_a_little_below_its_antiresonance():
+    for seed in range(8):
+        robot = draw(seed, kind="linear")
+        f_al_hz, f_a_hz = true_f_al_hz(bench_of(robot), robot, 2), antiresonance_hz(robot.axis[2])
+        assert 0.8 * f_a_hz < f_al_hz < 1.02 * f_a_hz
+
+
+def test_a_robot_without_an_error_is_at_its_floor_and_the_error_is_seen_in_each_order():
+    robot = draw(2, kind="linear")
+    survey = Survey(robot, bench_of(robot), 2)
+    floor, none = survey.floor(), survey.tip("none", path.PathFiles(path.Path("nowhere")).knowledge(is_learnt=False))
+    assert set(none.peak_mm) == set(none.tracked_mm) == {1, 2, 4}
+    for order, tip in none.peak_mm.items():
+        assert tip > 20.0 * floor.peak_mm[order]
+        assert 0.5 * tip < none.tracked_mm[order] < 1.05 * tip  # of one order alone, and that is nearly all
+        assert none.tracked_mm[order] > 20.0 * floor.tracked_mm[order]
+
+
+def test_tips_below_two_micrometres_make_no_ratio():
+    assert ratio_of_tips({2: 0.2, 4: 0.001}, {2: 0.1, 4: 0.00001}) == pytest.approx(2.0)
+    assert ratio_of_tips({}, {2: 0.1}) is None
+
+
+def test_the_low_pass_of_a_sensor_is_a_delay_of_slow_vibrations():
+    sensor = load_robot("reference").accelerometer.model_copy(update={"delay_s": 0.002, "lowpass_hz": 100.0})
+    assert sensor_delay_s(sensor) == pytest.approx(0.002 + 2.25e-3, rel=0.001)
+
+
+def test_every_fact_of_a_robot_is_told():
+    robot = draw(3)
+    assert set(facts_of(robot, bench_of(robot), 2)) == set(FACTS)
+
+
+# -- wrong corrections
+
+
+def test_wrong_corrections_are_wrong_in_the_order_that_they_name():
+    robot = draw(4)
+    true = robot.axis[2].ate
+    made = wrong_corrections(robot, 2)
+    assert set(made) == set(PROBES)
+    for name, table in made.items():
+        if name != "another_robot":
+            assert wrong_orders(true, table) == {int(name.removeprefix("phi").removeprefix("a").split("_")[0])}, name
+    assert wrong_orders(true, true) == set()
+    assert wrong_orders(true, made["another_robot"])
+
+
+# -- the walk
+
+
+def test_a_walk_in_which_everything_is_refused_is_told_step_by_step_and_raises_nothing(tmp_path, monkeypatch):
+    robot, heard = draw(3, kind="linear"), Heard()
+    monkeypatch.setattr(path, "StepsInProcess", lambda *_: Refusing(HilError("not today")))
+    record = walk(robot, bench_of(robot), tmp_path, PathOptions(with_probes=False), heard)
+    assert tuple(record.steps) == STEPS
+    assert {name: step.ended for name, step in record.steps.items()} == {
+        "plant": "refused", "ate": "refused", "design": "skipped", "none": "refused", "notch": "refused",
+        "notch_designed": "skipped", "cancellation": "skipped", "learn": "refused", "cancellation_learnt": "skipped",
+    }  # fmt: skip
+    assert record.steps["plant"].words == "not today"
+    assert record.steps["cancellation"].words == "needs ate"
+    assert heard.steps == ["plant", "ate", "none", "notch", "learn"]
+    assert set(record.tips) == {"none", "notch"}  # the truth needs no step
+    assert (record.end_treatment, record.worse) == ("none", ())
+    assert tuple(record.row()) == COLUMNS
+
+
+def test_an_error_that_nobody_expected_is_a_crash_in_the_record(tmp_path, monkeypatch):
+    robot = draw(3, kind="linear")
+    monkeypatch.setattr(path, "StepsInProcess", lambda *_: Refusing(ZeroDivisionError("by zero")))
+    record = walk(robot, bench_of(robot), tmp_path, PathOptions(with_probes=False, with_design=False))
+    assert (record.steps["plant"].ended, record.steps["plant"].error) == ("crashed", "ZeroDivisionError")
+    assert (record.steps["design"].ended, record.steps["design"].words) == ("skipped", "not asked for")
+
+
+@pytest.mark.slow
+def test_the_whole_path_on_a_drawn_robot_finds_its_plant_and_says_how_every_step_ended(tmp_path):
+    robot = draw(4, kind="linear")
+    record = walk(robot, bench_of(robot), tmp_path / "walk")
+    assert tuple(record.steps) == STEPS
+    assert not [name for name, step in record.steps.items() if step.ended == "crashed"]
+    assert record.steps["plant"].is_done
+    assert set(record.quantities) == set(QUANTITIES)
+    for name in ("arm_inertia_kg_m2", "gear_stiffness_nm_rad", "antiresonance_hz"):
+        quantity = record.quantities[name]
+        assert quantity.estimate == pytest.approx(quantity.true, rel=0.05), name
+    assert record.worse == ()
+    assert not [name for name, probe in record.probes.items() if probe.accepted]
+    assert sorted(each.name for each in (tmp_path / "walk").iterdir() if each.is_dir()) == []
+    assert record.simulated_s > 30.0
