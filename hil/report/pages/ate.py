@@ -49,7 +49,12 @@ def sections(material: AteMaterial) -> list[Section]:
         _Chapter(
             "evidence",
             "Signal and model",
-            (figures_ate.against_speed(material), figures_ate.windows(material, 1), figures_ate.windows(material, -1)),
+            (
+                material.order_maps(),
+                figures_ate.against_speed(material),
+                figures_ate.windows(material, 1),
+                figures_ate.windows(material, -1),
+            ),
         ),
         _Chapter(
             "confidence",
