@@ -1,5 +1,6 @@
 """hil identify ate: the transmission error of one axis, from ramps in both directions."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +22,17 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
-from hil.cli.options import BenchOption, BusOption, JsonOption, MovedAxisOption, NewOutOption, OverloadOption, YesOption
+from hil.cli.options import (
+    BenchOption,
+    BusOption,
+    JsonOption,
+    MovedAxisOption,
+    NewOutOption,
+    OrdersOption,
+    OverloadOption,
+    YesOption,
+    orders_from,
+)
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -56,6 +67,7 @@ def ate(
     sensorless: Annotated[
         bool, typer.Option("--sensorless", help="From motor torque and encoder only; needs J_m and J_l.")
     ] = False,
+    orders: OrdersOption = "1,2,4",
     out: NewOutOption = None,
     overload: OverloadOption = False,
     yes: YesOption = False,
@@ -75,7 +87,7 @@ def ate(
         from hil.experiments.ate.request import AteRequest, axis_knowledge, first_acceleration, first_end_speed  # noqa: PLC0415
 
         identified = load_identified(model) if model is not None and model.exists() else None
-        request = AteRequest(axis, acceleration_rps_s, passes, sensorless)
+        request = AteRequest(axis, acceleration_rps_s, passes, sensorless, orders=orders_from(orders))
         knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)
         end_rps = first_end_speed(bench, request, knowledge)
         if not yes and not is_on_local_bus(bench):
@@ -129,9 +141,18 @@ def _summary(outcome: "AteOutcome") -> None:
     typer.echo(f"  the {late} lags the motor angle by {1e3 * fit.delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
     worst = max(fit.agreement, key=lambda each: each.sigma)
     typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} standard errors at most ({worst.name})")
-    typer.echo(f"  the transmission error explains {100.0 * fit.explained_by_error:.1f} % of the vibration")
+    typer.echo(
+        f"  the transmission error explains {100.0 * fit.explained_by_error:.1f} % of the vibration{_by_order(fit.carried)}"
+    )
     for note in result.notes or ():
         typer.echo(f"  note: {note}")
+
+
+def _by_order(carried: "Mapping[str, float] | None") -> str:
+    """Return what each order carries of the vibration, the most first."""
+    parts = sorted((carried or {}).items(), key=lambda each: -each[1])
+    words = ", ".join(f"order {order} {100.0 * fraction:.0f} %" for order, fraction in parts if fraction >= 0.005)
+    return f": {words}" if words else ""
 
 
 def _motion_line(bench: "Bench", request: "AteRequest", acceleration_rps_s: float, end_rps: float) -> str:

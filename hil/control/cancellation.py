@@ -174,7 +174,7 @@ def cancellation_step(
 
 
 class InnerCancellation(NamedTuple):
-    """Parameters of the cancellation inside a drive, orders 2 and 4.
+    """Parameters of the cancellation inside a drive, orders 1, 2 and 4.
 
     Attributes:
         a2_rad: N A_2, at the motor.
@@ -183,6 +183,8 @@ class InnerCancellation(NamedTuple):
         phi4_rad: φ_4.
         inertia_kg_m2: J_m.
         damping_nm_s_rad: D_m.
+        a1_rad: N A_1.
+        phi1_rad: φ_1.
     """
 
     a2_rad: float
@@ -191,6 +193,8 @@ class InnerCancellation(NamedTuple):
     phi4_rad: float
     inertia_kg_m2: float
     damping_nm_s_rad: float
+    a1_rad: float
+    phi1_rad: float
 
 
 @inlined
@@ -210,14 +214,16 @@ def inner_cancellation(
         angle: θ_m as measured.
         speed_rad_s: θ̇_m as measured.
     """
-    a2_rad, phi2_rad, a4_rad, phi4_rad, inertia_kg_m2, damping_nm_s_rad = known
+    a2_rad, phi2_rad, a4_rad, phi4_rad, inertia_kg_m2, damping_nm_s_rad, a1_rad, phi1_rad = known
     reference = -a2_rad * math.cos(2.0 * angle + phi2_rad) - a4_rad * math.cos(4.0 * angle + phi4_rad)
+    reference -= a1_rad * math.cos(angle + phi1_rad)
     late = angle - speed_rad_s / (2.0 * math.pi * lowpass_hz)
     rate = 2.0 * a2_rad * math.sin(2.0 * late + phi2_rad) + 4.0 * a4_rad * math.sin(4.0 * late + phi4_rad)
+    rate += a1_rad * math.sin(late + phi1_rad)
     ahead = angle + 0.5 * period_s * speed_rad_s
-    x2, x4 = 2.0 * ahead + phi2_rad, 4.0 * ahead + phi4_rad
-    bend = 4.0 * a2_rad * math.cos(x2) + 16.0 * a4_rad * math.cos(x4)
-    slope = 2.0 * a2_rad * math.sin(x2) + 4.0 * a4_rad * math.sin(x4)
+    x1, x2, x4 = ahead + phi1_rad, 2.0 * ahead + phi2_rad, 4.0 * ahead + phi4_rad
+    bend = 4.0 * a2_rad * math.cos(x2) + 16.0 * a4_rad * math.cos(x4) + a1_rad * math.cos(x1)
+    slope = 2.0 * a2_rad * math.sin(x2) + 4.0 * a4_rad * math.sin(x4) + a1_rad * math.sin(x1)
     torque = inertia_kg_m2 * speed_rad_s * speed_rad_s * bend + damping_nm_s_rad * speed_rad_s * slope
     return reference, speed_rad_s * rate, torque
 

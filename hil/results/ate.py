@@ -68,7 +68,11 @@ class AteRun(ResultPart):
 
 
 class AteFit(ResultPart):
-    """Fit of all passes together; the fields are those of `hil.design.ate.identification.JointEstimate`."""
+    """Fit of all passes together; the fields are those of `hil.design.ate.identification.JointEstimate`.
+
+    Attributes:
+        carried: Fraction of the vibration's power by order; orders overlap, so that the sum is not quite what is explained.
+    """
 
     delay_s: float
     delay_error_s: float
@@ -81,6 +85,7 @@ class AteFit(ResultPart):
     widened: float
     band_hz: tuple[float, float]
     agreement: tuple[Agreement, ...]
+    carried: dict[str, float] | None = None
 
 
 class AteStandardErrors(ResultPart):

@@ -114,6 +114,8 @@ def _with_cancellation(
             m.cancel_phi4_rad,
             m.cancel_inertia_kg_m2,
             m.cancel_damping_nm_s_rad,
+            m.cancel_a1_rad,
+            m.cancel_phi1_rad,
         )
         speed = axis.law.cascade_state.speed_rad_s
         reference, rate, more = inner_cancellation(known, axis.law.cascade_config.lowpass_hz, period_s, angle, speed)

@@ -111,6 +111,8 @@ class MotionRow(Protocol):
     cancel_phi4_rad: float
     cancel_inertia_kg_m2: float
     cancel_damping_nm_s_rad: float
+    cancel_a1_rad: float
+    cancel_phi1_rad: float
     # switches, index pulse and probes: which there are, and where they are active
     input_mask: int
     forced_inputs: int

@@ -99,5 +99,5 @@ class StepsOverBus:
 
 def _last_words(text: str) -> str:
     """The last sentence that a command has said on standard error."""
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith(("report:", "/"))]
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("report:")]
     return lines[-1] if lines else "no words"

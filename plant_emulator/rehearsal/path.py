@@ -171,8 +171,9 @@ class _Walk:
         survey, knowledge = Survey(self.robot, self.bench, self.axis), self._knowledge()
         for name in TREATMENTS:
             if all(self._is_done(need) for need in RUNS[name][1]):
-                self.result.tips[name] = survey.tip(name, knowledge, self.left_out.get(name, ()))
-        self.result.floor = survey.floor()
+                tip = survey.tip(name, knowledge, self.left_out.get(name, ()))
+                self.result.tips[name], self.result.tracked[name] = tip
+        self.result.floor, self.result.tracked["floor"] = survey.floor()
         if self.options.with_probes:
             self.result.probes = probe(self.robot, self.bench, self.axis, survey, self.result.tips["none"])
 

@@ -115,6 +115,7 @@ class PathRecord:
         quantities: By `QUANTITIES`.
         tips: True tip in mm by treatment, then by order; an order whose resonance the motion does not pass has none.
         floor: The same without a transmission error, by order.
+        tracked: Order-tracked amplitude of the true tip in mm by treatment, and `floor`, then by order.
         probes: Wrong corrections, by `PROBES`.
         cpu_s: Processor time of the path.
         survey_cpu_s: Processor time of measuring the truth, and of the wrong corrections.
@@ -130,6 +131,7 @@ class PathRecord:
     quantities: dict[str, QuantityRecord] = field(default_factory=dict)
     tips: dict[str, dict[float, float]] = field(default_factory=dict)
     floor: dict[float, float] = field(default_factory=dict)
+    tracked: dict[str, dict[float, float]] = field(default_factory=dict)
     probes: dict[str, ProbeRecord] = field(default_factory=dict)
     cpu_s: float = 0.0
     survey_cpu_s: float = 0.0
@@ -193,6 +195,8 @@ class PathRecord:
             cells[f"probe_{name}_worst_ratio"] = probe.worst_ratio
         cells |= {"end_treatment": self.end_treatment, "end_tip_mm": self.end_tip_mm, "goal_mm": self.goal_mm}
         cells |= {"is_quiet": self.is_quiet, "worse": ", ".join(self.worse)}
+        for name in (*TREATMENTS, "floor"):
+            cells |= {f"tracked_{name}_k{order}_mm": self.tracked.get(name, {}).get(order) for order in ORDERS}
         cells |= {"cpu_s": self.cpu_s, "survey_cpu_s": self.survey_cpu_s, "simulated_s": self.simulated_s}
         return cells
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 from hil.bench.bench import Bench
 from hil.bench.design import with_designs
@@ -15,9 +16,21 @@ from hil.master.motion import FilterUse
 from hil.master.session import Session
 from hil.recording import Recording
 from plant_emulator.rehearsal.direct import DirectChannel
-from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, true_f_al_hz, without_error
+from plant_emulator.rehearsal.truth import quiet, tip_by_order_mm, tracked_by_order_mm, true_f_al_hz, without_error
 from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
+
+
+class TrueTip(NamedTuple):
+    """The true tip by order, in mm.
+
+    Attributes:
+        peak_mm: Largest displacement in the window of each order.
+        tracked_mm: Largest amplitude at k θ_m in it.
+    """
+
+    peak_mm: dict[float, float]
+    tracked_mm: dict[float, float]
 
 
 class Survey:
@@ -33,7 +46,7 @@ class Survey:
         self._robot, self._bench, self._axis = robot, bench, axis
         self._f_al_hz = true_f_al_hz(bench, robot, axis)
 
-    def tip(self, treatment: str, knowledge: Knowledge, left_out: Collection[Part] = ()) -> dict[float, float]:
+    def tip(self, treatment: str, knowledge: Knowledge, left_out: Collection[Part] = ()) -> TrueTip:
         """True tip by order under a treatment, in mm.
 
         Args:
@@ -53,19 +66,22 @@ class Survey:
             model = knowledge.learnt
         return self._tip(self._robot, bench, filters, model, left_out)
 
-    def cancelled(self, model: Identified, left_out: Collection[Part]) -> dict[float, float]:
+    def cancelled(self, model: Identified, left_out: Collection[Part]) -> TrueTip:
         """True tip by order under the cancellation of a model, in mm."""
         return self._tip(self._robot, self._bench, "none", model, left_out)
 
-    def floor(self) -> dict[float, float]:
+    def floor(self) -> TrueTip:
         """The same without a transmission error."""
         return self._tip(without_error(self._robot), self._bench, "none", None, ())
 
     def _tip(
         self, robot: Robot, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]
-    ) -> dict[float, float]:
+    ) -> TrueTip:
         recording = self._record(robot, bench, filters, model, left_out)
-        return {} if recording is None else tip_by_order_mm(recording, self._axis, self._f_al_hz)
+        if recording is None:
+            return TrueTip({}, {})
+        where = recording, self._axis, self._f_al_hz
+        return TrueTip(tip_by_order_mm(*where), tracked_by_order_mm(*where))
 
     def _record(
         self, robot: Robot, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]

@@ -7,6 +7,7 @@ import numpy as np
 
 from hil.analysis import band_passed, motor_speed_rps, tip_scale
 from hil.bench.bench import Bench, Model
+from hil.design.order_map import order_track
 from hil.experiments.judge import peak_hz
 from hil.recording import Recording
 from hil.robot_tables import ORDERS, PlantTable, TransmissionErrorTable
@@ -81,6 +82,30 @@ def tip_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[flo
         inside = rising & (speed >= low) & (speed <= high)
         if np.any(inside) and float(speed[inside].max()) >= f_al_hz / order:
             found[order] = float(displacement[inside].max())
+    return found
+
+
+def tracked_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[float, float]:
+    """Largest order-tracked amplitude of the tip in each order's window of a rising ramp, mm: its part at k θ_m alone.
+
+    Args:
+        recording: Recording on a quiet sensor.
+        axis: Number of the axis.
+        f_al_hz: The robot's own.
+    """
+    angle, period = recording.axis(axis, "position_rad"), recording.period_s
+    top = int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) - round(END_S / period)
+    tip = 1e3 * recording.columns["tip_z_m_s2"] / (2.0 * math.pi * f_al_hz) ** 2
+    try:
+        track = order_track(angle[:top], tip[:top], period, ORDERS)
+    except ValueError:  # a motion of less than a turn
+        return {}
+    found: dict[float, float] = {}
+    for column, order in enumerate(ORDERS):
+        low, high = 0.76 * f_al_hz / order, 1.27 * f_al_hz / order
+        inside = (track.speed_rps >= low) & (track.speed_rps <= high) & np.isfinite(track.amplitude[:, column])
+        if np.any(inside) and float(track.speed_rps.max()) >= f_al_hz / order:
+            found[order] = float(track.amplitude[inside, column].max())
     return found
 
 

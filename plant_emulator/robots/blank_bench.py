@@ -16,7 +16,7 @@ POSITION_GAIN_PER_S, GAIN_HZ = 25.0, 12.0
 """K_pp of a robot whose arm rings at 12 Hz; others in proportion to the root of their frequency."""
 TRAVEL = 0.4
 """Position limits in units of N revolutions: ±144° of the joint."""
-LEAST_SPEED_RPS, SPEED_PER_HZ = 12.0, 1.5
+LEAST_SPEED_RPS, SPEED_PER_HZ = 15.0, 1.5
 ACCELERATIONS_RPS_S = (4.0, 6.0, 8.0, 12.0, 16.0, 20.0)
 DECELERATION_RPS_S = 20.0
 SECOND_ORDER_END = 0.68

@@ -13,7 +13,6 @@ from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Sweep
-from hil.design.ate.passes import identify_passes
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import (
     AteNotIdentifiedError,
@@ -35,6 +34,7 @@ from hil.experiments.ate.motion import (
     too_short,
     with_room,
 )
+from hil.experiments.ate.order_scan import OrderScan, identify_orders
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.request import (
@@ -96,11 +96,13 @@ class Identification:
         passes: Passes in their order.
         notes: Sentences for the engineer.
         misses: Numbers that are known less well than requested.
+        scan: Orders of the vibration; None without an accelerometer.
     """
 
     passes: list[Pass] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     misses: list[Miss] = field(default_factory=list)
+    scan: OrderScan | None = None
 
     @property
     def estimate(self) -> JointEstimate:
@@ -172,7 +174,8 @@ def identify_on(
         acceleration, end = _next_ramp(bench, axis, identification, acceleration)
     _remark(identification, bench, request, knowledge)
     if not request.sensorless:
-        identification.notes += watch.notes(identification.estimate, watch.scan(identification.estimate))
+        identification.scan = watch.scan(identification.estimate)
+        identification.notes += watch.notes(identification.estimate, identification.scan)
     return identification
 
 
@@ -200,7 +203,7 @@ def _fitted(
     sweep = sweep_of(motion, recording, request.axis, sensorless=request.sensorless)
     before = identification.passes
     try:
-        estimate = identify_passes(
+        estimate = identify_orders(
             [*(each.sweep for each in before), sweep],
             bench.axis[request.axis].reduction_ratio,
             sensing_of(bench, request.axis, knowledge, sensorless=request.sensorless),
@@ -265,7 +268,7 @@ def _curable(identification: Identification, bench: Bench, axis: int) -> list[Mi
         for miss in misses
         if not identification.is_reached(miss.order) and further_end(bench, axis, arm_hz, miss.order) is not None
     ]
-    if any(miss.is_gears for miss in misses):
+    if not identification.estimate.is_spring:
         return unseen_yet
     return unseen_yet + [miss for miss in misses if identification.is_reached(miss.order)]
 
@@ -319,7 +322,7 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         identification.notes.append(f"sensorless: A_k is as wrong as J_l from {knowledge.source}, {error}; {SENSORLESS_BIAS}")
     shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
     identification.notes += [miss.sentence for miss in shown]
-    if any(miss.is_gears for miss in shown):
+    if not estimate.is_spring:
         arms = ", ".join(f"{arm.resonance_hz:.2f} Hz at order {order:g}" for order, arm in estimate.own_arms.items())
         also = f", {arms}" if arms else ""
         identification.notes.append(

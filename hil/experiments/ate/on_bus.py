@@ -126,6 +126,7 @@ def _enter(result: AteResult, identification: Identification, part: IdentifiedEr
         widened=estimate.widened,
         band_hz=estimate.band_hz,
         agreement=tuple(estimate.agreement),
+        carried=None if identification.scan is None else {f"{k:g}": part for k, part in identification.scan.fractions.items()},
     )
     result.history = tuple(AteStandardErrors(standard_error=standard_errors(each.estimate)) for each in identification.passes)
     result.is_within_goal = identification.is_good

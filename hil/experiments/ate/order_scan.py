@@ -18,17 +18,18 @@ from numpy.typing import NDArray
 from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.design.ate.identification import JointEstimate, identify
 from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep
+from hil.design.ate.passes import identify_passes
 from hil.design.transmission_error import TransmissionError
 
 Real = NDArray[np.float64]
 
 LOOKED_AT = (0.5, 10.0)
 """Orders among which others are looked for, from and to."""
-GRID_STEP, FINE_STEP = 0.125, 0.025
+SCAN_STEP, FINE_STEP = 0.125, 0.025
 STANDING_OUT = ((0.003, 20.0), (0.01, 4.0))
 """Fraction of the vibration's power, and power over that of the orders beside it, from which an order is fitted to see: of white
 noise one in 10⁸ is twenty times as strong; high orders are passed within a turn, and show in those beside them too."""
-SEEN_SIGMAS, SEEN_FRACTION, SEEN_LEAVES = 8.0, 0.02, 0.7
+CLEAR_SIGMAS, SEEN_FRACTION, SEEN_LEAVES = 8.0, 0.02, 0.7
 """Standard errors of its amplitude, and fraction of the vibration's power, from which an order is seen, and what its fit leaves
 over at most of what was left over without it."""
 APART_ORDERS, BESIDE_ORDERS = 0.6, 2.5
@@ -73,9 +74,15 @@ class OrderScan:
 
 
 def identify_orders(
-    sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensing, start: Arm | None, orders: Sequence[float]
+    sweeps: Sequence[Sweep],
+    reduction_ratio: float,
+    sensing: Sensing,
+    start: Arm | None,
+    orders: Sequence[float],
+    *,
+    is_near: bool = False,
 ) -> JointEstimate:
-    """`identify` of those orders that the ramps show; A_k and φ_k of the others with their errors, but nothing built on them.
+    """`identify_passes` of those orders that the ramps show; A_k and φ_k of the others with their errors.
 
     An order whose resonance no ramp passes, and whose amplitude is below `SIGNIFICANT_SIGMAS` standard errors, is fitted once,
     for its amplitude and errors, and left out of the fit that gives everything else.
@@ -86,11 +93,12 @@ def identify_orders(
         sensing: The kind of signal in the recordings.
         start: An arm to start from; it may be wrong.
         orders: Orders k that are asked for.
+        is_near: True for a start from an estimate of most of these recordings.
 
     Raises:
-        ValueError: As `identify`.
+        ValueError: As `identify_passes`.
     """
-    estimate = identify(sweeps, reduction_ratio, sensing, start, orders)
+    estimate = identify_passes(sweeps, reduction_ratio, sensing, start, orders, is_near=is_near)
     weak = [
         order
         for order in orders
@@ -99,7 +107,7 @@ def identify_orders(
     kept = [order for order in orders if order not in weak]
     if not weak or not kept:
         return estimate
-    without = identify(sweeps, reduction_ratio, sensing, estimate.arm, kept)
+    without = identify_passes(sweeps, reduction_ratio, sensing, estimate.arm, kept, is_near=True)
     return replace(
         without,
         error=TransmissionError(
@@ -156,7 +164,7 @@ def scan_orders(sweeps: Sequence[Sweep], reduction_ratio: float, sensing: Sensin
             break
         found = scan.with_order(estimate, order)
         new, left, once = scan.last_of(found), 1.0 - found.explained_by_error, 1.0 - estimate.explained_by_error
-        if new.sigmas < SEEN_SIGMAS or new.fraction < SEEN_FRACTION or left > SEEN_LEAVES * once:
+        if new.sigmas < CLEAR_SIGMAS or new.fraction < SEEN_FRACTION or left > SEEN_LEAVES * once:
             break
         seen.append(new)
         estimate = found
@@ -178,8 +186,9 @@ class _Scan:
 
     def with_order(self, estimate: JointEstimate, order: float) -> JointEstimate:
         """The fit with one order more, which is its last."""
-        start = estimate.arm if estimate.explained_by_error >= LITTLE_EXPLAINED else None
-        return identify(self.sweeps, self.reduction_ratio, self.sensing, start, (*estimate.error.amplitude_arcsec, order))
+        is_near, orders = estimate.explained_by_error >= LITTLE_EXPLAINED, (*estimate.error.amplitude_arcsec, order)
+        start = estimate.arm if is_near else None
+        return identify(self.sweeps, self.reduction_ratio, self.sensing, start, orders, is_near=is_near)
 
     def last_of(self, estimate: JointEstimate) -> SeenOrder:
         """The last order of a fit."""
@@ -201,7 +210,7 @@ class _Scan:
     def standing_out(self, estimate: JointEstimate) -> float | None:
         """The order that stands out of what an estimate leaves; None where none does."""
         fitted = list(estimate.error.amplitude_arcsec)
-        grid = np.arange(LOOKED_AT[0], LOOKED_AT[1] + 1e-9, GRID_STEP)
+        grid = np.arange(LOOKED_AT[0], LOOKED_AT[1] + 1e-9, SCAN_STEP)
         model = self.model(estimate, (*fitted, *map(float, grid)))
         motion, columns = model.columns(estimate.arm)
         own = columns[:, : 2 * len(fitted)]
@@ -221,7 +230,7 @@ class _Scan:
 
     def _named(self, estimate: JointEstimate, basis: Real, order: float) -> float:
         """An order more finely than the grid; a whole number where that does nearly as well."""
-        fine = [float(each) for each in order + np.arange(-1.2 * GRID_STEP, 1.2 * GRID_STEP + 1e-9, FINE_STEP)]
+        fine = [float(each) for each in order + np.arange(-1.2 * SCAN_STEP, 1.2 * SCAN_STEP + 1e-9, FINE_STEP)]
         whole = max(1, round(order))
         model = self.model(estimate, (*fine, whole))
         powers = np.nan_to_num(_powers(basis, model.signal, model.columns(estimate.arm)[1]))

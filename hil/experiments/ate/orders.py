@@ -76,12 +76,6 @@ def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
     ]
 
 
-def carried_words(scan: OrderScan) -> str:
-    """What each order carries of the vibration: `order 2 62 %, order 4 36 %`; empty for none."""
-    parts = sorted(scan.fractions.items(), key=lambda each: -each[1])
-    return ", ".join(f"order {order:g} {100.0 * fraction:.0f} %" for order, fraction in parts if fraction >= 0.005)
-
-
 def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
     """`check_estimate`, whose error tells the orders that are seen and not in the set, if there are any.
 
@@ -97,6 +91,8 @@ def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, pas
     try:
         check_estimate(estimate, sensorless=sensorless, passes_left=passes_left)
     except AteNotIdentifiedError as error:
+        if not error.is_of_orders:
+            raise
         words = seen_words(watch.scan(estimate).seen, tuple(estimate.error.amplitude_arcsec))
         if not words:
             raise

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hil.bench.bench import Bench
-from hil.bench.model import Identified, load_identified, update_file
+from hil.bench.model import Identified, IdentifiedAxis, load_identified, update_file
 from hil.can.channel import Channel
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
@@ -87,12 +87,7 @@ def learn_on_bus(
         ChannelError: The bus cannot be opened, or was lost before anything was recorded.
     """
     identified = _known(bench, request, model, plant)
-    axes = [axis for axis in request.axes if axis in bench.axis]  # another one is refused when it is its turn
-    for axis in axes:
-        bench.axis[axis].gains(f"learning on axis {axis}")
-        given_inertia(bench, identified, axis, request.motor_inertia_kg_m2)
-        end_speed(bench, axis, request.acceleration_rps_s, None)
-    demands = [request.bus_demand(bench, axis) for axis in axes]
+    demands = _demands(bench, request, identified)
     learnt: dict[int, AxisLearning] = {}
     with (
         Measurement(
@@ -116,12 +111,25 @@ def learn_on_bus(
             )
             learnt[axis].emulated = measurement.result.emulated
             measurement.result.learnt.append(learnt[axis].entry(request.note, today))
-            known = None if identified is None else identified.axis.get(axis)
-            if plant is not None and known is not None and known.plant is not None:
-                update_file(model, bench.name, axis, known.plant)
-            stored = learnt[axis].store(model, bench.name, request.note, today)
-            identified = _with_plants(stored, identified)
+            taken_over = None if plant is None or identified is None else identified.axis.get(axis, IdentifiedAxis()).plant
+            if taken_over is not None:
+                update_file(model, bench.name, axis, taken_over)
+            identified = _with_plants(learnt[axis].store(model, bench.name, request.note, today), identified)
     return LearningOutcome(measurement.result, measurement.failure, learnt)
+
+
+def _demands(bench: Bench, request: LearnRequest, identified: Identified | None) -> list[BusDemand]:
+    """Demands of the axes on the bus.
+
+    Raises:
+        NotPossibleError: An axis lacks what learning needs.
+    """
+    axes = [axis for axis in request.axes if axis in bench.axis]  # another one is refused when it is its turn
+    for axis in axes:
+        bench.axis[axis].gains(f"learning on axis {axis}")
+        given_inertia(bench, identified, axis, request.motor_inertia_kg_m2)
+        end_speed(bench, axis, request.acceleration_rps_s, None)
+    return [request.bus_demand(bench, axis) for axis in axes]
 
 
 def _known(bench: Bench, request: LearnRequest, model: Path, plant: Path | None) -> Identified | None:

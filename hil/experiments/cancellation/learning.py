@@ -10,7 +10,7 @@ error. For the method see docs/cancellation.md.
 import datetime
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,7 @@ from hil.experiments.cancellation.pass_judge import PassJudge
 from hil.experiments.cancellation.trial import CancellationRefusedError, judged_rows, part_entry, vibration_m_s2
 from hil.experiments.cancellation.verdict import PartVerdict
 from hil.experiments.judge import axis_scale, scale_at
+from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -202,33 +203,23 @@ def learn(
         SafetyStopError: A run was stopped.
         HilError: Limits or nodes do not allow a run.
     """
-    bench, period = session.bench, session.bench.bus.sync_period_s
-    table = _table_of(bench, axis, passes)
-    given_kg_m2 = given_inertia(bench, identified, axis, motor_inertia_kg_m2)
+    bench, table = session.bench, _table_of(session.bench, axis, passes)
+    learning = AxisLearning(axis, motor_inertia_kg_m2=given_inertia(bench, identified, axis, motor_inertia_kg_m2))
     end = furthest_end(bench, axis, acceleration_rps_s, _known_hz(identified, axis))
-    learning = AxisLearning(axis, motor_inertia_kg_m2=given_kg_m2)
     watch = OrderWatch(bench, axis, Sensing(table.tip_lever_m), acceleration_rps_s=acceleration_rps_s)
-    start, delay_s, scale = None, 0.0, axis_scale(bench, axis)
-    judge = PassJudge(bench, identified, axis)
+    delay_s, scale, judge = 0.0, axis_scale(bench, axis), PassJudge(bench, identified, axis)
     for number in range(1, passes + 1):
         gain = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0
         reporter.step(f"pass {number} of {passes}: axis {axis} to {end:.2f} rev/s, {100.0 * gain:g} % of the cancellation")
-        session.check_interrupt()
-        here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
-        motion = ramps(bench, axis, here_rev, acceleration_rps_s, end, period)
+        motion = _ramps_from_here(session, axis, acceleration_rps_s, end)
         cancellation = _cancellation(session, identified, learning, delay_s, motion, actuation)
         result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
-        keep(number, result, motion)
-        check_moved(motion, result, axis, table.limits)
-        if result.stopped is not None:
-            raise result.stopped
-        check_run(result, sensorless=False)
-        recording, following = result.recording, None
+        recording, following = _kept(number, result, motion, axis, table, keep), None
         if cancellation is not None and gain == 1.0 and scale is not None:
             following, late_s = motor_following(recording, motion, axis, table.reduction_ratio, learning.estimate, scale.band_hz)
             delay_s += late_s if abs(late_s) > LEAST_DELAY_S else 0.0
         watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
-        estimate = _fitted(watch.sweeps, table, start, orders)
+        estimate = _fitted(watch.sweeps, table, learning.passes[-1].estimate.arm if learning.passes else None, orders)
         checked(watch, estimate, sensorless=False, passes_left=passes - number)
         scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first pass: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
@@ -236,10 +227,8 @@ def learn(
         verdicts = judge.judge(recording, motion, acted, gain, estimate, scale)
         learning.passes.append(LearntPass(gain, vibration, estimate, delay_s, following, verdicts))
         _leave_out(learning, number, is_last=number == passes)
-        start = estimate.arm
-        end = max(furthest_end(bench, axis, acceleration_rps_s, start.resonance_hz), _low_end(end, estimate))
-    learning.notes += watch.notes(estimate, watch.scan(estimate))
-    return learning
+        end = max(furthest_end(bench, axis, acceleration_rps_s, estimate.arm.resonance_hz), _low_end(end, estimate))
+    return replace(learning, notes=watch.notes(estimate, watch.scan(estimate)))
 
 
 def _known_hz(identified: Identified | None, axis: int) -> float | None:
@@ -253,6 +242,23 @@ def _low_end(end_rps: float, estimate: JointEstimate) -> float:
     arm_hz = estimate.arm.resonance_hz
     low = [k for k in estimate.error.amplitude_arcsec if k < LOWEST and end_rps >= arm_hz / k and is_significant(estimate, k)]
     return min(end_rps, END_OVER_RESONANCE * arm_hz / min(low)) if low else 0.0
+
+
+def _ramps_from_here(session: Session, axis: int, acceleration_rps_s: float, end_rps: float) -> Ramps:
+    """Ramps from where the axis stands."""
+    session.check_interrupt()
+    here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
+    return ramps(session.bench, axis, here_rev, acceleration_rps_s, end_rps, session.bench.bus.sync_period_s)
+
+
+def _kept(number: int, result: RunResult, motion: Ramps, axis: int, table: AxisTable, keep: PassKeeper) -> Recording:
+    """Recording of a pass, once it is kept; what stopped the pass, or what it lacks, is raised."""
+    keep(number, result, motion)
+    check_moved(motion, result, axis, table.limits)
+    if result.stopped is not None:
+        raise result.stopped
+    check_run(result, sensorless=False)
+    return result.recording
 
 
 def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:

@@ -20,6 +20,7 @@ AWAY = 1.3
 """Factor between the frequency of an order and f_a that is far enough."""
 BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
 """Bias speeds that are tried, as factors of the usual one."""
+FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
 
 
 def highest_hz(sync_s: float) -> float:

@@ -173,5 +173,5 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
                 f"the {limited_by} allows no amplitude above {amplitude_nm:.2g} N·m: raise --periods by {times**2:.2g} times, or "
                 "take a finer encoder or a shorter SYNC period"
             )
-        checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed, more))
+        checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed and f_r <= 1.1 * high, more))
     return checks

@@ -188,7 +188,7 @@ class PlantIdentification:
             friction = self._friction(slow, self._run("slow", slow))
         except UnidentifiableError as error:
             raise self._refused(f"friction: {error}") from error
-        estimate, amplitude = self._main(amplitude, friction)
+        estimate, amplitude = self._main(amplitude, friction, rough)
         if estimate.misfit > MISFIT:
             self.remarks.append(
                 f"the two-inertia model leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to "
@@ -261,8 +261,11 @@ class PlantIdentification:
             torque = recording.axis(self.request.axis, "torque_nm")
             seen = None if tip is None else tip[rows]
             peaks = measured_peaks((angle - planned.bias_rad)[rows], torque[rows], seen, travel.samples, recording.period_s)
-            reach = self.bench.accelerometer.range_m_s2 if tip is not None and self.bench.accelerometer else math.inf
-            room = Room(self.table.limits.torque_nm, float(np.mean(torque[rows])), travel.bias_rps, reach, peaks.rest)
+            known = None if self.bench.accelerometer is None else self.bench.accelerometer.range_m_s2
+            reach = math.inf if tip is None or known is None else known
+            room = Room(
+                self.table.limits.torque_nm, float(np.mean(torque[rows])), travel.bias_rps, reach, peaks.rest
+            )
             largest, self._limited_by = room.largest(peaks.driven.times(1.0 / small))
             data = self._spectra(travel, [(planned, recording)])
             try:
@@ -305,7 +308,7 @@ class PlantIdentification:
         if trouble is None:
             return estimate
         self._leave_out_tip(trouble)
-        return self._fit(replace(data, tip=None), 0.0)
+        return self._fit(replace(data, tip=None), 0.0, estimate)
 
     def _chosen(self, rough: PlantEstimate, room: Room) -> float:
         """Amplitude at which torque, speed and tip stay well within their limits."""
@@ -324,7 +327,7 @@ class PlantIdentification:
         self.remarks.append(f"the amplitude of {amplitude:.3g} N·m was chosen from a pilot ({self._limited_by})")
         return amplitude
 
-    def _main(self, amplitude: float, friction: Friction) -> tuple[PlantEstimate, float]:
+    def _main(self, amplitude: float, friction: Friction, near: PlantEstimate) -> tuple[PlantEstimate, float]:
         """The plant from as many main runs as it takes, and the amplitude at which they were made."""
         runs: list[tuple[PlannedMotion, Recording]] = []
         calmed = False
@@ -341,7 +344,7 @@ class PlantIdentification:
             runs.append((planned, result.recording))
             self._tip(result.recording, result)
             try:
-                estimate = self._fit(self._spectra(self.travel, runs), self._gravity_spring(planned, result.recording, friction))
+                estimate = self._fit(self._spectra(self.travel, runs), self._gravity_spring(planned, result.recording, friction), near)
             except UnidentifiableError as error:
                 raise self._refused(str(error)) from error
             checks = estimate_checks(estimate, amplitude, self.request, self._limited_by)
@@ -385,8 +388,8 @@ class PlantIdentification:
         law = self.table.gains("its plant").cascade()
         return SamplingTiming(self.bench.bus.sync_period_s, self._control_s, self.excited, law)
 
-    def _fit(self, data: Spectra, spring_nm_rad: float) -> PlantEstimate:
-        return fit_plant(data, self._timing(), self.table.reduction_ratio, self.table.tip_lever_m, spring_nm_rad)
+    def _fit(self, data: Spectra, spring_nm_rad: float, near: PlantEstimate | None = None) -> PlantEstimate:
+        return fit_plant(data, self._timing(), self.table.reduction_ratio, self.table.tip_lever_m, spring_nm_rad, near)
 
     def _tip(self, recording: Recording, result: RunResult) -> Real | None:
         if not self.request.with_accelerometer and "the accelerometer was not used" not in self.remarks:

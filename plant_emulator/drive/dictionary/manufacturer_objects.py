@@ -55,6 +55,8 @@ CANCELLATION_PARAMETERS: tuple[tuple[str, str, DataType, float, float, float], .
     ("cancel_phi4_rad", "Phase of order 4 in rad", DataType.REAL32, 0.0, -7.0, 7.0),
     ("cancel_inertia_kg_m2", "Motor inertia in kg m2", DataType.REAL32, 0.0, 0.0, 1.0),
     ("cancel_damping_nm_s_rad", "Motor damping in N m s/rad", DataType.REAL32, 0.0, 0.0, 1.0),
+    ("cancel_a1_rad", "Amplitude of order 1 at the motor in rad", DataType.REAL32, 0.0, 0.0, 0.05),
+    ("cancel_phi1_rad", "Phase of order 1 in rad", DataType.REAL32, 0.0, -7.0, 7.0),
 )
 """Field of `MOTION`, name in the EDS, type, default, limits; sub-indices count from 1 in this order."""
 

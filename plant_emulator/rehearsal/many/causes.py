@@ -31,6 +31,8 @@ class Cause:
 
 HYSTERESIS_NM, SOFT_FRACTION, LAG_S, NOISY_M_S2, COARSE_BITS, LONG_SYNC_S = 0.2, 0.1, 0.1e-3, 0.04, 15.0, 0.004
 """From here on (down to here, of bits) a robot counts as one that has the cause."""
+SHORT_SYNC_S, SLOW_BIT_S = 0.001, 500_000
+"""SYNC period and bit rate down to which a bus may be full."""
 
 
 def _at_least(name: str, least: float) -> Callable[[Row], bool]:
@@ -55,6 +57,11 @@ def _is_slow(row: Row) -> bool:
     return row.get("robot_late_answers") is True or _at_least("robot_sync_period_s", LONG_SYNC_S)(row)
 
 
+def _is_loaded(row: Row) -> bool:
+    period_s, bit_s = number(row, "robot_sync_period_s"), number(row, "robot_bitrate")
+    return period_s is not None and bit_s is not None and period_s <= SHORT_SYNC_S and bit_s <= SLOW_BIT_S
+
+
 NOBODY = "no robot of the stable"
 
 CAUSES = (
@@ -66,12 +73,15 @@ CAUSES = (
           f"current lag of {1e3 * LAG_S:g} ms or more", _at_least("robot_current_lag_s", LAG_S)),
     Cause("nothing to cancel", re.compile(r"nothing to cancel|no transmission error to|already (?:quiet|within)"),
           "tip within the goal without a treatment", _is_quiet_already),
-    Cause("noise", re.compile(r"noise|noisy|coherence|standard error of"),
+    Cause("noise", re.compile(r"noise|noisy|coherence|standard error of|over its standard error|better sensor"),
           f"accelerometer noise of {NOISY_M_S2:g} m/s² or more, or an encoder of {COARSE_BITS:g} bits or fewer", _is_noisy),
     Cause("encoder", re.compile(r"encoder"), f"encoder of {COARSE_BITS:g} bits or fewer", _is_coarse),
-    Cause("cycle", re.compile(r"SYNC|late answer|missed|highest frequency of the band"),
+    Cause("bus load", re.compile(r"[Dd]oes not fit|worst-case load"),
+          f"SYNC period of {1e3 * SHORT_SYNC_S:g} ms at {SLOW_BIT_S // 1000} kbit/s", _is_loaded),
+    Cause("cycle", re.compile(r"a SYNC period of|late answer|missed|highest frequency of the band"),
           f"SYNC period of {1e3 * LONG_SYNC_S:g} ms or more, or late answers", _is_slow),
-    Cause("limits", re.compile(r"the limit is|s are needed|end_rps|position limit|speed limit"), NOBODY, lambda row: False),
+    Cause("limits", re.compile(r"the limit is|s are needed|end_rps|position limit|speed limit|allows no more"),
+          NOBODY, lambda row: False),
     Cause("another source of vibration", re.compile(r"explains"), NOBODY, lambda row: False),
     Cause("wrong axis or wiring", re.compile(r"is this the axis|does this axis move|wiring|wired"), NOBODY, lambda row: False),
 )  # fmt: skip

@@ -285,5 +285,5 @@ def cost(rows: Sequence[Row]) -> Drawing | None:
     panel.set(xlabel="Processor time of one robot's path (s)", ylabel="Robots")
     panel.yaxis.set_major_locator(MaxNLocator(integer=True))
     style.legend_above(figure, panel)
-    caption = "From the drawn robot to its row, in one process; the survey of the true tip and the wrong corrections are in it."
+    caption = "From the drawn robot to the end of its path; measuring the truth and trying wrong corrections is not in it."
     return Drawing("cost-figure", "Processor time", "", COMPUTED, caption, style.to_svg(figure, "cost-figure"))

@@ -56,7 +56,7 @@ def facts(seed: int, kind: str) -> Row:
     return {name: plain(value) for name, value in ({"seed": seed, "kind": kind_of(seed, kind)} | found).items()}
 
 
-def walk_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None) -> Row:
+def walk_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None, probed_every: int = 1) -> Row:
     """Walk the documented path on a seed's robot.
 
     Args:
@@ -64,6 +64,7 @@ def walk_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None) -> 
         kind: One of `KINDS`.
         over_bus: Walk over a bus, not in this process.
         keep: Folder in which a folder named by the seed keeps all files of the walk; None: they go when it is over.
+        probed_every: Wrong corrections are tried on robots whose seed is a multiple of this; they cost as much as the path.
 
     Returns:
         The robot's row; an error that nobody expected is in it, and ends nothing else.
@@ -74,7 +75,8 @@ def walk_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None) -> 
         try:
             robot, text = drawn(seed, kind)
             with _folder(None if keep is None else f"{keep}/{seed}") as folder:
-                options = PathOptions(over_bus=over_bus, keeps_files=keep is not None)
+                is_probed = seed % probed_every == 0
+                options = PathOptions(over_bus=over_bus, keeps_files=keep is not None, with_probes=is_probed)
                 record = walk(robot, loads(text, Bench, "blank bench"), Path(folder), options)
             cells = {"walk": WALKED, "walk_words": ""} | record.row()
         except Exception as error:  # noqa: BLE001 - of a thousand robots one that breaks is a row, and no end

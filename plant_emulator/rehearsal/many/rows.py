@@ -75,11 +75,12 @@ class Kept:
             FileError: The folder cannot be read or written.
         """
         path = self.folder / SETTINGS_FILE
-        if not path.exists():
-            if any(self._paths()):
+        has_rows = any(self._paths())
+        if not path.exists() or not has_rows:
+            if has_rows:
                 raise RefusedError(f"{self.folder} has robots but no {SETTINGS_FILE}; choose another folder")
             text = json.dumps(asdict(settings), indent=2) + "\n"
-            write_atomically(path, text.encode())
+            write_atomically(path, text.encode(), force=True)
             return
         before = self.settings()
         if not resume:

@@ -152,12 +152,13 @@ def probes(rows: Sequence[Row]) -> ReportTable | None:
 def cost(rows: Sequence[Row]) -> ReportTable | None:
     """Processor time by step."""
     cells: list[list[Cell]] = []
-    for name, column in (*((STEP_NAMES[step], f"{step}_cpu_s") for step in STEPS), ("whole path", "cpu_s")):
+    columns = {f"{step}_cpu_s": STEP_NAMES[step] for step in STEPS} | {"cpu_s": "whole path", "survey_cpu_s": "the truth"}
+    for column, name in columns.items():
         values = [value for value in numbers(rows, column) if value > 0.0]
         if values:
             cells.append([name, str(len(values)), *(number_text(value, "{:.1f}") for value in percentiles(values).values())])
     header = ("", "Robots", "5 %", "50 %", "95 %", "Worst")
-    caption = "In seconds. What no step has is the survey of the true tip and the wrong corrections."
+    caption = "In seconds. The truth: measuring the true tip, and trying wrong corrections; it is no part of the path."
     return ReportTable("cost", "Processor time (s)", "", header, cells, frozenset({0}), caption) if cells else None
 
 

@@ -14,6 +14,7 @@ from hil.bench.model import (
     PlantTable,
     load_identified,
     update_file,
+    values_in_words,
     with_identified,
 )
 from hil.errors import NotPossibleError
@@ -104,3 +105,12 @@ def test_an_axis_without_any_model_gets_one() -> None:
     model = with_identified(bench, Identified(robot="reference").with_part(2, PLANT)).axis[2].model
     assert model is not None
     assert model.ate.a2_arcsec == 0.0
+
+
+def test_a_model_file_holds_any_order_with_its_errors(tmp_path):
+    values = TransmissionErrorTable.of({0.5: 4.0, 1: 20.0, 3: 2.0}, {0.5: 10.0, 1: 33.0, 3: 70.0})
+    errors = {"a0.5_arcsec": 0.2, "phi0.5_deg": 3.0, "a1_arcsec": 0.1, "a3_arcsec": 0.1}
+    update_file(tmp_path / "model.toml", "reference", 2, IdentifiedError(values=values, standard_error=errors))
+    found = load_identified(tmp_path / "model.toml").axis[2].ate
+    assert (found.values, found.standard_error) == (values, errors)
+    assert values_in_words(found)[:2] == ["A_0.5 = 4.00 ± 0.20 arcsec", "φ_0.5 = 10.00 ± 3.00°"]

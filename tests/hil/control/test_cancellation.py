@@ -117,7 +117,7 @@ def test_inside_a_drive_speed_and_torque_are_those_of_the_set_points_motion(spee
     lowpass_hz, period_s, inertia, damping = 300.0, 250e-6, 2.6e-4, 8e-4
 
     def at(angle: float) -> tuple[float, float, float]:
-        known = InnerCancellation(3e-3, 1.0, 2e-3, -2.0, inertia, damping)
+        known = InnerCancellation(3e-3, 1.0, 2e-3, -2.0, inertia, damping, 5e-3, 0.5)
         return inner_cancellation(known, lowpass_hz, period_s, angle, speed)
 
     step = 1e-5

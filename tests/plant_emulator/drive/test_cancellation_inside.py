@@ -10,7 +10,7 @@ from drive_profiles.standard.cia402 import Mode
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, ONE_AXIS, Rig
 
 CANCELLATION = 0x2114
-MODE, A2, PHI2, A4, PHI4, INERTIA, DAMPING = range(1, 8)
+MODE, A2, PHI2, A4, PHI4, INERTIA, DAMPING, A1, PHI1 = range(1, 10)
 SPEED_RPS = 5.7
 ARCSEC = math.pi / 180.0 / 3600.0
 AXIS_FILE = ONE_AXIS.axis[AXIS]
@@ -21,6 +21,8 @@ VALUES = {
     PHI4: math.radians(AXIS_FILE.ate.phi4_deg),
     INERTIA: AXIS_FILE.motor_inertia_kg_m2,
     DAMPING: AXIS_FILE.motor_damping_nm_s_rad,
+    A1: AXIS_FILE.reduction_ratio * AXIS_FILE.ate.a1_arcsec * ARCSEC,
+    PHI1: math.radians(AXIS_FILE.ate.phi1_deg),
 }
 
 
@@ -78,7 +80,7 @@ def test_it_fades_in_and_out_and_begins_anew_behind_a_closed_brake(rig):
     assert rig.motion["cancel_fraction"] == 0.0
 
 
-@pytest.mark.parametrize(("sub", "value"), [(A2, 0.06), (PHI4, 8.0), (INERTIA, 2.0)])
+@pytest.mark.parametrize(("sub", "value"), [(A2, 0.06), (PHI4, 8.0), (INERTIA, 2.0), (A1, 0.06), (PHI1, 8.0)])
 def test_what_is_beyond_its_range_is_refused(rig, sub, value):
     assert rig.write(CANCELLATION, sub, value) is SdoAbortCode.VALUE_TOO_HIGH
     assert rig.write(CANCELLATION, sub, -value) is SdoAbortCode.VALUE_TOO_LOW

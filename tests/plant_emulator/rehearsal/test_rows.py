@@ -38,7 +38,14 @@ def test_a_row_that_was_not_written_to_its_end_is_not_there(kept):
     assert kept.seeds() == {3}
 
 
+def test_a_rehearsal_that_walked_nobody_is_no_rehearsal(kept):
+    other = RehearsalSettings("real", over_bus=True)
+    kept.begin(other, resume=False)
+    assert kept.settings() == other
+
+
 def test_a_folder_with_a_rehearsal_is_not_taken_for_another(kept):
+    kept.keep(row(3))
     with pytest.raises(RefusedError, match="has a rehearsal already; --resume goes on with it"):
         kept.begin(SETTINGS, resume=False)
     kept.begin(SETTINGS, resume=True)

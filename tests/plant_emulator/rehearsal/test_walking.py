@@ -8,7 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.many.cluster import DaskWorkers, scheduler_address
 from plant_emulator.rehearsal.many.rows import CRASHED
 from plant_emulator.rehearsal.many.rows import steady as steady_row
@@ -188,10 +190,11 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_words_and_what_was_walked_is_k
     assert [row["seed"] for row in found] == [1]
 
 
-def test_workers_that_would_walk_two_robots_in_one_process_are_refused(cluster):
+def test_workers_that_would_walk_two_robots_in_one_process_are_refused(cluster, tmp_path):
     cluster.add(threads=2)
-    with pytest.raises(WalkersRefusedError, match=r"has 2 threads; a robot needs a process of its own: dask worker"):
-        DaskWorkers(cluster.address).__enter__()
+    done = CliRunner().invoke(app, ["rehearse", "--seeds", "1", "--on", f"dask:{cluster.address}", "--out", str(tmp_path / "r")])
+    assert done.exit_code == 4
+    assert "has 2 threads; a robot needs a process of its own: dask worker" in done.output
 
 
 def test_a_scheduler_without_workers_is_refused(cluster):

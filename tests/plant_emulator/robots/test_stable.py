@@ -7,6 +7,7 @@ import pytest
 
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
+from hil.plan.check import check
 from plant_emulator.motion.axes import Axes
 from plant_emulator.robots.blank_bench import TABLE_3, blank_bench
 from plant_emulator.robots.robot import Robot, load_robot
@@ -107,3 +108,12 @@ def test_a_written_robot_file_reads_as_the_same_robot() -> None:
         assert loads(file_text(robot), Robot) == robot
     reference = load_robot("reference")
     assert loads(file_text(reference), Robot) == reference
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_the_bus_of_every_drawn_robot_carries_its_cycle(axes: int) -> None:
+    for seed in range(24):
+        robot = draw(seed, axes=axes)
+        bench = loads(blank_bench(robot), Bench)
+        verdict = check(bench, tuple(bench.axis), "drive", robot.sync_period_s, with_notch=True, notch_state=False)
+        assert verdict.fits is not False, verdict.sentence

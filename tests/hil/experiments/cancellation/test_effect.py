@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.design.ate_model import Arm
+from hil.design.ate.model import Arm
 from hil.experiments.cancellation.effect import AxisWaves, Part, Response, refined, sight
 from hil.recording import Recording
 
