@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,21 +123,21 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
         ranges=speed_ranges(windows, BELOW * f_al / max(windows), max(ramp.top_rps for ramp in ramps)),
         displacement_mm=TipDisplacement(table.tip_lever_m, scale),
         requirements=request.requirements or Requirements(tip_mm=bench.specification.tip_mm),
-        loads_nm=_loads_nm(table, axis_model),
+        **_loads(table, axis_model),
     )
     return problem, f_al
 
 
-def _loads_nm(table: AxisTable, axis_model: IdentifiedAxis | None) -> tuple[float, float]:
-    """Friction with gravity against the motor, and with gravity helping it."""
+def _loads(table: AxisTable, axis_model: IdentifiedAxis | None) -> dict[str, Any]:
+    """Friction and gravity at the motor, from the model file where it knows them."""
     plant = None if axis_model is None else axis_model.plant
     friction = FRICTION_FRACTION * table.limits.torque_nm
-    gravity = GRAVITY_FRACTION * table.limits.torque_nm
+    gravity, is_known = GRAVITY_FRACTION * table.limits.torque_nm, False
     if plant is not None and plant.coulomb_friction_nm is not None:
         friction = plant.coulomb_friction_nm
     if plant is not None and plant.gravity_moment_nm is not None:
-        gravity = abs(plant.gravity_moment_nm) / table.reduction_ratio
-    return friction + gravity, friction - gravity
+        gravity, is_known = abs(plant.gravity_moment_nm) / table.reduction_ratio, True
+    return {"friction_nm": friction, "gravity_nm": gravity, "is_gravity_known": is_known}
 
 
 def unreached_words(axis: int, orders: Sequence[int], f_al_hz: float, limit_rps: float) -> str:
