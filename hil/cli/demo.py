@@ -130,4 +130,4 @@ def _tell_story(seed: int, out: Path, *, as_json: bool) -> int:
             raise done.failure
         say(f"your own robot: {message_of(done.failure)}")
         return code
-    return ExitStatus.NOT_MET if done.comparison is not None and done.comparison.unmet else 0
+    return 0  # what was refused on a robot that anybody may draw is said, and no fault of the demo
