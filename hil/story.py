@@ -37,6 +37,7 @@ from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot, plan
 from hil.experiments.comparison.run import ComparisonOutcome, any_emulated, compare, request_entry
 from hil.experiments.motions import CONSTANT_ACCELERATION
 from hil.experiments.notch_design import InfeasibleError
+from hil.experiments.notch_problem import NotchDesignRequest
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
 from hil.experiments.treatment import Knowledge
@@ -170,11 +171,11 @@ class _Teller:
         return ", ".join(values_in_words(outcome.part)), f"{where.name}/report.html"
 
     def design_notch(self, axis: int) -> tuple[str, str]:
-        request = notch_design.NotchDesignRequest(axis=axis, shapes=("switched",), effort=self.effort, jobs=_processors())
+        request = NotchDesignRequest(axis=axis, shapes=("switched",), effort=self.effort, jobs=_processors())
         outcome = notch_design.design(self.bench, request, load_identified(self.model))
         notch_design.result_of(outcome).write(self.out / f"design-axis{axis}" / "design.json")
         write_design_report(outcome, self.out / f"design-axis{axis}" / "design.html")
-        if outcome.failure is not None:
+        if outcome.failure is not None and not outcome.is_usable:
             raise outcome.failure
         update_designs(self.design, self.bench.name, axis, notch_design.designed_axis(outcome))
         made = notch_design.parameter_set(outcome.bench, axis, outcome.best, outcome.f_al_hz)

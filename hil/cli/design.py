@@ -19,26 +19,19 @@ from hil.reporter import Reporter, SilentReporter
 
 if TYPE_CHECKING:
     from hil.bench.bench import Bench
-    from hil.design.notch_design import Requirements
-    from hil.experiments.notch_design import NotchDesignOutcome, NotchDesignRequest
+    from hil.design.notch_problem import Requirements
+    from hil.experiments.notch_design import NotchDesignOutcome
+    from hil.experiments.notch_problem import NotchDesignRequest
 
 DESIGN_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
     {
         ExitStatus.DONE: "a filter that keeps all that is asked",
         ExitStatus.FILE: "bad file, or a bench that lacks what a design needs",
-        ExitStatus.NOT_MET: "no filter keeps all, with the reason",
+        ExitStatus.NOT_MET: "no filter keeps all, or none is better than no filter, with the reason",
         ExitStatus.INTERRUPTED: "interrupted",
     },
 )
-
-
-class OrderName(StrEnum):
-    """Orders of the transmission error that get a filter."""
-
-    SECOND = "2"
-    FOURTH = "4"
-    BOTH = "both"
 
 
 class ShapeName(StrEnum):
@@ -58,7 +51,8 @@ SetFileOption = Annotated[
     Path | None, typer.Option("--set", help="Parameter set for drive-profiles upload; left out: notch-axisN.toml in --out.")
 ]
 DesignFileOption = Annotated[
-    Path | None, typer.Option("--design", help="Design file, this axis of it replaced; left out: design.toml in --out.")
+    Path | None,
+    typer.Option("--design", help="Design file, this axis of it replaced; left out: design.toml in --out, or none with --given."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print design.json on standard output, all else on standard error.")]
 
@@ -79,7 +73,7 @@ def notch(
     bench_file: BenchOption,
     axis: Annotated[int, typer.Option("--axis", help="Axis whose notch is wanted.", autocompletion=AXES.one)],
     model: ModelOption = None,
-    order: Annotated[OrderName, typer.Option(help="Harmonic orders k.")] = OrderName.SECOND,
+    order: Annotated[str, typer.Option(help="Harmonic order k, or two of them: 2, 1,2 or both for 2,4.")] = "2",
     shape: Annotated[
         ShapeName, typer.Option(help="switched: constant between f_s and f_e; trapezoid: scheduled.")
     ] = ShapeName.BEST,
@@ -94,7 +88,9 @@ def notch(
     out: OutOption = Path("design"),
     set_file: SetFileOption = None,
     design_file: DesignFileOption = None,
-    jobs: Annotated[int | None, typer.Option(min=1, max=256, help="Processes; left out: one per processor.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, max=256, help="Processes; left out: one per processor, with --quick none but this.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Equal seeds give equal filters.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Search a fifth as long.")] = False,
     as_json: JsonOption = False,
@@ -111,7 +107,7 @@ def notch(
         bench = load_bench(bench_file)
 
         from hil.design.notch_search import Effort
-        from hil.experiments.notch_design import NotchDesignRequest
+        from hil.experiments.notch_problem import NotchDesignRequest
 
         _check_set_file(bench, axis, set_file)
         try:
@@ -124,7 +120,7 @@ def notch(
                 period_s=period_s,
                 delay_samples=delay_samples,
                 effort=Effort.quick(seed) if quick else Effort(seed=seed),
-                jobs=jobs or _processors(),
+                jobs=jobs if jobs is not None else 0 if quick else _processors(),
                 is_given=given,
             )
             outcome = _design(bench, request, model)
@@ -133,10 +129,20 @@ def notch(
         _keep(outcome, out, set_file, design_file, as_json=as_json)
 
 
-def _orders(name: OrderName) -> tuple[int, ...]:
+def _orders(text: str) -> tuple[int, ...]:
+    """Orders of the option; those without a filter or an error are refused by the design.
+
+    Raises:
+        ValueError: The text names no orders.
+    """
     from hil.robot_tables import ORDERS
 
-    return ORDERS[1:] if name is OrderName.BOTH else (int(name),)
+    if text == "both":
+        return ORDERS[1:]
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() for part in parts) or len(set(parts)) != len(parts):
+        raise ValueError(f"--order {text!r}: give an order like 2, two of them like 1,2, or both for 2,4")
+    return tuple(int(part) for part in parts)
 
 
 def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
@@ -159,7 +165,7 @@ def _requirements(
     bench: "Bench", max_sensitivity: float, phase_margin_deg: float, gain_margin_db: float, tip_mm: float | None
 ) -> "Requirements":
     """Return the requirements on a filter; the tip's is the bench file's unless it is given."""
-    from hil.design.notch_design import Requirements
+    from hil.design.notch_problem import Requirements
 
     return Requirements(
         max_sensitivity, phase_margin_deg, gain_margin_db, bench.specification.tip_mm if tip_mm is None else tip_mm
@@ -219,10 +225,11 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
     _summary(outcome, show, as_json=as_json)
     if as_json:
         typer.echo(result.dumps())
-    if outcome.failure is None:
+    if outcome.is_usable:
         if not outcome.request.is_given:
             show("\n".join(["", *snippet(number, tuple(notch_table(one) for one in best.notches)), ""]))
-            path = design_file or out / "design.toml"
+        path = design_file or (None if outcome.request.is_given else out / "design.toml")
+        if path is not None:
             update_designs(path, outcome.bench.name, number, designed_axis(outcome))
             say(f"design file: {path}")
         path = set_file or out / f"notch-axis{number}.toml"
@@ -233,6 +240,10 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
             if set_file is not None:
                 raise
             say(f"no parameter set: {error}")
+    else:
+        say("no design file and no parameter set: the filters break a margin, raise a peak, or are none")
+    for note in outcome.notes:
+        say(note)
     say(f"report: {report}")
     if outcome.failure is not None:
         raise exit_with(outcome.failure)

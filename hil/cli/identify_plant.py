@@ -52,6 +52,7 @@ ROWS = (
     ("gravity_phase_deg", "q_0", "°"),
     ("lever_ratio", "lever seen / bench file's", ""),
     ("torque_age_s", "age of the torque", "s"),
+    ("torque_lag_s", "lag of the current loop", "s"),
     ("accelerometer_delay_s", "accelerometer delay", "s"),
 )
 """Numbers of the summary: name in result.json, symbol, unit."""
@@ -87,9 +88,11 @@ def plant(
     amplitude_nm: Annotated[
         float | None, typer.Option(help="Peak of the excitation, as a torque at the motor; left out: found by a pilot run.")
     ] = None,
-    low_hz: Annotated[float, typer.Option(help="Lower end of the band.")] = 3.0,
-    high_hz: Annotated[float, typer.Option(help="Upper end of the band.")] = 60.0,
-    bias_rps: Annotated[float, typer.Option(help="Motor speed under the excitation, out of the friction.")] = 2.0,
+    low_hz: Annotated[float | None, typer.Option(help="Lower end of the band; left out: found by a pilot run.")] = None,
+    high_hz: Annotated[float | None, typer.Option(help="Upper end of the band; left out: likewise, within 0.4 per SYNC.")] = None,
+    bias_rps: Annotated[
+        float | None, typer.Option(help="Motor speed under the excitation; left out: one at which the gear does not ring.")
+    ] = None,
     periods: Annotated[int, typer.Option(help="Periods to average over, at least.")] = 10,
     excitation: Annotated[
         PlantExcitation, typer.Option(help="Torque offset (60B2h), or reference; auto: torque where the drive takes it.")
@@ -167,10 +170,15 @@ def _summary(result: "PlantResult") -> None:
 def _motion_lines(bench: "Bench", request: "PlantRequest") -> Iterator[str]:
     """Return the lines on how the robot is moved."""
     limits = bench.axis[request.axis].limits
+    from hil.experiments.plant.bands import FASTEST_BIAS_RPS, pilot_band  # noqa: PLC0415
+    from hil.experiments.plant.motion import FAST_RPS  # noqa: PLC0415
+
+    band = pilot_band(request, bench.bus.sync_period_s)
+    bias = FASTEST_BIAS_RPS if request.bias_rps is None else request.bias_rps
     amplitude = "found by a pilot run" if request.amplitude_nm is None else f"{request.amplitude_nm:g} N·m"
     yield f"This moves axis {request.axis} on {bench.bus.address}:"
     yield (
         f"  to and fro within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions at up to "
-        f"{max(bench.approach_rps, request.bias_rps):g} rev/s, shaken at {request.low_hz:g} … {request.high_hz:g} Hz with an "
+        f"{max(bench.approach_rps, FAST_RPS, bias):g} rev/s, shaken at {band.low_hz:g} … {band.high_hz:g} Hz with an "
         f"amplitude {amplitude}; at most {limits.speed_rps:g} rev/s and {limits.torque_nm:g} N·m"
     )

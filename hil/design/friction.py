@@ -10,6 +10,13 @@ import numpy as np
 from hil.design.estimation import EstimatedParameter, UnidentifiableError, inverse
 from hil.design.frequency import Real
 
+STRIBECK_RAD_S = (0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0, 7.0)
+"""Stribeck speeds ω_s that are tried."""
+CORRELATED_TURNS = 4.0
+"""Whole turns for which friction keeps its deviation from any law."""
+COULOMB_LEFT_OPEN, GRAVITY_LEFT_OPEN = 3e-3, 1e-3
+"""Relative errors of Coulomb friction and of the gravity moment below which no fit is trusted."""
+
 
 @dataclass(frozen=True)
 class SlowStretch:
@@ -28,8 +35,8 @@ class SlowStretch:
 class Friction:
     """Friction and gravity seen in slow motion; torques at the motor, the gravity moment at the arm.
 
-    τ = sgn(ω)(τ_C + b |ω|) + (G_c cos(θ_m/N) + G_s sin(θ_m/N))/N, fitted to the means over whole motor turns, which carry no
-    transmission error.
+    τ = sgn(ω)(τ_C + b |ω| + s exp(−(ω/ω_s)²)) + (G_c cos(θ_m/N) + G_s sin(θ_m/N))/N, fitted to the means over whole motor turns,
+    which carry no transmission error.
 
     Attributes:
         coulomb_nm: Coulomb friction τ_C.
@@ -72,35 +79,74 @@ def fit_friction(stretches: Sequence[SlowStretch], sync_s: float, reduction_rati
         raise UnidentifiableError("whole motor turns at constant speed", len(rows), 8)
     table = np.array(rows)
     angle, speed, torque = table.T
-    sign = np.sign(speed)
-    if not (np.any(sign > 0) and np.any(sign < 0)):
+    if not (np.any(speed > 0) and np.any(speed < 0)):
         raise UnidentifiableError("directions of motion", 1, 2)
     arm = angle / reduction_ratio
-    matrix = np.column_stack([sign, speed, np.cos(arm) / reduction_ratio, np.sin(arm) / reduction_ratio])
-    scale = np.linalg.norm(matrix, axis=0)
-    fitted = np.linalg.lstsq(matrix / scale, torque, rcond=None)[0] / scale
-    left = torque - matrix @ fitted
-    power = float(np.sum(left**2)) / max(1, len(left) - 4)
-    covariance = inverse(matrix.T @ matrix) * power
-    moment = math.hypot(fitted[2], fitted[3])
-    along = np.array([0.0, 0.0, fitted[2], fitted[3]]) / max(moment, 1e-30)
-    across = np.array([0.0, 0.0, -fitted[3], fitted[2]]) / max(moment, 1e-30) ** 2
+    fits = _with_stribeck(arm, speed, torque, reduction_ratio)
+    best = max(fits, key=lambda fit: fit.weight)
+    whole = sum(fit.weight for fit in fits)
+    mean = sum((fit.weight / whole * fit.values for fit in fits), np.zeros(4))
+    covariance = sum(
+        (fit.weight / whole * (fit.covariance + np.outer(fit.values - mean, fit.values - mean)) for fit in fits), np.zeros((4, 4))
+    )
+    moment = math.hypot(mean[2], mean[3])
+    along = np.array([0.0, 0.0, mean[2], mean[3]]) / max(moment, 1e-30)
+    across = np.array([0.0, 0.0, -mean[3], mean[2]]) / max(moment, 1e-30) ** 2
     # G_c cos θ + G_s sin θ = m g l cos(θ + q₀) with q₀ = −atan2(G_s, G_c)
-    phase = -math.degrees(math.atan2(fitted[3], fitted[2]))
+    phase = -math.degrees(math.atan2(mean[3], mean[2]))
     spread = [math.sqrt(max(0.0, float(v @ covariance @ v))) for v in (*np.eye(4)[:2], along, across)]
-    gravity = matrix[:, 2:] @ fitted[2:]
+    gravity = (np.cos(arm) * best.values[2] + np.sin(arm) * best.values[3]) / reduction_ratio
     return Friction(
-        EstimatedParameter(float(fitted[0]), spread[0]),
-        EstimatedParameter(float(fitted[1]), spread[1]),
-        EstimatedParameter(moment, spread[2]),
+        EstimatedParameter(float(mean[0]), math.hypot(spread[0], COULOMB_LEFT_OPEN * float(mean[0]))),
+        EstimatedParameter(float(mean[1]), spread[1]),
+        EstimatedParameter(moment, math.hypot(spread[2], GRAVITY_LEFT_OPEN * moment)),
         EstimatedParameter(phase, math.degrees(spread[3])),
-        math.sqrt(power),
+        best.residual_nm,
         speed,
         arm,
         torque,
-        matrix @ fitted,
+        best.model_nm,
         gravity,
     )
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Fit with one Stribeck speed, or with none: τ_C, b, G_c and G_s, their covariance, and how likely it is."""
+
+    values: Real
+    covariance: Real
+    weight: float
+    residual_nm: float
+    model_nm: Real
+
+
+def _with_stribeck(arm: Real, speed: Real, torque: Real, reduction_ratio: float) -> list[_Fit]:
+    """Fits with static friction that falls off as exp(−(ω/ω_s)²), for many ω_s, and without.
+
+    Few speeds do not tell which ω_s it is: each counts by its likelihood, so that what they disagree in is in the error.
+    """
+    sign = np.sign(speed)
+    plain = np.column_stack([sign, speed, np.cos(arm) / reduction_ratio, np.sin(arm) / reduction_ratio])
+    found: list[tuple[Real, Real, Real, Real]] = []
+    for stribeck in (0.0, *STRIBECK_RAD_S):
+        matrix = plain
+        if stribeck:
+            matrix = np.column_stack([plain, sign * np.exp(-((speed / stribeck) ** 2))])
+        scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
+        values = np.linalg.lstsq(matrix / scale, torque, rcond=None)[0] / scale
+        if stribeck and values[4] <= 0.0:
+            continue
+        found.append((values, matrix, torque - matrix @ values, inverse(matrix.T @ matrix)))
+    free = max(1, len(torque) - 6)
+    power = min(float(np.sum(left**2)) for _, _, left, _ in found) / free
+    power += (COULOMB_LEFT_OPEN * float(found[0][0][0])) ** 2  # what no friction law holds
+    fits = []
+    for values, matrix, left, square in found:
+        likelihood = math.exp(-0.5 * min(1400.0, (float(np.sum(left**2)) / power - free) / CORRELATED_TURNS))
+        residual = math.sqrt(float(np.sum(left**2)) / free)
+        fits.append(_Fit(values[:4], CORRELATED_TURNS * square[:4, :4] * power, likelihood + 1e-300, residual, matrix @ values))
+    return fits
 
 
 def _turns(stretch: SlowStretch, sync_s: float) -> list[tuple[float, float, float]]:

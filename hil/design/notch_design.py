@@ -1,67 +1,40 @@
-"""Requirements on a variable notch, and the verdict on one: margins at every speed, constraint (5), the tip on a ramp."""
+"""The verdict on a variable notch: margins at every speed, constraint (5), the tip on ramps; and the score of a search."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
-from hil.design.frequency import Loop, Margins, acceleration_bound
-from hil.design.ramp import RampMotion, follow
+from hil.design.frequency import Margins
+from hil.design.notch_problem import NotchProblem, Requirements, Rise, rises
 from hil.design.speed_margins import LoopFamily, widened
-from hil.design.uncertainty import Member
 
 Real = NDArray[np.float64]
 
-TipPeak = Callable[[RampMotion, float, float], tuple[float, float]]
-"""Largest tip displacement in mm while a motion's speed rises from the one to the other speed in rev/s, and while it falls."""
-
 SHAPES = {"switched": NOTCH_SWITCHED, "trapezoid": NOTCH_TRAPEZOID}
 
-BEYOND_RPS = 0.6
-"""Speed range beyond f_e in which the tip is watched too, since the end of a filter can shake the arm."""
-
 SEARCH_SPEEDS = 24
-"""Speeds at which the search looks at a filter; the verdict looks every 0.1 rev/s."""
+"""Speeds at which the search looks at a filter; the verdict looks more closely."""
 
-VERDICT_STEP_RPS = 0.1
+VERDICT_STEPS = 120
+"""Speeds of a verdict per f_al: it looks every f_al/120, in rev/s."""
+BARE_STEPS = 240
+"""The same for constraint (5)."""
 
-BARE_STEP_RPS = 0.05
+VERDICT_FREQUENCY_STEP = 1.0 / 1280.0
+"""Step of the frequencies of a verdict, in units of f_a."""
 
+LINE_WEIGHT, LINE_REACH = 2.0, 0.1
+"""Weight of what a filter misses constraint (5) by in a score, and up to which miss it counts."""
 
-@dataclass(frozen=True)
-class Requirements:
-    """Requirements on every filter, at every speed, for every plant.
-
-    Attributes:
-        max_sensitivity: Largest allowed M_s.
-        phase_margin_deg: Least phase margin.
-        gain_margin_db: Least gain margin, up and down.
-        tip_mm: Limit A_acc, of constraint (5) on the line and of the tip on the ramp.
-    """
-
-    max_sensitivity: float = 1.7
-    phase_margin_deg: float = 35.0
-    gain_margin_db: float = 6.0
-    tip_mm: float = 0.05
-
-    def __post_init__(self) -> None:
-        """Refuse limits that no loop can keep.
-
-        Raises:
-            ValueError: A limit is outside its range.
-        """
-        if not self.max_sensitivity > 1.0:
-            raise ValueError(f"max_sensitivity = {self.max_sensitivity} must be above 1, which only an open loop has")
-        if not 0.0 <= self.phase_margin_deg < 90.0:
-            raise ValueError(f"phase_margin_deg = {self.phase_margin_deg} is not within 0 … 90")
-        for name in ("gain_margin_db", "tip_mm"):
-            if not (getattr(self, name) >= 0.0 and math.isfinite(getattr(self, name))):
-                raise ValueError(f"{name} = {getattr(self, name)} must not be below 0")
+WORST_RATIO = 2.0
+"""Score above which a filter raises a peak, or breaks a margin."""
+GAIN_ENOUGH = 0.98
+"""Ratio of the tip peak with a filter to that without, above which the filter is not worth having."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +49,8 @@ class RequirementCheck:
         is_ceiling: True where the value must be at most the limit; else at least.
         speed_rps: Speed at which it is worst; None where it belongs to no speed.
         member: The plant that gives it.
+        is_tip_limit: True where it limits the tip in mm: a filter that misses it may still be the best there is.
+        is_rise: True where it compares a peak with that without a filter.
     """
 
     name: str
@@ -85,6 +60,8 @@ class RequirementCheck:
     is_ceiling: bool
     speed_rps: float | None
     member: str
+    is_tip_limit: bool = False
+    is_rise: bool = False
 
     @property
     def violation(self) -> float:
@@ -105,54 +82,12 @@ class RequirementCheck:
         return f"{self.name} {self.value:.4g}{unit}{where} ({self.member}), {bound} {self.limit:.4g}{unit} asked"
 
 
-@dataclass(frozen=True)
-class NotchProblem:
-    """An axis whose notch is wanted.
-
-    Attributes:
-        members: The plants; the believed one first.
-        cascade: The gains.
-        period_s: Sampling time of the loop.
-        delay_samples: Whole samples between measurement and torque.
-        lever_m: L, from the arm's axis to the tip.
-        speed_limit_rps: Highest motor speed at which margins are required.
-        reference_rad: θ_ref of the ramp on which the filter is judged, up and down, at the loop's period; shape (samples,).
-        windows_rps: Speeds in which the tip is judged, by order.
-        tip_peak: Metric of the tip's motion.
-        requirements: Requirements that a filter must meet.
-        fixed: Filters of other orders, which stay as they are.
-    """
-
-    members: tuple[Member, ...]
-    cascade: Cascade
-    period_s: float
-    delay_samples: int
-    lever_m: float
-    speed_limit_rps: float
-    reference_rad: Real
-    windows_rps: Mapping[int, tuple[float, float]]
-    tip_peak: TipPeak
-    requirements: Requirements = field(default_factory=Requirements)
-    fixed: tuple[Notch, ...] = ()
-
-    def loop(self, member: Member, notches: Sequence[Notch] = ()) -> Loop:
-        """The loop around one plant."""
-        return Loop(member.plant, self.cascade, tuple(notches), self.period_s, self.delay_samples)
-
-    def peaks(self, member: Member, notches: Sequence[Notch], order: int) -> tuple[float, float]:
-        """Tip peak in mm on the ramp, rising and falling, in the window of an order and beyond the end of its filter."""
-        low, high = self.windows_rps[order]
-        high = max([high, *(notch.end_rps + BEYOND_RPS for notch in notches if notch.order == order)])
-        return self.tip_peak(follow(self.loop(member, notches), member.error, self.reference_rad), low, high)
-
-
 class Judge:
     """Weighs filters of one order quickly: the parts that they share are computed once.
 
     Attributes:
         problem: The axis.
         order: Order k of the filters.
-        allowed_mm: Tip peaks of the fixed filters' orders, which a new filter must not raise by more than 2 %.
     """
 
     def __init__(self, problem: NotchProblem, order: int, *, reserve: float = 0.01) -> None:
@@ -166,67 +101,71 @@ class Judge:
         """
         self.problem, self.order = problem, order
         self._family = LoopFamily([problem.loop(member) for member in problem.members])
-        self._bare_rps = np.arange(BARE_STEP_RPS, problem.speed_limit_rps + 1e-9, BARE_STEP_RPS)
-        amplitude = np.array([member.error.amplitude_arcsec[order] for member in problem.members]) * ARCSEC
-        # in terms of |X|, constraint (5) is the same at every frequency
-        one_hz = np.array([1.0])
-        limit = 1e-3 * problem.requirements.tip_mm
-        self._bound = (
-            np.array([acceleration_bound(one_hz, a, problem.lever_m, limit)[0] for a in amplitude]) / (2.0 * math.pi) ** 2
-        )
-        self._bare_gain = self._family.gain_on_the_line(problem.fixed, order, self._bare_rps)
         self._reserve = reserve
-        self._others = sorted({notch.order for notch in problem.fixed} & set(problem.windows_rps))
-        nominal = problem.members[0]
-        self.allowed_mm = {k: 1.02 * max(problem.peaks(nominal, problem.fixed, k)) for k in self._others}
+        self._bare_rps = np.arange(0.5, 1.5, 1.0 / 60.0) * problem.f_al_hz / order
+        self._bare_gain = self._family.gain_on_the_line(problem.fixed, order, self._bare_rps)
+        amplitude = np.array([member.error.amplitude_arcsec[order] for member in problem.members]) * ARCSEC
+        self._bound = 1e-3 * problem.requirements.tip_mm / (problem.lever_m * amplitude * (1.0 - reserve))
+        self._before_mm = []
+        others = [problem.row(notch.order) for notch in problem.fixed if notch.order in problem.orders]
+        for member in problem.members:
+            bare = problem.peaks_mm(member, ())
+            if others:
+                bare[:, others] = np.minimum(bare[:, others], problem.peaks_mm(member, problem.fixed)[:, others])
+            self._before_mm.append(bare)
 
     def checks(self, notch: Notch) -> list[RequirementCheck]:
-        """Requirements at constant speeds, each at its worst; stability as turns of the Nyquist curve, which must be 0."""
+        """Margins at constant speeds, each at its worst; stability as turns of the Nyquist curve, which must be 0."""
         limits, names = self.problem.requirements, [member.label for member in self.problem.members]
-        notches, wide = (notch, *self.problem.fixed), widened(notch)
+        wide = widened(notch)
         top = min(wide.end_rps, self.problem.speed_limit_rps)
         edges = [edge for other in self.problem.fixed for edge in (other.start_rps, other.end_rps)]
         inside = [edge for edge in edges if wide.start_rps < edge < top]
         speeds = np.unique(np.concatenate([np.linspace(wide.start_rps, max(top, wide.start_rps), SEARCH_SPEEDS), inside]))
-        margins = self._family.margins(notches, speeds)
+        margins = self._family.margins((notch, *self.problem.fixed), speeds)
 
-        def worst(name: str, values: Real, limit: float, unit: str, *, is_ceiling: bool, at: Real = speeds) -> RequirementCheck:
+        def worst(name: str, values: Real, limit: float, unit: str, *, is_ceiling: bool) -> RequirementCheck:
             at_worst = np.unravel_index(int(np.argmax(values) if is_ceiling else np.argmin(values)), values.shape)
             return RequirementCheck(
-                name, float(values[at_worst]), limit, unit, is_ceiling, float(at[at_worst[1]]), names[int(at_worst[0])]
+                name, float(values[at_worst]), limit, unit, is_ceiling, float(speeds[at_worst[1]]), names[int(at_worst[0])]
             )
 
-        filtered = self._family.gain_on_the_line(notches, self.order, speeds)
-        outside = (self._bare_rps < notch.start_rps) | (self._bare_rps > notch.end_rps)
-        at = np.concatenate([speeds, self._bare_rps[outside]])
-        ratio = np.concatenate([filtered, self._bare_gain[:, outside]], axis=1) / self._bound[:, np.newaxis]
         tighter = 1.0 - self._reserve
         return [
             worst("turns of the Nyquist curve", np.abs(margins.turns), 0.0, "", is_ceiling=True),
             worst("M_s", margins.sensitivity_peak, 1.0 + tighter * (limits.max_sensitivity - 1.0), "", is_ceiling=True),
             worst("phase margin", margins.phase_margin_deg, limits.phase_margin_deg / tighter, "°", is_ceiling=False),
             worst("gain margin", margins.gain_margin_db, limits.gain_margin_db / tighter, "dB", is_ceiling=False),
-            worst("|G_al| on the line over constraint (5)", ratio, tighter, "", is_ceiling=True, at=at),
         ]
 
-    def score(self, notch: Notch, members: int | None = None) -> float:
-        """Tip peak in mm with a filter, for the worst of the first `members` plants; above 10 where the filter breaks a limit.
+    def _line_ratio(self, notch: Notch) -> float:
+        """|G_al| on the line over constraint (5), the worst of all plants; in terms of |X| the bound is the same everywhere."""
+        speeds = np.linspace(notch.start_rps, notch.end_rps, SEARCH_SPEEDS)
+        inside = self._family.gain_on_the_line((notch, *self.problem.fixed), self.order, speeds)
+        outside = self._bare_gain[:, (self._bare_rps < notch.start_rps) | (self._bare_rps > notch.end_rps)]
+        return float(np.max(np.concatenate([inside, outside], axis=1) / self._bound[:, np.newaxis]))
 
-        Filters that break a limit are ranked by their violation, without a simulation, and behind all that keep the limits.
+    def score(self, notch: Notch, members: int | None = None) -> float:
+        """Tip peak with a filter over that without, for the worst of the first `members` plants; the smaller the better.
+
+        Above 2 where a filter raises a peak of another order or beside it, and above 10 where it breaks a margin: those are
+        ranked by how far they go, the last without a simulation. The limit of the tip in mm has no part in it, constraint (5) a
+        small one where it is nearly kept: where none keeps them, the filter that comes closest is wanted all the same.
         """
         missed = sum(check.violation for check in self.checks(notch))
         if missed > 0.0:
             return 10.0 + missed
         notches = (notch, *self.problem.fixed)
-        peak = 0.0
-        for member in self.problem.members[:members]:
-            rising, falling = self.problem.peaks(member, notches, self.order)
-            peak = max(peak, rising, falling)
-        nominal = self.problem.members[0]
-        for order, allowed in self.allowed_mm.items():
-            spoilt = max(self.problem.peaks(nominal, notches, order)) / allowed - 1.0
-            peak *= 1.0 + 20.0 * max(0.0, spoilt)
-        return min(peak, 9.0) if math.isfinite(peak) else 9.0
+        peak, before, excess = 0.0, 0.0, 0.0
+        for member, bare in zip(self.problem.members[:members], self._before_mm[:members], strict=True):
+            peaks = self.problem.peaks_mm(member, notches)
+            if not np.all(np.isfinite(peaks)):
+                return 9.0
+            peak = max(peak, self.problem.weighted_mm(peaks, self.order))
+            before = max(before, self.problem.weighted_mm(bare, self.order))
+            excess += sum(rise.excess for rise in rises(self.problem, bare, peaks))
+        ratio = peak / max(before, 1e-9) * (1.0 + LINE_WEIGHT * min(max(self._line_ratio(notch) - 1.0, 0.0), LINE_REACH))
+        return min(ratio, WORST_RATIO) if excess == 0.0 else WORST_RATIO + min(0.2 * ratio + excess, 6.9)
 
 
 @dataclass(frozen=True)
@@ -239,18 +178,20 @@ class PeakRow:
         falling_mm: Tip peak of the believed plant while the speed falls.
         worst_mm: The larger of both for the worst of all plants.
         worst_member: Label of that plant.
+        other_mm: Largest peak of the believed plant, up or down, on each of the slower and faster ramps, by their rate in rev/s².
     """
 
-    order: int
+    order: float
     rising_mm: float
     falling_mm: float
     worst_mm: float
     worst_member: str
+    other_mm: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
 class NotchVerdict:
-    """Close check of filters: every 0.1 rev/s from rest to the speed limit, closed-loop poles included.
+    """Close check of filters: every f_al/120 in rev/s from rest to the speed limit, closed-loop poles included.
 
     Attributes:
         notches: The filters.
@@ -270,16 +211,21 @@ class NotchVerdict:
         return all(check.holds for check in self.checks)
 
     @property
+    def is_harmless(self) -> bool:
+        """True where the filters keep all margins and raise no peak: whatever is missed, the limits of the tip alone."""
+        return all(check.holds or check.is_tip_limit for check in self.checks)
+
+    @property
     def missed(self) -> tuple[RequirementCheck, ...]:
         """Checks that are not met, the worst first."""
         return tuple(sorted((check for check in self.checks if not check.holds), key=lambda check: -check.violation))
 
-    def peak(self, order: int) -> PeakRow:
+    def peak(self, order: float) -> PeakRow:
         """Tip peaks of one order."""
         return next(row for row in self.peaks if row.order == order)
 
 
-def verdict(problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[int]) -> NotchVerdict:
+def verdict(problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[float]) -> NotchVerdict:
     """Judge filters by all requirements, for every plant, at every speed.
 
     Args:
@@ -288,25 +234,29 @@ def verdict(problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[in
         orders: Orders for which constraint (5) and the tip peak are checked.
     """
     wide = [widened(notch) for notch in notches]
-    edges = [edge for notch in wide for edge in (notch.start_rps, notch.end_rps) if edge <= problem.speed_limit_rps]
-    grid = np.arange(0.0, problem.speed_limit_rps + 1e-9, VERDICT_STEP_RPS)
-    speeds = np.unique(np.round(np.concatenate([grid, edges]), 9))
+    limit = problem.speed_limit_rps
+    edges = [edge for notch in wide for edge in (notch.start_rps, notch.end_rps) if edge <= limit]
+    grid = np.arange(0.0, limit, problem.f_al_hz / VERDICT_STEPS)
+    speeds = np.unique(np.round(np.concatenate([grid, edges, [limit]]), 9))
     margins_by_plant = _margins(problem, wide, speeds)
-    rows = tuple(_peak_row(problem, notches, order) for order in orders)
+    peaks = {member.label: problem.peaks_mm(member, notches) for member in problem.members}
+    rows = tuple(_peak_row(problem, peaks, order) for order in orders)
     checks = [
         *_margin_checks(problem.requirements, margins_by_plant),
+        *(_rise_checks(problem, peaks) if notches else ()),
         *(_line_check(problem, notches, order) for order in orders),
     ]
     for row in rows:
-        name = f"tip peak on the ramp, k = {row.order},"
-        checks.append(RequirementCheck(name, row.worst_mm, problem.requirements.tip_mm, "mm", True, None, row.worst_member))
+        name = f"tip peak on the ramp, k = {row.order:g},"
+        tip_mm = problem.requirements.tip_mm
+        checks.append(RequirementCheck(name, row.worst_mm, tip_mm, "mm", True, None, row.worst_member, is_tip_limit=True))
     return NotchVerdict(tuple(notches), tuple(checks), margins_by_plant[problem.members[0].label], rows)
 
 
 def _margins(problem: NotchProblem, wide: Sequence[Notch], speeds: Real) -> dict[str, dict[float, Margins]]:
     """Margins by plant and speed; poles are computed anew only where a filter changes them."""
     loops = [problem.loop(member, wide) for member in problem.members]
-    scanned = LoopFamily(loops, step_hz=0.01).margins(wide, speeds)
+    scanned = LoopFamily(loops, step=VERDICT_FREQUENCY_STEP).margins(wide, speeds)
     by_plant: dict[str, dict[float, Margins]] = {}
     for row, (member, loop) in enumerate(zip(problem.members, loops, strict=True)):
         bare = float(np.abs(replace(loop, notches=()).closed_loop_poles()).max())
@@ -338,10 +288,26 @@ def _margin_checks(requirements: Requirements, margins_by_plant: Mapping[str, Ma
     return checks
 
 
-def _line_check(problem: NotchProblem, notches: Sequence[Notch], order: int) -> RequirementCheck:
+def _rise_checks(problem: NotchProblem, peaks_mm: Mapping[str, Real]) -> list[RequirementCheck]:
+    """Peaks of every order, and beside them, against those without a filter; each at its worst plant."""
+    worst: dict[float | None, tuple[Rise, str]] = {}
+    for member in problem.members:
+        for rise in rises(problem, problem.peaks_mm(member, ()), peaks_mm[member.label]):
+            if rise.order not in worst or rise.ratio > worst[rise.order][0].ratio:
+                worst[rise.order] = rise, member.label
+    found = []
+    for order, (rise, label) in worst.items():
+        where = "beside the orders' speeds," if order is None else f"of k = {order:g},"
+        name = f"tip peak {where} over that without a filter"
+        found.append(RequirementCheck(name, rise.ratio, rise.limit, "", True, None, label, is_rise=True))
+    return found
+
+
+def _line_check(problem: NotchProblem, notches: Sequence[Notch], order: float) -> RequirementCheck:
     """Constraint (5) on the line; where a switched filter may be in or out, both count."""
     family = LoopFamily([problem.loop(member) for member in problem.members])
-    speeds = np.arange(BARE_STEP_RPS, problem.speed_limit_rps + 1e-9, BARE_STEP_RPS)
+    step = problem.f_al_hz / BARE_STEPS
+    speeds = np.arange(step, problem.speed_limit_rps + 1e-9, step)
     own = [notch for notch in notches if notch.order == order]
     others = [notch for notch in notches if notch.order != order]
     gains = family.gain_on_the_line(notches, order, speeds)
@@ -352,12 +318,18 @@ def _line_check(problem: NotchProblem, notches: Sequence[Notch], order: int) -> 
     amplitudes = np.array([member.error.amplitude_arcsec[order] for member in problem.members]) * ARCSEC
     ratio = gains * problem.lever_m * amplitudes[:, np.newaxis] / (1e-3 * problem.requirements.tip_mm)
     p, s = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
-    name = f"|G_al| on the line over constraint (5), k = {order},"
-    return RequirementCheck(name, float(ratio[p, s]), 1.0, "", True, float(speeds[s]), problem.members[int(p)].label)
+    name = f"|G_al| on the line over constraint (5), k = {order:g},"
+    label = problem.members[int(p)].label
+    return RequirementCheck(name, float(ratio[p, s]), 1.0, "", True, float(speeds[s]), label, is_tip_limit=True)
 
 
-def _peak_row(problem: NotchProblem, notches: Sequence[Notch], order: int) -> PeakRow:
-    pairs = {member.label: problem.peaks(member, notches, order) for member in problem.members}
-    rising, falling = pairs[problem.members[0].label]
-    worst = max(pairs, key=lambda label: max(pairs[label]))
-    return PeakRow(order, rising, falling, max(pairs[worst]), worst)
+def _peak_row(problem: NotchProblem, peaks_mm: Mapping[str, Real], order: float) -> PeakRow:
+    row = problem.row(order)
+    own = {label: float(np.max(peaks[0, row])) for label, peaks in peaks_mm.items()}
+    believed = peaks_mm[problem.members[0].label][:, row]
+    worst = max(own, key=lambda label: own[label])
+    others = zip(problem.ramps[1:], believed[1 : len(problem.ramps)], strict=True)
+    return PeakRow(
+        order, float(believed[0, 0]), float(believed[0, 1]), own[worst], worst,
+        tuple((ramp.rate_rps_s, float(np.max(peaks))) for ramp, peaks in others),
+    )  # fmt: skip

@@ -34,6 +34,7 @@ from hil.design.plant_problem import (
     K_G,
     LAG,
     LEVER,
+    LOSS,
     VISCOUS,
     PlantProblem,
     SamplingTiming,
@@ -41,6 +42,8 @@ from hil.design.plant_problem import (
 )
 from hil.design.plant_spectra import Spectra
 
+LEFT_OPEN = 3e-3
+"""Relative error of J_m, and in proportion to it of f_r and friction, by what images and holds leave open at a SYNC of 4 ms."""
 EVALUATIONS = 100
 """Steps of a fit from one start."""
 CONFIDENCE = 0.95
@@ -78,6 +81,9 @@ class PlantEstimate:
         tip: Tip acceleration per motor angle; None without accelerometer.
         misfit: √ of the mean squared residual in standard deviations: 1 where the model explains all but the scatter.
         periods: Number of periods that were averaged.
+        torsion_rad: Amplitude of the gear's torsion under the excitation, √2 times its root mean square, for which stiffness and
+            damping hold where the gear has hysteresis.
+        unknowns: The fit's own unknowns, from which another may start.
     """
 
     plant: TwoInertia
@@ -86,10 +92,17 @@ class PlantEstimate:
     tip: ResponseEstimate | None
     misfit: float
     periods: int
+    torsion_rad: float
+    unknowns: Real
 
 
 def fit_plant(
-    data: Spectra, timing: SamplingTiming, reduction_ratio: float, lever_m: float, gravity_nm_rad: float = 0.0
+    data: Spectra,
+    timing: SamplingTiming,
+    reduction_ratio: float,
+    lever_m: float,
+    gravity_nm_rad: float = 0.0,
+    near: PlantEstimate | None = None,
 ) -> PlantEstimate:
     """Fit J_m, J_l, K_g and the dampings by weighted nonlinear least squares on the excited lines.
 
@@ -108,6 +121,7 @@ def fit_plant(
         reduction_ratio: Reduction ratio N.
         lever_m: Tip lever L of the bench file.
         gravity_nm_rad: Slope dM/dθ_l of the gravity moment over the stretch, which acts as a second spring on the arm.
+        near: An earlier estimate to start from, besides the fit's own guesses.
 
     Raises:
         UnidentifiableError: There are fewer than three periods, too few lines, or no resonance in the response.
@@ -117,24 +131,29 @@ def fit_plant(
     if len(data.frequency_hz) < 12:
         raise UnidentifiableError("excited lines", len(data.frequency_hz), 12)
     problem = PlantProblem(data, timing, reduction_ratio, lever_m, gravity_nm_rad)
-    fits = [_fitted(problem, guess) for guess in problem.first_guesses()]
-    best = min(fits, key=lambda fit: float(fit.cost) / len(fit.fun))
+    starts = problem.first_guesses()
+    if near is not None:
+        starts = [problem.start(near.unknowns[: VISCOUS + 1]), *starts[:2]]
+    fits = [_fitted(problem, start) for start in starts]
+    inside = [fit for fit in fits if problem.is_inside(fit.x)]
+    best = min(inside or fits, key=lambda fit: float(fit.cost) / len(fit.fun))
     problem.focus(problem.plant(best.x).antiresonance_hz)
     return _estimate(problem, best.x, np.asarray(best.jac))
 
 
 def _fitted(problem: PlantProblem, x: Real) -> Any:
+    """Fit from one start: first with times as they are believed, which keeps it from wandering off, then with all unknowns."""
     fit: Any = None
-    for evaluations in (EVALUATIONS, EVALUATIONS // 2):  # the second round has the tip's lines around f_a as it came out
+    for evaluations, are_held in ((EVALUATIONS // 4, True), (EVALUATIONS, False), (EVALUATIONS // 4, False)):
         problem.focus(problem.plant(x).antiresonance_hz)
-        low, high = problem.bounds(x)
+        low, high = problem.bounds(x, are_times_held=are_held)
         fit = optimize.least_squares(
             problem.residual,
             np.clip(x, low + 1e-9, high - 1e-9),
             bounds=(low, high),
             x_scale=problem.scale(x),
             loss="soft_l1",
-            f_scale=3.0,
+            f_scale=LOSS,
             max_nfev=evaluations,
         )
         x = fit.x
@@ -149,11 +168,11 @@ def _estimate(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
     covariance = inverse(jacobian.T @ jacobian) * enlarged
     plant = problem.plant(x)
 
-    def parameter(value: float, gradient: Mapping[int, float]) -> EstimatedParameter:
+    def parameter(value: float, gradient: Mapping[int, float], left_open: float = 0.0) -> EstimatedParameter:
         slope = np.zeros(len(x))
         for unknown, part in gradient.items():
             slope[unknown] = part
-        return EstimatedParameter(value, math.sqrt(max(0.0, float(slope @ covariance @ slope))))
+        return EstimatedParameter(value, math.sqrt(max(0.0, float(slope @ covariance @ slope)) + (left_open * value) ** 2))
 
     motor, arm, stiffness = plant.motor_inertia_kg_m2, plant.arm_inertia_kg_m2, plant.gear_stiffness_nm_rad
     damping, f_a, f_r = plant.gear_damping_nm_s_rad + plant.arm_damping_nm_s_rad, plant.antiresonance_hz, plant.resonance_hz
@@ -162,7 +181,7 @@ def _estimate(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
     arm_part = 0.5 * arm_part / (1.0 + arm_part)  # ∂ ln f_r/∂ ln J_l beyond that of f_a
     of_arm, per_n2 = plant.arm_damping_nm_s_rad, 1.0 / problem.ratio**2
     parameters = {
-        "motor_inertia_kg_m2": parameter(motor, {J_M: motor}),
+        "motor_inertia_kg_m2": parameter(motor, {J_M: motor}, LEFT_OPEN),
         "arm_inertia_kg_m2": parameter(arm, {J_L: arm}),
         "gear_stiffness_nm_rad": parameter(stiffness, {K_G: stiffness}),
         "gear_damping_nm_s_rad": parameter(
@@ -172,23 +191,39 @@ def _estimate(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
             plant.motor_damping_nm_s_rad, {VISCOUS: 1.0, DAMPING: -of_arm * per_n2, ARM_PART: -damping * per_n2}
         ),
         "arm_damping_nm_s_rad": parameter(of_arm, {DAMPING: of_arm, ARM_PART: damping}),
-        "viscous_damping_nm_s_rad": parameter(float(x[VISCOUS]), {VISCOUS: 1.0}),
+        "viscous_damping_nm_s_rad": parameter(float(x[VISCOUS]), {VISCOUS: 1.0}, 10.0 * LEFT_OPEN),
         "antiresonance_hz": parameter(f_a, {J_L: -0.5 * f_a, K_G: 0.5 * f_a}),
-        "resonance_hz": parameter(f_r, {J_M: -arm_part * f_r, J_L: (arm_part - 0.5) * f_r, K_G: 0.5 * f_r}),
-        "damping": parameter(zeta, {J_L: -0.5 * zeta, K_G: -0.5 * zeta, DAMPING: zeta}),
+        "resonance_hz": parameter(f_r, {J_M: -arm_part * f_r, J_L: (arm_part - 0.5) * f_r, K_G: 0.5 * f_r}, 0.3 * LEFT_OPEN),
+        "damping": parameter(zeta, {J_L: -0.5 * zeta, K_G: -0.5 * zeta, DAMPING: zeta}, 5.0 * LEFT_OPEN),
         "torque_age_s": parameter(float(x[AGE]), {AGE: 1.0}),
         "torque_lag_s": parameter(float(x[LAG]), {LAG: 1.0}),
     }
     tip = None
     data = problem.data
-    of_torque, of_angle, of_tip = problem.images(x)
+    of_torque, of_angle, of_tip, _ = problem.images(x)
     angle = data.angle - of_angle
     if data.tip is not None:
         parameters["lever_ratio"] = parameter(math.exp(x[LEVER]), {LEVER: math.exp(x[LEVER])})
         parameters["accelerometer_delay_s"] = parameter(float(x[DELAY]), {DELAY: 1.0})
         tip = _response(data.frequency_hz, data.tip - of_tip, angle)
     torque = problem.torque(x, data.torque, of_torque) * problem.felt(x)
-    return PlantEstimate(plant, parameters, _response(data.frequency_hz, angle, torque), tip, misfit, data.periods)
+    return PlantEstimate(
+        plant,
+        parameters,
+        _response(data.frequency_hz, angle, torque),
+        tip,
+        misfit,
+        data.periods,
+        _torsion(plant, data.frequency_hz, angle),
+        x,
+    )
+
+
+def _torsion(plant: TwoInertia, frequency_hz: Real, angle: Complex) -> float:
+    """Amplitude of the torsion θ_m/N − θ_l that goes with the motor angle, √2 times its root mean square."""
+    _, b, c = plant.terms(2j * math.pi * frequency_hz)
+    torsion = angle.mean(axis=0) / plant.reduction_ratio * b / (b + c)
+    return math.sqrt(float(np.sum(np.abs(torsion) ** 2)))
 
 
 def _response(frequency_hz: Real, output: Complex, given: Complex) -> ResponseEstimate:

@@ -28,7 +28,10 @@ from hil.design.frequency import AnyComplex, Complex, Loop, Real, TwoInertia
 from hil.design.plant_spectra import Spectra
 
 AGE_PRIOR_S = 3e-4
-"""Standard deviation of the age of the reported torque around half a control period, as believed before the fit."""
+"""Standard deviation of the age of the reported torque where the control period is not known, as believed before the fit.
+
+Where it is, the age is half of a control period, give or take as much: of the period's beginning, or of the one before.
+"""
 LAG_PRIOR_S = 1e-3
 """Standard deviation of the current loop's time constant, as believed before the fit: real ones have 0.1 to 1 ms."""
 TILT_PRIOR = 0.15
@@ -36,11 +39,15 @@ TILT_PRIOR = 0.15
 TILT_HZ = 40.0
 TIP_BAND = (0.5, 1.6)
 """Band in which the tip is used, over f_a."""
-LARGEST_LAG_S, LARGEST_DELAY_S = 5e-3, 0.05
+LARGEST_LAG_S, LARGEST_TIP_DELAY_S = 5e-3, 0.05
 """Largest time constant of a current loop, and largest delay of an accelerometer, that are believed."""
-LEAST_DELAY_S = 2e-3
+LEAST_TIP_DELAY_S = 2e-3
 """Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
 LEAST_LAG_S = 1e-4
+LOSS = 3.0
+"""Standard deviations from which the fit counts a residual less than squared; never so what is believed."""
+OUTSIDE = 1.2
+"""Resonance over the end of the band up to which it is believed."""
 TRIED = 16
 """Anti-resonances that are tried as a start."""
 GUESSES = 3
@@ -49,7 +56,13 @@ LARGEST_CHANGE = 3.0
 """Largest change, as a logarithm, of an inertia, the stiffness, the damping or the lever in one round of the fit."""
 MODEL_ERROR, TIP_ERROR = 5e-4, 1e-3
 """Parts of the motor's and the tip's motion that the model leaves open: counts, holds and Runge-Kutta steps, without scatter."""
-IMAGE_ERROR = 0.1
+LAW_OPEN = 0.02
+"""Part of the motor's motion that the law's gains alone do not foretell: filters of a drive that no bench file names.
+
+Where the torque is lost in the noise of a coarse encoder, or in images, the motion that follows from excitation, plant and law is
+what tells J_m; elsewhere the measured torque tells it better.
+"""
+IMAGE_ERROR = 0.5
 """Part of the tip's images that is left open: a sensor's gain at such frequencies is not known."""
 SMOOTHED_LINES = 5
 """Lines over which the scatter between periods is averaged: of a few periods alone it is too uncertain for a weight."""
@@ -78,7 +91,15 @@ J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT = range(
 
 @dataclass(frozen=True)
 class _Folding:
-    """What folds onto the lines, of shape (images, lines): frequencies, jω, the law, what drives it, and 1/hold of the torque."""
+    """What folds onto the lines, and first the lines themselves; all of shape (1 + images, lines).
+
+    Attributes:
+        frequency_hz: Frequencies f + k/T.
+        jw: Their jω.
+        feedback: The law, with its hold.
+        drive: Demand of the excitation.
+        flat: Inverse of the torque's hold.
+    """
 
     frequency_hz: Real
     jw: Complex
@@ -107,7 +128,7 @@ class PlantProblem:
         highest = max(1, int(0.5 * sync / control + 1e-9) - 1) if control > 0.0 else 0  # below half the rate of the law
         if law is None or highest == 0:
             return None
-        fold = np.array([k for k in range(-highest, highest + 1) if k])[:, np.newaxis]
+        fold = np.array([0, *(k for k in range(-highest, highest + 1) if k)])[:, np.newaxis]
         frequency = self.data.frequency_hz + fold / sync
         jw = 2j * math.pi * frequency
         still = TwoInertia(self.ratio, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0)  # the law does not ask for the plant
@@ -118,30 +139,37 @@ class PlantProblem:
             # the set-point of a SYNC is reached, in a straight line, with the last control period before the next
             wanted = self.excitation * np.exp(-jw * (sync - control)) * np.sinc(frequency * sync) ** 2
             drive = _reference_path(law, jw, control) * wanted
-        return _Folding(frequency, jw, feedback, np.asarray(drive), 1.0 / np.sinc(frequency * control))
+        return _Folding(
+            frequency,
+            np.asarray(jw, dtype=np.complex128),
+            feedback,
+            np.asarray(drive, dtype=np.complex128),
+            1.0 / np.sinc(frequency * control),
+        )
 
     # -- what the plant felt and did -----------------------------------------------------------------------------------
 
-    def images(self, x: Real) -> tuple[Complex, Complex, Complex]:
-        """Images of the excitation in the torque, F_k, in the motor angle, Y_k, and at the tip, summed over k; shapes (lines,).
+    def images(self, x: Real) -> tuple[Complex, Complex, Complex, Complex]:
+        """Images in the torque, F_k, in the motor angle, Y_k, and at the tip, and the motor angle that the law foretells.
 
-        With a SYNC of 4 ms they are as large as what they lie on, so that they take part in every step of the fit.
+        Images are summed over k; all of shape (lines,). With a SYNC of 4 ms they are as large as what they lie on, so that they
+        take part in every step of the fit.
         """
         folded = self._folded
         if folded is None:
             none = np.zeros_like(self.excitation)
-            return none, none, none
+            return none, none, none, none
         plant = self.plant(x)
         motion = plant.motor_angle_per_torque(folded.frequency_hz) / (1.0 + folded.jw * x[LAG])
         acting = folded.drive / (1.0 + folded.feedback * motion)
         moved = motion * acting
         asked = -folded.feedback * moved if self.timing.kind == "torque" else acting
-        reported = (asked * folded.flat * np.exp(-folded.jw * x[AGE])).sum(axis=0)
+        reported = (asked * folded.flat * np.exp(-folded.jw * x[AGE]))[1:].sum(axis=0)
         tip = np.zeros_like(self.excitation)
         if self.data.tip is not None:
             lever = self.lever_m * math.exp(x[LEVER])
-            tip = (tip_response(plant, folded.frequency_hz, lever, float(x[DELAY])) * moved).sum(axis=0)
-        return np.asarray(reported), np.asarray(moved.sum(axis=0)), np.asarray(tip)
+            tip = (tip_response(plant, folded.frequency_hz, lever, float(x[DELAY])) * moved)[1:].sum(axis=0)
+        return np.asarray(reported), np.asarray(moved[1:].sum(axis=0)), np.asarray(tip), np.asarray(moved[0])
 
     def torque(self, x: Real, torque: Complex, image: Complex) -> Complex:
         """Torque that was asked of the current loop, from the reported one; shape (…, lines)."""
@@ -196,16 +224,24 @@ class PlantProblem:
         more = [0.5 * self.timing.control_s, 0.1, 0.5 * LEAST_LAG_S]
         return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0]])
 
-    def bounds(self, x: Real) -> tuple[Real, Real]:
+    def is_inside(self, x: Real) -> bool:
+        """True where both resonances are in the band, or not far above it: others are made of a slow SYNC's images."""
+        plant, frequency = self.plant(x), self.data.frequency_hz
+        return bool(frequency[0] < plant.antiresonance_hz < frequency[-1] and plant.resonance_hz < OUTSIDE * frequency[-1])
+
+    def bounds(self, x: Real, *, are_times_held: bool = False) -> tuple[Real, Real]:
         """Bounds of one round of the fit around x: what physics allows, and no further than it can be trusted."""
         low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
         for unknown in (J_M, J_L, K_G, DAMPING, LEVER)[: 5 if self.data.tip is not None else 4]:
             low[unknown], high[unknown] = x[unknown] - LARGEST_CHANGE, x[unknown] + LARGEST_CHANGE
-        low[AGE], high[AGE] = 0.0, max(self.timing.sync_s, 1e-3)
+        low[AGE], high[AGE] = 0.0, 1e-3
         low[ARM_PART], high[ARM_PART] = 0.0, 1.0
         low[LAG], high[LAG] = 0.0, LARGEST_LAG_S
+        if are_times_held:
+            middle = 0.5 * self.timing.control_s or AGE_PRIOR_S
+            low[AGE], high[AGE], high[LAG] = 0.8 * middle, 1.2 * middle, 5.0 * LEAST_LAG_S
         if self.data.tip is not None:
-            low[DELAY], high[DELAY] = -LEAST_DELAY_S, LARGEST_DELAY_S
+            low[DELAY], high[DELAY] = -LEAST_TIP_DELAY_S, LARGEST_TIP_DELAY_S
             last = self.data.frequency_hz[self._tip_lines[-1]] if len(self._tip_lines) else TILT_HZ
             low[TILT], high[TILT] = -1.0, 0.9 * (TILT_HZ / last) ** 2
         return low, high
@@ -237,22 +273,27 @@ class PlantProblem:
     def residual(self, x: Real) -> Real:
         """Residuals in standard deviations, real and imaginary parts, and last those of what was believed (`beliefs`)."""
         plant, data = self.plant(x), self.data
-        of_torque, of_angle, of_tip = self.images(x)
+        of_torque, of_angle, of_tip, foretold = self.images(x)
         angle = self._measured[0] - of_angle
         torque = self.torque(x, self._measured[1], of_torque)
         model = angle_response(plant, data.frequency_hz, self.gravity) * self.felt(x)
         size = np.abs(model) * (np.abs(torque) + np.abs(of_torque)) + np.abs(of_angle)
         sigma = self.scatter.deviation(model * np.exp(self.jw * x[AGE]), MODEL_ERROR * size)
         left = [(angle - model * torque) / sigma]
+        if self._folded is not None:
+            sigma = np.sqrt(self.scatter.output + (LAW_OPEN * np.abs(foretold)) ** 2)
+            left.append((angle - foretold) / sigma)
         if data.tip is not None and self.tip_scatter is not None:
             model = tip_response(plant, data.frequency_hz, self.lever_m * math.exp(x[LEVER]), float(x[DELAY]), self.gravity)
             model = model / (1.0 - float(x[TILT]) * (data.frequency_hz / TILT_HZ) ** 2)
             sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
             left.append(((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)[self._tip_lines])
         stacked = np.concatenate(left) * math.sqrt(2.0)  # σ² = E|e|²: half of it in either part
-        believed = [(x[AGE] - 0.5 * self.timing.control_s) / AGE_PRIOR_S, x[LAG] / LAG_PRIOR_S]
+        middle = 0.5 * self.timing.control_s
+        believed = [(x[AGE] - middle) / (middle or AGE_PRIOR_S), x[LAG] / LAG_PRIOR_S]
         if data.tip is not None:
             believed.append(x[TILT] / TILT_PRIOR)
+        believed = [math.copysign(LOSS * math.sqrt((1.0 + 0.5 * (each / LOSS) ** 2) ** 2 - 1.0), each) for each in believed]
         return np.concatenate([stacked.real, stacked.imag, believed])
 
     @property

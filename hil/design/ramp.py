@@ -1,4 +1,4 @@
-"""A motion in the time domain, without friction and bus: the arm's motion while the filter follows the motor.
+"""A motion in the time domain, without a bus: the arm's motion while the filter follows the motor.
 
 At constant speed the closed form G_al gives the arm's vibration. On a ramp it does not: with the notch the closed loop has a time
 constant of 0.2 s, in which a motor that gains 4 rev/s every second has left the resonance. So a filter is designed on the ramp
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hil.control.angles import ARCSEC
 from hil.control.compiled import compiled, inlined
 from hil.control.records import record_dtype
-from hil.control.servo import LAW, LawRow, ServoConfig, servo_step
+from hil.control.servo import LAW, LawRow, ServoConfig, servo_start, servo_step
 from hil.design.frequency import Loop, TwoInertia
 from hil.design.transmission_error import TransmissionError
 
@@ -64,6 +64,16 @@ def _error(harmonics: Real, angle: float) -> float:
     return total
 
 
+@compiled
+def _slope(harmonics: Real, angle: float) -> float:
+    """Slope dθ_sync/dθ_m; arguments as of `_error`."""
+    total = 0.0
+    for i in range(harmonics.shape[1]):
+        k = harmonics[0, i]
+        total -= k * (harmonics[1, i] * math.sin(k * angle) + harmonics[2, i] * math.cos(k * angle))
+    return total
+
+
 @inlined
 def _product(row: Real, values: Real) -> float:
     """Sum of the products, always in the same order."""
@@ -79,6 +89,8 @@ def _run(
     harmonics: Real,
     law: LawRow,
     period_s: float,
+    friction_nm: float,
+    gravity_nm: float,
     waiting: Real,
     every: int,
     reference: Real,
@@ -91,6 +103,8 @@ def _run(
         harmonics: k, A_k cos φ_k and A_k sin φ_k in rad; shape (3, orders).
         law: The law that closes the loop.
         period_s: Sampling time of the law.
+        friction_nm: Friction against the motor throughout; the law holds it and gravity from the beginning.
+        gravity_nm: Gravity against the motor, through the gear: the error's slope modulates it.
         waiting: Torques that have been computed and do not act yet; shape (delay_samples,).
         every: Number of control periods per recorded sample.
         reference: θ_ref in rad; shape (samples,).
@@ -100,6 +114,7 @@ def _run(
     x[0] = reference[0]
     sync = _error(harmonics, x[0])
     x[2] = x[0] / plant.ratio + sync  # at rest and unloaded the gear is without torsion: eq. (1)
+    servo_start(law, x[0], 0.0, friction_nm + gravity_nm)
     last = 0.0
     for n in range(len(reference)):
         command = servo_step(law, period_s, 1e300, reference[n], 0.0, 0.0, x[0])
@@ -111,7 +126,10 @@ def _run(
         ahead = _error(harmonics, x[0] + period_s * (x[1] + 0.5 * (x[1] - last)))
         last = x[1]
         v[:4] = x
-        v[4], v[5], v[6] = torque, sync, ahead - sync
+        load = friction_nm
+        if gravity_nm != 0.0:
+            load += gravity_nm * (1.0 + plant.ratio * _slope(harmonics, x[0]))
+        v[4], v[5], v[6] = torque - load, sync, ahead - sync
         if n % every == 0:
             samples[0, n // every] = x[1] / (2.0 * math.pi)
             samples[1, n // every] = _product(plant.arm, v)
@@ -157,17 +175,26 @@ def _exponential(matrix: Real) -> Real:
     return np.asarray(total)
 
 
-def follow(loop: Loop, error: TransmissionError, reference_rad: Real, sample_s: float = SAMPLE_S) -> RampMotion:
+def follow(
+    loop: Loop,
+    error: TransmissionError,
+    reference_rad: Real,
+    sample_s: float = SAMPLE_S,
+    load_nm: tuple[float, float] = (0.0, 0.0),
+) -> RampMotion:
     """Simulate the axis along a motion of its motor, from rest, with the drive's own law at the loop's period and delay.
 
-    Friction, gravity, torque limit, encoder steps and the bus are left out. They are slow or small against the vibration: on the
-    reference robot the tip peak of the ramp comes out within a few per cent of the full physics.
+    Torque limit, encoder steps and the bus are left out; friction and gravity are one constant torque. On the reference robot the
+    tip peak of the ramp comes out within a few per cent of the full physics.
 
     Args:
         loop: Plant, gains, filters, sampling time, delay.
         error: Transmission error θ_sync.
         reference_rad: θ_ref at every period of the loop; shape (samples,). It starts at rest.
         sample_s: Time between two samples of the result, rounded to whole periods.
+        load_nm: Friction and gravity against the motor, constant on a ramp. To a filter that follows the speed they matter: while
+            its coefficients change it passes a constant torque on as an oscillation. Gravity reaches the motor through the gear,
+            N θ'_sync more or less of it.
 
     Source: the paper, Fig. 3, eq. (1) and (2).
     """
@@ -177,10 +204,9 @@ def follow(loop: Loop, error: TransmissionError, reference_rad: Real, sample_s: 
     plant["ratio"] = loop.plant.reduction_ratio
     plant["step"][0], plant["arm"][0] = _discrete(loop.plant, loop.period_s)
     ServoConfig(loop.cascade, math.inf, tuple(loop.notches)).write(law[0])
-    law[0]["cascade_state"]["motor_angle_rad"] = reference[0]
     samples = np.zeros((2, -(-len(reference) // every)))
-    waiting = np.zeros(loop.delay_samples)
-    _run(plant[0], _harmonics(error), law[0], loop.period_s, waiting, every, reference, samples)
+    waiting = np.full(loop.delay_samples, sum(load_nm))
+    _run(plant[0], _harmonics(error), law[0], loop.period_s, *load_nm, waiting, every, reference, samples)
     return RampMotion(every * loop.period_s, samples[0], samples[1])
 
 

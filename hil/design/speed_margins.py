@@ -14,8 +14,8 @@ from hil.design.frequency import Loop
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-FINE_BAND_HZ = (4.0, 32.0)
-"""Speeds at which a filter of the 2nd or 4th order acts on a resonance near 12 Hz; looked at more finely than the rest."""
+FINE_BAND = (0.33, 2.7)
+"""Band in which filters act on a resonance, in units of f_a of the arm on its gear; looked at more finely than the rest."""
 
 
 @dataclass(frozen=True)
@@ -104,12 +104,12 @@ class LoopFamily:
         loops: Loops without filters, one per plant.
     """
 
-    def __init__(self, loops: Sequence[Loop], step_hz: float = 0.04) -> None:
+    def __init__(self, loops: Sequence[Loop], step: float = 1.0 / 320.0) -> None:
         """Compute the open loops.
 
         Args:
             loops: Loops, one per plant.
-            step_hz: Frequency step in the band of the filters; 0.04 Hz gives M_s to 0.005 and the phase margin to 0.5°.
+            step: Frequency step in the band of the filters in units of f_a; 1/320 gives M_s to 0.005, the phase margin to 0.5°.
 
         Raises:
             ValueError: There is no loop, or the loops have different periods.
@@ -118,8 +118,11 @@ class LoopFamily:
             raise ValueError("a family needs loops, all of one sampling period")
         self.loops = [replace(loop, notches=()) for loop in loops]
         period = self.loops[0].period_s
-        fine = np.arange(FINE_BAND_HZ[0], min(FINE_BAND_HZ[1], 0.45 / period), step_hz)
-        frequency = np.unique(np.concatenate([np.geomspace(0.5, 0.49 / period, round(14.4 / step_hz)), fine]))
+        f_a = [loop.plant.antiresonance_hz for loop in self.loops]
+        low_hz, high_hz = FINE_BAND[0] * min(f_a), min(FINE_BAND[1] * max(f_a), 0.45 / period)
+        fine = np.arange(low_hz, high_hz, step * f_a[0])
+        coarse = np.geomspace(f_a[0] / 24.0, 0.49 / period, round(1.125 / step))
+        frequency = np.unique(np.concatenate([coarse, fine]))
         self._delay = np.exp(-2j * math.pi * frequency * period)
         self._bare = np.array([loop.open_loop(frequency) for loop in self.loops])
 
@@ -136,7 +139,7 @@ class LoopFamily:
         _scan(self._delay, self._bare, coefficients, out)
         return SpeedMargins(np.asarray(speeds_rps), out[:, :, 0], out[:, :, 1], out[:, :, 2], out[:, :, 3])
 
-    def gain_on_the_line(self, notches: Sequence[Notch], order: int, speeds_rps: Real) -> Real:
+    def gain_on_the_line(self, notches: Sequence[Notch], order: float, speeds_rps: Real) -> Real:
         """Gain |X| = |θ_l/θ_sync| at k f_m for every plant at every speed, filters frozen there; shape (plants, speeds)."""
         line = order * np.asarray(speeds_rps, dtype=np.float64)
         base = self.loops[0]

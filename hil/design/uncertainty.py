@@ -58,7 +58,7 @@ def around(
         amplitude_error_arcsec: Standard errors of A_k.
 
     Raises:
-        ValueError: The percentage is not within 0 … 50.
+        ValueError: The percentage is not within 0 … 50, or above 0 and below `LEAST_SPREAD`.
     """
     nominal = Member("nominal", plant, error)
     known = dict(standard_error or {})
@@ -66,6 +66,9 @@ def around(
         percent = DEFAULT_PERCENT
     if percent is not None and not 0.0 <= percent <= 50.0:
         raise ValueError(f"an uncertainty of {percent} % is not within 0 … 50 %")
+    if percent is not None and 0.0 < percent < 100.0 * LEAST_SPREAD:
+        least = 100.0 * LEAST_SPREAD
+        raise ValueError(f"an uncertainty of {percent} % is less than the {least:g} % by which f_a moves anyway; 0: none at all")
     amplitudes = {
         order: amplitude + SIGMAS * (amplitude_error_arcsec or {}).get(order, 0.0)
         for order, amplitude in error.amplitude_arcsec.items()

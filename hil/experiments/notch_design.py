@@ -1,36 +1,26 @@
 """`hil design notch`: filters from a bench file and an identified model, and the parameter set of a drive."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
-
-import numpy as np
 
 from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.family.profile import Profile
 from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet
 from drive_profiles.realisation import NotchTarget, realise
-from hil.analysis import TipScale, tip_displacement_mm
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.design import DesignedAxis, notch_table
 from hil.bench.model import Identified, IdentifiedAxis, with_identified
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
-from hil.control.trajectory import ConstantAcceleration, sample_times
-from hil.design.frequency import CONTROL_PERIOD_S, Loop
-from hil.design.notch_design import NotchProblem, NotchVerdict, RequirementCheck, Requirements
-from hil.design.notch_search import Effort, pooled_verdict, search, workers
-from hil.design.ramp import RampMotion
-from hil.design.transmission_error import TransmissionError
-from hil.design.uncertainty import around
+from hil.design.frequency import Loop
+from hil.design.notch_design import GAIN_ENOUGH, WORST_RATIO, NotchVerdict, RequirementCheck
+from hil.design.notch_problem import NotchProblem
+from hil.design.notch_search import SearchResult, pooled_verdict, search, workers
 from hil.errors import HilError, NotPossibleError
-from hil.experiments.judge import scale_at
+from hil.experiments.notch_problem import NotchDesignRequest, problem_of, unreached_words
 from hil.reporter import SILENT, Reporter
 from hil.results.notch_design import DesignCheck, DesignPlant, DesignVerdict, NotchDesignResult, SpeedMarginsEntry, TipPeak
-from hil.robot_tables import amplitude_key
-
-SETTLE_RPS = 1.0
-"""Reach of the ramp down below the lowest judged speed, so that the band-pass can settle, rev/s."""
 
 
 class InfeasibleError(HilError):
@@ -41,58 +31,7 @@ class InfeasibleError(HilError):
     def __init__(self, axis: int, what: str, missed: Sequence[RequirementCheck]) -> None:
         """Keep the axis, the sentence on the search, and the checks that the closest filter misses."""
         self.axis, self.what, self.missed = axis, what, tuple(missed)
-        super().__init__(f"axis {axis}: {what}: {'; '.join(map(str, missed))}")
-
-
-@dataclass(frozen=True)
-class TipDisplacement:
-    """Tip displacement of a simulated run, by the metric of measured ones (`hil.analysis`).
-
-    Attributes:
-        lever_m: Distance from the arm's axis to the tip.
-        scale: Scale of the axis.
-    """
-
-    lever_m: float
-    scale: TipScale
-
-    def __call__(self, motion: RampMotion, low_rps: float, high_rps: float) -> tuple[float, float]:
-        """Largest tip displacement in mm between two speeds, while the speed rises and while it falls."""
-        displacement = np.abs(tip_displacement_mm(self.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, self.scale))
-        speed = np.abs(motion.motor_speed_rps)
-        inside = (speed >= low_rps) & (speed <= high_rps)
-        rising = np.arange(len(speed)) < int(np.argmax(speed))
-        peaks = [float(np.max(displacement[inside & part], initial=0.0)) for part in (rising, ~rising)]
-        return peaks[0], peaks[1]
-
-
-@dataclass(frozen=True)
-class NotchDesignRequest:
-    """Request of a notch design.
-
-    Attributes:
-        axis: Axis number.
-        orders: Orders k, in the order in which their filters are designed.
-        shapes: Shapes that are tried.
-        requirements: Margins and tip peak; None for the defaults with the bench file's specification.
-        uncertainty_percent: Uncertainty of K_g and J_l; None for the model file's standard errors, or 5 %.
-        period_s: Sampling time of the loop; None for the drive family's, or 250 µs.
-        delay_samples: Whole samples between measurement and torque.
-        effort: Evaluations and seed of the search.
-        jobs: Number of processes; 0 for this one alone.
-        is_given: True to judge the bench file's own filters only.
-    """
-
-    axis: int
-    orders: tuple[int, ...] = (2,)
-    shapes: tuple[str, ...] = ("switched", "trapezoid")
-    requirements: Requirements | None = None
-    uncertainty_percent: float | None = None
-    period_s: float | None = None
-    delay_samples: int = 0
-    effort: Effort = field(default_factory=Effort)
-    jobs: int = 0
-    is_given: bool = False
+        super().__init__(f"axis {axis}: {what}{': ' if self.missed else ''}{'; '.join(map(str, self.missed))}")
 
 
 @dataclass(frozen=True)
@@ -111,6 +50,7 @@ class NotchDesignOutcome:
         failure: Error where no filter meets the requirements; None where one does.
         seconds: Duration of the design.
         emulated: Parts of the model file that were identified on an emulated robot, of `plant` and `ate`.
+        notes: Orders that were asked for and got no filter, with the reason.
     """
 
     bench: Bench
@@ -124,6 +64,17 @@ class NotchDesignOutcome:
     failure: InfeasibleError | None
     seconds: float
     emulated: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def is_usable(self) -> bool:
+        """True where the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm."""
+        return bool(self.best.notches) and self.best.is_harmless
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """Orders of the request that the axis reaches."""
+        return tuple(order for order in self.request.orders if order in self.problem.orders)
 
     @property
     def table(self) -> AxisTable:
@@ -174,13 +125,15 @@ def design(
             source += f"; {' and '.join(emulated)} identified on an emulated robot"
         bench = with_identified(bench, identified)
     problem, f_al = problem_of(bench, request, axis_model)
-    table = bench.axis[request.axis]
-    given = tuple(one.notch() for one in table.notch)
+    orders = tuple(order for order in request.orders if order in problem.orders)
+    beyond = [order for order in request.orders if order not in orders]
+    notes = [unreached_words(request.axis, beyond, f_al, problem.speed_limit_rps)] if beyond else []
+    given = tuple(one.notch() for one in bench.axis[request.axis].notch)
+    designed: NotchVerdict | None = None
+    failure: InfeasibleError | None = None
     with workers(request.jobs) as pool:
-        none = pooled_verdict(problem, (), request.orders, pool)
-        given_verdict = pooled_verdict(problem, given, request.orders, pool) if given else None
-        designed: NotchVerdict | None = None
-        failure: InfeasibleError | None = None
+        none = pooled_verdict(problem, (), orders, pool)
+        given_verdict = pooled_verdict(problem, given, orders, pool) if given else None
         if request.is_given:
             if given_verdict is None:
                 raise NotPossibleError(f"axis {request.axis}: the bench file gives it no notch")
@@ -189,139 +142,91 @@ def design(
         elif bare := _bare_failure(request.axis, none):
             failure, designed = bare, none
         else:
-            designed, failure = _searched(problem, request, f_al, given, pool, reporter)
+            made = _Series(problem, request, orders, none, pool, reporter).run(given)
+            designed, failure = made.best, made.failure
+            notes += made.notes
     seconds = time.monotonic() - began
-    return NotchDesignOutcome(bench, source, request, problem, f_al, none, given_verdict, designed, failure, seconds, emulated)
+    return NotchDesignOutcome(
+        bench, source, request, problem, f_al, none, given_verdict, designed, failure, seconds, emulated, tuple(notes)
+    )
 
 
 def _bare_failure(axis: int, none: NotchVerdict) -> InfeasibleError | None:
     """Error where margins are missed without any filter: no filter can mend them at speeds where it does not act."""
-    missed = [check for check in none.missed if check.name in {"pole radius", "M_s", "phase margin", "gain margin"}]
+    missed = [check for check in none.missed if not check.is_tip_limit]
     if not missed:
         return None
     return InfeasibleError(axis, "these gains miss what is asked already without a filter", missed)
 
 
-def _searched(
-    problem: NotchProblem,
-    request: NotchDesignRequest,
-    f_al_hz: float,
-    given: Sequence[Notch],
-    pool: Any,
-    reporter: Reporter,
-) -> tuple[NotchVerdict, InfeasibleError | None]:
-    """Search one filter after the other; filters of other orders stay as they are given."""
-    fixed = tuple(notch for notch in given if notch.order not in request.orders)
-    if len(fixed) + len(request.orders) > NOTCHES:
-        raise NotPossibleError(f"axis {request.axis}: {len(fixed)} filters of other orders leave no room; an axis has {NOTCHES}")
+@dataclass
+class _Series:
+    """Filters of several orders, searched one after the other; filters of other orders stay as they are given."""
+
+    problem: NotchProblem
+    request: NotchDesignRequest
+    orders: tuple[int, ...]
+    none: NotchVerdict
+    pool: Any
+    reporter: Reporter
     best: NotchVerdict | None = None
-    for number, order in enumerate(request.orders):
-        own = [notch for notch in given if notch.order == order and notch.mode != NOTCH_OFF]
-        present = replace(problem, fixed=fixed)
+    failure: InfeasibleError | None = None
+    notes: list[str] = field(default_factory=list)
 
-        def progress(fraction: float, number: int = number) -> None:
-            reporter.progress((number + fraction) / len(request.orders))
+    def run(self, given: Sequence[Notch]) -> "_Series":
+        """Search them."""
+        axis = self.request.axis
+        fixed = tuple(notch for notch in given if notch.order not in self.orders and notch.mode != NOTCH_OFF)
+        if len(fixed) + len(self.orders) > NOTCHES:
+            raise NotPossibleError(f"axis {axis}: {len(fixed)} filters of other orders leave no room; an axis has {NOTCHES}")
+        found = False
+        for number, order in enumerate(self.orders):
+            result = self._search(number, order, fixed, [notch for notch in given if notch.order == order])
+            reason = self._reason_against(order, result)
+            if reason is None:
+                fixed, found = result.best.notches, True
+            else:
+                self.failure = self.failure or reason
+                self.notes.append(str(reason))
+        if not found:
+            return self
+        self.failure = None
+        self.best = pooled_verdict(self.problem, fixed, self.orders, self.pool)
+        if not self.best.holds:
+            what = "the filters together miss what is asked"
+            if self.best.is_harmless:
+                what = "the best filters within all margins still miss the limits of the tip"
+            self.failure = InfeasibleError(axis, what, self.best.missed)
+        return self
 
-        result = search(
-            present, order, request.shapes, f_al_hz, effort=request.effort, pool=pool, given=own,
-            template=own[0] if own else None, progress=progress,
+    def _search(self, number: int, order: int, fixed: Sequence[Notch], own: Sequence[Notch]) -> SearchResult:
+        def progress(fraction: float) -> None:
+            self.reporter.progress((number + fraction) / len(self.orders))
+
+        acting = [notch for notch in own if notch.mode != NOTCH_OFF]
+        return search(
+            replace(self.problem, fixed=tuple(fixed)), order, self.request.shapes, self.problem.f_al_hz,
+            effort=self.request.effort, pool=self.pool, given=acting, template=acting[0] if acting else None, progress=progress,
         )  # fmt: skip
-        best = result.best
-        if not best.holds:
-            shapes = " or ".join(request.shapes)
+
+    def _reason_against(self, order: int, result: SearchResult) -> InfeasibleError | None:
+        """Reason why an order gets no filter; the closest is kept for the report where it misses a margin."""
+        shapes = " or ".join(self.request.shapes)
+        margins = [check for check in result.best.missed if not check.is_tip_limit and not check.is_rise]
+        if margins:
+            self.best = result.best
             what = f"no {shapes} filter of order {order} keeps all that is asked; the closest misses"
-            return best, InfeasibleError(request.axis, what, best.missed)
-        fixed = best.notches
-    assert best is not None  # noqa: S101 - there is at least one order
-    whole = pooled_verdict(problem, best.notches, request.orders, pool)
-    if whole.holds:
-        return whole, None
-    return whole, InfeasibleError(request.axis, "the filters together miss what is asked", whole.missed)
-
-
-def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: IdentifiedAxis | None = None) -> tuple[NotchProblem, float]:
-    """NotchProblem of a request, and f_al in Hz.
-
-    Raises:
-        NotPossibleError: The bench lacks the axis, its model, its transmission error, or a ramp.
-    """
-    number = request.axis
-    if number not in bench.axis:
-        raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
-    table = bench.axis[number]
-    plant = table.plant()
-    if plant is None or table.model is None:
-        raise NotPossibleError(f"axis {number} has no model: give one in the bench file, or by hil identify and --model")
-    if bench.constant_acceleration is None:
-        raise NotPossibleError(f"bench {bench.name!r} has no constant_acceleration table: a filter is judged on its ramp")
-    period = request.period_s or _period_s(table)
-    cascade = table.gains(f"a filter of axis {number}").cascade()
-    bare = Loop(plant, cascade, (), period, request.delay_samples)
-    f_al = bare.peak_hz()
-    scale = scale_at(bench, number, f_al)
-    if unjudged := [order for order in request.orders if order not in scale.windows_rps]:
-        own = " and ".join(map(str, sorted(scale.windows_rps)))
-        raise NotPossibleError(f"filters of order {unjudged[0]} are not judged; of order {own} they are")
-    for order in request.orders:
-        if not table.model.ate.amplitudes_arcsec().get(order, 0.0) > 0.0:
-            raise NotPossibleError(f"axis {number}: the transmission error of order {order} is not known: hil identify ate")
-    ate, nothing = table.model.ate, dict[float, float]()
-    nothing |= dict.fromkeys(scale.windows_rps, 0.0)  # an order may have a window, and no amplitude
-    error = TransmissionError({**nothing, **ate.amplitudes_arcsec()}, {**nothing, **ate.phases_deg()})
-    top_rps = min(bench.constant_acceleration.end_rps, table.limits.speed_rps)
-    for order in request.orders:
-        if top_rps < f_al / order:
-            raise NotPossibleError(
-                f"axis {number}: order {order} meets f_al = {f_al:.2f} Hz at {f_al / order:.2f} rev/s, beyond the ramp's end at "
-                f"{top_rps:g} rev/s: raise end_rps of constant_acceleration, or the speed limit"
-            )
-    errors, amplitudes = _standard_errors(axis_model)
-    members = around(plant, error, percent=request.uncertainty_percent, standard_error=errors, amplitude_error_arcsec=amplitudes)
-    problem = NotchProblem(
-        members=members,
-        cascade=cascade,
-        period_s=period,
-        delay_samples=request.delay_samples,
-        lever_m=table.tip_lever_m,
-        speed_limit_rps=table.limits.speed_rps,
-        reference_rad=_reference(bench, request, period, scale),
-        windows_rps={
-            order: scale.windows_rps[order]
-            for order in sorted({*request.orders, *(n.order for n in table.notch)})
-            if order in scale.windows_rps
-        },
-        tip_peak=TipDisplacement(table.tip_lever_m, scale),
-        requirements=request.requirements or Requirements(tip_mm=bench.specification.tip_mm),
-    )
-    return problem, f_al
-
-
-def _period_s(table: AxisTable) -> float:
-    """Period of the loop inside the drive, from its drive profile."""
-    loop = Profile.load(table.profile).loop
-    return CONTROL_PERIOD_S if loop is None or loop.period_s is None else loop.period_s
-
-
-def _standard_errors(axis_model: IdentifiedAxis | None) -> tuple[Mapping[str, float], Mapping[float, float]]:
-    errors: dict[str, float] = {}
-    amplitudes: dict[float, float] = {}
-    if axis_model is not None and axis_model.plant is not None:
-        errors = dict(axis_model.plant.standard_error)
-    if axis_model is not None and axis_model.ate is not None:
-        known = axis_model.ate.values.amplitudes_arcsec()
-        amplitudes = {order: axis_model.ate.standard_error.get(amplitude_key(order), 0.0) for order in known}
-    return errors, amplitudes
-
-
-def _reference(bench: Bench, request: NotchDesignRequest, period_s: float, scale: TipScale) -> Any:
-    """θ_ref of the bench file's ramp, up at its rate and down at the same, until the lowest judged speed is well behind."""
-    table = bench.constant_acceleration
-    assert table is not None  # noqa: S101 - the caller has looked
-    rate, top = table.acceleration_rps_s, min(table.end_rps, bench.axis[request.axis].limits.speed_rps)
-    ramp = ConstantAcceleration(rate, top, rate, dwell_s=0.1, tail_s=0.0)
-    lowest = min(scale.windows_rps[order][0] for order in request.orders)
-    down = (top - max(0.0, lowest - SETTLE_RPS)) / rate
-    return ramp.motor_angle(sample_times(0.1 + top / rate + down, period_s))
+            return InfeasibleError(self.request.axis, what, result.best.missed)
+        if result.best.is_harmless and result.ratio < GAIN_ENOUGH:
+            return None
+        self.best = self.best or self.none
+        what = f"no filter of order {order} is better than none here"
+        if result.ratio < WORST_RATIO:
+            what += f": the closest leaves {100.0 * result.ratio:.0f} % of its tip peak"
+        raised = [check for check in result.best.missed if check.is_rise]
+        if raised:
+            what = f"no filter of order {order} is better than none here: the closest raises a peak"
+        return InfeasibleError(self.request.axis, what, raised)
 
 
 # -- files ----------------------------------------------------------------------------------------------------------
@@ -388,7 +293,7 @@ def check_drive(bench: Bench, axis: int) -> None:
 def summary(verdict: NotchVerdict) -> str:
     """Margins and predicted peaks of the filters in one line."""
     worst = {check.name: check for check in verdict.checks}
-    peaks = ", ".join(f"k = {row.order}: {row.rising_mm:.4f} mm, worst plant {row.worst_mm:.4f} mm" for row in verdict.peaks)
+    peaks = ", ".join(f"k = {row.order:g}: {row.rising_mm:.4f} mm, worst plant {row.worst_mm:.4f} mm" for row in verdict.peaks)
     return (
         f"M_s {worst['M_s'].value:.2f}, phase margin {worst['phase margin'].value:.1f}°, gain margin "
         f"{worst['gain margin'].value:.1f} dB at every speed and plant; predicted tip peak {peaks}"
@@ -400,8 +305,8 @@ def designed_axis(outcome: NotchDesignOutcome) -> DesignedAxis:
     best, worst = outcome.best, {check.name: check for check in outcome.best.checks}
     return DesignedAxis(
         notch=tuple(notch_table(notch) for notch in best.notches),
-        tip_peak_mm={str(row.order): row.rising_mm for row in best.peaks},
-        worst_tip_peak_mm={str(row.order): row.worst_mm for row in best.peaks},
+        tip_peak_mm={f"{row.order:g}": row.rising_mm for row in best.peaks},
+        worst_tip_peak_mm={f"{row.order:g}": row.worst_mm for row in best.peaks},
         sensitivity_peak=worst["M_s"].value,
         phase_margin_deg=worst["phase margin"].value,
         gain_margin_db=min(worst["gain margin"].value, 200.0),
@@ -427,12 +332,14 @@ def result_of(outcome: NotchDesignOutcome) -> NotchDesignResult:
         plants=tuple(DesignPlant(label=member.label, **asdict(member.plant)) for member in problem.members),
         feasible=outcome.failure is None,
         reason=None if outcome.failure is None else str(outcome.failure),
+        usable=outcome.is_usable,
         none=_verdict(outcome.none),
         given=None if outcome.given is None else _verdict(outcome.given),
         designed=None if outcome.designed is None else _verdict(outcome.designed),
         effort=outcome.request.effort,
         seconds=round(outcome.seconds, 2),
         emulated=True if outcome.emulated else None,
+        notes=outcome.notes,
     )
 
 

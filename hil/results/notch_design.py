@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator
 
-from hil.design.notch_design import Requirements
+from hil.design.notch_problem import Requirements
 from hil.design.notch_search import Effort
 from hil.results.base import Result, ResultPart
 from hil.robot_tables import NotchTable
@@ -42,6 +42,8 @@ class DesignCheck(ResultPart):
     is_ceiling: bool
     speed_rps: float | None
     member: str
+    is_tip_limit: bool = False
+    is_rise: bool = False
     holds: bool
 
 
@@ -54,13 +56,15 @@ class TipPeak(ResultPart):
         falling_mm: Peak of the believed plant while the speed falls.
         worst_mm: Peak of the worst plant, rising or falling.
         worst_member: Label of the worst plant.
+        other_mm: Largest peak of the believed plant on each of the slower and faster ramps, by their rate in rev/s².
     """
 
-    order: int
+    order: float
     rising_mm: Bounded
     falling_mm: Bounded
     worst_mm: Bounded
     worst_member: str
+    other_mm: tuple[tuple[float, Bounded], ...] = ()
 
 
 class SpeedMarginsEntry(ResultPart):
@@ -108,12 +112,14 @@ class NotchDesignResult(Result):
         plants: Plants for which they must hold.
         feasible: True where a filter meets all requirements.
         reason: Reason why none does.
+        usable: True where the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm.
         none: Verdict without filters.
         given: Verdict on the bench file's filters; None without them.
         designed: Verdict on the designed filters; None where only the given ones were judged.
         effort: Evaluations and seed of the search.
         seconds: Duration of the design.
         emulated: True where plant or transmission error were identified on an emulated robot.
+        notes: Orders that were asked for and got no filter, with the reason.
     """
 
     kind: Literal["design-notch"] = "design-notch"
@@ -129,9 +135,11 @@ class NotchDesignResult(Result):
     plants: tuple[DesignPlant, ...]
     feasible: bool
     reason: str | None
+    usable: bool = False
     none: DesignVerdict
     given: DesignVerdict | None
     designed: DesignVerdict | None
     effort: Effort
     seconds: float
     emulated: bool | None = None
+    notes: tuple[str, ...] = ()

@@ -16,7 +16,8 @@ from hil.experiments.ate.on_bus import identify_ate
 from hil.experiments.ate.request import AteRequest
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus
-from hil.experiments.notch_design import NotchDesignRequest, design, designed_axis
+from hil.experiments.notch_design import design, designed_axis
+from hil.experiments.notch_problem import NotchDesignRequest
 from hil.experiments.plan import Experiment
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
@@ -129,9 +130,10 @@ class StepsInProcess:
     def design(self) -> Note:
         """Design a notch, and put it into the design file."""
         outcome = design(self._bench, NotchDesignRequest(self._axis, effort=self._effort), self._files.identified())
-        _raise(outcome.failure)
+        if not outcome.is_usable:
+            _raise(outcome.failure)
         update_designs(self._files.designs, self._bench.name, self._axis, designed_axis(outcome))
-        return None
+        return None if outcome.failure is None else str(outcome.failure)
 
     def run(self, treatment: TreatmentName, *, is_learnt: bool) -> tuple[Note, Sequence[Part]]:
         """Run the user's motion with a treatment."""

@@ -61,7 +61,7 @@ def test_the_model_file_has_the_plant(directory: Path) -> None:
 
 def test_the_recordings_are_kept(directory: Path) -> None:
     result = json.loads((directory / "result.json").read_text(encoding="utf-8"))
-    assert set(result["recordings"]) == {"slow", "main"}
+    assert set(result["recordings"]) == {"probe", "pilot", "slow", "main"}
     recording = Recording.load(directory / result["recordings"]["main"])
     assert recording.axes == (3,)
 

@@ -93,6 +93,7 @@ class JointEstimate:
         own_arms: Arms of those orders whose vibration showed another resonance than the strongest order's: a gear that is softer,
             or stiffer, for a small vibration than for a large one.
         misfit: What is left beside noise, over the part of each order, by order.
+        is_spring: False where the gear bends the strongest order visibly: hysteresis, or a soft wind-up.
         structured: Fraction of the signal without the motor's own motion that neither θ_sync nor noise explains.
     """
 
@@ -112,6 +113,7 @@ class JointEstimate:
     own_arms: Mapping[float, Arm] = field(default_factory=dict)
     misfit: Mapping[float, float] = field(default_factory=dict)
     structured: float = 0.0
+    is_spring: bool = True
 
 
 def identify(

@@ -44,7 +44,10 @@ def identify_passes(
     """
     joint = identify(sweeps, reduction_ratio, sensing, start, orders, is_near=is_near)
     strongest = max(joint.error.amplitude_arcsec, key=lambda order: joint.error.amplitude_arcsec[order])
-    if len(sweeps) < 2 or BEND * joint.misfit[strongest] < APART_FROM:
+    if BEND * joint.misfit[strongest] < APART_FROM:
+        return joint
+    joint = replace(joint, is_spring=False)
+    if len(sweeps) < 2:
         return joint
     return mean_of([identify([sweep], reduction_ratio, sensing, joint.arm, orders, is_near=True) for sweep in sweeps], joint)
 

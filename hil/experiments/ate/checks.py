@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.bench.bench import Limits
+from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.design.ate.identification import DELAY_S, JointEstimate
 from hil.errors import HilError
 from hil.experiments.ate.motion import Ramps
-from hil.experiments.ate.request import SEEN_SIGMAS
 from hil.master.motion import RunResult
 
 Real = NDArray[np.float64]
@@ -20,6 +20,8 @@ LEAST_EXPLAINED = 0.6
 """Fraction of the vibration beyond noise that θ_sync must explain: 0.99 on gears of all kinds, 0.3 at a wrong resonance."""
 LEAST_SIGMAS = 5.0
 """Least ratio of the largest A_k to its standard error."""
+VIBRATES = 0.1
+"""Fraction of the vibration that neither the orders nor noise explain, from which another order is looked for."""
 GAIN_OF_PASSES = 2.0
 """Factor by which further passes, each slower, lower the standard errors."""
 SCALE_TOLERANCE, SCALE_SIGMAS = 0.25, 5.0
@@ -43,7 +45,15 @@ class AteNotIdentifiedError(HilError):
     exit_code = 9
 
     def __init__(
-        self, what: str, value: float, needed: float, unit: str = "", remedy: str = "", *, at_most: bool = False
+        self,
+        what: str,
+        value: float,
+        needed: float,
+        unit: str = "",
+        remedy: str = "",
+        *,
+        at_most: bool = False,
+        is_of_orders: bool = False,
     ) -> None:
         """Keep the quantity, its value, and the value that it must have.
 
@@ -54,7 +64,9 @@ class AteNotIdentifiedError(HilError):
             unit: Unit of both values.
             remedy: Advice, in words; empty for none.
             at_most: True where `needed` is an upper bound.
+            is_of_orders: True where an order that is not in the set may be the cause.
         """
+        self.is_of_orders = is_of_orders
         self.what, self.value, self.needed, self.unit, self.remedy, self.at_most = what, value, needed, unit, remedy, at_most
         suffix, tail = f" {unit}" if unit else "", f"; {remedy}" if remedy else ""
         bound = f"at most {needed:.4g}{suffix} is allowed" if at_most else f"at least {needed:.4g}{suffix} is needed"
@@ -125,7 +137,7 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
             f"the fraction of the {signal} vibration, noise left out, that a transmission error of the orders {orders} explains"
         )
         remedy = "does another order ring (the order map of a run shows it), another axis, or a loose sensor?"
-        raise AteNotIdentifiedError(what, of_vibration, LEAST_EXPLAINED, "", remedy)
+        raise AteNotIdentifiedError(what, of_vibration, LEAST_EXPLAINED, "", remedy, is_of_orders=True)
     delay = estimate.arm.delay_s
     if not DELAY_S[0] + 1e-3 < delay < DELAY_S[1] - 1e-3:
         bound = DELAY_S[1] - 1e-3 if delay > 0.0 else -DELAY_S[0] - 1e-3
@@ -157,13 +169,14 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
     errors = estimate.amplitude_error_arcsec
     ratios = {k: amplitude / max(errors[k], 1e-30) for k, amplitude in estimate.error.amplitude_arcsec.items()}
     order = max(ratios, key=lambda k: ratios[k])
-    most = max(a + SEEN_SIGMAS * errors[k] for k, a in estimate.error.amplitude_arcsec.items())
+    most = max(a + SIGNIFICANT_SIGMAS * errors[k] for k, a in estimate.error.amplitude_arcsec.items())
     hope = GAIN_OF_PASSES if passes_left and not sensorless else 1.0
     if hope * ratios[order] >= LEAST_SIGMAS:
         return
     remedy = f"no A_k is seen, and none is above {most:.2g}″: if that is too much, a slower ramp or a better sensor shows more"
     what = f"the largest amplitude over its standard error (A_{order:g})"
-    raise AteNotIdentifiedError(what, ratios[order], LEAST_SIGMAS, "", remedy)
+    is_of_orders = estimate.structured > VIBRATES
+    raise AteNotIdentifiedError(what, ratios[order], LEAST_SIGMAS, "", remedy, is_of_orders=is_of_orders)
 
 
 def factor_remark(estimate: JointEstimate) -> str | None:

@@ -268,7 +268,7 @@ def _curable(identification: Identification, bench: Bench, axis: int) -> list[Mi
         for miss in misses
         if not identification.is_reached(miss.order) and further_end(bench, axis, arm_hz, miss.order) is not None
     ]
-    if any(miss.is_gears for miss in misses):
+    if not identification.estimate.is_spring:
         return unseen_yet
     return unseen_yet + [miss for miss in misses if identification.is_reached(miss.order)]
 
@@ -322,7 +322,7 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         identification.notes.append(f"sensorless: A_k is as wrong as J_l from {knowledge.source}, {error}; {SENSORLESS_BIAS}")
     shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
     identification.notes += [miss.sentence for miss in shown]
-    if any(miss.is_gears for miss in shown):
+    if not estimate.is_spring:
         arms = ", ".join(f"{arm.resonance_hz:.2f} Hz at order {order:g}" for order, arm in estimate.own_arms.items())
         also = f", {arms}" if arms else ""
         identification.notes.append(

@@ -91,6 +91,8 @@ def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, pas
     try:
         check_estimate(estimate, sensorless=sensorless, passes_left=passes_left)
     except AteNotIdentifiedError as error:
+        if not error.is_of_orders:
+            raise
         words = seen_words(watch.scan(estimate).seen, tuple(estimate.error.amplitude_arcsec))
         if not words:
             raise

@@ -1,12 +1,10 @@
 """Request of an identification of the transmission error, and the knowledge of the axis that it starts from."""
 
-import math
 from dataclasses import dataclass, field, replace
 
 from hil.bench.bench import Bench
 from hil.bench.model import SIGNIFICANT_SIGMAS, Identified
 from hil.design.ate.identification import JointEstimate
-from hil.design.ate.misfit import BEND
 from hil.design.ate.model import Arm, Sensing
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import END_OVER_RESONANCE, acceleration_for, end_speed, with_room
@@ -31,16 +29,12 @@ class Miss:
     Attributes:
         order: Order k.
         sentence: Sentence on it.
-        times: Standard error over what is asked.
-        is_gears: True where the gear, which is no spring, keeps it from being known better, and no noise.
         is_usable: True where it is a result all the same.
     """
 
     order: float
     sentence: str
-    times: float
-    is_gears: bool = False
-    is_usable: bool = False
+    is_usable: bool
 
 
 @dataclass(frozen=True)
@@ -61,34 +55,25 @@ class Goal:
         The phase of an amplitude that is no larger than its error is not asked for.
         """
         missed = []
-        largest = max(estimate.error.amplitude_arcsec.values())
+        largest, is_gears = max(estimate.error.amplitude_arcsec.values()), not estimate.is_spring
         for order, amplitude in estimate.error.amplitude_arcsec.items():
             size = max(amplitude, WEAK * largest, 1e-30)
             error, goal = estimate.amplitude_error_arcsec[order] / size, self.amplitude_fraction.get(order, AMPLITUDE_FRACTION)
-            of_gear = BEND * estimate.misfit.get(order, 0.0) * amplitude / size
-            of_noise = math.sqrt(max(0.0, error**2 - of_gear**2)) / estimate.widened
-            of_gear *= of_noise <= goal
             if error > goal:
                 words = f"A_{order:g} has a standard error of {100.0 * error:.2g} %, {100.0 * goal:.2g} % is asked"
                 words += f" of {size:.2g}″" if size > amplitude else ""
-                is_usable = error <= (GEAR_FRACTION_AT_MOST if of_gear > goal else NEARLY * goal)
-                missed.append(Miss(order, words, error / goal, of_gear > goal, is_usable))
+                missed.append(Miss(order, words, error <= (GEAR_FRACTION_AT_MOST if is_gears else NEARLY * goal)))
             error_deg, goal_deg = estimate.phase_error_deg[order] * amplitude / size, self.phase_deg.get(order, PHASE_DEG)
             if error_deg > goal_deg and is_seen(estimate, order):
-                asked_deg, is_gears = goal_deg * size / max(amplitude, 1e-30), math.degrees(of_gear) > goal_deg
+                asked_deg = goal_deg * size / max(amplitude, 1e-30)
                 words = f"φ_{order:g} has a standard error of {estimate.phase_error_deg[order]:.2g}°, {asked_deg:.2g}° is asked"
-                is_usable = error_deg <= (GEAR_PHASE_DEG_AT_MOST if is_gears else NEARLY * goal_deg)
-                missed.append(Miss(order, words, error_deg / goal_deg, is_gears, is_usable))
+                missed.append(Miss(order, words, error_deg <= (GEAR_PHASE_DEG_AT_MOST if is_gears else NEARLY * goal_deg)))
         return missed
-
-
-SEEN_SIGMAS = SIGNIFICANT_SIGMAS
-"""Least ratio of an amplitude to its standard error; one with less is not entered into a model file."""
 
 
 def is_seen(estimate: JointEstimate, order: float) -> bool:
     """True where an order's amplitude is more than its error."""
-    return estimate.error.amplitude_arcsec[order] > SEEN_SIGMAS * estimate.amplitude_error_arcsec[order]
+    return estimate.error.amplitude_arcsec[order] > SIGNIFICANT_SIGMAS * estimate.amplitude_error_arcsec[order]
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ trusted before its trial on the accelerometer: `hil.experiments.cancellation.tri
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from hil.bench.bench import Bench, Limits, Model
 from hil.bench.model import Identified, IdentifiedError, significant, with_identified
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw, CancellationTable
-from hil.design.frequency import CONTROL_PERIOD_S
+from hil.design.frequency import CONTROL_PERIOD_S, Loop
 from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.effect import Part, Response
@@ -37,6 +36,10 @@ LEAST_OVER_RESONANCE = 2.0
 LOWERED = 0.85
 MAX_TORQUE_FRACTION = 0.1
 """Largest torque offset as a fraction of the torque limit."""
+
+
+TableShape = tuple[Loop, Mapping[float, float], Mapping[float, float], CyclicTiming, float, Actuation]
+"""What a table is made from: loop, A_k, φ_k, delays, speed limit, actuation."""
 
 
 @dataclass
@@ -165,6 +168,15 @@ def _check_size(number: int, ate: TransmissionErrorTable) -> None:
         raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
 
 
+def _table_within(shape: TableShape, peak_rps: float, least_hz: float) -> CancellationTable:
+    """The table that ends as high as the speed limit allows its set-points, though not below a frequency."""
+    table, highest_hz = cancellation_table(*shape), HIGHEST_HZ
+    while table.largest_speed_rps(peak_rps) > shape[4] and highest_hz * LOWERED >= least_hz:
+        highest_hz *= LOWERED
+        table = cancellation_table(*shape, highest_hz)
+    return table
+
+
 def cancellation_for(
     bench: Bench,
     identified: Identified | None,
@@ -209,34 +221,24 @@ def cancellation_for(
             continue
         table = bench.axis[number].model_copy(update={"model": model})
         table.gains(f"cancellation on axis {number}")
+        phases = {order: math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
         period = (control_periods_s or {}).get(number) or CONTROL_PERIOD_S
         _check_size(number, model.ate)
         loop = table.loop(period, with_notch=with_notch)
         assert loop is not None  # noqa: S101 - it has a model and gains
         scales[number] = scale_at(bench, number, loop.peak_hz())
+        timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
+        shape = (loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
+        least_hz = LEAST_OVER_RESONANCE * scales[number].f_al_hz
         try:
-            timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
-            make = partial(cancellation_table, loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
-            peak_rps, least_hz = (peaks_rps or {}).get(number, 0.0), LEAST_OVER_RESONANCE * scales[number].f_al_hz
-            tables[number] = _slow_enough(make, peak_rps, table.limits.speed_rps, least_hz)
+            tables[number] = _table_within(shape, (peaks_rps or {}).get(number, 0.0), least_hz)
         except ValueError as error:
             raise NotPossibleError(f"axis {number}: {error}") from error
     if not tables:
         raise NotPossibleError(_nothing_known(axes))
-    known = {number: response for number in axes if (response := response_of(bench, identified, number)) is not None}
+    responses = {number: response_of(bench, identified, number) for number in axes}
+    known = {number: response for number, response in responses.items() if response is not None}
     return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {}, scales, known)
-
-
-def _slow_enough(
-    make: Callable[[float], CancellationTable], peak_rps: float, allowed_rps: float, least_hz: float
-) -> CancellationTable:
-    """The table that ends at the highest k f_m at which no set-point is too fast, but at no less than a least one."""
-    highest_hz = HIGHEST_HZ
-    table = make(highest_hz)
-    while table.largest_speed_rps(peak_rps) > allowed_rps and highest_hz * LOWERED >= least_hz:
-        highest_hz *= LOWERED
-        table = make(highest_hz)
-    return table
 
 
 def peak_speed_rps(bench: Bench, motion: Motion, column: int) -> float:
@@ -434,11 +436,6 @@ def _amplitudes(ate: TransmissionErrorTable) -> dict[float, float]:
 def _phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
     """φ_k from 0 to 360°."""
     return {order: degrees % 360.0 for order, degrees in ate.phases_deg().items()}
-
-
-def _phases_rad(ate: TransmissionErrorTable) -> dict[float, float]:
-    """φ_k from 0 to 2π."""
-    return {order: math.radians(degrees) for order, degrees in _phases_deg(ate).items()}
 
 
 def _nothing_known(axes: Sequence[int]) -> str:

@@ -138,8 +138,8 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
     far = max(ratio.value, 1.0 / max(ratio.value, 1e-9))
     if far > LEVER_RATIO and ratio.relative < 0.2:
         return (
-            f"the tip acts as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m (right axis of the "
-            "sensor, tip_lever_m, sign and unit of its scale?)"
+            f"the tip acts as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m (right axis of "
+            "the sensor, tip_lever_m, sign and unit of its scale?)"
         )
     return None
 
@@ -173,5 +173,5 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
                 f"the {limited_by} allows no amplitude above {amplitude_nm:.2g} N·m: raise --periods by {times**2:.2g} times, or "
                 "take a finer encoder or a shorter SYNC period"
             )
-        checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed, more))
+        checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed and f_r <= 1.1 * high, more))
     return checks

@@ -30,8 +30,12 @@ PILOT_PERIODS = 3
 """Periods of the pilot: the fewest over which orders 1, 2 and 4 average to nothing."""
 FEWEST = 6
 """Periods in all below which the scatter between them is no measure of confidence."""
-SLOW_TURNS = 6.0
+SLOW_TURNS = 4.0
 """Motor turns of a slow stretch."""
+SLOW_RPS = (0.4, 0.8)
+"""Speeds of the slow turns, beside the bias speed: below 1 rev/s static friction shows."""
+FAST_RPS, FAST_FRACTION = 3.5, 0.5
+"""Fastest of the slow turns, and the fraction of the speed limit that it may reach."""
 
 ExcitedSignal = Literal["torque", "reference"]
 Shape = Literal["multisine", "chirp"]
@@ -305,7 +309,15 @@ class PlannedMotion:
 def planned(
     builder: MotionBuilder, request: PlantRequest, excited: ExcitedSignal, stretches: list[slice], speeds: list[float]
 ) -> PlannedMotion:
-    """The motion of a builder, with the rows that are evaluated and their speeds."""
+    """The motion of a builder, with the rows that are evaluated and their speeds.
+
+    Args:
+        builder: The finished builder.
+        request: Request of the identification.
+        excited: Signal to which the excitation was added.
+        stretches: Evaluated rows.
+        speeds: Speed of each stretch, rev/s, signed.
+    """
     bias, added = TURN * np.concatenate(builder.turns), np.concatenate(builder.offset)
     times = np.arange(len(bias), dtype=np.float64) * builder.sync_s
     has_offset = excited == "torque" and bool(np.any(added))
@@ -318,7 +330,7 @@ def planned(
 
 
 def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: float) -> PlannedMotion:
-    """Motion to and fro at three speeds, the fastest over the whole travel, for friction and gravity.
+    """Motion to and fro at four speeds, one of them over the whole travel, for friction and gravity.
 
     Args:
         bench: The bench file.
@@ -331,9 +343,10 @@ def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: 
     whole = travel.high_rev - travel.low_rev
     stretches, speeds = [], []
     builder.go(travel.low_rev - start_rev, bench.approach_rps)
-    for fraction in (0.25, 0.5, 1.0):
-        speed = fraction * travel.bias_rps
-        turns = whole - speed * RAMP_S if fraction == 1.0 else min(SLOW_TURNS, whole - speed * RAMP_S)
+    fastest = min(FAST_RPS, FAST_FRACTION * bench.axis[request.axis].limits.speed_rps)
+    for speed in (*SLOW_RPS, travel.bias_rps, max(fastest, travel.bias_rps)):
+        room = whole - speed * RAMP_S
+        turns = room if speed == travel.bias_rps else min(SLOW_TURNS, room)
         count = round(turns / speed / builder.sync_s)
         skip = round(SETTLE_S / builder.sync_s)
         for sign in (1.0, -1.0):

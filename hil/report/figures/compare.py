@@ -90,7 +90,8 @@ def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: in
     if axis is None:
         return None
     rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
-    runs = [run for row in rows if row.loop == rows[0].loop and (run := _drawn(material, row)) is not None]
+    drawn = [run for row in rows if row.loop == rows[0].loop and (run := _drawn(material, row)) is not None]
+    runs = [(run.label, run.recording) for run in drawn]
     title = f"{robot.name}, axis" if several else "Axis"
     key = f"orders-{robot.directory}-{key_of(experiment, axis)}"
     return order_maps(key, f"{title} {axis}: which order shakes the tip", runs[:MAPPED], axis, material.f_al(axis))

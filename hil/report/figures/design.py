@@ -16,11 +16,15 @@ from hil.control.notch import Notch
 from hil.design.frequency import acceleration_bound
 from hil.design.notch_design import NotchVerdict
 from hil.design.ramp import follow
+from hil.design.speed_margins import FINE_BAND
 from hil.experiments.judge import scale_at
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
 from hil.report.figures.notch import FAMILY, FEW, draw_worst, mark_own_harmonic
 from hil.report.style import Drawing, Real
+
+SHOWN = (0.34, 2.2)
+"""Band of the figures in units of f_al."""
 
 GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "linewidth": 1.2}
 
@@ -43,7 +47,8 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         return None
     figure, panels = style.panels(3, len(own), 7.6, sharey="row", height_ratios=(2, 3, 3))
     norm = _norm(own)
-    frequency = np.linspace(4.0, 26.0, 1601)
+    shown = _shown_hz(outcome)
+    frequency = np.linspace(*shown, 1601)
     loop = outcome.loop(best.notches)
     for column, notch in enumerate(own):
         gain, arm, line = panels[:, column]
@@ -61,7 +66,7 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         _on_the_line(outcome, line, notch.order)
         gain.set_title(f"k = {notch.order}")
         for panel in (gain, arm):
-            panel.set_xlim(4.0, 26.0)
+            panel.set_xlim(*shown)
             panel.set_xlabel("Frequency (Hz)")
         line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
     for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB re 1/s²)"), strict=True):
@@ -81,16 +86,21 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
 
 
 def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
-    top = min(outcome.problem.speed_limit_rps, 26.0 / order)
-    speeds = np.linspace(1.0 / order, top, 361)
+    low_hz, high_hz = _shown_hz(outcome)
+    speeds = np.linspace(0.25 * low_hz / order, min(outcome.problem.speed_limit_rps, high_hz / order), 361)
     line = order * speeds
     for name, verdict, look in verdicts(outcome):
         loop = outcome.loop(verdict.notches)
         gain = [loop.acceleration_per_transmission_error(np.array([f]), float(v))[0] for f, v in zip(line, speeds, strict=True)]
         panel.plot(line, style.decibel(np.array(gain)), label=name, **look)
     panel.plot(line, _bound(outcome, order, line), label="constraint (5)", **style.CONSTRAINT)
-    panel.set_xlim(4.0, 26.0)
-    panel.set_ylim(bottom=style.decibel(np.array([(2.0 * math.pi * 4.0) ** 2]))[0] - 3.0)
+    panel.set_xlim(low_hz, high_hz)
+    panel.set_ylim(bottom=style.decibel(np.array([(2.0 * math.pi * low_hz) ** 2]))[0] - 3.0)
+
+
+def _shown_hz(outcome: NotchDesignOutcome) -> tuple[float, float]:
+    """Band of the figures: the resonance with what filters do beside it."""
+    return SHOWN[0] * outcome.f_al_hz, SHOWN[1] * outcome.f_al_hz
 
 
 def _bound(outcome: NotchDesignOutcome, order: int, frequency: Real) -> Real:
@@ -108,7 +118,14 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
     figure, panels = style.panels(1, 2, 4.4)
     norm = _norm(best.notches)
     loop = outcome.loop(best.notches)
-    grid = np.unique(np.concatenate([np.geomspace(1.0, 0.49 / loop.period_s, 700), np.linspace(4.0, 32.0, 1400)]))
+    grid = np.unique(
+        np.concatenate(
+            [
+                np.geomspace(1.0, 0.49 / loop.period_s, 700),
+                np.linspace(FINE_BAND[0] * outcome.f_al_hz, FINE_BAND[1] * outcome.f_al_hz, 1400),
+            ]
+        )
+    )
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     low, high = min(n.start_rps for n in best.notches), max(n.end_rps for n in best.notches)
     for speed in np.linspace(low, high, 2 * FAMILY):
@@ -182,9 +199,14 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
     figure, panels = style.panels(1, 2, 3.0, sharey=True)
     problem, limit = outcome.problem, outcome.problem.requirements.tip_mm
     scale = scale_at(outcome.bench, outcome.request.axis, outcome.f_al_hz)
-    low = min(problem.windows_rps[order][0] for order in outcome.request.orders) - 0.8
+    low = 0.8 * min(problem.window_rps(order)[0] for order in outcome.orders)
     for name, verdict, look in verdicts(outcome):
-        motion = follow(outcome.loop(verdict.notches), problem.members[0].error, problem.reference_rad)
+        motion = follow(
+            outcome.loop(verdict.notches),
+            problem.members[0].error,
+            problem.ramps[0].reference_rad,
+            load_nm=(problem.friction_nm + problem.gravity_nm, 0.0),
+        )
         tip = tip_displacement_mm(problem.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, scale)
         top = int(np.argmax(motion.motor_speed_rps))
         for panel, rows in zip(panels[0], (slice(0, top), slice(top, None)), strict=True):
@@ -193,8 +215,8 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
     for panel, title in zip(panels[0], ("speed rising", "speed falling"), strict=True):
         for sign in (-1.0, 1.0):
             panel.axhline(sign * limit, **style.LIMIT)
-        for order in outcome.request.orders:
-            panel.axvspan(*problem.windows_rps[order], color=style.SHADE, zorder=0)
+        for order in outcome.orders:
+            panel.axvspan(*problem.window_rps(order), color=style.SHADE, zorder=0)
         panel.set(title=title, xlabel="Motor speed $f_m$ (rev/s)")
     panels[0, 1].invert_xaxis()
     panels[0, 0].set_ylabel("Tip displacement (mm)")
@@ -204,8 +226,8 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
         "Tip on the ramp, predicted",
         "Figs. 13 and 14",
         "computed",
-        "The bench file's constant acceleration up, and the same down, in a simulation of the believed plant with the law at its "
-        f"sampling time, without friction: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: "
+        "The bench file's constant acceleration up, and the same down, in a simulation of the believed plant with "
+        f"the law at its sampling time: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: "
         "the speeds in which it is judged; dotted: the specification. At constant speed the filter does better: on a ramp it has "
         "no time to settle.",
         style.to_svg(figure, "ramps"),

@@ -14,7 +14,7 @@ from hil.analysis import motor_speed_rps
 from hil.control.angles import ARCSEC
 from hil.control.notch import NOTCH_TRAPEZOID, Notch, notch_weight
 from hil.design.frequency import Loop, acceleration_bound, margins
-from hil.design.notch_design import Requirements
+from hil.design.notch_problem import Requirements
 from hil.report import style
 from hil.report.material import CONSTANT_ACCELERATION, MARGIN_SPEEDS_RPS, Material
 from hil.report.style import Drawing, Real

@@ -13,7 +13,6 @@ from hil.analysis import motor_speed_rps
 from hil.design.order_map import OrderMap, order_map
 from hil.recording import Recording
 from hil.report import palette, style
-from hil.report.drawn_run import DrawnRun
 from hil.report.style import Drawing, Real
 
 ORDERS: Real = np.linspace(0.5, 10.0, 96)
@@ -23,40 +22,57 @@ FREQUENCIES_HZ = (5.0, 10.0, 20.0, 40.0)
 NEAR = 0.3
 """Distance, as a logarithm, at which such a line would crowd that of the resonance."""
 COLUMNS = 2
+WITH_FREQUENCIES = 4
+"""Largest number of runs that are drawn over frequency too."""
+TOP_HZ = 50.0
+RAYS = (1, 2, 4)
+"""Orders that are drawn as rays over frequency."""
 
 
-def order_maps(key: str, title: str, runs: Sequence[DrawnRun], axis: int, f_al: float | None) -> Drawing | None:
+def order_maps(key: str, title: str, runs: Sequence[tuple[str, Recording]], axis: int, f_al: float | None) -> Drawing | None:
     """Figure of the tip's vibration over motor speed and order, a panel for each run, all in one scale of colours.
 
     Args:
         key: Anchor of the figure.
         title: Title of the figure.
-        runs: Runs of one constant acceleration.
+        runs: Recordings of ramps, each with its name.
         axis: Axis that moved.
-        f_al: Peak of |G_al| in Hz; None without a model.
+        f_al: Peak of |G_al| in Hz; None where it is not known.
     """
-    maps = [(run, found) for run in runs if (found := ramp_map(run.recording, axis)) is not None]
+    maps = [(name, found) for name, recording in runs if (found := ramp_map(recording, axis)) is not None]
     top = max((float(np.nanmax(found.amplitude)) for _, found in maps), default=0.0)
     if top <= 0.0:
         return None
     rows = -(-len(maps) // COLUMNS)
     columns = min(COLUMNS, len(maps))
-    figure, panels = style.panels(rows, columns, 0.6 + 2.9 * rows, sharex=True, sharey=True)
+    has_frequencies = len(maps) <= WITH_FREQUENCIES
+    every = 2 if has_frequencies else 1
+    figure, panels = style.panels(every * rows, columns, 0.6 + 2.6 * every * rows, sharex=True, sharey="row")
     levels = np.linspace(0.0, top, LEVELS + 1)
-    for panel, (run, found) in zip(panels.flat, maps, strict=False):
-        _draw(panel, found, levels, f_al)
-        panel.set_title(run.label)
-    for panel in panels.flat[len(maps) :]:
-        panel.set_visible(False)
+    for number in range(rows * columns):
+        row, column = every * (number // columns), number % columns
+        shown = [panels[row + below, column] for below in range(every)]
+        if number >= len(maps):
+            for panel in shown:
+                panel.set_visible(False)
+            continue
+        name, found = maps[number]
+        _draw(shown[0], found, levels, f_al)
+        shown[0].set_title(name)
+        if has_frequencies:
+            _draw_frequencies(shown[1], found, levels, f_al)
     for panel in panels[-1, :]:
         panel.set_xlabel("Motor speed (rev/s)")
-    for panel in panels[:, 0]:
-        panel.set_ylabel("Order k (per turn)")
+    for row, panel in enumerate(panels[:, 0]):
+        panel.set_ylabel("Frequency (Hz)" if has_frequencies and row % 2 else "Order k (per turn)")
     _scale(figure, panels, levels)
     resonance = (
-        "The bench has no model of this axis, so its resonance is not drawn."
+        "No f_al is known of this axis, so its resonance is not drawn."
         if f_al is None
         else f"Dashed: k f_m = f_al = {f_al:.2f} Hz, the resonance."
+    )
+    below = (
+        "Below the same over frequency: orders are rays, what does not turn with the motor is level. " if has_frequencies else ""
     )
     return Drawing(
         key,
@@ -65,6 +81,7 @@ def order_maps(key: str, title: str, runs: Sequence[DrawnRun], axis: int, f_al: 
         "measured",
         "Amplitude of the vertical tip acceleration at k times the motor's angle, in windows of two turns. An error of "
         f"order k stands at that height and swells where it crosses the resonance. {resonance} Dotted: other frequencies. "
+        f"{below}"
         "An order is as wide as a window of two turns lets it be: about ±1.",
         style.to_svg(figure, key),
     )
@@ -99,6 +116,26 @@ def _draw(panel: Axes, found: OrderMap, levels: Real, f_al: float | None) -> Non
         _hyperbola(panel, speeds, f_al, "$f_{al}$", {**style.CONSTRAINT, "color": style.VERMILLION})
     panel.set(xlim=(low, high), ylim=(float(ORDERS[0]), float(ORDERS[-1])))
     panel.set_yticks(np.arange(1, math.floor(ORDERS[-1]) + 1))
+
+
+def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, f_al: float | None) -> None:
+    """The same map over frequency k f_m: the resonance is level, an order a ray."""
+    speeds, orders = np.meshgrid(found.speed_rps, found.orders, indexing="ij")
+    amplitude = np.ma.masked_invalid(found.amplitude)
+    panel.contourf(speeds, orders * speeds, amplitude, levels=levels, colors=_colours())
+    low, high = float(found.speed_rps[0]), float(found.speed_rps[-1])
+    top = min(TOP_HZ, float(found.orders[-1]) * high)
+    for order in RAYS:
+        ends = np.array([low, min(high, top / order)])
+        panel.plot(ends, order * ends, **style.MARK)
+        panel.annotate(
+            f"k = {order}", (float(ends[1]), order * float(ends[1])), xytext=(-2, -8), textcoords="offset points", ha="right",
+            va="top", fontsize=7.5,
+        )  # fmt: skip
+    if f_al is not None:
+        panel.axhline(f_al, **{**style.CONSTRAINT, "color": style.VERMILLION})
+        panel.annotate("$f_{al}$", (low, f_al), xytext=(3, 2), textcoords="offset points", ha="left", va="bottom", fontsize=7.5)
+    panel.set(xlim=(low, high), ylim=(0.0, top))
 
 
 def _hyperbola(panel: Axes, speeds: Real, frequency_hz: float, name: str, look: style.Line) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from hil.bench.design import notch_table
-from hil.design.notch_design import NotchVerdict
+from hil.design.notch_design import VERDICT_STEPS, NotchVerdict
 from hil.design.uncertainty import plants_words
 from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
@@ -51,6 +51,8 @@ def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
     failure = outcome.failure
     if failure is not None:
         headline = "The given filters miss what is asked" if outcome.request.is_given else "No filter keeps all that is asked"
+        if outcome.is_usable and not outcome.request.is_given:
+            headline = "The best filters within all margins still miss the limits of the tip"
         return PageVerdict("bad", "✘", headline, (str(failure), *(str(check) for check in failure.missed)))
     best = outcome.best
     which = "The given filters keep" if outcome.request.is_given else "The designed filters keep"
@@ -68,7 +70,7 @@ def cards(outcome: NotchDesignOutcome) -> list[Card]:
         change = f"{100.0 * (row.rising_mm / before.rising_mm - 1.0):+.0f} % peak".replace("-", "−")
         limit = outcome.problem.requirements.tip_mm
         mark = Mark(row.worst_mm <= limit, f"worst plant {row.worst_mm:.3f}, asked: ±{limit:g} mm")
-        title = f"Tip on the ramp, k = {row.order}, predicted"
+        title = f"Tip on the ramp, k = {row.order:g}, predicted"
         made.append(Card(title, f"{before.rising_mm:.3f}", f"{row.rising_mm:.3f}", "mm", change, mark))
     return made
 
@@ -109,11 +111,16 @@ def peaks(outcome: NotchDesignOutcome) -> ReportTable:
             if outcome.given is not None and name == "designed":
                 before = f"{100.0 * (row.rising_mm / outcome.given.peak(row.order).rising_mm - 1.0):+.1f} %".replace("-", "−")
             numbers = (number(value, "{:.4f}") for value in (row.rising_mm, row.falling_mm, row.worst_mm))
-            rows.append([name, str(row.order), *numbers, row.worst_member, before, Mark(row.worst_mm <= limit)])
-    header = ("filters", "k", "rising (mm)", "falling (mm)", "worst plant (mm)", "which", "against given", f"≤ {limit:g} mm")
+            others = ", ".join(f"{mm:.4f} at {rate:g}" for rate, mm in row.other_mm) or NONE
+            rows.append([name, f"{row.order:g}", *numbers, row.worst_member, others, before, Mark(row.worst_mm <= limit)])
+    header = (
+        "filters", "k", "rising (mm)", "falling (mm)", "worst plant (mm)", "which", "other ramps (mm at rev/s²)", "against given",
+        f"≤ {limit:g} mm",
+    )  # fmt: skip
     caption = (
         "Largest equivalent displacement of the tip in the speeds in which it is judged, predicted for the bench file's constant "
-        "acceleration up and the same down; rising is what `hil run constant-acceleration` measures."
+        "acceleration up and the same down; rising is what `hil run constant-acceleration` measures. Other ramps: the believed "
+        "plant, the larger of up and down."
     )
     return ReportTable("peaks", "Predicted tip peak on the ramp", "Figs. 13 and 14", header, rows, frozenset({0, 5}), caption)
 
@@ -131,7 +138,11 @@ def requirements(outcome: NotchDesignOutcome) -> ReportTable:
             cells: list[Cell] = [check.name.rstrip(","), worst, asked, check.unit, speed, check.member, Mark(check.holds)]
             rows.append(cells)
     header = ("what", "worst", "asked", "unit", "at (rev/s)", "plant", "holds")
-    caption = "The worst of all plants and of all motor speeds from rest to the speed limit, every 0.1 rev/s."
+    step = f"every {outcome.f_al_hz / VERDICT_STEPS:.2g} rev/s"
+    caption = (
+        f"The worst of all plants and of all motor speeds from rest to the speed limit, {step}. Peaks over those without a "
+        "filter: on the bench file's ramp, and an order's largest of all ramps."
+    )
     return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 3, 5, 6}), caption, groups=groups)
 
 

@@ -4,8 +4,10 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from hil.recording import Recording
 from hil.report import style
 from hil.report.figures import ate as figures_ate
+from hil.report.figures.order_map import order_maps
 from hil.report.order_names import symbol
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
@@ -25,7 +27,7 @@ def write_learning_report(directory: Path) -> Path:
     """
     result = load_result(directory, LearningResult, "adaptive cancellation")
     with style.styled():
-        chapters = sections(result)
+        chapters = sections(result, directory)
     head = PageHead(
         result.bench.name,
         result.bench.started_utc,
@@ -37,8 +39,8 @@ def write_learning_report(directory: Path) -> Path:
     return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
 
 
-def sections(result: LearningResult) -> list[Section]:
-    """All chapters for which there is data."""
+def sections(result: LearningResult, directory: Path | None = None) -> list[Section]:
+    """All chapters for which there is data; figures of recordings where their directory is given."""
     learnt: list[Drawing | ReportTable | None] = []
     is_paper = result.bench.file.is_paper
     for each in result.learnt:
@@ -46,10 +48,34 @@ def sections(result: LearningResult) -> list[Section]:
         learnt += [figures_ate.waveform(each.axis, each.ate, is_paper=is_paper)]
     chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
         ("result", "Transmission error", learnt),
-        ("passes", "Passes", [estimates(result), passes(result), _verdicts(result)]),
+        (
+            "passes",
+            "Passes",
+            [
+                *([] if directory is None else _order_maps(result, directory)),
+                estimates(result),
+                passes(result),
+                _verdicts(result),
+            ],
+        ),
     ]
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
     return [section for section in filled if section.items]
+
+
+def _order_maps(result: LearningResult, directory: Path) -> list[Drawing | ReportTable | None]:
+    """Order maps of the first and of the last pass of each axis."""
+    made: list[Drawing | ReportTable | None] = []
+    for axis in result.learnt:
+        runs = [run for run in result.runs if run.axis == axis.axis and run.stopped is None]
+        shown = [
+            (name, Recording.load(directory / run.recording))
+            for name, run in (("before", runs[0]), ("after", runs[-1]))
+            if (directory / run.recording).is_file()
+        ]
+        title = f"Axis {axis.axis}: which order shakes the tip"
+        made.append(order_maps(f"orders-{axis.axis}", title, shown, axis.axis, axis.ate.arm_hz))
+    return made
 
 
 def estimates(result: LearningResult) -> ReportTable | None:

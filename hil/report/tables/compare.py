@@ -222,9 +222,9 @@ def revealed(result: TreatmentTable) -> ReportTable | None:
         ])  # fmt: skip
     caption = Markup(
         "The robot of seed {seed}, looked into only when all was over: <a href='{file}'>{file}</a>. Off: by how many standard "
-        "errors the estimate is beside the truth. A gear with hysteresis or a soft wind-up has no single stiffness: f<sub>a</sub> "
-        "and K<sub>g</sub> are then those of the motion in which they were found, the truth that of a large torsion. Nothing looks "
-        "for what has no estimate."
+        "errors the estimate is beside the truth. A gear with hysteresis or a soft wind-up has no single stiffness: "
+        "f<sub>a</sub> and K<sub>g</sub> are then those of the motion in which they were found, the truth that of a large "
+        "torsion. Nothing looks for what has no estimate."
     ).format(seed=part.seed, file=part.robot_file)
     header = ("", "quantity", "", "unit", "truth", "found", "off")
     return ReportTable("revealed", "Truth beside estimate", "", header, rows, frozenset({0, 1, 2, 3}), caption)

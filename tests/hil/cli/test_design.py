@@ -63,7 +63,7 @@ def test_a_design_leaves_a_report_a_design_file_a_parameter_set_and_json(app, qu
 def test_the_given_filter_is_judged_without_a_search(app, quick, tmp_path):
     found = run(app, "--bench", "reference", "--axis", 3, "--given", "--uncertainty-percent", 0, "--out", tmp_path)
     assert found.exit_code == 0, found.output
-    assert "0.0453" in found.stdout
+    assert "0.0446" in found.stdout
     assert not (tmp_path / "design.toml").exists()
     assert "The given filters keep all that is asked" in (tmp_path / "design.html").read_text()
 
@@ -99,7 +99,9 @@ def test_a_given_filter_that_misses_a_limit_is_said_to_and_the_report_is_there(a
         (("--axis", 2, "--max-sensitivity", 0.9), 2, "max_sensitivity"),
         (("--axis", 2, "--uncertainty-percent", 80), 2, "80"),
         (("--axis", 2, "--model", "/nowhere/model.toml"), 3, "model.toml"),
-        (("--axis", 2, "--order", "3"), 2, "3"),
+        (("--axis", 2, "--order", "3"), 3, "of order 3 is not known"),
+        (("--axis", 2, "--order", "two"), 2, "--order 'two'"),
+        (("--axis", 2, "--order", "2,2"), 2, "--order '2,2'"),
     ],
 )
 def test_what_cannot_be_is_refused(app, quick, tmp_path, arguments, code, said):
@@ -115,3 +117,25 @@ def test_a_parameter_set_that_is_there_is_not_replaced_where_its_name_was_given(
     found = run(app, "--bench", "reference", "--axis", 2, "--given", "--out", tmp_path, "--set", path)
     assert found.exit_code == 3
     assert path.read_text() == "# kept\n"
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_given_filter_goes_into_the_design_file_that_is_named(app, quick, tmp_path):
+    path = tmp_path / "mine.toml"
+    asked = ("--bench", "reference", "--axis", 3, "--given", "--uncertainty-percent", 0, "--out", tmp_path, "--design", path)
+    found = run(app, *asked)
+    assert found.exit_code == 0, found.output
+    kept = load_designs(path).axis[3]
+    assert kept.notch[0].zeta_rn == 0.036
+    assert kept.tip_peak_mm["2"] == pytest.approx(0.0446, abs=0.0005)
+    assert f"design file: {path}" in found.stderr
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_given_filter_that_breaks_a_margin_goes_into_no_file_and_that_is_said(app, quick, tmp_path):
+    path = tmp_path / "mine.toml"
+    asked = ("--bench", "reference", "--axis", 2, "--given", "--max-sensitivity", 1.5, "--uncertainty-percent", 0)
+    found = run(app, *asked, "--out", tmp_path, "--design", path)
+    assert found.exit_code == 9
+    assert not path.exists()
+    assert "no design file and no parameter set" in found.stderr

@@ -7,9 +7,10 @@ import pytest
 
 from hil.bench.bench import load_bench
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
-from hil.design.notch_design import Judge, RequirementCheck, Requirements, verdict
-from hil.design.notch_search import Effort, Space, search, workers
-from hil.experiments.notch_design import NotchDesignRequest, problem_of
+from hil.design.notch_design import Judge, RequirementCheck, verdict
+from hil.design.notch_problem import DesignRamp, Requirements, rises, speed_ranges
+from hil.design.notch_search import PAPER_FILTERS, Effort, Space, search, workers
+from hil.experiments.notch_problem import NotchDesignRequest, problem_of
 
 BENCH = load_bench("reference")
 TINY = Effort(population=8, generations=1, robust_population=5, robust_generations=1)
@@ -28,8 +29,8 @@ def table_3(axis):
 def test_a_place_of_the_cube_and_its_filter_are_each_others(axis_2, shape):
     problem, f_al = axis_2
     space = Space.around(problem, 2, shape, f_al, Notch())
-    assert space.dimensions == (6 if shape == "trapezoid" else 5)
-    low, high = problem.windows_rps[2]
+    assert space.dimensions == (7 if shape == "trapezoid" else 6)
+    low, high = problem.window_rps(2)
     for place in np.random.default_rng(1).random((20, space.dimensions)):
         notch = space.notch(place)
         assert notch.start_rps <= low
@@ -39,35 +40,82 @@ def test_a_place_of_the_cube_and_its_filter_are_each_others(axis_2, shape):
         assert space.notch(space.point(table_3(2))) == table_3(2)
 
 
-def test_a_window_that_the_motion_does_not_pass_is_refused(axis_2):
-    problem, f_al = axis_2
-    slow = dataclasses.replace(problem, reference_rad=problem.reference_rad * 0.7)
-    with pytest.raises(ValueError, match="the motion reaches 7"):
-        Space.around(slow, 2, "switched", f_al, Notch())
+@pytest.mark.parametrize("f_al", [4.0, 11.84, 30.0])
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_the_filters_that_are_tried_scale_with_the_robots_resonance(axis_2, f_al, order):
+    windows = {order: (0.76 * f_al / order, 1.27 * f_al / order)}
+    problem = dataclasses.replace(axis_2[0], ranges=speed_ranges(windows, 0.1 * f_al, 2.0 * f_al))
+    template = Notch(hysteresis_rps=0.15, speed_lowpass_hz=4.2 * f_al)
+    for shape in ("switched", "trapezoid"):
+        space = Space.around(problem, order, shape, f_al, template)
+        made = [space.notch(place) for place in (np.zeros(space.dimensions), np.ones(space.dimensions))]
+        for notch in (*made, *space.starts(f_al)):
+            assert 0.4 <= notch.start_rps * order / f_al <= 0.8
+            assert 1.25 <= notch.end_rps * order / f_al <= 1.76
+            assert notch.hysteresis_rps <= 0.05 * f_al / order + 1e-9
+            assert notch.offset_hz <= 0.4 * f_al
+
+
+def test_a_ramp_keeps_the_speed_limit_and_turns_without_a_jolt():
+    ramp = DesignRamp.of(4.0, 2.0, 9.0, 12.0, 5.0, 250e-6, 1.0, is_own=True)
+    speed = np.diff(ramp.reference_rad) / 250e-6 / (2.0 * np.pi)
+    rate = np.diff(speed) / 250e-6
+    assert speed.max() <= 9.0
+    assert speed.max() == pytest.approx(9.0, abs=1e-3)
+    assert ramp.top_rps < 9.0
+    assert speed[-1] < 2.0
+    turning = rate[round(ramp.rise_end_s / 250e-6) + 2 : round(ramp.fall_begin_s / 250e-6) - 2]
+    assert turning[0] == pytest.approx(4.0, abs=0.01)
+    assert turning[-1] == pytest.approx(-4.0, abs=0.01)
+    assert np.abs(np.diff(turning)).max() < 0.01, "no step of the acceleration, which would ring at f_al"
 
 
 def test_what_breaks_a_limit_is_worse_than_anything_that_keeps_all(axis_2):
     problem, _ = axis_2
     judge = Judge(problem, 2)
-    assert judge.score(table_3(2)) == pytest.approx(0.0463, abs=0.001)
+    bare, paper = (problem.peaks_mm(problem.members[0], notches) for notches in ((), (table_3(2),)))
+    expected = problem.weighted_mm(paper, 2) / problem.weighted_mm(bare, 2)
+    assert judge.score(table_3(2)) == pytest.approx(expected, rel=1e-12)
+    assert 0.5 < expected < 0.7
     deep = dataclasses.replace(table_3(2), zeta_rn=0.005, zeta_rdth=0.9)
     assert judge.score(deep) > 10.0
     strict = dataclasses.replace(problem, requirements=Requirements(max_sensitivity=1.4))
     assert 10.0 < Judge(strict, 2).score(table_3(2)) < 11.0
 
 
+def test_a_filter_of_one_order_that_raises_the_peak_of_another_is_seen(axis_2):
+    """In the speeds of k = 2 it is the best that was found; on the way down it leaves k = 4 with twice its peak."""
+    problem, _ = axis_2
+    harmful = Notch(
+        mode=NOTCH_TRAPEZOID, start_rps=3.565, end_rps=10.82, offset_hz=3.42, zeta_rn=0.027, zeta_rdth=0.2115,
+        speed_lowpass_hz=7.93, ramp_rps=0.389,
+    )  # fmt: skip
+    bare, with_it = (problem.peaks_mm(problem.members[0], notches) for notches in ((), (harmful,)))
+    assert with_it[1, problem.row(2)].max() < 0.5 * bare[1, problem.row(2)].max()
+    fourth = next(rise for rise in rises(problem, bare, with_it) if rise.order == 4)
+    assert fourth.ratio > 1.5
+    loose = dataclasses.replace(problem, requirements=Requirements(1.75, 34.0))
+    assert 2.0 < Judge(loose, 2).score(harmful) < 10.0
+    missed = verdict(loose, (harmful,), (2,)).missed
+    assert missed[0].name == "tip peak of k = 4, over that without a filter"
+    assert not verdict(loose, (harmful,), (2,)).is_harmless
+
+
 def test_the_verdict_agrees_with_the_score_and_names_what_binds(axis_2):
     problem, _ = axis_2
     found = verdict(problem, (table_3(2),), (2,))
     assert found.holds
+    assert found.is_harmless
     assert found.missed == ()
-    assert found.peak(2).worst_mm == pytest.approx(Judge(problem, 2).score(table_3(2)), rel=1e-9)
+    assert found.peak(2).worst_mm == problem.peaks_mm(problem.members[0], (table_3(2),))[0, problem.row(2)].max()
+    assert [rate for rate, _ in found.peak(2).other_mm] == [2.0, 8.0]
     assert min(found.margins) == 0.0
     assert max(found.margins) == 12.0
     strict = dataclasses.replace(problem, requirements=Requirements(max_sensitivity=1.45, tip_mm=0.04))
     missed = verdict(strict, (table_3(2),), (2,)).missed
     assert {check.name for check in missed} == {"M_s", "tip peak on the ramp, k = 2,"}
-    assert str(missed[0]) == "tip peak on the ramp, k = 2, 0.04628 mm (nominal), at most 0.04 mm asked"
+    assert str(missed[0]) == "tip peak on the ramp, k = 2, 0.04605 mm (nominal), at most 0.04 mm asked"
+    assert verdict(dataclasses.replace(strict, requirements=Requirements(tip_mm=0.04)), (table_3(2),), (2,)).is_harmless
 
 
 def test_a_search_starts_from_what_is_given_and_never_ends_with_less(axis_2):
@@ -75,9 +123,16 @@ def test_a_search_starts_from_what_is_given_and_never_ends_with_less(axis_2):
     shares = []
     found = search(problem, 2, ("switched",), f_al, effort=TINY, given=(table_3(2),), progress=shares.append)
     assert found.best.holds
-    assert found.best.peak(2).worst_mm <= verdict(problem, (table_3(2),), (2,)).peak(2).worst_mm
+    assert found.ratio <= Judge(problem, 2).score(table_3(2))
     assert shares == sorted(shares)
     assert shares[-1] == pytest.approx(1.0, abs=0.25)
+
+
+def test_the_papers_filters_are_candidates_though_nobody_gives_them(axis_2):
+    problem, f_al = axis_2
+    assert table_3(2) in PAPER_FILTERS
+    found = search(problem, 2, ("switched",), f_al, effort=Effort(5, 1, 5, 1))
+    assert found.ratio <= Judge(problem, 2).score(table_3(2))
 
 
 @pytest.mark.slow  # two more interpreters have to be started

@@ -31,7 +31,7 @@ def loops(period_s=250e-6, delay=0):
 @pytest.mark.parametrize("name", FILTERS)
 @pytest.mark.parametrize(("period_s", "delay"), [(250e-6, 0), (250e-6, 2), (500e-6, 0)])
 def test_they_are_those_of_the_slow_way(name, period_s, delay):
-    family, fine = (LoopFamily(loops(period_s, delay), step) for step in (0.04, 0.01))
+    family, fine = (LoopFamily(loops(period_s, delay), step) for step in (1.0 / 320.0, 1.0 / 1280.0))
     quick, found = family.margins(FILTERS[name], SPEEDS), fine.margins(FILTERS[name], SPEEDS)
     for p, loop in enumerate(loops(period_s, delay)):
         filtered = dataclasses.replace(loop, notches=tuple(widened(notch) for notch in FILTERS[name]))

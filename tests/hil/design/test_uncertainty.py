@@ -50,7 +50,7 @@ def test_the_spread_in_words_is_that_of_the_corners():
 
 def test_a_percentage_wins_and_none_at_all_leaves_the_believed_plant():
     known = {"gear_stiffness_nm_rad": 5000.0}
-    assert "J_l" in around(PLANT, ERROR, percent=2.0, standard_error=known)[1].label
+    assert "J_l" in around(PLANT, ERROR, percent=4.0, standard_error=known)[1].label
     assert len(around(PLANT, ERROR, percent=0.0, standard_error=known)) == 1
     for wrong in (-1.0, 51.0):
         with pytest.raises(ValueError, match="is not within 0"):

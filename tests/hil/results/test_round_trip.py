@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError, IdentifiedPlant
-from hil.design.notch_design import Requirements
+from hil.design.notch_problem import Requirements
 from hil.results.ate import AteResult
 from hil.results.base import SCHEMA, MeasuredBench, Result
 from hil.results.comparison import ComparisonResult, StoryResult

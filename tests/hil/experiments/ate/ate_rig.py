@@ -1,43 +1,47 @@
 """Robots of the kind that industry builds, each unlike the reference robot in something, and a session without a bus for them."""
 
 import math
-from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scipy import signal
 
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.units import Scaling
 from hil.bench.bench import AccelerometerTable, AxisTable, Bench, Bus, Limits
-from hil.control.trajectory import ConstantAcceleration
 from hil.master.motion import Motion, RunResult
 from hil.recording import Recording
 from hil.robot_tables import ConstantAccelerationMotion, Control, TransmissionErrorTable
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
+from plant_emulator.physics.axis import settle
 from plant_emulator.physics.tip import TipSensor
 from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
 
 AXIS = 2
 SETTLE_S = 2.0
+"""Time for which the axis stands under torque before a motion: its arm rings for a second where f_a is 5 Hz."""
 
 BUILT: dict[str, dict[str, Any]] = {
-    "R01": {"n": 50, "f_a": 8.0, "sync_ms": 1, "a2": 20.0, "a4": 7.0},
-    "R02": {"n": 160, "f_a": 5.0, "a2": 12.0, "a4": 16.0, "friction": 3.0, "k_pp": 18.0},
-    "R03": {"n": 100, "f_a": 25.3, "bits": 13, "sync_ms": 4, "a2": 12.0, "a4": 5.0},
-    "R04": {"n": 100, "f_a": 18.0, "a1": 20.0, "a2": 60.0, "a4": 12.0, "wind_up_softness": 0.3, "gear_reaction": True},
-    "R05": {"n": 100, "f_a": 11.4, "j_l": 2.0, "a2": 10.0, "a4": 5.0, "hysteresis_torque_nm": 5.0, "current_time_constant_s": 5e-4},
-    "R06": {"n": 120, "f_a": 10.0, "a1": 40.0, "phi1": 33.0, "a2": 10.0, "a4": 10.0, "bits": 15, "noise": 0.1},
-    "R07": {"n": 80, "f_a": 15.0, "j_l": 1.5, "a2": 10.0, "a4": 6.0, "hysteresis_torque_nm": 2.0, "current_time_constant_s": 3e-4, "sync_ms": 8, "friction": 2.0, "wind_up_softness": 0.2, "gear_reaction": True},
-    "R07b": {"n": 80, "f_a": 15.0, "j_l": 1.5, "a2": 10.0, "a4": 6.0, "hysteresis_torque_nm": 0.5, "current_time_constant_s": 3e-4, "sync_ms": 2, "friction": 2.0, "wind_up_softness": 0.2, "gear_reaction": True},
-    "R10": {"n": 100, "f_a": 7.0, "a1": 60.0, "a2": 3.0, "a4": 1.5, "noise": 0.1},
-    "R11": {"n": 100, "f_a": 12.0, "a2": 0.0, "a4": 0.0},
-    "R12": {"n": 100, "f_a": 20.0, "j_l": 1.0, "a2": 20.0, "a4": 8.0, "hysteresis_torque_nm": 2.0, "sync_ms": 8},
-    "R13": {"n": 100, "f_a": 11.4, "j_l": 2.0, "a2": 10.0, "a4": 5.0, "hysteresis_torque_nm": 0.5, "current_time_constant_s": 5e-4},
-    "R14": {"n": 100, "f_a": 20.0, "j_l": 1.0, "a2": 20.0, "a4": 8.0, "hysteresis_torque_nm": 0.3, "sync_ms": 8},
-    "R16": {"n": 120, "f_a": 10.0, "a2": 10.0, "a4": 10.0, "bits": 15, "noise": 0.1},
-    "R17": {"n": 100, "f_a": 25.3, "bits": 17, "sync_ms": 4, "a2": 12.0, "a4": 5.0},
+    "low, strong order 4": {"n": 160, "f_a": 5.0, "a2": 12.0, "a4": 16.0, "friction": 3.0, "k_pp": 18.0},
+    "high, 13 bits, 4 ms": {"n": 100, "f_a": 25.3, "bits": 13, "sync_ms": 4, "a2": 12.0, "a4": 5.0},
+    "soft wind-up, reaction": {
+        "n": 100, "f_a": 18.0, "a1": 20.0, "a2": 60.0, "a4": 12.0, "wind_up_softness": 0.3, "gear_reaction": True,
+    },
+    "order 1, noise": {"n": 120, "f_a": 10.0, "a1": 40.0, "a2": 10.0, "a4": 10.0, "bits": 15, "noise": 0.1},
+    "noise, 15 bits": {"n": 120, "f_a": 10.0, "a2": 10.0, "a4": 10.0, "bits": 15, "noise": 0.1},
+    "hysteresis of 0.5 N m, lag": {
+        "n": 100, "f_a": 11.4, "j_l": 2.0, "a2": 10.0, "a4": 5.0, "hysteresis_torque_nm": 0.5, "current_time_constant_s": 5e-4,
+    },
+    "all of it, mildly": {
+        "n": 80, "f_a": 15.0, "j_l": 1.5, "a2": 10.0, "a4": 6.0, "hysteresis_torque_nm": 0.5, "current_time_constant_s": 3e-4,
+        "friction": 2.0, "wind_up_softness": 0.2, "gear_reaction": True,
+    },
+    "hysteresis, 8 ms": {
+        "n": 100, "f_a": 20.0, "j_l": 1.0, "a2": 20.0, "a4": 8.0, "hysteresis_torque_nm": 0.3, "sync_ms": 8,
+    },
+    "no error": {"n": 100, "f_a": 12.0, "a2": 0.0, "a4": 0.0},
 }  # fmt: skip
 """What sets each robot apart; `built` has what they share."""
 
@@ -53,8 +57,7 @@ def built(name: str = "", seed: int = 1, **changes: Any) -> Robot:
     omega, arm = 2.0 * math.pi * it["f_a"], it["j_l"]
     motor, damping = arm / it["n"] ** 2 / it["ratio"], 2.0 * it["zeta"] * omega * arm
     limit = 40.0 * motor * 2.0 * math.pi * 12.0 + 0.02 * arm
-    options = ("wind_up_softness", "gear_reaction", "hysteresis_torque_nm", "hysteresis_torsion_arcsec", "current_time_constant_s",
-               "gravity_moment_nm")  # fmt: skip
+    options = ("wind_up_softness", "gear_reaction", "hysteresis_torque_nm", "current_time_constant_s", "gravity_moment_nm")
     axis = RobotAxis(
         reduction_ratio=it["n"], motor_inertia_kg_m2=motor, motor_damping_nm_s_rad=3.0 * motor, arm_inertia_kg_m2=arm,
         arm_damping_nm_s_rad=0.12 * damping, gear_stiffness_nm_rad=arm * omega**2, gear_damping_nm_s_rad=0.88 * damping,
@@ -95,17 +98,12 @@ class RigSession:
         motions: What was asked for.
     """
 
-    def __init__(self, robot: Robot, bench: Bench | None = None, *, tip_gain: float = 1.0, polarity: int = 1, frozen: bool = False,
+    def __init__(self, robot: Robot, bench: Bench | None = None, *, tip_gain: float = 1.0, is_held: bool = False,
                  delay_s: float = 0.0, lowpass_hz: float = 0.0, mount_hz: float = 0.0) -> None:  # fmt: skip
         self.robot, self.bench, self.motions = robot, bench or blank_bench(robot), list[Motion]()
         table = robot.axis[AXIS]
         self._scaling = Scaling(table.encoder_counts_per_rev, table.rated_torque)
-        self._rng, self._tip_gain, self._polarity, self._frozen = (
-            np.random.default_rng(robot.seed + 1000),
-            tip_gain,
-            polarity,
-            frozen,
-        )
+        self._rng, self._tip_gain, self._is_held = np.random.default_rng(robot.seed + 1000), tip_gain, is_held
         self._delay_s, self._lowpass_hz, self._mount_hz = delay_s, lowpass_hz, mount_hz
         drive = SimpleNamespace(position_rad=lambda: self._rad, scaling=self._scaling, profile=Profile.load("emulated_drive"),
                                 control_period_s=lambda: robot.control_period_s)  # fmt: skip
@@ -124,8 +122,8 @@ class RigSession:
         per_rad, quantum = scaling.counts_per_rad, scaling.torque_quantum_nm
         start = self._rad
         axes.plant_state[0]["motor_angle_rad"] = start
-        from plant_emulator.physics.axis import settle
-
+        if self._is_held:  # an arm that nothing moves: the gear is all that gives way
+            axes.plant[0]["arm_inertia_kg_m2"] *= 1e9
         settle(axes.plant[0], axes.plant_state[0])
         targets, sensor = start + motion.motor_angle_rad[:, 0], self.robot.accelerometer
         count = len(targets)
@@ -161,8 +159,7 @@ class RigSession:
         return RunResult(Recording(columns), count, 0, 0, duration, duration, self.robot.control_period_s, None)
 
     def _sensed(self, true_tip: np.ndarray, periods: int) -> np.ndarray:
-        from scipy import signal
-
+        """The acceleration behind mounting, low-pass and delay, sampled at every SYNC."""
         rate, values = 1.0 / self.robot.control_period_s, true_tip
         if self._mount_hz:
             w, z = 2.0 * math.pi * self._mount_hz, 0.05

@@ -1,0 +1,313 @@
+"""An axis whose notch is wanted: requirements, ramps on which a filter is judged, speeds in which the tip is looked at."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.control.cascade import Cascade
+from hil.control.notch import Notch
+from hil.design.frequency import Loop
+from hil.design.ramp import RampMotion, follow
+from hil.design.uncertainty import Member
+
+Real = NDArray[np.float64]
+
+Displacement = Callable[[RampMotion], Real]
+"""Displacement of the tip in mm over the time of a motion, as the metric of measured runs has it."""
+
+RISE = 1.05
+"""Largest ratio by which a filter may raise a tip peak in the speeds of any order, for any plant."""
+RISE_BESIDE = 1.15
+"""The same between the orders' speeds, where a filter switches, and where the tip moves less than at an order's."""
+LEAST_MM = 0.002
+"""Peaks below it do not matter: a ratio is reckoned from it where the peak without a filter is smaller."""
+RAMP_REST_S = 0.1
+"""Rest before a ramp, s."""
+TURN_PERIODS = 3.0
+"""Duration of the turn at the top of a ramp in periods of f_al: so smooth a turn does not ring at f_al."""
+_TURN_GAIN = 0.25 + 1.0 / math.pi**2
+"""Gain of speed in the first half of a turn, over rate and duration of the turn."""
+SETTLE_PERIODS = 3.0
+"""Part of a ramp below the lowest judged speed in periods of f_al, in which the band-pass of the metric settles."""
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """Requirements on every filter, at every speed, for every plant.
+
+    Attributes:
+        max_sensitivity: Largest allowed M_s.
+        phase_margin_deg: Least phase margin.
+        gain_margin_db: Least gain margin, up and down.
+        tip_mm: Limit A_acc, of constraint (5) on the line and of the tip on the ramp.
+    """
+
+    max_sensitivity: float = 1.7
+    phase_margin_deg: float = 35.0
+    gain_margin_db: float = 6.0
+    tip_mm: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Refuse limits that no loop can keep.
+
+        Raises:
+            ValueError: A limit is outside its range.
+        """
+        if not self.max_sensitivity > 1.0:
+            raise ValueError(f"max_sensitivity = {self.max_sensitivity} must be above 1, which only an open loop has")
+        if not 0.0 <= self.phase_margin_deg < 90.0:
+            raise ValueError(f"phase_margin_deg = {self.phase_margin_deg} is not within 0 … 90")
+        for name in ("gain_margin_db", "tip_mm"):
+            if not (getattr(self, name) >= 0.0 and math.isfinite(getattr(self, name))):
+                raise ValueError(f"{name} = {getattr(self, name)} must not be below 0")
+
+
+@dataclass(frozen=True)
+class DesignRamp:
+    """Motion from rest up at a constant rate, round a smooth turn, and down at the same rate.
+
+    Attributes:
+        rate_rps_s: Rate up and down.
+        top_rps: Speed at which the rise ends and the turn begins.
+        weight: Weight of its peaks in what a search minimises; that of the user's own motion is 1.
+        is_own: True for the user's own motion, on which the tip must keep its limit.
+        period_s: Sampling time of `reference_rad`.
+        rise_end_s: Time of the end of the rise.
+        fall_begin_s: Time of the beginning of the fall.
+        reference_rad: θ_ref; shape (samples,).
+    """
+
+    rate_rps_s: float
+    top_rps: float
+    weight: float
+    is_own: bool
+    period_s: float
+    rise_end_s: float
+    fall_begin_s: float
+    reference_rad: Real
+
+    @classmethod
+    def of(
+        cls, rate_rps_s: float, low_rps: float, limit_rps: float, top_rps: float, f_al_hz: float, period_s: float,
+        weight: float, *, is_own: bool,
+    ) -> "DesignRamp":  # fmt: skip
+        """Lay out a ramp.
+
+        Args:
+            rate_rps_s: Rate up and down.
+            low_rps: Lowest speed in which the tip is judged.
+            limit_rps: Largest speed of the axis, which the turn does not exceed.
+            top_rps: Speed to which the rise leads, where the limit allows it.
+            f_al_hz: Peak of |G_al|.
+            period_s: Sampling time of the loop.
+            weight: Weight of its peaks in a search.
+            is_own: True for the user's own motion.
+        """
+        turn_s = TURN_PERIODS / f_al_hz
+        top = min(top_rps, limit_rps - _TURN_GAIN * rate_rps_s * turn_s)
+        rise_end = RAMP_REST_S + top / rate_rps_s
+        fall_begin = rise_end + turn_s
+        bottom = max(0.0, low_rps - rate_rps_s * SETTLE_PERIODS / f_al_hz)
+        count = math.ceil((fall_begin + (top - bottom) / rate_rps_s) / period_s) + 1
+        time = (np.arange(count - 1) + 0.5) * period_s
+        part = np.clip((time - rise_end) / turn_s, 0.0, 1.0)
+        bend = part - part**2 + (1.0 - np.cos(2.0 * math.pi * part)) / (2.0 * math.pi**2)
+        rising = rate_rps_s * np.clip(time - RAMP_REST_S, 0.0, rise_end - RAMP_REST_S)
+        speed = rising + rate_rps_s * (turn_s * bend - np.clip(time - fall_begin, 0.0, None))
+        angle = 2.0 * math.pi * period_s * np.concatenate([np.zeros(1), np.cumsum(speed)])
+        return cls(rate_rps_s, top, weight, is_own, period_s, rise_end, fall_begin, angle)
+
+    def rows(self, motion: RampMotion) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Rows of a simulated motion on this ramp in which the speed rises, and those in which it falls; shapes (n,)."""
+        time = motion.period_s * np.arange(len(motion.motor_speed_rps))
+        return (time >= RAMP_REST_S) & (time < self.rise_end_s), time >= self.fall_begin_s
+
+
+@dataclass(frozen=True)
+class SpeedRange:
+    """Range of motor speeds in which the tip is looked at.
+
+    Attributes:
+        order: Order k that meets f_al in it; None between the orders' ranges, where a filter may switch.
+        low_rps: Least speed.
+        high_rps: Largest speed.
+    """
+
+    order: float | None
+    low_rps: float
+    high_rps: float
+
+
+def speed_ranges(windows_rps: Mapping[float, tuple[float, float]], low_rps: float, top_rps: float) -> tuple[SpeedRange, ...]:
+    """Windows of the orders, and what lies below, between and above them.
+
+    >>> [(each.order, each.low_rps, each.high_rps) for each in speed_ranges({2: (4.5, 7.5), 4: (2.2, 3.6)}, 1.5, 11.0)]
+    [(2, 4.5, 7.5), (4, 2.2, 3.6), (None, 1.5, 2.2), (None, 3.6, 4.5), (None, 7.5, 11.0)]
+
+    Args:
+        windows_rps: Speeds in which each order is judged.
+        low_rps: Lowest speed that is looked at.
+        top_rps: Highest speed that is looked at.
+    """
+    found = [SpeedRange(order, low, min(high, top_rps)) for order, (low, high) in sorted(windows_rps.items())]
+    reached = low_rps
+    for low, high in sorted(windows_rps.values()):
+        if low > reached:
+            found.append(SpeedRange(None, reached, low))
+        reached = max(reached, high)
+    if reached < top_rps:
+        found.append(SpeedRange(None, reached, top_rps))
+    return tuple(found)
+
+
+def peaks_in(ramp: DesignRamp, motion: RampMotion, displacement_mm: Real, ranges: Sequence[SpeedRange]) -> Real:
+    """Largest |displacement| in each range while the speed rises and while it falls; 0 where the ramp does not come there.
+
+    Args:
+        ramp: The ramp.
+        motion: Simulated motion on it.
+        displacement_mm: Displacement of the tip; shape (n,).
+        ranges: Ranges of speeds.
+
+    Returns:
+        Peaks in mm; shape (ranges, 2).
+    """
+    size, speed = np.abs(displacement_mm), np.abs(motion.motor_speed_rps)
+    peaks = np.zeros((len(ranges), 2))
+    for column, rows in enumerate(ramp.rows(motion)):
+        there, here = size[rows], speed[rows]
+        for row, each in enumerate(ranges):
+            peaks[row, column] = np.max(there[(here >= each.low_rps) & (here <= each.high_rps)], initial=0.0)
+    return peaks
+
+
+@dataclass(frozen=True)
+class NotchProblem:
+    """An axis whose notch is wanted.
+
+    Attributes:
+        members: The plants; the believed one first.
+        cascade: The gains.
+        period_s: Sampling time of the loop.
+        delay_samples: Whole samples between measurement and torque.
+        lever_m: L, from the arm's axis to the tip.
+        speed_limit_rps: Highest motor speed at which margins are required.
+        f_al_hz: Peak of |G_al| of the believed plant without a filter.
+        ramps: Ramps on which a filter is judged; the user's own motion first.
+        ranges: Ranges of speeds in which the tip is looked at: one for each order that the error has and the axis reaches.
+        displacement_mm: Metric of the tip's motion.
+        requirements: Requirements that a filter must meet.
+        fixed: Filters of other orders, which stay as they are.
+        friction_nm: Friction against the turning motor.
+        gravity_nm: Gravity at the motor, which acts against it or helps it.
+        is_gravity_known: True where it was identified: what the gear makes of it is looked at then as well.
+    """
+
+    members: tuple[Member, ...]
+    cascade: Cascade
+    period_s: float
+    delay_samples: int
+    lever_m: float
+    speed_limit_rps: float
+    f_al_hz: float
+    ramps: tuple[DesignRamp, ...]
+    ranges: tuple[SpeedRange, ...]
+    displacement_mm: Displacement
+    requirements: Requirements = field(default_factory=Requirements)
+    fixed: tuple[Notch, ...] = ()
+    friction_nm: float = 0.0
+    gravity_nm: float = 0.0
+    is_gravity_known: bool = False
+
+    @property
+    def orders(self) -> tuple[float, ...]:
+        """Orders of the error that the axis reaches."""
+        return tuple(each.order for each in self.ranges if each.order is not None)
+
+    def window_rps(self, order: float) -> tuple[float, float]:
+        """Speeds in which an order is judged."""
+        found = self.ranges[self.row(order)]
+        return found.low_rps, found.high_rps
+
+    def row(self, order: float) -> int:
+        """Row of an order among the ranges."""
+        return next(row for row, each in enumerate(self.ranges) if each.order == order)
+
+    def loop(self, member: Member, notches: Sequence[Notch] = ()) -> Loop:
+        """The loop around one plant."""
+        return Loop(member.plant, self.cascade, tuple(notches), self.period_s, self.delay_samples)
+
+    def peaks_mm(self, member: Member, notches: Sequence[Notch]) -> Real:
+        """Tip peaks of a plant in every range, rising and falling, in each case.
+
+        Cases of the believed plant: every ramp under friction and gravity, the user's own first; that one with gravity's help;
+        and where gravity is known, that one with the gear's reaction on the motor, gravity against it and with it. Other plants
+        go along the user's ramp alone.
+
+        Returns:
+            Peaks in mm; shape (cases, ranges, 2).
+        """
+        heavy, light = (self.friction_nm + self.gravity_nm, 0.0), (self.friction_nm - self.gravity_nm, 0.0)
+        cases = [(ramp, heavy) for ramp in self.ramps] if member is self.members[0] else [(self.ramps[0], heavy)]
+        if member is self.members[0]:
+            cases.append((self.ramps[0], light))
+            if self.is_gravity_known:
+                cases += [(self.ramps[0], (self.friction_nm, sign * self.gravity_nm)) for sign in (1.0, -1.0)]
+        loop, found = self.loop(member, notches), []
+        for ramp, load in cases:
+            motion = follow(loop, member.error, ramp.reference_rad, load_nm=load)
+            found.append(peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges))
+        return np.array(found)
+
+    def own_cases(self, count: int) -> list[int]:
+        """Cases of the user's own ramp among so many."""
+        return [0, *range(len(self.ramps), count)]
+
+    def weighted_mm(self, peaks_mm: Real, order: float) -> float:
+        """Largest peak of an order in all cases but the gear's reaction, each by its ramp's weight; peaks of `peaks_mm`."""
+        weights = np.array([*(ramp.weight for ramp in self.ramps), 1.0])[: len(peaks_mm)]
+        return float(np.max(weights[:, np.newaxis] * peaks_mm[: len(weights), self.row(order)]))
+
+
+@dataclass(frozen=True)
+class Rise:
+    """Ratio of a tip peak to that without a filter.
+
+    Attributes:
+        order: Order k in whose speeds the tip is looked at; None between them.
+        ratio: The ratio.
+        limit: The largest that is allowed.
+    """
+
+    order: float | None
+    ratio: float
+    limit: float
+
+    @property
+    def excess(self) -> float:
+        """Fraction by which it is beyond its limit; 0 where it is not."""
+        return max(0.0, self.ratio / self.limit - 1.0)
+
+
+def rises(problem: NotchProblem, before_mm: Real, after_mm: Real) -> list[Rise]:
+    """How much filters raise the peaks of each range, on the user's own motion, and of an order beyond its worst on any ramp.
+
+    Args:
+        problem: The axis.
+        before_mm: Peaks of a plant without filters, from `NotchProblem.peaks_mm`.
+        after_mm: Peaks of the same plant with them.
+    """
+    found = []
+    own, rows = problem.own_cases(len(before_mm)), [problem.row(order) for order in problem.orders]
+    largest = float(np.max(after_mm[0, rows]))
+    for row, each in enumerate(problem.ranges):
+        before, after = before_mm[:, row], after_mm[:, row]
+        least = LEAST_MM if each.order is not None else max(LEAST_MM, largest)
+        ratio = float(np.max(after[own] / np.maximum(before[own], least)))
+        if each.order is not None:
+            ratio = max(ratio, float(np.max(after)) / max(float(np.max(before)), least))
+        found.append(Rise(each.order, ratio, RISE if each.order is not None else RISE_BESIDE))
+    return found
