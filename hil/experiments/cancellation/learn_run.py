@@ -9,10 +9,10 @@ from hil.bench.model import Identified, IdentifiedAxis, load_identified, update_
 from hil.can.channel import Channel
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
-from hil.experiments.ate.motion import Ramps, end_speed
+from hil.experiments.ate.motion import ACCELERATION_RPS_S, Ramps, end_speed
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.cancellation.cancellation import given_inertia
-from hil.experiments.cancellation.learning import ACCELERATION_RPS_S, PASSES, AxisLearning, learn
+from hil.experiments.cancellation.learning import PASSES, AxisLearning, learn
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.master.motion import RunResult
 from hil.reporter import SILENT, Reporter

@@ -25,7 +25,7 @@ from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_moved, check_run
 from hil.experiments.ate.identify import standard_errors, sweep_of
-from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, furthest_end, ramps
+from hil.experiments.ate.motion import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramps, furthest_end, ramps
 from hil.experiments.ate.order_scan import identify_orders, is_significant
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
@@ -44,7 +44,6 @@ from hil.robot_tables import ORDERS, TransmissionErrorTable
 Real = NDArray[np.float64]
 
 PASSES = 5
-ACCELERATION_RPS_S = 4.0
 SECOND_GAIN = 0.5
 LEAST_DELAY_S = 1e-4
 """Least delay of the motor that is not the gear's effect on it: 0.03 ms on the reference robot, and 0.4° at 12 Hz."""
