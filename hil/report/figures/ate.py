@@ -17,7 +17,7 @@ from hil.recording import Recording
 from hil.report import style
 from hil.report.drawn_run import smooth_spectrum
 from hil.report.figures.order_map import order_maps
-from hil.report.order_names import BY_ORDER, order_words, symbol, symbol_of
+from hil.report.order_names import BY_ORDER, order_words, shown_orders, symbol, symbol_of
 from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
 from hil.report.style import Drawing, Real
@@ -142,11 +142,6 @@ class AteMaterial:
 def error_of(part: IdentifiedError) -> TransmissionError:
     """θ_sync as a function of the motor angle."""
     return TransmissionError(part.values.amplitudes_arcsec(), part.values.phases_deg())
-
-
-def shown_orders(part: IdentifiedError) -> list[float]:
-    """Orders of the result, from that with the lowest resonant speed."""
-    return sorted(part.values.amplitudes_arcsec(), reverse=True)
 
 
 def waveform(axis: int, part: IdentifiedError | None, *, is_paper: bool = False) -> Drawing | None:
