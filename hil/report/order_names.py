@@ -5,7 +5,6 @@ from collections.abc import Iterable
 
 from markupsafe import Markup
 
-from hil.bench.model import IdentifiedError
 from hil.robot_tables import amplitude_key, phase_key
 
 BY_ORDER = ((amplitude_key, "A", "arcsec"), (phase_key, "φ", "°"))
@@ -29,8 +28,3 @@ def order_words(orders: Iterable[float]) -> str:
     """Orders in words: `order 2 and 4`."""
     names = [f"{order:g}" for order in orders]
     return "no order" if not names else "order " + " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-
-
-def shown_orders(part: IdentifiedError) -> list[float]:
-    """Orders of the result, from that with the lowest resonant speed."""
-    return sorted(part.values.amplitudes_arcsec(), reverse=True)
