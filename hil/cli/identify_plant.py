@@ -52,6 +52,7 @@ ROWS = (
     ("gravity_phase_deg", "q_0", "°"),
     ("lever_ratio", "lever seen / bench file's", ""),
     ("torque_age_s", "age of the torque", "s"),
+    ("torque_lag_s", "lag of the current loop", "s"),
     ("accelerometer_delay_s", "accelerometer delay", "s"),
 )
 """Numbers of the summary: name in result.json, symbol, unit."""

@@ -12,9 +12,9 @@ from hil.design.frequency import Real
 
 STRIBECK_RAD_S = (0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0, 7.0)
 """Stribeck speeds ω_s that are tried."""
-CORRELATED = 4.0
+CORRELATED_TURNS = 4.0
 """Whole turns for which friction keeps its deviation from any law."""
-LEFT_OPEN, GRAVITY_LEFT_OPEN = 3e-3, 1e-3
+COULOMB_LEFT_OPEN, GRAVITY_LEFT_OPEN = 3e-3, 1e-3
 """Relative errors of Coulomb friction and of the gravity moment below which no fit is trusted."""
 
 
@@ -97,7 +97,7 @@ def fit_friction(stretches: Sequence[SlowStretch], sync_s: float, reduction_rati
     spread = [math.sqrt(max(0.0, float(v @ covariance @ v))) for v in (*np.eye(4)[:2], along, across)]
     gravity = (np.cos(arm) * best.values[2] + np.sin(arm) * best.values[3]) / reduction_ratio
     return Friction(
-        EstimatedParameter(float(mean[0]), math.hypot(spread[0], LEFT_OPEN * float(mean[0]))),
+        EstimatedParameter(float(mean[0]), math.hypot(spread[0], COULOMB_LEFT_OPEN * float(mean[0]))),
         EstimatedParameter(float(mean[1]), spread[1]),
         EstimatedParameter(moment, math.hypot(spread[2], GRAVITY_LEFT_OPEN * moment)),
         EstimatedParameter(phase, math.degrees(spread[3])),
@@ -140,12 +140,12 @@ def _with_stribeck(arm: Real, speed: Real, torque: Real, reduction_ratio: float)
         found.append((values, matrix, torque - matrix @ values, inverse(matrix.T @ matrix)))
     free = max(1, len(torque) - 6)
     power = min(float(np.sum(left**2)) for _, _, left, _ in found) / free
-    power += (LEFT_OPEN * float(found[0][0][0])) ** 2  # what no friction law holds
+    power += (COULOMB_LEFT_OPEN * float(found[0][0][0])) ** 2  # what no friction law holds
     fits = []
     for values, matrix, left, square in found:
-        likelihood = math.exp(-0.5 * min(1400.0, (float(np.sum(left**2)) / power - free) / CORRELATED))
+        likelihood = math.exp(-0.5 * min(1400.0, (float(np.sum(left**2)) / power - free) / CORRELATED_TURNS))
         residual = math.sqrt(float(np.sum(left**2)) / free)
-        fits.append(_Fit(values[:4], CORRELATED * square[:4, :4] * power, likelihood + 1e-300, residual, matrix @ values))
+        fits.append(_Fit(values[:4], CORRELATED_TURNS * square[:4, :4] * power, likelihood + 1e-300, residual, matrix @ values))
     return fits
 
 

@@ -201,7 +201,9 @@ class NotchProblem:
         displacement_mm: Metric of the tip's motion.
         requirements: Requirements that a filter must meet.
         fixed: Filters of other orders, which stay as they are.
-        loads_nm: Largest and least torque that friction and gravity hold against the turning motor: a filter may not mind them.
+        friction_nm: Friction against the turning motor.
+        gravity_nm: Gravity at the motor, which acts against it or helps it.
+        is_gravity_known: True where it was identified: what the gear makes of it is looked at then as well.
     """
 
     members: tuple[Member, ...]
@@ -216,7 +218,9 @@ class NotchProblem:
     displacement_mm: Displacement
     requirements: Requirements = field(default_factory=Requirements)
     fixed: tuple[Notch, ...] = ()
-    loads_nm: tuple[float, float] = (0.0, 0.0)
+    friction_nm: float = 0.0
+    gravity_nm: float = 0.0
+    is_gravity_known: bool = False
 
     @property
     def orders(self) -> tuple[float, ...]:
@@ -237,29 +241,35 @@ class NotchProblem:
         return Loop(member.plant, self.cascade, tuple(notches), self.period_s, self.delay_samples)
 
     def peaks_mm(self, member: Member, notches: Sequence[Notch]) -> Real:
-        """Tip peaks of a plant in every range, rising and falling; of the believed plant on all ramps, else on the user's own.
+        """Tip peaks of a plant in every range, rising and falling, in each case.
 
-        The load is the largest; the believed plant goes along the user's ramp with the least as well, and the larger peak counts.
+        Cases of the believed plant: every ramp under friction and gravity, the user's own first; that one with gravity's help;
+        and where gravity is known, that one with the gear's reaction on the motor, gravity against it and with it. Other plants
+        go along the user's ramp alone.
 
         Returns:
-            Peaks in mm; shape (ramps, ranges, 2).
+            Peaks in mm; shape (cases, ranges, 2).
         """
-        is_believed = member is self.members[0]
-        found = [
-            self._peaks_on(ramp, member, notches, self.loads_nm[0]) for ramp in (self.ramps if is_believed else self.ramps[:1])
-        ]
-        if is_believed and notches and self.loads_nm[0] != self.loads_nm[1]:
-            found[0] = np.maximum(found[0], self._peaks_on(self.ramps[0], member, notches, self.loads_nm[1]))
+        heavy, light = (self.friction_nm + self.gravity_nm, 0.0), (self.friction_nm - self.gravity_nm, 0.0)
+        cases = [(ramp, heavy) for ramp in self.ramps] if member is self.members[0] else [(self.ramps[0], heavy)]
+        if member is self.members[0]:
+            cases.append((self.ramps[0], light))
+            if self.is_gravity_known:
+                cases += [(self.ramps[0], (self.friction_nm, sign * self.gravity_nm)) for sign in (1.0, -1.0)]
+        loop, found = self.loop(member, notches), []
+        for ramp, load in cases:
+            motion = follow(loop, member.error, ramp.reference_rad, load_nm=load)
+            found.append(peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges))
         return np.array(found)
 
-    def _peaks_on(self, ramp: DesignRamp, member: Member, notches: Sequence[Notch], load_nm: float) -> Real:
-        motion = follow(self.loop(member, notches), member.error, ramp.reference_rad, load_nm=load_nm)
-        return peaks_in(ramp, motion, self.displacement_mm(motion), self.ranges)
+    def own_cases(self, count: int) -> list[int]:
+        """Cases of the user's own ramp among so many."""
+        return [0, *range(len(self.ramps), count)]
 
     def weighted_mm(self, peaks_mm: Real, order: float) -> float:
-        """Largest peak of an order on all ramps, each by its weight; peaks of `peaks_mm`."""
-        weights = np.array([ramp.weight for ramp in self.ramps[: len(peaks_mm)]])
-        return float(np.max(weights[:, np.newaxis] * peaks_mm[:, self.row(order)]))
+        """Largest peak of an order in all cases but the gear's reaction, each by its ramp's weight; peaks of `peaks_mm`."""
+        weights = np.array([*(ramp.weight for ramp in self.ramps), 1.0])[: len(peaks_mm)]
+        return float(np.max(weights[:, np.newaxis] * peaks_mm[: len(weights), self.row(order)]))
 
 
 @dataclass(frozen=True)
@@ -291,12 +301,12 @@ def rises(problem: NotchProblem, before_mm: Real, after_mm: Real) -> list[Rise]:
         after_mm: Peaks of the same plant with them.
     """
     found = []
-    rows = [problem.row(order) for order in problem.orders]
+    own, rows = problem.own_cases(len(before_mm)), [problem.row(order) for order in problem.orders]
     largest = float(np.max(after_mm[0, rows]))
     for row, each in enumerate(problem.ranges):
         before, after = before_mm[:, row], after_mm[:, row]
         least = LEAST_MM if each.order is not None else max(LEAST_MM, largest)
-        ratio = float(np.max(after[0] / np.maximum(before[0], least)))
+        ratio = float(np.max(after[own] / np.maximum(before[own], least)))
         if each.order is not None:
             ratio = max(ratio, float(np.max(after)) / max(float(np.max(before)), least))
         found.append(Rise(each.order, ratio, RISE if each.order is not None else RISE_BESIDE))

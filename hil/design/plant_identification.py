@@ -81,6 +81,8 @@ class PlantEstimate:
         tip: Tip acceleration per motor angle; None without accelerometer.
         misfit: √ of the mean squared residual in standard deviations: 1 where the model explains all but the scatter.
         periods: Number of periods that were averaged.
+        torsion_rad: Amplitude of the gear's torsion under the excitation, √2 times its root mean square, for which stiffness and
+            damping hold where the gear has hysteresis.
         unknowns: The fit's own unknowns, from which another may start.
     """
 
@@ -90,6 +92,7 @@ class PlantEstimate:
     tip: ResponseEstimate | None
     misfit: float
     periods: int
+    torsion_rad: float
     unknowns: Real
 
 
@@ -191,7 +194,7 @@ def _estimate(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
         "viscous_damping_nm_s_rad": parameter(float(x[VISCOUS]), {VISCOUS: 1.0}, 10.0 * LEFT_OPEN),
         "antiresonance_hz": parameter(f_a, {J_L: -0.5 * f_a, K_G: 0.5 * f_a}),
         "resonance_hz": parameter(f_r, {J_M: -arm_part * f_r, J_L: (arm_part - 0.5) * f_r, K_G: 0.5 * f_r}, 0.3 * LEFT_OPEN),
-        "damping": parameter(zeta, {J_L: -0.5 * zeta, K_G: -0.5 * zeta, DAMPING: zeta}),
+        "damping": parameter(zeta, {J_L: -0.5 * zeta, K_G: -0.5 * zeta, DAMPING: zeta}, 5.0 * LEFT_OPEN),
         "torque_age_s": parameter(float(x[AGE]), {AGE: 1.0}),
         "torque_lag_s": parameter(float(x[LAG]), {LAG: 1.0}),
     }
@@ -204,7 +207,23 @@ def _estimate(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
         parameters["accelerometer_delay_s"] = parameter(float(x[DELAY]), {DELAY: 1.0})
         tip = _response(data.frequency_hz, data.tip - of_tip, angle)
     torque = problem.torque(x, data.torque, of_torque) * problem.felt(x)
-    return PlantEstimate(plant, parameters, _response(data.frequency_hz, angle, torque), tip, misfit, data.periods, x)
+    return PlantEstimate(
+        plant,
+        parameters,
+        _response(data.frequency_hz, angle, torque),
+        tip,
+        misfit,
+        data.periods,
+        _torsion(plant, data.frequency_hz, angle),
+        x,
+    )
+
+
+def _torsion(plant: TwoInertia, frequency_hz: Real, angle: Complex) -> float:
+    """Amplitude of the torsion θ_m/N − θ_l that goes with the motor angle, √2 times its root mean square."""
+    _, b, c = plant.terms(2j * math.pi * frequency_hz)
+    torsion = angle.mean(axis=0) / plant.reduction_ratio * b / (b + c)
+    return math.sqrt(float(np.sum(np.abs(torsion) ** 2)))
 
 
 def _response(frequency_hz: Real, output: Complex, given: Complex) -> ResponseEstimate:

@@ -39,9 +39,9 @@ TILT_PRIOR = 0.15
 TILT_HZ = 40.0
 TIP_BAND = (0.5, 1.6)
 """Band in which the tip is used, over f_a."""
-LARGEST_LAG_S, LARGEST_DELAY_S = 5e-3, 0.05
+LARGEST_LAG_S, LARGEST_TIP_DELAY_S = 5e-3, 0.05
 """Largest time constant of a current loop, and largest delay of an accelerometer, that are believed."""
-LEAST_DELAY_S = 2e-3
+LEAST_TIP_DELAY_S = 2e-3
 """Least delay of an accelerometer: what D_l leads by is the only thing that could make it come early."""
 LEAST_LAG_S = 1e-4
 LOSS = 3.0
@@ -56,7 +56,7 @@ LARGEST_CHANGE = 3.0
 """Largest change, as a logarithm, of an inertia, the stiffness, the damping or the lever in one round of the fit."""
 MODEL_ERROR, TIP_ERROR = 5e-4, 1e-3
 """Parts of the motor's and the tip's motion that the model leaves open: counts, holds and Runge-Kutta steps, without scatter."""
-LAW_ERROR = 0.02
+LAW_OPEN = 0.02
 """Part of the motor's motion that the law's gains alone do not foretell: filters of a drive that no bench file names.
 
 Where the torque is lost in the noise of a coarse encoder, or in images, the motion that follows from excitation, plant and law is
@@ -91,9 +91,14 @@ J_M, J_L, K_G, DAMPING, VISCOUS, AGE, ARM_PART, LAG, LEVER, DELAY, TILT = range(
 
 @dataclass(frozen=True)
 class _Folding:
-    """What folds onto the lines, and first the lines themselves: frequencies, jω, the law, what drives it, and 1/hold of the torque.
+    """What folds onto the lines, and first the lines themselves; all of shape (1 + images, lines).
 
-    All of shape (1 + images, lines).
+    Attributes:
+        frequency_hz: Frequencies f + k/T.
+        jw: Their jω.
+        feedback: The law, with its hold.
+        drive: Demand of the excitation.
+        flat: Inverse of the torque's hold.
     """
 
     frequency_hz: Real
@@ -134,12 +139,18 @@ class PlantProblem:
             # the set-point of a SYNC is reached, in a straight line, with the last control period before the next
             wanted = self.excitation * np.exp(-jw * (sync - control)) * np.sinc(frequency * sync) ** 2
             drive = _reference_path(law, jw, control) * wanted
-        return _Folding(frequency, jw, feedback, np.asarray(drive, dtype=np.complex128), 1.0 / np.sinc(frequency * control))
+        return _Folding(
+            frequency,
+            np.asarray(jw, dtype=np.complex128),
+            feedback,
+            np.asarray(drive, dtype=np.complex128),
+            1.0 / np.sinc(frequency * control),
+        )
 
     # -- what the plant felt and did -----------------------------------------------------------------------------------
 
     def images(self, x: Real) -> tuple[Complex, Complex, Complex, Complex]:
-        """Images of the excitation in the torque, F_k, in the motor angle, Y_k, and at the tip, and the angle that the law foretells.
+        """Images in the torque, F_k, in the motor angle, Y_k, and at the tip, and the motor angle that the law foretells.
 
         Images are summed over k; all of shape (lines,). With a SYNC of 4 ms they are as large as what they lie on, so that they
         take part in every step of the fit.
@@ -216,7 +227,7 @@ class PlantProblem:
         return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0]])
 
     def is_inside(self, x: Real) -> bool:
-        """True where both resonances are in the band, or not far above it: others are what the images of a slow SYNC look like."""
+        """True where both resonances are in the band, or not far above it: others are made of a slow SYNC's images."""
         plant, frequency = self.plant(x), self.data.frequency_hz
         return bool(frequency[0] < plant.antiresonance_hz < frequency[-1] and plant.resonance_hz < OUTSIDE * frequency[-1])
 
@@ -232,7 +243,7 @@ class PlantProblem:
             middle = 0.5 * self.timing.control_s or AGE_PRIOR_S
             low[AGE], high[AGE], high[LAG] = 0.8 * middle, 1.2 * middle, 5.0 * LEAST_LAG_S
         if self.data.tip is not None:
-            low[DELAY], high[DELAY] = -LEAST_DELAY_S, LARGEST_DELAY_S
+            low[DELAY], high[DELAY] = -LEAST_TIP_DELAY_S, LARGEST_TIP_DELAY_S
             last = self.data.frequency_hz[self._tip_lines[-1]] if len(self._tip_lines) else TILT_HZ
             low[TILT], high[TILT] = -1.0, 0.9 * (TILT_HZ / last) ** 2
         return low, high
@@ -272,7 +283,7 @@ class PlantProblem:
         sigma = self.scatter.deviation(model * np.exp(self.jw * x[AGE]), MODEL_ERROR * size)
         left = [(angle - model * torque) / sigma]
         if self._folded is not None:
-            sigma = np.sqrt(self.scatter.output + (LAW_ERROR * np.abs(foretold)) ** 2)
+            sigma = np.sqrt(self.scatter.output + (LAW_OPEN * np.abs(foretold)) ** 2)
             left.append((angle - foretold) / sigma)
         if data.tip is not None and self.tip_scatter is not None:
             model = tip_response(plant, data.frequency_hz, self.lever_m * math.exp(x[LEVER]), float(x[DELAY]), self.gravity)

@@ -64,6 +64,16 @@ def _error(harmonics: Real, angle: float) -> float:
     return total
 
 
+@compiled
+def _slope(harmonics: Real, angle: float) -> float:
+    """Slope dθ_sync/dθ_m; arguments as of `_error`."""
+    total = 0.0
+    for i in range(harmonics.shape[1]):
+        k = harmonics[0, i]
+        total -= k * (harmonics[1, i] * math.sin(k * angle) + harmonics[2, i] * math.cos(k * angle))
+    return total
+
+
 @inlined
 def _product(row: Real, values: Real) -> float:
     """Sum of the products, always in the same order."""
@@ -79,7 +89,8 @@ def _run(
     harmonics: Real,
     law: LawRow,
     period_s: float,
-    load_nm: float,
+    friction_nm: float,
+    gravity_nm: float,
     waiting: Real,
     every: int,
     reference: Real,
@@ -92,7 +103,8 @@ def _run(
         harmonics: k, A_k cos φ_k and A_k sin φ_k in rad; shape (3, orders).
         law: The law that closes the loop.
         period_s: Sampling time of the law.
-        load_nm: Torque against the motor throughout, as friction and gravity are for it; the law holds it from the beginning.
+        friction_nm: Friction against the motor throughout; the law holds it and gravity from the beginning.
+        gravity_nm: Gravity against the motor, through the gear: the error's slope modulates it.
         waiting: Torques that have been computed and do not act yet; shape (delay_samples,).
         every: Number of control periods per recorded sample.
         reference: θ_ref in rad; shape (samples,).
@@ -102,7 +114,7 @@ def _run(
     x[0] = reference[0]
     sync = _error(harmonics, x[0])
     x[2] = x[0] / plant.ratio + sync  # at rest and unloaded the gear is without torsion: eq. (1)
-    servo_start(law, x[0], 0.0, load_nm)
+    servo_start(law, x[0], 0.0, friction_nm + gravity_nm)
     last = 0.0
     for n in range(len(reference)):
         command = servo_step(law, period_s, 1e300, reference[n], 0.0, 0.0, x[0])
@@ -114,7 +126,10 @@ def _run(
         ahead = _error(harmonics, x[0] + period_s * (x[1] + 0.5 * (x[1] - last)))
         last = x[1]
         v[:4] = x
-        v[4], v[5], v[6] = torque - load_nm, sync, ahead - sync
+        load = friction_nm
+        if gravity_nm != 0.0:
+            load += gravity_nm * (1.0 + plant.ratio * _slope(harmonics, x[0]))
+        v[4], v[5], v[6] = torque - load, sync, ahead - sync
         if n % every == 0:
             samples[0, n // every] = x[1] / (2.0 * math.pi)
             samples[1, n // every] = _product(plant.arm, v)
@@ -161,7 +176,11 @@ def _exponential(matrix: Real) -> Real:
 
 
 def follow(
-    loop: Loop, error: TransmissionError, reference_rad: Real, sample_s: float = SAMPLE_S, load_nm: float = 0.0
+    loop: Loop,
+    error: TransmissionError,
+    reference_rad: Real,
+    sample_s: float = SAMPLE_S,
+    load_nm: tuple[float, float] = (0.0, 0.0),
 ) -> RampMotion:
     """Simulate the axis along a motion of its motor, from rest, with the drive's own law at the loop's period and delay.
 
@@ -173,8 +192,9 @@ def follow(
         error: Transmission error θ_sync.
         reference_rad: θ_ref at every period of the loop; shape (samples,). It starts at rest.
         sample_s: Time between two samples of the result, rounded to whole periods.
-        load_nm: Constant torque against the motor: what friction and gravity are on a ramp. To a filter that follows the speed it
-            matters: while its coefficients change it passes a constant torque on as an oscillation.
+        load_nm: Friction and gravity against the motor, constant on a ramp. To a filter that follows the speed they matter: while
+            its coefficients change it passes a constant torque on as an oscillation. Gravity reaches the motor through the gear,
+            N θ'_sync more or less of it.
 
     Source: the paper, Fig. 3, eq. (1) and (2).
     """
@@ -185,8 +205,8 @@ def follow(
     plant["step"][0], plant["arm"][0] = _discrete(loop.plant, loop.period_s)
     ServoConfig(loop.cascade, math.inf, tuple(loop.notches)).write(law[0])
     samples = np.zeros((2, -(-len(reference) // every)))
-    waiting = np.full(loop.delay_samples, load_nm)
-    _run(plant[0], _harmonics(error), law[0], loop.period_s, load_nm, waiting, every, reference, samples)
+    waiting = np.full(loop.delay_samples, sum(load_nm))
+    _run(plant[0], _harmonics(error), law[0], loop.period_s, *load_nm, waiting, every, reference, samples)
     return RampMotion(every * loop.period_s, samples[0], samples[1])
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ FAST_TORQUE_FRACTION = 0.7
 """Part of the torque limit that the faster ramp may take to accelerate."""
 WATCHED = 1.85
 """Speed up to which ramps lead in units of f_al/k: beyond the end of any filter that is tried."""
-BELOW = 0.45
+LOWEST_WATCHED = 0.45
 """Lowest speed that is looked at in units of f_al/k of the highest order: filters act from there at the earliest."""
 FRICTION_FRACTION, GRAVITY_FRACTION = 0.02, 0.06
 """Friction and gravity at the motor in parts of the torque limit, where a model file does not know them."""
@@ -119,24 +120,24 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
         speed_limit_rps=table.limits.speed_rps,
         f_al_hz=f_al,
         ramps=ramps,
-        ranges=speed_ranges(windows, BELOW * f_al / max(windows), max(ramp.top_rps for ramp in ramps)),
+        ranges=speed_ranges(windows, LOWEST_WATCHED * f_al / max(windows), max(ramp.top_rps for ramp in ramps)),
         displacement_mm=TipDisplacement(table.tip_lever_m, scale),
         requirements=request.requirements or Requirements(tip_mm=bench.specification.tip_mm),
-        loads_nm=_loads_nm(table, axis_model),
+        **_loads(table, axis_model),
     )
     return problem, f_al
 
 
-def _loads_nm(table: AxisTable, axis_model: IdentifiedAxis | None) -> tuple[float, float]:
-    """Friction with gravity against the motor, and with gravity helping it."""
+def _loads(table: AxisTable, axis_model: IdentifiedAxis | None) -> dict[str, Any]:
+    """Friction and gravity at the motor, from the model file where it knows them."""
     plant = None if axis_model is None else axis_model.plant
     friction = FRICTION_FRACTION * table.limits.torque_nm
-    gravity = GRAVITY_FRACTION * table.limits.torque_nm
+    gravity, is_known = GRAVITY_FRACTION * table.limits.torque_nm, False
     if plant is not None and plant.coulomb_friction_nm is not None:
         friction = plant.coulomb_friction_nm
     if plant is not None and plant.gravity_moment_nm is not None:
-        gravity = abs(plant.gravity_moment_nm) / table.reduction_ratio
-    return friction + gravity, friction - gravity
+        gravity, is_known = abs(plant.gravity_moment_nm) / table.reduction_ratio, True
+    return {"friction_nm": friction, "gravity_nm": gravity, "is_gravity_known": is_known}
 
 
 def unreached_words(axis: int, orders: Sequence[int], f_al_hz: float, limit_rps: float) -> str:
@@ -176,7 +177,7 @@ def _ramps(
     limits, rate = bench.axis[request.axis].limits, bench.constant_acceleration.acceleration_rps_s
     windows = {k: scale.windows_rps.get(round(k), ()) if k == round(k) else () for k in orders}
     made = {k: window or (WINDOW_FACTORS[0] * f_al_hz / k, WINDOW_FACTORS[1] * f_al_hz / k) for k, window in windows.items()}
-    low = BELOW * f_al_hz / max(orders)
+    low = LOWEST_WATCHED * f_al_hz / max(orders)
     wanted = WATCHED * f_al_hz / min(request.orders)
 
     def ramp(factor: float, weight: float, top: float) -> DesignRamp:

@@ -139,8 +139,8 @@ class PathRecord:
 
     @property
     def end_treatment(self) -> str:
-        """What the path ends with: the last of its treatments that is done, the cancellations before the notches."""
-        for name in ("cancellation_learnt", "cancellation", "notch_designed"):
+        """What the path ends with: the cancellation, or what was learnt where that is not there, or the designed notch."""
+        for name in ("cancellation", "cancellation_learnt", "notch_designed"):
             if self.steps.get(name, StepRecord()).is_done and name in self.tips:
                 return name
         return "none"

@@ -25,7 +25,7 @@ from plant_emulator.world import World
 TRUTH = {2: (5.0, 222.0, 3.0, 126.0), 3: (10.0, 262.0, 5.0, 306.0)}
 ASKED = (2.0, 2.0, 3.0, 3.0)
 """A_2 in %, φ_2 in degrees, A_4 in %, φ_4 in degrees."""
-ONE_PASS = Goal({2: 1.0, 4: 1.0}, {2: 90.0, 4: 90.0})
+ONE_PASS = Goal({1: 9.0, 2: 1.0, 4: 1.0}, {1: 180.0, 2: 90.0, 4: 90.0})
 
 
 def noisy(robot: Robot, period_s: float, seed: int, **sensor: float) -> Robot:
@@ -100,7 +100,7 @@ def test_everything_is_kept_of_an_identification(reference_bench: Bench, referen
     assert part.values.phi4_deg == pytest.approx(306.0, abs=3.0)
     assert abs(part.accelerometer_delay_s) < 3e-4
     assert set(part.standard_error) == {
-        "a2_arcsec", "phi2_deg", "a4_arcsec", "phi4_deg", "arm_hz", "damping", "accelerometer_delay_s",
+        "a1_arcsec", "phi1_deg", "a2_arcsec", "phi2_deg", "a4_arcsec", "phi4_deg", "arm_hz", "damping", "accelerometer_delay_s",
     }  # fmt: skip
     text = write_ate_report(tmp_path).read_text()
     for words in ("Transmission error of axis 3", "is identified", "Table 2", "Fig. 5", "Fig. 8", "delay of the accelerometer"):
@@ -114,11 +114,27 @@ def test_a_late_accelerometer_is_stated_and_does_no_harm(reference_bench: Bench,
     assert np.all(np.abs(off(found, 2)) < 1.5 * np.array(ASKED))
 
 
+@pytest.mark.slow
+def test_a_slow_pass_with_late_answers_says_the_same_over_frames(reference_bench: Bench, reference_robot: Robot) -> None:
+    """Noise, a coarse encoder and late answers: the slower the pass, the less of its own motion a motor shows beside rounding."""
+    axis = reference_robot.axis[2].model_copy(update={"encoder_counts_per_rev": 2**15})
+    axis = axis.model_copy(
+        update={"behaviour": axis.behaviour.model_copy(update={"tpdo_delay_us": 300.0, "tpdo_jitter_us": 200.0})}
+    )
+    robot = noisy(reference_robot, 0.002, 3, noise_m_s2=0.1).model_copy(update={"axis": {**reference_robot.axis, 2: axis}})
+    found = identified(ignorant(reference_bench), robot, AteRequest(2, passes=3))
+    assert len(found.passes) == 3
+    assert found.passes[-1].ramps.trajectory.acceleration_rps_s <= 1.1
+    for made in found.passes:
+        assert made.estimate.motion_scale == pytest.approx(1.0, abs=0.05)
+    assert np.all(np.abs(off(found, 2)) < 2.0 * np.array(ASKED))
+
+
 def test_without_an_accelerometer(reference_bench: Bench, reference_robot: Robot) -> None:
     bench = reference_bench.model_copy(update={"bus": reference_bench.bus.model_copy(update={"answer_timeout_s": 0.05})})
     found = identified(bench, noisy(reference_robot, 0.002, 4), AteRequest(2, sensorless=True, goal=ONE_PASS))
     assert np.all(np.abs(off(found, 2)) < 1.5 * np.array(ASKED))
-    assert "sensorless: A_k is as wrong as J_l from the bench file" in found.notes[0]
+    assert any("sensorless: A_k is as wrong as J_l from the bench file" in note for note in found.notes)
 
 
 @pytest.mark.slow
@@ -159,7 +175,7 @@ def test_another_axis_moves(reference_bench: Bench, reference_robot: Robot) -> N
     # the drive at axis 2's place is that of axis 3
     wrong = bench.axis[3].model_copy(update={"reduction_ratio": 120.0, "tip_lever_m": 0.7})
     bench = bench.model_copy(update={"axis": {2: wrong, 5: bench.axis[5]}})
-    with pytest.raises(AteNotIdentifiedError, match=r"is this the axis that moved\? the factor is 0\.6"):
+    with pytest.raises(AteNotIdentifiedError, match=r"is this the axis that moved, and .* factor is 0\.6"):
         identified(bench, noisy(reference_robot, 0.002, 1), AteRequest(2))
 
 
@@ -172,11 +188,11 @@ def test_a_ramp_that_ends_before_the_resonance(reference_bench: Bench, reference
     bench = ignorant(reference_bench)
     table = bench.axis[2]
     narrow = table.model_copy(
-        update={"limits": table.limits.model_copy(update={"position_min_rev": -2.5, "position_max_rev": 2.5})}
+        update={"limits": table.limits.model_copy(update={"position_min_rev": -1.2, "position_max_rev": 1.2})}
     )
     bench = bench.model_copy(update={"axis": {**bench.axis, 2: narrow}})
     with pytest.raises(
-        AteNotIdentifiedError, match=r"rev/s, at least 7\.\d+ rev/s is needed; .* between its position limits are 4\.0"
+        AteNotIdentifiedError, match=r"rev/s, at least \d\.\d+ rev/s is needed; .* between its position limits are 1\.4"
     ):
         identified(bench, noisy(reference_robot, 0.002, 1), AteRequest(2))
 

@@ -18,7 +18,7 @@ from hil.design.transmission_error import acceleration_spectrum
 
 Real = NDArray[np.float64]
 
-BELOW = (0.08, 0.35)
+BELOW_RESONANCE = (0.08, 0.35)
 """Band of the fit by the arm's frequency; at its end a gear that is 30 % softer than thought is felt with 6 %."""
 BLOCK_PERIODS = 2.0
 """Length of the blocks between which the factor's standard error is read, in periods of the band's lower edge."""
@@ -46,7 +46,7 @@ def motion_factor(
         square += matrix.T @ matrix
         wanted += matrix.T @ values
         noise += variance * len(values)
-        length = max(1, round(BLOCK_PERIODS / (BELOW[0] * arm.resonance_hz) / (sweep.period_s * every)))
+        length = max(1, round(BLOCK_PERIODS / (BELOW_RESONANCE[0] * arm.resonance_hz) / (sweep.period_s * every)))
         blocks += [(matrix[i : i + length], values[i : i + length]) for i in range(0, len(values), length)]
     square[0, 0] -= noise
     inverse = np.linalg.pinv(square, hermitian=True)
@@ -61,7 +61,7 @@ def _below(
 ) -> tuple[Real, Real, float, int]:
     """Columns, signal and variance of the first column's noise in the band, every n-th sample, and n."""
     angle, period_s = sweep.motor_angle_rad, sweep.period_s
-    band_hz = (BELOW[0] * arm.resonance_hz, BELOW[1] * arm.resonance_hz)
+    band_hz = (BELOW_RESONANCE[0] * arm.resonance_hz, BELOW_RESONANCE[1] * arm.resonance_hz)
     every = max(1, int(0.5 / period_s / (4.0 * band_hz[1])))
     length = int(fft.next_fast_len(-(-(len(angle) + round(2.0 / band_hz[0] / period_s)) // every), real=True))
     full = length * every

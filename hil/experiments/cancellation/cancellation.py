@@ -17,7 +17,7 @@ from hil.bench.bench import Bench, Limits, Model
 from hil.bench.model import Identified, IdentifiedError, significant, with_identified
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw, CancellationTable
-from hil.design.frequency import CONTROL_PERIOD_S
+from hil.design.frequency import CONTROL_PERIOD_S, Loop
 from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.effect import Part, Response
@@ -36,6 +36,10 @@ LEAST_OVER_RESONANCE = 2.0
 LOWERED = 0.85
 MAX_TORQUE_FRACTION = 0.1
 """Largest torque offset as a fraction of the torque limit."""
+
+
+TableShape = tuple[Loop, Mapping[float, float], Mapping[float, float], CyclicTiming, float, Actuation]
+"""What a table is made from: loop, A_k, φ_k, delays, speed limit, actuation."""
 
 
 @dataclass
@@ -164,6 +168,15 @@ def _check_size(number: int, ate: TransmissionErrorTable) -> None:
         raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
 
 
+def _table_within(shape: TableShape, peak_rps: float, least_hz: float) -> CancellationTable:
+    """The table that ends as high as the speed limit allows its set-points, though not below a frequency."""
+    table, highest_hz = cancellation_table(*shape), HIGHEST_HZ
+    while table.largest_speed_rps(peak_rps) > shape[4] and highest_hz * LOWERED >= least_hz:
+        highest_hz *= LOWERED
+        table = cancellation_table(*shape, highest_hz)
+    return table
+
+
 def cancellation_for(
     bench: Bench,
     identified: Identified | None,
@@ -214,15 +227,11 @@ def cancellation_for(
         loop = table.loop(period, with_notch=with_notch)
         assert loop is not None  # noqa: S101 - it has a model and gains
         scales[number] = scale_at(bench, number, loop.peak_hz())
+        timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
+        shape = (loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
+        least_hz = LEAST_OVER_RESONANCE * scales[number].f_al_hz
         try:
-            timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
-            shape = (loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
-            tables[number] = cancellation_table(*shape)
-            peak_rps, highest_hz = (peaks_rps or {}).get(number, 0.0), HIGHEST_HZ
-            least_hz = LEAST_OVER_RESONANCE * scales[number].f_al_hz
-            while tables[number].largest_speed_rps(peak_rps) > table.limits.speed_rps and highest_hz * LOWERED >= least_hz:
-                highest_hz *= LOWERED
-                tables[number] = cancellation_table(*shape, highest_hz)
+            tables[number] = _table_within(shape, (peaks_rps or {}).get(number, 0.0), least_hz)
         except ValueError as error:
             raise NotPossibleError(f"axis {number}: {error}") from error
     if not tables:

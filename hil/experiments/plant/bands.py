@@ -4,6 +4,7 @@ import math
 
 from hil.design.frequency import TwoInertia
 from hil.experiments.plant.motion import Band, PlantRequest
+from hil.robot_tables import ORDERS
 
 PILOT_HZ = (1.5, 90.0)
 """Band of the pilot: an anti-resonance from 2 Hz on, a resonance up to 70 Hz."""
@@ -14,8 +15,6 @@ BELOW_F_A, ABOVE_F_R, ABOVE_F_A = 0.4, 1.8, 2.5
 LEAST_HZ, LEAST_HIGH_HZ = 1.0, 30.0
 LARGEST_LOW_HZ = 3.0
 BIAS_RPS = 2.0
-ORDERS = (1, 2, 4)
-"""Orders of the transmission error that a bias speed keeps away from the resonance."""
 AWAY = 1.3
 """Factor between the frequency of an order and f_a that is far enough."""
 BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)

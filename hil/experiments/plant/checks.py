@@ -138,8 +138,8 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
     far = max(ratio.value, 1.0 / max(ratio.value, 1e-9))
     if far > LEVER_RATIO and ratio.relative < 0.2:
         return (
-            f"the tip acts as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m (right axis of the "
-            "sensor, tip_lever_m, sign and unit of its scale?)"
+            f"the tip acts as on a lever of {ratio.value * lever_m:.3g} m, the bench file says {lever_m:.3g} m (right axis of "
+            "the sensor, tip_lever_m, sign and unit of its scale?)"
         )
     return None
 

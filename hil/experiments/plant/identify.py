@@ -1,17 +1,19 @@
 """Identification of the plant of one axis without previous knowledge: slow turns, a pilot, the excitation, fit and checks."""
 
 import math
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hil.bench.model import IdentifiedPlant
-from hil.design.estimation import EstimatedParameter, UnidentifiableError
+from hil.design.estimation import UnidentifiableError
 from hil.design.friction import Friction, SlowStretch, fit_friction
 from hil.design.plant_identification import PlantEstimate, fit_plant
 from hil.design.plant_problem import SamplingTiming
 from hil.design.plant_spectra import Spectra, Stretch, spectra
+from hil.experiments.plant.amplitude import with_amplitude_dependence
+from hil.experiments.plant.bands import highest_hz, main_band, pilot_band
 from hil.experiments.plant.checks import (
     MISFIT,
     DataCheck,
@@ -23,7 +25,7 @@ from hil.experiments.plant.checks import (
     torque_check,
     travel_check,
 )
-from hil.experiments.plant.bands import highest_hz, main_band, pilot_band
+from hil.experiments.plant.evaluation import PlantEvaluation, cannot_tell
 from hil.experiments.plant.motion import (
     TURN,
     Band,
@@ -51,7 +53,6 @@ from hil.master.motion import Real, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-from hil.robot_tables import PlantTable
 
 PILOTS = 3
 """Pilot runs that are made at most: each is stronger, until the resonances are roughly known."""
@@ -59,65 +60,10 @@ PILOT_RISE = 5.0
 """Largest ratio of the amplitudes of two pilots."""
 MAIN_RUNS = 4
 """Main runs that are made at most: one more while the standard errors are too large."""
+MOVED, CALM = 0.1, 0.3
+"""Relative change of the bias speed that takes the gear off its resonance, and the part of its vibration that is left there."""
 CALMER = 0.6
 """Factor of the amplitude where the motor turned back under one that was chosen."""
-WIDE_DEG = 30.0
-"""Arm angle over which gravity's cosine can be told from a constant."""
-
-
-@dataclass(frozen=True)
-class PlantEvaluation:
-    """Evaluation of a plant identification that passed its checks.
-
-    Attributes:
-        request: Request of the identification.
-        excited: Signal to which the excitation was added.
-        travel: Travel of the axis.
-        amplitude_nm: Peak of the excitation.
-        estimate: The plant.
-        friction: Friction and gravity from the slow run.
-        checks: Checks of the data; all of them hold.
-        remarks: Sentences for the engineer.
-        cannot_tell: Sentences on the limits of these data.
-    """
-
-    request: PlantRequest
-    excited: ExcitedSignal
-    travel: Travel
-    amplitude_nm: float
-    estimate: PlantEstimate
-    friction: Friction
-    checks: tuple[DataCheck, ...]
-    remarks: tuple[str, ...]
-    cannot_tell: tuple[str, ...]
-
-    def identified(self, note: str) -> IdentifiedPlant:
-        """Plant as an entry of the model file."""
-        plant, parameters = self.estimate.plant, self.estimate.parameters
-        motor, arm = max(0.0, plant.motor_damping_nm_s_rad), max(0.0, plant.arm_damping_nm_s_rad)
-        values = PlantTable(
-            motor_inertia_kg_m2=plant.motor_inertia_kg_m2,
-            motor_damping_nm_s_rad=motor,
-            arm_inertia_kg_m2=plant.arm_inertia_kg_m2,
-            arm_damping_nm_s_rad=arm,
-            gear_stiffness_nm_rad=plant.gear_stiffness_nm_rad,
-            gear_damping_nm_s_rad=max(0.0, plant.gear_damping_nm_s_rad),
-        )
-        names = [*PlantTable.model_fields, "antiresonance_hz", "resonance_hz", "damping"]
-        errors = {name: parameters[name].standard_error for name in names}
-        errors["coulomb_friction_nm"] = self.friction.coulomb_nm.standard_error
-        errors["gravity_moment_nm"] = self.friction.gravity_moment_nm.standard_error
-        return IdentifiedPlant(
-            values=values,
-            standard_error=errors,
-            antiresonance_hz=plant.antiresonance_hz,
-            resonance_hz=plant.resonance_hz,
-            damping=parameters["damping"].value,
-            cannot_tell=self.cannot_tell,
-            coulomb_friction_nm=max(0.0, self.friction.coulomb_nm.value),
-            gravity_moment_nm=self.friction.gravity_moment_nm.value,
-            note=note,
-        )
 
 
 class PlantIdentification:
@@ -189,6 +135,9 @@ class PlantIdentification:
         except UnidentifiableError as error:
             raise self._refused(f"friction: {error}") from error
         estimate, amplitude = self._main(amplitude, friction, rough)
+        estimate, words = with_amplitude_dependence(estimate, rough)
+        if words is not None:
+            self.remarks.append(words)
         if estimate.misfit > MISFIT:
             self.remarks.append(
                 f"the two-inertia model leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to "
@@ -263,15 +212,14 @@ class PlantIdentification:
             peaks = measured_peaks((angle - planned.bias_rad)[rows], torque[rows], seen, travel.samples, recording.period_s)
             known = None if self.bench.accelerometer is None else self.bench.accelerometer.range_m_s2
             reach = math.inf if tip is None or known is None else known
-            room = Room(
-                self.table.limits.torque_nm, float(np.mean(torque[rows])), travel.bias_rps, reach, peaks.rest
-            )
+            room = Room(self.table.limits.torque_nm, float(np.mean(torque[rows])), travel.bias_rps, reach, peaks.rest)
             largest, self._limited_by = room.largest(peaks.driven.times(1.0 / small))
-            data = self._spectra(travel, [(planned, recording)])
-            try:
+            data = self._pilot_spectra(travel, planned, recording)
+            estimate = None
+            if rigid_inertia(data, self._timing()) is not None:
+                break
+            with suppress(UnidentifiableError):
                 estimate = self._fit(data, 0.0)
-            except UnidentifiableError:
-                estimate = None
             if estimate is not None and is_rough(estimate):
                 return self._with_right_tip(estimate, data), room
             if number < PILOTS and largest > 1.2 * small and self.request.amplitude_nm is None:
@@ -279,6 +227,12 @@ class PlantIdentification:
                 continue
             break
         raise self._refused(self._unseen(data, estimate, band, small, largest))
+
+    def _pilot_spectra(self, travel: Travel, planned: PlannedMotion, recording: Recording) -> Spectra:
+        try:
+            return self._spectra(travel, [(planned, recording)])
+        except UnidentifiableError as error:
+            raise self._refused(f"pilot: {error}") from error
 
     def _unseen(self, data: Spectra, estimate: PlantEstimate | None, band: Band, amplitude: float, largest: float) -> str:
         """Reason why no pilot showed the resonances."""
@@ -288,7 +242,8 @@ class PlantIdentification:
                 f"motor and arm turn as one inertia of {inertia:.2g} kg·m² from {band.low_hz:g} to {band.high_hz:.3g} Hz: no "
                 f"resonance of the arm is in reach; {self._reach_words(band)}"
             )
-        why = f"at {amplitude:.3g} N·m the motor's motion does not show the resonances between {band.low_hz:g} and {band.high_hz:.3g} Hz"
+        reach = f"{band.low_hz:g} and {band.high_hz:.3g} Hz"
+        why = f"at {amplitude:.3g} N·m the motor's motion does not show the resonances between {reach}"
         if estimate is not None:
             f_a, stiffness = estimate.parameters["antiresonance_hz"], estimate.parameters["gear_stiffness_nm_rad"]
             why += f" (f_a {f_a.value:.3g} ± {f_a.standard_error:.2g} Hz, K_g ± {100.0 * stiffness.relative:.0f} %)"
@@ -314,14 +269,15 @@ class PlantIdentification:
         """Amplitude at which torque, speed and tip stay well within their limits."""
         law = self.table.gains("its plant").cascade()
         per_nm = predicted_peaks(rough, self.travel, self.excited, law, self._control_s, self.table.tip_lever_m)
-        wide = replace(room, bias_rps=self.travel.bias_rps)
-        largest, self._limited_by = wide.largest(per_nm)
+        calm = abs(self.travel.bias_rps / room.bias_rps - 1.0) > MOVED  # away from the resonance at which the pilot turned
+        rest = room.rest.times(CALM if calm else 1.0)
+        largest, self._limited_by = replace(room, bias_rps=self.travel.bias_rps, rest=rest).largest(per_nm)
         small = PILOT_FRACTION * self.table.limits.torque_nm
         amplitude = min(largest, LARGEST_RISE * small)
         if amplitude <= 0.02 * small:
             raise self._refused(
-                f"no amplitude fits: without any excitation the {self._limited_by} already is at its limit (transmission error at "
-                f"{self.travel.bias_rps:.2g} rev/s: {room.rest.speed_rps:.2g} rev/s, {room.rest.tip_m_s2:.2g} m/s²); another "
+                f"no amplitude fits: without any excitation the {self._limited_by} already is at its limit (transmission "
+                f"error at {self.travel.bias_rps:.2g} rev/s: {rest.speed_rps:.2g} rev/s, {rest.tip_m_s2:.2g} m/s²); another "
                 "--bias-rps moves it away from the resonance"
             )
         self.remarks.append(f"the amplitude of {amplitude:.3g} N·m was chosen from a pilot ({self._limited_by})")
@@ -344,7 +300,9 @@ class PlantIdentification:
             runs.append((planned, result.recording))
             self._tip(result.recording, result)
             try:
-                estimate = self._fit(self._spectra(self.travel, runs), self._gravity_spring(planned, result.recording, friction), near)
+                estimate = self._fit(
+                    self._spectra(self.travel, runs), self._gravity_spring(planned, result.recording, friction), near
+                )
             except UnidentifiableError as error:
                 raise self._refused(str(error)) from error
             checks = estimate_checks(estimate, amplitude, self.request, self._limited_by)
@@ -354,6 +312,9 @@ class PlantIdentification:
             trouble = tip_trouble(estimate, self.table.tip_lever_m)
             if trouble is not None:
                 self._leave_out_tip(trouble)
+        if any(not check.holds for check in checks):
+            _, words = with_amplitude_dependence(estimate, near)
+            self._require(checks, *([] if words is None else [words]))
         self._require(checks)
         return estimate, amplitude
 
@@ -438,11 +399,11 @@ class PlantIdentification:
         phase = math.radians(friction.gravity_phase_deg.value)
         return float(-friction.gravity_moment_nm.value * np.mean(np.sin(arm + phase)))
 
-    def _require(self, checks: list[DataCheck]) -> None:
+    def _require(self, checks: list[DataCheck], *more: str) -> None:
         self.checks += checks
         reasons = tuple(check.sentence for check in checks if not check.holds)
         if reasons:
-            raise PlantNotIdentifiedError(self.request.axis, reasons)
+            raise self._refused(*more, *reasons)
 
 
 def _longest(whole: np.ndarray[Any, np.dtype[np.bool_]], rows: slice, samples: int) -> slice:
@@ -455,34 +416,3 @@ def _longest(whole: np.ndarray[Any, np.dtype[np.bool_]], rows: slice, samples: i
         elif first + samples - start > best.stop - best.start:
             best = slice(start, first + samples)
     return best
-
-
-def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
-    """Sentences on the limits of the data, with numbers."""
-    parameters, plant = estimate.parameters, estimate.plant
-    sentences = [
-        "all inertias, stiffnesses and dampings are in proportion to the torque that the drive reports: an error of its rated "
-        "torque (6076h) is an error of each of them; f_a, f_r and ζ are free of it",
-        f"D_m cannot be told from friction that grows with the speed: D_m + D_l/N² together are "
-        f"{_shown(parameters['viscous_damping_nm_s_rad'])} N·m·s/rad in the frequency response, and the slow turns show "
-        f"{_shown(friction.viscous_nm_s_rad)}; at standstill Coulomb friction hides them altogether",
-        f"D_l is {_shown(parameters['arm_damping_nm_s_rad'])} N·m·s/rad, told only by how the damping differs between f_a "
-        f"and f_r; what is known well is D_g + D_l, by ζ",
-        "hysteresis of the gear looks like damping, and ζ holds for the amplitude of this run: take ζ for the notch from the "
-        "transmission error's ramp where both are known",
-        "a stiffness that depends on the load is here one number, for the torque of this run",
-    ]
-    if plant.arm_damping_nm_s_rad < 0.0 or plant.motor_damping_nm_s_rad < 0.0:
-        sentences.append("D_m or D_l came out below 0 within its error; the model file has 0")
-    if friction.arm_span_deg < WIDE_DEG:
-        sentences.append(
-            f"m g l and its phase are extrapolated: the arm turned through {friction.arm_span_deg:.0f}°, and {WIDE_DEG:.0f}° are "
-            "needed to see a cosine"
-        )
-    if estimate.tip is None:
-        sentences.append("the tip lever, and whether it was this axis that moved: there is no accelerometer in the fit")
-    return tuple(sentences)
-
-
-def _shown(parameter: EstimatedParameter) -> str:
-    return f"{parameter.value:.3g} ± {parameter.standard_error:.1g}"

@@ -309,7 +309,15 @@ class PlannedMotion:
 def planned(
     builder: MotionBuilder, request: PlantRequest, excited: ExcitedSignal, stretches: list[slice], speeds: list[float]
 ) -> PlannedMotion:
-    """The motion of a builder, with the rows that are evaluated and their speeds."""
+    """The motion of a builder, with the rows that are evaluated and their speeds.
+
+    Args:
+        builder: The finished builder.
+        request: Request of the identification.
+        excited: Signal to which the excitation was added.
+        stretches: Evaluated rows.
+        speeds: Speed of each stretch, rev/s, signed.
+    """
     bias, added = TURN * np.concatenate(builder.turns), np.concatenate(builder.offset)
     times = np.arange(len(bias), dtype=np.float64) * builder.sync_s
     has_offset = excited == "torque" and bool(np.any(added))

@@ -11,7 +11,8 @@ from hil.design.friction import Friction
 from hil.design.plant_identification import ResponseEstimate
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.experiments.plant.checks import PlantNotIdentifiedError
-from hil.experiments.plant.identify import PlantEvaluation, PlantIdentification
+from hil.experiments.plant.evaluation import PlantEvaluation
+from hil.experiments.plant.identify import PlantIdentification
 from hil.experiments.plant.motion import PlantRequest, bus_demand
 from hil.master.session import Session
 from hil.reporter import SILENT, Reporter

@@ -55,7 +55,15 @@ class MeasuredPeaks:
 
 
 def measured_peaks(angle_rad: Real, torque_nm: Real, tip_m_s2: Real | None, samples: int, sync_s: float) -> MeasuredPeaks:
-    """Peaks of a stretch of whole periods, angle less the bias motion; the mean over the periods follows the excitation."""
+    """Peaks of a stretch of whole periods; the mean over the periods follows the excitation.
+
+    Args:
+        angle_rad: Motor angle less the bias motion; shape (n,).
+        torque_nm: Motor torque; shape (n,).
+        tip_m_s2: Tip acceleration; shape (n,); None without an accelerometer.
+        samples: Rows of a period.
+        sync_s: The SYNC period.
+    """
     speed = np.gradient(angle_rad, sync_s) / TURN
     pairs = []
     for values in (torque_nm, speed, tip_m_s2):
@@ -71,7 +79,16 @@ def measured_peaks(angle_rad: Real, torque_nm: Real, tip_m_s2: Real | None, samp
 def predicted_peaks(
     estimate: PlantEstimate, travel: Travel, excited: ExcitedSignal, law: Cascade, control_s: float, lever_m: float
 ) -> Peaks:
-    """Peaks under an excitation of 1 N·m, of a plant that is roughly known in the drive's loop."""
+    """Peaks under an excitation of 1 N·m, of a plant that is roughly known in the drive's loop.
+
+    Args:
+        estimate: The plant.
+        travel: Travel with the excitation.
+        excited: Signal to which it is added.
+        law: The drive's gains.
+        control_s: Its control period.
+        lever_m: Tip lever of the bench file.
+    """
     wave, plant = travel.wave, estimate.plant
     frequency, count = wave.frequency_hz, len(wave.wave)
     jw = 2j * math.pi * frequency

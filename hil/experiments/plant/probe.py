@@ -13,12 +13,12 @@ from hil.recording import Recording
 PROBE_RPS = 0.4
 PROBE_S = 0.4
 """Speed of the probe, and duration of the part at constant speed in either direction; its ramps take another fifth of a turn."""
-SIGNIFICANT = 4.0
+SEEN_SIGMAS = 4.0
 """Standard errors from which a torque counts as seen."""
-CORRELATED = 10.0
+CORRELATED_ROWS = 10.0
 """Rows for which the torque of a slow turn keeps its deviation: its noise is not white."""
 WOUND_FRACTION = 0.7
-"""Torque per radian of the motor, in parts of torque limit over N, that gravity does not reach but a gear with its arm held does."""
+"""Torque per radian of the motor, in parts of torque limit over N: gravity stays below, a gear with its arm held does not."""
 STILL_FRACTION = 0.2
 """Fraction of the travel below which the motor has not turned."""
 
@@ -65,13 +65,13 @@ def probe_trouble(
             f"{largest:.3g} N·m: is the brake open, the arm free, and the encoder the axis' own?"
         )
     friction, slope = _slow_torque(angle, torque, motion)
-    if friction[0] < -SIGNIFICANT * friction[1]:
+    if friction[0] < -SEEN_SIGMAS * friction[1]:
         return (
             f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m where friction asks for a positive "
             "one: the encoder counts backwards, or the torque is reported with the wrong sign (607Eh, 6077h, motor phases)"
         )
     free = WOUND_FRACTION * torque_limit_nm / reduction_ratio
-    if slope[0] - SIGNIFICANT * slope[1] > free:
+    if slope[0] - SEEN_SIGMAS * slope[1] > free:
         return (
             f"the motor wound up a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, gravity is at most {free:.2g}: the arm is "
             "held (a brace, a stop, a second brake)"
@@ -88,8 +88,8 @@ def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_li
     pushed = float(np.mean(torque[tail]))
     if abs(moved) > 0.1 * float(np.ptp(motion.bias_rad)) and moved * pushed < 0.0 and abs(pushed) > 0.3 * largest:
         return (
-            f"the motor ran {moved / TURN:+.2g} rev against a torque of {pushed:+.3g} N·m until it was stopped: the encoder counts "
-            "backwards (607Eh, motor phases)"
+            f"the motor ran {moved / TURN:+.2g} rev against a torque of {pushed:+.3g} N·m until it was stopped: the encoder "
+            "counts backwards (607Eh, motor phases)"
         )
     if abs(moved) <= STILL_FRACTION * float(np.ptp(motion.bias_rad)) and largest > 0.8 * torque_limit_nm:
         return f"the motor did not turn under {largest:.3g} N·m until it was stopped: is the brake open, and the arm free?"
@@ -106,6 +106,6 @@ def _slow_torque(angle: Real, torque: Real, motion: PlannedMotion) -> tuple[tupl
     matrix, values = np.concatenate(rows), np.concatenate(wanted)
     found = np.linalg.lstsq(matrix, values, rcond=None)[0]
     left = values - matrix @ found
-    power = float(np.mean(left**2)) * CORRELATED
+    power = float(np.mean(left**2)) * CORRELATED_ROWS
     errors = np.sqrt(np.diag(inverse(matrix.T @ matrix)) * power)
     return (float(found[0]), float(errors[0])), (float(found[1]), float(errors[1]))

@@ -202,7 +202,10 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
     low = 0.8 * min(problem.window_rps(order)[0] for order in outcome.orders)
     for name, verdict, look in verdicts(outcome):
         motion = follow(
-            outcome.loop(verdict.notches), problem.members[0].error, problem.ramps[0].reference_rad, load_nm=problem.loads_nm[0]
+            outcome.loop(verdict.notches),
+            problem.members[0].error,
+            problem.ramps[0].reference_rad,
+            load_nm=(problem.friction_nm + problem.gravity_nm, 0.0),
         )
         tip = tip_displacement_mm(problem.lever_m * motion.arm_acceleration_rad_s2, motion.period_s, scale)
         top = int(np.argmax(motion.motor_speed_rps))

@@ -30,6 +30,7 @@ PARAMETERS = (
     ("gravity_phase_deg", "q_0 in m g l cos(θ_l + q_0)", "°", 1.0),
     ("lever_ratio", "Tip lever seen, over the bench file's", "", 1.0),
     ("torque_age_s", "Age of the reported torque", "µs", 1e6),
+    ("torque_lag_s", "Lag of the current loop", "µs", 1e6),
     ("accelerometer_delay_s", "Delay of the accelerometer", "µs", 1e6),
 )
 """Name in the result, name on the page, its unit there, and how many of those make one of the result's."""

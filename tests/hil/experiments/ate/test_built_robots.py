@@ -117,6 +117,7 @@ def refusal(session: RigSession) -> str:
     return str(error.value)
 
 
+@pytest.mark.slow
 def test_a_robot_without_an_error_is_told_that_it_has_none() -> None:
     assert "no A_k is seen, and none is above" in refusal(RigSession(built("no error")))
 

@@ -93,37 +93,3 @@ def truth_of(axis: RobotAxis) -> dict[str, float]:
         "gravity_moment_nm": axis.gravity_moment_nm,
         "lever_ratio": 1.0,
     }
-
-
-def drawn(seed: int, *, linear: bool = True) -> tuple[RobotAxis, dict[str, float], float, float]:
-    """Axis, accelerometer, SYNC period and sensor delay by a seed.
-
-    Args:
-        seed: The seed.
-        linear: Without hysteresis and soft wind-up.
-    """
-    rng = np.random.default_rng([seed, 4])
-
-    def spread(low: float, high: float) -> float:
-        return float(math.exp(rng.uniform(math.log(low), math.log(high))))
-
-    sync = float(rng.choice([0.001, 0.002, 0.004, 0.008]))
-    changes: dict[str, Any] = {
-        "friction": spread(0.3, 3.0),
-        "rise": float(rng.uniform(0.0, 0.6)),
-        "stribeck_velocity_rad_s": spread(0.5, 5.0),
-        "encoder_counts_per_rev": 2 ** int(rng.integers(13, 21)),
-        "current_time_constant_s": float(rng.choice([0.0, rng.uniform(1e-4, 5e-4)])),
-        "ate": {
-            "a1_arcsec": float(rng.choice([0.0, rng.uniform(0.0, 60.0)])),
-            "a2_arcsec": spread(3.0, 60.0),
-            "a4_arcsec": float(rng.uniform(0.0, 20.0)),
-        },
-    }
-    shape = spread(50, 160), spread(4.0, 30.0), spread(0.5, 5.0), spread(4e-5, 1e-3), float(rng.uniform(0.02, 0.07))
-    hysteresis, softness = float(rng.uniform(0.0, 5.0)), float(rng.uniform(0.0, 0.3))
-    if not linear:
-        changes |= {"hysteresis_torque_nm": hysteresis, "wind_up_softness": softness}
-    sensor = {"noise_m_s2": 0.05 * spread(0.2, 5.0)}
-    delay = float(rng.uniform(0.0, 0.01))
-    return axis_of(*shape, seed=seed, **changes), sensor, sync, delay

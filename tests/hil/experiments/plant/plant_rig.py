@@ -38,7 +38,7 @@ class FakeSession:
 
     def __init__(self, bench: Bench, number: int, *, seed: int = 1, tip_gain: float = 1.0, sensor_range: float = 19.62,
                  missing: tuple[int, ...] = (), sensor_missed: int = 0, profile: str = "emulated_drive",
-                 robot: Robot | None = None) -> None:  # fmt: skip
+                 robot: Robot | None = None, counts_backwards: bool = False, is_braked: bool = False) -> None:  # fmt: skip
         rng = np.random.default_rng(seed)
         if robot is None:
             robot = load_robot("reference")
@@ -53,6 +53,7 @@ class FakeSession:
         self._scaling = Scaling(table.encoder_counts_per_rev, table.rated_torque)
         self._rng, self._tip_gain, self._range = rng, tip_gain, sensor_range
         self._missing, self._sensor_missed = missing, sensor_missed
+        self._sign, self._is_braked = -1.0 if counts_backwards else 1.0, is_braked
         drive = SimpleNamespace(position_rad=lambda: 0.0, scaling=self._scaling, profile=Profile.load(profile))
         self.axes = {number: drive}
 
@@ -68,13 +69,14 @@ class FakeSession:
         control_s = self.robot.control_period_s
         self.bench.axis[number].gains("the rig").cascade().write(axes.cascade_config[0])
         periods, scaling = round(sync / control_s), self._scaling
-        targets = np.asarray(scaling.position_counts(motion.motor_angle_rad[:, 0]))
+        targets = np.asarray(scaling.position_counts(self._sign * motion.motor_angle_rad[:, 0]))
         count = len(targets)
         offsets = np.zeros(count) if motion.torque_offset_nm is None else motion.torque_offset_nm[:, 0]
         quantum = scaling.torque_quantum_nm
         accelerometer = self.robot.accelerometer
         sensor = TipSensor(accelerometer.noise_m_s2, accelerometer.resolution_m_s2, self._range, self._rng)
-        axes.open_brake(0, POSITION, periods)
+        if not self._is_braked:
+            axes.open_brake(0, POSITION, periods)
         table = np.zeros((count, 3))
         axes.motion[0]["torque_limit_nm"] = self.bench.axis[number].limits.torque_nm
         for _ in range(round(0.3 / sync)):
@@ -83,7 +85,7 @@ class FakeSession:
         for row in range(count):
             tip = sensor.sample((0.0, 0.0, self._tip_gain * axes.sensed_acceleration()[2]))[2]
             torque = round(float(axes.motion[0]["torque_nm"]) / quantum) * quantum
-            table[row] = axes.counts(0) / scaling.counts_per_rad, torque, tip
+            table[row] = self._sign * axes.counts(0) / scaling.counts_per_rad, torque, tip
             axes.set_point(0, int(targets[row]))
             axes.motion[0]["torque_offset_nm"] = round(float(offsets[row]) / quantum) * quantum
             axes.advance(periods)

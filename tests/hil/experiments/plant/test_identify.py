@@ -10,7 +10,8 @@ import pytest
 from hil.bench.bench import load_bench
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.plant.checks import PlantNotIdentifiedError
-from hil.experiments.plant.identify import PlantEvaluation, PlantIdentification
+from hil.experiments.plant.evaluation import PlantEvaluation
+from hil.experiments.plant.identify import PlantIdentification
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import enter
 from hil.results.plant import PlantRequestEntry, PlantResult
@@ -106,7 +107,7 @@ def test_periods_with_missing_answers_are_left_out() -> None:
         FakeSession(unknown_bench(3, **SHORT), 3),  # type: ignore[arg-type]
         brief(),
     )
-    row = identification._excited(identification.travel, 0.5).stretches[0].start + 5
+    row = identification._excited(identification.travel, 0.5).stretches[-1].stop - 5
     identification.session._missing = (row,)  # type: ignore[attr-defined]
     evaluated = identification.perform()
     assert evaluated.estimate.periods == 5

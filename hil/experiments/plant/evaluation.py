@@ -1,0 +1,102 @@
+"""The evaluation of a plant identification: its entry of the model file, and what its data cannot tell."""
+
+from dataclasses import dataclass
+
+from hil.bench.model import IdentifiedPlant
+from hil.control.angles import ARCSEC
+from hil.design.estimation import EstimatedParameter
+from hil.design.friction import Friction
+from hil.design.plant_identification import PlantEstimate
+from hil.experiments.plant.checks import DataCheck
+from hil.experiments.plant.motion import ExcitedSignal, PlantRequest, Travel
+from hil.robot_tables import PlantTable
+
+WIDE_DEG = 30.0
+"""Arm angle over which gravity's cosine can be told from a constant."""
+
+
+@dataclass(frozen=True)
+class PlantEvaluation:
+    """Evaluation of a plant identification that passed its checks.
+
+    Attributes:
+        request: Request of the identification.
+        excited: Signal to which the excitation was added.
+        travel: Travel of the axis.
+        amplitude_nm: Peak of the excitation.
+        estimate: The plant.
+        friction: Friction and gravity from the slow run.
+        checks: Checks of the data; all of them hold.
+        remarks: Sentences for the engineer.
+        cannot_tell: Sentences on the limits of these data.
+    """
+
+    request: PlantRequest
+    excited: ExcitedSignal
+    travel: Travel
+    amplitude_nm: float
+    estimate: PlantEstimate
+    friction: Friction
+    checks: tuple[DataCheck, ...]
+    remarks: tuple[str, ...]
+    cannot_tell: tuple[str, ...]
+
+    def identified(self, note: str) -> IdentifiedPlant:
+        """Plant as an entry of the model file."""
+        plant, parameters = self.estimate.plant, self.estimate.parameters
+        motor, arm = max(0.0, plant.motor_damping_nm_s_rad), max(0.0, plant.arm_damping_nm_s_rad)
+        values = PlantTable(
+            motor_inertia_kg_m2=plant.motor_inertia_kg_m2,
+            motor_damping_nm_s_rad=motor,
+            arm_inertia_kg_m2=plant.arm_inertia_kg_m2,
+            arm_damping_nm_s_rad=arm,
+            gear_stiffness_nm_rad=plant.gear_stiffness_nm_rad,
+            gear_damping_nm_s_rad=max(0.0, plant.gear_damping_nm_s_rad),
+        )
+        names = [*PlantTable.model_fields, "antiresonance_hz", "resonance_hz", "damping"]
+        errors = {name: parameters[name].standard_error for name in names}
+        errors["coulomb_friction_nm"] = self.friction.coulomb_nm.standard_error
+        errors["gravity_moment_nm"] = self.friction.gravity_moment_nm.standard_error
+        return IdentifiedPlant(
+            values=values,
+            standard_error=errors,
+            antiresonance_hz=plant.antiresonance_hz,
+            resonance_hz=plant.resonance_hz,
+            damping=parameters["damping"].value,
+            cannot_tell=self.cannot_tell,
+            coulomb_friction_nm=max(0.0, self.friction.coulomb_nm.value),
+            gravity_moment_nm=self.friction.gravity_moment_nm.value,
+            note=note,
+        )
+
+
+def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
+    """Sentences on the limits of the data, with numbers."""
+    parameters, plant = estimate.parameters, estimate.plant
+    sentences = [
+        "all inertias, stiffnesses and dampings are in proportion to the torque that the drive reports: an error of its rated "
+        "torque (6076h) is an error of each of them; f_a, f_r and ζ are free of it",
+        f"D_m cannot be told from friction that grows with the speed: D_m + D_l/N² together are "
+        f"{_shown(parameters['viscous_damping_nm_s_rad'])} N·m·s/rad in the frequency response, and the slow turns show "
+        f"{_shown(friction.viscous_nm_s_rad)}; at standstill Coulomb friction hides them altogether",
+        f"D_l is {_shown(parameters['arm_damping_nm_s_rad'])} N·m·s/rad, told only by how the damping differs between f_a "
+        f"and f_r; what is known well is D_g + D_l, by ζ",
+        f"hysteresis of the gear looks like damping and stiffness: f_a, K_g and ζ hold for a torsion of "
+        f"{estimate.torsion_rad / ARCSEC:.2g} arcsec, the amplitude of this run; take ζ for the notch from the transmission "
+        "error's ramp where both are known",
+        "a stiffness that depends on the load is here one number, for the torque of this run",
+    ]
+    if plant.arm_damping_nm_s_rad < 0.0 or plant.motor_damping_nm_s_rad < 0.0:
+        sentences.append("D_m or D_l came out below 0 within its error; the model file has 0")
+    if friction.arm_span_deg < WIDE_DEG:
+        sentences.append(
+            f"m g l and its phase are extrapolated: the arm turned through {friction.arm_span_deg:.0f}°, and {WIDE_DEG:.0f}° are "
+            "needed to see a cosine"
+        )
+    if estimate.tip is None:
+        sentences.append("the tip lever, and whether it was this axis that moved: there is no accelerometer in the fit")
+    return tuple(sentences)
+
+
+def _shown(parameter: EstimatedParameter) -> str:
+    return f"{parameter.value:.3g} ± {parameter.standard_error:.1g}"
