@@ -35,7 +35,7 @@ SCALE = {number: axis_scale(BENCH, number) for number in (2, 3)}
 TABLE_3 = {number: BENCH.axis[number].notch[0].notch() for number in (2, 3)}
 DESIGNED = {
     2: Notch(start_rps=3.799, end_rps=10.1, offset_hz=2.62, zeta_rn=0.0288, zeta_rdth=0.182, speed_lowpass_hz=6.76),
-    3: Notch(start_rps=3.894, end_rps=9.055, offset_hz=1.818, zeta_rn=0.0652, zeta_rdth=0.258, speed_lowpass_hz=12.6),
+    3: Notch(start_rps=3.94, end_rps=9.298, offset_hz=2.876, zeta_rn=0.0593, zeta_rdth=0.285, speed_lowpass_hz=7.1),
 }
 """What `hil design notch --bench reference --axis N` gives."""
 
@@ -71,7 +71,7 @@ def test_what_the_simulation_of_the_design_predicts_is_what_the_full_physics_sho
 
 @pytest.mark.parametrize("number", [2, 3])
 def test_the_designed_filter_lowers_table_3s_peak_by_15_percent_and_more(number):
-    """0.046 → 0.037 mm (axis 2), 0.045 → 0.033 mm (axis 3)."""
+    """0.046 → 0.035 mm (axis 2), 0.045 → 0.033 mm (axis 3)."""
     paper, ours = (tip_peak_mm(number, (notch,)) for notch in (TABLE_3[number], DESIGNED[number]))
     assert paper <= 0.05
     assert ours <= 0.85 * paper
