@@ -42,7 +42,7 @@ from hil.design.plant_problem import (
 )
 from hil.design.plant_spectra import Spectra
 
-LEAST_MISFIT = 0.5
+SMALLEST_MISFIT = 0.5
 """Misfit below which the errors shrink no further: what the model leaves open is seldom met in full, but is no scatter."""
 LEFT_OPEN = 3e-3
 """Relative error of J_m, and in proportion to it of f_r and friction, by what images and holds leave open at a SYNC of 4 ms."""
@@ -166,7 +166,7 @@ def _estimate(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
     """The unknowns as parameters with errors."""
     left = problem.residual(x)[: -problem.beliefs]
     misfit = math.sqrt(float(np.sum(left**2)) / max(1, len(left) - len(x)))
-    enlarged = max(LEAST_MISFIT, misfit) ** 2
+    enlarged = max(SMALLEST_MISFIT, misfit) ** 2
     covariance = inverse(jacobian.T @ jacobian) * enlarged
     plant = problem.plant(x)
 
