@@ -25,7 +25,7 @@ _ANY: TypeAdapter[AnyResult] = TypeAdapter(AnyResult)
 
 R = TypeVar("R", bound=Result)
 
-SHOWN = 5
+SHOWN_PROBLEMS = 5
 """Problems of a file that are shown; one wrong key often causes many."""
 
 
@@ -102,5 +102,5 @@ def load_result(directory: Path, kind: type[R], what: str) -> R:
 
 def _problems(error: ValidationError) -> str:
     problems = [f"{'.'.join(map(str, each['loc'][1:] or each['loc']))}: {each['msg']}" for each in error.errors()]
-    more = "" if len(problems) <= SHOWN else f"; and {len(problems) - SHOWN} more"
-    return "; ".join(problems[:SHOWN]) + more
+    more = "" if len(problems) <= SHOWN_PROBLEMS else f"; and {len(problems) - SHOWN_PROBLEMS} more"
+    return "; ".join(problems[:SHOWN_PROBLEMS]) + more

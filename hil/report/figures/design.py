@@ -23,7 +23,7 @@ from hil.report import style
 from hil.report.figures.notch import FAMILY, FEW, draw_worst, mark_own_harmonic
 from hil.report.style import Drawing, Real
 
-SHOWN = (0.34, 2.2)
+SHOWN_FREQUENCIES = (0.34, 2.2)
 """Band of the figures in units of f_al."""
 
 GIVEN: style.Line = {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "linewidth": 1.2}
@@ -100,7 +100,7 @@ def _on_the_line(outcome: NotchDesignOutcome, panel: Axes, order: int) -> None:
 
 def _shown_hz(outcome: NotchDesignOutcome) -> tuple[float, float]:
     """Band of the figures: the resonance with what filters do beside it."""
-    return SHOWN[0] * outcome.f_al_hz, SHOWN[1] * outcome.f_al_hz
+    return SHOWN_FREQUENCIES[0] * outcome.f_al_hz, SHOWN_FREQUENCIES[1] * outcome.f_al_hz
 
 
 def _bound(outcome: NotchDesignOutcome, order: int, frequency: Real) -> Real:
