@@ -160,7 +160,7 @@ def test_learning_keeps_its_passes_and_stores_each_axis(tmp_path: Path) -> None:
     assert kept.note.endswith("2 passes; no load")
     assert len(list((tmp_path / "out" / "runs").glob("learn-axis3-pass*.csv"))) == 2
     assert json.loads((tmp_path / "out" / "result.json").read_text())["learnt"][0]["ate"]["learnt_by"] == "adaptive"
-    assert "axis 3: A_2 = " in summary(outcome)[0]
+    assert any(line.startswith("axis 3: ") and "A_2 = " in line for line in summary(outcome))
     other = bench.model_copy(update={"name": "other"})
     for asked, of, message in (
         (LearnRequest((4,)), bench, "has no axis 4"),
@@ -175,7 +175,7 @@ def test_what_has_learnt_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> 
     """A drive that turns its additions round: the second pass, with half of it, is worse than the first."""
     session = session_of(robot_of(QUIET), 0.002)
     monkeypatch.setattr(learning, "cancellation_on", lambda *args, **more: turned(cancellation_on(*args, **more), 180.0))
-    with pytest.raises(CancellationRefusedError, match="what pass 1 has learnt of axis 3 the vibration rose"):
+    with pytest.raises(CancellationRefusedError, match="what pass 1 has learnt of axis 3"):
         learn(session, 3, passes=3, acceleration_rps_s=8.0)
 
 
