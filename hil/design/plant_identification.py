@@ -42,6 +42,8 @@ from hil.design.plant_problem import (
 )
 from hil.design.plant_spectra import Spectra
 
+LEAST_MISFIT = 0.5
+"""Misfit below which the errors shrink no further: what the model leaves open is seldom met in full, but is no scatter."""
 LEFT_OPEN = 3e-3
 """Relative error of J_m, and in proportion to it of f_r and friction, by what images and holds leave open at a SYNC of 4 ms."""
 EVALUATIONS = 100
@@ -109,7 +111,7 @@ def fit_plant(
     Minimises Σ |Ȳ* − P(jω) Ū*|²/σ²(P) over the lines, with σ from the scatter of both between periods, jointly with the age of
     the reported torque; with an accelerometer also Σ |Ā − g L s² c/(N (B + c)) e^{−jωδ_a} Ȳ*|²/σ_A²: its information on f_a
     and ζ needs neither torque nor lever, since its scale g and its delay δ_a are unknowns too. Standard errors are from the
-    Jacobian, times the misfit where that is above 1.
+    Jacobian, times the misfit, of which a half is the least.
 
     The data determine D_g + D_l, which damps the arm at f_a (ζ), and D_m + D_l/N², against which the motor turns: these are the
     unknowns, with D_l third. D_l alone shows only in how the damping differs between f_a and f_r, and through an
@@ -164,7 +166,7 @@ def _estimate(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
     """The unknowns as parameters with errors."""
     left = problem.residual(x)[: -problem.beliefs]
     misfit = math.sqrt(float(np.sum(left**2)) / max(1, len(left) - len(x)))
-    enlarged = max(1.0, misfit) ** 2
+    enlarged = max(LEAST_MISFIT, misfit) ** 2
     covariance = inverse(jacobian.T @ jacobian) * enlarged
     plant = problem.plant(x)
 
@@ -194,7 +196,7 @@ def _estimate(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
         "viscous_damping_nm_s_rad": parameter(float(x[VISCOUS]), {VISCOUS: 1.0}, 10.0 * LEFT_OPEN),
         "antiresonance_hz": parameter(f_a, {J_L: -0.5 * f_a, K_G: 0.5 * f_a}),
         "resonance_hz": parameter(f_r, {J_M: -arm_part * f_r, J_L: (arm_part - 0.5) * f_r, K_G: 0.5 * f_r}, 0.3 * LEFT_OPEN),
-        "damping": parameter(zeta, {J_L: -0.5 * zeta, K_G: -0.5 * zeta, DAMPING: zeta}, 5.0 * LEFT_OPEN),
+        "damping": parameter(zeta, {J_L: -0.5 * zeta, K_G: -0.5 * zeta, DAMPING: zeta}, LEFT_OPEN),
         "torque_age_s": parameter(float(x[AGE]), {AGE: 1.0}),
         "torque_lag_s": parameter(float(x[LAG]), {LAG: 1.0}),
     }

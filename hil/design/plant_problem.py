@@ -203,9 +203,7 @@ class PlantProblem:
     def _tried(self) -> list[Real]:
         """The likeliest of many plants: f_a on a grid, ratios of inertia, and whole inertias about that of the lowest lines."""
         low = slice(0, max(2, len(self.jw) // 20))
-        felt = self.torque(
-            np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], np.zeros_like(self.excitation)
-        )
+        felt = self.torque(np.array([0.0] * AGE + [0.5 * self.timing.control_s]), self._measured[1], np.zeros_like(self.excitation))
         whole = float(np.median(np.abs(felt[low] / (self._measured[0][low] * self.jw[low] ** 2))))
         tried: list[tuple[float, float, Real]] = []
         for f_a in np.geomspace(1.2 * self.data.frequency_hz[0], 0.9 * self.data.frequency_hz[-1], TRIED).tolist():

@@ -29,7 +29,7 @@ FAST_TORQUE_FRACTION = 0.7
 """Part of the torque limit that the faster ramp may take to accelerate."""
 WATCHED = 1.85
 """Speed up to which ramps lead in units of f_al/k: beyond the end of any filter that is tried."""
-BELOW = 0.45
+LOWEST_WATCHED = 0.45
 """Lowest speed that is looked at in units of f_al/k of the highest order: filters act from there at the earliest."""
 FRICTION_FRACTION, GRAVITY_FRACTION = 0.02, 0.06
 """Friction and gravity at the motor in parts of the torque limit, where a model file does not know them."""
@@ -120,7 +120,7 @@ def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: Identified
         speed_limit_rps=table.limits.speed_rps,
         f_al_hz=f_al,
         ramps=ramps,
-        ranges=speed_ranges(windows, BELOW * f_al / max(windows), max(ramp.top_rps for ramp in ramps)),
+        ranges=speed_ranges(windows, LOWEST_WATCHED * f_al / max(windows), max(ramp.top_rps for ramp in ramps)),
         displacement_mm=TipDisplacement(table.tip_lever_m, scale),
         requirements=request.requirements or Requirements(tip_mm=bench.specification.tip_mm),
         **_loads(table, axis_model),
@@ -177,7 +177,7 @@ def _ramps(
     limits, rate = bench.axis[request.axis].limits, bench.constant_acceleration.acceleration_rps_s
     windows = {k: scale.windows_rps.get(round(k), ()) if k == round(k) else () for k in orders}
     made = {k: window or (WINDOW_FACTORS[0] * f_al_hz / k, WINDOW_FACTORS[1] * f_al_hz / k) for k, window in windows.items()}
-    low = BELOW * f_al_hz / max(orders)
+    low = LOWEST_WATCHED * f_al_hz / max(orders)
     wanted = WATCHED * f_al_hz / min(request.orders)
 
     def ramp(factor: float, weight: float, top: float) -> DesignRamp:

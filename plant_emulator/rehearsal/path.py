@@ -11,7 +11,7 @@ from hil.bench.bench import Bench
 from hil.control.treatments import TreatmentName
 from hil.design.notch_search import Effort
 from hil.emulator import EmulatorProcess
-from hil.errors import HilError, SafetyStopError
+from hil.errors import HilError, InterruptedRunError, SafetyStopError
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.treatment import Knowledge
 from hil.reporter import SILENT, Reporter
@@ -63,7 +63,7 @@ class PathOptions:
 def walk(robot: Robot, bench: Bench, folder: Path, options: PathOptions | None = None, reporter: Reporter = SILENT) -> PathRecord:
     """Walk the documented path: plant, transmission error, design, runs with every treatment, learning.
 
-    Nothing that the product refuses is raised: how each step ended is in the record.
+    Nothing that the product refuses is raised: how each step ended is in the record. Ctrl-C and SIGTERM end it.
 
     Args:
         robot: The robot that is treated, all its truth in it.
@@ -71,6 +71,9 @@ def walk(robot: Robot, bench: Bench, folder: Path, options: PathOptions | None =
         folder: Directory for what the steps write; made where it is missing.
         options: Options; the defaults unless given.
         reporter: Listener of each step.
+
+    Raises:
+        KeyboardInterrupt: A signal ended a motion.
     """
     return _Walk(robot, bench, folder, options or PathOptions(), reporter).record()
 
@@ -179,9 +182,15 @@ class _Walk:
 
 
 def _ended(act: Callable[[], Note]) -> StepRecord:
-    """Take a step, and tell how it ended."""
+    """Take a step, and tell how it ended.
+
+    Raises:
+        KeyboardInterrupt: A signal ended the motion: what the user ends says nothing of the robot.
+    """
     try:
         note = act()
+    except InterruptedRunError as error:
+        raise KeyboardInterrupt from error
     except SafetyStopError as error:
         return StepRecord("stopped", type(error).__name__, str(error))
     except (HilError, ValueError, OSError) as error:

@@ -85,7 +85,10 @@ SHORTENED = {
         "docs/tuning.md",
         "hil compare --bench bench.toml --experiment constant-acceleration --axis 2 --model model.toml --design design.toml",
     ): "--treatment none,notch-designed",
-    ("docs/tuning.md", 'hil learn --bench bench.toml --axis 2 --model learnt.toml --note "22 °C, no load"'): "--passes 3",
+    (
+        "docs/tuning.md",
+        'hil learn --bench bench.toml --axis 2 --plant model.toml --model learnt.toml --note "22 °C, no load"',
+    ): "--passes 3",
     ("docs/robustness.md", "plant-emulator robustness --axis 2,3 --out robustness"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --axis 2,3 --treatment none"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --notch design/design.toml"): "--runs 8",

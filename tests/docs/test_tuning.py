@@ -16,7 +16,7 @@ from tests.docs.pages import BASH, ROOT, Shell, commands_of
 
 PAGE = ROOT / "docs" / "tuning.md"
 LIMIT_S = 900
-SEEDS = (44, 64, 311)
+SEEDS = (77, 301, 363)
 QUICKLY = {
     "hil design notch": "--quick",
     "hil learn": "--passes 3",
@@ -59,13 +59,13 @@ def beginning(text, table):
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_page_quiets_a_robot_that_nobody_has_tuned_for(seed, shell):
-    drawn = "plant-emulator stable --seeds 44 --kind real --out stable"
+    drawn = "plant-emulator stable --seeds 77 --kind real --out stable"
     assert drawn in PAGE.read_text(encoding="utf-8")
     missing = set()
     for command in commands_of(PAGE):
         text = typed(command.text, seed)
         if text.startswith("plant-emulator serve"):
-            assert shell.run(drawn.replace("44", str(seed)), LIMIT_S)[0] == 0
+            assert shell.run(drawn.replace("77", str(seed)), LIMIT_S)[0] == 0
             shell.serve(text, LIMIT_S)
             continue
         if any(name in text for name in missing) or ("design.toml" in missing and "design/" in text):

@@ -221,14 +221,13 @@ def cancellation_for(
             continue
         table = bench.axis[number].model_copy(update={"model": model})
         table.gains(f"cancellation on axis {number}")
-        phases = {order: math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
         period = (control_periods_s or {}).get(number) or CONTROL_PERIOD_S
         _check_size(number, model.ate)
         loop = table.loop(period, with_notch=with_notch)
         assert loop is not None  # noqa: S101 - it has a model and gains
         scales[number] = scale_at(bench, number, loop.peak_hz())
         timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
-        shape = (loop, _amplitudes(model.ate), phases, timing, table.limits.speed_rps, actuation)
+        shape = (loop, _amplitudes(model.ate), _phases_rad(model.ate), timing, table.limits.speed_rps, actuation)
         least_hz = LEAST_OVER_RESONANCE * scales[number].f_al_hz
         try:
             tables[number] = _table_within(shape, (peaks_rps or {}).get(number, 0.0), least_hz)
@@ -236,8 +235,7 @@ def cancellation_for(
             raise NotPossibleError(f"axis {number}: {error}") from error
     if not tables:
         raise NotPossibleError(_nothing_known(axes))
-    responses = {number: response_of(bench, identified, number) for number in axes}
-    known = {number: response for number, response in responses.items() if response is not None}
+    known = {number: response for number in axes if (response := response_of(bench, identified, number)) is not None}
     return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {}, scales, known)
 
 
@@ -408,6 +406,12 @@ def believed_model(reduction_ratio: float, error: IdentifiedError) -> Model | No
 def given_inertia(bench: Bench, identified: Identified | None, number: int, given_kg_m2: float | None) -> float | None:
     """J_m as it was given; None where a file has a plant, which then holds.
 
+    Args:
+        bench: The bench file.
+        identified: The model file; None without one.
+        number: Axis number.
+        given_kg_m2: J_m of a data sheet; None without one.
+
     Raises:
         NotPossibleError: Nobody knows it.
     """
@@ -430,6 +434,11 @@ def _amplitudes(ate: TransmissionErrorTable) -> dict[float, float]:
 def _phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
     """φ_k from 0 to 360°."""
     return {order: degrees % 360.0 for order, degrees in ate.phases_deg().items()}
+
+
+def _phases_rad(ate: TransmissionErrorTable) -> dict[float, float]:
+    """φ_k from 0 to 2π."""
+    return {order: math.radians(degrees) for order, degrees in _phases_deg(ate).items()}
 
 
 def _nothing_known(axes: Sequence[int]) -> str:

@@ -38,7 +38,7 @@ EDGE_ROWS = 16
 """Rows at either end of a recording whose mean is taken for the level there."""
 LEAST_NOISE_M_S2 = 1e-5
 """Noise that every accelerometer has: no verdict rests on less."""
-LEAK = 0.02
+LEAK = 0.03
 """Fraction of the vibration of other orders that a response which is not quite X may add to an order's."""
 TOP_FRACTION = 0.4
 """Highest frequency of a band as a fraction of the sampling rate."""

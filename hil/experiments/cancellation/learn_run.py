@@ -9,10 +9,10 @@ from hil.bench.model import Identified, IdentifiedAxis, load_identified, update_
 from hil.can.channel import Channel
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
-from hil.experiments.ate.motion import Ramps, end_speed
+from hil.experiments.ate.motion import ACCELERATION_RPS_S, Ramps, end_speed
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.cancellation.cancellation import given_inertia
-from hil.experiments.cancellation.learning import ACCELERATION_RPS_S, PASSES, AxisLearning, learn
+from hil.experiments.cancellation.learning import PASSES, AxisLearning, learn
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.master.motion import RunResult
 from hil.reporter import SILENT, Reporter
@@ -193,7 +193,7 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
             for k in error.amplitude_arcsec
         )
         late = f"; the motor follows {delay_ms:.2f} ms later than known" if delay_ms else ""
-        lines += [f"axis {axis}: left out: {words}" for words in learnt.left_out.values()]
+        lines += [f"left out: {verdict.words}" for verdict in learnt.left_out.values()]
         lines += [f"axis {axis}: note: {words}" for words in learnt.notes]
         lines.append(
             f"axis {axis}: {orders}; vibration −{100.0 * learnt.reduction_fraction:.0f} % after {len(learnt.passes)} passes{late}"

@@ -25,7 +25,7 @@ from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_moved, check_run
 from hil.experiments.ate.identify import standard_errors, sweep_of
-from hil.experiments.ate.motion import END_OVER_RESONANCE, Ramps, furthest_end, ramps
+from hil.experiments.ate.motion import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramps, furthest_end, ramps
 from hil.experiments.ate.order_scan import identify_orders, is_significant
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
@@ -44,7 +44,6 @@ from hil.robot_tables import ORDERS, TransmissionErrorTable
 Real = NDArray[np.float64]
 
 PASSES = 5
-ACCELERATION_RPS_S = 4.0
 SECOND_GAIN = 0.5
 LEAST_DELAY_S = 1e-4
 """Least delay of the motor that is not the gear's effect on it: 0.03 ms on the reference robot, and 0.4° at 12 Hz."""
@@ -96,7 +95,7 @@ class AxisLearning:
         passes: Passes in their order.
         emulated: True where the robot is emulated; None where that is not known.
         motor_inertia_kg_m2: J_m as it was given, where no plant is known.
-        left_out: Orders that are not cancelled, with the reason in words.
+        left_out: Orders that are not cancelled, with the verdicts on them.
         notes: Sentences for the engineer.
     """
 
@@ -104,7 +103,7 @@ class AxisLearning:
     passes: list[LearntPass] = field(default_factory=list)
     emulated: bool | None = None
     motor_inertia_kg_m2: float | None = None
-    left_out: dict[float, str] = field(default_factory=dict)
+    left_out: dict[float, PartVerdict] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -127,7 +126,8 @@ class AxisLearning:
         estimate, last = self.estimate, self.passes[-1]
         found = estimate.error.amplitude_arcsec
         kept = {order: found[order] for order in found if order not in self.left_out}
-        without = f"without order {', '.join(f'{order:g}' for order in sorted(self.left_out))}" if self.left_out else ""
+        wrong = sorted(order for order, verdict in self.left_out.items() if verdict.verdict == "refused")
+        without = f"without order {', '.join(f'{order:g}' for order in wrong)}" if wrong else ""
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
             values=TransmissionErrorTable.of(kept, estimate.error.phase_deg),
@@ -164,7 +164,7 @@ class AxisLearning:
             reduction_fraction=self.reduction_fraction,
             passes=tuple(each.entry() for each in self.passes),
             ate=self.part(note, on),
-            left_out=tuple(self.left_out.values()),
+            left_out=tuple(verdict.words for verdict in self.left_out.values()),
             notes=tuple(self.notes),
         )
 
@@ -270,7 +270,7 @@ def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:
     verdicts = learning.passes[-1].verdicts
     for verdict in verdicts:
         if verdict.verdict == "refused" or (is_last and verdict.verdict == "not judged"):
-            learning.left_out[verdict.part.order] = verdict.words
+            learning.left_out[verdict.part.order] = verdict
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
         raise CancellationRefusedError(f"what pass {number - 1} has learnt of axis {learning.axis}", verdicts)
 

@@ -24,7 +24,7 @@ LEAST_FRACTION = 0.5
 """Least fall of an order, as a fraction of the fraction of its cancellation that is tried."""
 SURE = 0.05
 """Standard error, as a fraction of the order, at which the number itself decides: nothing more would be learnt."""
-SIGMAS = 2.0
+VERDICT_SIGMAS = 2.0
 """Standard errors by which a verdict stands."""
 
 
@@ -77,7 +77,7 @@ class PartVerdict:
 
     def could_be_judged(self, more: float) -> bool:
         """True where an undecided part could be told with so many times the present runs."""
-        return self.verdict == "not judged" and SIGMAS * self.left_error <= MOST_LEFT * math.sqrt(more)
+        return self.verdict == "not judged" and VERDICT_SIGMAS * self.left_error <= MOST_LEFT * math.sqrt(more)
 
     @property
     def words(self) -> str:
@@ -112,7 +112,7 @@ def judge(part: Part, gain: float, seen: Sequence[Seen]) -> PartVerdict:
     whole, part_of = (1.0, MOST_LEFT, left, left_error), (gain, 1.0 - LEAST_FRACTION * gain, tried, tried_error)
     for fraction, most, rest, error in (whole,) if gain == 1.0 else (whole, part_of):
         margin = most * size - rest
-        clear = SIGMAS * error if error > SURE * fraction * size else 0.0
+        clear = VERDICT_SIGMAS * error if error > SURE * fraction * size else 0.0
         if margin < -clear:
             verdict = "refused"
             break
@@ -170,7 +170,7 @@ def _factor(
     """Complex e/c by least squares over the directions, as factor and angle with standard errors; None where c is not seen."""
     size, effect = float(np.linalg.norm(there)), float(np.linalg.norm(taken))
     error_e, error_c = (math.sqrt(float(np.max(covariance[:, i, i]))) for i in (0, 1))
-    if effect < SIGMAS * error_c or size < SIGMAS * error_e:
+    if effect < VERDICT_SIGMAS * error_c or size < VERDICT_SIGMAS * error_e:
         return None, None, None, None
     ratio = complex(np.vdot(taken, there)) / effect**2
     relative = math.hypot(error_e / size, error_c / effect)

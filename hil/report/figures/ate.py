@@ -16,7 +16,6 @@ from hil.design.transmission_error import TransmissionError
 from hil.recording import Recording
 from hil.report import style
 from hil.report.drawn_run import smooth_spectrum
-from hil.report.figures.order_map import order_maps
 from hil.report.order_names import BY_ORDER, order_words, symbol, symbol_of
 from hil.report.origin import origin_of
 from hil.report.paper import TABLE_2
@@ -99,19 +98,6 @@ class AteMaterial:
         arm = Arm(part.arm_hz, part.damping, fit.delay_s, fit.gear_fraction)
         ratio = self.result.bench.file.axis[self.axis].reduction_ratio
         return [self._drawn(each, arm, self.result.sensing, ratio, error_of(part), fit.band_hz) for each in self.result.passes]
-
-    def order_maps(self) -> Drawing | None:
-        """Order maps of the quickest and of the slowest pass; None without an accelerometer, or without a pass."""
-        made = [each for each in self.result.passes if each.stopped is None and (self.directory / each.recording).is_file()]
-        if self.is_sensorless or not made:
-            return None
-        chosen = {each.recording: each for each in (made[0], min(made, key=lambda each: each.acceleration_rps_s))}
-        runs = [
-            (f"ramps of {each.acceleration_rps_s:.3g} rev/s²", Recording.load(self.directory / each.recording))
-            for each in chosen.values()
-        ]
-        f_al = None if self.part is None else self.part.arm_hz
-        return order_maps(f"orders-{self.axis}", f"Axis {self.axis}: which order shakes the tip", runs, self.axis, f_al)
 
     def _drawn(
         self,

@@ -4,9 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hil.bench.model import values_in_words
+from hil.recording import Recording
 from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.ate import AteMaterial
+from hil.report.figures.order_map import order_maps
 from hil.report.origin import origin_of
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
@@ -50,7 +52,7 @@ def sections(material: AteMaterial) -> list[Section]:
             "evidence",
             "Signal and model",
             (
-                material.order_maps(),
+                _order_maps(material),
                 figures_ate.against_speed(material),
                 figures_ate.windows(material, 1),
                 figures_ate.windows(material, -1),
@@ -65,6 +67,21 @@ def sections(material: AteMaterial) -> list[Section]:
     ]
     filled = [Section(each.key, each.title, tuple(item for item in each.items if item is not None)) for each in chapters]
     return [section for section in filled if section.items]
+
+
+def _order_maps(material: AteMaterial) -> Drawing | None:
+    """Order maps of the quickest and of the slowest pass; None without an accelerometer, or without a pass."""
+    made = [each for each in material.result.passes if each.stopped is None and (material.directory / each.recording).is_file()]
+    if material.is_sensorless or not made:
+        return None
+    chosen = {each.recording: each for each in (made[0], min(made, key=lambda each: each.acceleration_rps_s))}
+    runs = [
+        (f"ramps of {each.acceleration_rps_s:.3g} rev/s²", Recording.load(material.directory / each.recording))
+        for each in chosen.values()
+    ]
+    f_al = None if material.part is None else material.part.arm_hz
+    title = f"Axis {material.axis}: which order shakes the tip"
+    return order_maps(f"orders-{material.axis}", title, runs, material.axis, f_al)
 
 
 def _result(material: AteMaterial) -> tuple[Drawing | ReportTable | None, ...]:

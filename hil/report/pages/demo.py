@@ -19,6 +19,7 @@ from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables import paper_runs as tables
 from hil.report.tables.paper_runs import Mark, ReportTable
+from hil.report.tables.trial import trial_table
 from hil.report.timing import timing_table
 from hil.results.comparison import StoryResult
 from hil.results.files import ResultFileError, load_result
@@ -98,10 +99,19 @@ def sections(material: Material) -> list[Section]:
                 notch.margin_curves(material),
             ],
         ),
-        ("all-runs", "Runs", [tables.runs(material), tables.motions(material), timing_table(material)]),
+        ("all-runs", "Runs", [tables.runs(material), _trials(material), tables.motions(material), timing_table(material)]),
     ]
     filled = [Section(key, title, tuple(_present(items))) for key, title, items in chapters]
     return [section for section in filled if section.items]
+
+
+def _trials(material: Material) -> ReportTable | None:
+    """Trials of the cancellations before the runs."""
+    tried = {run.recording: run for run in material.result.runs if run.trial is not None}
+    parts = [
+        (run_name(run, with_window=False), part) for run in tried.values() for part in (run.trial.parts if run.trial else ())
+    ]
+    return trial_table("trials", "Trials of the cancellations", parts)
 
 
 def _order_maps(material: Material, axis: int) -> Drawing | None:
@@ -158,6 +168,11 @@ def verdict(material: Material) -> PageVerdict:
         for claim in failed
     ]
     details += [f"Not judged: {run_name(run)}: {run.invalid}" for run in material.result.runs if run.invalid]
+    details += [
+        f"Not cancelled: {part.words}"
+        for trial in {run.recording: run.trial for run in material.result.runs if run.trial is not None}.values()
+        for part in trial.left_out
+    ]
     details += _missed(material)
     if early:
         many = "A run was" if len(early) == 1 else f"{len(early)} runs were"

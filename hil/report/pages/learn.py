@@ -13,6 +13,7 @@ from hil.report.origin import origin_of
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
+from hil.report.tables.trial import trial_table
 from hil.results.files import load_result
 from hil.results.learning import LearningPass, LearningResult, LearningRun
 
@@ -47,7 +48,16 @@ def sections(result: LearningResult, directory: Path | None = None) -> list[Sect
         learnt += [figures_ate.waveform(each.axis, each.ate, is_paper=is_paper)]
     chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
         ("result", "Transmission error", learnt),
-        ("passes", "Passes", [*([] if directory is None else _order_maps(result, directory)), estimates(result), passes(result)]),
+        (
+            "passes",
+            "Passes",
+            [
+                *([] if directory is None else _order_maps(result, directory)),
+                estimates(result),
+                passes(result),
+                _verdicts(result),
+            ],
+        ),
     ]
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
     return [section for section in filled if section.items]
@@ -91,6 +101,17 @@ def estimates(result: LearningResult) -> ReportTable | None:
         "SYNC period and its interpolation explain."
     )
     return ReportTable("estimates", "Estimates from pass to pass", "", header, rows, frozenset({0}), caption)
+
+
+def _verdicts(result: LearningResult) -> ReportTable | None:
+    """Table of the verdicts on each order after each pass."""
+    parts = [
+        (f"axis {axis.axis}, pass {index}", part)
+        for axis in result.learnt
+        for index, each in enumerate(axis.passes, start=1)
+        for part in each.parts
+    ]
+    return trial_table("verdicts", "Each order, against the first pass", parts)
 
 
 def passes(result: LearningResult) -> ReportTable | None:
@@ -138,12 +159,13 @@ def _pass(run: LearningRun, after: LearningPass | None) -> list[Cell]:
 def verdict(result: LearningResult) -> PageVerdict:
     """Verdict at the top of the page."""
     names = " and ".join(str(each.axis) for each in result.learnt)
-    learnt = (f"In the model file {result.model}: axis {names}.",) if result.learnt else ()
+    learnt = [f"In the model file {result.model}: axis {names}."] if result.learnt else []
+    learnt += [f"Left out: {words}." for each in result.learnt for words in each.left_out]
     if result.stopped is not None:
         return PageVerdict("bad", "■", "A pass was stopped", (result.stopped, *learnt))
     if result.not_learnt is not None:
         return PageVerdict("bad", "✘", "Not everything was learnt", (result.not_learnt, *learnt))
-    return PageVerdict("good", "✔", f"What cancels the transmission error of axis {names} is learnt", learnt)
+    return PageVerdict("good", "✔", f"What cancels the transmission error of axis {names} is learnt", tuple(learnt))
 
 
 def cards(result: LearningResult) -> list[Card]:

@@ -1,0 +1,53 @@
+"""Table of the trials of cancellations: each order of each axis, what it should have done and what it did."""
+
+from collections.abc import Iterable
+
+from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number, value_and_error
+from hil.results.runs import TrialPart
+
+HEADER = ("", "Order", "Fall expected (%)", "Fall (%)", "± (%)", "Whole leaves (%)", "± (%)", "Factor", "Turn φ (°)", "Verdict")
+
+
+def trial_table(key: str, title: str, parts: Iterable[tuple[str, TrialPart]]) -> ReportTable | None:
+    """Table of the verdicts of one or more trials; None without any.
+
+    Args:
+        key: Key of the table on its page.
+        title: Its title.
+        parts: Runs by their names, with the verdicts of their trials.
+    """
+    rows = [_row(name, part) for name, part in parts]
+    if not rows:
+        return None
+    caption = (
+        "A cancellation is tried with a part of it, on all axes and on each alone, then with the whole; and each order of each "
+        "axis is judged for itself, by its own amplitude at the tip. Only what is accepted is used: what is refused is wrong, "
+        "what is not judged does too little to be seen above the sensor's noise. Factor and turn: what amplitude and phase of "
+        "the cancellation should be multiplied by, and turned by."
+    )
+    return ReportTable(key, title, "", HEADER, rows, frozenset({0, 1, 9}), caption)
+
+
+def _row(name: str, part: TrialPart) -> list[Cell]:
+    mark = {"accepted": True, "refused": False, "not judged": None}[part.verdict]
+    return [
+        name,
+        f"axis {part.axis}, {part.order:g}",
+        number(100.0 * part.expected_fall_fraction, "{:.0f}"),
+        *_both(100.0 * part.fall_fraction, 100.0 * part.fall_error),
+        *_both(100.0 * part.left_fraction, 100.0 * part.left_error),
+        " ± ".join(_both(part.factor, part.factor_error)),
+        " ± ".join(_both(part.turn_deg, part.turn_error_deg)),
+        Mark(mark, part.verdict),
+    ]
+
+
+def _both(value: float | None, error: float | None) -> tuple[str, str]:
+    """A value and its standard error; an order of which nothing was there has neither."""
+    if value is None or error is None or not 0.0 < error < TOO_LARGE:
+        return "–", "–"
+    return value_and_error(value, error)
+
+
+TOO_LARGE = 1e4
+"""Standard error, in percent, of what says nothing."""
