@@ -257,7 +257,7 @@ def test_learning_keeps_its_passes_and_stores_each_axis(tmp_path: Path) -> None:
     assert kept.note.endswith("2 passes; no load")
     assert len(list((tmp_path / "out" / "runs").glob("learn-axis3-pass*.csv"))) == 2
     assert json.loads((tmp_path / "out" / "result.json").read_text())["learnt"][0]["ate"]["learnt_by"] == "adaptive"
-    assert any("A_2 = " in line for line in summary(outcome))
+    assert any(line.startswith("axis 3: ") and "A_2 = " in line for line in summary(outcome))
     other = bench.model_copy(update={"name": "other"})
     for asked, of, message in (
         (LearnRequest((4,)), bench, "has no axis 4"),
