@@ -84,9 +84,8 @@ def line(session: Session, cancellation: Cancellation | None, filters: FilterUse
         adder = None if cancellation is None else cancellation.adder()
         result = session.run(line_motion(bench, bench.bus.sync_period_s), filters, "drive", adder)
         assert result.stopped is None
-        assert (
-            result.missed_cycles < 0.002 * result.cycles
-        )  # at 1 ms and 1 Mbit/s heartbeats of four nodes may fall into one cycle
+        # at 1 ms and 1 Mbit/s the heartbeats of four nodes, one each in 100 ms, may all fall into one cycle
+        assert result.missed_cycles <= 0.011 * result.cycles
         recordings.append(result.recording)
     table = bench.line_motion
     assert table is not None

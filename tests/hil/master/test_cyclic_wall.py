@@ -248,7 +248,7 @@ def test_in_lock_step_there_is_no_timing() -> None:
         result = session.run(constant_acceleration(BENCH, 2, PERIOD_S), "none", "drive")
     assert result.stopped is None
     assert result.timing is None
-    (entry, _) = entries(BENCH, Experiment("constant-acceleration", 2, "none"), result, "x.csv")
+    (entry, *_) = entries(BENCH, Experiment("constant-acceleration", 2, "none"), result, "x.csv")
     assert entry.timing is None
 
 

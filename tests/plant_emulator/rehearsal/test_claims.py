@@ -82,7 +82,7 @@ def test_one_wrong_correction_that_is_accepted_is_one_too_many():
     ("kind", "others", "is_reached"), [("linear", 1, True), ("linear", 2, False), ("real", 3, True), ("real", 4, False)]
 )
 def test_of_twenty_linear_robots_one_may_stay_loud_and_of_twenty_real_ones_three(kind, others, is_reached):
-    loud = {"cancellation_learnt": {1: 0.02, 2: 0.02, 4: 0.02}}
+    loud = {step: {1: 0.02, 2: 0.02, 4: 0.02} for step in ("cancellation", "cancellation_learnt")}
     rows = [row(seed, kind, tips=loud if seed < others else None) for seed in range(20)]
     assert holds(rows)[f"quiet_{kind}"] is is_reached
 
