@@ -19,9 +19,9 @@ pytestmark = pytest.mark.timeout(600)  # a minute on a machine that does nothing
 RUN_KEYS = {
     "experiment", "axis", "treatment", "loop", "sync_period_s", "control_period_s", "order", "tip_peak_mm", "tip_rms_mm",
     "spectrum_peak_m_s2", "spectrum_peak_hz", "spectrum_area", "within_spec", "cycles", "missed_cycles", "wall_s", "motion_s",
-    "recording", "f_al_hz", "band_hz",
+    "recording", "f_al_hz", "f_al_source", "f_al_words", "band_hz",
 }  # fmt: skip
-RAMP_KEYS = {"ramp_peak_mm", "window_rps"}
+RAMP_KEYS = {"ramp_peak_mm", "window_rps", "order_mm", "order_error_mm", "noise_mm"}
 
 
 @pytest.fixture(scope="module")
