@@ -57,6 +57,10 @@ LEAST_ACCELERATION_RPS_S = 1.0
 """No pass is slower on an arm of 12 Hz: there the arm is in its steady state all the way, and another pass buys as much."""
 SEARCHED_PASSES = 2
 """Passes after which the arm is searched for; later ones start from what is known."""
+WORTH_A_PASS = 0.75
+"""A usable standard error that a pass has not brought below this fraction of itself is as good as passes will make it.
+
+What the mounting of the accelerometer may add to A_k is the same in every pass, so their number lowers noise and not that."""
 FURTHER = 1.02
 """End speed of a ramp over that of the last, from which it goes further."""
 SKIP_TORQUE = 0.12
@@ -168,8 +172,8 @@ def identify_on(
         watch = _watch(identification, bench, request, knowledge)
         checked(watch, made.estimate, sensorless=request.sensorless, passes_left=left)
         is_through = _is_through(bench, axis, made, passes_left=left)
-        identification.misses = request.goal.missed(made.estimate)
-        if is_through and not _curable(identification, bench, axis):
+        before, identification.misses = identification.misses, request.goal.missed(made.estimate)
+        if is_through and not _curable(identification, before, bench, axis):
             break
         acceleration, end = _next_ramp(bench, axis, identification, acceleration)
     _remark(identification, bench, request, knowledge)
@@ -260,8 +264,11 @@ def _is_through(bench: Bench, axis: int, made: Pass, passes_left: int) -> bool:
     return False
 
 
-def _curable(identification: Identification, bench: Bench, axis: int) -> list[Miss]:
-    """Misses that another pass may cure: those of orders that can yet go through the resonance, and noise's, not the gear's."""
+def _curable(identification: Identification, before: list[Miss], bench: Bench, axis: int) -> list[Miss]:
+    """Misses that another pass may cure: those of orders that can yet go through the resonance, and noise's, not the gear's.
+
+    A usable number that the last pass hardly made better is not among them.
+    """
     arm_hz, misses = identification.estimate.arm.resonance_hz, identification.misses
     unseen_yet = [
         miss
@@ -270,7 +277,13 @@ def _curable(identification: Identification, bench: Bench, axis: int) -> list[Mi
     ]
     if not identification.estimate.is_spring:
         return unseen_yet
-    return unseen_yet + [miss for miss in misses if identification.is_reached(miss.order)]
+    last = {miss.name: miss.over for miss in before}
+    return unseen_yet + [
+        miss
+        for miss in misses
+        if identification.is_reached(miss.order)
+        and not (miss.is_usable and miss.over > WORTH_A_PASS * last.get(miss.name, math.inf))
+    ]
 
 
 def _next_ramp(bench: Bench, axis: int, identification: Identification, acceleration_rps_s: float) -> tuple[float, float]:

@@ -27,13 +27,17 @@ class Miss:
     """A number that is known less well than asked.
 
     Attributes:
+        name: Its name, `A_2` or `φ_2`.
         order: Order k.
         sentence: Sentence on it.
+        over: Its standard error over the one asked for.
         is_usable: True where it is a result all the same.
     """
 
+    name: str
     order: float
     sentence: str
+    over: float
     is_usable: bool
 
 
@@ -60,14 +64,18 @@ class Goal:
             size = max(amplitude, WEAK * largest, 1e-30)
             error, goal = estimate.amplitude_error_arcsec[order] / size, self.amplitude_fraction.get(order, AMPLITUDE_FRACTION)
             if error > goal:
-                words = f"A_{order:g} has a standard error of {100.0 * error:.2g} %, {100.0 * goal:.2g} % is asked"
+                name = f"A_{order:g}"
+                words = f"{name} has a standard error of {100.0 * error:.2g} %, {100.0 * goal:.2g} % is asked"
                 words += f" of {size:.2g}″" if size > amplitude else ""
-                missed.append(Miss(order, words, error <= (GEAR_FRACTION_AT_MOST if is_gears else NEARLY * goal)))
+                most = GEAR_FRACTION_AT_MOST if is_gears else NEARLY * goal
+                missed.append(Miss(name, order, words, error / goal, error <= most))
             error_deg, goal_deg = estimate.phase_error_deg[order] * amplitude / size, self.phase_deg.get(order, PHASE_DEG)
             if error_deg > goal_deg and is_seen(estimate, order):
                 asked_deg = goal_deg * size / max(amplitude, 1e-30)
-                words = f"φ_{order:g} has a standard error of {estimate.phase_error_deg[order]:.2g}°, {asked_deg:.2g}° is asked"
-                missed.append(Miss(order, words, error_deg <= (GEAR_PHASE_DEG_AT_MOST if is_gears else NEARLY * goal_deg)))
+                name = f"φ_{order:g}"
+                words = f"{name} has a standard error of {estimate.phase_error_deg[order]:.2g}°, {asked_deg:.2g}° is asked"
+                most = GEAR_PHASE_DEG_AT_MOST if is_gears else NEARLY * goal_deg
+                missed.append(Miss(name, order, words, error_deg / goal_deg, error_deg <= most))
         return missed
 
 
