@@ -39,7 +39,7 @@ from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.learning import LearningPass, LearntAxis
-from hil.robot_tables import ORDERS, TransmissionErrorTable
+from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key
 
 Real = NDArray[np.float64]
 
@@ -131,7 +131,7 @@ class AxisLearning:
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
             values=TransmissionErrorTable.of(kept, estimate.error.phase_deg),
-            standard_error=standard_errors(estimate),
+            standard_error=standard_errors(estimate) | self._amplitude_errors(),
             arm_hz=estimate.arm.resonance_hz,
             damping=estimate.arm.damping,
             accelerometer_delay_s=estimate.arm.delay_s,
@@ -141,6 +141,24 @@ class AxisLearning:
             note="; ".join(text for text in (date, f"{len(self.passes)} passes", without, note) if text),
             emulated=self.emulated,
         )
+
+    def _amplitude_errors(self) -> dict[str, float]:
+        """Standard errors of the amplitudes by what the last pass' cancellation took away, where that knows them better.
+
+        The fit's hold how far the gear is from a spring, by which both directions differ. An accepted verdict is of the order
+        itself: the arm shook less by what was cancelled, times a factor with its own standard error.
+        """
+        if len(self.passes) < 2:
+            return {}
+        estimate, known, errors = self.estimate, standard_errors(self.estimate), dict[str, float]()
+        cancelled, found = self.passes[-2].estimate.error.amplitude_arcsec, estimate.error.amplitude_arcsec
+        for verdict in self.passes[-1].verdicts:
+            order, key = verdict.part.order, amplitude_key(verdict.part.order)
+            if verdict.verdict != "accepted" or verdict.factor is None or verdict.factor_error is None or order not in found:
+                continue
+            seen = math.hypot(found[order] - verdict.factor * cancelled[order], verdict.factor_error * cancelled[order])
+            errors[key] = min(seen, known.get(key, seen))
+        return errors
 
     def store(self, path: Path, robot: str, note: str = "", on: datetime.date | None = None) -> Identified:
         """Write the transmission error into the model file.
