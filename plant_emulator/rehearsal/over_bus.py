@@ -72,8 +72,9 @@ class StepsOverBus:
         return note_of_run(load_result(self._out(treatment), ExperimentsResult, "a run"))
 
     def learn(self) -> Note:
-        """Learn the transmission error, into a model file of its own."""
-        self._hil("learn", "--model", str(self._files.learnt), out="learn")
+        """Learn the transmission error, into a model file of its own, from what is known."""
+        known = ("--plant", str(self._files.model)) if self._files.model.exists() else ()
+        self._hil("learn", *known, "--model", str(self._files.learnt), out="learn")
         return None
 
     def _out(self, name: str) -> Path:
