@@ -306,7 +306,7 @@ class RampsModel:
 
 
 def least_squares(matrix: Real, wanted: Real) -> Real:
-    """Solve by normal equations on scaled columns, for one or more right sides, half a dozen well-separated unknowns and many thousand rows."""
+    """Solve by normal equations on scaled columns: few well-separated unknowns, many thousand rows, one or more right sides."""
     scale = np.sqrt(np.einsum("ij,ij->j", matrix, matrix)) + 1e-300
     scaled = matrix / scale
     found = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) @ (scaled.T @ wanted)

@@ -95,7 +95,7 @@ def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> t
     −(JᵀJ)⁻¹ (Jᵀr − ∇P/2), with J the slopes of the residual r by the unknowns of the arms, the linear unknowns projected out.
     """
     found, others = arm, dict(own)
-    unknowns, left = model.solve(arm, own)
+    left = model.solve(arm, own)[1]
     if not is_rounding_felt(model, arm, own):
         return found, others
     weight = bend_weight(model, arm, left)
