@@ -93,9 +93,11 @@ def _plant(axis: RobotAxis, plant: IdentifiedPlant | None) -> dict[str, Quantity
 
 def _error(axis: RobotAxis, error: IdentifiedError | None, prefix: str) -> dict[str, QuantityRecord]:
     found = {}
+    seen = {} if error is None else error.values.amplitudes_arcsec()
     for order in ORDERS:
         for name in (amplitude_key(order), phase_key(order)):
-            estimate = None if error is None else getattr(error.values, name, None)
             spread = None if error is None else error.standard_error.get(name)
+            # an amplitude of 0 without a standard error is an order that was left out, no estimate
+            estimate = None if error is None or (spread is None and order not in seen) else getattr(error.values, name)
             found[f"{prefix}{name}"] = QuantityRecord(getattr(axis.ate, name), estimate, spread)
     return found

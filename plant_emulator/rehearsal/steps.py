@@ -145,8 +145,9 @@ class StepsInProcess:
 
     def learn(self) -> Note:
         """Learn the transmission error, into a model file of its own."""
+        plant = self._files.model if self._files.model.exists() else None
         outcome = learn_on_bus(
-            self._bench, LearnRequest((self._axis,)), self._out("learn"), self._files.learnt, channel=self._channel
+            self._bench, LearnRequest((self._axis,)), self._out("learn"), self._files.learnt, plant=plant, channel=self._channel
         )
         _raise(outcome.failure)
         return None

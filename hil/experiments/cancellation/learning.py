@@ -39,7 +39,7 @@ from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.learning import LearningPass, LearntAxis
-from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key
+from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phase_key
 
 Real = NDArray[np.float64]
 
@@ -128,10 +128,13 @@ class AxisLearning:
         kept = {order: found[order] for order in found if order not in self.left_out}
         wrong = sorted(order for order, verdict in self.left_out.items() if verdict.verdict == "refused")
         without = f"without order {', '.join(f'{order:g}' for order in wrong)}" if wrong else ""
+        # of an order that is left out nothing is stated: its amplitude is 0 because it is not cancelled
+        stated = standard_errors(estimate) | self._amplitude_errors()
+        silent = {key(order) for order in self.left_out for key in (amplitude_key, phase_key)}
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
             values=TransmissionErrorTable.of(kept, estimate.error.phase_deg),
-            standard_error=standard_errors(estimate) | self._amplitude_errors(),
+            standard_error={name: error for name, error in stated.items() if name not in silent},
             arm_hz=estimate.arm.resonance_hz,
             damping=estimate.arm.damping,
             accelerometer_delay_s=estimate.arm.delay_s,
