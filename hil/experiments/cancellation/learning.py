@@ -142,6 +142,9 @@ class AxisLearning:
         before = f"order {', '.join(kept)} as known before" if kept else ""
         wrong = sorted(order for order, verdict in self.left_out.items() if verdict.verdict == "refused")
         without = f"without order {', '.join(f'{order:g}' for order in wrong)}" if wrong else ""
+        for order in self.left_out:  # of it nothing is stated: its amplitude is 0 because it is not cancelled
+            errors.pop(amplitude_key(order), None)
+            errors.pop(phase_key(order), None)
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
             values=TransmissionErrorTable.of(

@@ -45,3 +45,11 @@ def test_an_order_whose_cancellation_was_not_seen_to_act_stays_as_uncertain_as_t
 
 def test_what_the_fit_knows_better_stays():
     assert learnt(SEEN, error_arcsec=0.2).standard_error["a2_arcsec"] == 0.2
+
+
+def test_of_an_order_that_is_left_out_nothing_is_stated():
+    passes = [LearntPass(0.0, 1.0, estimate(18.0, 0.2), 0.0, None)]
+    part = AxisLearning(2, passes, left_out={4.0: replace(SEEN, part=Part(2, 4.0), verdict="not judged")}).part()
+    assert part.values.amplitudes_arcsec() == {2: 18.0}
+    assert {"a2_arcsec", "phi2_deg"} <= set(part.standard_error)
+    assert not {"a4_arcsec", "phi4_deg"} & set(part.standard_error)
