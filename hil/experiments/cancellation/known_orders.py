@@ -4,8 +4,8 @@ A learning's ramps may end below an order's resonance, or show it worse than an 
 order holds until a pass has shown it to be wrong: what is learnt is never worse than what it began with.
 
 What a pass learns of an order is the fit of all passes, or what the pass itself has shown of the cancellation that acted: by
-which factor and angle it is off. Whichever is known better counts. On a gear that is no spring it is the latter, for it needs no model
-of the gear, and it becomes the more exact the less vibration is left.
+which factor and angle it is off. Whichever is known better counts. On a gear that is no spring it is the latter, for it needs no
+model of the gear, and it becomes the more exact the less vibration is left.
 """
 
 import cmath
