@@ -187,9 +187,18 @@ def _noise(window: _Window, residual: Real, orders: Real, turns: float) -> Real:
     fitted = np.concatenate([[0.0], orders])
     free = between[np.min(np.abs(between[:, None] - fitted), axis=1) >= BESIDE / turns]
     weight = window.weight / np.sum(window.weight)
-    power = np.abs(np.exp(-1j * np.outer(free, window.angle_rad)) @ (weight * residual)) ** 2 / np.sum(weight**2)
     nearest = np.argsort(np.abs(free - orders[:, None]), axis=1)[:, :NEIGHBOURS]
-    return np.asarray(np.mean(power[nearest], axis=1))
+    wanted = np.unique(nearest)
+    power = np.zeros(len(free))
+    # all are multiples of half a window's turn: one exponential of each sample and its products, not one for each order
+    step = np.exp(-0.5j / turns * window.angle_rad)
+    wave, there, multiples = weight * residual + 0j, 0, np.rint(2.0 * turns * free[wanted]).astype(int)
+    for row, multiple in zip(wanted, multiples, strict=True):
+        for _ in range(multiple - there):
+            wave = wave * step
+        there = multiple
+        power[row] = abs(complex(np.sum(wave))) ** 2
+    return np.asarray(np.mean(power[nearest], axis=1)) / float(np.sum(weight**2))
 
 
 def _shown(window: _Window, orders: Real) -> NDArray[np.bool_]:

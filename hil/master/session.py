@@ -22,7 +22,7 @@ from hil.master.lateness import WallClockTiming
 from hil.master.motion import FilterUse, LoopName, Motion, RunResult
 from hil.master.network import Network
 from hil.master.node_setup import NodeSetup
-from hil.master.realtime import Clock, MonotonicClock, RealTime, Settings, quiet_garbage_collection
+from hil.master.realtime import Clock, MonotonicClock, RealTime, Settings, no_garbage_collection
 from hil.master.request import RunRequest, check_motion
 from hil.master.run import Run, RunLimits
 from hil.master.sensor import sensor_of
@@ -334,7 +334,7 @@ class Session:
     def _real_time(self, context: ExitStack) -> RealTime | None:
         """Enter real time for a run in wall-clock time; in lock-step only switch the garbage collector off."""
         if self.network.channel.is_lock_step:
-            context.callback(quiet_garbage_collection())
+            context.callback(no_garbage_collection())
             return None
         requested = self.bench.bus.real_time
         return context.enter_context(RealTime(Settings(requested.priority, requested.cpus, requested.lock_memory)))

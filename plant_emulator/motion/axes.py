@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hil.control.cascade import Cascade
 from hil.control.notch import NO_NOTCH, NOTCHES, Notch
-from plant_emulator.motion.period import advance, advance_traced
+from plant_emulator.motion.period import advance, advance_sensed, advance_traced
 from plant_emulator.motion.record import (
     AXIS,
     BRAKED,
@@ -135,6 +135,16 @@ class Axes:
 
     def advance(self, periods: int) -> None:
         """Advance everything by some control periods."""
+        row = None if self._response is None else self._single_row()
+        if self._response is None or row is None:
+            self.advance_chain(periods)
+            return
+        trace, tips = self._buffers_of(periods)
+        sensor, timing = self._response, (periods, self._control_period_s, self._substeps)
+        advance_sensed(*timing, self.rows, trace, row, self._levers[row], tips, sensor.row, sensor.ring, sensor.sensed)
+
+    def advance_chain(self, periods: int) -> None:
+        """`advance` where several axes move the tip, or the sensor remembers nothing."""
         if self._response is None:
             advance(periods, self._control_period_s, self._substeps, self.rows)
             return
@@ -220,8 +230,10 @@ class Axes:
         return self.tip_acceleration() if self._response is None else self._response.acceleration_m_s2
 
     def _single_row(self) -> int | None:
-        """The row whose brake alone is open, or None."""
+        """The row whose brake alone is open, or which is the only one; None where several, or none, move the tip."""
         modes = self._mode.tolist()
+        if len(modes) == 1 and self._chain is None:
+            return 0
         if len(modes) - modes.count(BRAKED) != 1:
             return None
         return next(row for row, mode in enumerate(modes) if mode != BRAKED)
@@ -238,12 +250,7 @@ class Axes:
         return self._buffers[periods]
 
     def _fill(self, tips: Real, trace: Real) -> None:
-        """Write the true acceleration of the tip after each control period; shape (periods, 3)."""
-        row = self._single_row()
-        if row is not None:
-            lever, speed = self._levers[row], trace[:, row, 1]
-            tips[:, 0], tips[:, 1], tips[:, 2] = -lever * speed * speed, 0.0, lever * trace[:, row, 2]
-            return
+        """Write the true acceleration of the tip that several axes move, after each control period; shape (periods, 3)."""
         for i, (angles, speeds, accelerations) in enumerate(trace.transpose(0, 2, 1).tolist()):
             tips[i] = self._joint_acceleration(angles, speeds, accelerations)
 
@@ -287,5 +294,6 @@ def rehearse(robot: Robot) -> None:
     axes.open_brake(0, POSITION, REHEARSED)
     axes.set_point(0, axes.counts(0) + 100)
     axes.advance(REHEARSED)
+    axes.advance_chain(REHEARSED)  # what a robot with several brakes open calls
     axes.change_mode(0, PROFILE)
     axes.stop(0, 100.0)

@@ -85,6 +85,11 @@ class SensorResponse:
         mounting_resonance_hz: Resonance of the mounting; None for a stiff one.
         mounting_damping: Its damping ratio.
 
+    Attributes:
+        row: Sections and delay, for `sense`.
+        ring: The latest samples.
+        sensed: Output of the sensor now.
+
     Raises:
         ValueError: A frequency is too high for the sampling period.
     """
@@ -102,27 +107,27 @@ class SensorResponse:
             if frequency is not None and frequency * period_s > HIGHEST_FREQUENCY:
                 raise ValueError(f"{name} {frequency:g} is too high for samples every {1e6 * period_s:g} µs")
         self._rows = np.zeros(1, SECTIONS)
-        self._row = row = self._rows[0]  # kept, as machine code wants it: a record that it has not seen costs 400 µs
+        self.row = row = self._rows[0]  # kept, as machine code wants it: a record that it has not seen costs 400 µs
         row["coefficients"][:, 0] = 1.0
         if mounting_resonance_hz is not None:
             row["coefficients"][0] = section(mounting_resonance_hz, mounting_damping, period_s, with_zero=True)
         if lowpass_hz is not None:
             row["coefficients"][1] = section(lowpass_hz, math.sqrt(0.5), period_s, with_zero=False)
         row["first"], row["weights"] = interpolation(delay_s / period_s)
-        self._ring = np.zeros((int(row["first"]) + 5, CHANNELS))
-        self._sensed = np.zeros(CHANNELS)
+        self.ring = np.zeros((int(row["first"]) + 5, CHANNELS))
+        self.sensed = np.zeros(CHANNELS)
 
     def drive(self, tip_m_s2: Real) -> None:
         """Let samples of the true acceleration pass, one per control period; shape (n, 3).
 
         An array that has been given before costs less than another one.
         """
-        sense(self._row, self._ring, tip_m_s2, self._sensed)
+        sense(self.row, self.ring, tip_m_s2, self.sensed)
 
     @property
     def acceleration_m_s2(self) -> tuple[float, float, float]:
         """Output of the sensor now, without noise and steps."""
-        x, y, z = self._sensed.tolist()
+        x, y, z = self.sensed.tolist()
         return x, y, z
 
 

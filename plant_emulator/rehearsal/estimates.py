@@ -92,10 +92,12 @@ def _plant(axis: RobotAxis, plant: IdentifiedPlant | None) -> dict[str, Quantity
 
 
 def _error(axis: RobotAxis, error: IdentifiedError | None, prefix: str) -> dict[str, QuantityRecord]:
+    """Amplitudes and phases; an order that was left out has no estimate, though its standard error is there."""
     found = {}
+    estimated = {} if error is None else error.values.amplitudes_arcsec()
     for order in ORDERS:
         for name in (amplitude_key(order), phase_key(order)):
-            estimate = None if error is None else getattr(error.values, name, None)
+            estimate = getattr(error.values, name) if error is not None and order in estimated else None
             spread = None if error is None else error.standard_error.get(name)
             found[f"{prefix}{name}"] = QuantityRecord(getattr(axis.ate, name), estimate, spread)
     return found

@@ -82,12 +82,16 @@ class Arm:
     def response(self, frequency_hz: Real) -> Complex:
         """H(jω) e^{−jωΔ} of arm and sensor; shape of `frequency_hz`."""
         x = np.asarray(frequency_hz) / self.resonance_hz
-        late = np.exp(-2j * math.pi * frequency_hz * self.delay_s) / (1.0 - self.bend * np.minimum(x, BEND_UP_TO) ** 2)
-        return np.asarray((1.0 + 2j * self.gear_fraction * self.damping * x) / (1.0 + 2j * self.damping * x - x**2) * late)
+        made = (1.0 + 2j * self.gear_fraction * self.damping * x) / (1.0 + 2j * self.damping * x - x**2)
+        if self.bend:
+            made = made / (1.0 - self.bend * np.minimum(x, BEND_UP_TO) ** 2)
+        return np.asarray(made * np.exp(-2j * math.pi * frequency_hz * self.delay_s) if self.delay_s else made)
 
 
 SAME_ARM: Mapping[float, Arm] = MappingProxyType({})
 """One arm for all orders."""
+_Arms = tuple[Arm, Mapping[float, Arm]]
+"""The arm, and the arms of some orders' own."""
 
 
 @dataclass(frozen=True)
@@ -166,6 +170,25 @@ class SweepModel:
         rows = self._samples(spectra)
         return rows[0], rows[1:].T
 
+    def difference(self, more: "_Arms", less: "_Arms", unknowns: Real) -> Real:
+        """What the signal with given unknowns has more with some arms than with others; shape (n,)."""
+        lone = [1 + 2 * self._orders.index(order) for order in more[1]]
+        kept = np.append(1.0, unknowns)
+        for row in lone:
+            kept[row : row + 2] = 0.0
+        total = (kept @ self._spectra) * self._more(more[0], less[0])
+        for row, order in zip(lone, more[1], strict=True):
+            own = unknowns[row - 1 : row + 1] @ self._spectra[row : row + 2]
+            total += own * self._more(more[1][order], less[1][order])
+        if np.any(self._own):
+            late, early = (np.exp(-2j * math.pi * self._frequency * each[0].delay_s) for each in (more, less))
+            total += self._own * (late - early)
+        return self._samples(total)
+
+    def _more(self, arm: Arm, other: Arm) -> Complex | float:
+        """Difference of two arms' responses."""
+        return 0.0 if arm == other else arm.response(self._frequency) - other.response(self._frequency)
+
     @property
     def white(self) -> float:
         """Power of white noise of variance 1 behind the filter."""
@@ -207,7 +230,8 @@ class RampsModel:
         self.signal = np.concatenate([part.signal for part in self._parts])
         self.independent = float(np.mean([part.independent for part in self._parts]))
         self.orders, self.band_hz = orders, band_hz
-        self._put_forward: dict[float, Real] = {}
+        self._put_forward: dict[tuple[int, tuple[float, ...]], Real] = {}
+        self._direction_rows: dict[int, NDArray[np.intp]] = {}
 
     def columns(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
         """Columns of all recordings, one behind the other."""
@@ -219,6 +243,13 @@ class RampsModel:
         motion, matrix = self.columns(arm, own)
         unknowns = least_squares(matrix, self.signal - motion)
         return unknowns, self.signal - motion - matrix @ unknowns
+
+    def difference(self, more: _Arms, less: _Arms, unknowns: Real) -> Real:
+        """What all recordings with given unknowns have more with some arms than with others, of the same orders' own; shape (n,).
+
+        One transform instead of one for each unknown: what slopes by the arms are made of.
+        """
+        return np.concatenate([part.difference(more, less, unknowns) for part in self._parts])
 
     def block(self, frequency_hz: float, periods: float = 3.0) -> int:
         """Samples of a block of so many periods of a frequency."""
@@ -242,23 +273,32 @@ class RampsModel:
         motion, matrix = self.columns(replace(arm, delay_s=0.0))
         totals = np.zeros(len(delays_s))
         for direction in (1, -1):
-            rows = self.directions == direction
-            if not rows.any():
+            rows = self._rows_of(direction)
+            if not len(rows):
                 continue
-            own = matrix[rows]
+            own, ahead = matrix[rows], self._ahead(direction, tuple(delays_s))
             scale = np.sqrt(np.sum(own**2, axis=0)) + 1e-300
             own = own / scale
+            wanted = ahead - motion[rows][:, np.newaxis]
             solver = np.linalg.pinv(own.T @ own, rcond=1e-12, hermitian=True)
-            for i, delay in enumerate(delays_s):
-                wanted = (self._ahead(delay) - motion)[rows]
-                totals[i] += float(np.sum((wanted - own @ (solver @ (own.T @ wanted))) ** 2))
+            along = own.T @ wanted
+            totals += np.einsum("ij,ij->j", wanted, wanted) - np.einsum("ij,ij->j", along, solver @ along)
         return [float(total) for total in totals]
 
-    def _ahead(self, delay_s: float) -> Real:
-        """The signal as it would have been without a delay."""
-        if delay_s not in self._put_forward:
-            self._put_forward[delay_s] = np.concatenate([part.ahead(delay_s) for part in self._parts])
-        return self._put_forward[delay_s]
+    def _rows_of(self, direction: int) -> NDArray[np.intp]:
+        """The rows of a direction."""
+        if direction not in self._direction_rows:
+            self._direction_rows[direction] = np.flatnonzero(self.directions == direction)
+        return self._direction_rows[direction]
+
+    def _ahead(self, direction: int, delays_s: tuple[float, ...]) -> Real:
+        """The signal as it would have been without each delay, in the rows of a direction; shape (rows, delays)."""
+        key = direction, delays_s
+        if key not in self._put_forward:
+            whole = [np.concatenate([part.ahead(delay) for part in self._parts]) for delay in delays_s]
+            for side in (1, -1):
+                self._put_forward[side, delays_s] = np.stack([each[self._rows_of(side)] for each in whole], axis=1)
+        return self._put_forward[key]
 
     def power(self, arm: Arm) -> float:
         """Power of the residual."""
@@ -266,10 +306,11 @@ class RampsModel:
 
 
 def least_squares(matrix: Real, wanted: Real) -> Real:
-    """Solve by normal equations on scaled columns, for half a dozen well-separated unknowns and many thousand rows."""
-    scale = np.sqrt(np.sum(matrix**2, axis=0)) + 1e-300
+    """Solve by normal equations on scaled columns: few well-separated unknowns, many thousand rows, one or more right sides."""
+    scale = np.sqrt(np.einsum("ij,ij->j", matrix, matrix)) + 1e-300
     scaled = matrix / scale
-    return np.asarray(np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) @ (scaled.T @ wanted) / scale)
+    found = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) @ (scaled.T @ wanted)
+    return np.asarray((found.T / scale).T)
 
 
 def modelled(sweep: Sweep, reduction_ratio: float, sensing: Sensing, arm: Arm, error: TransmissionError) -> Real:

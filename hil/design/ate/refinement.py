@@ -59,6 +59,15 @@ def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: f
         arm, others = arms(scaled)
         return np.append(model.solve(arm, others)[1], bend_row * arm.bend)
 
+    def jacobian(scaled: Real) -> Real:
+        arm, others = arms(scaled)
+        slopes = projected_slopes(model, arm, others)
+        sizes = [start.resonance_hz, start.damping, step_s] + has_bend * [1.0]
+        sizes += [size for each in own.values() for size in (each.resonance_hz, each.damping)]
+        columns = [0, 1, 2] + has_bend * [3] + list(range(4, slopes.shape[1]))
+        known = [bend_row * (has_bend and column == 3) for column in columns]
+        return np.vstack([-slopes[:, columns] * sizes, known])
+
     more = len(own)
     fit = optimize.least_squares(
         residual,
@@ -67,8 +76,8 @@ def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: f
             [0.8, 0.1, -1.0] + has_bend * [-LARGEST_BEND] + more * [0.8, 0.1],
             [1.25, 10.0, 1.0] + has_bend * [LARGEST_BEND] + more * [1.25, 10.0],
         ),
+        jac=jacobian,
         x_scale=np.array([0.01, 0.3, 0.05] + has_bend * [0.01] + more * [0.01, 0.3]),
-        diff_step=np.full(3 + has_bend + 2 * more, 1e-4),
     )
     return arms(fit.x)
 
@@ -86,15 +95,13 @@ def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> t
     −(JᵀJ)⁻¹ (Jᵀr − ∇P/2), with J the slopes of the residual r by the unknowns of the arms, the linear unknowns projected out.
     """
     found, others = arm, dict(own)
-    unknowns, left = model.solve(arm, own)
+    left = model.solve(arm, own)[1]
     if not is_rounding_felt(model, arm, own):
         return found, others
     weight = bend_weight(model, arm, left)
     for _ in range(ROUNDING_STEPS):
-        unknowns, left = model.solve(found, others)
-        matrix = model.columns(found, others)[1]
-        slopes = np.column_stack(slopes_by_arms(model, found, others, unknowns))
-        slopes = slopes - matrix @ np.column_stack([least_squares(matrix, slope) for slope in slopes.T])
+        left = model.solve(found, others)[1]
+        slopes = projected_slopes(model, found, others)
         known = np.zeros((1, slopes.shape[1]))
         known[0, 3] = weight
         downhill = slopes.T @ left
@@ -168,11 +175,7 @@ def slopes_by_arms(model: RampsModel, arm: Arm, own: Mapping[float, Arm], unknow
     d_hz, d_zeta, d_s = 1e-4 * arm.resonance_hz, 1e-3 * arm.damping, 1e-5
 
     def difference(make: Callable[[float], tuple[Arm, Mapping[float, Arm]]], step: float) -> Real:
-        sides = []
-        for sign in (1.0, -1.0):
-            motion, matrix = model.columns(*make(sign * step))
-            sides.append(motion + matrix @ unknowns)
-        return np.asarray((sides[0] - sides[1]) / (2.0 * step))
+        return model.difference(make(step), make(-step), unknowns) / (2.0 * step)
 
     slopes = [
         difference(lambda x: (shifted(arm, hz=x), own), d_hz),
@@ -184,6 +187,19 @@ def slopes_by_arms(model: RampsModel, arm: Arm, own: Mapping[float, Arm], unknow
         slopes.append(difference(lambda x, k=order, e=each: (arm, {**own, k: shifted(e, hz=x)}), d_hz))  # type: ignore[misc]
         slopes.append(difference(lambda x, k=order, e=each: (arm, {**own, k: shifted(e, damping=x)}), d_zeta))  # type: ignore[misc]
     return slopes
+
+
+def projected_slopes(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> Real:
+    """`slopes_by_arms` less what the linear unknowns make up for: the residual's slopes with the other sign, at its minimum.
+
+    That of the linear unknowns themselves is left out, which is of second order; the gradient of the power is exact.
+
+    Source: L. Kaufman, A variable projection method for solving separable nonlinear least squares problems, BIT 15 (1975).
+    """
+    motion, matrix = model.columns(arm, own)
+    unknowns = least_squares(matrix, model.signal - motion)
+    slopes = np.column_stack(slopes_by_arms(model, arm, own, unknowns))
+    return np.asarray(slopes - matrix @ least_squares(matrix, slopes))
 
 
 def inverse_square(jacobian: Real) -> Real:

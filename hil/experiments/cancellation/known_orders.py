@@ -2,6 +2,10 @@
 
 A learning's ramps may end below an order's resonance, or show it worse than an identification has. What was known of such an
 order holds until a pass has shown it to be wrong: what is learnt is never worse than what it began with.
+
+What a pass learns of an order is the fit of all passes, or what the pass itself has shown of the cancellation that acted: by
+which factor and angle it is off. Whichever is known better counts. On a gear that is no spring it is the latter, for it needs no
+model of the gear, and it becomes the more exact the less vibration is left.
 """
 
 import cmath
@@ -20,6 +24,8 @@ from hil.robot_tables import amplitude_key, phase_key
 Source = Literal["known", "learnt"]
 """`known` before the first pass, or `learnt` from the passes."""
 
+OFF_ERROR = 0.2
+"""Error of what a pass shows of a cancellation, as a fraction of what it is off: so far may the arm's response be wrong."""
 AGREE_SIGMAS = 3.0
 """Standard errors of their difference up to which two values of an order are the same one, and the more exact of them holds."""
 
@@ -75,12 +81,14 @@ class KnownOrders:
         refused: Values that a pass has shown to be wrong.
         settled: Sources that the last pass has decided on, and why.
         acted: Values that the last pass cancelled.
+        shown: Values that passes have shown, by what their cancellation left.
     """
 
     values: Mapping[float, OrderValue] = field(default_factory=dict)
     refused: set[tuple[float, Source]] = field(default_factory=set)
     settled: dict[float, tuple[Source, str]] = field(default_factory=dict)
     acted: dict[float, OrderValue] = field(default_factory=dict)
+    shown: dict[float, OrderValue] = field(default_factory=dict)
 
     @classmethod
     def of(cls, part: IdentifiedError | None) -> "KnownOrders":
@@ -121,7 +129,7 @@ class KnownOrders:
         return chosen
 
     def _choice(self, order: float, estimate: JointEstimate, passed: Collection[float]) -> OrderValue | None:
-        known, learnt = (self._open(order, each) for each in (self.values.get(order), _learnt(order, estimate)))
+        known, learnt = (self._open(order, each) for each in (self.values.get(order), self._learnt(order, estimate)))
         if known is None or learnt is None:
             return known if learnt is None else learnt
         source, why = self.settled.get(order) or _better(order, known, learnt, estimate, passed)
@@ -129,6 +137,23 @@ class KnownOrders:
 
     def _open(self, order: float, value: OrderValue | None) -> OrderValue | None:
         return None if value is None or (order, value.source) in self.refused else value
+
+    def _learnt(self, order: float, estimate: JointEstimate) -> OrderValue | None:
+        """Value of an order by the fit of the passes, or by what a pass has shown of it; None where the fit has it not."""
+        fitted, shown = _fitted(order, estimate), self.shown.get(order)
+        return shown if fitted is not None and shown is not None and shown.sigma_arcsec < fitted.sigma_arcsec else fitted
+
+    def _show(self, verdict: PartVerdict, acted: OrderValue) -> None:
+        """Keep the value that a pass shows, where its cancellation was right enough to tell."""
+        order, errors = verdict.part.order, (verdict.factor_error, verdict.turn_error_deg)
+        factor, turn_deg = verdict.factor, verdict.turn_deg
+        if verdict.verdict != "accepted" or factor is None or turn_deg is None or errors[0] is None or errors[1] is None:
+            self.shown.pop(order, None)
+            return
+        off = OFF_ERROR * abs(cmath.rect(factor, math.radians(turn_deg)) - 1.0)
+        size, phase_deg = factor * acted.amplitude_arcsec, (acted.phase_deg + turn_deg) % 360.0
+        amplitude_error = math.hypot(errors[0], off) * acted.amplitude_arcsec
+        self.shown[order] = OrderValue("learnt", size, phase_deg, amplitude_error, math.hypot(errors[1], math.degrees(off)))
 
     def judged(self, verdicts: Sequence[PartVerdict], estimate: JointEstimate, *, is_last: bool) -> dict[float, PartVerdict]:
         """Take in what a pass has shown.
@@ -144,7 +169,8 @@ class KnownOrders:
         left_out = {}
         for verdict in verdicts:
             order, acted = verdict.part.order, self.acted[verdict.part.order]
-            both = (self._open(order, each) for each in (self.values.get(order), _learnt(order, estimate)))
+            self._show(verdict, acted)
+            both = (self._open(order, each) for each in (self.values.get(order), self._learnt(order, estimate)))
             other = next((each for each in both if each is not None and each.source != acted.source), None)
             if verdict.verdict == "refused":
                 self.refused.add((order, acted.source))
@@ -163,8 +189,8 @@ class KnownOrders:
         return left_out
 
 
-def _learnt(order: float, estimate: JointEstimate) -> OrderValue | None:
-    """Value of an order that the passes gave; None where they did not fit it."""
+def _fitted(order: float, estimate: JointEstimate) -> OrderValue | None:
+    """Value of an order by the fit of the passes; None where it was not fitted."""
     error = estimate.error
     if order not in error.amplitude_arcsec:
         return None

@@ -18,11 +18,11 @@ from hil.analysis import TipScale
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, significant, update_file
 from hil.design.ate.identification import JointEstimate
-from hil.design.ate.model import Arm, Sensing, Sweep
+from hil.design.ate.model import Sensing, Sweep
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_moved, check_run
-from hil.experiments.ate.identify import standard_errors, sweep_of
+from hil.experiments.ate.identify import SEARCHED_PASSES, standard_errors, sweep_of
 from hil.experiments.ate.motion import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramps, furthest_end, ramps
 from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
 from hil.experiments.ate.orders import OrderWatch, checked
@@ -142,6 +142,9 @@ class AxisLearning:
         before = f"order {', '.join(kept)} as known before" if kept else ""
         wrong = sorted(order for order, verdict in self.left_out.items() if verdict.verdict == "refused")
         without = f"without order {', '.join(f'{order:g}' for order in wrong)}" if wrong else ""
+        for order in self.left_out:  # of it nothing is stated: its amplitude is 0 because it is not cancelled
+            errors.pop(amplitude_key(order), None)
+            errors.pop(phase_key(order), None)
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
             values=TransmissionErrorTable.of(
@@ -236,7 +239,7 @@ def learn(
         recording = _kept(number, result, motion, axis, table, keep)
         following = _following(learning, gain, recording, motion, table, scale)
         watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
-        estimate = _fitted(watch.sweeps, table, learning.passes[-1].estimate.arm if learning.passes else None, orders)
+        estimate = _fitted(watch.sweeps, table, learning, orders)
         checked(watch, estimate, sensorless=False, passes_left=passes - number)
         scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first pass: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
@@ -331,14 +334,15 @@ def _cancellation(
     return made
 
 
-def _fitted(sweeps: Sequence[Sweep], table: AxisTable, start: Arm | None, orders: Sequence[float]) -> JointEstimate:
+def _fitted(sweeps: Sequence[Sweep], table: AxisTable, learning: AxisLearning, orders: Sequence[float]) -> JointEstimate:
     """The transmission error from all passes so far.
 
     Raises:
         NotPossibleError: The passes do not carry a fit.
     """
+    start, is_near = learning.estimate.arm if learning.passes else None, len(learning.passes) >= SEARCHED_PASSES
     try:
-        return identify_orders(sweeps, table.reduction_ratio, Sensing(table.tip_lever_m), start, orders)
+        return identify_orders(sweeps, table.reduction_ratio, Sensing(table.tip_lever_m), start, orders, is_near=is_near)
     except ValueError as error:
         raise NotPossibleError(f"not learnt: {error}") from error
 

@@ -5,12 +5,13 @@ import os
 import re
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from hil.master import realtime
-from hil.master.realtime import MonotonicClock, RealTime, Settings, System, quiet_garbage_collection
+from hil.master.realtime import MonotonicClock, RealTime, Settings, System, no_garbage_collection, quiet_garbage_collection
 
 
 class FakeSystem(System):
@@ -107,10 +108,20 @@ def test_the_garbage_collector_and_the_interpreter_are_as_before() -> None:
     assert sys.getswitchinterval() == interval
 
 
-def test_a_collector_that_was_off_stays_off() -> None:
+def test_in_lock_step_nothing_is_collected_before_a_run() -> None:
+    collections = sum(each["collections"] for each in gc.get_stats())
+    undo = no_garbage_collection()
+    assert not gc.isenabled()
+    undo()
+    assert gc.isenabled()
+    assert sum(each["collections"] for each in gc.get_stats()) == collections
+
+
+@pytest.mark.parametrize("switch", [quiet_garbage_collection, no_garbage_collection])
+def test_a_collector_that_was_off_stays_off(switch: Callable[[], Callable[[], None]]) -> None:
     gc.disable()
     try:
-        quiet_garbage_collection()()
+        switch()()
         assert not gc.isenabled()
     finally:
         gc.enable()
