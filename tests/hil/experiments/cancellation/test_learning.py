@@ -24,19 +24,28 @@ def estimate(a2_arcsec, error_arcsec):
 def learnt(*verdicts, error_arcsec=8.0):
     passes = [LearntPass(0.0, 1.0, estimate(18.0, error_arcsec), 0.0, None)]
     passes.append(LearntPass(0.5, 0.5, estimate(18.2, error_arcsec), 0.0, None, verdicts))
-    return AxisLearning(2, passes).part()
+    learning = AxisLearning(2, passes)
+    learning.known.acted = learning.known.choices(passes[0].estimate, {2.0, 4.0})
+    learning.left_out |= learning.known.judged(verdicts, learning.estimate, is_last=False)
+    return learning.part()
 
 
 def test_an_order_whose_cancellation_acted_is_no_noise_though_both_directions_differ():
     part = learnt(SEEN)
-    # 18.2″ against 1.05 × 18″, and 0.04 × 18″
-    assert part.standard_error["a2_arcsec"] == pytest.approx((0.7**2 + 0.72**2) ** 0.5)
-    assert significant(part).amplitudes_arcsec() == {2: 18.2}
+    # 1.05 × 18″ ∠ 2°, which is 6.1 % off; 4 % of 18″, and a fifth of what it is off
+    assert part.values.a2_arcsec == pytest.approx(18.9)
+    assert part.values.phi2_deg == pytest.approx(200.0)
+    assert part.standard_error["a2_arcsec"] == pytest.approx(18.0 * (0.04**2 + (0.2 * 0.0614) ** 2) ** 0.5, rel=0.01)
+    assert significant(part).amplitudes_arcsec() == {2: pytest.approx(18.9)}
 
 
-@pytest.mark.parametrize(
-    "verdict", [replace(SEEN, verdict="refused"), replace(SEEN, verdict="not judged"), replace(SEEN, factor=None)]
-)
+def test_of_an_order_whose_cancellation_was_refused_nothing_is_known():
+    part = learnt(replace(SEEN, verdict="refused"))
+    assert part.values.a2_arcsec == 0.0
+    assert "a2_arcsec" not in part.standard_error
+
+
+@pytest.mark.parametrize("verdict", [replace(SEEN, verdict="not judged"), replace(SEEN, factor=None)])
 def test_an_order_whose_cancellation_was_not_seen_to_act_stays_as_uncertain_as_the_fit_says(verdict):
     part = learnt(verdict)
     assert part.standard_error["a2_arcsec"] == 8.0
