@@ -1,5 +1,7 @@
 """What is learnt: an order whose cancellation was seen to act is known by that, however far the gear is from a spring."""
 
+import cmath
+import math
 from dataclasses import replace
 
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from hil.bench.model import significant
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.known_orders import OrderValue
 from hil.experiments.cancellation.learning import AxisLearning, LearntPass
 from hil.experiments.cancellation.verdict import PartVerdict
 from tests.hil.experiments.ate.test_checks import GOOD
@@ -24,19 +27,22 @@ def estimate(a2_arcsec, error_arcsec):
 def learnt(*verdicts, error_arcsec=8.0):
     passes = [LearntPass(0.0, 1.0, estimate(18.0, error_arcsec), 0.0, None)]
     passes.append(LearntPass(0.5, 0.5, estimate(18.2, error_arcsec), 0.0, None, verdicts))
-    return AxisLearning(2, passes).part()
+    learning = AxisLearning(2, passes)
+    learning.known.acted = {2.0: OrderValue("learnt", 18.0, 198.0, error_arcsec, 1.0)}
+    learning.known.judged(verdicts, learning.estimate, is_last=False)
+    return learning.part()
 
 
-def test_an_order_whose_cancellation_acted_is_no_noise_though_both_directions_differ():
+def test_an_order_whose_cancellation_acted_is_what_it_should_have_been_though_both_directions_differ():
     part = learnt(SEEN)
-    # 18.2″ against 1.05 × 18″, and 0.04 × 18″
-    assert part.standard_error["a2_arcsec"] == pytest.approx((0.7**2 + 0.72**2) ** 0.5)
-    assert significant(part).amplitudes_arcsec() == {2: 18.2}
+    # 1.05 × 18″ ∠ 2°, with the verdict's own error and a fifth of what it was off
+    assert significant(part).amplitudes_arcsec() == {2: pytest.approx(18.9)}
+    assert part.values.phi2_deg == pytest.approx(200.0)
+    off = 0.2 * abs(1.05 * cmath.exp(2j * math.pi / 180.0) - 1.0)
+    assert part.standard_error["a2_arcsec"] == pytest.approx(18.0 * math.hypot(0.04, off))
 
 
-@pytest.mark.parametrize(
-    "verdict", [replace(SEEN, verdict="refused"), replace(SEEN, verdict="not judged"), replace(SEEN, factor=None)]
-)
+@pytest.mark.parametrize("verdict", [replace(SEEN, verdict="not judged"), replace(SEEN, factor=None)])
 def test_an_order_whose_cancellation_was_not_seen_to_act_stays_as_uncertain_as_the_fit_says(verdict):
     part = learnt(verdict)
     assert part.standard_error["a2_arcsec"] == 8.0
@@ -44,7 +50,9 @@ def test_an_order_whose_cancellation_was_not_seen_to_act_stays_as_uncertain_as_t
 
 
 def test_what_the_fit_knows_better_stays():
-    assert learnt(SEEN, error_arcsec=0.2).standard_error["a2_arcsec"] == 0.2
+    part = learnt(SEEN, error_arcsec=0.2)
+    assert part.standard_error["a2_arcsec"] == 0.2
+    assert part.values.a2_arcsec == 18.2
 
 
 def test_of_an_order_that_is_left_out_nothing_is_stated():
