@@ -121,8 +121,8 @@ class _Teller:
     def parameter_set(self, axis: int) -> Path:
         return self.out / f"notch-axis{axis}.toml"
 
-    def step(self, name: str, make: Callable[[], tuple[str, str]]) -> None:
-        """Make one step, and note its name, result, duration and report."""
+    def step(self, name: str, make: Callable[[], tuple[str, str]], report: str = "") -> None:
+        """Make one step, and note its name, result, duration and report; a step that is refused may have left one too."""
         self.reporter.step(name)
         began = time.monotonic()
         what, holds, link = "", False, ""
@@ -131,13 +131,14 @@ class _Teller:
             holds = True
         except (Exception, KeyboardInterrupt) as error:
             what = str(error) or "interrupted"
+            link = report if report and (self.out / report).is_file() else ""
             raise
         finally:
             seconds = round(time.monotonic() - began, 2)
             self.steps.append(StoryStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
 
     def identify_plant(self, axis: int) -> tuple[str, str]:
-        where = self.out / f"identify-plant-axis{axis}"
+        where = (self.out / _plant_page(axis)).parent
         outcome = run_identify_plant(self.bench, PlantRequest(axis), where, model=self.model, reporter=self.reporter)
         self.emulated.append(outcome.result.emulated)
         write_plant_report(where)
@@ -156,10 +157,10 @@ class _Teller:
             for symbol, name, scale, unit in shown
             for found in (parameters[name],)
         )
-        return what, f"{where.name}/report.html"
+        return what, _plant_page(axis)
 
     def identify_ate(self, axis: int) -> tuple[str, str]:
-        where = self.out / f"identify-ate-axis{axis}"
+        where = (self.out / _ate_page(axis)).parent
         outcome = identify_ate(self.bench, AteRequest(axis), where, load_identified(self.model), reporter=self.reporter)
         self.emulated.append(outcome.result.emulated)
         write_ate_report(where)
@@ -168,13 +169,14 @@ class _Teller:
         if outcome.part is None:
             raise NotPossibleError(f"the transmission error of axis {axis} was not identified")
         update_file(self.model, self.bench.name, axis, outcome.part)
-        return ", ".join(values_in_words(outcome.part)), f"{where.name}/report.html"
+        return ", ".join(values_in_words(outcome.part)), _ate_page(axis)
 
     def design_notch(self, axis: int) -> tuple[str, str]:
         request = NotchDesignRequest(axis=axis, shapes=("switched",), effort=self.effort, jobs=_processors())
         outcome = notch_design.design(self.bench, request, load_identified(self.model))
-        notch_design.result_of(outcome).write(self.out / f"design-axis{axis}" / "design.json")
-        write_design_report(outcome, self.out / f"design-axis{axis}" / "design.html")
+        page = self.out / _design_page(axis)
+        notch_design.result_of(outcome).write(page.parent / "design.json")
+        write_design_report(outcome, page)
         if outcome.failure is not None and not outcome.is_usable:
             raise outcome.failure
         update_designs(self.design, self.bench.name, axis, notch_design.designed_axis(outcome))
@@ -182,8 +184,9 @@ class _Teller:
         made.save(self.parameter_set(axis), force=True)
         (peak, *_), worst = outcome.best.peaks, {check.name: check.value for check in outcome.best.checks}
         before = "" if outcome.given is None else f", the bench file's notch {outcome.given.peak(peak.order).rising_mm:.3f} mm"
-        what = f"predicted tip peak {peak.rising_mm:.3f} mm{before}; M_s {worst['M_s']:.2f} at every speed and plant"
-        return what, f"design-axis{axis}/design.html"
+        missed = "" if outcome.failure is None else f"; missed: {'; '.join(map(str, outcome.failure.missed))}"
+        what = f"predicted tip peak {peak.rising_mm:.3f} mm{before}; M_s {worst['M_s']:.2f} at every speed and plant{missed}"
+        return what, _design_page(axis)
 
     def upload(self) -> tuple[str, str]:
         for axis in self._uploaded:
@@ -220,6 +223,18 @@ class _Teller:
                 uploads.append(Upload(device, wanted, options, bus.address))
             fleet.prepare(uploads)
             return then(uploads)
+
+
+def _plant_page(axis: int) -> str:
+    return f"identify-plant-axis{axis}/report.html"
+
+
+def _ate_page(axis: int) -> str:
+    return f"identify-ate-axis{axis}/report.html"
+
+
+def _design_page(axis: int) -> str:
+    return f"design-axis{axis}/design.html"
 
 
 def _written(uploads: list[Upload]) -> list[UploadResult]:
@@ -298,12 +313,12 @@ def _told(teller: _Teller, request: ComparisonRequest, comparisons: list[Compari
     Where no notch keeps all that is asked that is said, and the comparison is made without a designed one.
     """
     for axis in teller.axes:
-        teller.step(f"identify plant, axis {axis}", partial(teller.identify_plant, axis))
-        teller.step(f"identify transmission error, axis {axis}", partial(teller.identify_ate, axis))
+        teller.step(f"identify plant, axis {axis}", partial(teller.identify_plant, axis), _plant_page(axis))
+        teller.step(f"identify transmission error, axis {axis}", partial(teller.identify_ate, axis), _ate_page(axis))
     designed = []
     for axis in teller.axes:
         try:
-            teller.step(f"design notch, axis {axis}", partial(teller.design_notch, axis))
+            teller.step(f"design notch, axis {axis}", partial(teller.design_notch, axis), _design_page(axis))
             designed.append(axis)
         except InfeasibleError:
             continue

@@ -58,7 +58,7 @@ def learn(
         Path, typer.Option("--model", help="Model file: read where it is there, for the motor's inertia, and written.")
     ],
     plant: Annotated[
-        Path | None, typer.Option("--plant", help="Model file of hil identify plant: its plants go into the model file.")
+        Path | None, typer.Option("--plant", help="Model file of hil identify: its plants, and what no pass betters, are kept.")
     ] = None,
     motor_inertia_kg_m2: Annotated[
         float | None,

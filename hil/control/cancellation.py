@@ -8,11 +8,14 @@ so each order asks for a sine of known angle k θ_m, whose frequency k f_m follo
 bus make of a sine at that frequency is one complex number, G_k(f_m); here it is a table over |f_m|, worked out beforehand
 (`hil.design.inverse`), delays included: a delay d is a phase k ω d, so that the sine is that of the angle at which it will act.
 Turning backwards everything but k θ_m + φ_k changes the sign of its phase: G_k is then its own conjugate.
+
+The measured angle θ_m contains what has been added. The sines are those of the angle without it, which turns smoothly,
+θ_0 = θ_m + N Σ A_k cos(k θ_m + φ_k); so Δθ_m has the mixed waves of `hil.design.counter_motion` beside its orders.
 """
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -42,11 +45,13 @@ class CancellationConfigRow(Protocol):
 class CancellationStateRow(Protocol):
     """Memory of one axis' cancellation.
 
-    Last angle; low-passed speed; fraction to which it is faded in; remainder that rounding has left of the torque.
+    Last angle without what was added; low-passed speed; fraction to which it is faded in; remainder that rounding has left of
+    the torque.
     """
 
-    motor_angle_rad: float
+    smooth_angle_rad: float
     speed_rad_s: float
+    slower_rad_s: float
     fraction: float
     left_nm: float
     is_running: int
@@ -62,36 +67,59 @@ FADE_S = 0.2
 
 
 @dataclass(frozen=True)
-class CancellationTable:
-    """Additions to the set-points of one axis, by order and motor speed.
+class WaveLabel:
+    """One sine of a table.
 
     Attributes:
-        orders: The orders k.
-        phase_rad: Phases φ_k.
+        order: Its order k.
+        phase_rad: Its phase φ.
+        degree: 1 for an order of the error itself; for a mixed wave the number of amplitudes that it grows with.
+        sources: Orders of the error from which it comes.
+    """
+
+    order: float
+    phase_rad: float
+    degree: int = 1
+    sources: frozenset[float] = frozenset()
+
+
+@dataclass(frozen=True)
+class CancellationTable:
+    """Additions to the set-points of one axis, by wave and motor speed.
+
+    Attributes:
+        waves: The waves, those of the error's own orders first.
         step_rps: Distance of the table's speeds, which begin at 0.
-        reference: G_k by speed, −N A_k included, in rad at the motor; shape (orders, speeds).
-        torque: G_k of the torque offset, in N·m; shape (orders, speeds).
+        reference: G by speed, −N A_k included, in rad at the motor; shape (waves, speeds).
+        torque: G of the torque offset, in N·m; shape (waves, speeds).
+        motion: Amplitude of the motor's part in it, in rad; shape (waves, speeds). Read of the error's own orders.
 
     Raises:
         ValueError: The shapes do not fit, or a number is not finite.
     """
 
-    orders: tuple[float, ...]
-    phase_rad: tuple[float, ...]
+    waves: tuple[WaveLabel, ...]
     step_rps: float
     reference: Complex
     torque: Complex
+    motion: Real
 
     def __post_init__(self) -> None:
         """Refuse what the law cannot read."""
         shape = np.shape(self.reference)
-        fits = len(shape) == 2 and shape[0] == len(self.orders) == len(self.phase_rad) and shape[1] >= 2
-        if not fits or np.shape(self.torque) != shape:
-            raise ValueError(f"tables of shapes {shape} and {np.shape(self.torque)} for {len(self.orders)} orders")
+        fits = len(shape) == 2 and shape[0] == len(self.waves) and shape[1] >= 2
+        if not fits or np.shape(self.torque) != shape or np.shape(self.motion) != shape:
+            shapes = f"{shape}, {np.shape(self.torque)} and {np.shape(self.motion)}"
+            raise ValueError(f"tables of shapes {shapes} for {len(self.waves)} waves")
         if not self.step_rps > 0.0:
             raise ValueError(f"step_rps = {self.step_rps} must be above 0")
-        if not (np.all(np.isfinite(self.reference)) and np.all(np.isfinite(self.torque))):
+        if not all(np.all(np.isfinite(part)) for part in (self.reference, self.torque, self.motion)):
             raise ValueError("a table holds what is not finite")
+
+    @property
+    def orders(self) -> tuple[float, ...]:
+        """The error's own orders k."""
+        return tuple(wave.order for wave in self.waves if wave.degree == 1)
 
     @property
     def speeds_rps(self) -> NDArray[np.float64]:
@@ -99,21 +127,19 @@ class CancellationTable:
         return np.arange(np.shape(self.reference)[1], dtype=np.float64) * self.step_rps
 
     def scaled(self, gain: float) -> "CancellationTable":
-        """The table with all additions multiplied by `gain`."""
-        return CancellationTable(self.orders, self.phase_rad, self.step_rps, gain * self.reference, gain * self.torque)
+        """The table of an error that is `gain` times as large."""
+        by_wave = np.array([gain**wave.degree for wave in self.waves])[:, np.newaxis]
+        return replace(self, reference=by_wave * self.reference, torque=by_wave * self.torque, motion=by_wave * self.motion)
 
     def without(self, orders: Collection[float]) -> "CancellationTable | None":
-        """The table with some orders left out; None where no other is left."""
-        kept = [index for index, order in enumerate(self.orders) if order not in orders]
+        """The table with some orders left out, and what they mix with; None where no other is left."""
+        out = frozenset(orders)
+        kept = [index for index, wave in enumerate(self.waves) if wave.order not in out or wave.degree > 1]
+        kept = [index for index in kept if not self.waves[index].sources & out]
         if not kept:
             return None
-        return CancellationTable(
-            tuple(self.orders[index] for index in kept),
-            tuple(self.phase_rad[index] for index in kept),
-            self.step_rps,
-            self.reference[kept],
-            self.torque[kept],
-        )
+        waves = tuple(self.waves[index] for index in kept)
+        return replace(self, waves=waves, reference=self.reference[kept], torque=self.torque[kept], motion=self.motion[kept])
 
     def largest_reference_rad(self, up_to_rps: float = math.inf) -> float:
         """The largest addition to the set-point up to a motor speed."""
@@ -126,7 +152,7 @@ class CancellationTable:
     def largest_speed_rps(self, up_to_rps: float) -> float:
         """The fastest set-point of a motion up to a motor speed, in rev/s: that of the motion, and the change of the addition."""
         speeds = np.minimum(self.speeds_rps, up_to_rps)
-        turning = np.asarray(self.orders)[:, np.newaxis] * speeds * self.reference
+        turning = np.array([wave.order for wave in self.waves])[:, np.newaxis] * speeds * self.reference
         inside = self.speeds_rps <= up_to_rps + self.step_rps
         return float(np.max((speeds + np.sum(np.abs(turning), axis=0))[inside]))
 
@@ -137,31 +163,45 @@ class CancellationTable:
 
 @inlined
 def cancellation_step(
-    c: CancellationConfigRow, s: CancellationStateRow, orders: Real, table: Real, period_s: float, angle: float
+    c: CancellationConfigRow, s: CancellationStateRow, waves: Real, table: Real, period_s: float, angle: float
 ) -> tuple[float, float]:
     """One sample of one axis: the additions to its set-point in rad, and to its torque in N·m.
 
     Args:
         c: The axis' parameters.
         s: The axis' memory; changed in place.
-        orders: k and φ_k; shape (n_orders, 2).
-        table: Re and Im of G_k for the set-point, then for the torque; shape (n_orders, n_speeds, 4).
+        waves: Order and phase; shape (n_waves, 2).
+        table: Re and Im of G for the set-point, then for the torque, then the motor's part, which is 0 for mixed waves; shape
+            (n_waves, n_speeds, 5).
         period_s: Sampling time.
         angle: θ_m in rad, as measured.
     """
     if s.is_running == 0:
-        s.motor_angle_rad, s.speed_rad_s, s.fraction, s.left_nm, s.is_running = angle, 0.0, 0.0, 0.0, 1
-    s.speed_rad_s += lowpass_blend(c.speed_lowpass_hz, period_s) * ((angle - s.motor_angle_rad) / period_s - s.speed_rad_s)
-    s.motor_angle_rad = angle
-    s.fraction = min(1.0, s.fraction + period_s / c.fade_s)
-    column = min(abs(s.speed_rad_s) / (2.0 * math.pi * c.step_rps), table.shape[1] - 1.0)
+        s.smooth_angle_rad, s.fraction, s.left_nm, s.is_running = angle, 0.0, 0.0, 1
+        s.speed_rad_s, s.slower_rad_s = 0.0, 0.0
+    speed = 2.0 * s.speed_rad_s - s.slower_rad_s
+    column = min(abs(speed) / (2.0 * math.pi * c.step_rps), table.shape[1] - 1.0)
     low = min(int(column), table.shape[1] - 2)
     part = column - low
-    side = -1.0 if s.speed_rad_s < 0.0 else 1.0
+    smooth = angle
+    for i in range(table.shape[0]):
+        if table[i, 0, 4] > 0.0:
+            moved = table[i, low, 4] + part * (table[i, low + 1, 4] - table[i, low, 4])
+            smooth += s.fraction * moved * math.cos(waves[i, 0] * angle + waves[i, 1])
+    blend = lowpass_blend(c.speed_lowpass_hz, period_s)
+    s.speed_rad_s += blend * ((smooth - s.smooth_angle_rad) / period_s - s.speed_rad_s)
+    s.slower_rad_s += blend * (s.speed_rad_s - s.slower_rad_s)
+    speed = 2.0 * s.speed_rad_s - s.slower_rad_s  # on a ramp as late as neither
+    s.smooth_angle_rad = smooth
+    s.fraction = min(1.0, s.fraction + period_s / c.fade_s)
+    column = min(abs(speed) / (2.0 * math.pi * c.step_rps), table.shape[1] - 1.0)
+    low = min(int(column), table.shape[1] - 2)
+    part = column - low
+    side = -1.0 if speed < 0.0 else 1.0
     reference, torque = 0.0, 0.0
     for i in range(table.shape[0]):
         below, above = table[i, low], table[i, low + 1]
-        turned = orders[i, 0] * angle + orders[i, 1]
+        turned = waves[i, 0] * smooth + waves[i, 1]
         cosine, sine = math.cos(turned), side * math.sin(turned)
         reference += (below[0] + part * (above[0] - below[0])) * cosine - (below[1] + part * (above[1] - below[1])) * sine
         torque += (below[2] + part * (above[2] - below[2])) * cosine - (below[3] + part * (above[3] - below[3])) * sine
@@ -205,7 +245,8 @@ def inner_cancellation(
 
     With Δθ_m = −Σ a_k cos(k θ_m + φ_k), a_k = N A_k: the set-point moves by Δθ_m, so that the position loop sees nothing of it;
     the velocity offset is F_lp s Δθ_m, as the loop measures it (F_lp as its delay, 1/2πf); the torque is J_m Δθ̈_m + D_m Δθ̇_m,
-    half a period ahead for its hold. What θ̈_m adds to Δθ̈_m, a fraction of θ̈_m/(k θ̇_m²), is left out.
+    half a period ahead for its hold. What the motion's own acceleration θ̈_0 adds to Δθ̈_m, a fraction of θ̈_0/(k θ̇_m²), is left
+    out.
 
     Args:
         known: Amplitudes and phases, and the motor.
@@ -224,7 +265,8 @@ def inner_cancellation(
     x1, x2, x4 = ahead + phi1_rad, 2.0 * ahead + phi2_rad, 4.0 * ahead + phi4_rad
     bend = 4.0 * a2_rad * math.cos(x2) + 16.0 * a4_rad * math.cos(x4) + a1_rad * math.cos(x1)
     slope = 2.0 * a2_rad * math.sin(x2) + 4.0 * a4_rad * math.sin(x4) + a1_rad * math.sin(x1)
-    torque = inertia_kg_m2 * speed_rad_s * speed_rad_s * bend + damping_nm_s_rad * speed_rad_s * slope
+    # θ_m + Σ a_k cos(k θ_m + φ_k) turns smoothly: θ̈_m (1 − slope) = θ̇_m² bend
+    torque = inertia_kg_m2 * speed_rad_s * speed_rad_s * bend / max(1.0 - slope, 0.5) + damping_nm_s_rad * speed_rad_s * slope
     return reference, speed_rad_s * rate, torque
 
 
@@ -232,7 +274,7 @@ def inner_cancellation(
 def cancel(
     configs: Rows[CancellationConfigRow],
     states: Rows[CancellationStateRow],
-    orders: Real,
+    waves: Real,
     table: Real,
     period_s: float,
     values: Real,
@@ -242,13 +284,13 @@ def cancel(
     Args:
         configs: `CANCELLATION_CONFIG` array, shape (n_axes,).
         states: `CANCELLATION_STATE` array, shape (n_axes,).
-        orders: k and φ_k; shape (n_axes, n_orders, 2).
-        table: Re and Im of G_k as in `cancellation_step`; shape (n_axes, n_orders, n_speeds, 4).
+        waves: Order and phase; shape (n_axes, n_waves, 2).
+        table: As in `cancellation_step`; shape (n_axes, n_waves, n_speeds, 5).
         period_s: Sampling time.
         values: Row θ_m in; rows Δθ_ref and Δτ out; shape (3, n_axes).
     """
     for row in range(len(configs)):
-        reference, torque = cancellation_step(configs[row], states[row], orders[row], table[row], period_s, values[0, row])
+        reference, torque = cancellation_step(configs[row], states[row], waves[row], table[row], period_s, values[0, row])
         values[1, row], values[2, row] = reference, torque
 
 
@@ -283,7 +325,7 @@ class CancellationLaw:
                 f"period_s = {period_s}, fade_s = {fade_s} and speed_lowpass_hz = {speed_lowpass_hz} must be above 0"
             )
         given = [table for table in tables if table is not None]
-        count = max((len(table.orders) for table in given), default=1)
+        count = max((len(table.waves) for table in given), default=1)
         points = max((np.shape(table.reference)[1] for table in given), default=2)
         self.period_s = period_s
         self._config = np.zeros(len(tables), CANCELLATION_CONFIG)
@@ -291,8 +333,8 @@ class CancellationLaw:
         if torque_steps_nm is not None:
             self._config["torque_step_nm"] = torque_steps_nm
         self._state = np.zeros(len(tables), CANCELLATION_STATE)
-        self._orders = np.zeros((len(tables), count, 2))
-        self._table = np.zeros((len(tables), count, points, 4))
+        self._waves = np.zeros((len(tables), count, 2))
+        self._table = np.zeros((len(tables), count, points, 5))
         for row, table in enumerate(tables):
             if table is not None:
                 self._write(row, table)
@@ -301,9 +343,11 @@ class CancellationLaw:
         self.reset()
 
     def _write(self, row: int, table: CancellationTable) -> None:
-        columns, given = len(table.orders), np.shape(table.reference)[1]
+        columns, given = len(table.waves), np.shape(table.reference)[1]
         self._config["step_rps"][row] = table.step_rps
-        self._orders[row, :columns] = np.stack([table.orders, table.phase_rad], axis=1)
+        self._waves[row, :columns] = [(wave.order, wave.phase_rad) for wave in table.waves]
+        is_own = np.array([wave.degree == 1 for wave in table.waves])
+        self._table[row, :columns, :given, 4] = np.where(is_own[:, np.newaxis], table.motion, 0.0)
         for part, values in ((0, table.reference), (2, table.torque)):
             self._table[row, :columns, :given, part], self._table[row, :columns, :given, part + 1] = values.real, values.imag
         self._table[row, :, given:] = self._table[row, :, given - 1 : given]
@@ -316,6 +360,6 @@ class CancellationLaw:
         """Give the additions to set-points (rad) and torques (N·m) at the measured motor angles, in the order of the axes."""
         values = self._values
         values[0] = angles_rad
-        cancel(self._config, self._state, self._orders, self._table, self.period_s, values)
+        cancel(self._config, self._state, self._waves, self._table, self.period_s, values)
         references, torques = values[1:].tolist()
         return references, torques

@@ -94,6 +94,9 @@ RC: dict[str, Any] = {
     "path.simplify_threshold": 0.2,
 }
 
+NAME_GROUND: dict[str, Any] = {"facecolor": PAPER, "edgecolor": "none", "pad": 0.6}
+"""Ground of a name that stands on curves or colours: the page's own, so that it can be read."""
+
 WIDTH_IN = 8.8
 """Width of all figures: that of the page's column."""
 
@@ -194,7 +197,7 @@ def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "
         ha=side,
         va="top",
         fontsize=7.5,
-        bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 0.6},
+        bbox=NAME_GROUND,
     )
 
 

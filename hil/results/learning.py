@@ -65,6 +65,7 @@ class LearntAxis(ResultPart):
         passes: Passes in their order.
         ate: Entry of the model file.
         left_out: Orders that are not in it, in words.
+        kept: Orders that were known before, and that the passes did not better, in words.
         notes: Sentences for the engineer: orders that are seen and were not learnt, or are out of reach.
     """
 
@@ -73,6 +74,7 @@ class LearntAxis(ResultPart):
     passes: tuple[LearningPass, ...]
     ate: IdentifiedError
     left_out: tuple[str, ...] = ()
+    kept: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 

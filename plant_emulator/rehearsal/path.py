@@ -129,8 +129,6 @@ class _Walk:
     def _walk(self, steps: Steps) -> None:
         """Take the steps in their order."""
         self._take("plant", steps.plant)
-        if self.files.model.exists():
-            shutil.copyfile(self.files.model, self.files.learnt)
         self._take("ate", steps.ate)
         if self.options.with_design:
             self._take("design", steps.design, ("plant",))

@@ -36,7 +36,7 @@ def probe(robot: Robot, bench: Bench, axis: int, survey: Survey, before: Mapping
     found = {}
     with session_on(robot, bench) as session:
         for name, table in wrong_corrections(robot, axis).items():
-            model = _model(robot, bench, axis, table)
+            model = model_of(robot, bench, axis, table)
             session.adopt(with_identified(bench, model))
             motion = constant_acceleration(bench, axis, bench.bus.sync_period_s)
             try:
@@ -81,7 +81,7 @@ def wrong_orders(true: TransmissionErrorTable, assumed: TransmissionErrorTable) 
     return wrong
 
 
-def _model(robot: Robot, bench: Bench, number: int, error: TransmissionErrorTable) -> Identified:
+def model_of(robot: Robot, bench: Bench, number: int, error: TransmissionErrorTable) -> Identified:
     """A model file with the true plant and an assumed error."""
     axis = robot.axis[number]
     values = PlantTable(**{name: getattr(axis, name) for name in PlantTable.model_fields})

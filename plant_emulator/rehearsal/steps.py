@@ -144,10 +144,10 @@ class StepsInProcess:
         return note_of_run(outcome.result)
 
     def learn(self) -> Note:
-        """Learn the transmission error, into a model file of its own."""
-        outcome = learn_on_bus(
-            self._bench, LearnRequest((self._axis,)), self._out("learn"), self._files.learnt, channel=self._channel
-        )
+        """Learn the transmission error, into a model file of its own, from what is known."""
+        files, request = self._files, LearnRequest((self._axis,))
+        known = files.model if files.model.exists() else None
+        outcome = learn_on_bus(self._bench, request, self._out("learn"), files.learnt, plant=known, channel=self._channel)
         _raise(outcome.failure)
         return None
 

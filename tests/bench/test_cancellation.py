@@ -95,7 +95,7 @@ def line(session: Session, cancellation: Cancellation | None, filters: FilterUse
 def turned(cancellation: Cancellation, degrees: float) -> Cancellation:
     """Wrong on purpose."""
     changed = {
-        number: replace(each, phase_rad=tuple(phase + math.radians(degrees) for phase in each.phase_rad))
+        number: replace(each, waves=tuple(replace(wave, phase_rad=wave.phase_rad + math.radians(degrees)) for wave in each.waves))
         for number, each in cancellation.tables.items()
     }
     return replace(cancellation, tables=changed)
@@ -125,10 +125,10 @@ def changed(cancellation: Cancellation, part: Part, turn_deg: float = 0.0, facto
     """One order of one axis wrong on purpose."""
     table = cancellation.tables[part.axis]
     index = table.orders.index(part.order)
-    phases, reference = list(table.phase_rad), table.reference.copy()
-    phases[index] += math.radians(turn_deg)
+    waves, reference = list(table.waves), table.reference.copy()
+    waves[index] = replace(waves[index], phase_rad=waves[index].phase_rad + math.radians(turn_deg))
     reference[index] *= factor
-    own = replace(table, phase_rad=tuple(phases), reference=reference)
+    own = replace(table, waves=tuple(waves), reference=reference)
     return replace(cancellation, tables={**cancellation.tables, part.axis: own})
 
 

@@ -44,6 +44,22 @@ def test_a_story_without_a_robot_says_where_it_ended(tmp_path: Path) -> None:
     assert "The comparison is not complete" in write_compare_report(tmp_path).read_text()
 
 
+def test_a_step_that_is_refused_is_linked_to_the_report_that_it_left(tmp_path: Path) -> None:
+    teller = story._Teller(load_bench("reference"), tmp_path, (2,), Effort.quick(), SILENT)
+
+    def refused() -> tuple[str, str]:
+        (tmp_path / "page.html").touch()
+        raise NotPossibleError("no such arm")
+
+    for name in ("page.html", "none.html"):
+        with pytest.raises(NotPossibleError):
+            teller.step("look", refused, name)
+    assert [(step.link, step.holds, step.what) for step in teller.steps] == [
+        ("page.html", False, "no such arm"),
+        ("", False, "no such arm"),
+    ]
+
+
 def test_a_drawn_robots_story_begins_with_its_blank_bench_and_ends_with_its_truth(tmp_path: Path) -> None:
     """Here nothing is served: the first step fails, and what the robot was is told all the same."""
     robot = draw_robot(3, tmp_path / "drawn")

@@ -67,6 +67,14 @@ class Agreement:
     backward: float
     sigma: float
 
+    @property
+    def words(self) -> str:
+        """Both values with symbol and unit, as messages and reports have them."""
+        is_phase = self.name.startswith("phi")
+        order = self.name.removeprefix("phi" if is_phase else "a").partition("_")[0]
+        symbol, unit = ("φ", "°") if is_phase else ("A", "″")
+        return f"{symbol}_{order} is {self.forward:.2f}{unit} forwards and {self.backward:.2f}{unit} backwards"
+
 
 @dataclass(frozen=True)
 class JointEstimate:

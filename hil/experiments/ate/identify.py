@@ -316,7 +316,7 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
     estimate, table = identification.estimate, bench.axis[request.axis]
     apart = [each for each in estimate.agreement if each.sigma > AGREEMENT_SIGMAS]
     identification.notes += [
-        f"{each.name} is {each.forward:.2f} forwards and {each.backward:.2f} backwards, {each.sigma:.1f} standard errors apart; "
+        f"{each.words}, {each.sigma:.1f} standard errors apart; "
         f"the standard errors have been widened {estimate.widened:.1f} times"
         for each in apart
     ]

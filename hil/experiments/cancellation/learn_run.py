@@ -76,8 +76,9 @@ def learn_on_bus(
         bench: The bench file.
         request: Axes and passes.
         out: Directory for recordings, bus log and result.json; made where it is missing.
-        model: The model file: read for the motors' inertia where it exists, and written.
+        model: The model file: read for the motors' inertia and what is known of the orders, where it exists, and written.
         plant: Model file with the plants of the axes, which are taken over into the model file; None: it has them, or the bench.
+            Of a transmission error in it, those orders are kept that the passes do not better.
         channel: The bus; opened from the bench file's address, and closed, unless it is given.
         overload: Run even what does not fit on the bus.
         reporter: Listener of each pass and its progress.
@@ -154,10 +155,12 @@ def _known(bench: Bench, request: LearnRequest, model: Path, plant: Path | None)
 
 
 def _with_plants(identified: Identified, plants: Identified | None) -> Identified:
-    """A model file with the plants of another."""
+    """A model file with the plants of another, and with its transmission error of an axis that has none."""
     for number, known in ({} if plants is None else plants.axis).items():
         if known.plant is not None:
             identified = identified.with_part(number, known.plant)
+        if known.ate is not None and identified.axis.get(number, IdentifiedAxis()).ate is None:
+            identified = identified.with_part(number, known.ate)
     return identified
 
 
@@ -187,15 +190,19 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
     lines = []
     for axis, learnt in outcome.learnt.items():
         error, delay_ms = learnt.estimate.error, 1e3 * learnt.passes[-1].set_point_delay_s
+        before = {order for order, value in learnt.values().items() if value.source == "known"}
         orders = ", ".join(
             f"A_{k:g} = {error.amplitude_arcsec[k]:.2f}″ ± {learnt.estimate.amplitude_error_arcsec[k]:.2f}″, "
             f"φ_{k:g} = {error.phase_deg[k]:.1f}° ± {learnt.estimate.phase_error_deg[k]:.1f}°"
             for k in error.amplitude_arcsec
+            if k not in before
         )
         late = f"; the motor follows {delay_ms:.2f} ms later than known" if delay_ms else ""
         lines += [f"left out: {verdict.words}" for verdict in learnt.left_out.values()]
+        lines += [f"axis {axis}: {words}" for words in learnt.kept()]
         lines += [f"axis {axis}: note: {words}" for words in learnt.notes]
+        found = orders or "nothing is known better than before"
         lines.append(
-            f"axis {axis}: {orders}; vibration −{100.0 * learnt.reduction_fraction:.0f} % after {len(learnt.passes)} passes{late}"
+            f"axis {axis}: {found}; vibration −{100.0 * learnt.reduction_fraction:.0f} % after {len(learnt.passes)} passes{late}"
         )
     return lines

@@ -4,7 +4,8 @@ The first pass is without cancellation, the second with half of it, every later 
 of it is judged as in a trial (`verdict`), and one whose cancellation is wrong is left out from there on. And the fit is made anew
 from all passes and from the motor angle as it was measured: it finds the transmission error itself, and not what the cancellation
 leaves of it. Learning is between passes only: a cancellation that adapted during acceleration would follow the motion, not the
-error. For the method see docs/cancellation.md.
+error. What was known of an order before, and the passes do not better, is kept (`known_orders`). For the method see
+docs/cancellation.md.
 """
 
 import datetime
@@ -13,10 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from hil.analysis import motor_speed_rps
+from hil.analysis import TipScale
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import Identified, IdentifiedError, significant, update_file
 from hil.design.ate.identification import JointEstimate
@@ -26,10 +24,12 @@ from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_moved, check_run
 from hil.experiments.ate.identify import SEARCHED_PASSES, standard_errors, sweep_of
 from hil.experiments.ate.motion import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramps, furthest_end, ramps
-from hil.experiments.ate.order_scan import identify_orders, is_significant
+from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
-from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, given_inertia
+from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, given_inertia, measured_delay_s
+from hil.experiments.cancellation.following import LOWEST, DelaySearch, Following, motor_following
+from hil.experiments.cancellation.known_orders import KnownOrders, OrderValue
 from hil.experiments.cancellation.pass_judge import PassJudge
 from hil.experiments.cancellation.trial import CancellationRefusedError, judged_rows, part_entry, vibration_m_s2
 from hil.experiments.cancellation.verdict import PartVerdict
@@ -39,18 +39,10 @@ from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
 from hil.results.learning import LearningPass, LearntAxis
-from hil.robot_tables import ORDERS, TransmissionErrorTable
-
-Real = NDArray[np.float64]
+from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phase_key
 
 PASSES = 5
 SECOND_GAIN = 0.5
-LEAST_DELAY_S = 1e-4
-"""Least delay of the motor that is not the gear's effect on it: 0.03 ms on the reference robot, and 0.4° at 12 Hz."""
-LOWEST = 2.0
-"""Order whose resonance every ramp passes; a lower one's where the limits allow."""
-EDGE_S = 0.3
-"""Beginning and end of a ramp that say nothing on how the motor follows: there the motion itself is in the band."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +89,8 @@ class AxisLearning:
         motor_inertia_kg_m2: J_m as it was given, where no plant is known.
         left_out: Orders that are not cancelled, with the verdicts on them.
         notes: Sentences for the engineer.
+        known: Orders that were known before.
+        passed: Orders whose resonance the ramps have passed.
     """
 
     axis: int
@@ -105,6 +99,8 @@ class AxisLearning:
     motor_inertia_kg_m2: float | None = None
     left_out: dict[float, PartVerdict] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    known: KnownOrders = field(default_factory=KnownOrders)
+    passed: frozenset[float] = frozenset()
 
     @property
     def estimate(self) -> JointEstimate:
@@ -116,6 +112,19 @@ class AxisLearning:
         """Fraction by which the last pass' vibration is below the first's."""
         return 1.0 - self.passes[-1].vibration_m_s2 / max(self.passes[0].vibration_m_s2, 1e-30)
 
+    def values(self) -> dict[float, OrderValue]:
+        """Amplitude and phase of each order that is not left out."""
+        chosen = self.known.choices(self.estimate, self.passed)
+        return {order: value for order, value in chosen.items() if order not in self.left_out}
+
+    def kept(self) -> tuple[str, ...]:
+        """Orders that were known before, and are kept, in words."""
+        return tuple(
+            f"order {order:g} is kept as it was known, {value.words(order)}: {value.why}"
+            for order, value in self.values().items()
+            if value.source == "known"
+        )
+
     def part(self, note: str = "", on: datetime.date | None = None) -> IdentifiedError:
         """Entry of the model file.
 
@@ -123,22 +132,33 @@ class AxisLearning:
             note: Load, temperature: a note of the engineer.
             on: Date of the passes; today's unless it is given.
         """
-        estimate, last = self.estimate, self.passes[-1]
-        found = estimate.error.amplitude_arcsec
-        kept = {order: found[order] for order in found if order not in self.left_out}
+        estimate, last, values = self.estimate, self.passes[-1], self.values()
+        errors = standard_errors(estimate)
+        for order, value in values.items():
+            for key, error in ((amplitude_key(order), value.amplitude_error), (phase_key(order), value.phase_error)):
+                errors.pop(key, None)
+                errors |= {} if error is None else {key: error}
+        kept = [f"{order:g}" for order, value in values.items() if value.source == "known"]
+        before = f"order {', '.join(kept)} as known before" if kept else ""
         wrong = sorted(order for order, verdict in self.left_out.items() if verdict.verdict == "refused")
         without = f"without order {', '.join(f'{order:g}' for order in wrong)}" if wrong else ""
+        for order in self.left_out:  # of it nothing is stated: its amplitude is 0 because it is not cancelled
+            errors.pop(amplitude_key(order), None)
+            errors.pop(phase_key(order), None)
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
-            values=TransmissionErrorTable.of(kept, estimate.error.phase_deg),
-            standard_error=standard_errors(estimate),
+            values=TransmissionErrorTable.of(
+                {order: value.amplitude_arcsec for order, value in values.items()},
+                {order: value.phase_deg for order, value in values.items()},
+            ),
+            standard_error=errors,
             arm_hz=estimate.arm.resonance_hz,
             damping=estimate.arm.damping,
             accelerometer_delay_s=estimate.arm.delay_s,
             set_point_delay_s=last.set_point_delay_s,
             learnt_by="adaptive",
             motor_inertia_kg_m2=self.motor_inertia_kg_m2,
-            note="; ".join(text for text in (date, f"{len(self.passes)} passes", without, note) if text),
+            note="; ".join(text for text in (date, f"{len(self.passes)} passes", before, without, note) if text),
             emulated=self.emulated,
         )
 
@@ -165,6 +185,7 @@ class AxisLearning:
             passes=tuple(each.entry() for each in self.passes),
             ate=self.part(note, on),
             left_out=tuple(verdict.words for verdict in self.left_out.values()),
+            kept=self.kept(),
             notes=tuple(self.notes),
         )
 
@@ -187,7 +208,7 @@ def learn(
     Args:
         session: Session that has been brought up.
         axis: Axis number.
-        identified: The model file, for the motor's inertia; its transmission error is not used. None: the bench file's model.
+        identified: The model file: the motor's inertia, and orders that the passes may not better. None: the bench file's model.
         passes: Number of passes, each to and fro; two at least.
         acceleration_rps_s: Acceleration of every ramp.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
@@ -204,29 +225,29 @@ def learn(
         HilError: Limits or nodes do not allow a run.
     """
     bench, table = session.bench, _table_of(session.bench, axis, passes)
-    learning = AxisLearning(axis, motor_inertia_kg_m2=given_inertia(bench, identified, axis, motor_inertia_kg_m2))
-    end = furthest_end(bench, axis, acceleration_rps_s, _known_hz(identified, axis))
+    inertia = given_inertia(bench, identified, axis, motor_inertia_kg_m2)
+    learning = AxisLearning(axis, motor_inertia_kg_m2=inertia, known=KnownOrders.of_axis(identified, axis))
+    end, scale = furthest_end(bench, axis, acceleration_rps_s, _known_hz(identified, axis)), axis_scale(bench, axis)
     watch = OrderWatch(bench, axis, Sensing(table.tip_lever_m), acceleration_rps_s=acceleration_rps_s)
-    delay_s, scale, judge = 0.0, axis_scale(bench, axis), PassJudge(bench, identified, axis)
+    delay, judge = DelaySearch(measured_delay_s(identified, axis)), PassJudge(bench, identified, axis, learning.known.values)
     for number in range(1, passes + 1):
-        gain = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0
+        gain, is_last = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0, number == passes
         reporter.step(f"pass {number} of {passes}: axis {axis} to {end:.2f} rev/s, {100.0 * gain:g} % of the cancellation")
         motion = _ramps_from_here(session, axis, acceleration_rps_s, end)
-        cancellation = _cancellation(session, identified, learning, delay_s, motion, actuation)
+        cancellation = _cancellation(session, identified, learning, delay.delay_s, motion, actuation)
         result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
-        recording, following = _kept(number, result, motion, axis, table, keep), None
-        if cancellation is not None and gain == 1.0 and scale is not None:
-            following, late_s = motor_following(recording, motion, axis, table.reduction_ratio, learning.estimate, scale.band_hz)
-            delay_s += late_s if abs(late_s) > LEAST_DELAY_S else 0.0
+        recording = _kept(number, result, motion, axis, table, keep)
+        following = _following(learning, gain, recording, motion, table, scale)
         watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
         estimate = _fitted(watch.sweeps, table, learning, orders)
         checked(watch, estimate, sensorless=False, passes_left=passes - number)
         scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first pass: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
-        acted = () if cancellation is None else cancellation.tables[axis].orders
-        verdicts = judge.judge(recording, motion, acted, gain, estimate, scale)
-        learning.passes.append(LearntPass(gain, vibration, estimate, delay_s, following, verdicts))
-        _leave_out(learning, number, is_last=number == passes)
+        verdicts = judge.judge(recording, motion, tuple(learning.known.acted), gain, estimate, scale)
+        learning.passed = frozenset(k for k in orders if is_passed(watch.sweeps, estimate.arm.resonance_hz, k))
+        factor = delay.take(following, vibration, is_last=is_last)
+        learning.passes.append(LearntPass(gain, vibration, estimate, delay.delay_s, factor, verdicts))
+        _leave_out(learning, number, is_last=is_last)
         end = max(furthest_end(bench, axis, acceleration_rps_s, estimate.arm.resonance_hz), _low_end(end, estimate))
     return replace(learning, notes=watch.notes(estimate, watch.scan(estimate)))
 
@@ -261,6 +282,16 @@ def _kept(number: int, result: RunResult, motion: Ramps, axis: int, table: AxisT
     return result.recording
 
 
+def _following(
+    learning: AxisLearning, gain: float, recording: Recording, motion: Ramps, table: AxisTable, scale: TipScale | None
+) -> Following | None:
+    """How the motor has followed in a pass with the whole cancellation; None in others."""
+    if gain < 1.0 or scale is None:
+        return None
+    error = learning.known.acted_error()
+    return motor_following(recording, motion, learning.axis, table.reduction_ratio, error, scale.band_hz)
+
+
 def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:
     """Leave out the orders whose cancellation is wrong, after the last pass those too that could not be judged.
 
@@ -268,9 +299,7 @@ def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:
         CancellationRefusedError: None is left.
     """
     verdicts = learning.passes[-1].verdicts
-    for verdict in verdicts:
-        if verdict.verdict == "refused" or (is_last and verdict.verdict == "not judged"):
-            learning.left_out[verdict.part.order] = verdict
+    learning.left_out |= learning.known.judged(verdicts, learning.estimate, is_last=is_last)
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
         raise CancellationRefusedError(f"what pass {number - 1} has learnt of axis {learning.axis}", verdicts)
 
@@ -300,7 +329,9 @@ def _cancellation(
     if not learning.passes:
         return None
     so_far = _with_estimate(session, identified, learning, delay_s)
-    return cancellation_on(session, so_far, motion.motion, actuation=actuation)
+    made, values = cancellation_on(session, so_far, motion.motion, actuation=actuation), learning.values()
+    learning.known.acted = {order: values[order] for order in made.tables[learning.axis].orders}
+    return made
 
 
 def _fitted(sweeps: Sequence[Sweep], table: AxisTable, learning: AxisLearning, orders: Sequence[float]) -> JointEstimate:
@@ -321,44 +352,3 @@ def _with_estimate(session: Session, identified: Identified | None, learning: Ax
     model = Identified(robot=session.bench.name) if identified is None else identified
     part_of = learning.part().model_copy(update={"set_point_delay_s": delay_s})
     return model.with_part(learning.axis, part_of)
-
-
-def motor_following(
-    recording: Recording,
-    motion: Ramps,
-    axis: int,
-    reduction_ratio: float,
-    estimate: JointEstimate,
-    band_hz: tuple[float, float],
-) -> tuple[float, float]:
-    """Factor and delay with which a motor made the intended motion Δθ_m = −N θ_sync(θ_m).
-
-    Least squares of the measured angle on the intended motion and its derivative, g Δθ_m − g δ Δθ̇_m, both band-passed around
-    f_al.
-
-    Args:
-        recording: Recording of a pass with the whole cancellation.
-        motion: Ramps of the pass.
-        axis: Axis number.
-        reduction_ratio: N.
-        estimate: Estimate that was cancelled with.
-        band_hz: Band of the vibration.
-
-    Returns:
-        g and δ in s.
-    """
-    period, angle = recording.period_s, recording.axis(axis, "position_rad")
-    intended = -reduction_ratio * estimate.error.angle_rad(angle)
-    from scipy import signal  # noqa: PLC0415 - see hil/analysis.py
-
-    band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period, output="sos")
-    measured, wanted, rate = signal.sosfiltfilt(band, np.stack([angle, intended, np.gradient(intended, period)]))
-    rows = motion.direction(EDGE_S / motion.trajectory.ramp_s) != 0
-    rows &= np.roll(rows, -round(EDGE_S / period))  # the end of a ramp says nothing either
-    # an order below 2 comes into the band at a higher speed; below it, it is filtered off on both sides
-    lowest = min(max(order, LOWEST) for order in estimate.error.amplitude_arcsec)
-    rows &= np.abs(motor_speed_rps(recording, axis)) > band_hz[0] / lowest
-    columns = np.stack([wanted[rows], rate[rows]], axis=1)
-    solution = np.linalg.lstsq(columns, measured[rows], rcond=None)[0]
-    gain = float(solution[0])
-    return gain, -float(solution[1]) / gain if gain > 0.1 else 0.0

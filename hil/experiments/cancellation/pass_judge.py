@@ -1,6 +1,6 @@
 """Verdicts on the orders that a pass of the learning has cancelled, against its first pass, which was without."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from hil.analysis import TipScale
@@ -24,8 +24,12 @@ class PassJudge:
     unknown delay turns one against the other.
     """
 
-    def __init__(self, bench: Bench, identified: Identified | None, axis: int) -> None:
-        """Keep the bench and the axis; the response is that of the model file, or of the first pass' arm."""
+    def __init__(self, bench: Bench, identified: Identified | None, axis: int, known: Collection[float] = ()) -> None:
+        """Keep the bench, the axis and the orders that are known of it.
+
+        The response is that of the model file, or of the first pass' arm.
+        """
+        self._known_orders = tuple(known)
         self._bench, self._axis, self._known = bench, axis, response_of(bench, identified, axis)
         self._response: Response | None = None
         self._without: dict[Part, list[Seen]] = {}
@@ -51,7 +55,7 @@ class PassJudge:
         """
         if self._response is None:
             self._response = self._first(recording, motion, estimate, scale)
-            fitted = tuple(estimate.error.amplitude_arcsec)
+            fitted = tuple({*estimate.error.amplitude_arcsec, *self._known_orders})
             self._without = self._seen(recording, motion, fitted, dict.fromkeys(fitted, 0.0), scale)
             return ()
         seen = self._seen(recording, motion, orders, dict.fromkeys(orders, gain), scale)

@@ -62,6 +62,6 @@ def _words(main: PlantEstimate, pilot: PlantEstimate) -> str:
         f_a, zeta = estimate.parameters["antiresonance_hz"], estimate.parameters["damping"]
         parts.append(
             f"f_a {f_a.value:.4g} Hz, K_g {estimate.plant.gear_stiffness_nm_rad:.3g} N·m/rad and ζ {zeta.value:.2g} at a torsion "
-            f"of {estimate.torsion_rad / ARCSEC:.2g} arcsec"
+            f"of {estimate.torsion_rad / ARCSEC:.0f} arcsec"
         )
     return f"the gear depends on the amplitude (hysteresis, or a soft wind-up): {parts[0]}; {parts[1]}"

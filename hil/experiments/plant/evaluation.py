@@ -1,5 +1,6 @@
 """The evaluation of a plant identification: its entry of the model file, and what its data cannot tell."""
 
+import math
 from dataclasses import dataclass
 
 from hil.bench.model import IdentifiedPlant
@@ -82,7 +83,7 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
         f"D_l is {_shown(parameters['arm_damping_nm_s_rad'])} N·m·s/rad, told only by how the damping differs between f_a "
         f"and f_r; what is known well is D_g + D_l, by ζ",
         f"hysteresis of the gear looks like damping and stiffness: f_a, K_g and ζ hold for a torsion of "
-        f"{estimate.torsion_rad / ARCSEC:.2g} arcsec, the amplitude of this run; take ζ for the notch from the transmission "
+        f"{estimate.torsion_rad / ARCSEC:.0f} arcsec, the amplitude of this run; take ζ for the notch from the transmission "
         "error's ramp where both are known",
         "a stiffness that depends on the load is here one number, for the torque of this run",
     ]
@@ -99,4 +100,7 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
 
 
 def _shown(parameter: EstimatedParameter) -> str:
-    return f"{parameter.value:.3g} ± {parameter.standard_error:.1g}"
+    """Value and standard error, both to the error's first digit and without powers of ten."""
+    error = parameter.standard_error
+    digits = max(0, -math.floor(math.log10(float(f"{error:.0e}")))) if 0.0 < error < math.inf else 3
+    return f"{parameter.value:.{digits}f} ± {error:.{digits}f}"

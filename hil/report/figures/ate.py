@@ -28,6 +28,8 @@ from hil.robot_tables import amplitude_key, phase_key
 AROUND = (0.75, 1.3)
 """Motor speeds of a window, by that at which its order meets the resonance."""
 SPEED_HZ = 20.0
+ROOM_FOR_NAMES = 0.2
+"""Height that is added above the curves for the names of the resonant speeds, as a fraction of theirs."""
 TURNS = {1: "forwards", -1: "backwards"}
 
 
@@ -98,6 +100,12 @@ class AteMaterial:
         arm = Arm(part.arm_hz, part.damping, fit.delay_s, fit.gear_fraction)
         ratio = self.result.bench.file.axis[self.axis].reduction_ratio
         return [self._drawn(each, arm, self.result.sensing, ratio, error_of(part), fit.band_hz) for each in self.result.passes]
+
+    @property
+    def furthest(self) -> int:
+        """Index of the pass that is drawn: the first of those to the highest speed, which shows the most resonances."""
+        ends = [each.end_rps or 0.0 for each in self.result.passes]
+        return ends.index(max(ends))
 
     def _drawn(
         self,
@@ -182,7 +190,7 @@ def against_speed(material: AteMaterial) -> Drawing | None:
     """The signal against the motor speed, both directions, measured and modelled."""
     if not material.passes:
         return None
-    drawn, part, rest_name = material.passes[0], material.part, f"{material.word} − model"
+    drawn, part, rest_name = material.passes[material.furthest], material.part, f"{material.word} − model"
     figure, panels = style.panels(4, 1, 5.9, sharex=True, height_ratios=(5, 3, 5, 3))
     for panel, rest, sign in zip(panels[::2, 0], panels[1::2, 0], (1, -1), strict=True):
         panel.sharey(panels[0, 0])
@@ -191,9 +199,10 @@ def against_speed(material: AteMaterial) -> Drawing | None:
         panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.measured[rows]), label=material.word, **style.BROAD)
         panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.model[rows]), label="model", **style.MODEL)
         if part is not None and part.arm_hz is not None:
+            reached = float(np.max(np.abs(drawn.speed_rps)))
             for order in shown_orders(part):
-                speed = part.arm_hz / order
-                style.flag(panel, speed, f"$f_a$/{order:g} = {speed:.2f} rev/s", side="right")
+                if (speed := part.arm_hz / order) <= reached:
+                    style.flag(panel, speed, f"$f_a$/{order:g} = {speed:.2f} rev/s", side="right")
         panel.set_title(f"motor turning {TURNS[sign]}")
         if rows.any():
             style.residual(
@@ -201,6 +210,8 @@ def against_speed(material: AteMaterial) -> Drawing | None:
             )
         rest.set_ylabel(f"Residual ({material.unit})")
         panel.set_ylabel(f"{material.signal_name} ({material.unit})")
+    low, high = panels[0, 0].get_ylim()
+    panels[0, 0].set_ylim(low, high + ROOM_FOR_NAMES * (high - low))
     panels[-1, 0].set_xlabel("Motor speed (rev/s)")
     style.legend_above(figure, panels[0, 0])
     return Drawing(
@@ -208,9 +219,9 @@ def against_speed(material: AteMaterial) -> Drawing | None:
         f"{material.signal_name} against motor speed",
         "Fig. 7" if material.axis == 2 else "Fig. 8",
         "measured and computed",
-        f"The {material.signal_name.lower()} of the first pass in the band of the fit, and what the identified model makes of "
-        "the measured motor angle, over the speed of the motor; below each what it leaves, enlarged. An order k meets the arm's "
-        "resonance at f_a/k.",
+        f"The {material.signal_name.lower()} of pass {material.furthest + 1} in the band of the fit, and what the identified "
+        "model makes of the measured motor angle, over the speed of the motor; below each what it leaves, enlarged. An order k "
+        "meets the arm's resonance at f_a/k.",
         style.to_svg(figure, "against-speed"),
     )
 
@@ -220,7 +231,7 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
     part = material.part
     if not material.passes or part is None or part.arm_hz is None:
         return None
-    drawn, rest_name = material.passes[0], f"{material.word} − model"
+    drawn, rest_name = material.passes[material.furthest], f"{material.word} − model"
     orders = [k for k in shown_orders(part) if np.max(np.abs(drawn.speed_rps)) >= part.arm_hz / k] or shown_orders(part)[-1:]
     figure, panels = style.panels(4, len(orders), 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
     for column, order in enumerate(orders):
@@ -242,7 +253,7 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
         style.stack_over_time(top, middle, rest)
         bottom.set_xlabel("Frequency (Hz)")
         bottom.set_xlim(0.0, 30.0)
-        bottom.set_ylim(0.0, None)
+    panels[3, 0].set_ylim(0.0, None)  # once all are drawn: the row has one scale
     panels[0, 0].set_ylabel("Speed (rev/s)")
     panels[1, 0].set_ylabel(f"{material.signal_name} ({material.unit})")
     panels[2, 0].set_ylabel(f"Residual ({material.unit})")
@@ -254,9 +265,9 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
         f"Axis {material.axis} through its resonant speeds, {TURNS[direction]}",
         {2: "Fig. 7", 3: "Fig. 8"}.get(material.axis, "as Figs. 7 and 8"),
         "measured and computed",
-        "Constant acceleration of one motor in the first pass. Top: its speed. Middle: the signal in the band of the fit. "
-        "Broken: what the identified transmission error and arm make of the motor angle as it was measured; below it what "
-        "they leave, enlarged. Bottom: amplitude spectrum (Hann window, interpolated between its bins).",
+        f"Constant acceleration of one motor in pass {material.furthest + 1}. Top: its speed. Middle: the signal in the band of "
+        "the fit. Broken: what the identified transmission error and arm make of the motor angle as it was measured; below it "
+        "what they leave, enlarged. Bottom: amplitude spectrum (Hann window, interpolated between its bins).",
         style.to_svg(figure, key),
     )
 

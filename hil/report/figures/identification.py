@@ -24,6 +24,7 @@ def identification(material: Material, axis: int) -> Drawing | None:
     figure, panels = style.panels(4, len(orders), 5.9, height_ratios=(3, 5, 3, 4), sharey="row")
     for column, order in enumerate(orders):
         _window(material, axis, recording, model, order, panels[:, column])
+    panels[3, 0].set_ylim(0.0, None)  # once all are drawn: the row has one scale
     panels[0, 0].set_ylabel("Speed (rev/s)")
     panels[1, 0].set_ylabel("Tip acceleration (m/s²)")
     panels[2, 0].set_ylabel("Residual (m/s²)")
@@ -92,4 +93,3 @@ def _window(material: Material, axis: int, recording: Recording, model: Real | N
     for values, look in ((tip, style.BROAD), (model, style.MODEL)):
         if values is not None:
             bottom.plot(*smooth_spectrum(values[inside], recording.period_s, 30.0), **look)
-    bottom.set_ylim(0.0, None)

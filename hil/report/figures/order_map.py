@@ -130,7 +130,7 @@ def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, f_al: float | 
         panel.plot(ends, order * ends, **style.MARK)
         panel.annotate(
             f"k = {order}", (float(ends[1]), order * float(ends[1])), xytext=(-2, -8), textcoords="offset points", ha="right",
-            va="top", fontsize=7.5,
+            va="top", fontsize=7.5, bbox=style.NAME_GROUND,
         )  # fmt: skip
     if f_al is not None:
         panel.axhline(f_al, **{**style.CONSTRAINT, "color": style.VERMILLION})

@@ -34,6 +34,8 @@ PARAMETERS = (
     ("accelerometer_delay_s", "Delay of the accelerometer", "µs", 1e6),
 )
 """Name in the result, name on the page, its unit there, and how many of those make one of the result's."""
+WHOLE_PERCENT = 10.0
+"""Relative errors from which whole per cent are shown."""
 
 
 def parameters(result: PlantResult) -> ReportTable | None:
@@ -46,7 +48,8 @@ def parameters(result: PlantResult) -> ReportTable | None:
         if name not in values:
             continue
         value, error = values[name].value, values[name].standard_error
-        percent = f"{100.0 * error / abs(value):.2g} %" if value else "–"
+        relative = 100.0 * error / abs(value) if value else math.inf
+        percent = "–" if math.isinf(relative) else f"{relative:.0f} %" if relative >= WHOLE_PERCENT else f"{relative:.2g} %"
         rows.append([title, *value_and_error(scale * value, scale * error), unit, percent])
     return ReportTable(
         "parameters", "Parameters", "", ("Parameter", "Value", "Standard error", "Unit", "Relative"), rows,

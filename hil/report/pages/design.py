@@ -53,7 +53,7 @@ def verdict(outcome: NotchDesignOutcome) -> PageVerdict:
         headline = "The given filters miss what is asked" if outcome.request.is_given else "No filter keeps all that is asked"
         if outcome.is_usable and not outcome.request.is_given:
             headline = "The best filters within all margins still miss the limits of the tip"
-        return PageVerdict("bad", "✘", headline, (str(failure), *(str(check) for check in failure.missed)))
+        return PageVerdict("bad", "✘", headline, (failure.what, *(str(check) for check in failure.missed)))
     best = outcome.best
     which = "The given filters keep" if outcome.request.is_given else "The designed filters keep"
     details = tuple(str(check) for check in best.checks)

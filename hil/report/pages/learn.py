@@ -160,6 +160,7 @@ def verdict(result: LearningResult) -> PageVerdict:
     """Verdict at the top of the page."""
     names = " and ".join(str(each.axis) for each in result.learnt)
     learnt = [f"In the model file {result.model}: axis {names}."] if result.learnt else []
+    learnt += [f"Axis {each.axis}: {words}." for each in result.learnt for words in each.kept]
     learnt += [f"Left out: {words}." for each in result.learnt for words in each.left_out]
     if result.stopped is not None:
         return PageVerdict("bad", "■", "A pass was stopped", (result.stopped, *learnt))

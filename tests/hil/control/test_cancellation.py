@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hil.control.cancellation import CancellationLaw, CancellationTable, InnerCancellation, inner_cancellation
+from hil.control.cancellation import CancellationLaw, CancellationTable, InnerCancellation, WaveLabel, inner_cancellation
 
 PERIOD_S = 0.001
 STEP_RPS = 0.05
@@ -15,18 +15,28 @@ def table(orders: tuple[int, ...] = (2, 4), speeds: int = 200) -> CancellationTa
     """Amplitude and phase that grow with the speed."""
     rps = np.arange(speeds) * STEP_RPS
     reference = np.array([1e-3 * order * (1.0 + 0.2 * rps) * np.exp(0.1j * order * rps) for order in orders])
-    return CancellationTable(orders, tuple(0.7 * order for order in orders), STEP_RPS, reference, 10.0 * reference.conj())
+    waves = tuple(WaveLabel(order, 0.7 * order, 1, frozenset({order})) for order in orders)
+    return CancellationTable(waves, STEP_RPS, reference, 10.0 * reference.conj(), np.zeros(reference.shape))
+
+
+def mixed() -> CancellationTable:
+    """Orders 2 and 4, what the motor makes of them, and order 6, which both make together."""
+    own = table()
+    both = WaveLabel(6, 0.1, 2, frozenset({2, 4}))
+    reference, torque = (np.vstack([part, 0.1 * part[:1]]) for part in (own.reference, own.torque))
+    motion = np.vstack([np.full((2, reference.shape[1]), 0.01), np.zeros((1, reference.shape[1]))])
+    return CancellationTable((*own.waves, both), STEP_RPS, reference, torque, motion)
 
 
 def expected(cancellation: CancellationTable, angle: float, speed_rps: float, *, torque: bool = False) -> float:
     values = cancellation.torque if torque else cancellation.reference
     total = 0.0
-    for order, phase, row in zip(cancellation.orders, cancellation.phase_rad, values, strict=True):
+    for wave, row in zip(cancellation.waves, values, strict=True):
         gain = complex(np.interp(abs(speed_rps), cancellation.speeds_rps, row.real))
         gain += 1j * complex(np.interp(abs(speed_rps), cancellation.speeds_rps, row.imag))
         if speed_rps < 0.0:
             gain = gain.conjugate()
-        total += (gain * np.exp(1j * (order * angle + phase))).real
+        total += (gain * np.exp(1j * (wave.order * angle + wave.phase_rad))).real
     return total
 
 
@@ -108,7 +118,42 @@ def test_torques_come_in_steps_that_add_up_to_what_is_wanted() -> None:
 def test_half_of_a_cancellation_is_half_of_it() -> None:
     half = table().scaled(0.5)
     assert half.largest_reference_rad() == pytest.approx(0.5 * table().largest_reference_rad())
-    assert half.phase_rad == table().phase_rad
+    assert half.waves == table().waves
+
+
+def test_a_mixed_wave_goes_with_every_order_that_it_comes_from_and_with_the_product_of_their_sizes() -> None:
+    assert mixed().orders == (2, 4)
+    assert np.array_equal(mixed().scaled(0.5).reference[:, 100], np.array([0.5, 0.5, 0.25]) * mixed().reference[:, 100])
+    assert np.array_equal(mixed().scaled(0.5).motion, 0.5 * mixed().motion)
+    left = mixed().without([4])
+    assert left is not None
+    assert [wave.order for wave in left.waves] == [2]
+    assert mixed().without([2, 4]) is None
+    assert mixed().without([6]) is not None  # no order of the error
+
+
+def test_sines_are_those_of_the_angle_without_what_the_motor_added() -> None:
+    """The motor turns smoothly but for the motion that takes the error away; the law sees the smooth angle."""
+    cancellation, speed_rps = mixed(), 3.0
+    law = CancellationLaw([cancellation], PERIOD_S, fade_s=1e-6)
+    for step in range(600):
+        smooth = 2.0 * math.pi * speed_rps * step * PERIOD_S
+        angle = smooth
+        for _ in range(30):
+            angle = smooth - sum(0.01 * math.cos(wave.order * angle + wave.phase_rad) for wave in cancellation.waves[:2])
+        (reference,), _ = law.step([angle])
+    assert reference == pytest.approx(expected(cancellation, smooth, speed_rps), rel=1e-6)
+
+
+def test_on_a_ramp_the_speed_is_not_late() -> None:
+    cancellation, law, angle, speed_rps = table((2,)), CancellationLaw([table((2,))], PERIOD_S), 0.0, 0.0
+    for step in range(1000):
+        speed_rps = 8.0 * step * PERIOD_S
+        (reference,), _ = law.step([angle])
+        now = angle
+        angle += 2.0 * math.pi * speed_rps * PERIOD_S
+    assert reference == pytest.approx(expected(cancellation, now, speed_rps), abs=1e-5)
+    assert abs(reference - expected(cancellation, now, speed_rps - 8.0 * 8e-3)) > 3e-5
 
 
 @pytest.mark.parametrize("speed", [37.0, -20.0])
@@ -125,7 +170,10 @@ def test_inside_a_drive_speed_and_torque_are_those_of_the_set_points_motion(spee
         late, ahead = angle - speed / (2.0 * math.pi * lowpass_hz), angle + 0.5 * period_s * speed
         rate = (at(late + speed * step)[0] - at(late - speed * step)[0]) / (2.0 * step)
         before, here, after = (at(ahead + side * speed * step)[0] for side in (-1, 0, 1))
-        torque = inertia * (after - 2.0 * here + before) / step**2 + damping * (after - before) / (2.0 * step)
+        slope = (after - before) / (2.0 * speed * step)
+        # θ_m − Δθ_m turns at a constant speed, θ_m does not
+        bend = (after - 2.0 * here + before) / step**2 / (1.0 - slope)
+        torque = inertia * bend + damping * speed * slope
         assert at(angle)[1] == pytest.approx(rate, rel=1e-5, abs=1e-8)
         assert at(angle)[2] == pytest.approx(torque, rel=1e-4, abs=1e-8)
 
@@ -133,8 +181,8 @@ def test_inside_a_drive_speed_and_torque_are_those_of_the_set_points_motion(spee
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"orders": (2,)}, "tables of shapes"),
-        ({"phase_rad": (0.0,)}, "tables of shapes"),
+        ({"waves": (WaveLabel(2, 0.0),)}, "tables of shapes"),
+        ({"motion": np.zeros((2, 3))}, "tables of shapes"),
         ({"torque": np.zeros((2, 3), dtype=complex)}, "tables of shapes"),
         ({"step_rps": 0.0}, "must be above 0"),
         ({"reference": np.full((2, 200), math.nan + 0j)}, "not finite"),
@@ -142,7 +190,7 @@ def test_inside_a_drive_speed_and_torque_are_those_of_the_set_points_motion(spee
 )
 def test_what_is_no_table_is_refused(changes: dict[str, object], message: str) -> None:
     good = table()
-    values = {name: getattr(good, name) for name in ("orders", "phase_rad", "step_rps", "reference", "torque")}
+    values = {name: getattr(good, name) for name in ("waves", "step_rps", "reference", "torque", "motion")}
     with pytest.raises(ValueError, match=message):
         CancellationTable(**{**values, **changes})  # type: ignore[arg-type]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from hil.design.ate.identification import identify
+from hil.design.ate.identification import Agreement, identify
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.identify import delay_error_s
@@ -125,6 +125,11 @@ def test_directions_that_disagree_widen_the_standard_errors() -> None:
     found = identify([replace(data, signal=bent)], RATIO, Sensing(LEVER))
     assert found.widened > 3.0
     assert max(each.sigma for each in found.agreement) > 5.0
+
+
+def test_a_disagreement_is_told_in_symbols_and_units() -> None:
+    assert Agreement("phi2_deg", 199.384, 197.11, 6.0).words == "φ_2 is 199.38° forwards and 197.11° backwards"
+    assert Agreement("a1.5_arcsec", 9.8, 9.49, 2.5).words == "A_1.5 is 9.80″ forwards and 9.49″ backwards"
 
 
 def test_the_motor_torque_serves_as_well() -> None:

@@ -52,7 +52,7 @@ def test_one_axis_alone_and_a_share(bench: Bench) -> None:
     for i in range(300):
         angles = [0.01 * i, 0.02 * i]
         first, second, third = (each.step(angles, angles)[0] for each in (whole, part, alone))
-    assert list(second) == pytest.approx([0.3 * value for value in first])
+    assert list(second) == pytest.approx([0.3 * value for value in first], rel=0.02)  # but for the mixed waves
     assert list(third) == [0.0, first[1]]
 
 
@@ -60,7 +60,7 @@ def test_the_model_file_replaces_what_the_bench_believes(bench: Bench) -> None:
     believed = cancellation_for(bench, None, (2,), 0.001).tables[2]
     found = cancellation_for(bench, identified(bench, 2, 10.0, 30.0), (2,), 0.001).tables[2]
     assert found.orders == (2,)
-    assert found.phase_rad == (pytest.approx(math.radians(30.0)),)
+    assert found.waves[0].phase_rad == pytest.approx(math.radians(30.0))
     assert np.abs(found.reference[0]) == pytest.approx(2.0 * np.abs(believed.reference[0]))
 
 

@@ -1,12 +1,16 @@
-"""Page of a transmission error: the arm by both identifications, compared where both are at hand."""
+"""Page of a transmission error: the arm by both identifications, compared where both are at hand; the signal's figures."""
 
+import math
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from hil.bench.model import IdentifiedError
 from hil.design.ate.model import Arm, Sensing
 from hil.report import style
 from hil.report.figures import ate
-from hil.report.figures.ate import AteMaterial
+from hil.report.figures.ate import AteMaterial, DrawnPass
 from hil.report.tables.paper_runs import Mark
 from hil.results.ate import AteResult, KnownArm
 from hil.robot_tables import TransmissionErrorTable
@@ -57,3 +61,58 @@ def test_the_waveform_shows_how_far_it_is_from_the_papers(is_paper, panels, monk
     with style.styled():
         ate.waveform(2, PART, is_paper=is_paper)
     assert len(drawn[0].axes) == panels
+
+
+class Material:
+    """As much of the page's material as the figures of the signal take: a first pass to 6 rev/s, a second to 13."""
+
+    axis, part, word, unit, signal_name, furthest = 2, PART, "emulated", "m/s²", "Tip acceleration", 1
+
+    def __init__(self):
+        self.passes = [self._drawn(6.0), self._drawn(13.0)]
+
+    def _drawn(self, end_rps):
+        time = np.arange(0.0, 2.0 * end_rps / 4.0, 0.002)
+        direction = np.where(time < end_rps / 4.0, 1.0, -1.0)
+        speed = 4.0 * (time % (end_rps / 4.0))
+        angle = 2.0 * math.pi * np.cumsum(speed) * 0.002
+        # order 2 is seven times order 4, which is drawn first
+        tip = 0.1 * np.cos(4.0 * angle) + 0.7 * np.cos(2.0 * angle)
+        return DrawnPass(time, speed, tip, 0.9 * tip, direction)
+
+
+def figures(monkeypatch, draw, *arguments):
+    drawn = []
+    monkeypatch.setattr(style, "to_svg", lambda figure, _: drawn.append(figure) or "<svg/>")
+    with style.styled():
+        made = draw(Material(), *arguments)
+    return made, drawn[0].axes
+
+
+def test_no_curve_of_a_row_leaves_its_panel(monkeypatch):
+    _, panels = figures(monkeypatch, ate.windows, 1)
+    spectra = [panel for panel in panels if panel.get_xlabel() == "Frequency (Hz)"]
+    assert len(spectra) == 2
+    for panel in spectra:
+        low, high = panel.get_ylim()
+        assert low == 0.0
+        assert all(np.max(line.get_ydata()) < high for line in panel.lines)
+
+
+def test_names_of_the_resonant_speeds_stand_above_the_curves_and_only_where_the_motor_was(monkeypatch):
+    made, panels = figures(monkeypatch, ate.against_speed)
+    assert "pass 2" in made.caption
+    top = panels[0]
+    names = [text for text in top.texts if "f_a" in text.get_text()]
+    assert [name.get_text() for name in names] == ["$f_a$/4 = 3.11 rev/s", "$f_a$/2 = 6.22 rev/s"]
+    low, high = top.get_ylim()
+    curves = max(float(np.max(line.get_ydata())) for line in top.lines if line.get_label() in {"emulated", "model"})
+    assert (curves - low) / (high - low) < 0.87  # a name is a tenth of the panel's height, and stands at its top
+
+
+def test_the_pass_that_is_drawn_is_the_first_of_those_that_went_furthest(tmp_path):
+    known = KnownArm(source="nothing", start=None)
+    result = AteResult(bench=measured_bench(), axis=2, sensorless=False, known_before=known, sensing=Sensing(gain=0.7))
+    material = AteMaterial(written(tmp_path, result))
+    material.result = SimpleNamespace(passes=[SimpleNamespace(end_rps=end) for end in (9.5, 18.6, 18.6)])
+    assert material.furthest == 1

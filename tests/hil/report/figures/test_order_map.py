@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hil.recording import Recording
-from hil.report.figures.order_map import ramp_map
+from hil.report import style
+from hil.report.figures.order_map import order_maps, ramp_map
 
 
 def recording(order, top_rps=10.0, period_s=0.002):
@@ -33,3 +34,14 @@ def test_the_braking_after_the_ramp_is_left_out():
 
 def test_a_motor_that_hardly_turns_has_no_map():
     assert ramp_map(recording(2.0, top_rps=2.0), 2) is None
+
+
+def test_a_ray_s_name_has_the_page_s_ground_below_it(monkeypatch):
+    """It stands on the colours of its own order, light or dark."""
+    drawn = []
+    monkeypatch.setattr(style, "to_svg", lambda figure, _: drawn.append(figure) or "<svg/>")
+    with style.styled():
+        order_maps("map", "Map", [("run", recording(2.0))], 2, 12.0)
+    names = [text for panel in drawn[0].axes for text in panel.texts if text.get_text().startswith("k = ")]
+    assert [name.get_text() for name in names] == ["k = 1", "k = 2", "k = 4"]
+    assert all(name.get_bbox_patch() is not None for name in names)

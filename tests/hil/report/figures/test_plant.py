@@ -58,6 +58,15 @@ def test_numbers_end_where_their_standard_error_begins():
     assert rows["D_m, motor"] == ["0.67", "0.08", "mN·m·s/rad"]
 
 
+def test_no_relative_error_is_written_as_a_power_of_ten():
+    result = made()
+    poor = result.model_copy(update={"parameters": {**result.parameters, "torque_age_s": EstimatedParameter(27e-6, 90e-6)}})
+    percents = {row[0]: row[-1] for row in plant.parameters(poor).rows}
+    assert percents["Age of the reported torque"] == "333 %"
+    assert percents["f_a, anti-resonance"] == "0.0096 %"
+    assert percents["D_m, motor"] == "12 %"
+
+
 @pytest.mark.parametrize(
     ("value", "error", "texts"),
     [

@@ -1,0 +1,127 @@
+"""How a motor makes the motion that a cancellation asks of it: factor and delay, and what learning believes of the delay.
+
+A ramp's own start, friction and the gear's pull on the motor are in the band too, the more so the lower f_al is. So a delay
+counts only beyond its standard error, where the motor has made the motion, and as long as the next pass vibrates less with it.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from hil.analysis import motor_speed_rps
+from hil.design.transmission_error import TransmissionError
+from hil.experiments.ate.motion import Ramps
+from hil.experiments.cancellation.effect import TOP_FRACTION
+from hil.recording import Recording
+
+LEAST_DELAY_S = 1e-4
+"""Least delay of the motor that is not the gear's effect on it: 0.03 ms on the reference robot, and 0.4° at 12 Hz."""
+DELAY_SIGMAS = 3.0
+"""Standard errors from which a delay is believed."""
+MADE = (0.8, 1.25)
+"""Factors between which the motor has made the motion, so that its delay means something."""
+LOWEST = 2.0
+"""Order whose resonance every ramp passes; a lower one's where the limits allow."""
+EDGE_S = 0.3
+"""Beginning and end of a ramp that say nothing on how the motor follows: there the motion itself is in the band."""
+
+
+class Following(NamedTuple):
+    """The motor's motion over the intended one.
+
+    Attributes:
+        factor: Factor of the motion; 1 where the motor follows.
+        late_s: Delay of it.
+        late_error_s: Standard error of the delay.
+    """
+
+    factor: float
+    late_s: float
+    late_error_s: float
+
+    @property
+    def is_believed(self) -> bool:
+        """True where the delay is one, and not what else moves the motor."""
+        is_made = MADE[0] <= self.factor <= MADE[1]
+        return is_made and abs(self.late_s) > max(LEAST_DELAY_S, DELAY_SIGMAS * self.late_error_s)
+
+
+@dataclass
+class DelaySearch:
+    """The set-points' delay, from pass to pass.
+
+    Attributes:
+        delay_s: Delay with which the next pass is made.
+    """
+
+    delay_s: float = 0.0
+    _before: tuple[float, float] | None = None
+    _is_over: bool = False
+
+    def take(self, following: Following | None, vibration_m_s2: float, *, is_last: bool) -> float | None:
+        """Take in what a pass has shown; a delay after which the tip did not vibrate less is taken back, and the last one.
+
+        Args:
+            following: Motor's motion in the pass; None where it was not measured.
+            vibration_m_s2: Vibration of the tip in it.
+            is_last: True after the last pass: a delay that no pass has tried is not believed.
+
+        Returns:
+            Factor of the motor's motion; None where it was not measured.
+        """
+        if self._before is not None and vibration_m_s2 >= self._before[1]:
+            self.delay_s, self._is_over = self._before[0], True
+        self._before = None
+        if following is not None and following.is_believed and not (self._is_over or is_last):
+            self._before = self.delay_s, vibration_m_s2
+            self.delay_s += following.late_s
+        return None if following is None else following.factor
+
+
+def motor_following(
+    recording: Recording,
+    motion: Ramps,
+    axis: int,
+    reduction_ratio: float,
+    error: TransmissionError,
+    band_hz: tuple[float, float],
+) -> Following:
+    """Factor and delay with which a motor made the intended motion Δθ_m = −N θ_sync(θ_m).
+
+    Least squares of the measured angle on the intended motion and its derivative, g Δθ_m − g δ Δθ̇_m, both band-passed around
+    f_al. What they leave is not noise, and as wide as the band: it has two independent values for each hertz and second.
+
+    Args:
+        recording: Recording of a pass with the whole cancellation.
+        motion: Ramps of the pass.
+        axis: Axis number.
+        reduction_ratio: N.
+        error: Error that was cancelled.
+        band_hz: Band of the vibration.
+    """
+    period, angle = recording.period_s, recording.axis(axis, "position_rad")
+    intended = -reduction_ratio * error.angle_rad(angle)
+    from scipy import signal  # noqa: PLC0415 - see hil/analysis.py
+
+    low, high = band_hz[0], min(band_hz[1], TOP_FRACTION / period)
+    band = signal.butter(2, (low, high), "bandpass", fs=1.0 / period, output="sos")
+    measured, wanted, rate = signal.sosfiltfilt(band, np.stack([angle, intended, np.gradient(intended, period)]))
+    rows = motion.direction(EDGE_S / motion.trajectory.ramp_s) != 0
+    rows &= np.roll(rows, -round(EDGE_S / period))  # the end of a ramp says nothing either
+    # an order below 2 comes into the band at a higher speed; below it, it is filtered off on both sides
+    lowest = min(max(order, LOWEST) for order in error.amplitude_arcsec)
+    rows &= np.abs(motor_speed_rps(recording, axis)) > low / lowest
+    count = int(np.count_nonzero(rows))
+    if count <= 2:
+        return Following(0.0, 0.0, math.inf)
+    columns = np.stack([wanted[rows], rate[rows]], axis=1)
+    solution = np.linalg.lstsq(columns, measured[rows], rcond=None)[0]
+    gain = float(solution[0])
+    if gain <= 0.1:
+        return Following(gain, 0.0, math.inf)
+    left = measured[rows] - columns @ solution
+    independent = max(2.0 * (high - low) * count * period, 1.0)
+    variance = float(np.linalg.pinv(columns.T @ columns)[1, 1]) * float(left @ left) / independent
+    return Following(gain, -float(solution[1]) / gain, math.sqrt(variance) / gain)

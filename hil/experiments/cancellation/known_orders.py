@@ -1,0 +1,225 @@
+"""Orders of a transmission error that were known before it is learnt: which of them learning keeps.
+
+A learning's ramps may end below an order's resonance, or show it worse than an identification has. What was known of such an
+order holds until a pass has shown it to be wrong: what is learnt is never worse than what it began with.
+
+What a pass learns of an order is the fit of all passes, or what the pass itself has shown of the cancellation that acted: by
+which factor and angle it is off. Whichever is known better counts. On a gear that is no spring it is the latter, for it needs no
+model of the gear, and it becomes the more exact the less vibration is left.
+"""
+
+import cmath
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from hil.bench.model import Identified, IdentifiedError, significant
+from hil.design.ate.identification import JointEstimate
+from hil.design.transmission_error import TransmissionError
+from hil.experiments.ate.order_scan import is_significant
+from hil.experiments.cancellation.verdict import MOST_LEFT, PartVerdict
+from hil.robot_tables import amplitude_key, phase_key
+
+Source = Literal["known", "learnt"]
+"""`known` before the first pass, or `learnt` from the passes."""
+
+OFF_ERROR = 0.2
+"""Error of what a pass shows of a cancellation, as a fraction of what it is off: so far may the arm's response be wrong."""
+AGREE_SIGMAS = 3.0
+"""Standard errors of their difference up to which two values of an order are the same one, and the more exact of them holds."""
+
+
+@dataclass(frozen=True)
+class OrderValue:
+    """Amplitude and phase of an order.
+
+    Attributes:
+        source: Origin of the values.
+        amplitude_arcsec: A_k.
+        phase_deg: φ_k.
+        amplitude_error: Standard error of A_k in arcsec; None where none is known.
+        phase_error: Standard error of φ_k in degrees; None where none is known.
+        why: Reason why it is this one, of one that was known.
+    """
+
+    source: Source
+    amplitude_arcsec: float
+    phase_deg: float
+    amplitude_error: float | None
+    phase_error: float | None
+    why: str = ""
+
+    @property
+    def phasor(self) -> complex:
+        """A_k e^{jφ_k} in arcsec."""
+        return cmath.rect(self.amplitude_arcsec, math.radians(self.phase_deg))
+
+    @property
+    def sigma_arcsec(self) -> float:
+        """Standard error of the phasor; without bound where none is known."""
+        if self.amplitude_error is None or self.phase_error is None:
+            return math.inf
+        return math.hypot(self.amplitude_error, self.amplitude_arcsec * math.radians(self.phase_error))
+
+    def agrees(self, other: "OrderValue") -> bool:
+        """Whether both may be the same."""
+        return abs(self.phasor - other.phasor) <= AGREE_SIGMAS * math.hypot(self.sigma_arcsec, other.sigma_arcsec)
+
+    def words(self, order: float) -> str:
+        """The value in words."""
+        a, phi = (f" ± {each:.2f}" if each is not None else "" for each in (self.amplitude_error, self.phase_error))
+        return f"A_{order:g} = {self.amplitude_arcsec:.2f}{a}″, φ_{order:g} = {self.phase_deg:.1f}{phi}°"
+
+
+@dataclass
+class KnownOrders:
+    """Orders that are known of an axis before its learning.
+
+    Attributes:
+        values: Significant orders of what was known.
+        refused: Values that a pass has shown to be wrong.
+        settled: Sources that the last pass has decided on, and why.
+        acted: Values that the last pass cancelled.
+        shown: Values that passes have shown, by what their cancellation left.
+    """
+
+    values: Mapping[float, OrderValue] = field(default_factory=dict)
+    refused: set[tuple[float, Source]] = field(default_factory=set)
+    settled: dict[float, tuple[Source, str]] = field(default_factory=dict)
+    acted: dict[float, OrderValue] = field(default_factory=dict)
+    shown: dict[float, OrderValue] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, part: IdentifiedError | None) -> "KnownOrders":
+        """What a part of a model file knows."""
+        if part is None:
+            return cls()
+        table, errors = significant(part), part.standard_error
+        phases = table.phases_deg()
+        return cls({
+            order: OrderValue(
+                "known", amplitude, phases[order] % 360.0, errors.get(amplitude_key(order)), errors.get(phase_key(order))
+            )
+            for order, amplitude in table.amplitudes_arcsec().items()
+        })  # fmt: skip
+
+    @classmethod
+    def of_axis(cls, identified: Identified | None, axis: int) -> "KnownOrders":
+        """What a model file knows of an axis; nothing without one."""
+        return cls.of(None if identified is None or axis not in identified.axis else identified.axis[axis].ate)
+
+    def acted_error(self) -> TransmissionError:
+        """The error that the last pass cancelled."""
+        amplitudes = {order: value.amplitude_arcsec for order, value in self.acted.items()}
+        return TransmissionError(amplitudes, {order: value.phase_deg for order, value in self.acted.items()})
+
+    def choices(self, estimate: JointEstimate, passed: Collection[float]) -> dict[float, OrderValue]:
+        """Value of each order that is to be cancelled, and stored: the learnt one, or the one that was known.
+
+        Args:
+            estimate: Estimate from the passes.
+            passed: Orders whose resonance the passes' ramps pass.
+        """
+        chosen = {}
+        for order in sorted({*self.values, *estimate.error.amplitude_arcsec}):
+            value = self._choice(order, estimate, passed)
+            if value is not None:
+                chosen[order] = value
+        return chosen
+
+    def _choice(self, order: float, estimate: JointEstimate, passed: Collection[float]) -> OrderValue | None:
+        known, learnt = (self._open(order, each) for each in (self.values.get(order), self._learnt(order, estimate)))
+        if known is None or learnt is None:
+            return known if learnt is None else learnt
+        source, why = self.settled.get(order) or _better(order, known, learnt, estimate, passed)
+        return learnt if source == "learnt" else OrderValue(**{**known.__dict__, "why": why})
+
+    def _open(self, order: float, value: OrderValue | None) -> OrderValue | None:
+        return None if value is None or (order, value.source) in self.refused else value
+
+    def _learnt(self, order: float, estimate: JointEstimate) -> OrderValue | None:
+        """Value of an order by the fit of the passes, or by what a pass has shown of it; None where the fit has it not."""
+        fitted, shown = _fitted(order, estimate), self.shown.get(order)
+        return shown if fitted is not None and shown is not None and shown.sigma_arcsec < fitted.sigma_arcsec else fitted
+
+    def _show(self, verdict: PartVerdict, acted: OrderValue) -> None:
+        """Keep the value that a pass shows, where its cancellation was right enough to tell."""
+        order, errors = verdict.part.order, (verdict.factor_error, verdict.turn_error_deg)
+        factor, turn_deg = verdict.factor, verdict.turn_deg
+        if verdict.verdict != "accepted" or factor is None or turn_deg is None or errors[0] is None or errors[1] is None:
+            self.shown.pop(order, None)
+            return
+        off = OFF_ERROR * abs(cmath.rect(factor, math.radians(turn_deg)) - 1.0)
+        size, phase_deg = factor * acted.amplitude_arcsec, (acted.phase_deg + turn_deg) % 360.0
+        amplitude_error = math.hypot(errors[0], off) * acted.amplitude_arcsec
+        self.shown[order] = OrderValue("learnt", size, phase_deg, amplitude_error, math.hypot(errors[1], math.degrees(off)))
+
+    def judged(self, verdicts: Sequence[PartVerdict], estimate: JointEstimate, *, is_last: bool) -> dict[float, PartVerdict]:
+        """Take in what a pass has shown.
+
+        Args:
+            verdicts: Verdicts on the orders that it cancelled.
+            estimate: Estimate after it.
+            is_last: True after the last pass.
+
+        Returns:
+            Orders that are to be left out, with the verdicts on them.
+        """
+        left_out = {}
+        for verdict in verdicts:
+            order, acted = verdict.part.order, self.acted[verdict.part.order]
+            self._show(verdict, acted)
+            both = (self._open(order, each) for each in (self.values.get(order), self._learnt(order, estimate)))
+            other = next((each for each in both if each is not None and each.source != acted.source), None)
+            if verdict.verdict == "refused":
+                self.refused.add((order, acted.source))
+                if other is None or not _would_pass(other, acted, verdict):
+                    self.refused |= {(order, "known"), (order, "learnt")}
+                    left_out[order] = verdict
+            elif is_last and verdict.verdict == "not judged":
+                if order not in self.values or (order, "known") in self.refused:
+                    left_out[order] = verdict
+                else:
+                    self.settled[order] = ("known", "the passes do not show what its cancellation does")
+            elif is_last and acted.source == "learnt" and other is not None and not acted.agrees(other):
+                left, of_other = (_left(each, acted, verdict) for each in (acted, other))
+                if left is None or of_other is None or of_other <= left:
+                    self.settled[order] = ("known", "what the passes learnt of it leaves no less of it")
+        return left_out
+
+
+def _fitted(order: float, estimate: JointEstimate) -> OrderValue | None:
+    """Value of an order by the fit of the passes; None where it was not fitted."""
+    error = estimate.error
+    if order not in error.amplitude_arcsec:
+        return None
+    errors = estimate.amplitude_error_arcsec[order], estimate.phase_error_deg[order]
+    return OrderValue("learnt", error.amplitude_arcsec[order], error.phase_deg[order], *errors)
+
+
+def _better(
+    order: float, known: OrderValue, learnt: OrderValue, estimate: JointEstimate, passed: Collection[float]
+) -> tuple[Source, str]:
+    """The better of two values before a pass has compared them, and why it is the known one."""
+    if order not in passed:
+        return "known", "the ramps end below its resonance"
+    if not is_significant(estimate, order):
+        return "known", "the passes do not show it"
+    if known.agrees(learnt) and known.sigma_arcsec <= learnt.sigma_arcsec:
+        return "known", f"the passes know it to {learnt.sigma_arcsec:.2f}″ only, it was known to {known.sigma_arcsec:.2f}″"
+    return "learnt", ""
+
+
+def _left(value: OrderValue, acted: OrderValue, verdict: PartVerdict) -> float | None:
+    """Fraction of an order that a value's cancellation would leave, by what a pass has shown of another's; None: nothing."""
+    if verdict.factor is None or verdict.turn_deg is None or acted.amplitude_arcsec <= 0.0:
+        return None
+    there = cmath.rect(verdict.factor, math.radians(verdict.turn_deg))
+    return abs(there - value.phasor / acted.phasor) / max(abs(there), 1e-30)
+
+
+def _would_pass(value: OrderValue, acted: OrderValue, verdict: PartVerdict) -> bool:
+    """Whether another value than the refused one may be tried."""
+    left = _left(value, acted, verdict)
+    return not value.agrees(acted) if left is None else left <= MOST_LEFT
