@@ -82,7 +82,14 @@ def wrong_orders(true: TransmissionErrorTable, assumed: TransmissionErrorTable) 
 
 
 def model_of(robot: Robot, bench: Bench, number: int, error: TransmissionErrorTable) -> Identified:
-    """A model file with the true plant and an assumed error."""
+    """A model file with the true plant and an assumed error.
+
+    Args:
+        robot: The robot, whose plant is taken.
+        bench: Its bench file.
+        number: Number of the axis.
+        error: Transmission error that the file states.
+    """
     axis = robot.axis[number]
     values = PlantTable(**{name: getattr(axis, name) for name in PlantTable.model_fields})
     plant = IdentifiedPlant(

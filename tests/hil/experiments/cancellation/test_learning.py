@@ -1,10 +1,7 @@
-"""What is learnt: an order whose cancellation was seen to act is known by that, however far the gear is from a spring."""
+"""What a learning states: nothing of an order that is left out; and whether a cancellation has been seen to act."""
 
 from dataclasses import replace
 
-import pytest
-
-from hil.bench.model import significant
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.learning import AxisLearning, LearntPass
@@ -21,30 +18,15 @@ def estimate(a2_arcsec, error_arcsec):
     return replace(GOOD, error=found, amplitude_error_arcsec=errors, phase_error_deg={2.0: 1.0, 4.0: 1.0}, widened=20.0)
 
 
-def learnt(*verdicts, error_arcsec=8.0):
-    passes = [LearntPass(0.0, 1.0, estimate(18.0, error_arcsec), 0.0, None)]
-    passes.append(LearntPass(0.5, 0.5, estimate(18.2, error_arcsec), 0.0, None, verdicts))
-    return AxisLearning(2, passes).part()
+def learnt(*verdicts):
+    passes = [LearntPass(0.0, 1.0, estimate(18.0, 8.0), 0.0, None)]
+    return AxisLearning(2, [*passes, LearntPass(0.5, 0.5, estimate(18.2, 8.0), 0.0, None, verdicts)])
 
 
-def test_an_order_whose_cancellation_acted_is_no_noise_though_both_directions_differ():
-    part = learnt(SEEN)
-    # 18.2″ against 1.05 × 18″, and 0.04 × 18″
-    assert part.standard_error["a2_arcsec"] == pytest.approx((0.7**2 + 0.72**2) ** 0.5)
-    assert significant(part).amplitudes_arcsec() == {2: 18.2}
-
-
-@pytest.mark.parametrize(
-    "verdict", [replace(SEEN, verdict="refused"), replace(SEEN, verdict="not judged"), replace(SEEN, factor=None)]
-)
-def test_an_order_whose_cancellation_was_not_seen_to_act_stays_as_uncertain_as_the_fit_says(verdict):
-    part = learnt(verdict)
-    assert part.standard_error["a2_arcsec"] == 8.0
-    assert significant(part).amplitudes_arcsec() == {}
-
-
-def test_what_the_fit_knows_better_stays():
-    assert learnt(SEEN, error_arcsec=0.2).standard_error["a2_arcsec"] == 0.2
+def test_a_cancellation_that_acted_in_any_pass_is_known_to_have():
+    assert learnt(replace(SEEN, verdict="not judged"), SEEN).has_acted
+    assert not learnt(replace(SEEN, verdict="not judged"), replace(SEEN, verdict="refused")).has_acted
+    assert not learnt().has_acted
 
 
 def test_of_an_order_that_is_left_out_nothing_is_stated():
