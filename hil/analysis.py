@@ -9,6 +9,7 @@ there is no verdict without it.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,8 +139,15 @@ def band_passed(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, 
 
     if 0.5 / period_s <= band_hz[1]:
         raise ValueError(f"samples every {1e3 * period_s:g} ms do not show vibrations up to {band_hz[1]:.3g} Hz")
-    band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
-    return np.asarray(signal.sosfiltfilt(band, acceleration_m_s2))
+    return np.asarray(signal.sosfiltfilt(_band(period_s, *band_hz), acceleration_m_s2))
+
+
+@lru_cache(maxsize=32)
+def _band(period_s: float, low_hz: float, high_hz: float) -> Real:
+    """Sections of the band pass; a search for a filter asks a thousand times for the same."""
+    from scipy import signal
+
+    return np.asarray(signal.butter(2, (low_hz, high_hz), "bandpass", fs=1.0 / period_s, output="sos"))
 
 
 def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, scale: TipScale) -> Real:

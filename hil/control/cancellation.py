@@ -7,16 +7,17 @@ With θ_sync = Σ A_k cos(k θ_m + φ_k) the gear's torsion does not feel the er
 so each order asks for a sine of known angle k θ_m, whose frequency k f_m follows the motor. What a loop, its set-points and the
 bus make of a sine at that frequency is one complex number, G_k(f_m); here it is a table over |f_m|, worked out beforehand
 (`hil.design.inverse`), delays included: a delay d is a phase k ω d, so that the sine is that of the angle at which it will act.
-Turning backwards everything but k θ_m + φ_k changes the sign of its phase: G_k is then its own conjugate.
+Turning backwards everything but k θ_m + φ_k changes the sign of its phase: G_k is then its own conjugate. While the motor
+speeds up a sine is a chirp, for which G_k is another by −(j/2) k |θ̇_m|˙ d²G_k/dω²: the phase ahead grows with the time squared.
 
 The measured angle θ_m contains what has been added. The sines are those of the angle without it, which turns smoothly,
 θ_0 = θ_m + N Σ A_k cos(k θ_m + φ_k); so Δθ_m has the mixed waves of `hil.design.counter_motion` beside its orders.
 """
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +34,14 @@ class CancellationConfigRow(Protocol):
     """Parameters of one axis' cancellation.
 
     Distance of the table's speeds; corner of the low-pass that gives f_m; time to full strength; step to which a torque is
-    rounded.
+    rounded; largest acceleration for which G changes.
     """
 
     step_rps: float
     speed_lowpass_hz: float
     fade_s: float
     torque_step_nm: float
+    most_rad_s2: float
 
 
 class CancellationStateRow(Protocol):
@@ -62,6 +64,8 @@ CANCELLATION_STATE = record_dtype(CancellationStateRow)
 
 SPEED_LOWPASS_HZ = 20.0
 """At 4 rps/s the lag of 8 ms is 0.03 rps of 6: 0.5 % of G_k. One count of a 17-bit encoder in 1 ms is 0.008 rps."""
+FADED_OVER_KEPT = 1.25
+"""Frequency over the one up to which a wave is kept, from which it has no more right to the set-point's speed than others."""
 FADE_S = 0.2
 """A cancellation that began at once would be a step of N A_k: 3 mrad at the motor."""
 
@@ -93,6 +97,8 @@ class CancellationTable:
         reference: G by speed, −N A_k included, in rad at the motor; shape (waves, speeds).
         torque: G of the torque offset, in N·m; shape (waves, speeds).
         motion: Amplitude of the motor's part in it, in rad; shape (waves, speeds). Read of the error's own orders.
+        bend: What G changes by for each rad/s² by which |θ̇_m| grows; shape (waves, speeds). None: nothing.
+        most_rad_s2: Largest acceleration for which it does.
 
     Raises:
         ValueError: The shapes do not fit, or a number is not finite.
@@ -103,17 +109,20 @@ class CancellationTable:
     reference: Complex
     torque: Complex
     motion: Real
+    bend: Complex | None = None
+    most_rad_s2: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what the law cannot read."""
         shape = np.shape(self.reference)
         fits = len(shape) == 2 and shape[0] == len(self.waves) and shape[1] >= 2
-        if not fits or np.shape(self.torque) != shape or np.shape(self.motion) != shape:
-            shapes = f"{shape}, {np.shape(self.torque)} and {np.shape(self.motion)}"
+        others = [self.torque, self.motion] + ([] if self.bend is None else [self.bend])
+        if not fits or any(np.shape(part) != shape for part in others):
+            shapes = ", ".join(str(np.shape(part)) for part in (self.reference, *others))
             raise ValueError(f"tables of shapes {shapes} for {len(self.waves)} waves")
         if not self.step_rps > 0.0:
             raise ValueError(f"step_rps = {self.step_rps} must be above 0")
-        if not all(np.all(np.isfinite(part)) for part in (self.reference, self.torque, self.motion)):
+        if not all(np.all(np.isfinite(part)) for part in (self.reference, *others)):
             raise ValueError("a table holds what is not finite")
 
     @property
@@ -129,7 +138,7 @@ class CancellationTable:
     def scaled(self, gain: float) -> "CancellationTable":
         """The table of an error that is `gain` times as large."""
         by_wave = np.array([gain**wave.degree for wave in self.waves])[:, np.newaxis]
-        return replace(self, reference=by_wave * self.reference, torque=by_wave * self.torque, motion=by_wave * self.motion)
+        return self._with(lambda part: by_wave * part, self.waves)
 
     def without(self, orders: Collection[float]) -> "CancellationTable | None":
         """The table with some orders left out, and what they mix with; None where no other is left."""
@@ -138,12 +147,35 @@ class CancellationTable:
         kept = [index for index in kept if not self.waves[index].sources & out]
         if not kept:
             return None
-        waves = tuple(self.waves[index] for index in kept)
-        return replace(self, waves=waves, reference=self.reference[kept], torque=self.torque[kept], motion=self.motion[kept])
+        return self._with(lambda part: part[kept], tuple(self.waves[index] for index in kept))
+
+    def within_speed(self, limit_rps: float, up_to_rps: float, kept_hz: float) -> "CancellationTable":
+        """The table whose set-points are no faster than a limit, where leaving out waves of high frequency can reach that.
+
+        Args:
+            limit_rps: Speed limit of the set-points.
+            up_to_rps: Highest motor speed of the motion.
+            kept_hz: Frequency k f_m up to which a wave stays as it is; above it the lowest orders come first.
+        """
+        orders, speeds = np.array([wave.order for wave in self.waves])[:, np.newaxis], np.minimum(self.speeds_rps, up_to_rps)
+        fast = orders * speeds * self._largest_gains()
+        share = np.clip((FADED_OVER_KEPT - orders * speeds / kept_hz) / (FADED_OVER_KEPT - 1.0), 0.0, 1.0)
+        room = limit_rps - speeds - np.sum(share * fast, axis=0)
+        for row in np.argsort(orders[:, 0], kind="stable"):
+            wanted = (1.0 - share[row]) * fast[row]
+            granted = np.clip(room / np.maximum(wanted, 1e-12), 0.0, 1.0)
+            share[row] += (1.0 - share[row]) * granted
+            room = room - granted * wanted
+        return self._with(lambda part: share * part, self.waves)
+
+    def _with(self, change: Callable[[Any], Any], waves: tuple[WaveLabel, ...]) -> "CancellationTable":
+        """The table with all its arrays changed alike."""
+        parts = {name: change(getattr(self, name)) for name in ("reference", "torque", "motion")}
+        return replace(self, waves=waves, bend=None if self.bend is None else change(self.bend), **parts)
 
     def largest_reference_rad(self, up_to_rps: float = math.inf) -> float:
         """The largest addition to the set-point up to a motor speed."""
-        return self._largest(self.reference, up_to_rps)
+        return self._largest(self._largest_gains(), up_to_rps)
 
     def largest_torque_nm(self, up_to_rps: float = math.inf) -> float:
         """The largest torque offset up to a motor speed."""
@@ -152,11 +184,16 @@ class CancellationTable:
     def largest_speed_rps(self, up_to_rps: float) -> float:
         """The fastest set-point of a motion up to a motor speed, in rev/s: that of the motion, and the change of the addition."""
         speeds = np.minimum(self.speeds_rps, up_to_rps)
-        turning = np.array([wave.order for wave in self.waves])[:, np.newaxis] * speeds * self.reference
+        turning = np.array([wave.order for wave in self.waves])[:, np.newaxis] * speeds * self._largest_gains()
         inside = self.speeds_rps <= up_to_rps + self.step_rps
         return float(np.max((speeds + np.sum(np.abs(turning), axis=0))[inside]))
 
-    def _largest(self, table: Complex, up_to_rps: float) -> float:
+    def _largest_gains(self) -> Real:
+        """|G| of the set-points at any acceleration for which it changes; shape (waves, speeds)."""
+        more = 0.0 if self.bend is None else self.most_rad_s2 * np.abs(self.bend)
+        return np.asarray(np.abs(self.reference) + more)
+
+    def _largest(self, table: Complex | Real, up_to_rps: float) -> float:
         inside = self.speeds_rps <= up_to_rps + self.step_rps  # between two speeds it is between their values
         return float(np.max(np.sum(np.abs(table[:, inside]), axis=0)))
 
@@ -171,8 +208,8 @@ def cancellation_step(
         c: The axis' parameters.
         s: The axis' memory; changed in place.
         waves: Order and phase; shape (n_waves, 2).
-        table: Re and Im of G for the set-point, then for the torque, then the motor's part, which is 0 for mixed waves; shape
-            (n_waves, n_speeds, 5).
+        table: Re and Im of G for the set-point, then for the torque; the motor's part, which is 0 for mixed waves; Re and Im of
+            the bend; shape (n_waves, n_speeds, 7).
         period_s: Sampling time.
         angle: θ_m in rad, as measured.
     """
@@ -198,12 +235,17 @@ def cancellation_step(
     low = min(int(column), table.shape[1] - 2)
     part = column - low
     side = -1.0 if speed < 0.0 else 1.0
+    # the difference of both is what a speed gains in the time of the low-pass
+    gained = side * (s.speed_rad_s - s.slower_rad_s) * 2.0 * math.pi * c.speed_lowpass_hz
+    gained = min(max(gained, -c.most_rad_s2), c.most_rad_s2)
     reference, torque = 0.0, 0.0
     for i in range(table.shape[0]):
         below, above = table[i, low], table[i, low + 1]
         turned = waves[i, 0] * smooth + waves[i, 1]
         cosine, sine = math.cos(turned), side * math.sin(turned)
-        reference += (below[0] + part * (above[0] - below[0])) * cosine - (below[1] + part * (above[1] - below[1])) * sine
+        real = below[0] + part * (above[0] - below[0]) + gained * (below[5] + part * (above[5] - below[5]))
+        imaginary = below[1] + part * (above[1] - below[1]) + gained * (below[6] + part * (above[6] - below[6]))
+        reference += real * cosine - imaginary * sine
         torque += (below[2] + part * (above[2] - below[2])) * cosine - (below[3] + part * (above[3] - below[3])) * sine
     reference, torque = s.fraction * reference, s.fraction * torque
     if c.torque_step_nm > 0.0:  # what is rounded off now is added next time: below 25 Hz nothing of it is left
@@ -285,7 +327,7 @@ def cancel(
         configs: `CANCELLATION_CONFIG` array, shape (n_axes,).
         states: `CANCELLATION_STATE` array, shape (n_axes,).
         waves: Order and phase; shape (n_axes, n_waves, 2).
-        table: As in `cancellation_step`; shape (n_axes, n_waves, n_speeds, 5).
+        table: As in `cancellation_step`; shape (n_axes, n_waves, n_speeds, 7).
         period_s: Sampling time.
         values: Row θ_m in; rows Δθ_ref and Δτ out; shape (3, n_axes).
     """
@@ -334,7 +376,7 @@ class CancellationLaw:
             self._config["torque_step_nm"] = torque_steps_nm
         self._state = np.zeros(len(tables), CANCELLATION_STATE)
         self._waves = np.zeros((len(tables), count, 2))
-        self._table = np.zeros((len(tables), count, points, 5))
+        self._table = np.zeros((len(tables), count, points, 7))
         for row, table in enumerate(tables):
             if table is not None:
                 self._write(row, table)
@@ -348,7 +390,9 @@ class CancellationLaw:
         self._waves[row, :columns] = [(wave.order, wave.phase_rad) for wave in table.waves]
         is_own = np.array([wave.degree == 1 for wave in table.waves])
         self._table[row, :columns, :given, 4] = np.where(is_own[:, np.newaxis], table.motion, 0.0)
-        for part, values in ((0, table.reference), (2, table.torque)):
+        self._config["most_rad_s2"][row] = table.most_rad_s2
+        bend = np.zeros_like(table.reference) if table.bend is None else table.bend
+        for part, values in ((0, table.reference), (2, table.torque), (5, bend)):
             self._table[row, :columns, :given, part], self._table[row, :columns, :given, part + 1] = values.real, values.imag
         self._table[row, :, given:] = self._table[row, :, given - 1 : given]
 

@@ -18,7 +18,7 @@ N A_k is 3 mrad, and 5 % where it is 30 mrad.
 
 import cmath
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -37,6 +37,8 @@ Actuation = Literal["reference", "torque"]
 HIGHEST_HZ = 60.0
 """Highest k f_m at which an order is cancelled; it fades over the fifth below. Order 4 at 10 rps is 40 Hz."""
 STEP_RPS = 0.05
+CHIRP_STEP_HZ = 0.1
+"""Step of the second derivative by the frequency."""
 LEAST_RPS = 1e-4
 """The speed that stands for 0, where 1/s has no value."""
 
@@ -128,6 +130,7 @@ def cancellation_table(
     max_rps: float,
     actuation: Actuation = "reference",
     highest_hz: float = HIGHEST_HZ,
+    most_rad_s2: float = 0.0,
 ) -> CancellationTable:
     """The table of one axis: G(f_m) = c (Δθ_ref/Δθ_m)/(what the bus makes of it) of every wave c of Δθ_m; −N A_k of an order.
 
@@ -139,6 +142,7 @@ def cancellation_table(
         max_rps: Highest motor speed of the table; beyond it the last values stay.
         actuation: `reference`: by the set-point alone; `torque`: with a torque offset.
         highest_hz: Highest k f_m at which an order is cancelled.
+        most_rad_s2: Largest acceleration of the motor at which its chirp is allowed for.
 
     Raises:
         ValueError: There is nothing to cancel, or the loop has no gain.
@@ -150,18 +154,34 @@ def cancellation_table(
     at_motor = {order: loop.plant.reduction_ratio * size for order, size in amplitude_rad.items()}
     # an order fades towards the highest frequency, and every wave that comes from it
     faded = {order: np.clip((highest_hz - order * turning) / (0.2 * highest_hz), 0.0, 1.0) for order in amplitude_rad}
-    labels, references, torques, motions = [], [], [], []
+    labels, references, torques, motions, bends = [], [], [], [], []
+
+    def gain(frequency: Real) -> Complex:
+        return np.asarray(_inverse(loop, frequency, turning, actuation) / timing.reference(frequency))
+
     for wave in counter_motion(at_motor, phase_rad):
         frequency = wave.order * turning
         left = np.prod([faded[order] for order in wave.sources], axis=0) * (frequency <= highest_hz)
         size, phase = (-abs(wave.coefficient), phase_rad[wave.order]) if wave.degree == 1 else cmath.polar(wave.coefficient)
         wanted = size * left
         labels.append(WaveLabel(wave.order, phase, wave.degree, wave.sources))
-        references.append(wanted * _inverse(loop, frequency, turning, actuation) / timing.reference(frequency))
+        references.append(wanted * gain(frequency))
+        bends.append(wanted * _chirp(gain, frequency, wave.order) if most_rad_s2 > 0.0 else np.zeros_like(references[-1]))
         motor, _, _ = loop.plant.terms(2j * math.pi * frequency)
         torques.append(wanted * motor / timing.torque(frequency) if actuation == "torque" else np.zeros_like(references[-1]))
         motions.append(np.abs(wanted))
-    return CancellationTable(tuple(labels), STEP_RPS, np.asarray(references), np.asarray(torques), np.asarray(motions))
+    reference, torque, motion, bend = (np.asarray(part) for part in (references, torques, motions, bends))
+    return CancellationTable(tuple(labels), STEP_RPS, reference, torque, motion, bend, most_rad_s2)
+
+
+def _chirp(gain: Callable[[Real], Complex], frequency_hz: Real, order: float) -> Complex:
+    """Change of a gain for each rad/s² by which the motor speeds up: −(j/2) k d²G/dω²; shape of `frequency_hz`.
+
+    The sine e^{jφ(t)} was e^{j(φ − ω τ + k α τ²/2)} a time τ ago, and ∫ g(τ) τ² e^{−jωτ} dτ = −d²G/dω².
+    """
+    middle = np.maximum(frequency_hz, 2.0 * CHIRP_STEP_HZ)
+    bent = gain(middle + CHIRP_STEP_HZ) - 2.0 * gain(middle) + gain(middle - CHIRP_STEP_HZ)
+    return np.asarray(-0.5j * order * bent / (2.0 * math.pi * CHIRP_STEP_HZ) ** 2)
 
 
 def _inverse(loop: Loop, frequency_hz: Real, speed_rps: Real, actuation: Actuation) -> Complex:

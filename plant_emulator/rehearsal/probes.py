@@ -85,10 +85,10 @@ def model_of(robot: Robot, bench: Bench, number: int, error: TransmissionErrorTa
     """A model file with the true plant and an assumed error.
 
     Args:
-        robot: The robot, whose plant is taken.
+        robot: The robot.
         bench: Its bench file.
         number: Number of the axis.
-        error: Transmission error that the file states.
+        error: The assumed error.
     """
     axis = robot.axis[number]
     values = PlantTable(**{name: getattr(axis, name) for name in PlantTable.model_fields})

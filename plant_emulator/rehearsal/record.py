@@ -1,6 +1,7 @@
 """The record of one walk: how each step ended, truth beside estimate, and the true tip under each treatment."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -163,16 +164,32 @@ class PathRecord:
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """Accepted treatments that raise the true tip of any order, with it: `cancellation k4`; the copied notch apart."""
-        before, found = self.tips.get("none", {}), []
-        for name in ("notch_designed", "cancellation", "cancellation_learnt"):
-            if not self.steps.get(name, StepRecord()).is_done:
-                continue
-            for order, after in self.tips.get(name, {}).items():
-                rise = after - before.get(order, math.inf)
-                if rise > max(WORSE_MM, WORSE_FRACTION * before.get(order, 0.0)):
-                    found.append(f"{name} k{order}")
-        return tuple(found)
+        """Accepted treatments that raise the true tip of any order, with it: `cancellation k4`; the copied notch apart.
+
+        A tip that rises to the floor, and not beyond, is not the treatment's: it is the jolt of the motion's own start, which
+        the error lessens by chance.
+        """
+        return tuple(f"{name} k{order}" for name, order in self._raised() if self._is_above(name, order, self.floor))
+
+    @property
+    def raised_to_floor(self) -> tuple[str, ...]:
+        """The same of those that raise it to the floor, and not beyond."""
+        return tuple(f"{name} k{order}" for name, order in self._raised() if not self._is_above(name, order, self.floor))
+
+    def _raised(self) -> list[tuple[str, float]]:
+        """Accepted treatments and orders whose true tip is above that without one."""
+        return [
+            (name, order)
+            for name in ("notch_designed", "cancellation", "cancellation_learnt")
+            if self.steps.get(name, StepRecord()).is_done
+            for order in sorted(self.tips.get(name, {}).keys() & self.tips.get("none", {}).keys())
+            if self._is_above(name, order, self.tips.get("none", {}))
+        ]
+
+    def _is_above(self, name: str, order: float, other: Mapping[float, float]) -> bool:
+        """Whether a treatment's tip is above another by more than a trifle."""
+        rise = self.tips[name][order] - other.get(order, 0.0)
+        return rise > max(WORSE_MM, WORSE_FRACTION * other.get(order, 0.0))
 
     def row(self) -> dict[str, Cell]:
         """The record as one row of a table, its columns always `COLUMNS`."""
@@ -195,6 +212,7 @@ class PathRecord:
             cells[f"probe_{name}_worst_ratio"] = probe.worst_ratio
         cells |= {"end_treatment": self.end_treatment, "end_tip_mm": self.end_tip_mm, "goal_mm": self.goal_mm}
         cells |= {"is_quiet": self.is_quiet, "worse": ", ".join(self.worse)}
+        cells["raised_to_floor"] = ", ".join(self.raised_to_floor)
         for name in (*TREATMENTS, "floor"):
             cells |= {f"tracked_{name}_k{order}_mm": self.tracked.get(name, {}).get(order) for order in ORDERS}
         cells |= {"cpu_s": self.cpu_s, "survey_cpu_s": self.survey_cpu_s, "simulated_s": self.simulated_s}

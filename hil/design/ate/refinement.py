@@ -18,6 +18,8 @@ LARGEST_BEND = 0.17
 """A mounting that resonates at 2.4 times the arm's frequency."""
 ROUNDING_FELT, ROUNDING_STEPS = 0.02, 20
 """Fraction of the residual's power from which the encoder's rounding is taken out of the arm, and steps for that."""
+SETTLED = 1e-6
+"""Step of each unknown, by its size, below which there are no more."""
 LEAST_ZETA = 0.003
 OWN_FROM_ORDER = 2
 """Least order with an arm of its own: order 1 passes its resonance at twice the speed of order 2, which few ramps reach."""
@@ -63,7 +65,7 @@ def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: f
         arm, others = arms(scaled)
         slopes = projected_slopes(model, arm, others)
         sizes = [start.resonance_hz, start.damping, step_s] + has_bend * [1.0]
-        sizes += [size for each in own.values() for size in (each.resonance_hz, each.damping)]
+        sizes += _sizes(own)
         columns = [0, 1, 2] + has_bend * [3] + list(range(4, slopes.shape[1]))
         known = [bend_row * (has_bend and column == 3) for column in columns]
         return np.vstack([-slopes[:, columns] * sizes, known])
@@ -82,6 +84,11 @@ def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: f
     return arms(fit.x)
 
 
+def _sizes(own: Mapping[float, Arm]) -> list[float]:
+    """ω/2π and ζ of each order's own arm."""
+    return [size for each in own.values() for size in (each.resonance_hz, each.damping)]
+
+
 def bend_weight(model: RampsModel, arm: Arm, left: Real) -> float:
     """Weight of what is known of the mounting beside a residual: its bend is 0 ± (f/110 Hz)²."""
     variance = float(np.sum(left**2)) / max(1.0, len(left) * model.independent)
@@ -98,7 +105,7 @@ def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> t
     left = model.solve(arm, own)[1]
     if not is_rounding_felt(model, arm, own):
         return found, others
-    weight = bend_weight(model, arm, left)
+    weight, step_s = bend_weight(model, arm, left), 1.0 / (2.0 * math.pi * arm.resonance_hz)
     for _ in range(ROUNDING_STEPS):
         left = model.solve(found, others)[1]
         slopes = projected_slopes(model, found, others)
@@ -114,6 +121,8 @@ def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> t
         is_lost = abs(found.resonance_hz / arm.resonance_hz - 1.0) > 0.1 or abs(found.bend) > LARGEST_BEND
         if is_lost or min(each.damping for each in (found, *others.values())) < LEAST_ZETA:
             return arm, dict(own)
+        if np.all(np.abs(step) < SETTLED * np.array([found.resonance_hz, found.damping, step_s, 1.0, *_sizes(others)])):
+            break
     return found, others
 
 

@@ -38,6 +38,7 @@ from hil.experiments.ate.order_scan import OrderScan, identify_orders
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.request import (
+    GEAR_FRACTION_ERROR,
     AteRequest,
     AxisKnowledge,
     Miss,
@@ -353,12 +354,34 @@ def standard_errors(estimate: JointEstimate) -> dict[str, float]:
     return errors
 
 
-def as_part(estimate: JointEstimate, request: AteRequest, note: str = "") -> IdentifiedError:
-    """Transmission error as an entry of the model file; an order that is not seen is 0 in it."""
+def delay_error_s(estimate: JointEstimate, gear_fraction_error: float) -> float:
+    """Standard error of the sensor's delay: noise, and what the gear's fraction of the damping leaves open.
+
+    The gear's part of the damping leads by 2 ζ_g/ω, which no ramp tells from a sensor that is quicker by as much.
+
+    Args:
+        estimate: The estimate.
+        gear_fraction_error: Standard error of ζ_g/ζ.
+    """
+    lead_s = 2.0 * estimate.arm.damping / (2.0 * math.pi * estimate.arm.resonance_hz)
+    return math.hypot(estimate.arm_error.delay_s, gear_fraction_error * lead_s)
+
+
+def as_part(
+    estimate: JointEstimate, request: AteRequest, note: str = "", gear_fraction_error: float = GEAR_FRACTION_ERROR
+) -> IdentifiedError:
+    """Transmission error as an entry of the model file; an order that is not seen is 0 in it.
+
+    Args:
+        estimate: The estimate.
+        request: What was asked for.
+        note: A note.
+        gear_fraction_error: Standard error of the gear's fraction of the damping.
+    """
     seen = {order: size for order, size in estimate.error.amplitude_arcsec.items() if is_seen(estimate, order)}
     errors = standard_errors(estimate) | {"arm_hz": estimate.arm_error.resonance_hz, "damping": estimate.arm_error.damping}
     if not request.sensorless:
-        errors["accelerometer_delay_s"] = estimate.arm_error.delay_s
+        errors["accelerometer_delay_s"] = delay_error_s(estimate, gear_fraction_error)
     return IdentifiedError(
         values=TransmissionErrorTable.of(seen, {order: estimate.error.phase_deg[order] for order in seen}),
         standard_error=errors,

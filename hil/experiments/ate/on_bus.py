@@ -76,7 +76,8 @@ def identify_ate(
     with Measurement(bench, out, empty, channel=channel, reporter=reporter) as measurement:
         with measurement.session([demand], overload=overload) as session:
             identification = identify_on(session, request, knowledge, _Keeper(measurement, request.axis), reporter)
-        part = as_part(identification.estimate, request, measurement.started.date().isoformat())
+        today = measurement.started.date().isoformat()
+        part = as_part(identification.estimate, request, today, knowledge.gear_fraction_error)
         _enter(measurement.result, identification, part.model_copy(update={"emulated": measurement.result.emulated}))
     return AteOutcome(measurement.result, measurement.failure)
 
@@ -116,7 +117,7 @@ def _enter(result: AteResult, identification: Identification, part: IdentifiedEr
     result.ate = part
     result.fit = AteFit(
         delay_s=estimate.arm.delay_s,
-        delay_error_s=estimate.arm_error.delay_s,
+        delay_error_s=part.standard_error.get("accelerometer_delay_s", estimate.arm_error.delay_s),
         gear_fraction=estimate.arm.gear_fraction,
         residual=estimate.residual,
         explained=estimate.explained,

@@ -1,5 +1,6 @@
 """Request of an identification of the transmission error, and the knowledge of the axis that it starts from."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from hil.bench.bench import Bench
@@ -105,6 +106,12 @@ class AteRequest:
     orders: tuple[float, ...] = FITTED_ORDERS
 
 
+GEAR_FRACTION_ERROR = 0.15
+"""Standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is believed: 0.6 to 1."""
+LARGEST_FRACTION_ERROR = 0.29
+"""Standard deviation of a number of which nothing is known but that it lies between 0 and 1."""
+
+
 @dataclass(frozen=True)
 class AxisKnowledge:
     """Knowledge of an axis before its transmission error is identified.
@@ -116,6 +123,7 @@ class AxisKnowledge:
         source: Source of this knowledge, in words.
         resonance_error_hz: Standard error of the arm's resonance; None where it is not known.
         damping_error: Standard error of the arm's damping ratio, likewise.
+        gear_fraction_error: Standard error of the gear's fraction of the arm's damping.
     """
 
     start: Arm | None = None
@@ -124,6 +132,7 @@ class AxisKnowledge:
     source: str = "nothing"
     resonance_error_hz: float | None = None
     damping_error: float | None = None
+    gear_fraction_error: float = GEAR_FRACTION_ERROR
 
 
 def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, sensorless: bool) -> AxisKnowledge:
@@ -151,7 +160,10 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
             start = replace(start, gear_fraction=values.gear_damping_nm_s_rad / total)
         fraction = part_of.standard_error.get("arm_inertia_kg_m2", 0.0) / values.arm_inertia_kg_m2
         errors = part_of.standard_error
-        return AxisKnowledge(start, values, fraction, "the model file", errors.get("antiresonance_hz"), errors.get("damping"))
+        return AxisKnowledge(
+            start, values, fraction, "the model file", errors.get("antiresonance_hz"), errors.get("damping"),
+            _gear_fraction_error(total, errors),
+        )  # fmt: skip
     model = bench.axis[axis].model
     if not sensorless:
         return AxisKnowledge()
@@ -161,6 +173,14 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
             "them: hil identify plant finds them"
         )
     return AxisKnowledge(None, PlantTable(**model.model_dump(exclude={"ate"})), 0.0, "the bench file")
+
+
+def _gear_fraction_error(damping_nm_s_rad: float, errors: Mapping[str, float]) -> float:
+    """Standard error of D_g/(D_g + D_l); what a plant hardly tells is no more open than the whole range from 0 to 1."""
+    error = errors.get("arm_damping_nm_s_rad")
+    if error is None or not damping_nm_s_rad > 0.0:
+        return GEAR_FRACTION_ERROR
+    return min(error / damping_nm_s_rad, LARGEST_FRACTION_ERROR)
 
 
 def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless: bool) -> Sensing:

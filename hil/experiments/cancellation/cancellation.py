@@ -17,8 +17,8 @@ from hil.bench.bench import Bench, Limits, Model
 from hil.bench.model import Identified, IdentifiedError, significant, with_identified
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw, CancellationTable
-from hil.design.frequency import CONTROL_PERIOD_S, Loop
-from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
+from hil.design.frequency import CONTROL_PERIOD_S
+from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.effect import Part, Response
 from hil.experiments.cancellation.waves import response_of
@@ -31,15 +31,12 @@ MAX_ERROR_ARCSEC = 200.0
 """Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
 FOLLOWING_PART = 0.05
 """Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`."""
-LEAST_OVER_RESONANCE = 2.0
-"""Least k f_m up to which an order is cancelled, in units of f_al: from four fifths of it on it fades."""
-LOWERED = 0.85
+KEPT_OVER_RESONANCE = 1.3
+"""k f_m up to which an order is cancelled whatever the speed limit leaves, in units of f_al: there the arm resonates with it."""
+ORDINARY = 0.98
+"""Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
 MAX_TORQUE_FRACTION = 0.1
 """Largest torque offset as a fraction of the torque limit."""
-
-
-TableShape = tuple[Loop, Mapping[float, float], Mapping[float, float], CyclicTiming, float, Actuation]
-"""What a table is made from: loop, A_k, φ_k, delays, speed limit, actuation."""
 
 
 @dataclass
@@ -168,15 +165,6 @@ def _check_size(number: int, ate: TransmissionErrorTable) -> None:
         raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
 
 
-def _table_within(shape: TableShape, peak_rps: float, least_hz: float) -> CancellationTable:
-    """The table that ends as high as the speed limit allows its set-points, though not below a frequency."""
-    table, highest_hz = cancellation_table(*shape), HIGHEST_HZ
-    while table.largest_speed_rps(peak_rps) > shape[4] and highest_hz * LOWERED >= least_hz:
-        highest_hz *= LOWERED
-        table = cancellation_table(*shape, highest_hz)
-    return table
-
-
 def cancellation_for(
     bench: Bench,
     identified: Identified | None,
@@ -189,6 +177,7 @@ def cancellation_for(
     torque_steps_nm: Mapping[int, float] | None = None,
     delay_s: float = 0.0,
     peaks_rps: Mapping[int, float] | None = None,
+    most_rad_s2: Mapping[int, float] | None = None,
 ) -> Cancellation:
     """Cancellation of some axes, from their models.
 
@@ -207,7 +196,8 @@ def cancellation_for(
         torque_steps_nm: Resolution of the drives' torque offsets, by axis.
         delay_s: Delay of the set-points beyond the SYNC period, the interpolation, and the model file's delay.
         peaks_rps: Highest motor speeds of a motion by axis. Where its set-points would be faster than the axis may be, the
-            cancellation ends at a lower k f_m, though not within the resonance.
+            highest orders are left out, though none within the resonance.
+        most_rad_s2: Largest accelerations of a motion by axis; without them that of the motor is not allowed for.
 
     Raises:
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
@@ -227,12 +217,15 @@ def cancellation_for(
         assert loop is not None  # noqa: S101 - it has a model and gains
         scales[number] = scale_at(bench, number, loop.peak_hz())
         timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
-        shape = (loop, _amplitudes(model.ate), _phases_rad(model.ate), timing, table.limits.speed_rps, actuation)
-        least_hz = LEAST_OVER_RESONANCE * scales[number].f_al_hz
+        limit_rps, most = table.limits.speed_rps, (most_rad_s2 or {}).get(number, 0.0)
         try:
-            tables[number] = _table_within(shape, (peaks_rps or {}).get(number, 0.0), least_hz)
+            whole = cancellation_table(
+                loop, _amplitudes(model.ate), _phases_rad(model.ate), timing, limit_rps, actuation, most_rad_s2=most
+            )
         except ValueError as error:
             raise NotPossibleError(f"axis {number}: {error}") from error
+        kept_hz = KEPT_OVER_RESONANCE * scales[number].f_al_hz
+        tables[number] = whole.within_speed(limit_rps, (peaks_rps or {}).get(number, 0.0), kept_hz)
     if not tables:
         raise NotPossibleError(_nothing_known(axes))
     known = {number: response for number in axes if (response := response_of(bench, identified, number)) is not None}
@@ -243,6 +236,12 @@ def peak_speed_rps(bench: Bench, motion: Motion, column: int) -> float:
     """Highest motor speed of an axis in a motion, or in the approach to its start."""
     fastest = float(np.max(np.abs(np.diff(motion.motor_angle_rad[:, column])))) / motion.period_s / (2.0 * math.pi)
     return max(fastest, bench.approach_rps)
+
+
+def peak_acceleration_rad_s2(motion: Motion, column: int) -> float:
+    """Largest acceleration of an axis in a motion, its jerks left out."""
+    rate = np.gradient(motion.motor_angle_rad[:, column], motion.period_s)
+    return float(np.quantile(np.abs(np.gradient(rate, motion.period_s)), ORDINARY))
 
 
 def measured_delay_s(identified: Identified | None, number: int) -> float:
@@ -287,6 +286,7 @@ def cancellation_on(
         torque_steps_nm={number: axis.scaling.torque_nm(1) for number, axis in axes.items()},
         delay_s=delay_s,
         peaks_rps={number: peak_speed_rps(session.bench, motion, column) for column, number in enumerate(motion.axes)},
+        most_rad_s2={number: peak_acceleration_rad_s2(motion, column) for column, number in enumerate(motion.axes)},
     )
     starts = None if motion.starts_at_home else [axis.position_rad() for axis in axes.values()]
     cancellation.check(session.bench, motion, starts)

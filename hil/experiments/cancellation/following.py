@@ -20,12 +20,19 @@ LEAST_DELAY_S = 1e-4
 """Least delay of the motor that is not the gear's effect on it: 0.03 ms on the reference robot, and 0.4° at 12 Hz."""
 DELAY_SIGMAS = 3.0
 """Standard errors from which a delay is believed."""
+LEAST_FACTOR = 0.1
+"""Factor up to which the motor has not moved as it was asked to."""
 MADE = (0.8, 1.25)
 """Factors between which the motor has made the motion, so that its delay means something."""
+REST = 0.5
+"""Largest part of a delay that has helped which is its rest: what is left of it falls from pass to pass."""
 LOWEST = 2.0
 """Order whose resonance every ramp passes; a lower one's where the limits allow."""
-EDGE_S = 0.3
-"""Beginning and end of a ramp that say nothing on how the motor follows: there the motion itself is in the band."""
+EDGE_PERIODS = 1.8
+"""Beginning and end of a ramp that say nothing on how the motor follows, in periods of the band's lower edge: there the motion
+itself is in the band."""
+LEAST_INDEPENDENT = 12.0
+"""Independent values of the motion from which a delay has a standard error."""
 
 
 class Following(NamedTuple):
@@ -61,20 +68,25 @@ class DelaySearch:
     _is_over: bool = False
 
     def take(self, following: Following | None, vibration_m_s2: float, *, is_last: bool) -> float | None:
-        """Take in what a pass has shown; a delay after which the tip did not vibrate less is taken back, and the last one.
+        """Take in what a pass has shown; a delay after which the tip did not vibrate less is taken back.
 
         Args:
             following: Motor's motion in the pass; None where it was not measured.
             vibration_m_s2: Vibration of the tip in it.
-            is_last: True after the last pass: a delay that no pass has tried is not believed.
+            is_last: True after the last pass: a delay that no pass will try is believed only as the rest of one that has helped.
 
         Returns:
             Factor of the motor's motion; None where it was not measured.
         """
-        if self._before is not None and vibration_m_s2 >= self._before[1]:
-            self.delay_s, self._is_over = self._before[0], True
+        helped_s = 0.0
+        if self._before is not None:
+            if vibration_m_s2 < self._before[1]:
+                helped_s = abs(self.delay_s - self._before[0])
+            else:
+                self.delay_s, self._is_over = self._before[0], True
         self._before = None
-        if following is not None and following.is_believed and not (self._is_over or is_last):
+        is_believed = following is not None and following.is_believed and not self._is_over
+        if following is not None and is_believed and (not is_last or abs(following.late_s) < REST * helped_s):
             self._before = self.delay_s, vibration_m_s2
             self.delay_s += following.late_s
         return None if following is None else following.factor
@@ -87,7 +99,7 @@ def motor_following(
     reduction_ratio: float,
     error: TransmissionError,
     band_hz: tuple[float, float],
-) -> Following:
+) -> Following | None:
     """Factor and delay with which a motor made the intended motion Δθ_m = −N θ_sync(θ_m).
 
     Least squares of the measured angle on the intended motion and its derivative, g Δθ_m − g δ Δθ̇_m, both band-passed around
@@ -100,6 +112,9 @@ def motor_following(
         reduction_ratio: N.
         error: Error that was cancelled.
         band_hz: Band of the vibration.
+
+    Returns:
+        Factor and delay; None where the ramps are too short to show them.
     """
     period, angle = recording.period_s, recording.axis(axis, "position_rad")
     intended = -reduction_ratio * error.angle_rad(angle)
@@ -108,20 +123,22 @@ def motor_following(
     low, high = band_hz[0], min(band_hz[1], TOP_FRACTION / period)
     band = signal.butter(2, (low, high), "bandpass", fs=1.0 / period, output="sos")
     measured, wanted, rate = signal.sosfiltfilt(band, np.stack([angle, intended, np.gradient(intended, period)]))
-    rows = motion.direction(EDGE_S / motion.trajectory.ramp_s) != 0
-    rows &= np.roll(rows, -round(EDGE_S / period))  # the end of a ramp says nothing either
+    edge_s = EDGE_PERIODS / low
+    rows = motion.direction(min(edge_s / motion.trajectory.ramp_s, 1.0)) != 0
+    rows &= np.roll(rows, -round(edge_s / period))  # the end of a ramp says nothing either
     # an order below 2 comes into the band at a higher speed; below it, it is filtered off on both sides
     lowest = min(max(order, LOWEST) for order in error.amplitude_arcsec)
     rows &= np.abs(motor_speed_rps(recording, axis)) > low / lowest
     count = int(np.count_nonzero(rows))
-    if count <= 2:
-        return Following(0.0, 0.0, math.inf)
+    independent = 2.0 * (high - low) * count * period
+    if independent < LEAST_INDEPENDENT:
+        return None
     columns = np.stack([wanted[rows], rate[rows]], axis=1)
     solution = np.linalg.lstsq(columns, measured[rows], rcond=None)[0]
     gain = float(solution[0])
-    if gain <= 0.1:
+    if gain <= LEAST_FACTOR:
         return Following(gain, 0.0, math.inf)
-    left = measured[rows] - columns @ solution
-    independent = max(2.0 * (high - low) * count * period, 1.0)
-    variance = float(np.linalg.pinv(columns.T @ columns)[1, 1]) * float(left @ left) / independent
-    return Following(gain, -float(solution[1]) / gain, math.sqrt(variance) / gain)
+    left, late_s = measured[rows] - columns @ solution, -float(solution[1]) / gain
+    variance = float(np.linalg.pinv(columns.T @ columns)[1, 1]) * float(left @ left) / (independent - 2.0)
+    # a motor that is earlier than its set-points is none
+    return Following(gain, late_s, math.sqrt(variance) / gain if late_s > -period else math.inf)

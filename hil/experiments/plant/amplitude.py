@@ -24,6 +24,11 @@ more than the pilot did, and its stiffness lies nearer to the main run's."""
 OF_MOTOR = 0.04
 """Relative error of J_m on a gear that depends on the amplitude: what hysteresis adds at f_a and f_r differs, and J_m yields."""
 
+OF_ARM = 0.002
+"""Relative error of f_a on such a gear: gravity winds it up to another point of its curve in each stretch of arm angle."""
+OF_LOSS = 0.1
+"""Relative error of f_a over the difference of ζ: hysteresis stiffens as it damps, and a soft wind-up may hide it."""
+
 
 def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tuple[PlantEstimate, str | None]:
     """The estimate with errors that hold between the two amplitudes, and a sentence where the gear depends on them.
@@ -39,6 +44,9 @@ def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tupl
         parameters[name] = _with_error(value, part * math.sqrt(apart))
     if not any(_differs(main, pilot, name) for name in LEAST):
         return replace(main, parameters=parameters), None
+    loss = abs(parameters["damping"].value - pilot.parameters["damping"].value)
+    f_a = parameters["antiresonance_hz"]
+    parameters["antiresonance_hz"] = _with_error(f_a, math.hypot(OF_ARM, OF_LOSS * loss) * f_a.value)
     for name, size in (("motor_inertia_kg_m2", OF_MOTOR), ("arm_inertia_kg_m2", 0.5 * OF_MOTOR), ("lever_ratio", OF_MOTOR)):
         if name in parameters:
             parameters[name] = _with_error(parameters[name], size * parameters[name].value)

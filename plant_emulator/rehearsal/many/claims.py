@@ -72,8 +72,13 @@ def _never_worse(rows: Sequence[Row]) -> RehearsalClaim:
     treated = [row for row in rows if accepted(row)]
     worse = [row for row in treated if text(row, "worse")]
     count = sum(len(accepted(row)) for row in treated)
-    words = "Never worse: no accepted treatment raises the true tip of any order by more than 5 % or 0.002 mm, whichever is more"
+    floor = sum(bool(row.get("raised_to_floor")) for row in treated)
+    words = (
+        "Never worse: no accepted treatment raises the true tip of any order by more than 5 % or 0.002 mm, whichever is more, "
+        "above that without it, and above the floor"
+    )
     measured = f"{len(worse)} of {len(treated)} robots, with {count} accepted treatments"
+    measured += f"; of {floor} more the tip rises to the floor" if floor else ""
     return RehearsalClaim("never_worse", "never worse", words, "0", measured, not worse if treated else None)
 
 

@@ -1,6 +1,7 @@
 """The cancellation follows angle, speed and direction, begins gently, and never exceeds what its table says."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -154,6 +155,38 @@ def test_on_a_ramp_the_speed_is_not_late() -> None:
         angle += 2.0 * math.pi * speed_rps * PERIOD_S
     assert reference == pytest.approx(expected(cancellation, now, speed_rps), abs=1e-5)
     assert abs(reference - expected(cancellation, now, speed_rps - 8.0 * 8e-3)) > 3e-5
+
+
+def test_set_points_are_no_faster_than_a_limit_allows_and_the_highest_orders_give_way_first() -> None:
+    whole = table((1, 2, 4), 120)
+    limit_rps = whole.largest_speed_rps(5.0) - 0.01
+    within = whole.within_speed(limit_rps, 5.0, 6.0)
+    assert within.largest_speed_rps(5.0) <= limit_rps * (1.0 + 1e-9)
+    share = np.abs(within.reference) / np.maximum(np.abs(whole.reference), 1e-30)
+    at_top = share[:, 100]
+    assert at_top[0] == pytest.approx(1.0)
+    assert at_top[2] < 1.0
+    assert at_top[2] <= at_top[1] + 1e-9
+    assert np.all(share[1, whole.speeds_rps <= 3.0] == pytest.approx(1.0))  # up to the frequency that is kept
+    assert np.all(share[:, :20] == pytest.approx(1.0))  # where the motor is slow there is room for all
+
+
+def test_what_must_be_kept_is_kept_and_left_to_the_check_of_limits() -> None:
+    whole = table((1, 2), 120)
+    within = whole.within_speed(5.0, 5.0, 100.0)
+    assert np.allclose(within.reference, whole.reference)
+    assert within.largest_speed_rps(5.0) > 5.0
+
+
+def test_whatever_the_acceleration_the_bound_holds() -> None:
+    plain = table((2,))
+    bent = replace(plain, bend=0.01 * plain.reference, most_rad_s2=40.0)
+    assert bent.largest_reference_rad() == pytest.approx(1.4 * plain.largest_reference_rad())
+    law, angle, largest = CancellationLaw([bent], PERIOD_S), 0.0, 0.0
+    for step in range(600):
+        largest = max(largest, abs(law.step([angle])[0][0]))
+        angle += 2.0 * math.pi * 20.0 * step * PERIOD_S * PERIOD_S * (1.0 if step < 300 else -1.0)
+    assert 0.0 < largest <= bent.largest_reference_rad()
 
 
 @pytest.mark.parametrize("speed", [37.0, -20.0])

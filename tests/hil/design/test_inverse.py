@@ -105,6 +105,36 @@ def test_an_error_of_30_mrad_at_the_motor_is_cancelled_as_well_as_one_of_3(share
     assert ripple(*turned(6.0, asked, 4), share) < most
 
 
+def on_a_ramp(most_rad_s2: float, rise_rps_s: float = 8.0) -> float:
+    """What a motor alone does beside its ramp, less what it should, as a part of that, at 4 to 7 rev/s."""
+    table = cancellation_table(LOOP, AMPLITUDE, PHASE, CyclicTiming(0.002, CONTROL_S), 12.0, most_rad_s2=most_rad_s2)
+    law, servo, ticks = CancellationLaw([table], 0.002), Servo(ServoConfig(CASCADE, 7.0, ()), CONTROL_S), 8
+    state, coming, before, target = (0.0, 0.0), 0.0, 0.0, 0.0
+    servo.start(0.0, 0.0, 0.0)
+    angles, count = [], round(7.2 / rise_rps_s / CONTROL_S)
+    for i in range(count):
+        angles.append(state[0])
+        if i % ticks == 0:
+            before, target = target, coming
+            coming = law.step([state[0]])[0][0]
+        delta = before + (target - before) * (i % ticks + 1) / ticks
+        set_point = math.pi * rise_rps_s * (i * CONTROL_S) ** 2
+        state = motor(servo.step(set_point + delta, state[0], 0.0, 0.0), state)
+    angle, time = np.array(angles), np.arange(count) * CONTROL_S
+    late = (time > 4.0 / rise_rps_s) & (time < 7.0 / rise_rps_s)
+    # the motion itself, which the position loop follows smoothly
+    done, asked = (
+        values - np.polynomial.Polynomial.fit(time[late], values, 7)(time[late]) for values in (angle[late], wanted(angle[late]))
+    )
+    return float(np.sqrt(np.mean((done - asked) ** 2)) / np.sqrt(np.mean(asked**2)))
+
+
+def test_while_the_motor_speeds_up_a_sine_is_a_chirp() -> None:
+    plain, allowed_for = on_a_ramp(0.0), on_a_ramp(2.0 * math.pi * 8.0)
+    assert plain > 0.005
+    assert allowed_for < 0.4 * plain
+
+
 def test_inside_the_drive_it_does_so_as_well() -> None:
     corrected = law_of(LOOP, InnerTiming(CONTROL_S), CONTROL_S, share=0.1)
     assert ripple(*turned(6.0, corrected, 0), 0.1) < 0.001

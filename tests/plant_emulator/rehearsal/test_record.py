@@ -76,6 +76,16 @@ def test_a_treatment_that_raises_one_order_by_more_than_a_trifle_is_worse():
     assert not_used.worse == ()
 
 
+def test_a_tip_that_rises_to_the_floor_of_the_motions_own_jolt_and_not_beyond_is_told_apart():
+    before, floor, done = {2: 0.166, 4: 0.0917}, {2: 0.094, 4: 0.109}, {"cancellation": DONE}
+    at_floor = record(tips={"none": before, "cancellation": {2: 0.096, 4: 0.110}}, steps=done, floor=floor)
+    assert (at_floor.worse, at_floor.raised_to_floor) == ((), ("cancellation k4",))
+    beyond = record(tips={"none": before, "cancellation": {2: 0.096, 4: 0.116}}, steps=done, floor=floor)
+    assert (beyond.worse, beyond.raised_to_floor) == (("cancellation k4",), ())
+    below_both = record(tips={"none": before, "cancellation": {2: 0.120, 4: 0.090}}, steps=done, floor=floor)
+    assert (below_both.worse, below_both.raised_to_floor) == ((), ())
+
+
 def test_words_that_are_too_long_for_a_table_are_cut():
     row = record(steps={"plant": StepRecord("refused", "HilError", "x" * 5000)}).row()
     assert len(row["plant_words"]) < 1000

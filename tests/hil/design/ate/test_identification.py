@@ -11,6 +11,7 @@ from scipy import signal
 from hil.design.ate.identification import Agreement, identify
 from hil.design.ate.model import Arm, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
+from hil.experiments.ate.identify import delay_error_s
 
 FINE = 1e-4
 RATIO, LEVER = 120.0, 0.7
@@ -88,6 +89,9 @@ def test_a_share_of_damping_that_is_believed_wrongly_goes_into_the_delay_alone()
     assert wrong.arm.delay_s - right.arm.delay_s == pytest.approx(-2.0 * 0.4 * ZETA / OMEGA, abs=1e-4)
     assert apart(wrong.error.phase_deg[2], right.error.phase_deg[2]) < 0.1
     assert wrong.error.amplitude_arcsec[2] == pytest.approx(right.error.amplitude_arcsec[2], rel=0.01)
+    # and the delay's standard error says so, where the share is told with its own: noise alone would be 40 of them off
+    assert abs(wrong.arm.delay_s) < 3.0 * delay_error_s(wrong, 0.29)
+    assert abs(wrong.arm.delay_s) > 3.0 * delay_error_s(wrong, 0.0)
 
 
 def test_the_standard_errors_are_those_of_the_noise() -> None:

@@ -144,3 +144,7 @@ def test_a_delay_is_kept_only_where_the_next_pass_vibrates_less_with_it() -> Non
     search = DelaySearch()
     search.take(late, 1.0, is_last=True)
     assert search.delay_s == 0.0, "no pass has tried it"
+    search = DelaySearch()
+    search.take(late, 1.0, is_last=False)
+    search.take(Following(0.99, 5e-4, 1e-5), 0.3, is_last=True)
+    assert search.delay_s == pytest.approx(2.5e-3), "the rest of a delay that has helped"
