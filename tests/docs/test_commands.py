@@ -82,6 +82,14 @@ SHORTENED = {
         "hil compare --bench reference --emulate reference",
     ): "--experiment constant-acceleration --axis 2 --treatment none,notch",
     (
+        "docs/design.md",
+        "hil design notch --bench bench.toml --axis 3 --order both --shape trapezoid --phase-margin-deg 40",
+    ): "--quick",
+    (
+        "docs/tuning.md",
+        "hil design notch --bench bench.toml --axis 2 --model model.toml --design design.toml --out design",
+    ): "--quick",
+    (
         "docs/tuning.md",
         "hil compare --bench bench.toml --experiment constant-acceleration --axis 2 --model model.toml --design design.toml",
     ): "--treatment none,notch-designed",

@@ -115,20 +115,23 @@ def check_accelerometer(tip: Real) -> None:
             raise AteNotIdentifiedError(what, stretches, FLAT_STRETCHES - 1, "", remedy, at_most=True)
 
 
-def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
+def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0, has_acted: bool = False) -> None:
     """Check that a fit belongs to this axis, and that it is significant or can become so.
 
     Args:
         estimate: The fit.
         sensorless: True where it is of the motor torque.
         passes_left: Number of passes that may follow.
+        has_acted: True where a cancellation of the error has been seen to act as it should: then it is there, however far the
+            gear is from a spring, which the standard errors hold.
 
     Raises:
         AteNotIdentifiedError: One of the checks fails.
     """
     if not sensorless:
         _check_factor(estimate)
-    _check_significance(estimate, sensorless=sensorless, passes_left=passes_left)
+    if not has_acted:
+        _check_significance(estimate, sensorless=sensorless, passes_left=passes_left)
     of_vibration = estimate.explained_by_error / max(estimate.explained_by_error + estimate.structured, 1e-30)
     if of_vibration < LEAST_EXPLAINED:
         signal = "motor torque's" if sensorless else "tip's"

@@ -76,7 +76,9 @@ def seen_words(seen: Sequence[SeenOrder], orders: Sequence[float]) -> list[str]:
     ]
 
 
-def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0) -> None:
+def checked(
+    watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, passes_left: int = 0, has_acted: bool = False
+) -> None:
     """`check_estimate`, whose error tells the orders that are seen and not in the set, if there are any.
 
     Args:
@@ -84,12 +86,13 @@ def checked(watch: OrderWatch, estimate: JointEstimate, *, sensorless: bool, pas
         estimate: Estimate from them.
         sensorless: True where it is of the motor torque.
         passes_left: Number of passes that may follow.
+        has_acted: True where a cancellation of the error has been seen to act as it should.
 
     Raises:
         AteNotIdentifiedError: One of the checks fails.
     """
     try:
-        check_estimate(estimate, sensorless=sensorless, passes_left=passes_left)
+        check_estimate(estimate, sensorless=sensorless, passes_left=passes_left, has_acted=has_acted)
     except AteNotIdentifiedError as error:
         if not error.is_of_orders:
             raise

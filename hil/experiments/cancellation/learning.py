@@ -108,6 +108,11 @@ class AxisLearning:
         return self.passes[-1].estimate
 
     @property
+    def has_acted(self) -> bool:
+        """True where some order's cancellation has been accepted in a pass."""
+        return any(verdict.verdict == "accepted" for each in self.passes for verdict in each.verdicts)
+
+    @property
     def reduction_fraction(self) -> float:
         """Fraction by which the last pass' vibration is below the first's."""
         return 1.0 - self.passes[-1].vibration_m_s2 / max(self.passes[0].vibration_m_s2, 1e-30)
@@ -240,7 +245,7 @@ def learn(
         following = _following(learning, gain, recording, motion, table, scale)
         watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
         estimate = _fitted(watch.sweeps, table, learning, orders)
-        checked(watch, estimate, sensorless=False, passes_left=passes - number)
+        checked(watch, estimate, sensorless=False, passes_left=passes - number, has_acted=learning.has_acted)
         scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first pass: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
         verdicts = judge.judge(recording, motion, tuple(learning.known.acted), gain, estimate, scale)

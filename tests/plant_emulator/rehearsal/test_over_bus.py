@@ -1,13 +1,18 @@
 """The same steps as commands over a served bus: they record what the functions in one process do."""
 
+import math
+
 import pytest
 
+from drive_profiles.address import parse_address
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
+from hil.bench.model import load_identified
 from hil.design.notch_search import Effort
 from hil.emulator import EmulatorProcess
 from hil.errors import HilError
 from hil.recording import Recording
+from hil.robot_tables import ORDERS, PlantTable, amplitude_key, phase_key
 from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.over_bus import CommandError, StepsOverBus
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess
@@ -18,6 +23,7 @@ from plant_emulator.robots.writing import file_text
 from plant_emulator.world import World
 
 ROBOT = draw(8, kind="linear")
+AMPLITUDES_AND_PHASES = [key(order) for order in ORDERS for key in (amplitude_key, phase_key)]
 
 
 @pytest.fixture
@@ -50,3 +56,53 @@ def test_a_run_by_its_command_over_a_served_bus_is_that_of_the_process_to_the_bi
 def test_a_bench_file_and_a_robot_file_are_written_as_they_were_read(bench):
     assert loads(file_text(bench), Bench) == bench
     assert loads(file_text(ROBOT), Robot) == ROBOT
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_the_steps_over_a_served_bus_find_what_they_find_in_one_process(tmp_path):
+    """Not to the bit: between two commands a served robot's noise goes on, and what differs is told by the standard errors."""
+    bench = loads(blank_bench(ROBOT), Bench)
+    left_out, found = {}, {}
+
+    def steps_of(name, made):
+        made.plant()
+        made.ate()
+        _, left_out[name] = made.run("cancellation", is_learnt=False)
+        found[name] = load_identified(tmp_path / name / "model.toml").axis[2]
+
+    for name in ("bus", "process"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "robot.toml").write_text(file_text(ROBOT), encoding="utf-8")
+    with EmulatorProcess(str(tmp_path / "robot.toml"), ROBOT.bus.bitrate) as served:
+        steps_of("bus", StepsOverBus(bench, 2, PathFiles(tmp_path / "bus"), served.address))
+    channel = DirectChannel(World(ROBOT), ROBOT.bus.bitrate)
+    steps_of("process", StepsInProcess(bench, 2, PathFiles(tmp_path / "process"), channel, Effort.quick()))
+    assert left_out["bus"] == left_out["process"]
+    one, other = found["bus"], found["process"]
+    beside = ("antiresonance_hz", "resonance_hz", "damping")
+    pairs = [(name, one.plant, other.plant, False) for name in beside]
+    pairs += [(name, one.plant, other.plant, True) for name in PlantTable.model_fields]
+    pairs += [(name, one.ate, other.ate, True) for name in AMPLITUDES_AND_PHASES]
+    for name, here, there, is_value in pairs:
+        apart = abs(getattr(here.values if is_value else here, name) - getattr(there.values if is_value else there, name))
+        assert apart < 5.0 * math.hypot(here.standard_error[name], there.standard_error[name]), name
+
+
+class Missing(StepsOverBus):
+    """Its design command ends with 9; what it has written by then is `writes`."""
+
+    writes = ""
+
+    def _hil(self, *arguments, out, may_miss=False):
+        if self.writes:
+            self._files.designs.write_text(self.writes, encoding="utf-8")
+        raise CommandError(arguments, 9, "axis 2: the best filters still miss the limits of the tip")
+
+
+def test_a_design_that_was_written_all_the_same_is_noted_as_in_one_process(tmp_path, bench):
+    steps = Missing(bench, 2, PathFiles(tmp_path), parse_address("local:/nowhere.sock"))
+    with pytest.raises(CommandError, match="best filters"):
+        steps.design()
+    steps.writes = "robot = 'r'"
+    assert steps.design() == "axis 2: the best filters still miss the limits of the tip"

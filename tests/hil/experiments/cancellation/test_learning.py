@@ -62,3 +62,12 @@ def test_of_an_order_that_is_left_out_nothing_is_stated():
     assert part.values.amplitudes_arcsec() == {2: 18.0}
     assert {"a2_arcsec", "phi2_deg"} <= set(part.standard_error)
     assert not {"a4_arcsec", "phi4_deg"} & set(part.standard_error)
+
+
+def test_a_cancellation_that_acted_in_any_pass_is_known_to_have():
+    def learning(*verdicts):
+        return AxisLearning(2, [LearntPass(0.5, 0.5, estimate(18.0, 8.0), 0.0, None, verdicts)])
+
+    assert learning(replace(SEEN, verdict="not judged"), SEEN).has_acted
+    assert not learning(replace(SEEN, verdict="not judged"), replace(SEEN, verdict="refused")).has_acted
+    assert not learning().has_acted
