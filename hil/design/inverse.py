@@ -154,6 +154,8 @@ def cancellation_table(
     at_motor = {order: loop.plant.reduction_ratio * size for order, size in amplitude_rad.items()}
     # an order fades towards the highest frequency, and every wave that comes from it
     faded = {order: np.clip((highest_hz - order * turning) / (0.2 * highest_hz), 0.0, 1.0) for order in amplitude_rad}
+    # a filter that follows the motor has no response of its own to a chirp
+    has_chirp = most_rad_s2 > 0.0 and not loop.notches
     labels, references, torques, motions, bends = [], [], [], [], []
 
     def gain(frequency: Real) -> Complex:
@@ -166,7 +168,7 @@ def cancellation_table(
         wanted = size * left
         labels.append(WaveLabel(wave.order, phase, wave.degree, wave.sources))
         references.append(wanted * gain(frequency))
-        bends.append(wanted * _chirp(gain, frequency, wave.order) if most_rad_s2 > 0.0 else np.zeros_like(references[-1]))
+        bends.append(wanted * _chirp(gain, frequency, wave.order) if has_chirp else np.zeros_like(references[-1]))
         motor, _, _ = loop.plant.terms(2j * math.pi * frequency)
         torques.append(wanted * motor / timing.torque(frequency) if actuation == "torque" else np.zeros_like(references[-1]))
         motions.append(np.abs(wanted))
