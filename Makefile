@@ -27,8 +27,9 @@ SELECT := $(if $(CI),-m "not vm",-m "not slow")
 demo: $(INSTALLED)
 	$(BIN)/hil demo --out demo
 
+# Two workers share the processors: more threads of linear algebra in each would be in each other's way.
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist worksteal $(SELECT)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal $(SELECT)
 ifdef CI
 	$(BIN)/python -m pytest tests/vcan -m vm
 endif

@@ -66,6 +66,8 @@ SPEED_LOWPASS_HZ = 20.0
 """At 4 rps/s the lag of 8 ms is 0.03 rps of 6: 0.5 % of G_k. One count of a 17-bit encoder in 1 ms is 0.008 rps."""
 FADED_OVER_KEPT = 1.25
 """Frequency over the one up to which a wave is kept, from which it has no more right to the set-point's speed than others."""
+SPEED_USED = 0.998
+"""Fraction of a speed limit up to which waves are fitted in: a check against the limit itself must not fail by rounding."""
 FADE_S = 0.2
 """A cancellation that began at once would be a step of N A_k: 3 mrad at the motor."""
 
@@ -159,14 +161,14 @@ class CancellationTable:
         """
         orders, speeds = np.array([wave.order for wave in self.waves])[:, np.newaxis], np.minimum(self.speeds_rps, up_to_rps)
         fast = orders * speeds * self._largest_gains()
-        share = np.clip((FADED_OVER_KEPT - orders * speeds / kept_hz) / (FADED_OVER_KEPT - 1.0), 0.0, 1.0)
-        room = limit_rps - speeds - np.sum(share * fast, axis=0)
+        part = np.clip((FADED_OVER_KEPT - orders * speeds / kept_hz) / (FADED_OVER_KEPT - 1.0), 0.0, 1.0)
+        room = SPEED_USED * limit_rps - speeds - np.sum(part * fast, axis=0)
         for row in np.argsort(orders[:, 0], kind="stable"):
-            wanted = (1.0 - share[row]) * fast[row]
+            wanted = (1.0 - part[row]) * fast[row]
             granted = np.clip(room / np.maximum(wanted, 1e-12), 0.0, 1.0)
-            share[row] += (1.0 - share[row]) * granted
+            part[row] += (1.0 - part[row]) * granted
             room = room - granted * wanted
-        return self._with(lambda part: share * part, self.waves)
+        return self._with(lambda each: part * each, self.waves)
 
     def _with(self, change: Callable[[Any], Any], waves: tuple[WaveLabel, ...]) -> "CancellationTable":
         """The table with all its arrays changed alike."""

@@ -9,11 +9,10 @@ from drive_profiles.address import Address
 from hil.bench.bench import Bench
 from hil.control.treatments import TreatmentName
 from hil.errors import HilError
-from hil.experiments.cancellation.effect import Part
 from hil.results.ate import AteResult
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult
-from plant_emulator.rehearsal.steps import Note, PathFiles, note_of_error, note_of_run
+from plant_emulator.rehearsal.steps import Note, PathFiles, RunNote, note_of_error, note_of_run
 from plant_emulator.robots.writing import file_text
 
 COMMAND_S = 1800.0
@@ -67,7 +66,7 @@ class StepsOverBus:
             return error.words
         return None
 
-    def run(self, treatment: TreatmentName, *, is_learnt: bool) -> tuple[Note, Sequence[Part]]:
+    def run(self, treatment: TreatmentName, *, is_learnt: bool) -> RunNote:
         """Run the user's motion with a treatment."""
         options = ["--treatment", treatment]
         named = {"--model": self._files.model, "--design": self._files.designs}

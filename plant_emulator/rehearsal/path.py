@@ -143,8 +143,9 @@ class _Walk:
         treatment, needs = RUNS[name]
 
         def act() -> Note:
-            note, self.left_out[name] = steps.run(treatment, is_learnt=self._is_done("learn"))
-            return note
+            outcome = steps.run(treatment, is_learnt=self._is_done("learn"))
+            self.left_out[name], self.result.falls[name] = outcome.left_out, outcome.fall
+            return outcome.note
 
         self._take(name, act, needs)
 

@@ -115,7 +115,8 @@ class PathRecord:
         steps: End of each step, by `STEPS`.
         quantities: By `QUANTITIES`.
         tips: True tip in mm by treatment, then by order; an order whose resonance the motion does not pass has none.
-        floor: The same without a transmission error, by order.
+        falls: Fraction by which the vibration fell in the trial of each cancellation.
+        floor: The true tip without a transmission error, by order.
         tracked: Order-tracked amplitude of the true tip in mm by treatment, and `floor`, then by order.
         probes: Wrong corrections, by `PROBES`.
         cpu_s: Processor time of the path.
@@ -131,6 +132,7 @@ class PathRecord:
     steps: dict[str, StepRecord] = field(default_factory=dict)
     quantities: dict[str, QuantityRecord] = field(default_factory=dict)
     tips: dict[str, dict[float, float]] = field(default_factory=dict)
+    falls: dict[str, float | None] = field(default_factory=dict)
     floor: dict[float, float] = field(default_factory=dict)
     tracked: dict[str, dict[float, float]] = field(default_factory=dict)
     probes: dict[str, ProbeRecord] = field(default_factory=dict)
@@ -140,11 +142,12 @@ class PathRecord:
 
     @property
     def end_treatment(self) -> str:
-        """What the path ends with: the cancellation, or what was learnt where that is not there, or the designed notch."""
-        for name in ("cancellation", "cancellation_learnt", "notch_designed"):
-            if self.steps.get(name, StepRecord()).is_done and name in self.tips:
-                return name
-        return "none"
+        """What the path ends with: the cancellation whose trial saw the vibration fall further, or the designed notch."""
+        done = [name for name in TREATMENTS if self.steps.get(name, StepRecord()).is_done and name in self.tips]
+        cancelled = [name for name in ("cancellation", "cancellation_learnt") if name in done]
+        if cancelled:
+            return max(cancelled, key=lambda name: self.falls.get(name) or 0.0)
+        return "notch_designed" if "notch_designed" in done else "none"
 
     @property
     def end_tip_mm(self) -> float | None:

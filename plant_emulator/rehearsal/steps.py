@@ -1,9 +1,8 @@
 """The steps of the documented path on one robot: its files, and the product's functions that take each step."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 from hil.bench.bench import Bench
 from hil.bench.design import load_designs, update_designs
@@ -28,6 +27,20 @@ from hil.results.runs import ExperimentsResult
 
 Note = str | None
 """Words of a step that is done, with less than was asked."""
+
+
+class RunNote(NamedTuple):
+    """Outcome of a run that was made.
+
+    Attributes:
+        note: Its note.
+        left_out: Orders that a trial has left out.
+        fall: Fraction by which the vibration fell in the trial's last run, that of all that is used; None without a trial.
+    """
+
+    note: Note = None
+    left_out: tuple[Part, ...] = ()
+    fall: float | None = None
 
 
 class TrialRefusedError(HilError):
@@ -86,8 +99,8 @@ class Steps(Protocol):
         """Design a notch."""
         ...
 
-    def run(self, treatment: TreatmentName, *, is_learnt: bool) -> tuple[Note, Sequence[Part]]:
-        """Run the user's motion; give the note, and the orders that a trial has left out."""
+    def run(self, treatment: TreatmentName, *, is_learnt: bool) -> "RunNote":
+        """Run the user's motion."""
         ...
 
     def learn(self) -> Note:
@@ -135,7 +148,7 @@ class StepsInProcess:
         update_designs(self._files.designs, self._bench.name, self._axis, designed_axis(outcome))
         return None if outcome.failure is None else str(outcome.failure)
 
-    def run(self, treatment: TreatmentName, *, is_learnt: bool) -> tuple[Note, Sequence[Part]]:
+    def run(self, treatment: TreatmentName, *, is_learnt: bool) -> RunNote:
         """Run the user's motion with a treatment."""
         experiment = Experiment("constant-acceleration", self._axis, treatment)
         knowledge = self._files.knowledge(is_learnt=is_learnt)
@@ -160,8 +173,8 @@ def note_of_error(result: AteResult) -> Note:
     return None if result.is_within_goal else "; ".join(result.notes or ()) or "not within the goal"
 
 
-def note_of_run(result: ExperimentsResult) -> tuple[Note, Sequence[Part]]:
-    """Note of a run, and the orders that its trial has left out.
+def note_of_run(result: ExperimentsResult) -> RunNote:
+    """Outcome of a run.
 
     Raises:
         TrialRefusedError: The trial refused the cancellation.
@@ -169,11 +182,12 @@ def note_of_run(result: ExperimentsResult) -> tuple[Note, Sequence[Part]]:
     run = result.runs[0]
     notes = list(dict.fromkeys(each.invalid for each in result.runs if each.invalid is not None))
     if run.trial is None:
-        return "; ".join(notes) or None, ()
+        return RunNote("; ".join(notes) or None)
     if not run.trial.is_good:
         raise TrialRefusedError(str(run.invalid))
     notes += [part.words for part in run.trial.left_out]
-    return "; ".join(notes) or None, [Part(part.axis, part.order) for part in run.trial.left_out]
+    left_out = tuple(Part(part.axis, part.order) for part in run.trial.left_out)
+    return RunNote("; ".join(notes) or None, left_out, run.trial.trials[-1].reduction_fraction if run.trial.trials else None)
 
 
 def _raise(failure: Exception | None) -> None:

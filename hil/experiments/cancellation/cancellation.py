@@ -15,26 +15,18 @@ from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
 from hil.bench.bench import Bench, Limits, Model
 from hil.bench.model import Identified, IdentifiedError, significant, with_identified
-from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationLaw, CancellationTable
 from hil.design.frequency import CONTROL_PERIOD_S
-from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
+from hil.design.inverse import Actuation, CyclicTiming
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.effect import Part, Response
+from hil.experiments.cancellation.tables import Pace, amplitudes_rad, peak_acceleration_rad_s2, phases_deg, table_of
 from hil.experiments.cancellation.waves import response_of
-from hil.experiments.judge import scale_at
 from hil.master.motion import Motion
 from hil.master.session import Session
-from hil.robot_tables import TransmissionErrorTable
 
-MAX_ERROR_ARCSEC = 200.0
-"""Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
 FOLLOWING_PART = 0.05
 """Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`."""
-KEPT_OVER_RESONANCE = 1.3
-"""k f_m up to which an order is cancelled whatever the speed limit leaves, in units of f_al: there the arm resonates with it."""
-ORDINARY = 0.98
-"""Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
 MAX_TORQUE_FRACTION = 0.1
 """Largest torque offset as a fraction of the torque limit."""
 
@@ -153,18 +145,6 @@ def allowed_reference_rev(limits: Limits) -> float:
     return FOLLOWING_PART * limits.following_error_rev
 
 
-def _check_size(number: int, ate: TransmissionErrorTable) -> None:
-    """Refuse an error that no gear has.
-
-    Raises:
-        UnsafeRequestError: ΣA_k is beyond `MAX_ERROR_ARCSEC`.
-    """
-    total = sum(ate.amplitudes_arcsec().values())
-    if total > MAX_ERROR_ARCSEC:
-        remedy = "no gear has as much: is the model file right?"
-        raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
-
-
 def cancellation_for(
     bench: Bench,
     identified: Identified | None,
@@ -209,23 +189,10 @@ def cancellation_for(
         model = _model(bench, identified, number)
         if model is None:
             continue
-        table = bench.axis[number].model_copy(update={"model": model})
-        table.gains(f"cancellation on axis {number}")
-        period = (control_periods_s or {}).get(number) or CONTROL_PERIOD_S
-        _check_size(number, model.ate)
-        loop = table.loop(period, with_notch=with_notch)
-        assert loop is not None  # noqa: S101 - it has a model and gains
-        scales[number] = scale_at(bench, number, loop.peak_hz())
-        timing = CyclicTiming(period_s, period, delay_s + measured_delay_s(identified, number))
-        limit_rps, most = table.limits.speed_rps, (most_rad_s2 or {}).get(number, 0.0)
-        try:
-            whole = cancellation_table(
-                loop, _amplitudes(model.ate), _phases_rad(model.ate), timing, limit_rps, actuation, most_rad_s2=most
-            )
-        except ValueError as error:
-            raise NotPossibleError(f"axis {number}: {error}") from error
-        kept_hz = KEPT_OVER_RESONANCE * scales[number].f_al_hz
-        tables[number] = whole.within_speed(limit_rps, (peaks_rps or {}).get(number, 0.0), kept_hz)
+        late_s = delay_s + measured_delay_s(identified, number)
+        timing = CyclicTiming(period_s, (control_periods_s or {}).get(number) or CONTROL_PERIOD_S, late_s)
+        pace = Pace((peaks_rps or {}).get(number, 0.0), (most_rad_s2 or {}).get(number, 0.0))
+        tables[number], scales[number] = table_of(bench, number, model, timing, pace, actuation, with_notch=with_notch)
     if not tables:
         raise NotPossibleError(_nothing_known(axes))
     known = {number: response for number in axes if (response := response_of(bench, identified, number)) is not None}
@@ -236,12 +203,6 @@ def peak_speed_rps(bench: Bench, motion: Motion, column: int) -> float:
     """Highest motor speed of an axis in a motion, or in the approach to its start."""
     fastest = float(np.max(np.abs(np.diff(motion.motor_angle_rad[:, column])))) / motion.period_s / (2.0 * math.pi)
     return max(fastest, bench.approach_rps)
-
-
-def peak_acceleration_rad_s2(motion: Motion, column: int) -> float:
-    """Largest acceleration of an axis in a motion, its jerks left out."""
-    rate = np.gradient(motion.motor_angle_rad[:, column], motion.period_s)
-    return float(np.quantile(np.abs(np.gradient(rate, motion.period_s)), ORDINARY))
 
 
 def measured_delay_s(identified: Identified | None, number: int) -> float:
@@ -317,9 +278,9 @@ def cancel_inside(
     models = inside_models(session.bench, identified, axes)
     for number, model in models.items():
         axis = session.axes[number]
-        amplitudes = {order: size for order, size in _amplitudes(model.ate).items() if Part(number, order) not in without}
+        amplitudes = {order: size for order, size in amplitudes_rad(model.ate).items() if Part(number, order) not in without}
         motor = {f"a{order:g}_rad": gain * axis.table.reduction_ratio * size for order, size in amplitudes.items()}
-        turns = {f"phi{order:g}_rad": math.radians(degrees) for order, degrees in _phases_deg(model.ate).items()}
+        turns = {f"phi{order:g}_rad": math.radians(degrees) for order, degrees in phases_deg(model.ate).items()}
         values = {f"a{order:g}_rad": 0.0 for order in _orders_inside(Profile.load(axis.table.profile))} | motor | turns
         values |= {"motor_inertia_kg_m2": model.motor_inertia_kg_m2, "motor_damping_nm_s_rad": model.motor_damping_nm_s_rad}
         for name, value in values.items():
@@ -357,7 +318,7 @@ def inside_parts(bench: Bench, identified: Identified | None, axes: Sequence[int
         NotPossibleError: As `inside_models`.
     """
     models = inside_models(bench, identified, axes)
-    return tuple(Part(number, order) for number, model in models.items() for order in _amplitudes(model.ate))
+    return tuple(Part(number, order) for number, model in models.items() for order in amplitudes_rad(model.ate))
 
 
 def _orders_inside(profile: Profile) -> set[float]:
@@ -380,7 +341,7 @@ def _model(bench: Bench, identified: Identified | None, number: int) -> Model | 
     known = None if identified is None else identified.axis.get(number)
     if model is None and known is not None and known.ate is not None:
         model = believed_model(bench.axis[number].reduction_ratio, known.ate)
-    return model if model is not None and _amplitudes(model.ate) else None
+    return model if model is not None and amplitudes_rad(model.ate) else None
 
 
 def believed_model(reduction_ratio: float, error: IdentifiedError) -> Model | None:
@@ -424,21 +385,6 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
             f"plant, [axis.{number}.model] in the bench file, or --motor-inertia-kg-m2 from the motor's data sheet"
         )
     return given_kg_m2
-
-
-def _amplitudes(ate: TransmissionErrorTable) -> dict[float, float]:
-    """A_k in rad, by order; only amplitudes above 0."""
-    return {order: size * ARCSEC for order, size in ate.amplitudes_arcsec().items()}
-
-
-def _phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
-    """φ_k from 0 to 360°."""
-    return {order: degrees % 360.0 for order, degrees in ate.phases_deg().items()}
-
-
-def _phases_rad(ate: TransmissionErrorTable) -> dict[float, float]:
-    """φ_k from 0 to 2π."""
-    return {order: math.radians(degrees) for order, degrees in _phases_deg(ate).items()}
 
 
 def _nothing_known(axes: Sequence[int]) -> str:

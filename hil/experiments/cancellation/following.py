@@ -18,6 +18,8 @@ from hil.recording import Recording
 
 LEAST_DELAY_S = 1e-4
 """Least delay of the motor that is not the gear's effect on it: 0.03 ms on the reference robot, and 0.4° at 12 Hz."""
+LEAST_PERIODS = 0.1
+"""Least delay of it in SYNC periods: the angle is known once in a period, and what it does in between is not."""
 DELAY_SIGMAS = 3.0
 """Standard errors from which a delay is believed."""
 LEAST_FACTOR = 0.1
@@ -42,17 +44,22 @@ class Following(NamedTuple):
         factor: Factor of the motion; 1 where the motor follows.
         late_s: Delay of it.
         late_error_s: Standard error of the delay.
+        least_s: Least delay that is one.
     """
 
     factor: float
     late_s: float
     late_error_s: float
+    least_s: float = LEAST_DELAY_S
 
-    @property
-    def is_believed(self) -> bool:
-        """True where the delay is one, and not what else moves the motor."""
-        is_made = MADE[0] <= self.factor <= MADE[1]
-        return is_made and abs(self.late_s) > max(LEAST_DELAY_S, DELAY_SIGMAS * self.late_error_s)
+    def is_believed(self, helped_s: float) -> bool:
+        """Whether the delay is one, and not what else moves the motor.
+
+        Args:
+            helped_s: Delay that has helped in this pass: the rest of it may be smaller.
+        """
+        least = LEAST_DELAY_S if abs(self.late_s) < REST * helped_s else self.least_s
+        return MADE[0] <= self.factor <= MADE[1] and abs(self.late_s) > max(least, DELAY_SIGMAS * self.late_error_s)
 
 
 @dataclass
@@ -85,7 +92,7 @@ class DelaySearch:
             else:
                 self.delay_s, self._is_over = self._before[0], True
         self._before = None
-        is_believed = following is not None and following.is_believed and not self._is_over
+        is_believed = following is not None and following.is_believed(helped_s) and not self._is_over
         if following is not None and is_believed and (not is_last or abs(following.late_s) < REST * helped_s):
             self._before = self.delay_s, vibration_m_s2
             self.delay_s += following.late_s
@@ -141,4 +148,5 @@ def motor_following(
     left, late_s = measured[rows] - columns @ solution, -float(solution[1]) / gain
     variance = float(np.linalg.pinv(columns.T @ columns)[1, 1]) * float(left @ left) / (independent - 2.0)
     # a motor that is earlier than its set-points is none
-    return Following(gain, late_s, math.sqrt(variance) / gain if late_s > -period else math.inf)
+    late_error_s = math.sqrt(variance) / gain if late_s > -period else math.inf
+    return Following(gain, late_s, late_error_s, max(LEAST_DELAY_S, LEAST_PERIODS * period))

@@ -125,7 +125,14 @@ def test_what_a_last_pass_cannot_judge_is_kept_where_it_was_known_and_else_left_
 
 
 def test_a_delay_within_its_standard_error_or_of_a_motor_that_does_not_follow_is_not_believed() -> None:
-    for following in (Following(0.98, -2.5e-3, 1.2e-3), Following(0.13, -67e-3, 1e-3), Following(1.5, 22e-3, 1e-3), None):
+    slow_sync = Following(0.98, 6e-4, 1e-4, least_s=8e-4)
+    for following in (
+        slow_sync,
+        Following(0.98, -2.5e-3, 1.2e-3),
+        Following(0.13, -67e-3, 1e-3),
+        Following(1.5, 22e-3, 1e-3),
+        None,
+    ):
         search = DelaySearch()
         search.take(following, 1.0, is_last=False)
         assert search.delay_s == 0.0

@@ -1,0 +1,100 @@
+"""The table of one axis' cancellation, for the pace of a motion."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from hil.analysis import TipScale
+from hil.bench.bench import Bench, Model
+from hil.control.angles import ARCSEC
+from hil.control.cancellation import CancellationTable
+from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
+from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.experiments.judge import scale_at
+from hil.master.motion import Motion
+from hil.robot_tables import TransmissionErrorTable
+
+MAX_ERROR_ARCSEC = 200.0
+"""Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
+KEPT_OVER_RESONANCE = 1.3
+"""k f_m up to which an order is cancelled whatever the speed limit leaves, in units of f_al: there the arm resonates with it."""
+ORDINARY = 0.98
+"""Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
+
+
+class Pace(NamedTuple):
+    """Speed and acceleration of a motion.
+
+    Attributes:
+        peak_rps: Highest motor speed; 0 where it is not known.
+        most_rad_s2: Largest acceleration, likewise.
+    """
+
+    peak_rps: float
+    most_rad_s2: float
+
+
+def table_of(
+    bench: Bench, number: int, model: Model, timing: CyclicTiming, pace: Pace, actuation: Actuation, *, with_notch: bool
+) -> tuple[CancellationTable, TipScale]:
+    """Table of an axis, and the scale of its vibration.
+
+    Args:
+        bench: The bench file.
+        number: Axis number.
+        model: What is known of the axis.
+        timing: Delays of the set-points.
+        pace: Pace of the motion.
+        actuation: `reference` for the set-point alone, `torque` with a torque offset.
+        with_notch: True where the drive's filters act.
+
+    Raises:
+        NotPossibleError: There is nothing to cancel, or no loop.
+        UnsafeRequestError: The model has an error that no gear has.
+    """
+    table = bench.axis[number].model_copy(update={"model": model})
+    table.gains(f"cancellation on axis {number}")
+    _check_size(number, model.ate)
+    loop = table.loop(timing.control_period_s, with_notch=with_notch)
+    assert loop is not None  # noqa: S101 - it has a model and gains
+    scale, limit_rps = scale_at(bench, number, loop.peak_hz()), table.limits.speed_rps
+    error = amplitudes_rad(model.ate), _phases_rad(model.ate)
+    try:
+        whole = cancellation_table(loop, *error, timing, limit_rps, actuation, most_rad_s2=pace.most_rad_s2)
+    except ValueError as error_of:
+        raise NotPossibleError(f"axis {number}: {error_of}") from error_of
+    return whole.within_speed(limit_rps, pace.peak_rps, KEPT_OVER_RESONANCE * scale.f_al_hz), scale
+
+
+def _check_size(number: int, ate: TransmissionErrorTable) -> None:
+    """Refuse an error that no gear has.
+
+    Raises:
+        UnsafeRequestError: ΣA_k is beyond `MAX_ERROR_ARCSEC`.
+    """
+    total = sum(ate.amplitudes_arcsec().values())
+    if total > MAX_ERROR_ARCSEC:
+        remedy = "no gear has as much: is the model file right?"
+        raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
+
+
+def peak_acceleration_rad_s2(motion: Motion, column: int) -> float:
+    """Largest acceleration of an axis in a motion, its jerks left out."""
+    rate = np.gradient(motion.motor_angle_rad[:, column], motion.period_s)
+    return float(np.quantile(np.abs(np.gradient(rate, motion.period_s)), ORDINARY))
+
+
+def amplitudes_rad(ate: TransmissionErrorTable) -> dict[float, float]:
+    """A_k in rad, by order; only amplitudes above 0."""
+    return {order: size * ARCSEC for order, size in ate.amplitudes_arcsec().items()}
+
+
+def _phases_rad(ate: TransmissionErrorTable) -> dict[float, float]:
+    """φ_k from 0 to 2π."""
+    return {order: math.radians(degrees) for order, degrees in phases_deg(ate).items()}
+
+
+def phases_deg(ate: TransmissionErrorTable) -> dict[float, float]:
+    """φ_k from 0 to 360°."""
+    return {order: degrees % 360.0 for order, degrees in ate.phases_deg().items()}
