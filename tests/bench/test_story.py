@@ -75,7 +75,9 @@ def test_a_drawn_robots_story_begins_with_its_blank_bench_and_ends_with_its_trut
     assert facts["A_2"]["truth"] == truth.ate.a2_arcsec
     assert facts["K_g"]["truth"] == pytest.approx(1e-3 * truth.gear_stiffness_nm_rad)
     assert "estimate" not in facts["K_g"]
-    assert "Truth beside estimate" in write_compare_report(tmp_path / "out").read_text()
+    page = write_compare_report(tmp_path / "out").read_text()
+    assert "Truth beside estimate" in page
+    assert "bench “stable-real-3”" in page, "no robot was run, and its bench has a name all the same"
 
 
 def test_a_robot_that_is_not_drawn_says_why(tmp_path: Path) -> None:

@@ -24,6 +24,8 @@ LEVER_RATIO = 2.0
 """Factor by which the lever seen may differ from the bench file's before it is another axis' or another sensor."""
 ANTIRESONANCE_PCT, STIFFNESS_PCT = 1.0, 5.0
 """Largest standard errors with which a plant is accepted, %."""
+BEYOND_BAND = 1.1
+"""Largest f_r over the highest frequency of the excitation: further out nothing shows it."""
 MISFIT = 4.0
 """Residual in standard deviations above which the two-inertia model does not explain the data."""
 
@@ -153,9 +155,11 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
         request: Request of the identification.
         limited_by: Name of what allowed no larger amplitude; empty where it was requested.
     """
-    checks = []
     high = float(estimate.response.frequency_hz[-1])
     f_r = estimate.parameters["resonance_hz"].value
+    wider = "raise --high-hz" if request.high_hz is not None else "a shorter SYNC period carries more"
+    over, reach = f_r / high, f"f_r, {f_r:.3g} Hz, over the end of the band, {high:.3g} Hz,"
+    checks = [] if over <= BEYOND_BAND else [DataCheck(reach, over, BEYOND_BAND, "", False, wider)]
     for name, parameter, allowed in (
         ("standard error of f_a", estimate.parameters["antiresonance_hz"], ANTIRESONANCE_PCT),
         ("standard error of K_g", estimate.parameters["gear_stiffness_nm_rad"], STIFFNESS_PCT),
@@ -163,9 +167,7 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
         percent = 100.0 * parameter.relative
         times = percent / allowed
         if f_r > high:
-            more = f"the band ends at {high:.3g} Hz, below f_r = {f_r:.3g} Hz: " + (
-                "raise --high-hz" if request.high_hz is not None else "a shorter SYNC period carries more"
-            )
+            more = f"the band ends at {high:.3g} Hz, below f_r = {f_r:.3g} Hz: {wider}"
         elif request.amplitude_nm is not None:
             more = f"leave out --amplitude-nm, or raise --periods by {times**2:.2g} times"
         else:
@@ -173,5 +175,5 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
                 f"the {limited_by} allows no amplitude above {amplitude_nm:.2g} N·m: raise --periods by {times**2:.2g} times, or "
                 "take a finer encoder or a shorter SYNC period"
             )
-        checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed and f_r <= 1.1 * high, more))
+        checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed, more))
     return checks

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from drive_profiles.errors import FileError
+from hil.bench.bench import load_bench
 from hil.experiments.treatment import TITLES
 from hil.report import style
 from hil.report.figures import compare as figures_compare
@@ -29,7 +31,7 @@ def write_compare_report(directory: Path) -> Path:
         chapters = sections(result, materials)
     names = ", ".join(robot.name for robot in result.robots)
     head = PageHead(
-        names or "none",
+        names or _bench_name(directory, result),
         result.started_utc,
         tuple(_notes(materials)),
         heading="Your own robot" if isinstance(result, StoryResult) else "Treatments side by side",
@@ -37,6 +39,14 @@ def write_compare_report(directory: Path) -> Path:
         origin=origin_of_table(result),
     )
     return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
+
+
+def _bench_name(directory: Path, result: TreatmentTable) -> str:
+    """Name of the story's bench where it ended before any robot was run; `none` without one."""
+    try:
+        return load_bench(directory / result.story.bench_file).name if isinstance(result, StoryResult) else "none"
+    except FileError:
+        return "none"
 
 
 def _material(directory: Path) -> Material | None:

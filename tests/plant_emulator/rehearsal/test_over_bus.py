@@ -68,7 +68,7 @@ def test_the_steps_over_a_served_bus_find_what_they_find_in_one_process(tmp_path
     def steps_of(name, made):
         made.plant()
         made.ate()
-        _, left_out[name] = made.run("cancellation", is_learnt=False)
+        _, left_out[name], *_ = made.run("cancellation", is_learnt=False)
         found[name] = load_identified(tmp_path / name / "model.toml").axis[2]
 
     for name in ("bus", "process"):

@@ -1,0 +1,35 @@
+"""Checks of a plant's estimate: each says what binds."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hil.design.estimation import EstimatedParameter
+from hil.experiments.plant.checks import estimate_checks
+from hil.experiments.plant.motion import PlantRequest
+
+
+def checks_of(f_r_hz, f_a_error_hz=0.2, high_hz=None):
+    parameters = {
+        "antiresonance_hz": EstimatedParameter(30.0, f_a_error_hz),
+        "gear_stiffness_nm_rad": EstimatedParameter(1e4, 200.0),
+        "resonance_hz": EstimatedParameter(f_r_hz, 1.0),
+    }
+    estimate = SimpleNamespace(parameters=parameters, response=SimpleNamespace(frequency_hz=np.array([2.0, 50.0])))
+    return estimate_checks(estimate, 0.5, PlantRequest(2, high_hz=high_hz), "speed")
+
+
+@pytest.mark.parametrize(("high_hz", "advice"), [(None, "a shorter SYNC period carries more"), (50.0, "raise --high-hz")])
+def test_a_resonance_beyond_the_band_is_named_and_not_a_standard_error_that_is_small_enough(high_hz, advice):
+    failed = [check for check in checks_of(63.8, high_hz=high_hz) if not check.holds]
+    assert [check.sentence for check in failed] == [
+        f"f_r, 63.8 Hz, over the end of the band, 50 Hz, is 1.28, needed: 1.1: {advice}"
+    ]
+
+
+@pytest.mark.parametrize("f_r_hz", [45.0, 54.0])
+def test_a_resonance_in_the_band_or_just_above_it_is_no_cause(f_r_hz):
+    assert all(check.holds for check in checks_of(f_r_hz))
+    failed = [check.name for check in checks_of(f_r_hz, f_a_error_hz=0.6) if not check.holds]
+    assert failed == ["standard error of f_a"]
