@@ -33,13 +33,13 @@ Complex = NDArray[np.complex128]
 class CancellationConfigRow(Protocol):
     """Parameters of one axis' cancellation.
 
-    Distance of the table's speeds; corner of the low-pass that gives f_m; time to full strength; step to which a torque is
-    rounded; largest acceleration for which G changes.
+    Distance of the table's speeds; corner of the low-pass that gives f_m; revolutions in which the first addition is forgotten;
+    step to which a torque is rounded; largest acceleration for which G changes.
     """
 
     step_rps: float
     speed_lowpass_hz: float
-    fade_s: float
+    fade_rev: float
     torque_step_nm: float
     most_rad_s2: float
 
@@ -47,14 +47,14 @@ class CancellationConfigRow(Protocol):
 class CancellationStateRow(Protocol):
     """Memory of one axis' cancellation.
 
-    Last angle without what was added; low-passed speed; fraction to which it is faded in; remainder that rounding has left of
+    Last angle without what was added; low-passed speed; what is left of the first addition; remainder that rounding has left of
     the torque.
     """
 
     smooth_angle_rad: float
     speed_rad_s: float
     slower_rad_s: float
-    fraction: float
+    offset_rad: float
     left_nm: float
     is_running: int
 
@@ -66,10 +66,15 @@ SPEED_LOWPASS_HZ = 20.0
 """At 4 rps/s the lag of 8 ms is 0.03 rps of 6: 0.5 % of G_k. One count of a 17-bit encoder in 1 ms is 0.008 rps."""
 FADED_OVER_KEPT = 1.25
 """Frequency over the one up to which a wave is kept, from which it has no more right to the set-point's speed than others."""
-SPEED_USED = 0.998
-"""Fraction of a speed limit up to which waves are fitted in: a check against the limit itself must not fail by rounding."""
+SPEED_USED = 0.95
+"""Fraction of a speed limit up to which waves are fitted in: the rounding of an encoder moves the set-point as well."""
 FADE_S = 0.2
-"""A cancellation that began at once would be a step of N A_k: 3 mrad at the motor."""
+"""Time to full strength inside a drive: a cancellation that began at once would be a step of N A_k, 3 mrad at the motor."""
+FADE_REV = 2.0
+"""Motor revolutions in which the first addition is forgotten, to 1/e.
+
+What is added at first is taken off, so that a motor at rest stays where it is: a step of N A_k, and one that is faded in too,
+would wind up the velocity loop against friction, and the motor would break away with a jolt."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +167,12 @@ class CancellationTable:
         orders, speeds = np.array([wave.order for wave in self.waves])[:, np.newaxis], np.minimum(self.speeds_rps, up_to_rps)
         fast = orders * speeds * self._largest_gains()
         part = np.clip((FADED_OVER_KEPT - orders * speeds / kept_hz) / (FADED_OVER_KEPT - 1.0), 0.0, 1.0)
-        room = SPEED_USED * limit_rps - speeds - np.sum(part * fast, axis=0)
+        room = (
+            SPEED_USED * limit_rps
+            - speeds
+            - speeds * self._first_rad() / (2.0 * math.pi * FADE_REV)
+            - np.sum(part * fast, axis=0)
+        )
         for row in np.argsort(orders[:, 0], kind="stable"):
             wanted = (1.0 - part[row]) * fast[row]
             granted = np.clip(room / np.maximum(wanted, 1e-12), 0.0, 1.0)
@@ -177,7 +187,7 @@ class CancellationTable:
 
     def largest_reference_rad(self, up_to_rps: float = math.inf) -> float:
         """The largest addition to the set-point up to a motor speed."""
-        return self._largest(self._largest_gains(), up_to_rps)
+        return self._largest(self._largest_gains(), up_to_rps) + self._first_rad()
 
     def largest_torque_nm(self, up_to_rps: float = math.inf) -> float:
         """The largest torque offset up to a motor speed."""
@@ -188,7 +198,12 @@ class CancellationTable:
         speeds = np.minimum(self.speeds_rps, up_to_rps)
         turning = np.array([wave.order for wave in self.waves])[:, np.newaxis] * speeds * self._largest_gains()
         inside = self.speeds_rps <= up_to_rps + self.step_rps
-        return float(np.max((speeds + np.sum(np.abs(turning), axis=0))[inside]))
+        forgotten = speeds * self._first_rad() / (2.0 * math.pi * FADE_REV)
+        return float(np.max((speeds + forgotten + np.sum(np.abs(turning), axis=0))[inside]))
+
+    def _first_rad(self) -> float:
+        """The largest first addition, at rest, which is taken off."""
+        return float(np.sum(np.abs(self.reference[:, 0])))
 
     def _largest_gains(self) -> Real:
         """|G| of the set-points at any acceleration for which it changes; shape (waves, speeds)."""
@@ -216,8 +231,7 @@ def cancellation_step(
         angle: θ_m in rad, as measured.
     """
     if s.is_running == 0:
-        s.smooth_angle_rad, s.fraction, s.left_nm, s.is_running = angle, 0.0, 0.0, 1
-        s.speed_rad_s, s.slower_rad_s = 0.0, 0.0
+        s.speed_rad_s, s.slower_rad_s, s.left_nm = 0.0, 0.0, 0.0
     speed = 2.0 * s.speed_rad_s - s.slower_rad_s
     column = min(abs(speed) / (2.0 * math.pi * c.step_rps), table.shape[1] - 1.0)
     low = min(int(column), table.shape[1] - 2)
@@ -226,13 +240,15 @@ def cancellation_step(
     for i in range(table.shape[0]):
         if table[i, 0, 4] > 0.0:
             moved = table[i, low, 4] + part * (table[i, low + 1, 4] - table[i, low, 4])
-            smooth += s.fraction * moved * math.cos(waves[i, 0] * angle + waves[i, 1])
+            smooth += moved * math.cos(waves[i, 0] * angle + waves[i, 1])
+    if s.is_running == 0:
+        s.smooth_angle_rad = smooth
+    turned_rad = abs(smooth - s.smooth_angle_rad)
     blend = lowpass_blend(c.speed_lowpass_hz, period_s)
     s.speed_rad_s += blend * ((smooth - s.smooth_angle_rad) / period_s - s.speed_rad_s)
     s.slower_rad_s += blend * (s.speed_rad_s - s.slower_rad_s)
     speed = 2.0 * s.speed_rad_s - s.slower_rad_s  # on a ramp as late as neither
     s.smooth_angle_rad = smooth
-    s.fraction = min(1.0, s.fraction + period_s / c.fade_s)
     column = min(abs(speed) / (2.0 * math.pi * c.step_rps), table.shape[1] - 1.0)
     low = min(int(column), table.shape[1] - 2)
     part = column - low
@@ -249,7 +265,10 @@ def cancellation_step(
         imaginary = below[1] + part * (above[1] - below[1]) + gained * (below[6] + part * (above[6] - below[6]))
         reference += real * cosine - imaginary * sine
         torque += (below[2] + part * (above[2] - below[2])) * cosine - (below[3] + part * (above[3] - below[3])) * sine
-    reference, torque = s.fraction * reference, s.fraction * torque
+    if s.is_running == 0:
+        s.offset_rad, s.is_running = reference, 1
+    s.offset_rad -= s.offset_rad * min(1.0, turned_rad / (2.0 * math.pi * c.fade_rev))
+    reference -= s.offset_rad
     if c.torque_step_nm > 0.0:  # what is rounded off now is added next time: below 25 Hz nothing of it is left
         wanted = torque + s.left_nm
         torque = math.floor(wanted / c.torque_step_nm + 0.5) * c.torque_step_nm
@@ -348,7 +367,7 @@ class CancellationLaw:
         torque_steps_nm: Sequence[float] | None = None,
         *,
         speed_lowpass_hz: float = SPEED_LOWPASS_HZ,
-        fade_s: float = FADE_S,
+        fade_rev: float = FADE_REV,
     ) -> None:
         """Lay out the arrays; an axis whose table is None gets no additions.
 
@@ -357,23 +376,23 @@ class CancellationLaw:
             period_s: Sampling time.
             torque_steps_nm: Step to which each axis' torque offset is rounded; 0: it is not rounded.
             speed_lowpass_hz: Corner of the low-pass that gives the motor speed.
-            fade_s: Time to full strength.
+            fade_rev: Motor revolutions in which the first addition is forgotten.
 
         Raises:
             ValueError: There is no axis, or a time is not above zero.
         """
         if not tables:
             raise ValueError("no axis to cancel for")
-        if not (period_s > 0.0 and fade_s > 0.0 and speed_lowpass_hz > 0.0):
+        if not (period_s > 0.0 and fade_rev > 0.0 and speed_lowpass_hz > 0.0):
             raise ValueError(
-                f"period_s = {period_s}, fade_s = {fade_s} and speed_lowpass_hz = {speed_lowpass_hz} must be above 0"
+                f"period_s = {period_s}, fade_rev = {fade_rev} and speed_lowpass_hz = {speed_lowpass_hz} must be above 0"
             )
         given = [table for table in tables if table is not None]
         count = max((len(table.waves) for table in given), default=1)
         points = max((np.shape(table.reference)[1] for table in given), default=2)
         self.period_s = period_s
         self._config = np.zeros(len(tables), CANCELLATION_CONFIG)
-        self._config["speed_lowpass_hz"], self._config["fade_s"], self._config["step_rps"] = speed_lowpass_hz, fade_s, 1.0
+        self._config["speed_lowpass_hz"], self._config["fade_rev"], self._config["step_rps"] = speed_lowpass_hz, fade_rev, 1.0
         if torque_steps_nm is not None:
             self._config["torque_step_nm"] = torque_steps_nm
         self._state = np.zeros(len(tables), CANCELLATION_STATE)
@@ -399,7 +418,7 @@ class CancellationLaw:
         self._table[row, :, given:] = self._table[row, :, given - 1 : given]
 
     def reset(self) -> None:
-        """Forget angle and speed, and fade in again."""
+        """Forget angle and speed, and begin again where the motor stands."""
         self._state[:] = np.zeros(1, CANCELLATION_STATE)[0]
 
     def step(self, angles_rad: Sequence[float]) -> tuple[list[float], list[float]]:

@@ -81,7 +81,8 @@ def law_of(
     loop: Loop, timing: CyclicTiming | InnerTiming, period_s: float, way: Actuation = "reference", share: float = 1.0
 ) -> Asked:
     amplitude = {order: share * size for order, size in AMPLITUDE.items()}
-    law = CancellationLaw([cancellation_table(loop, amplitude, PHASE, timing, 12.0, way)], period_s)
+    table = cancellation_table(loop, amplitude, PHASE, timing, 12.0, way)
+    law = CancellationLaw([table], period_s, fade_rev=0.2)  # the motor turns when it begins
 
     def corrected(angle: float) -> tuple[float, float]:
         (reference,), (torque,) = law.step([angle])
