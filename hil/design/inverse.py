@@ -35,7 +35,7 @@ Actuation = Literal["reference", "torque"]
 """Input of the loop that moves the motor: the set-point alone, or a torque offset with it."""
 
 HIGHEST_HZ = 60.0
-"""Highest k f_m at which an order is cancelled; it fades over the fifth below. Order 4 at 10 rps is 40 Hz."""
+"""Highest k f_m at which an order is usually cancelled; it fades over the fifth below. Order 4 at 10 rps is 40 Hz."""
 STEP_RPS = 0.05
 CHIRP_STEP_HZ = 0.1
 """Step of the second derivative by the frequency."""

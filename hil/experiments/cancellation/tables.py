@@ -9,7 +9,7 @@ from hil.analysis import TipScale
 from hil.bench.bench import Bench, Model
 from hil.control.angles import ARCSEC
 from hil.control.cancellation import CancellationTable
-from hil.design.inverse import Actuation, CyclicTiming, cancellation_table
+from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.judge import scale_at
 from hil.master.motion import Motion
@@ -19,6 +19,10 @@ MAX_ERROR_ARCSEC = 200.0
 """Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
 KEPT_OVER_RESONANCE = 1.3
 """k f_m up to which an order is cancelled whatever the speed limit leaves, in units of f_al: there the arm resonates with it."""
+HIGHEST_OVER_RESONANCE = 2.1
+"""Highest k f_m of a cancellation in units of f_al, where that is more than the usual one: the end of the vibration's band."""
+HIGHEST_OVER_SYNC = 0.4
+"""The same in units of the SYNC rate, of which half is the most that set-points can have."""
 ORDINARY = 0.98
 """Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
 
@@ -61,7 +65,8 @@ def table_of(
     scale, limit_rps = scale_at(bench, number, loop.peak_hz()), table.limits.speed_rps
     error = amplitudes_rad(model.ate), _phases_rad(model.ate)
     try:
-        whole = cancellation_table(loop, *error, timing, limit_rps, actuation, most_rad_s2=pace.most_rad_s2)
+        highest_hz = max(HIGHEST_HZ, min(HIGHEST_OVER_RESONANCE * scale.f_al_hz, HIGHEST_OVER_SYNC / timing.sync_period_s))
+        whole = cancellation_table(loop, *error, timing, limit_rps, actuation, highest_hz, pace.most_rad_s2)
     except ValueError as error_of:
         raise NotPossibleError(f"axis {number}: {error_of}") from error_of
     return whole.within_speed(limit_rps, pace.peak_rps, KEPT_OVER_RESONANCE * scale.f_al_hz), scale

@@ -18,7 +18,7 @@ PROBED_EVERY = 5
 
 HOLD = ("wrong_refused", "whole")
 """Claims that these robots keep without an exception."""
-NEAR = {"never_worse": 0.1, "quiet_linear": 0.6, "quiet_real": 0.25}
+NEAR = {"never_worse": 0.1, "quiet_linear": 0.5, "quiet_real": 0.15}
 """Claims that do not hold on every robot yet (docs/robustness.md has the figures): what must hold of forty all the same.
 
 The fraction that is worse at most, and those that are quiet at least. A change that costs more than chance does is seen by this.

@@ -216,3 +216,19 @@ def test_the_mean_of_recordings() -> None:
         averaged([one, Recording({"time_s": np.arange(4.0)})])
     with pytest.raises(ValueError, match="no mean"):
         averaged([])
+
+
+def test_an_arm_that_resonates_at_40_hz_is_cancelled_there_too(bench: Bench) -> None:
+    """No constant of a 12 Hz robot ends it at 60 Hz: the band of this one goes to twice its resonance."""
+    model = bench.axis[2].model
+    assert model is not None
+    stiff = with_model(
+        bench, 2, gear_stiffness_nm_rad=12.0 * model.gear_stiffness_nm_rad, motor_inertia_kg_m2=4.0 * model.motor_inertia_kg_m2
+    )
+    found = cancellation_for(stiff, None, (2,), 0.001)
+    f_al_hz = found.scales[2].f_al_hz
+    assert f_al_hz > 36.0
+    table = found.tables[2]
+    column = int(np.searchsorted(table.speeds_rps, 1.5 * f_al_hz / 4.0))
+    order = table.orders.index(4)
+    assert table.motion[order, column] == pytest.approx(table.motion[order, 0])
