@@ -90,8 +90,8 @@ class WaveLabel:
 
     order: float
     phase_rad: float
-    degree: int = 1
-    sources: frozenset[float] = frozenset()
+    degree: int
+    sources: frozenset[float]
 
 
 @dataclass(frozen=True)
@@ -150,8 +150,7 @@ class CancellationTable:
     def without(self, orders: Collection[float]) -> "CancellationTable | None":
         """The table with some orders left out, and what they mix with; None where no other is left."""
         out = frozenset(orders)
-        kept = [index for index, wave in enumerate(self.waves) if wave.order not in out or wave.degree > 1]
-        kept = [index for index in kept if not self.waves[index].sources & out]
+        kept = [index for index, wave in enumerate(self.waves) if not wave.sources & out]
         if not kept:
             return None
         return self._with(lambda part: part[kept], tuple(self.waves[index] for index in kept))
@@ -164,16 +163,10 @@ class CancellationTable:
             up_to_rps: Highest motor speed of the motion.
             kept_hz: Frequency k f_m up to which a wave stays as it is; above it the lowest orders come first.
         """
-        orders, speeds = np.array([wave.order for wave in self.waves])[:, np.newaxis], np.minimum(self.speeds_rps, up_to_rps)
-        fast = orders * speeds * self._largest_gains()
-        part = np.clip((FADED_OVER_KEPT - orders * speeds / kept_hz) / (FADED_OVER_KEPT - 1.0), 0.0, 1.0)
-        room = (
-            SPEED_USED * limit_rps
-            - speeds
-            - speeds * self._first_rad() / (2.0 * math.pi * FADE_REV)
-            - np.sum(part * fast, axis=0)
-        )
-        for row in np.argsort(orders[:, 0], kind="stable"):
+        frequency, own, fast = self._largest_speeds(up_to_rps)
+        part = np.clip((FADED_OVER_KEPT - frequency / kept_hz) / (FADED_OVER_KEPT - 1.0), 0.0, 1.0)
+        room = SPEED_USED * limit_rps - own - np.sum(part * fast, axis=0)
+        for row in np.argsort([wave.order for wave in self.waves], kind="stable"):
             wanted = (1.0 - part[row]) * fast[row]
             granted = np.clip(room / np.maximum(wanted, 1e-12), 0.0, 1.0)
             part[row] += (1.0 - part[row]) * granted
@@ -195,11 +188,20 @@ class CancellationTable:
 
     def largest_speed_rps(self, up_to_rps: float) -> float:
         """The fastest set-point of a motion up to a motor speed, in rev/s: that of the motion, and the change of the addition."""
-        speeds = np.minimum(self.speeds_rps, up_to_rps)
-        turning = np.array([wave.order for wave in self.waves])[:, np.newaxis] * speeds * self._largest_gains()
+        _, own, fast = self._largest_speeds(up_to_rps)
         inside = self.speeds_rps <= up_to_rps + self.step_rps
-        forgotten = speeds * self._first_rad() / (2.0 * math.pi * FADE_REV)
-        return float(np.max((speeds + forgotten + np.sum(np.abs(turning), axis=0))[inside]))
+        return float(np.max((own + np.sum(fast, axis=0))[inside]))
+
+    def _largest_speeds(self, up_to_rps: float) -> tuple[Real, Real, Real]:
+        """Frequency k f_m of each wave, set-points' speed without them, and how much faster each makes them, in Hz and rev/s.
+
+        Without them it is the motor's own speed, and that at which the first addition is forgotten. Shapes (waves, speeds),
+        (speeds,) and (waves, speeds).
+        """
+        speeds = np.minimum(self.speeds_rps, up_to_rps)
+        frequency = np.array([wave.order for wave in self.waves])[:, np.newaxis] * speeds
+        own = speeds + speeds * self._first_rad() / (2.0 * math.pi * FADE_REV)
+        return frequency, own, frequency * self._largest_gains()
 
     def _first_rad(self) -> float:
         """The largest first addition, at rest, which is taken off."""

@@ -168,11 +168,13 @@ def cancellation_table(
         wanted = size * left
         labels.append(WaveLabel(wave.order, phase, wave.degree, wave.sources))
         references.append(wanted * gain(frequency))
-        bends.append(wanted * _chirp(gain, frequency, wave.order) if has_chirp else np.zeros_like(references[-1]))
+        if has_chirp:
+            bends.append(wanted * _chirp(gain, frequency, wave.order))
         motor, _, _ = loop.plant.terms(2j * math.pi * frequency)
         torques.append(wanted * motor / timing.torque(frequency) if actuation == "torque" else np.zeros_like(references[-1]))
         motions.append(np.abs(wanted))
-    reference, torque, motion, bend = (np.asarray(part) for part in (references, torques, motions, bends))
+    reference, torque, motion = (np.asarray(part) for part in (references, torques, motions))
+    bend = np.asarray(bends) if has_chirp else None
     return CancellationTable(tuple(labels), STEP_RPS, reference, torque, motion, bend, most_rad_s2)
 
 

@@ -178,16 +178,15 @@ def no_garbage_collection() -> Callable[[], None]:
 
 def quiet_garbage_collection() -> Callable[[], None]:
     """Collect once, freeze all objects and switch the collector off; return a function that undoes it."""
-    was_enabled, was_frozen = gc.isenabled(), gc.get_freeze_count() > 0
+    was_frozen = gc.get_freeze_count() > 0
     gc.collect()
-    gc.disable()
+    enable_again = no_garbage_collection()
     gc.freeze()
 
     def undo() -> None:
         if not was_frozen:
             gc.unfreeze()
-        if was_enabled:
-            gc.enable()
+        enable_again()
 
     return undo
 

@@ -7,17 +7,13 @@ a fault. An inline command, which has no place in a story, is held to the option
 import importlib
 import re
 import shlex
-import shutil
-import sys
-import tempfile
-from pathlib import Path
 
 import pytest
 import typer
 
 from hil.bench.bench import load_bench
 from hil.bench.design import DesignedAxis, Designs
-from tests.docs.pages import BASH, PAGES, PROGRAMS, ROOT, Shell, blocks_in, commands_of, name_of
+from tests.docs.pages import PAGES, PROGRAMS, ROOT, blocks_in, commands_of, name_of
 
 LIMIT_S = 420
 """Patience with one command, on a machine that has other work."""
@@ -160,16 +156,6 @@ RUN = [
     for path in WITH_COMMANDS
     if any(is_run(c) and c.text != ". .venv/bin/activate" for c in COMMANDS[name_of(path)])
 ]
-
-
-@pytest.fixture
-def shell(tmp_path):
-    if not (Path(sys.prefix) / "bin" / "activate").is_file() or BASH is None:
-        pytest.skip("no virtual environment, or no bash")
-    place = Path(tempfile.mkdtemp(prefix="docs"))
-    with Shell(tmp_path, place) as opened:
-        yield opened
-    shutil.rmtree(place, ignore_errors=True)
 
 
 @pytest.mark.parametrize("page", [pytest.param(page, marks=[pytest.mark.slow] if page in SLOW else []) for page in RUN])

@@ -5,14 +5,10 @@ cause, where the page says that it can: then what needs its result is left out, 
 """
 
 import json
-import shutil
-import sys
-import tempfile
-from pathlib import Path
 
 import pytest
 
-from tests.docs.pages import BASH, ROOT, Shell, commands_of
+from tests.docs.pages import ROOT, commands_of
 
 PAGE = ROOT / "docs" / "tuning.md"
 LIMIT_S = 900
@@ -34,16 +30,6 @@ MAY_REFUSE = (
 """Commands that, as the page says, may end with 9 on a robot of which nothing is known."""
 DESIGN = "design.toml"
 """What `hil design notch` leaves out where no filter is better than none; the page goes on with step 8 then."""
-
-
-@pytest.fixture
-def shell(tmp_path):
-    if not (Path(sys.prefix) / "bin" / "activate").is_file() or BASH is None:
-        pytest.skip("no virtual environment, or no bash")
-    place = Path(tempfile.mkdtemp(prefix="docs"))
-    with Shell(tmp_path, place) as opened:
-        yield opened
-    shutil.rmtree(place, ignore_errors=True)
 
 
 def typed(text, seed):

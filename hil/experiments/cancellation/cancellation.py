@@ -9,8 +9,6 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
 from hil.bench.bench import Bench, Limits, Model
@@ -20,7 +18,7 @@ from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import Actuation, CyclicTiming
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.effect import Part, Response
-from hil.experiments.cancellation.tables import Pace, amplitudes_rad, peak_acceleration_rad_s2, phases_deg, table_of
+from hil.experiments.cancellation.tables import Pace, amplitudes_rad, pace_of, phases_deg, table_of
 from hil.experiments.cancellation.waves import response_of
 from hil.master.motion import Motion
 from hil.master.session import Session
@@ -118,7 +116,7 @@ class Cancellation:
                 continue
             limits, name, own = bench.axis[number].limits, f"axis {number}", self.tables[number]
             angle = motion.motor_angle_rad[:, column] + (0.0 if starts_rad is None else starts_rad[column])
-            peak_rps = peak_speed_rps(bench, motion, column)
+            peak_rps = pace_of(bench, motion, column).peak_rps
             reach_rev = own.largest_reference_rad(peak_rps) / turn
             remedy, allowed_rev = "is this its transmission error?", allowed_reference_rev(limits)
             if reach_rev > allowed_rev:
@@ -156,8 +154,7 @@ def cancellation_for(
     control_periods_s: Mapping[int, float] | None = None,
     torque_steps_nm: Mapping[int, float] | None = None,
     delay_s: float = 0.0,
-    peaks_rps: Mapping[int, float] | None = None,
-    most_rad_s2: Mapping[int, float] | None = None,
+    paces: Mapping[int, Pace] | None = None,
 ) -> Cancellation:
     """Cancellation of some axes, from their models.
 
@@ -175,9 +172,8 @@ def cancellation_for(
         control_periods_s: T_c by axis; 250 µs where it is not given.
         torque_steps_nm: Resolution of the drives' torque offsets, by axis.
         delay_s: Delay of the set-points beyond the SYNC period, the interpolation, and the model file's delay.
-        peaks_rps: Highest motor speeds of a motion by axis. Where its set-points would be faster than the axis may be, the
-            highest orders are left out, though none within the resonance.
-        most_rad_s2: Largest accelerations of a motion by axis; without them that of the motor is not allowed for.
+        paces: Paces of a motion by axis. Where its set-points would be faster than the axis may be, the highest orders are left
+            out, though none within the resonance; without it the motor's acceleration is not allowed for either.
 
     Raises:
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
@@ -191,18 +187,12 @@ def cancellation_for(
             continue
         late_s = delay_s + measured_delay_s(identified, number)
         timing = CyclicTiming(period_s, (control_periods_s or {}).get(number) or CONTROL_PERIOD_S, late_s)
-        pace = Pace((peaks_rps or {}).get(number, 0.0), (most_rad_s2 or {}).get(number, 0.0))
+        pace = (paces or {}).get(number, Pace())
         tables[number], scales[number] = table_of(bench, number, model, timing, pace, actuation, with_notch=with_notch)
     if not tables:
         raise NotPossibleError(_nothing_known(axes))
     known = {number: response for number in axes if (response := response_of(bench, identified, number)) is not None}
     return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {}, scales, known)
-
-
-def peak_speed_rps(bench: Bench, motion: Motion, column: int) -> float:
-    """Highest motor speed of an axis in a motion, or in the approach to its start."""
-    fastest = float(np.max(np.abs(np.diff(motion.motor_angle_rad[:, column])))) / motion.period_s / (2.0 * math.pi)
-    return max(fastest, bench.approach_rps)
 
 
 def measured_delay_s(identified: Identified | None, number: int) -> float:
@@ -246,8 +236,7 @@ def cancellation_on(
         control_periods_s={number: axis.control_period_s() for number, axis in axes.items()},
         torque_steps_nm={number: axis.scaling.torque_nm(1) for number, axis in axes.items()},
         delay_s=delay_s,
-        peaks_rps={number: peak_speed_rps(session.bench, motion, column) for column, number in enumerate(motion.axes)},
-        most_rad_s2={number: peak_acceleration_rad_s2(motion, column) for column, number in enumerate(motion.axes)},
+        paces={number: pace_of(session.bench, motion, column) for column, number in enumerate(motion.axes)},
     )
     starts = None if motion.starts_at_home else [axis.position_rad() for axis in axes.values()]
     cancellation.check(session.bench, motion, starts)

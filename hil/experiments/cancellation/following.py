@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil.analysis import motor_speed_rps
+from hil.analysis import band_passed, motor_speed_rps
 from hil.design.transmission_error import TransmissionError
 from hil.experiments.ate.motion import Ramps
 from hil.experiments.cancellation.effect import TOP_FRACTION
@@ -125,11 +125,8 @@ def motor_following(
     """
     period, angle = recording.period_s, recording.axis(axis, "position_rad")
     intended = -reduction_ratio * error.angle_rad(angle)
-    from scipy import signal  # noqa: PLC0415 - see hil/analysis.py
-
     low, high = band_hz[0], min(band_hz[1], TOP_FRACTION / period)
-    band = signal.butter(2, (low, high), "bandpass", fs=1.0 / period, output="sos")
-    measured, wanted, rate = signal.sosfiltfilt(band, np.stack([angle, intended, np.gradient(intended, period)]))
+    measured, wanted, rate = band_passed(np.stack([angle, intended, np.gradient(intended, period)]), period, (low, high))
     edge_s = EDGE_PERIODS / low
     rows = motion.direction(min(edge_s / motion.trajectory.ramp_s, 1.0)) != 0
     rows &= np.roll(rows, -round(edge_s / period))  # the end of a ramp says nothing either

@@ -11,7 +11,7 @@ model of the gear, and it becomes the more exact the less vibration is left.
 import cmath
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from hil.bench.model import Identified, IdentifiedError, significant
@@ -111,8 +111,7 @@ class KnownOrders:
 
     def acted_error(self) -> TransmissionError:
         """The error that the last pass cancelled."""
-        amplitudes = {order: value.amplitude_arcsec for order, value in self.acted.items()}
-        return TransmissionError(amplitudes, {order: value.phase_deg for order, value in self.acted.items()})
+        return error_of(self.acted)
 
     def choices(self, estimate: JointEstimate, passed: Collection[float]) -> dict[float, OrderValue]:
         """Value of each order that is to be cancelled, and stored: the learnt one, or the one that was known.
@@ -133,7 +132,7 @@ class KnownOrders:
         if known is None or learnt is None:
             return known if learnt is None else learnt
         source, why = self.settled.get(order) or _better(order, known, learnt, estimate, passed)
-        return learnt if source == "learnt" else OrderValue(**{**known.__dict__, "why": why})
+        return learnt if source == "learnt" else replace(known, why=why)
 
     def _open(self, order: float, value: OrderValue | None) -> OrderValue | None:
         return None if value is None or (order, value.source) in self.refused else value
@@ -145,15 +144,18 @@ class KnownOrders:
 
     def _show(self, verdict: PartVerdict, acted: OrderValue) -> None:
         """Keep the value that a pass shows, where its cancellation was right enough to tell."""
-        order, errors = verdict.part.order, (verdict.factor_error, verdict.turn_error_deg)
-        factor, turn_deg = verdict.factor, verdict.turn_deg
-        if verdict.verdict != "accepted" or factor is None or turn_deg is None or errors[0] is None or errors[1] is None:
-            self.shown.pop(order, None)
+        self.shown.pop(verdict.part.order, None)
+        factor_error, turn_error_deg = verdict.factor_error, verdict.turn_error_deg
+        if verdict.verdict != "accepted" or verdict.ratio is None or factor_error is None or turn_error_deg is None:
             return
-        off = OFF_ERROR * abs(cmath.rect(factor, math.radians(turn_deg)) - 1.0)
-        size, phase_deg = factor * acted.amplitude_arcsec, (acted.phase_deg + turn_deg) % 360.0
-        amplitude_error = math.hypot(errors[0], off) * acted.amplitude_arcsec
-        self.shown[order] = OrderValue("learnt", size, phase_deg, amplitude_error, math.hypot(errors[1], math.degrees(off)))
+        there, off = verdict.ratio * acted.phasor, OFF_ERROR * abs(verdict.ratio - 1.0)
+        self.shown[verdict.part.order] = OrderValue(
+            "learnt",
+            abs(there),
+            math.degrees(cmath.phase(there)) % 360.0,
+            math.hypot(factor_error, off) * acted.amplitude_arcsec,
+            math.hypot(turn_error_deg, math.degrees(off)),
+        )
 
     def judged(self, verdicts: Sequence[PartVerdict], estimate: JointEstimate, *, is_last: bool) -> dict[float, PartVerdict]:
         """Take in what a pass has shown.
@@ -189,6 +191,12 @@ class KnownOrders:
         return left_out
 
 
+def error_of(values: Mapping[float, OrderValue]) -> TransmissionError:
+    """The error that the values of some orders make up."""
+    amplitudes = {order: value.amplitude_arcsec for order, value in values.items()}
+    return TransmissionError(amplitudes, {order: value.phase_deg for order, value in values.items()})
+
+
 def _fitted(order: float, estimate: JointEstimate) -> OrderValue | None:
     """Value of an order by the fit of the passes; None where it was not fitted."""
     error = estimate.error
@@ -213,10 +221,9 @@ def _better(
 
 def _left(value: OrderValue, acted: OrderValue, verdict: PartVerdict) -> float | None:
     """Fraction of an order that a value's cancellation would leave, by what a pass has shown of another's; None: nothing."""
-    if verdict.factor is None or verdict.turn_deg is None or acted.amplitude_arcsec <= 0.0:
+    if verdict.ratio is None or acted.amplitude_arcsec <= 0.0:
         return None
-    there = cmath.rect(verdict.factor, math.radians(verdict.turn_deg))
-    return abs(there - value.phasor / acted.phasor) / max(abs(there), 1e-30)
+    return abs(verdict.ratio - value.phasor / acted.phasor) / max(abs(verdict.ratio), 1e-30)
 
 
 def _would_pass(value: OrderValue, acted: OrderValue, verdict: PartVerdict) -> bool:

@@ -189,14 +189,8 @@ def summary(outcome: LearningOutcome) -> Sequence[str]:
     """Estimates and reduction of the vibration as text, a line per axis."""
     lines = []
     for axis, learnt in outcome.learnt.items():
-        error, delay_ms = learnt.estimate.error, 1e3 * learnt.passes[-1].set_point_delay_s
-        before = {order for order, value in learnt.values().items() if value.source == "known"}
-        orders = ", ".join(
-            f"A_{k:g} = {error.amplitude_arcsec[k]:.2f}″ ± {learnt.estimate.amplitude_error_arcsec[k]:.2f}″, "
-            f"φ_{k:g} = {error.phase_deg[k]:.1f}° ± {learnt.estimate.phase_error_deg[k]:.1f}°"
-            for k in error.amplitude_arcsec
-            if k not in before
-        )
+        delay_ms = 1e3 * learnt.passes[-1].set_point_delay_s
+        orders = ", ".join(value.words(k) for k, value in learnt.values().items() if value.source == "learnt")
         late = f"; the motor follows {delay_ms:.2f} ms later than known" if delay_ms else ""
         lines += [f"left out: {verdict.words}" for verdict in learnt.left_out.values()]
         lines += [f"axis {axis}: {words}" for words in learnt.kept()]

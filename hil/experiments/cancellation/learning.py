@@ -29,7 +29,7 @@ from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, given_inertia, measured_delay_s
 from hil.experiments.cancellation.following import LOWEST, DelaySearch, Following, motor_following
-from hil.experiments.cancellation.known_orders import KnownOrders, OrderValue
+from hil.experiments.cancellation.known_orders import KnownOrders, OrderValue, error_of
 from hil.experiments.cancellation.pass_judge import PassJudge
 from hil.experiments.cancellation.trial import CancellationRefusedError, judged_rows, part_entry, vibration_m_s2
 from hil.experiments.cancellation.verdict import PartVerdict
@@ -138,7 +138,7 @@ class AxisLearning:
             on: Date of the passes; today's unless it is given.
         """
         estimate, last, values = self.estimate, self.passes[-1], self.values()
-        errors = standard_errors(estimate)
+        errors, cancelled = standard_errors(estimate), error_of(values)
         for order, value in values.items():
             for key, error in ((amplitude_key(order), value.amplitude_error), (phase_key(order), value.phase_error)):
                 errors.pop(key, None)
@@ -152,10 +152,7 @@ class AxisLearning:
             errors.pop(phase_key(order), None)
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
-            values=TransmissionErrorTable.of(
-                {order: value.amplitude_arcsec for order, value in values.items()},
-                {order: value.phase_deg for order, value in values.items()},
-            ),
+            values=TransmissionErrorTable.of(cancelled.amplitude_arcsec, cancelled.phase_deg),
             standard_error=errors,
             arm_hz=estimate.arm.resonance_hz,
             damping=estimate.arm.damping,

@@ -35,8 +35,8 @@ class Pace(NamedTuple):
         most_rad_s2: Largest acceleration, likewise.
     """
 
-    peak_rps: float
-    most_rad_s2: float
+    peak_rps: float = 0.0
+    most_rad_s2: float = 0.0
 
 
 def table_of(
@@ -84,10 +84,18 @@ def _check_size(number: int, ate: TransmissionErrorTable) -> None:
         raise UnsafeRequestError(f"the transmission error of axis {number}, ΣA_k,", total, MAX_ERROR_ARCSEC, "arcsec", remedy)
 
 
-def peak_acceleration_rad_s2(motion: Motion, column: int) -> float:
-    """Largest acceleration of an axis in a motion, its jerks left out."""
-    rate = np.gradient(motion.motor_angle_rad[:, column], motion.period_s)
-    return float(np.quantile(np.abs(np.gradient(rate, motion.period_s)), ORDINARY))
+def pace_of(bench: Bench, motion: Motion, column: int) -> Pace:
+    """Pace of an axis in a motion, its jerks left out, and in the approach to its start.
+
+    Args:
+        bench: The bench file.
+        motion: The motion.
+        column: Column of the axis in it.
+    """
+    angle, period_s = motion.motor_angle_rad[:, column], motion.period_s
+    fastest = float(np.max(np.abs(np.diff(angle)))) / period_s / (2.0 * math.pi)
+    rising = np.abs(np.gradient(np.gradient(angle, period_s), period_s))
+    return Pace(max(fastest, bench.approach_rps), float(np.quantile(rising, ORDINARY)))
 
 
 def amplitudes_rad(ate: TransmissionErrorTable) -> dict[float, float]:

@@ -80,6 +80,13 @@ class PartVerdict:
         return self.verdict == "not judged" and VERDICT_SIGMAS * self.left_error <= MOST_LEFT * math.sqrt(more)
 
     @property
+    def ratio(self) -> complex | None:
+        """Factor and angle as one number, by which the cancellation should be multiplied; None where nothing of it was seen."""
+        if self.factor is None or self.turn_deg is None:
+            return None
+        return cmath.rect(self.factor, math.radians(self.turn_deg))
+
+    @property
     def words(self) -> str:
         """The verdict as a line of text."""
         change = f"{'fell' if self.fall >= 0.0 else 'rose'} by {100.0 * abs(self.fall):.0f} ± {100.0 * self.fall_error:.0f} %"

@@ -223,7 +223,7 @@ def test_inside_a_drive_speed_and_torque_are_those_of_the_set_points_motion(spee
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"waves": (WaveLabel(2, 0.0),)}, "tables of shapes"),
+        ({"waves": (WaveLabel(2, 0.0, 1, frozenset({2})),)}, "tables of shapes"),
         ({"motion": np.zeros((2, 3))}, "tables of shapes"),
         ({"torque": np.zeros((2, 3), dtype=complex)}, "tables of shapes"),
         ({"step_rps": 0.0}, "must be above 0"),

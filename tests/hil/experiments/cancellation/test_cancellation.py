@@ -11,6 +11,7 @@ from hil.bench.model import Identified, IdentifiedError
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import cancellation_for, given_inertia
 from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.tables import Pace
 from hil.experiments.cancellation.trial import CancellationRefusedError, Trial, Verification, averaged, judged_rows
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
 from hil.experiments.judge import vibration_scale
@@ -169,7 +170,7 @@ def test_set_points_that_would_be_too_fast_end_the_cancellation_at_a_lower_frequ
     free = cancellation_for(bench, strong, (2,), 0.002)
     with pytest.raises(UnsafeRequestError, match="the speed of axis 2 with its cancellation"):
         free.check(bench, motion)
-    bounded = cancellation_for(bench, strong, (2,), 0.002, peaks_rps={2: 10.0})
+    bounded = cancellation_for(bench, strong, (2,), 0.002, paces={2: Pace(10.0)})
     bounded.check(bench, motion)
     for row, order in enumerate((2, 4)):
         at_resonance = round(11.84 / order / bounded.tables[2].step_rps)
