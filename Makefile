@@ -1,4 +1,4 @@
-# `make demo` and `make test` need nothing but Python 3.11 or newer and make: what else they need is put into .venv.
+# `make demo`, `make test` and `make live` need nothing but Python 3.11 or newer and make: what else they need is put into .venv.
 
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --disable-pip-version-check -q
@@ -22,10 +22,13 @@ endef
 # The slow tests take minutes: always in CI, elsewhere by `make test CI=1`.
 SELECT := $(if $(CI),-m "not vm",-m "not slow")
 
-.PHONY: demo test bench lint format lock clean
+.PHONY: demo live test bench lint format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/hil demo --out demo
+
+live: $(INSTALLED)
+	$(BIN)/hil demo --out demo --live
 
 # Two workers share the processors: more threads of linear algebra in each would be in each other's way.
 test: lint

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks import demo_runs, plant, whole_bench
+from benchmarks.arm import arm, arm_over_bus
 from benchmarks.master_path import master_path
 from benchmarks.measure import DisagreementError, machine, progress
 from benchmarks.memory import memory
@@ -77,6 +78,8 @@ def groups(minutes: int) -> dict[str, list[Section]]:
         "growth": [
             ("Growth: the whole bench", "Drive-closed, SYNC every 1 ms, one process, no bit times.", whole_bench.growth),
             ("Growth: the closed loop without a bus", "", plant.growth),
+            ("An arm: the closed loop without a bus", "Links couple the axes, or each turns an inertia of its own.", arm),
+            ("An arm over the bus", "Six axes of the reference arm, drive-closed, SYNC every 2 ms, two processes.", arm_over_bus),
         ],
         "memory": [(
             "Memory of a long run",

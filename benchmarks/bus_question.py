@@ -309,7 +309,7 @@ def figure(found: dict[Cell, Found], bench: Bench) -> str:
         for panel in panels[-1]:
             panel.set_xlabel("SYNC period (ms)")
         style.legend_above(drawing, panels[0, 0], columns=3)
-        return standalone(style.to_svg(drawing, "bus"), "What the notch takes away, over the SYNC period")
+        return standalone(str(style.to_svg(drawing, "bus")), "What the notch takes away, over the SYNC period")
 
 
 _LINES: dict[WireTiming | None, dict[str, Any]] = {

@@ -8,7 +8,7 @@ import sys
 from drive_profiles.address import LOCAL, parse_address
 from hil.can import clock
 from hil.can.frame import RECORD, Frame, pack, unpack
-from hil.can.raw import _bind_can as connect_can  # the socket alone
+from hil.can.raw import bind_can
 
 SYNC_HEAD = RECORD.pack(0x80, 0, b"")[:4]
 PATTERN = b"\x37\x06\x00\x00\x01\x00\x05\x00"
@@ -50,7 +50,7 @@ def main() -> None:
     """Serve one client at a time on the local bus, or all on a CAN interface, until ended by a signal."""
     address, count = parse_address(sys.argv[1]), int(sys.argv[2])
     if address.interface != LOCAL:
-        serve(connect_can(address), count, until_peer_leaves=False)
+        serve(bind_can(address), count, until_peer_leaves=False)
     with contextlib.suppress(FileNotFoundError):
         os.unlink(address.channel)
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:

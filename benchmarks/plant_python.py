@@ -16,7 +16,7 @@ Rates = Callable[[float, float, float, float, float], tuple[float, float]]
 
 def _axis(axes: Axes, row: int) -> Rates:
     """θ̈_m and θ̈_l of one axis; `plant_emulator.physics.axis.derivatives` without the options that are off."""
-    p = {name: float(axes.plant[row][name]) for name in axes.plant.dtype.names or () if not name.startswith("more_")}
+    p = {name: float(axes.plant[row][name]) for name in axes.plant.dtype.names or () if not axes.plant.dtype[name].shape}
     n, a1, a2, a4 = p["reduction_ratio"], p["a1_rad"], p["a2_rad"], p["a4_rad"]
     phi1, phi2, phi4 = p["phi1_rad"], p["phi2_rad"], p["phi4_rad"]
     coulomb, rise, stribeck = (

@@ -12,6 +12,7 @@ from hil.control.servo import LAW
 from plant_emulator.motion.record import AXIS, FOLLOWING, LIMITED_TORQUE, MOTION, OUT_OF_RANGE, OVERSPEED, POSITION
 from plant_emulator.physics.angle_grid import ARM_GRID_RAD, MOTOR_GRID_RAD
 from plant_emulator.physics.axis import FRICTION_WIDTH_RAD_S, PLANT, PLANT_STATE
+from plant_emulator.physics.changing import CHANGE, PAST
 
 Record = np.dtype[Any]
 
@@ -24,6 +25,8 @@ RECORDS: dict[str, Record] = {
     "NotchConfig": NOTCH_CONFIG,
     "NotchState": NOTCH_STATE,
     "Law": LAW,
+    "Change": CHANGE,
+    "Past": PAST,
     "Axis": AXIS,
 }
 """What the compiled control period works on, by its name in C; a record inside another stands before it."""

@@ -133,6 +133,7 @@ def _facts(profile: Profile) -> Iterator[tuple[str, Fact]]:
         ("Filter", profile.notch),
         ("Torque", profile.torque),
         ("Encoder", profile.encoder),
+        ("Second encoder", profile.load_encoder),
         ("Store", profile.store),
     )
     return ((title, fact) for title, fact in named if fact is not None)

@@ -4,14 +4,14 @@ An arm rings at f_al, the peak of |G_al|, so every speed, band and millimetre is
 there is no verdict without it.
 """
 
-# ruff: noqa: PLC0415 - scipy.signal takes longer to import than all else that a run needs before it moves
-
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hil.recording import Recording
@@ -109,6 +109,18 @@ def joint_scale(scales: Sequence[TipScale]) -> TipScale:
     return TipScale(min(scale.f_al_hz for scale in scales), band, peak_band)
 
 
+def band_scale(band_hz: tuple[float, float]) -> TipScale:
+    """Scale of an arm's line whose band is given: what counts in units of f_al follows from the middle of the band."""
+    f_al_hz = math.sqrt(band_hz[0] * band_hz[1] / (BAND_FACTORS[0] * BAND_FACTORS[1]))
+    return TipScale(f_al_hz, band_hz, band_hz)
+
+
+def ramp_scale(band_hz: tuple[float, float]) -> TipScale:
+    """Scale of an arm's ramp whose band is given: each order is judged at the speeds at which it lies in the band."""
+    windows = {order: (band_hz[0] / order, band_hz[1] / order) for order in ORDERS}
+    return replace(band_scale(band_hz), windows_rps=windows)
+
+
 def _times(value: float, factors: tuple[float, float]) -> tuple[float, float]:
     return value * factors[0], value * factors[1]
 
@@ -121,33 +133,62 @@ def line_window_s(duration_s: float) -> tuple[float, float]:
 
 def motor_speed_rps(recording: Recording, axis: int) -> Real:
     """Motor speed f_m in rev/s from the recorded motor angle, low-passed without phase; shape (n,)."""
-    from scipy import signal
-
     period = recording.period_s
     speed = np.gradient(recording.axis(axis, "position_rad"), period) / (2.0 * math.pi)
     corner = min(SPEED_LOWPASS_HZ, 0.2 / period)
-    return np.asarray(signal.sosfiltfilt(signal.butter(2, corner, fs=1.0 / period, output="sos"), speed))
+    return np.asarray(scipy.signal.sosfiltfilt(scipy.signal.butter(2, corner, fs=1.0 / period, output="sos"), speed))
 
 
-def band_passed(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
-    """The part of a vertical acceleration in a band (2nd-order Butterworth, forward and backward); shape (n,).
+SHOWN_FRACTION = 0.45
+"""Highest frequency of a band that samples do not show whole, times their period: a filter needs some room below a half."""
+LEAST_SHOWN = 0.7
+"""Fraction of a band's end up to which samples must show it: of 2.1 f_al, 1.5 f_al."""
+
+
+def shown_band(period_s: float, band_hz: tuple[float, float]) -> tuple[float, float]:
+    """The part of a band that samples show: all of it, or up to 0.45 of their rate where little is missing.
 
     Raises:
         ValueError: The sampling period is too long for the band.
     """
-    from scipy import signal
+    low_hz, high_hz = band_hz
+    if 0.5 / period_s > high_hz:
+        return band_hz
+    if SHOWN_FRACTION / period_s < LEAST_SHOWN * high_hz:
+        raise ValueError(
+            f"samples every {1e3 * period_s:g} ms show vibrations up to {SHOWN_FRACTION / period_s:.3g} Hz, and "
+            f"{LEAST_SHOWN * high_hz:.3g} Hz are needed at least, {1e3 * SHOWN_FRACTION / (LEAST_SHOWN * high_hz):.3g} ms"
+        )
+    return low_hz, SHOWN_FRACTION / period_s
 
-    if 0.5 / period_s <= band_hz[1]:
-        raise ValueError(f"samples every {1e3 * period_s:g} ms do not show vibrations up to {band_hz[1]:.3g} Hz")
-    return np.asarray(signal.sosfiltfilt(_band(period_s, *band_hz), acceleration_m_s2))
+
+def band_passed(acceleration_m_s2: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
+    """The part of a vertical acceleration in a band (2nd-order Butterworth, forward and backward), as far as it is shown; (n,).
+
+    Raises:
+        ValueError: The sampling period is too long for the band.
+    """
+    return np.asarray(scipy.signal.sosfiltfilt(_band(period_s, *shown_band(period_s, band_hz)), acceleration_m_s2))
 
 
 @lru_cache(maxsize=32)
 def _band(period_s: float, low_hz: float, high_hz: float) -> Real:
     """Sections of the band pass; a search for a filter asks a thousand times for the same."""
-    from scipy import signal
+    return np.asarray(scipy.signal.butter(2, (low_hz, high_hz), "bandpass", fs=1.0 / period_s, output="sos"))
 
-    return np.asarray(signal.butter(2, (low_hz, high_hz), "bandpass", fs=1.0 / period_s, output="sos"))
+
+def integrated_twice(acceleration_m_s2: Real, period_s: float, lowest_hz: float) -> Real:
+    """Displacement in m of a vibration in a band, without what is far below it; shape of `acceleration_m_s2`.
+
+    Args:
+        acceleration_m_s2: Acceleration in the band; shape (n,).
+        period_s: Sampling period.
+        lowest_hz: Lower end of the band; nothing below half of it is left.
+    """
+    length = 1 << (2 * len(acceleration_m_s2) - 1).bit_length()
+    omega = 2.0 * math.pi * np.fft.rfftfreq(length, period_s)
+    inverse = np.where(omega > math.pi * lowest_hz, -1.0 / np.maximum(omega, 1e-9) ** 2, 0.0)
+    return np.asarray(np.fft.irfft(np.fft.rfft(acceleration_m_s2, length) * inverse, length)[: len(acceleration_m_s2)])
 
 
 def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, scale: TipScale) -> Real:
@@ -186,9 +227,7 @@ def ramp_rows(recording: Recording, axis: int) -> NDArray[np.bool_]:
 
 def amplitude_spectrum(values: Real, period_s: float, window: str) -> tuple[Real, Real]:
     """Frequencies in Hz and one-sided amplitudes, shapes (m,); a sine of amplitude 1 shows 1 with either window."""
-    from scipy import signal
-
-    weights = signal.get_window(window, len(values))
+    weights = scipy.signal.get_window(window, len(values))
     amplitude = np.asarray(2.0 * np.abs(np.fft.rfft(values * weights)) / float(np.sum(weights)), dtype=np.float64)
     amplitude[0] *= 0.5
     if len(values) % 2 == 0:
@@ -200,6 +239,31 @@ def area(frequency_hz: Real, amplitude: Real, band_hz: tuple[float, float]) -> f
     """Trapezoid area of a spectrum over a band, in amplitude times Hz."""
     inside = (frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1])
     return float(np.trapezoid(amplitude[inside], frequency_hz[inside]))
+
+
+Direction = Literal["x", "y", "z", "worst"]
+DIRECTIONS: tuple[Direction, ...] = ("x", "y", "z", "worst")
+
+
+@dataclass(frozen=True)
+class DirectionMetrics:
+    """The tip's vibration along one direction of the base frame, or along the worst; see `hil.tip_vector`.
+
+    Attributes:
+        unit: The direction, of length 1: the worst is that of the largest displacement; None where no f_al is known.
+        tip_peak_mm: Largest |displacement|; None where no f_al is known.
+        tip_rms_mm: Root mean square of the displacement; of the worst that of the whole vector: no direction has more.
+        spectrum_peak_m_s2: Largest amplitude of the spectrum near f_al; of the worst that of the whole vector.
+        spectrum_peak_hz: Its frequency.
+        spectrum_area: Area of the amplitude spectrum from 0.2 f_al to 50 Hz, m/s²·Hz; of the worst that of the whole vector.
+    """
+
+    unit: tuple[float, float, float] | None
+    tip_peak_mm: float | None
+    tip_rms_mm: float | None
+    spectrum_peak_m_s2: float | None
+    spectrum_peak_hz: float | None
+    spectrum_area: float
 
 
 @dataclass(frozen=True)
@@ -217,6 +281,7 @@ class Metrics:
         order_mm: Largest amplitude of the order itself in the window, as a displacement; None where it cannot be tracked there.
         order_error_mm: Its standard error.
         noise_mm: Largest tip displacement that noise alone would show in the window.
+        directions: The tip as a vector, on a bench with an arm: the numbers above are then those of the worst direction.
     """
 
     tip_peak_mm: float | None
@@ -228,6 +293,7 @@ class Metrics:
     order_mm: float | None = None
     order_error_mm: float | None = None
     noise_mm: float | None = None
+    directions: Mapping[Direction, DirectionMetrics] | None = None
 
     @property
     def is_noise(self) -> bool:
@@ -263,10 +329,10 @@ def constant_acceleration_metrics(recording: Recording, axis: int, order: int, s
             f"the ramp is at {top_rps:.2f} rev/s when it brakes; order {order} meets f_al = {scale.f_al_hz:.2f} Hz at "
             f"{resonant_rps:.2f} rev/s: raise end_rps of constant_acceleration"
         )
-    acceleration, period = recording.columns["tip_z_m_s2"], recording.period_s
+    acceleration, period = recording.felt_m_s2, recording.period_s
     displacement = tip_displacement_mm(acceleration, period, scale)
     frequency, amplitude = amplitude_spectrum(acceleration[inside], period, "hann")
-    peak, peak_hz = _peak(frequency, amplitude, scale.peak_band_hz)
+    peak, peak_hz = peak_of(frequency, amplitude, scale.peak_band_hz)
     whole = ramp_rows(recording, axis) | inside
     return Metrics(
         _largest(displacement[inside]), _rms(displacement[inside]), peak, peak_hz, area(frequency, amplitude, scale.band_hz),
@@ -283,7 +349,7 @@ def line_motion_metrics(recording: Recording, start_s: float, duration_s: float,
         duration_s: Duration of the motion.
         scale: Scale of the axes that moved, or None where no f_al is known.
     """
-    acceleration, period, time = recording.columns["tip_z_m_s2"], recording.period_s, recording.time_s
+    acceleration, period, time = recording.felt_m_s2, recording.period_s, recording.time_s
     motion = acceleration[(time >= start_s) & (time <= start_s + duration_s)]
     frequency, amplitude = amplitude_spectrum(motion, period, "boxcar")
     covered = area(frequency, amplitude, LINE_BAND_HZ)
@@ -291,10 +357,11 @@ def line_motion_metrics(recording: Recording, start_s: float, duration_s: float,
         return Metrics(None, None, None, None, covered)
     begin, end = (start_s + each for each in line_window_s(duration_s))
     displacement = tip_displacement_mm(acceleration, period, scale)[(time >= begin) & (time <= end)]
-    return Metrics(_largest(displacement), _rms(displacement), *_peak(frequency, amplitude, scale.peak_band_hz), covered)
+    return Metrics(_largest(displacement), _rms(displacement), *peak_of(frequency, amplitude, scale.peak_band_hz), covered)
 
 
-def _peak(frequency: Real, amplitude: Real, band_hz: tuple[float, float]) -> tuple[float, float]:
+def peak_of(frequency: Real, amplitude: Real, band_hz: tuple[float, float]) -> tuple[float, float]:
+    """The largest amplitude of a spectrum in a band, and its frequency."""
     inside = np.flatnonzero((frequency >= band_hz[0]) & (frequency <= band_hz[1]))
     if not len(inside):  # a window shorter than a cycle of the resonance: its line that is nearest
         inside = np.array([int(np.argmin(np.abs(frequency - math.sqrt(band_hz[0] * band_hz[1]))))])

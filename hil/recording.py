@@ -1,7 +1,8 @@
 """Data that the master received: columns with units, as CSV, and every frame, as a candump log."""
 
 import csv
-from collections.abc import Iterable
+import io
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -9,7 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, CAN_SFF_MASK, RECORD
+
 Real = NDArray[np.float64]
+
+TIP = ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2")
+"""Acceleration of the tip; on a bench with an arm in the base frame."""
+SENSED = ("sensor_x_m_s2", "sensor_y_m_s2", "sensor_z_m_s2")
+"""What a mounted sensor feels along its own axes."""
+ALONG = "tip_along_m_s2"
+"""Acceleration of the tip along the lever of the one axis that moves, on a bench with an arm."""
 
 
 @dataclass(frozen=True)
@@ -17,14 +27,19 @@ class Recording:
     """The columns of one run, a row per SYNC.
 
     Names carry their units. `time_s`; for each axis n that moved `axis<n>_reference_rad`, `axis<n>_position_rad` (motor side),
-    `axis<n>_torque_nm`, and where its drive sends it `axis<n>_notch_hz` (zero frequency of the first filter, 0 while it is out);
-    `tip_x_m_s2`, `tip_y_m_s2`, `tip_z_m_s2`; `missing`, the number of expected answers that did not come in this cycle.
+    `axis<n>_torque_nm`, `axis<n>_load_rad` by its second encoder (joint side), and where its drive sends it `axis<n>_notch_hz`
+    (zero frequency of the first filter, 0 while it is out); `tip_x_m_s2`, `tip_y_m_s2`, `tip_z_m_s2`, by the joints' encoders
+    where no sensor is there; `missing`, the number of expected answers that did not come in this cycle. On a bench with an arm
+    also `tip_along_m_s2`, along the lever of an axis that moves alone, and what a mounted sensor felt along its own axes:
+    `sensor_x_m_s2`, `sensor_y_m_s2`, `sensor_z_m_s2`.
 
     Attributes:
         columns: Columns by name; all of shape (n,).
+        doubt: Reason why what the sensor shows is not believed, or None; it is not saved.
     """
 
     columns: dict[str, Real] = field(default_factory=dict)
+    doubt: str | None = None
 
     @property
     def time_s(self) -> Real:
@@ -46,6 +61,14 @@ class Recording:
     def axis(self, number: int, quantity: str) -> Real:
         """One column of one axis, e.g. `axis(2, "position_rad")`; shape (n,)."""
         return self.columns[f"axis{number}_{quantity}"]
+
+    @property
+    def felt_m_s2(self) -> Real:
+        """The one acceleration that tells of a motion; shape (n,).
+
+        Along the lever of an axis that moves alone, where an arm tells it; else the vertical one.
+        """
+        return self.columns.get(ALONG, self.columns["tip_z_m_s2"])
 
     def save(self, path: Path) -> None:
         """Write a CSV file: one line of names with units, then the numbers."""
@@ -86,6 +109,19 @@ class LoggedFrame(NamedTuple):
     is_received: bool
 
 
+class LoggedMessage(NamedTuple):
+    """Records of frames that crossed in one message, all with one time."""
+
+    time_s: float
+    records: bytes
+    is_received: bool
+
+    def frames(self) -> Iterator[LoggedFrame]:
+        """Its frames, one by one."""
+        for can_id, length, data in RECORD.iter_unpack(self.records):
+            yield LoggedFrame(self.time_s, can_id, data[:length], self.is_received)
+
+
 class BusLog:
     """Log of every frame of the master; kept in memory while an axis moves, written between the motions."""
 
@@ -93,7 +129,7 @@ class BusLog:
         """Log to a file, or nowhere; `channel` is the bus' name in the log."""
         self._path = path
         self._channel = channel
-        self._frames: list[LoggedFrame] = []
+        self._kept: list[LoggedFrame | LoggedMessage] = []
         self._is_new = True
 
     @property
@@ -103,33 +139,66 @@ class BusLog:
 
     def add(self, frame: LoggedFrame) -> None:
         """Keep a frame for the next `write`."""
-        self._frames.append(frame)
+        self._kept.append(frame)
+
+    def add_message(self, message: LoggedMessage) -> None:
+        """Keep the frames of a message for the next `write`."""
+        self._kept.append(message)
 
     def write(self) -> None:
-        """Append the kept frames to the file, by python-can's candump writer."""
-        frames, self._frames = self._frames, []
-        if self._path is None or not frames:
+        """Append the kept frames to the file, as candump writes them and python-can's writer does."""
+        kept, self._kept = self._kept, []
+        if self._path is None or not kept:
             return
-        import can  # noqa: PLC0415 - slow to load, and needed between motions only
-
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        with can.CanutilsLogWriter(str(self._path), append=not self._is_new) as writer:
-            for message in _messages(frames, self._channel):
-                writer.on_message_received(message)
+        with self._path.open("w" if self._is_new else "a", encoding="utf-8", newline="") as file:
+            file.writelines(_lines(_each(kept), self._channel))
         self._is_new = False
 
 
-def _messages(frames: Iterable[LoggedFrame], channel: str) -> Iterable["can.Message"]:  # type: ignore[name-defined] # noqa: F821
-    import can  # noqa: PLC0415
+def _each(kept: Iterable[LoggedFrame | LoggedMessage]) -> Iterator[LoggedFrame]:
+    for each in kept:
+        if isinstance(each, LoggedFrame):
+            yield each
+        else:
+            yield from each.frames()
 
+
+def _lines(frames: Iterable[LoggedFrame], channel: str) -> Iterator[str]:
+    """Lines of frames, none with a stamp before the first's. Data frames with 11 bits are nearly all, and a run has a million."""
+    interface = f"can{channel}" if channel.isdigit() else channel
+    heads: dict[int, str] = {}
+    first_s = last_s = None
+    stamp = ""
     for time_s, can_id, data, is_received in frames:
-        yield can.Message(
+        if time_s != last_s:
+            first_s, last_s = time_s if first_s is None else first_s, time_s
+            stamp = f"({max(first_s, time_s):f})"
+        if can_id > CAN_SFF_MASK:
+            yield _line(LoggedFrame(max(first_s or 0.0, time_s), can_id, data, is_received), channel)
+            continue
+        head = heads.get(can_id)
+        if head is None:
+            head = heads[can_id] = f" {interface} {can_id:03X}#"
+        yield f"{stamp}{head}{data.hex().upper()} {'R' if is_received else 'T'}\n"
+
+
+def _line(frame: LoggedFrame, channel: str) -> str:
+    """Line of a frame of any kind, by python-can's candump writer."""
+    import can  # noqa: PLC0415 - slow to load, and hardly ever needed
+
+    time_s, can_id, data, is_received = frame
+    text = io.StringIO()
+    can.CanutilsLogWriter(text).on_message_received(
+        can.Message(
             timestamp=time_s,
-            arbitration_id=can_id & 0x1FFFFFFF,
-            is_extended_id=bool(can_id & 0x80000000),
-            is_remote_frame=bool(can_id & 0x40000000),
-            is_error_frame=bool(can_id & 0x20000000),
+            arbitration_id=can_id & CAN_EFF_MASK,
+            is_extended_id=bool(can_id & CAN_EFF_FLAG),
+            is_remote_frame=bool(can_id & CAN_RTR_FLAG),
+            is_error_frame=bool(can_id & CAN_ERR_FLAG),
             data=data,
             is_rx=is_received,
             channel=channel,
         )
+    )
+    return text.getvalue()

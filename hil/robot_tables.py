@@ -12,14 +12,20 @@ from pydantic import AfterValidator, Field, model_validator
 from drive_profiles.files.toml import Table
 from hil.control.cascade import Cascade
 from hil.control.notch import NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
-from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, Smooth
+from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, PointToPoint, Smooth
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 
 K = TypeVar("K", bound=float)
 
-AxisNumber = Annotated[int, Field(ge=1, le=6)]
+LEAST_MOVE_REV = 0.01
+"""Least way of a point-to-point move at the motor."""
+
+MOST_AXES = 126
+"""The most drives that one bus has node IDs for, beside the accelerometer (CiA 301, 7.2.8.2: 1 to 127)."""
+
+AxisNumber = Annotated[int, Field(ge=1, le=MOST_AXES)]
 
 ORDERS = (1, 2, 4)
 """Orders k of the transmission error that are looked for in every gear: the first, which real ones show, and the paper's two."""
@@ -241,17 +247,33 @@ class Geometry(Table):
 
 
 class Point(Table):
-    """A tip position in the vertical plane, in m."""
+    """A tip position in m; in the vertical plane y is 0."""
 
     x: float
+    y: float = 0.0
     z: float
 
 
 class LineMotion(Table):
-    """The line motion; its start is the robot's home, where all motor angles are zero."""
+    """The line motion; the start of a planar chain is the robot's home, where all motor angles are zero.
+
+    Attributes:
+        start_m: Place of the tip at the start.
+        end_m: Place of the tip at the end.
+        orientation: `kept`, or `free`: the tip's axes are as they come. A planar chain's tool points down.
+        start_rpy_deg: Roll, pitch and yaw of the tip's axes at the start; left out, those at home.
+        end_rpy_deg: The same at the end; left out, those at the start.
+        duration_s: Duration of the motion.
+        ramp_s: Duration of its speeding up, and of its slowing down.
+        dwell_s: Time of rest before it.
+        tail_s: Time of rest after it.
+    """
 
     start_m: Point
     end_m: Point
+    orientation: Literal["kept", "free"] = "kept"
+    start_rpy_deg: tuple[float, float, float] | None = None
+    end_rpy_deg: tuple[float, float, float] | None = None
     duration_s: Positive
     ramp_s: Positive = 0.3
     dwell_s: NotNegative = 0.2
@@ -260,7 +282,21 @@ class LineMotion(Table):
     @model_validator(mode="after")
     def _ramps_fit(self) -> Self:
         Smooth(self.duration_s, self.ramp_s)
+        if self.orientation == "free" and (self.start_rpy_deg or self.end_rpy_deg):
+            raise ValueError('orientation = "free" and start_rpy_deg or end_rpy_deg: leave one out')
         return self
+
+    def check_planar(self) -> None:
+        """Refuse a line that a planar chain has no axes for.
+
+        Raises:
+            ValueError: It leaves the vertical plane, or says how the tool is to point.
+        """
+        if self.start_m.y or self.end_m.y or self.orientation == "free" or self.start_rpy_deg or self.end_rpy_deg:
+            raise ValueError(
+                "a line with y, orientation, start_rpy_deg or end_rpy_deg needs an arm table: a geometry's chain moves its tip "
+                "in a vertical plane, its tool pointing down"
+            )
 
     def line(self, chain: PlanarChain) -> Line:
         """The trajectory of the joints."""
@@ -280,3 +316,23 @@ class ConstantAccelerationMotion(Table):
     def trajectory(self) -> ConstantAcceleration:
         """The trajectory of the motor."""
         return ConstantAcceleration(**self.model_dump())
+
+
+class PointToPointMotion(Table):
+    """The move of one motor from rest to rest, after which the arm rings."""
+
+    distance_rev: float
+    speed_rps: Positive
+    acceleration_rps_s: Positive
+    dwell_s: NotNegative = 0.2
+    tail_s: Annotated[float, Field(ge=0.3, le=60.0)] = 1.0
+
+    @model_validator(mode="after")
+    def _goes_somewhere(self) -> Self:
+        if abs(self.distance_rev) < LEAST_MOVE_REV:
+            raise ValueError(f"distance_rev {self.distance_rev:g} is no move: {LEAST_MOVE_REV:g} of the motor at least")
+        return self
+
+    def trajectory(self) -> PointToPoint:
+        """The trajectory of the motor."""
+        return PointToPoint(**self.model_dump())

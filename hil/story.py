@@ -51,6 +51,8 @@ from hil.results.comparison import StoryPart, StoryResult, StoryStep
 from hil.results.revealed import facts_of
 
 T = TypeVar("T")
+Step = Callable[[], tuple[str, str]]
+"""A step of a story: its result in words, and the path of its report."""
 
 NAME = "own-robot"
 TREATMENTS: tuple[TreatmentName, ...] = ("none", "notch", "notch-designed", "cancellation")
@@ -92,6 +94,30 @@ def bench_without_model(name: str = NAME) -> str:
     return text.replace('name = "reference"', f'name = "{name}"')
 
 
+def make_step(steps: list[StoryStep], out: Path, name: str, make: Step, report: str = "") -> None:
+    """Make one step, and note its name, result, duration and report; a step that is refused may have left one too.
+
+    Args:
+        steps: Steps so far; this one is added, also where it fails.
+        out: Directory of the story.
+        name: Name of the step in words.
+        make: The step; its result in words, and the path of its report from the story's directory.
+        report: Path of the report that it may leave where it fails.
+    """
+    began = time.monotonic()
+    what, holds, link = "", False, ""
+    try:
+        what, link = make()
+        holds = True
+    except (Exception, KeyboardInterrupt) as error:
+        what = str(error) or "interrupted"
+        link = report if report and (out / report).is_file() else ""
+        raise
+    finally:
+        seconds = round(time.monotonic() - began, 2)
+        steps.append(StoryStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
+
+
 @dataclass
 class _Teller:
     """Teller of a story: makes the steps and notes them."""
@@ -121,21 +147,10 @@ class _Teller:
     def parameter_set(self, axis: int) -> Path:
         return self.out / f"notch-axis{axis}.toml"
 
-    def step(self, name: str, make: Callable[[], tuple[str, str]], report: str = "") -> None:
-        """Make one step, and note its name, result, duration and report; a step that is refused may have left one too."""
+    def step(self, name: str, make: Step, report: str = "") -> None:
+        """Make one step, and note it."""
         self.reporter.step(name)
-        began = time.monotonic()
-        what, holds, link = "", False, ""
-        try:
-            what, link = make()
-            holds = True
-        except (Exception, KeyboardInterrupt) as error:
-            what = str(error) or "interrupted"
-            link = report if report and (self.out / report).is_file() else ""
-            raise
-        finally:
-            seconds = round(time.monotonic() - began, 2)
-            self.steps.append(StoryStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
+        make_step(self.steps, self.out, name, make, report)
 
     def identify_plant(self, axis: int) -> tuple[str, str]:
         where = (self.out / _plant_page(axis)).parent
@@ -182,10 +197,10 @@ class _Teller:
         update_designs(self.design, self.bench.name, axis, notch_design.designed_axis(outcome))
         made = notch_design.parameter_set(outcome.bench, axis, outcome.best, outcome.f_al_hz)
         made.save(self.parameter_set(axis), force=True)
-        (peak, *_), worst = outcome.best.peaks, {check.name: check.value for check in outcome.best.checks}
+        (peak, *_), m_s = outcome.best.peaks, outcome.best.worst("M_s")
         before = "" if outcome.given is None else f", the bench file's notch {outcome.given.peak(peak.order).rising_mm:.3f} mm"
         missed = "" if outcome.failure is None else f"; missed: {'; '.join(map(str, outcome.failure.missed))}"
-        what = f"predicted tip peak {peak.rising_mm:.3f} mm{before}; M_s {worst['M_s']:.2f} at every speed and plant{missed}"
+        what = f"predicted tip peak {peak.rising_mm:.3f} mm{before}; M_s {m_s:.2f} at every speed and plant{missed}"
         return what, _design_page(axis)
 
     def upload(self) -> tuple[str, str]:
@@ -351,12 +366,27 @@ def _side_by_side(teller: _Teller, request: ComparisonRequest, comparisons: list
     """Run the comparison with the identified models and the designed filters."""
     designs = load_designs(teller.design) if teller.design.is_file() else None
     knowledge = Knowledge(load_identified(teller.model), designs)
-    planned = plan(KnownRobot(teller.bench, knowledge, "bench.toml"), request)
-    comparisons.append(compare([planned], request, teller.out, reporter=teller.reporter))
-    if comparisons[0].failure is not None:
-        raise comparisons[0].failure
-    if comparisons[0].not_restored:
-        raise NotPossibleError(not_put_back("; ".join(comparisons[0].not_restored)))
+    return run_side_by_side(KnownRobot(teller.bench, knowledge, BENCH_FILE), request, teller.out, comparisons, teller.reporter)
+
+
+def run_side_by_side(
+    robot: KnownRobot, request: ComparisonRequest, out: Path, comparisons: list[ComparisonOutcome], reporter: Reporter
+) -> tuple[str, str]:
+    """Run the comparison that a story ends with, as its last step.
+
+    Args:
+        robot: The robot, and all that is known of it by now.
+        request: Request of the comparison.
+        out: Directory of the story.
+        comparisons: List to which its outcome is added, also where it failed.
+        reporter: Listener of its runs.
+    """
+    planned = plan(robot, request)
+    comparisons.append(compare([planned], request, out, reporter=reporter))
+    if comparisons[-1].failure is not None:
+        raise comparisons[-1].failure
+    if comparisons[-1].not_restored:
+        raise NotPossibleError(not_put_back("; ".join(comparisons[-1].not_restored)))
     return f"{len(planned.setups)} runs", "report.html"
 
 

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable, Iterator
 
-from plant_emulator.robots.robot import Behaviour, Robot
+from plant_emulator.robots.behaviour import Behaviour
+from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
 
 FEW = 8

@@ -60,4 +60,4 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages whose figures are made but not drawn, for what asks for words and keys alone; drawing them is most of the time."""
     from hil.report import style  # noqa: PLC0415 - matplotlib, which few tests need
 
-    monkeypatch.setattr(style, "to_svg", lambda figure, key: f'<svg role="img" aria-labelledby="{key}-title"></svg>')
+    monkeypatch.setattr(style, "to_svg", lambda figure, key, **options: f'<svg role="img" aria-labelledby="{key}-title"></svg>')

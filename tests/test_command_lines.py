@@ -121,6 +121,17 @@ def test_help_and_version_wait_for_no_numbers(package):
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_what_a_run_needs_before_it_moves_loads_no_part_of_scipy():
+    """`import scipy` loads a part of it where the part is first used; its filters alone take longer than all that a run needs."""
+    code = (
+        "import sys, hil.experiments.runner, plant_emulator.world\n"
+        "parts = {f'scipy.{part}' for part in ('fft', 'interpolate', 'linalg', 'optimize', 'signal', 'stats')}\n"
+        "print(sorted(parts & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=PROJECT)
+    assert done.stdout == "[]\n"
+
+
 @pytest.mark.parametrize("package", TOOLS.values())
 def test_without_a_command_the_help_is_shown(package):
     done = subprocess.run([sys.executable, "-m", package], capture_output=True, text=True, check=False, cwd=PROJECT)

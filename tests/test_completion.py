@@ -49,10 +49,11 @@ def offered(where, *words, shell="bash"):
     ("words", "wanted"),
     [
         (("hil", "r"), ["run", "report"]),
-        (("hil", "identify", ""), ["plant", "ate"]),
+        (("hil", "identify", ""), ["plant", "ate", "arm"]),
         (("hil", "run", "l"), ["line-motion"]),
         (("hil", "run", "--treatment", "no"), ["none", "notch", "notch-designed"]),
-        (("hil", "run", "--bench", "ref"), ["reference"]),
+        (("hil", "run", "--bench", "ref"), ["reference", "reference-arm"]),
+        (("hil", "run", "--bench", "reference-arm", "--axis", ""), ["1", "2", "3", "4", "5", "6"]),
         (("hil", "run", "--bench", "reference", "--axis", ""), ["2", "3", "5"]),
         (("hil", "learn", "--bench", "bench.toml", "--axis", ""), ["2", "3", "7"]),
         (("hil", "plan", "--bench", "bench.toml", "--axes", "3,"), ["3,2", "3,7"]),

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from drive_profiles.cli.completion import bash_words
+from drive_profiles.python_can import postpone_mf4
 
 _WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
 _EXAMPLES = re.compile(r"^Examples?:[ \t]*", re.MULTILINE)
@@ -127,6 +128,7 @@ class Tool(typer.Typer):
 
     def run(self, arguments: Sequence[str] | None = None) -> None:
         """Run the tool with the arguments of the process, or with these; never returns."""
+        postpone_mf4()
         try:
             with bash_words():
                 self(None if arguments is None else [*arguments])

@@ -36,9 +36,14 @@ def mount(app: typer.Typer) -> None:
 
 def diff(
     context: typer.Context,
-    left: Annotated[Path, typer.Argument(metavar="SET", help="A parameter set, DCF or concise DCF.")],
+    left: Annotated[
+        Path | None, typer.Argument(metavar="SET", help="A parameter set, DCF or concise DCF; left out with --default.")
+    ] = None,
     right: Annotated[Path | None, typer.Argument(metavar="OTHER", help="Another; left out: the drive at --node.")] = None,
     *,
+    default: Annotated[
+        bool, typer.Option("--default", help="Show what the drive at --node does not hold as its EDS has it delivered.")
+    ] = False,
     bus: OptionalBusOption = None,
     node: OptionalNodeOption = None,
     profile: ProfileOption = None,
@@ -52,11 +57,21 @@ def diff(
         drive-profiles diff old.toml new.toml
 
         drive-profiles diff axis2.toml --bus local:/tmp/robot.sock --node 2
+
+        drive-profiles diff --default --eds drive.eds --bus local:/tmp/robot.sock --node 2
     """
     from drive_profiles.parameter_set.formats import header_of
 
+    if default != (left is None):
+        raise fail("give either a parameter set or --default", ExitStatus.USAGE)
     with exit_on_error():
-        if right is not None:
+        if left is None:
+            if bus is None or node is None or eds is None:
+                raise fail("--default needs --bus, --node and --eds: the EDS says what was delivered", ExitStatus.USAGE)
+            take_bus(context, bus)
+            differences = _against_defaults(bus, node, profile, eds, timeout_s)
+            header = ("parameter", str(eds), f"node {node}", "unit")
+        elif right is not None:
             differences = _between_files(left, right, profile, eds, node)
             header = ("parameter", str(left), str(right), "unit")
         elif bus is None or node is None:
@@ -110,6 +125,45 @@ def _against_drive(path: Path, bus: str, node: int, profile: str | None, eds: Pa
             if held != write.data:
                 name = write.entry.name or str(write.entry)
                 differences.append(Difference(name, write.value, _decoded(write, held, scaling), write.entry.unit))
+    return differences
+
+
+def _against_defaults(bus: str, node: int, profile: str | None, eds_file: Path, timeout_s: float) -> list[Difference]:
+    """Differences between the defaults of an EDS and the objects of a drive; what only its maker writes is left out."""
+    from drive_profiles import eds as front_end
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.device.target import device_at
+    from drive_profiles.errors import DriveProfileError, NoAnswerError, RefusedError
+    from drive_profiles.family.catalogue import variables
+    from drive_profiles.parameter_set.parameters import Difference, is_command
+    from drive_profiles.standard.cia301 import encode
+
+    delivered = {
+        address: variable.default
+        for address, variable in variables(front_end.load(eds_file, node_id=node))
+        if variable.default is not None
+    }
+    if not delivered:
+        raise RefusedError(f"{eds_file} states no default")
+    with SdoBus(bus, timeout_s) as opened:
+        device = device_at(opened, node, profile, eds_file)
+        known = [e for e in device.catalogue if e.address in delivered and e.is_readable and e.is_writable and not e.flags]
+        differences = []
+        for entry in (each for each in known if not is_command(each.address)):
+            try:
+                if entry.data_type is None:
+                    continue
+                held, data = device.read(entry.address), encode(entry.data_type, delivered[entry.address])
+                if held == data:
+                    continue
+                scaling = device.scaling([entry]) if entry.needs_scaling else None
+                left, right = (entry.decoded(each, scaling) for each in (data, held))
+            except NoAnswerError:
+                raise
+            except (DriveProfileError, ValueError, TypeError) as error:
+                typer.echo(f"not compared: {entry}: {error}", err=True)
+                continue
+            differences.append(Difference(entry.name or str(entry), left, right, entry.unit))
     return differences
 
 

@@ -62,7 +62,9 @@ def names_or_files(beginning: Callable[[str], Iterable[str]], *suffixes: str) ->
 
 
 complete_profiles = names_or_files(profiles_beginning, ".toml")
-complete_reference = names_or_files(lambda begun: ["reference"] if "reference".startswith(begun) else [], ".toml")
+SHIPPED = {"reference": "reference.toml", "reference-arm": "reference_arm.toml"}
+"""Robots and benches that come with the packages: file of each by its name, in the folder of its own package."""
+complete_reference = names_or_files(lambda begun: [name for name in SHIPPED if name.startswith(begun)], ".toml")
 
 
 def complete_objects(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -84,11 +86,11 @@ class AxisCompleter:
     """Completers of axes, from the bench or robot file that the command line names so far.
 
     Args:
-        reference: File of the name `reference`, which each tool has of its own.
+        folder: Folder of the files of `SHIPPED`, which each tool has of its own.
     """
 
-    def __init__(self, reference: Path) -> None:
-        self._reference = reference
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
 
     def one(self, ctx: typer.Context, incomplete: str) -> list[str]:
         """Number of an axis."""
@@ -109,7 +111,8 @@ class AxisCompleter:
         named = given.get("bench_file") or given.get("robot")
         numbers: set[str] = set()
         for name in filter(None, named if isinstance(named, list | tuple) else [named]):
-            axes = _document(self._reference if str(name) == "reference" else Path(name)).get("axis", {})
+            shipped = SHIPPED.get(str(name))
+            axes = _document(Path(name) if shipped is None else self._folder / shipped).get("axis", {})
             numbers |= {number for number in axes if number.isdigit()} if isinstance(axes, dict) else set()
         return sorted(numbers, key=int)
 

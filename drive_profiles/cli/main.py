@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 
-from drive_profiles.cli import compare, convert, eds, profiles, read, realise, restore, write
+from drive_profiles.cli import compare, convert, eds, profiles, read, realise, restore, schema, write
 from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import EPILOG, ExitStatus
+from drive_profiles.cli.live import backup, faults, lss, nmt, watch
 
 app = Tool(
     "drive-profiles",
@@ -15,7 +16,7 @@ app = Tool(
     EPILOG,
 )
 
-for group in (profiles, read, write, compare, restore, convert, eds, realise):
+for group in (profiles, read, watch, faults, nmt, lss, backup, write, compare, restore, convert, eds, realise, schema):
     group.mount(app)
 
 

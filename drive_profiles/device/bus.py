@@ -7,6 +7,7 @@ import contextlib
 import queue
 import threading
 import time
+from collections.abc import Callable
 from typing import Any, Self
 
 import can
@@ -18,10 +19,13 @@ from drive_profiles.standard.cia301 import BROADCAST, MAX_NODE_ID, FunctionCode,
 
 _INTERFACES = {LOCAL: PYTHON_CAN_LOCAL}
 """Interfaces that python-can knows by another name than ours."""
+LSS_RESPONSE = 0x7E4
+"""Identifier by which LSS slaves answer (CiA 305)."""
 _FILTERS = [
     {"can_id": FunctionCode.SDO_RESPONSE, "can_mask": 0x780, "extended": False},
     {"can_id": FunctionCode.SDO_REQUEST, "can_mask": 0x780, "extended": False},  # those of other clients
     {"can_id": FunctionCode.HEARTBEAT, "can_mask": 0x780, "extended": False},
+    {"can_id": LSS_RESPONSE, "can_mask": 0x7FF, "extended": False},
 ]
 _FUNCTION = 0x780
 _POLL_S = 0.05
@@ -39,6 +43,7 @@ class _Line:
         self._bus = bus
         self.answers: queue.Queue[bytes] = queue.Queue(_BACKLOG)
         self.boots = 0
+        self.nmt_state: int | None = None
         self.requests_of_others = 0
         self._sent: collections.deque[bytes] = collections.deque(maxlen=_ECHOES)
 
@@ -72,6 +77,7 @@ class SdoBus:
 
     Attributes:
         address: The bus address as it was given.
+        on_lss: Called in the reading thread with the data of each answer of an LSS slave.
     """
 
     def __init__(self, address: str, timeout_s: float = 0.5) -> None:
@@ -101,6 +107,7 @@ class SdoBus:
             raise BusError(said if self.address in said else f"no bus at {self.address}: {said}") from error
         self._lines: dict[int, _Line] = {}
         self._ports: dict[int, SdoPort] = {}
+        self.on_lss: Callable[[bytes], None] = lambda data: None
         self._lost: Exception | None = None
         self._closing = threading.Event()
         self._sending = threading.Lock()
@@ -140,6 +147,16 @@ class SdoBus:
     def nmt(self, command: NmtCommand, node: int) -> None:
         """Send an NMT command to one node (0: to all)."""
         self.send(FunctionCode.NMT, bytes((command, BROADCAST if node == 0 else node)))
+
+    def boots(self, node: int) -> int:
+        """Number of boot-up messages of a node since its port was made."""
+        self.port(node)
+        return self._lines[node].boots
+
+    def nmt_state(self, node: int) -> int | None:
+        """NMT state of a node's last heartbeat; None where none has come."""
+        self.port(node)
+        return self._lines[node].nmt_state
 
     def send(self, can_id: int, data: bytes) -> None:
         """Put a frame on the bus.
@@ -191,7 +208,10 @@ class SdoBus:
             if function == FunctionCode.SDO_RESPONSE and node in self._lines:
                 with contextlib.suppress(queue.Full):  # a babbling node loses its own answers
                     self._lines[node].answers.put_nowait(bytes(message.data))
+            elif message.arbitration_id == LSS_RESPONSE:
+                self.on_lss(bytes(message.data))
             elif function == FunctionCode.SDO_REQUEST and node in self._lines:
                 self._lines[node].on_request(bytes(message.data))
-            elif function == FunctionCode.HEARTBEAT and bytes(message.data) == b"\0" and node in self._lines:
-                self._lines[node].boots += 1
+            elif function == FunctionCode.HEARTBEAT and len(message.data) == 1 and node in self._lines:
+                self._lines[node].nmt_state = message.data[0] & 0x7F
+                self._lines[node].boots += message.data[0] == 0

@@ -3,26 +3,19 @@
 A warning therefore names the key of the EDS (``[2100sub1] DefaultValue``) and the line of the XML. Data type, access, limits
 and values may stand at an object, or at the parameter to which its ``uniqueIDRef`` leads; the object's own count first.
 
-The file is not trusted: declarations of a document type or of entities are refused, so nothing is expanded or fetched, and
-size, depth, elements and text are bounded.
+The file is not trusted: see `drive_profiles.files.xml_tree`, and its size is bounded.
 
 Source: CiA 311; the type names are those of IEC 61131-3.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from xml.parsers import expat
 
 from drive_profiles.eds.objects import MAX_VARIABLES
 from drive_profiles.eds.text import BLANK, MAX_BYTES, MAX_SECTIONS, Document, EdsEntry, EdsSection, Findings, quoted
 from drive_profiles.errors import FileError, Problem
-
-MAX_DEPTH = 64
-MAX_ELEMENTS = 200_000
-MAX_TEXT = 4096
+from drive_profiles.files.xml_tree import Element, parse
 
 _TYPES = {
     "BOOL": 0x01,
@@ -35,41 +28,6 @@ _ACCESS = {
     "noAccess": "ro",
 }  # fmt: skip
 _DEVICE = {"vendorName": "VendorName", "vendorID": "VendorNumber", "productName": "ProductName", "productID": "ProductNumber"}
-
-
-@dataclass(slots=True)
-class Element:
-    """One element of the tree: names without their name space.
-
-    Attributes:
-        tag: Name of the element.
-        attributes: Attributes by name.
-        line: Line on which it begins, from 1.
-        children: Elements inside, in the order of the file.
-        text: Text directly inside.
-    """
-
-    tag: str
-    attributes: dict[str, str]
-    line: int
-    children: list[Element] = field(default_factory=list)
-    text: str = ""
-
-    def walk(self) -> Iterator[Element]:
-        """Yield this element and all below it, in the order of the file."""
-        stack = [self]
-        while stack:
-            element = stack.pop()
-            yield element
-            stack.extend(reversed(element.children))
-
-    def child(self, tag: str) -> Element | None:
-        """Return the first child of a name."""
-        return next((child for child in self.children if child.tag == tag), None)
-
-
-class _UnsafeError(Exception):
-    """XML that no description needs, and that could do harm."""
 
 
 def read(data: bytes, path: Path, findings: Findings) -> Document:
@@ -99,42 +57,7 @@ def read(data: bytes, path: Path, findings: Findings) -> Document:
 def _tree(data: bytes, path: Path) -> Element:
     if len(data) > MAX_BYTES:
         raise FileError(path, (Problem(0, "", f"is larger than {MAX_BYTES >> 20} MiB", "a description of a CANopen device"),))
-    parser = expat.ParserCreate()
-    top = Element("", {}, 0)
-    stack = [top]
-    count = 0
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        nonlocal count
-        count += 1
-        if count > MAX_ELEMENTS or len(stack) > MAX_DEPTH:
-            raise _UnsafeError(f"more than {MAX_ELEMENTS} elements, or deeper than {MAX_DEPTH}")
-        local = {key.rpartition(":")[2]: value for key, value in attributes.items()}
-        element = Element(name.rpartition(":")[2], local, parser.CurrentLineNumber)
-        stack[-1].children.append(element)
-        stack.append(element)
-
-    def end(_name: str) -> None:
-        stack.pop()
-
-    def text(content: str) -> None:
-        if len(stack[-1].text) < MAX_TEXT:
-            stack[-1].text += content
-
-    def refuse(*_: object) -> int:
-        raise _UnsafeError("a declaration of a document type or of an entity, which is not followed")
-
-    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = parser.ExternalEntityRefHandler = refuse
-    try:
-        parser.Parse(data, True)
-    except _UnsafeError as error:
-        raise FileError(path, (Problem(parser.CurrentLineNumber, "", str(error), "a plain XDD file"),)) from error
-    except expat.ExpatError as error:
-        raise FileError(path, (Problem(error.lineno, "", f"no XML: {expat.ErrorString(error.code)}", "an XDD file"),)) from error
-    except (LookupError, ValueError) as error:  # an encoding that Python does not have, or that is none of single bytes
-        raise FileError(path, (Problem(1, "", f"no XML that can be read: {error}", "an XDD file in UTF-8"),)) from error
-    return top.children[0]
+    return parse(data, path, "an XDD file")
 
 
 def _section(name: str, line: int, values: dict[str, tuple[str | None, int]]) -> EdsSection:

@@ -229,6 +229,22 @@ class EncoderFacts(Fact):
     note: str = ""
 
 
+class LoadEncoderFacts(Fact):
+    """Facts about a second encoder, which sits on the joint where one is fitted there.
+
+    Attributes:
+        position: Object with its position (60E4h), which a TPDO can carry.
+        increments: Object with its steps per ``revolutions`` revolutions of its own (60E6h).
+        revolutions: Object with that number of revolutions (60EBh).
+        note: Further facts that matter.
+    """
+
+    position: WrittenAddress | None = None
+    increments: WrittenAddress | None = None
+    revolutions: WrittenAddress | None = None
+    note: str = ""
+
+
 class StoreFacts(Fact):
     """Facts about the commands that store and restore parameters.
 

@@ -276,6 +276,13 @@ def _raw(entry: CatalogueEntry, value: float | str) -> Value:
     return bool(raw) if data_type is DataType.BOOLEAN else raw
 
 
+def variables(description: Description) -> Iterator[tuple[ObjectAddress, Any]]:
+    """Every variable of a device description, by its address, as canopen has it."""
+    for item in description.dictionary.values():
+        members = [item] if isinstance(item, canopen.objectdictionary.ODVariable) else item.values()
+        yield from (((each.index, each.subindex), each) for each in members)
+
+
 def _from_eds(description: Description | None) -> Iterator[CatalogueEntry]:
     if description is None:
         return

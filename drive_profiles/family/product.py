@@ -7,7 +7,15 @@ from typing import Annotated, Any, Literal, Self
 
 import pydantic
 
-from drive_profiles.family.capability import Capability, EncoderFacts, LoopFacts, NotchFacts, StoreFacts, TorqueFacts
+from drive_profiles.family.capability import (
+    Capability,
+    EncoderFacts,
+    LoadEncoderFacts,
+    LoopFacts,
+    NotchFacts,
+    StoreFacts,
+    TorqueFacts,
+)
 from drive_profiles.family.identity import PRODUCT_NAME, Firmware, Modes, SyncLimits, Unsigned32
 from drive_profiles.family.parameter import Effective, Evidence, Fact, Parameter, ParameterClass
 from drive_profiles.files.toml import Table
@@ -92,6 +100,7 @@ class Product(Firmware, Fact):
         notch: Its filter.
         torque: Torques on the bus.
         encoder: Unit of positions on the bus.
+        load_encoder: Second encoder.
         store: Commands that store and restore.
         capabilities: Answers that are other than the first product's.
         quirks: Peculiarities that come to the family's.
@@ -109,6 +118,7 @@ class Product(Firmware, Fact):
     notch: NotchFacts | None = None
     torque: TorqueFacts | None = None
     encoder: EncoderFacts | None = None
+    load_encoder: LoadEncoderFacts | None = None
     store: StoreFacts | None = None
     capabilities: dict[Question, Capability] = pydantic.Field(default_factory=dict)
     quirks: tuple[str, ...] = ()
@@ -125,7 +135,8 @@ class Product(Firmware, Fact):
     @property
     def facts(self) -> dict[str, Fact]:
         """The tables of facts that replace the first product's, by name."""
-        named = {name: getattr(self, name) for name in ("modes", "sync", "loop", "notch", "torque", "encoder", "store")}
+        tables = ("modes", "sync", "loop", "notch", "torque", "encoder", "load_encoder", "store")
+        named = {name: getattr(self, name) for name in tables}
         return {name: fact for name, fact in named.items() if fact is not None}
 
     def parameters_of(self, first: Mapping[str, Parameter]) -> dict[str, Parameter]:

@@ -6,9 +6,10 @@ The facts are in ``vendors/*.toml``, each with its source and evidence; none of 
 from __future__ import annotations
 
 import difflib
+import functools
 import re
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, cast
 
 import pydantic
 
@@ -17,6 +18,7 @@ from drive_profiles.family.capability import (
     Abort,
     Capabilities,
     EncoderFacts,
+    LoadEncoderFacts,
     LoopFacts,
     NotchFacts,
     StoreFacts,
@@ -51,6 +53,7 @@ class Profile(Table):
         notch: The drive's filter; None where it has none.
         torque: Torques on the bus.
         encoder: Unit of positions on the bus.
+        load_encoder: Second encoder; None where nothing is known of one.
         store: Commands that store and restore parameters.
         aborts: Vendor-specific abort codes.
         quirks: Peculiarities that a user of this family must know, one sentence each.
@@ -69,6 +72,7 @@ class Profile(Table):
     notch: NotchFacts | None = None
     torque: TorqueFacts | None = None
     encoder: EncoderFacts | None = None
+    load_encoder: LoadEncoderFacts | None = None
     store: StoreFacts
     aborts: tuple[Abort, ...] = ()
     quirks: tuple[str, ...] = ()
@@ -147,7 +151,8 @@ class Profile(Table):
         if isinstance(family, str) and _NAME.fullmatch(family):
             if family not in available():
                 raise ProfileNotFoundError(family, tuple(available()))
-            profile = files.load(VENDORS / f"{family}.toml", cls)
+            file = VENDORS / f"{family}.toml"
+            profile = cast("Self", _packaged(cls, file, file.stat().st_mtime_ns))
         elif isinstance(family, str) and _OF_A_PRODUCT.fullmatch(family) and not Path(family).exists():
             raise ProfileNotFoundError(family.partition("/")[0], tuple(available()))  # rather than a path that nobody meant
         else:
@@ -284,6 +289,12 @@ def is_name(text: str) -> bool:
     """True for ``family`` and for ``family/product`` of the package; all else that names a profile is a path."""
     family, _ = _split(text)
     return isinstance(family, str) and _NAME.fullmatch(family) is not None
+
+
+@functools.lru_cache(maxsize=64)
+def _packaged(model: type[Profile], file: Path, written_ns: int) -> Profile:
+    """A profile of the package, read once for each time that its file was written: a run asks for it a dozen times."""
+    return files.load(file, model)
 
 
 def _split(text: str | Path) -> tuple[str | Path, str]:

@@ -1,4 +1,6 @@
-r"""Files of users: one door to read them (`reading`), written whole or not at all (`safefile`), TOML validated by line (`toml`).
+r"""Files of users: one door to read them (`reading`), written whole or not at all (`safefile`).
+
+TOML is validated by line (`toml`), XML a tree of bounded size (`xml_tree`).
 
 >>> from drive_profiles.errors import FileError
 >>> from drive_profiles.files.toml import Table, loads

@@ -1,34 +1,54 @@
 """The bench file: bus and drives of a robot, the believed model of its axes, and limits that must never be exceeded."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from drive_profiles.address import AddressError, parse_address
 from drive_profiles.family.profile import is_name
-from drive_profiles.files.toml import Table, load
+from drive_profiles.files.toml import FileError, Problem, Table, load
+from hil.arm.kinematics import Kinematics
+from hil.arm.line import arm_line
+from hil.arm.straight_line import LineError
+from hil.arm.tables import ArmTable
+from hil.arm.urdf import with_links
+from hil.bench.motor import MotorTable
+from hil.bench.sensors import AccelerometerTable, LoadEncoderTable, NodeId
 from hil.control.notch import NOTCHES
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, TwoInertia
 from hil.errors import NotPossibleError
 from hil.robot_tables import (
+    AxisNumber,
     ConstantAccelerationMotion,
     Control,
     Geometry,
     LineMotion,
     NotchTable,
+    NotNegative,
     PlantTable,
+    PointToPointMotion,
     Positive,
     TransmissionErrorTable,
 )
-from hil.sensor.table import SerialTable
 
 AS_FOUND: Final = "as found"
 """Value of `control` where the drive keeps the gains that it has: its maker's tool has set them, and nobody else can."""
 
-NodeId = Annotated[int, Field(ge=1, le=127)]
+TO_BE_TYPED: Final = "TYPE:"
+"""Beginning of a text that stands for what only a person can say; no bench file with one is accepted."""
 
+LEAST_LEVER_M = 0.001
+"""Lever from which an accelerometer feels an axis: 1 rad/s² there is 1 mm/s², a tenth of what real ones resolve."""
+
+IDENTIFICATION_TRAVEL_DEG = 10.0
+"""Angle by which an identification turns an arm's joint to either side: within it a resonance moves by some per cent."""
 REFERENCE = Path(__file__).parent / "reference.toml"
+REFERENCE_ARM = Path(__file__).parent / "reference_arm.toml"
+SHIPPED = {"reference": REFERENCE, "reference-arm": REFERENCE_ARM}
+"""Benches of the package, by name."""
 
 
 class RealTimeTable(Table):
@@ -110,26 +130,43 @@ class AxisTable(Table):
         profile: Drive profile, by its name or by the path of its file; a path counts from the bench file.
         serial_number: Serial number of the drive; None where any is accepted.
         reduction_ratio: Reduction ratio N of the gear.
-        tip_lever_m: Distance of the tip from the axis.
+        joint: Name of its joint in the arm's URDF file.
+        tip_lever_m: Distance of the tip from the axis; left out on a bench with an arm, whose kinematics say it: 0 until then.
         limits: Limits that the axis must never exceed.
         control: Gains of its loop, or `as found`: the drive's, which are neither written nor known.
         notch: Variable notches.
         model: Believed plant; None without one.
+        gear_stiffness_nm_rad: Stiffness of its gear at the joint; left out, that of `model`, which may stand for one mode alone.
         encoder_counts_per_rev: Position units per motor revolution, for a drive without an object that says it.
         rated_torque_nm: Torque of which torques are per mille, for a drive without an object that says it.
+        motor_inertia_kg_m2: J_m of the motor's data sheet, for learning where no plant is known.
+        motor: Poles and slots of the motor, for a passport; None where nothing is known of them.
+        load_encoder: Second encoder, on the joint; its position is recorded. None: there is none, or it is not wanted.
     """
 
     node_id: NodeId
     profile: str = "emulated_drive"
     serial_number: Annotated[int, Field(ge=0)] | None = None
+    joint: str | None = None
     reduction_ratio: Positive
-    tip_lever_m: Positive
+    tip_lever_m: NotNegative = 0.0
     limits: Limits
     control: Gains
     notch: Annotated[tuple[NotchTable, ...], Field(max_length=NOTCHES)] = ()
     model: Model | None = None
+    gear_stiffness_nm_rad: Positive | None = None
     encoder_counts_per_rev: Annotated[int, Field(gt=0)] | None = None
     rated_torque_nm: Positive | None = None
+    motor_inertia_kg_m2: Positive | None = None
+    motor: MotorTable | None = None
+    load_encoder: LoadEncoderTable | None = None
+
+    @field_validator("profile", "joint")
+    @classmethod
+    def _is_typed(cls, text: str | None) -> str | None:
+        if text is not None and text.startswith(TO_BE_TYPED):
+            raise ValueError(f"is still to be typed:{text.removeprefix(TO_BE_TYPED)}")
+        return text
 
     def gains(self, purpose: str) -> Control:
         """The gains of the loop.
@@ -143,6 +180,22 @@ class AxisTable(Table):
         if isinstance(self.control, Control):
             return self.control
         raise NotPossibleError(f'{purpose} needs gains in the bench file: control = "{AS_FOUND}" leaves them to the drive')
+
+    def felt_lever_m(self, purpose: str) -> float:
+        """Lever by which the axis moves the accelerometer.
+
+        Args:
+            purpose: Use of the accelerometer, as the subject of the error's sentence.
+
+        Raises:
+            NotPossibleError: It is too short for anything to be felt.
+        """
+        if self.tip_lever_m >= LEAST_LEVER_M:
+            return self.tip_lever_m
+        raise NotPossibleError(
+            f"{purpose} needs an accelerometer that the axis moves: its lever at home is {1e3 * self.tip_lever_m:.2g} mm, "
+            f"{1e3 * LEAST_LEVER_M:g} mm is the least. Mount it elsewhere, or leave it out"
+        )
 
     @property
     def has_loop(self) -> bool:
@@ -164,38 +217,26 @@ class AxisTable(Table):
         return Loop(plant, self.control.cascade(), notches, period_s, delay_samples)
 
 
-class AccelerometerTable(Table):
-    """The sensor at the tip: a node of the bus, or a device on a serial port.
-
-    Attributes:
-        node_id: Node-ID of the sensor; None for a sensor on a serial port.
-        profile: Drive profile of the node; None for a sensor on a serial port.
-        serial: Port and framing of a serial sensor; None for a node.
-        range_m_s2: Largest measurement of the sensor, or None; a run in which a sample reaches it is not judged.
-    """
-
-    node_id: NodeId | None = None
-    profile: str = "emulated_accelerometer"
-    serial: SerialTable | None = None
-    range_m_s2: Positive | None = None
-
-    @model_validator(mode="after")
-    def _one_of_both(self) -> "AccelerometerTable":
-        if (self.node_id is None) == (self.serial is None):
-            raise ValueError("the accelerometer has either a node_id on the bus or a serial table")
-        return self
-
-
 class Specification(Table):
     """Tolerances of the tip.
 
     Attributes:
         tip_mm: Largest displacement.
+        quiet_mm: Largest displacement that a cancellation may leave without its cause being told.
         line_area_reduction_pct: Reduction of the spectrum's area that is asked in the line motion; None: only the peak is asked.
+        band_hz: Band of the line motion's vibration on a bench with an arm, which several resonances share; None: by f_al.
     """
 
     tip_mm: Positive = 0.05
+    quiet_mm: Positive = 0.010
     line_area_reduction_pct: float | None = None
+    band_hz: tuple[Positive, Positive] | None = None
+
+    @model_validator(mode="after")
+    def _is_a_band(self) -> "Specification":
+        if self.band_hz is not None and not self.band_hz[0] < self.band_hz[1]:
+            raise ValueError(f"band_hz goes from {self.band_hz[0]:g} to {self.band_hz[1]:g} Hz: the first must be the lower")
+        return self
 
 
 class Bench(Table):
@@ -204,19 +245,24 @@ class Bench(Table):
     Attributes:
         reference: `paper` for the robot of the paper, which is judged in the paper's windows and beside its numbers; None for
             every other robot.
+        identification_travel_deg: How far an identification turns a joint of an arm from where it stands, to either side: further
+            on the arm is another plant. Left out, `IDENTIFICATION_TRAVEL_DEG`; a bench without an arm has none.
     """
 
     name: str
     reference: Literal["paper"] | None = None
     bus: Bus
-    axis: Annotated[dict[Annotated[int, Field(ge=1, le=6)], AxisTable], Field(min_length=1)]
+    axis: Annotated[dict[AxisNumber, AxisTable], Field(min_length=1)]
     accelerometer: AccelerometerTable
     geometry: Geometry | None = None
+    arm: ArmTable | None = None
     line_motion: LineMotion | None = None
     constant_acceleration: ConstantAccelerationMotion | None = None
+    point_to_point: PointToPointMotion | None = None
     specification: Specification = Specification()
     settle_s: Annotated[float, Field(ge=0.05, le=60.0)] = 0.5
     approach_rps: Positive = 8.0
+    identification_travel_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
 
     @property
     def is_paper(self) -> bool:
@@ -225,8 +271,19 @@ class Bench(Table):
 
     @property
     def chain_axes(self) -> tuple[int, ...]:
-        """Axes of the line motion: those of the geometry, from the base on; none without one."""
+        """Axes of the line motion, from the base on: those of the geometry, or of an arm those that move; none without one."""
+        if self.arm is not None:
+            return moved_axes(self.arm, self.line_motion)
         return () if self.geometry is None else self.geometry.axes
+
+    @property
+    def travel_deg(self) -> float:
+        """How far an identification may turn a joint to either side, by the arm; infinite without one."""
+        return math.inf if self.arm is None else self.identification_travel_deg or IDENTIFICATION_TRAVEL_DEG
+
+    def travel_rev(self, axis: int) -> float:
+        """The same in motor revolutions, end to end."""
+        return 2.0 * self.travel_deg / 360.0 * self.axis[axis].reduction_ratio
 
     def on(self, address: str) -> "Bench":
         """The same bench on another bus.
@@ -247,26 +304,127 @@ class Bench(Table):
         for number, axis in self.axis.items():
             if self.approach_rps > axis.limits.speed_rps:
                 raise ValueError(f"approach_rps {self.approach_rps} is above axis {number}'s speed_rps {axis.limits.speed_rps}")
+        if self.accelerometer.from_load_encoders:
+            self._check_load_encoders()
+        if self.arm is not None:
+            self._check_arm(self.arm)
+            return with_levers(self, self.arm) if self.arm.link else self
+        bare = [number for number, axis in self.axis.items() if axis.tip_lever_m <= 0.0]
+        if bare:
+            raise ValueError(f"axis {bare[0]} has no tip_lever_m: the tip's distance from the axis, which an arm table would say")
+        if self.specification.band_hz is not None:
+            raise ValueError("specification.band_hz needs an arm table: without one a line is judged by the f_al of its axes")
+        if self.identification_travel_deg is not None:
+            raise ValueError("identification_travel_deg needs an arm table: a single axis is the same plant wherever it stands")
+        if self.accelerometer.mounting is not None:
+            raise ValueError("accelerometer.mounting needs an arm table: the links on which the sensor sits")
         if self.line_motion is not None:
             if self.geometry is None:
                 raise ValueError(
-                    "line_motion needs a geometry table: the lengths of the arm, and axes = [shoulder, elbow, wrist], by number"
+                    "line_motion needs a geometry table: the lengths of the arm, and axes = [shoulder, elbow, wrist], by number; "
+                    "or an arm table"
                 )
             self.geometry.check_axes(self.axis, "line_motion")
+            self.line_motion.check_planar()
         return self
+
+    def _check_load_encoders(self) -> None:
+        without = [number for number, axis in self.axis.items() if axis.load_encoder is None]
+        if without:
+            raise ValueError(
+                f"accelerometer.from_load_encoders: axis {without[0]} has no load_encoder table, whose joint would move unseen"
+            )
+
+    def _check_arm(self, arm: ArmTable) -> None:
+        """Refuse what does not go with an arm, once its links are known.
+
+        Raises:
+            ValueError: An axis is no joint of it, or the file has a planar chain beside it.
+        """
+        if self.geometry is not None:
+            raise ValueError("geometry and arm both say where the tip is: leave the geometry out")
+        if arm.link:
+            arm.check_axes(tuple(self.axis))
+            if self.accelerometer.mounting is not None:
+                self.accelerometer.mounting.check_arm(arm)
+
+
+def moved_axes(arm: ArmTable, motion: LineMotion | None) -> tuple[int, ...]:
+    """Numbers of the axes that an arm's line moves, from the base on; of a line that it cannot follow all of them."""
+    if motion is None:
+        return ()
+    try:
+        return arm_line(arm, motion).axes
+    except LineError:
+        return arm.axes
 
 
 def load_bench(path: str | Path) -> Bench:
-    """The bench of a file, or of the name `reference`; relative paths of profiles in it count from the file.
+    """The bench of a file, or of a name of `SHIPPED`; relative paths of profiles in it count from the file.
 
     Raises:
         FileError: The file is not valid; every problem is listed by line.
     """
-    file = REFERENCE if str(path) == "reference" else Path(path)
+    file = SHIPPED.get(str(path), Path(path))
     bench = load(file, Bench)
     folder = file.absolute().parent
     axes = {number: _with_profile_in(folder, table) for number, table in bench.axis.items()}
-    return bench.model_copy(update={"axis": axes, "accelerometer": _with_profile_in(folder, bench.accelerometer)})
+    bench = bench.model_copy(update={"axis": axes, "accelerometer": _with_profile_in(folder, bench.accelerometer)})
+    try:
+        return with_arm(bench, folder)
+    except ValueError as error:
+        raise FileError(file, (Problem(1, "arm", str(error), "an arm that the axes of the file move"),)) from None
+
+
+ROUNDING_M = 1e-9
+"""Lever that is none: rounding in a chain of rotations."""
+LEVER_TOLERANCE = 0.02
+"""Relative difference of a stated lever from the arm's up to which it is a rounded one."""
+
+
+def with_arm(bench: Bench, folder: Path) -> Bench:
+    """A bench whose arm has its links, from the URDF file where it names one.
+
+    Raises:
+        FileError: The URDF file describes no such arm.
+        ValueError: What the bench file says does not fit the arm.
+    """
+    if bench.arm is None or bench.arm.link:
+        return bench
+    joints = {table.joint: number for number, table in bench.axis.items() if table.joint is not None}
+    arm, reductions = with_links(bench.arm, folder, joints)
+    for number, ratio in reductions.items():
+        if not math.isclose(ratio, bench.axis[number].reduction_ratio, rel_tol=1e-6):
+            raise ValueError(
+                f"axis {number}: reduction_ratio is {bench.axis[number].reduction_ratio:g}, {ratio:g} in the URDF file"
+            )
+    bench = bench.model_copy(update={"arm": arm})
+    bench._check_arm(arm)
+    return with_levers(bench, arm)
+
+
+def with_levers(bench: Bench, arm: ArmTable) -> Bench:
+    """A bench whose axes have the levers by which the links of its arm move the sensor at home.
+
+    Raises:
+        ValueError: The file states another lever.
+    """
+    kinematics, mounting = Kinematics.of(arm), bench.accelerometer.mounting
+    of = kinematics.tip if mounting is None else mounting.frame(arm)
+    levers = np.linalg.norm(kinematics.jacobian(arm.home_rad(), of)[:3], axis=0).tolist()
+    axes = {}
+    for number, table in bench.axis.items():
+        found = float(levers[arm.axes.index(number)])
+        lever = found if found > ROUNDING_M else 0.0
+        stated = table.tip_lever_m if "tip_lever_m" in table.model_fields_set else lever
+        if abs(stated - lever) > LEVER_TOLERANCE * max(lever, stated):
+            raise ValueError(
+                f"axis {number}: tip_lever_m is {stated:g}, by the arm its sensor is {lever:.4g} m from it at home: "
+                "leave tip_lever_m out"
+            )
+        axes[number] = table.model_copy(update={"tip_lever_m": lever})
+        axes[number].model_fields_set.discard("tip_lever_m")  # worked out, not stated: another mounting gives another
+    return bench.model_copy(update={"axis": axes})
 
 
 T = TypeVar("T", AxisTable, AccelerometerTable)

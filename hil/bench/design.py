@@ -10,7 +10,7 @@ from drive_profiles.files.toml import Table, load, toml_value
 from hil.bench.bench import Bench
 from hil.control.notch import NOTCH_TRAPEZOID, NOTCHES, Notch
 from hil.errors import NotPossibleError
-from hil.robot_tables import NotchTable, NotNegative, Positive
+from hil.robot_tables import AxisNumber, NotchTable, NotNegative, Positive
 
 
 class DesignedAxis(Table):
@@ -48,7 +48,7 @@ class Designs(Table):
     """
 
     robot: str
-    axis: dict[Annotated[int, Field(ge=1, le=6)], DesignedAxis] = Field(default_factory=dict)
+    axis: dict[AxisNumber, DesignedAxis] = Field(default_factory=dict)
 
     def dumps(self) -> str:
         """The file as TOML; its `[[axis.N.notch]]` may be copied into a bench file."""

@@ -1,9 +1,10 @@
 """The model file: the identified plant and transmission error of a robot's axes, each number with its standard error."""
 
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from pydantic import Field
 
@@ -11,10 +12,30 @@ from drive_profiles.files.safefile import write_atomically
 from drive_profiles.files.toml import Table, load, toml_value
 from hil.bench.bench import Bench, Model
 from hil.errors import NotPossibleError
-from hil.robot_tables import NotNegative, PlantTable, Positive, TransmissionErrorTable, amplitude_key, phase_key
+from hil.robot_tables import AxisNumber, NotNegative, PlantTable, Positive, TransmissionErrorTable, amplitude_key, phase_key
 
 Errors = dict[str, NotNegative]
 """Standard error by the name of its number; a number without one was not identified, or is believed."""
+
+
+class IdentifiedMode(Table):
+    """A mode of an arm that rings with several, with the motor held.
+
+    Attributes:
+        antiresonance_hz: Its frequency, a dip of the motor's response.
+        resonance_hz: The peak above it.
+        damping: Its damping ratio.
+        inertia_kg_m2: Its effective inertia about the joint; those of all modes add up to the joint's.
+        tip_part: Part of the tip's rigid motion that it carries; None without an accelerometer.
+        standard_error: Standard errors of these.
+    """
+
+    antiresonance_hz: Positive
+    resonance_hz: Positive
+    damping: Positive
+    inertia_kg_m2: Positive
+    tip_part: float | None = None
+    standard_error: Errors = Field(default_factory=dict)
 
 
 class IdentifiedPlant(Table):
@@ -26,11 +47,16 @@ class IdentifiedPlant(Table):
         antiresonance_hz: Antiresonance f_a.
         resonance_hz: Resonance f_r.
         damping: Damping ratio ζ of the arm on its gear.
+        torsion_arcsec: Amplitude of the gear's torsion for which stiffness and damping hold; None where it was not recorded.
         cannot_tell: Facts that these data cannot show, in words.
         coulomb_friction_nm: Coulomb friction τ_C at the motor; None where no slow run was made.
         gravity_moment_nm: Gravity moment m g l of the arm; None where no slow run was made.
+        torque_lag_s: Lag of the drive's current loop, from the torque that it reports to the one that the motor feels.
+        accelerometer_delay_s: Delay of the accelerometer behind the motor angle; None without an accelerometer.
         note: Notes of the engineer: date, load, temperature.
         emulated: True where it was identified on an emulated robot; None where that was not recorded.
+        modes: Modes of an arm that rings with several, from the lowest; then the values are motor and leading mode, the lowest
+            that carries a good part of the tip's motion. Empty where there is one.
     """
 
     values: PlantTable
@@ -38,11 +64,15 @@ class IdentifiedPlant(Table):
     antiresonance_hz: Positive
     resonance_hz: Positive
     damping: Positive
+    torsion_arcsec: Positive | None = None
     cannot_tell: tuple[str, ...] = ()
     coulomb_friction_nm: NotNegative | None = None
     gravity_moment_nm: float | None = None
+    torque_lag_s: NotNegative = 0.0
+    accelerometer_delay_s: float | None = None
     note: str = ""
     emulated: bool | None = None
+    modes: tuple[IdentifiedMode, ...] = ()
 
 
 class IdentifiedError(Table):
@@ -55,7 +85,10 @@ class IdentifiedError(Table):
         damping: Damping ratio ζ, likewise.
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle.
         set_point_delay_s: Delay of the motor behind its set-points beyond SYNC period and interpolation.
-        learnt_by: Source of the values: `identify` or `adaptive`.
+        gear_reaction: Part of τ_g dθ_sync/dθ_m with which the gear's torque τ_g loads the motor, as the motor's torque showed it;
+            0 where it did not.
+        motor_friction_nm: Friction of the motor beside which that reaction was told: no load of the gear. A plant's goes first.
+        learnt_by: Source of the values: `identify`, `sensorless`, `adaptive` (passes of ramps) or `probing` (on a motion itself).
         motor_inertia_kg_m2: J_m with which it was learnt, as it was given; None where a plant was known.
         note: Notes of the engineer: date, load, temperature.
         emulated: True where it was identified on an emulated robot; None where that was not recorded.
@@ -67,6 +100,8 @@ class IdentifiedError(Table):
     damping: Positive | None = None
     accelerometer_delay_s: float = 0.0
     set_point_delay_s: float = 0.0
+    gear_reaction: NotNegative = 0.0
+    motor_friction_nm: NotNegative = 0.0
     learnt_by: str = "identify"
     motor_inertia_kg_m2: Positive | None = None
     note: str = ""
@@ -90,22 +125,82 @@ SIGNIFICANT_SIGMAS = 3.0
 def significant(part: IdentifiedError) -> TransmissionErrorTable:
     """The orders whose amplitude is more than noise makes: a cancellation of noise would only add to the vibration.
 
-    An amplitude without a standard error is believed.
+    An amplitude without a standard error is believed, and so is what was learnt on a motion: a run with just that was quieter.
     """
     values, errors = part.values, part.standard_error
+    sigmas = 0.0 if part.learnt_by == "probing" else SIGNIFICANT_SIGMAS
     kept = {
         order: amplitude
         for order, amplitude in values.amplitudes_arcsec().items()
-        if amplitude >= SIGNIFICANT_SIGMAS * errors.get(amplitude_key(order), 0.0)
+        if amplitude >= sigmas * errors.get(amplitude_key(order), 0.0)
     }
     return TransmissionErrorTable.of(kept, values.phases_deg())
 
 
+SAME_POSTURE_DEG = 3.0
+"""Difference of every joint up to which a posture is measured again."""
+
+
+class IdentifiedPosture(Table):
+    """Modes that one motor has felt of an arm in a posture, the other motors held.
+
+    Attributes:
+        joints_deg: The posture: joint angles from the base on.
+        mode: The modes, from the lowest.
+        emulated: True where it was identified on an emulated robot; None where that was not recorded.
+    """
+
+    joints_deg: tuple[float, ...]
+    mode: tuple[IdentifiedMode, ...]
+    emulated: bool | None = None
+
+    def is_at(self, joints_deg: Sequence[float]) -> bool:
+        """True for the same posture, or nearly."""
+        return len(joints_deg) == len(self.joints_deg) and all(
+            abs(a - b) < SAME_POSTURE_DEG for a, b in zip(self.joints_deg, joints_deg, strict=True)
+        )
+
+
 class IdentifiedAxis(Table):
-    """The identified parts of one axis; either may be missing."""
+    """The identified parts of one axis; any may be missing.
+
+    Attributes:
+        plant: The plant, as designs and cancellations use it.
+        ate: The transmission error.
+        posture: What it has felt of an arm, by posture.
+    """
 
     plant: IdentifiedPlant | None = None
     ate: IdentifiedError | None = None
+    posture: tuple[IdentifiedPosture, ...] = ()
+
+
+class IdentifiedArm(Table):
+    """Masses of an arm and stiffnesses of its gears, from what motors have felt in several postures.
+
+    Attributes:
+        axes: Axes for which it is known; all others count as rigid, and stand where they stood.
+        joints_deg: Joint angles from the base on, of which those of the others count.
+        masses: Numbers of `hil.arm.regressor`, ten for each link, which give its mass matrix: none of them is known by itself.
+        stiffness_nm_rad: Stiffness of each gear, in the order of `axes`.
+        standard_error_nm_rad: Standard errors of these.
+        misfit: Residual of the fit in standard errors.
+        postures: Number of postures.
+        dip_error: Largest relative standard error of a dip along the line, or in the postures.
+        note: Notes of the engineer.
+        emulated: True where a part was identified on an emulated robot; None where that was not recorded.
+    """
+
+    axes: tuple[AxisNumber, ...]
+    joints_deg: tuple[float, ...]
+    masses: tuple[float, ...]
+    stiffness_nm_rad: tuple[Positive, ...]
+    standard_error_nm_rad: tuple[NotNegative, ...]
+    misfit: NotNegative
+    postures: int
+    dip_error: NotNegative = 0.0
+    note: str = ""
+    emulated: bool | None = None
 
 
 class Identified(Table):
@@ -114,16 +209,29 @@ class Identified(Table):
     Attributes:
         robot: Name of the bench on which it was identified.
         axis: Identified parts of each axis, by its number.
+        arm: Masses of the arm, from several postures of its axes.
     """
 
     robot: str
-    axis: dict[Annotated[int, Field(ge=1, le=6)], IdentifiedAxis] = Field(default_factory=dict)
+    axis: dict[AxisNumber, IdentifiedAxis] = Field(default_factory=dict)
+    arm: IdentifiedArm | None = None
 
     def with_part(self, number: int, part: IdentifiedPlant | IdentifiedError) -> "Identified":
         """The file with one part of one axis added or replaced."""
         name = "plant" if isinstance(part, IdentifiedPlant) else "ate"
         axis = self.axis.get(number, IdentifiedAxis()).model_copy(update={name: part})
         return self.model_copy(update={"axis": dict(sorted({**self.axis, number: axis}.items()))})
+
+    def with_posture(self, number: int, posture: IdentifiedPosture) -> "Identified":
+        """The file with what an axis has felt in one posture added, or replaced where it was nearly the same."""
+        axis = self.axis.get(number, IdentifiedAxis())
+        others = tuple(each for each in axis.posture if not each.is_at(posture.joints_deg))
+        axis = axis.model_copy(update={"posture": (*others, posture)})
+        return self.model_copy(update={"axis": dict(sorted({**self.axis, number: axis}.items()))})
+
+    def with_arm(self, arm: IdentifiedArm) -> "Identified":
+        """The file with the masses of the arm."""
+        return self.model_copy(update={"arm": arm})
 
     def dumps(self) -> str:
         """The file as TOML; `loads` of it gives the same."""
@@ -133,6 +241,11 @@ class Identified(Table):
                 part = getattr(axis, name)
                 if part is not None:
                     lines += ["", *_table(f"axis.{number}.{name}", part.model_dump(exclude_none=True))]
+            for posture in axis.posture:
+                values = posture.model_dump(exclude_none=True)
+                lines += ["", f"[[axis.{number}.posture]]", *(f"{key} = {toml_value(value)}" for key, value in values.items())]
+        if self.arm is not None:
+            lines += ["", *_table("arm", self.arm.model_dump(exclude_none=True))]
         return "\n".join(lines) + "\n"
 
     def save(self, path: Path) -> None:
@@ -153,7 +266,15 @@ def load_identified(path: Path) -> Identified:
     return load(path, Identified)
 
 
-def update_file(path: Path, robot: str, number: int, part: IdentifiedPlant | IdentifiedError) -> Identified:
+def update_file(
+    path: Path,
+    robot: str,
+    number: int,
+    part: IdentifiedPlant | IdentifiedError,
+    posture: IdentifiedPosture | None = None,
+    *,
+    keeps_known: bool = False,
+) -> Identified:
     """Put one part into a model file; a missing file is created.
 
     Args:
@@ -161,6 +282,8 @@ def update_file(path: Path, robot: str, number: int, part: IdentifiedPlant | Ide
         robot: Name of the bench on which the part was identified.
         number: Number of the axis.
         part: Plant or transmission error of the axis.
+        posture: What the axis has felt of its arm in a posture.
+        keeps_known: Keep the file's own part where it has one.
 
     Raises:
         FileError: The file is not a model file, or cannot be written.
@@ -169,7 +292,11 @@ def update_file(path: Path, robot: str, number: int, part: IdentifiedPlant | Ide
     known = load_identified(path) if path.exists() else Identified(robot=robot)
     if known.robot != robot:
         raise NotPossibleError(f"{path} holds what was identified of {known.robot!r}, this is {robot!r}: choose another file")
-    updated = known.with_part(number, part)
+    name = "plant" if isinstance(part, IdentifiedPlant) else "ate"
+    stays = keeps_known and getattr(known.axis.get(number, IdentifiedAxis()), name) is not None
+    updated = known if stays else known.with_part(number, part)
+    if posture is not None:
+        updated = updated.with_posture(number, posture)
     updated.save(path)
     return updated
 
@@ -195,8 +322,19 @@ def with_identified(bench: Bench, identified: Identified) -> Bench:
             ate = significant(known.ate)
         else:
             ate = table.model.ate if table.model is not None else TransmissionErrorTable.of({}, {})
-        axes[number] = table.model_copy(update={"model": Model(**plant, ate=ate)})
+        change: dict[str, Any] = {"model": Model(**plant, ate=ate)}
+        if known.plant is not None and known.plant.modes:
+            change["gear_stiffness_nm_rad"] = stiffness_of(known.plant.modes)
+        axes[number] = table.model_copy(update=change)
     return bench.model_copy(update={"axis": axes})
+
+
+def stiffness_of(modes: Sequence[IdentifiedMode]) -> float:
+    """Stiffness of a gear behind which an arm rings with several modes, in N·m/rad at the joint: K_g = Σ J_i ω_i².
+
+    Far above all modes the arm stands still, and the motor turns the gear alone: the limit of Σ J_i s² ω_i²/(s² + ω_i²).
+    """
+    return sum(mode.inertia_kg_m2 * (2.0 * math.pi * mode.antiresonance_hz) ** 2 for mode in modes)
 
 
 def _table(name: str, values: Mapping[str, Any]) -> list[str]:

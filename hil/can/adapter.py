@@ -65,7 +65,7 @@ class AdapterChannel:
                 return None
             if message.is_fd:
                 continue
-            frame = _frame(message)
+            frame = frame_of(message)
             event = decode(frame)
             if event is not None and event.is_lost:
                 raise self._lose(OSError(event.words))
@@ -91,7 +91,8 @@ class AdapterChannel:
             self._bus.shutdown()
 
 
-def _frame(message: can.Message) -> Frame:
+def frame_of(message: can.Message) -> Frame:
+    """The frame of a message of python-can."""
     flags = (
         (CAN_EFF_FLAG if message.is_extended_id else 0)
         | (CAN_RTR_FLAG if message.is_remote_frame else 0)

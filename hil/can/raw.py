@@ -35,6 +35,7 @@ _LOST_WORDS = {
 _SENSIBLE_SEND_S = 1.0
 _SYNC = 0x80
 _ANSWER_S = 2.0
+_CLOCK_HEAD = RECORD.pack(clock.CLOCK_ID, MAX_DATA_LENGTH, b"")[:-MAX_DATA_LENGTH]
 _MESSAGE_BYTES = clock.MAX_RECORDS * RECORD.size
 MAX_EARLY = 256
 """Frames that may arrive, and are kept, before the local bus has answered which clock it has."""
@@ -95,7 +96,7 @@ def bind_to_one_core(sock: socket.socket) -> set[int] | None:
     return before
 
 
-def _bind_can(address: Address, filters: Sequence[tuple[int, int]] = ()) -> socket.socket:
+def bind_can(address: Address, filters: Sequence[tuple[int, int]] = ()) -> socket.socket:
     """A socket on a CAN interface that reports errors and lost frames.
 
     Args:
@@ -186,7 +187,7 @@ class RawChannel:
         self.error_warnings = 0
         self.reports: deque[str] = deque(maxlen=MAX_REPORTS)
         self._kernel_dropped = 0
-        self._socket = connect_local(address) if self._is_local else _bind_can(address, filters)
+        self._socket = connect_local(address) if self._is_local else bind_can(address, filters)
         self._timeout_s = -1.0
         self._is_stream = self._socket.type == socket.SOCK_STREAM
         self._buffer = b""
@@ -203,12 +204,7 @@ class RawChannel:
         self._is_over = False
         if frame[0] == _SYNC:
             self._syncs += 1
-        try:
-            self._socket.send(record, socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            self._send_when_free(record)
-        except OSError as error:
-            raise self._lose(error) from error
+        self._transmit(record)
 
     def send_all(self, frames: Sequence[Frame]) -> None:
         """Put frames on the bus, in one message where the local bus accepts that."""
@@ -229,12 +225,7 @@ class RawChannel:
         )
         self._is_over = False
         self._syncs += sum([frame[0] == _SYNC for frame in frames])
-        try:
-            self._socket.send(records, socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            self._send_when_free(records)
-        except OSError as error:
-            raise self._lose(error) from error
+        self._transmit(records)
 
     def receive_all(self, timeout_s: float) -> list[Frame]:
         """The frames of the next message, or none when none came in time."""
@@ -244,6 +235,57 @@ class RawChannel:
         frames = [frame, *self._early]
         self._early.clear()
         return frames
+
+    @property
+    def takes_messages(self) -> bool:
+        """True where a cycle may be one message each way, and nothing of an earlier one waits to be read."""
+        return self._takes_several and self.is_lock_step and not self._early
+
+    def send_message(self, records: bytes) -> None:
+        """Send the records of a cycle in one message; the last is SYNC. For whom `takes_messages` is true.
+
+        Raises:
+            BusLostError: The bus is gone.
+        """
+        if self._lost is not None:
+            raise self._lost
+        self._is_over = False
+        self._syncs += 1
+        self._transmit(records)
+
+    def receive_message(self, timeout_s: float) -> bytes:
+        """The records of the next message, or nothing when none came in time; that of the bus' clock at its end is left out.
+
+        Raises:
+            BusLostError: The bus is gone.
+        """
+        if timeout_s != self._timeout_s:
+            wait_at_most(self._socket, timeout_s)
+            self._timeout_s = timeout_s
+        try:
+            message = self._socket.recv(_MESSAGE_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._lose(error) from error
+        if not message:
+            raise self._lose(OSError(errno.ECONNRESET, "the other end has closed it"))
+        if message[-RECORD.size :].startswith(_CLOCK_HEAD) and self._is_period_over(message[-MAX_DATA_LENGTH:]):
+            self._is_over = True
+            return message[: -RECORD.size]
+        return message
+
+    def put_back(self, message: bytes) -> None:
+        """Let a message that `receive_message` has given be read frame by frame."""
+        self._take_message(message)
+
+    def _transmit(self, records: bytes) -> None:
+        try:
+            self._socket.send(records, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            self._send_when_free(records)
+        except OSError as error:
+            raise self._lose(error) from error
 
     def _send_when_free(self, record: bytes) -> None:
         try:

@@ -29,6 +29,7 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
+from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import (
     AXES,
     FORMER_SPELLINGS,
@@ -51,27 +52,26 @@ COMPARE_EPILOG = epilog_of_runs({
     ExitStatus.NOT_MET: "what was asked for by name was left out, a cancellation was refused by its trial, or a run could not be "
     "judged",
 })  # fmt: skip
-EXPERIMENTS = ("constant-acceleration", "line-motion")
+EXPERIMENTS = ("constant-acceleration", "line-motion", "point-to-point")
+DEFAULT_EXPERIMENTS = EXPERIMENTS[:2]
 
 
 def mount(app: typer.Typer) -> None:
     """Add the command to `hil`."""
-    app.command(epilog=COMPARE_EPILOG, context_settings=FORMER_SPELLINGS)(compare)
+    app.command(cls=LiveCommand, epilog=COMPARE_EPILOG, context_settings=FORMER_SPELLINGS)(compare)
 
 
 ExperimentListOption = Annotated[
     list[str] | None,
     typer.Option(
         "--experiment",
-        help="constant-acceleration or line-motion; left out: both.",
+        help="constant-acceleration, line-motion or point-to-point; left out: the first two.",
         autocompletion=complete_list(lambda: EXPERIMENTS),
     ),
 ]
 AxisListOption = Annotated[
     list[int] | None,
-    typer.Option(
-        "--axis", help="Axes of constant-acceleration; left out: those with a filter or a model.", autocompletion=AXES.one
-    ),
+    typer.Option("--axis", help="Axes that move alone; left out: those with a filter or a model.", autocompletion=AXES.one),
 ]
 
 
@@ -101,6 +101,7 @@ def compare(
     ] = 1,
     out: NewOutOption = None,
     overload: OverloadOption = False,
+    live: LiveOption = None,
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -112,6 +113,8 @@ def compare(
         from hil.bench.bench import load_bench
 
         _check_buses(bench_file, bus, emulate or [])
+        if live is not None and len(bench_file) > 1:
+            raise fail("--live shows a single robot", ExitStatus.USAGE)
         benches = [load_bench(name) if emulate else bench_on(name, bus) for name in bench_file]
 
         from hil.experiments.comparison.plan import KnownRobot, plan
@@ -124,7 +127,8 @@ def compare(
             plans = [plan(each, request, overload=overload) for each in robots]
             if not yes:
                 _confirm(plans)
-            _run(plans, request, out or new_directory("compare"), repeat, overload=overload, as_json=as_json)
+            with shown_live(live, benches[0].bus.address, bench_file[0]):
+                _run(plans, request, out or new_directory("compare"), repeat, overload=overload, as_json=as_json)
 
 
 def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> "ComparisonRequest":
@@ -140,9 +144,9 @@ def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> 
     for name in experiments:
         if name not in EXPERIMENTS:
             raise fail(f"--experiment {name}: expected {' or '.join(EXPERIMENTS)}", ExitStatus.USAGE)
-    wanted = tuple(name for name in EXPERIMENTS if name in experiments) or EXPERIMENTS
-    if axes and EXPERIMENTS[0] not in wanted:
-        raise fail("--axis is for constant-acceleration, which is not among the experiments", ExitStatus.USAGE)
+    wanted = tuple(name for name in EXPERIMENTS if name in experiments) or DEFAULT_EXPERIMENTS
+    if axes and wanted == (EXPERIMENTS[1],):
+        raise fail("--axis is for constant-acceleration and point-to-point; neither is among the experiments", ExitStatus.USAGE)
     names = [present_name(name.strip()) for text in treatments for name in text.split(",") if name.strip()]
     for name in names:
         if name not in TREATMENTS:
@@ -216,6 +220,8 @@ def _run(
     for each in plans:
         for reason in dict.fromkeys(left.reason for left in each.left_out):
             say(f"left out of {each.robot.bench.name}: {reason}")
+        for remark in each.remarks:
+            say(f"{each.robot.bench.name}: {remark}")
     total = sum(len(each.experiments) for each in plans)
     with RunProgress(total, is_live=all(is_on_local_bus(each.robot.bench) for each in plans)) as progress:
         done = run_all(

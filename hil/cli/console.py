@@ -53,13 +53,14 @@ def exit_status_of(error: Exception) -> int:
     """Return the exit status of an error; `ExitStatus.INTERNAL` for an unexpected one."""
     from drive_profiles.address import AddressError  # noqa: PLC0415
     from drive_profiles.errors import DriveProfileError  # noqa: PLC0415
+    from hil.arm.straight_line import LineError  # noqa: PLC0415
     from hil.can.errors import BusLostError, ChannelError  # noqa: PLC0415
     from hil.control.trajectory import UnreachableError  # noqa: PLC0415
     from hil.errors import HilError  # noqa: PLC0415
 
     if isinstance(error, HilError):
         return error.exit_code
-    if isinstance(error, DriveProfileError | UnreachableError | OSError):
+    if isinstance(error, DriveProfileError | LineError | UnreachableError | OSError):
         return ExitStatus.FILE
     if isinstance(error, AddressError):
         return ExitStatus.USAGE

@@ -12,6 +12,7 @@ from drive_profiles.cli.application import folded
 from drive_profiles.cli.completion import complete_reference
 from drive_profiles.cli.console import terminal_width
 from hil.cli.console import EPILOG, ExitStatus, SpokenReporter, bench_on_emulator, exit_on_error, exit_status_of, message_of, say
+from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import JsonOption
 from hil.cli.run import run_and_report
 
@@ -23,7 +24,7 @@ OutOption = Annotated[Path, typer.Option("--out", help="Directory for recordings
 
 def mount(app: typer.Typer) -> None:
     """Add the command to `hil`."""
-    app.command(epilog=EPILOG)(demo)
+    app.command(cls=LiveCommand, epilog=EPILOG)(demo)
 
 
 def demo(
@@ -36,13 +37,16 @@ def demo(
         int, typer.Option("--robot-seed", min=0, help="Seed of the robot that the story is told of (plant-emulator stable).")
     ] = ROBOT_SEED,
     no_story: Annotated[
-        bool, typer.Option("--no-story", help="Only the paper's experiments, without the story of a robot of one's own.")
+        bool, typer.Option("--no-story", help="Only the paper's experiments, without a robot of one's own and a whole arm.")
     ] = False,
+    live: LiveOption = None,
 ) -> None:
-    """Start an emulated robot, run the paper's experiments over CAN, and write the report; then the same for your own robot.
+    """Start an emulated robot, run the paper's experiments over CAN, and write the report; then your own robot, and a whole arm.
 
     The second part takes another robot, drawn by a seed, as somebody meets it who knows nothing of it: identify, design, upload,
     and run with nothing, the notch, the designed notch and cancellation side by side. At the end stands what it really was.
+
+    The last part takes a whole arm of six axes, learns on its line what shakes it, and runs the line with what was learnt.
 
     Example: hil demo --out demo
     """
@@ -54,9 +58,10 @@ def demo(
             from hil.experiments.plan import demo_experiments  # noqa: PLC0415
 
             bench = bench_on_emulator(load_bench("reference"), str(emulator.address))
-            status = run_and_report(bench, demo_experiments(bench), out, as_json=as_json, is_paper=True)
+            with shown_live(live, bench.bus.address, "reference"):
+                status = run_and_report(bench, demo_experiments(bench), out, as_json=as_json, is_paper=True)
         if not no_story and status in {0, ExitStatus.NOT_MET}:
-            status = _tell_story(robot_seed, out, as_json=as_json) or status
+            status = _tell_stories(robot_seed, out, live, as_json=as_json) or status
         for line in next_steps(tool_prefix(sys.argv[0])):
             say(line)
         if status:
@@ -87,7 +92,11 @@ def next_steps(prefix: str = "") -> list[str]:
     lines = ["", "What next:"]
     for purpose, command in NEXT:
         lines += [f"  {purpose}", *(f"    {line}" for line in folded(prefix + command, 74))]
-    return [*lines, "  A robot of your own, from its bench file to the designed notch, step by step: docs/tuning.md"]
+    return [
+        *lines,
+        "  A whole arm, from its links to a quiet line: docs/arm.md",
+        "  A robot of your own, from its bench file to the designed notch, step by step: docs/tuning.md",
+    ]
 
 
 def tool_prefix(program: str) -> str:
@@ -104,21 +113,39 @@ def tool_prefix(program: str) -> str:
     return f"{folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder}/"
 
 
-def _tell_story(seed: int, out: Path, *, as_json: bool) -> int:
-    """Tell the story, the demo's second part, link to it from the first part's report, and return the exit status."""
+def _tell_stories(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
+    """Tell the demo's other parts, link to them from the first part's report, and return the exit status.
+
+    After a part that was interrupted, or failed in another way than by what it found, the next is not told.
+    """
+    from hil.report.pages.demo import write_report  # noqa: PLC0415
+
+    try:
+        own = _tell_story(seed, out, live, as_json=as_json)
+        if own not in {ExitStatus.DONE, ExitStatus.NOT_MET}:
+            return own
+        return _tell_arm_story(out, live, as_json=as_json) or own
+    finally:
+        write_report(out)
+
+
+def _tell_story(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
+    """Tell the story, the demo's second part, and return the exit status."""
     from hil import story  # noqa: PLC0415
     from hil.emulator import EmulatorProcess, draw_robot  # noqa: PLC0415
     from hil.experiments.comparison.table import summary  # noqa: PLC0415
     from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
-    from hil.report.pages.demo import write_report  # noqa: PLC0415
+    from hil.report.pages.demo import STORY_FOLDER  # noqa: PLC0415
 
     say(f"your own robot: of which nothing is known; drawn by seed {seed}, --robot-seed takes another")
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
         robot = draw_robot(seed, Path(folder))
-        with EmulatorProcess(str(robot.robot_file)) as emulator:
-            done = story.tell(str(emulator.address), out / "story", reporter=SpokenReporter(), robot=robot)
-    page = write_compare_report(out / "story")
-    write_report(out)
+        with (
+            EmulatorProcess(str(robot.robot_file)) as emulator,
+            shown_live(live, str(emulator.address), str(robot.bench_file)),
+        ):
+            done = story.tell(str(emulator.address), out / STORY_FOLDER, reporter=SpokenReporter(), robot=robot)
+    page = write_compare_report(out / STORY_FOLDER)
     for line in summary(done.result, terminal_width(err=as_json)):
         typer.echo(line, err=as_json)
     say(f"your own robot: {page}")
@@ -131,3 +158,34 @@ def _tell_story(seed: int, out: Path, *, as_json: bool) -> int:
         say(f"your own robot: {message_of(done.failure)}")
         return code
     return 0  # what was refused on a robot that anybody may draw is said, and no fault of the demo
+
+
+def _tell_arm_story(out: Path, live: int | None, *, as_json: bool) -> int:
+    """Tell the arm's story, the demo's last part, and return the exit status."""
+    from hil import arm_story  # noqa: PLC0415
+    from hil.emulator import EmulatorProcess  # noqa: PLC0415
+    from hil.experiments.comparison.table import summary  # noqa: PLC0415
+    from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
+    from hil.report.pages.demo import ARM_FOLDER  # noqa: PLC0415
+
+    say("a whole arm: six axes; known of it are its joints and the inertias of its motors")
+    with EmulatorProcess("reference-arm") as emulator, shown_live(live, str(emulator.address), "reference-arm"):
+        done = arm_story.tell(str(emulator.address), out / ARM_FOLDER, reporter=SpokenReporter())
+    page = write_compare_report(out / ARM_FOLDER)
+    for line in summary(done.result, terminal_width(err=as_json)):
+        typer.echo(line, err=as_json)
+    for claim in done.result.story.claims or ():
+        found = "not judged" if claim.found is None else f"{claim.found:.4f} {claim.unit}".replace("-", "−")
+        verdict = {True: "holds", False: "does not hold", None: "not judged"}[claim.holds]
+        typer.echo(f"{verdict}: {claim.claim}: {found}", err=as_json)
+    say(f"a whole arm: {page}")
+    for what in [] if done.comparison is None else done.comparison.unmet:
+        say(f"not compared: {what}")
+    if done.failure is not None:
+        code = exit_status_of(done.failure)
+        if code == ExitStatus.INTERNAL:
+            raise done.failure
+        say(f"a whole arm: {message_of(done.failure)}")
+        return code
+    is_met = all(claim.holds for claim in done.result.story.claims or ())
+    return ExitStatus.DONE if is_met else ExitStatus.NOT_MET

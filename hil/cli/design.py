@@ -249,6 +249,10 @@ def _keep(outcome: "NotchDesignOutcome", out: Path, set_file: Path | None, desig
         raise exit_with(outcome.failure)
 
 
+_MARGINS = (("M_s", 3), ("phase margin", 2), ("gain margin", 2))
+"""Margins of the summary, with their digits."""
+
+
 def _summary(outcome: "NotchDesignOutcome", show: Callable[[str], None], *, as_json: bool) -> None:
     """Print filters, margins and predicted peaks."""
     from hil.design.uncertainty import plants_words
@@ -265,6 +269,6 @@ def _summary(outcome: "NotchDesignOutcome", show: Callable[[str], None], *, as_j
         for row in verdict.peaks:
             line = worst[f"|G_al| on the line over constraint (5), k = {row.order},"]
             peaks = (f"{row.rising_mm:.4f}", f"{row.falling_mm:.4f}", f"{row.worst_mm:.4f}")
-            margins = (f"{worst['M_s']:.3f}", f"{worst['phase margin']:.2f}", f"{worst['gain margin']:.2f}", f"{line:.3f}")
+            margins = (*(f"{verdict.worst(name):.{digits}f}" for name, digits in _MARGINS), f"{line:.3f}")
             rows.append((name, str(row.order), *peaks, *margins))
     table("", ("filters", "k", "peak mm", "falling", "worst", "M_s", "phase °", "gain dB", "(5)"), rows, err=as_json)

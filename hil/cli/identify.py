@@ -1,4 +1,4 @@
-"""hil identify: the plant and the transmission error of an axis, measured on the robot."""
+"""hil identify: plant and transmission error of an axis, measured on the robot; masses of an arm from its axes' plants."""
 
 import importlib
 
@@ -8,11 +8,11 @@ from drive_profiles.cli.application import Tool
 
 identify_app = Tool(
     "identify",
-    "Identify the plant and the transmission error of an axis, over the bus, and write them to a model file.",
+    "Identify plant and transmission error of an axis, or the masses of an arm, into a model file.",
     is_group=True,
 )
 
-COMMANDS = ("hil.cli.identify_plant", "hil.cli.identify_ate")
+COMMANDS = ("hil.cli.identify_plant", "hil.cli.identify_ate", "hil.cli.identify_arm")
 
 
 def mount(app: typer.Typer) -> None:

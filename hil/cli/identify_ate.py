@@ -22,12 +22,24 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
+from hil.cli.identify_recording import (
+    ColumnOption,
+    DescriptionOption,
+    LayoutOption,
+    NodeOption,
+    RatioOption,
+    RecordingOption,
+    RecordingWords,
+    RobotNameOption,
+    from_recordings,
+)
+from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import (
-    BenchOption,
     BusOption,
     JsonOption,
     MovedAxisOption,
     NewOutOption,
+    OptionalBenchOption,
     OrdersOption,
     OverloadOption,
     YesOption,
@@ -45,56 +57,81 @@ ATE_EPILOG = epilog_of_runs({
     ExitStatus.NOT_MET: "not identified, or less well than asked",
 })  # fmt: skip
 
+ReadModelOption = Annotated[
+    Path | None,
+    typer.Option("--model", help="Model file: read where it is there, and written. Left out: model.toml in the directory."),
+]
+FirstRampOption = Annotated[
+    float | None,
+    typer.Option(help="Of the first pass; later ones are slower. Left out: chosen from f_a of the model file, or 4."),
+]
+SensorlessOption = Annotated[bool, typer.Option("--sensorless", help="From motor torque and encoder only; needs J_m and J_l.")]
+EncoderOption = Annotated[
+    bool, typer.Option("--encoder", help="By the axis' second encoder, on the joint, instead of the accelerometer.")
+]
+
 
 def mount(app: typer.Typer) -> None:
     """Add the command to `hil identify`."""
-    app.command(epilog=ATE_EPILOG)(ate)
+    app.command(cls=LiveCommand, epilog=ATE_EPILOG)(ate)
 
 
 def ate(
-    bench_file: BenchOption,
     axis: MovedAxisOption,
+    bench_file: OptionalBenchOption = None,
     bus: BusOption = None,
-    model: Annotated[
-        Path | None,
-        typer.Option("--model", help="Model file: read where it is there, and written. Left out: model.toml in the directory."),
-    ] = None,
-    acceleration_rps_s: Annotated[
-        float | None,
-        typer.Option(help="Of the first pass; later ones are slower. Left out: chosen from f_a of the model file, or 4."),
-    ] = None,
+    model: ReadModelOption = None,
+    acceleration_rps_s: FirstRampOption = None,
     passes: Annotated[int, typer.Option(help="How many passes there may be, each forwards and back.")] = 6,
-    sensorless: Annotated[
-        bool, typer.Option("--sensorless", help="From motor torque and encoder only; needs J_m and J_l.")
-    ] = False,
+    sensorless: SensorlessOption = False,
+    encoder: EncoderOption = False,
     orders: OrdersOption = "1,2,4",
+    recording: RecordingOption = None,
+    column: ColumnOption = None,
+    layout: LayoutOption = None,
+    ratio: RatioOption = None,
+    robot: RobotNameOption = None,
+    description: DescriptionOption = None,
+    node: NodeOption = None,
     out: NewOutOption = None,
     overload: OverloadOption = False,
+    live: LiveOption = None,
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Identify the angular transmission error of one axis: ramps through f_m4 and f_m2, forwards and back.
 
-    Nothing needs to be known but the bench file.
+    Nothing needs to be known but the bench file. With --recording nothing moves: it is found in files that are there already.
 
     Example: hil identify ate --bench bench.toml --axis 2 --model model.toml
     """
+    words = RecordingWords(column or [], layout, ratio, robot, description, node)
     with exit_on_error():
+        if recording:
+            if encoder:
+                raise typer.BadParameter("a --recording says by its columns which encoders there are", param_hint="--encoder")
+            from_recordings(recording, words, axis, orders, bench_file, model, out, sensorless=sensorless, as_json=as_json)
+            return
+        words.refuse_without_recording()
+        if bench_file is None:
+            raise typer.BadParameter("it names the bench that is moved; --recording FILE moves nothing", param_hint="--bench")
         bench = bench_on(bench_file, bus)
 
+        from hil.bench.load_encoder import by_load_encoders  # noqa: PLC0415
         from hil.bench.model import load_identified, update_file  # noqa: PLC0415
         from hil.experiments.ate.on_bus import identify_ate  # noqa: PLC0415
         from hil.experiments.ate.request import AteRequest, axis_knowledge, first_acceleration, first_end_speed  # noqa: PLC0415
 
+        bench = by_load_encoders(bench, [axis]) if encoder else bench
         identified = load_identified(model) if model is not None and model.exists() else None
         request = AteRequest(axis, acceleration_rps_s, passes, sensorless, orders=orders_from(orders))
         knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)
         end_rps = first_end_speed(bench, request, knowledge)
         if not yes and not is_on_local_bus(bench):
-            first = first_acceleration(bench, request, knowledge)
-            confirm([_motion_line(bench, request, first, end_rps)])
+            confirm([_motion_line(bench, request, first_acceleration(bench, request, knowledge), end_rps)])
         where = out or new_directory(f"identify-ate-axis{axis}")
-        outcome = identify_ate(bench, request, where, identified, overload=overload, reporter=SpokenReporter())
+        with shown_live(live, bench.bus.address, bench_file):
+            outcome = identify_ate(bench, request, where, identified, overload=overload, reporter=SpokenReporter())
         file = model or where / "model.toml"
         if outcome.part is not None:
             update_file(file, bench.name, axis, outcome.part)
@@ -137,8 +174,9 @@ def _summary(outcome: "AteOutcome") -> None:
     for name, symbol, value, unit in (*rows, ("arm_hz", "f_al", part.arm_hz, "Hz"), ("damping", "ζ", part.damping, "")):
         if value is not None:
             typer.echo(f"  {symbol:<6}{measured(value, errors[name])} {unit}".rstrip())
-    late = "torque" if result.sensorless else "accelerometer"
-    typer.echo(f"  the {late} lags the motor angle by {1e3 * fit.delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
+    late = "torque" if result.sensorless else result.bench.file.accelerometer.title
+    delay_s = fit.delay_s if result.sensorless else part.accelerometer_delay_s
+    typer.echo(f"  the {late} lags the motor angle by {1e3 * delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
     worst = max(fit.agreement, key=lambda each: each.sigma)
     typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} standard errors at most ({worst.name})")
     typer.echo(

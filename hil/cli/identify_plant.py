@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.console import fail
 from drive_profiles.standard.shown import measured
 from hil.cli.console import (
     ExitStatus,
@@ -23,6 +24,7 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
+from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import BenchOption, BusOption, JsonOption, MovedAxisOption, NewOutOption, OverloadOption, YesOption
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
@@ -53,7 +55,7 @@ ROWS = (
     ("lever_ratio", "lever seen / bench file's", ""),
     ("torque_age_s", "age of the torque", "s"),
     ("torque_lag_s", "lag of the current loop", "s"),
-    ("accelerometer_delay_s", "accelerometer delay", "s"),
+    ("accelerometer_delay_s", "delay of the tip's signal", "s"),
 )
 """Numbers of the summary: name in result.json, symbol, unit."""
 
@@ -75,7 +77,7 @@ class PlantShape(StrEnum):
 
 def mount(app: typer.Typer) -> None:
     """Add the command to `hil identify`."""
-    app.command(epilog=PLANT_EPILOG)(plant)
+    app.command(cls=LiveCommand, epilog=PLANT_EPILOG)(plant)
 
 
 def plant(
@@ -101,8 +103,13 @@ def plant(
     no_accelerometer: Annotated[
         bool, typer.Option("--no-accelerometer", help="Leave the accelerometer out of the fit and its checks.")
     ] = False,
+    posture_deg: Annotated[
+        str | None,
+        typer.Option(help="Joint angles of the arm, as 2=30,3=-90: it goes there first, joint by joint, and comes back."),
+    ] = None,
     out: NewOutOption = None,
     overload: OverloadOption = False,
+    live: LiveOption = None,
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -119,13 +126,30 @@ def plant(
 
         request = PlantRequest(
             axis, amplitude_nm, low_hz, high_hz, bias_rps, periods, excitation.value, shape.value,
-            with_accelerometer=not no_accelerometer,
+            with_accelerometer=not no_accelerometer, posture_deg=_posture(posture_deg),
         )  # fmt: skip
         axis_table(bench, axis)
         if not yes and not is_on_local_bus(bench):
             confirm(_motion_lines(bench, request))
         where = out or new_directory(f"identify-plant-axis{axis}")
-        _identify(bench, request, where, model or where / "model.toml", overload=overload, as_json=as_json)
+        with shown_live(live, bench.bus.address, bench_file):
+            _identify(bench, request, where, model or where / "model.toml", overload=overload, as_json=as_json)
+
+
+def _posture(text: str | None) -> dict[int, float]:
+    """Joint angles of the option, by axis.
+
+    Raises:
+        typer.Exit: The text has none.
+    """
+    found: dict[int, float] = {}
+    for part in (text or "").split(",") if text else ():
+        axis, _, angle = part.partition("=")
+        try:
+            found[int(axis)] = float(angle)
+        except ValueError:
+            raise fail(f"--posture-deg {text!r}: give joint angles like 2=30,3=-90", ExitStatus.USAGE) from None
+    return found
 
 
 def _identify(bench: "Bench", request: "PlantRequest", where: Path, file: Path, *, overload: bool, as_json: bool) -> None:
@@ -176,6 +200,9 @@ def _motion_lines(bench: "Bench", request: "PlantRequest") -> Iterator[str]:
     band = pilot_band(request, bench.bus.sync_period_s)
     bias = FASTEST_BIAS_RPS if request.bias_rps is None else request.bias_rps
     amplitude = "found by a pilot run" if request.amplitude_nm is None else f"{request.amplitude_nm:g} N·m"
+    if request.posture_deg:
+        there = ", ".join(f"axis {number} to {angle:g}°" for number, angle in request.posture_deg.items())
+        yield f"This brings the arm of {bench.bus.address} into a posture, joint by joint, and back: {there}. Is the way clear?"
     yield f"This moves axis {request.axis} on {bench.bus.address}:"
     yield (
         f"  to and fro within {limits.position_min_rev:g} … {limits.position_max_rev:g} motor revolutions at up to "

@@ -1,11 +1,13 @@
 """hil learn: adaptive cancellation, pass by pass, then frozen in a model file."""
 
 from collections.abc import Iterator
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drive_profiles.cli.console import fail
 from hil.cli.console import (
     ExitStatus,
     SpokenReporter,
@@ -21,6 +23,8 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
+from hil.cli.learn_motion import MotionOptions, learn_motion
+from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import (
     AXES,
     BenchOption,
@@ -30,6 +34,7 @@ from hil.cli.options import (
     OrdersOption,
     OverloadOption,
     YesOption,
+    inertias_from,
     orders_from,
 )
 
@@ -43,26 +48,53 @@ LEARN_EPILOG = epilog_of_runs({
     ExitStatus.NOT_MET: "not learnt, or a cancellation did not help",
 })  # fmt: skip
 
+ProbeOption = Annotated[
+    float | None,
+    typer.Option(min=0.1, max=30.0, help="With --motion: amplitude of each order in a probing run; left out: by the vibration."),
+]
+PaceOption = Annotated[
+    float | None,
+    typer.Option(min=0.5, max=2.0, help="With --motion line-motion: also in this multiple of its time, where other orders show."),
+]
+
+
+class LearnedMotion(StrEnum):
+    """Motions of the bench file on which the error is learnt."""
+
+    CONSTANT_ACCELERATION = "constant-acceleration"
+    LINE_MOTION = "line-motion"
+
 
 def mount(app: typer.Typer) -> None:
     """Add the command to `hil`."""
-    app.command(epilog=LEARN_EPILOG)(learn)
+    app.command(cls=LiveCommand, epilog=LEARN_EPILOG)(learn)
 
 
 def learn(
     bench_file: BenchOption,
-    axis: Annotated[
-        list[int], typer.Option("--axis", help="The axis that is moved; several, one after the other.", autocompletion=AXES.one)
-    ],
     model: Annotated[
         Path, typer.Option("--model", help="Model file: read where it is there, for the motor's inertia, and written.")
     ],
+    axis: Annotated[
+        list[int] | None,
+        typer.Option("--axis", help="The axis that is moved; several, one after the other.", autocompletion=AXES.one),
+    ] = None,
+    motion: Annotated[
+        LearnedMotion | None,
+        typer.Option(help="Learn on this motion of the bench file instead of ramps: all its axes at once, by probing runs."),
+    ] = None,
+    probe_arcsec: ProbeOption = None,
+    pace: PaceOption = None,
     plant: Annotated[
         Path | None, typer.Option("--plant", help="Model file of hil identify: its plants, and what no pass betters, are kept.")
     ] = None,
     motor_inertia_kg_m2: Annotated[
-        float | None,
-        typer.Option("--motor-inertia-kg-m2", min=1e-9, max=10.0, help="Of the motor's data sheet, where no file has a plant."),
+        list[str] | None,
+        typer.Option(
+            "--motor-inertia-kg-m2",
+            metavar="[AXIS=]VALUE",
+            help="Of the motor's data sheet, where no file has a plant; of several axes one each: 2=2.6e-4.",
+        ),
     ] = None,
     bus: BusOption = None,
     passes: Annotated[int, typer.Option(min=2, max=50, help="To and fro; the first is without cancellation.")] = 5,
@@ -71,33 +103,80 @@ def learn(
     note: Annotated[str, typer.Option(help="Load, temperature: goes into the model file beside the date.")] = "",
     out: NewOutOption = None,
     overload: OverloadOption = False,
+    live: LiveOption = None,
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Learn what cancels the transmission error: an axis goes to and fro, and each pass cancels more of it.
 
-    What is learnt is frozen in the model file, for hil run --treatment cancellation-learnt --learnt.
+    With --motion a motion of the bench file is learnt on itself, all axes at once. What is learnt is frozen in the model file,
+    for hil run --treatment cancellation-learnt --learnt.
 
     Example: hil learn --bench bench.toml --axis 2 --axis 3 --plant model.toml --model learnt.toml --note "22 °C, no load"
     """
     with exit_on_error():
+        _check_axes(axes := tuple(dict.fromkeys(axis or ())), motion)
+        _check_pace(pace, motion)
         bench = bench_on(bench_file, bus)
+        inertias, ks = inertias_from(motor_inertia_kg_m2 or [], axes), orders_from(orders)
+        if motion is not None:
+            probes = MotionOptions(motion.value, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
+            with shown_live(live, bench.bus.address, bench_file):
+                learn_motion(bench, probes, out, model, plant, overload=overload, yes=yes, as_json=as_json)
+            return
 
-        from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus  # noqa: PLC0415
+        from hil.experiments.cancellation.learn_run import LearnRequest  # noqa: PLC0415
 
-        request = LearnRequest(
-            tuple(dict.fromkeys(axis)),
-            passes,
-            acceleration_rps_s,
-            note=note,
-            motor_inertia_kg_m2=motor_inertia_kg_m2,
-            orders=orders_from(orders),
-        )
-        if not yes and not is_on_local_bus(bench):
-            confirm(_motion_lines(bench, request))
-        where = out or new_directory(f"learn-axis{'-'.join(map(str, request.axes))}")
-        outcome = learn_on_bus(bench, request, where, model, plant=plant, overload=overload, reporter=SpokenReporter())
-        _tell(outcome, where, model, as_json=as_json)
+        request = LearnRequest(axes, passes, acceleration_rps_s, note=note, motor_inertias_kg_m2=inertias, orders=ks)
+        with shown_live(live, bench.bus.address, bench_file):
+            _learn_ramps(bench, request, out, model, plant, overload=overload, yes=yes, as_json=as_json)
+
+
+def _learn_ramps(
+    bench: "Bench",
+    request: "LearnRequest",
+    out: Path | None,
+    model: Path,
+    plant: Path | None,
+    *,
+    overload: bool,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Learn axis by axis, by ramps."""
+    from hil.experiments.cancellation.learn_run import learn_on_bus  # noqa: PLC0415
+
+    if not yes and not is_on_local_bus(bench):
+        confirm(_motion_lines(bench, request))
+    where = out or new_directory(f"learn-axis{'-'.join(map(str, request.axes))}")
+    outcome = learn_on_bus(bench, request, where, model, plant=plant, overload=overload, reporter=SpokenReporter())
+    _tell(outcome, where, model, as_json=as_json)
+
+
+def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
+    """Refuse axes that do not go with the motion.
+
+    Raises:
+        typer.Exit: They do not.
+    """
+    if motion is None and not axes:
+        raise fail("which axis? --axis for ramps of an axis, or --motion for a motion of the bench file", ExitStatus.USAGE)
+    if motion is LearnedMotion.LINE_MOTION and axes:
+        raise fail("a line-motion takes no --axis", ExitStatus.USAGE)
+    if motion is LearnedMotion.CONSTANT_ACCELERATION and len(axes) != 1:
+        raise fail("a constant-acceleration run needs one --axis", ExitStatus.USAGE)
+
+
+def _check_pace(pace: float | None, motion: LearnedMotion | None) -> None:
+    """Refuse another pace of what is no line, or the line's own.
+
+    Raises:
+        typer.Exit: It is.
+    """
+    if pace is not None and motion is not LearnedMotion.LINE_MOTION:
+        raise fail("--pace is of --motion line-motion: a ramp goes through its speeds anyway", ExitStatus.USAGE)
+    if pace == 1.0:
+        raise fail("--pace 1 is the line's own: 0.75, say, shows orders that it hardly brings into the band", ExitStatus.USAGE)
 
 
 def _tell(outcome: "LearningOutcome", where: Path, model: Path, *, as_json: bool) -> None:

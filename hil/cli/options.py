@@ -23,11 +23,15 @@ def described(row: Treatment) -> str:
     return row.name if row.title == row.name else f"{row.name} ({row.title})"
 
 
-AXES = AxisCompleter(Path(__file__).parents[1] / "bench" / "reference.toml")
+AXES = AxisCompleter(Path(__file__).parents[1] / "bench")
 """Completers of axes of the bench file."""
 
 BenchOption = Annotated[
-    str, typer.Option("--bench", help="Bench file (TOML), or `reference`.", autocompletion=complete_reference)
+    str, typer.Option("--bench", help="Bench file (TOML), or `reference`, or `reference-arm`.", autocompletion=complete_reference)
+]
+OptionalBenchOption = Annotated[
+    str | None,
+    typer.Option("--bench", help="Bench file (TOML), or `reference`, or `reference-arm`.", autocompletion=complete_reference),
 ]
 BusOption = Annotated[str | None, typer.Option("--bus", help=f"Bus address; left out: {BUS_VARIABLE}, then the bench file's.")]
 MovedAxisOption = Annotated[int, typer.Option("--axis", help="The axis that is moved.", autocompletion=AXES.one)]
@@ -58,6 +62,9 @@ OverloadOption = Annotated[
 YesOption = Annotated[bool, typer.Option("--yes", help="Move a real robot without asking.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print result.json on standard output, all else on standard error.")]
 
+INERTIA = "--motor-inertia-kg-m2"
+LEAST_INERTIA_KG_M2, MOST_INERTIA_KG_M2 = 1e-9, 10.0
+
 
 def orders_from(text: str) -> tuple[float, ...]:
     """Return the set of orders that `--orders` names.
@@ -71,3 +78,28 @@ def orders_from(text: str) -> tuple[float, ...]:
         return orders_of(text)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--orders") from None
+
+
+def inertias_from(texts: list[str], axes: tuple[int, ...]) -> dict[int, float]:
+    """Return the inertias that `--motor-inertia-kg-m2` gives, by axis; a value without an axis is that of the only one.
+
+    Raises:
+        typer.BadParameter: One is no inertia, stands twice, or its axis is not known.
+    """
+    found: dict[int, float] = {}
+    for text in texts:
+        name, _, value = text.rpartition("=")
+        try:
+            axis = int(name) if name else axes[0] if len(axes) == 1 else None
+            inertia = float(value)
+        except ValueError:
+            raise typer.BadParameter(f"{text!r} is no inertia: 2.6e-4 is, and 2=2.6e-4 for axis 2", param_hint=INERTIA) from None
+        if axis is None:
+            raise typer.BadParameter(f"of which axis is {text}? 2={text} is of axis 2", param_hint=INERTIA)
+        if not LEAST_INERTIA_KG_M2 <= inertia <= MOST_INERTIA_KG_M2:
+            limits = f"{LEAST_INERTIA_KG_M2:g} to {MOST_INERTIA_KG_M2:g}"
+            raise typer.BadParameter(f"{text}: a motor has {limits} kg·m²", param_hint=INERTIA)
+        if axis in found:
+            raise typer.BadParameter(f"axis {axis} has two", param_hint=INERTIA)
+        found[axis] = inertia
+    return found

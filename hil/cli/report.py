@@ -1,17 +1,21 @@
-"""hil report: the report of a directory once more."""
+"""hil report: the report of a directory once more, against an older one, or of all runs below a folder."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from drive_profiles.cli.console import epilog
+from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
 
 REPORT_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.INTERRUPTED),
-    {ExitStatus.FILE: "bad file, or no directory of results", ExitStatus.INTERRUPTED: "interrupted"},
+    {
+        ExitStatus.FILE: "bad file, no directory of results, or results that are not compared",
+        ExitStatus.INTERRUPTED: "interrupted",
+    },
 )
+SHOWN_UNREAD = 10
 
 
 def mount(app: typer.Typer) -> None:
@@ -21,29 +25,84 @@ def mount(app: typer.Typer) -> None:
 
 def report(
     directory: Annotated[
-        Path, typer.Argument(help="Directory of any command that has written a result.json.", exists=True, file_okay=False)
+        Path,
+        typer.Argument(
+            help="Directory of any command that has written a result.json; with --trend a folder of them.",
+            exists=True,
+            file_okay=False,
+        ),
     ],
+    interactive: Annotated[
+        bool, typer.Option("--interactive", help="Figures that can be zoomed, in the same single file, without internet.")
+    ] = False,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            "--against",
+            metavar="OLD",
+            help="Write against.html: this result beside an older one of the same robot and motions.",
+        ),
+    ] = None,
+    trend: Annotated[bool, typer.Option("--trend", help="Write trend.html: all runs below the folder over their dates.")] = False,
 ) -> None:
     """Write report.html of a directory anew, from its result.json and recordings.
 
-    Example: hil report demo
-    """
+    Examples:
+      hil report demo
+      hil report demo --interactive
+      hil report demo --against older
+      hil report demo --trend
+    """  # fmt: skip
     with exit_on_error("interrupted"):
-        if not (directory / "result.json").is_file():
-            say(f"{directory} has no result.json; {_advice(directory)}")
-            raise typer.Exit(ExitStatus.FILE)
+        if trend and (interactive or against is not None):
+            raise fail("--trend has no figures to zoom and no other side: give it alone", ExitStatus.USAGE)
+        if trend:
+            _write_trend(directory)
+            return
+        for each in (directory, against):
+            if each is not None and not each.is_dir():
+                say(f"{each}: no folder")
+                raise typer.Exit(ExitStatus.FILE)
+            if each is not None and not (each / "result.json").is_file():
+                say(f"{each} has no result.json; {_advice(each)}")
+                raise typer.Exit(ExitStatus.FILE)
+        _write(directory, against, is_interactive=interactive)
 
-        from hil.errors import HilError  # noqa: PLC0415
-        from hil.report.writer import write_report_of  # noqa: PLC0415 - numpy and the figures, so that --help stays quick
 
-        try:
-            path = write_report_of(directory)
-        except HilError:
-            raise
-        except (ValueError, OSError) as error:
-            say(f"{directory}: {error}")
-            raise typer.Exit(ExitStatus.FILE) from None
-        typer.echo(str(path))
+def _write(directory: Path, old_directory: Path | None, *, is_interactive: bool) -> None:
+    from hil.errors import HilError  # noqa: PLC0415
+    from hil.report.against.page import write_against  # noqa: PLC0415
+    from hil.report.interactive.parts import check_interactive  # noqa: PLC0415
+    from hil.report.writer import write_report_of  # noqa: PLC0415 - numpy and the figures, so that --help stays quick
+
+    if is_interactive:
+        check_interactive()
+    try:
+        if old_directory is None:
+            path = write_report_of(directory, is_interactive=is_interactive)
+        else:
+            path = write_against(directory, old_directory, is_interactive=is_interactive)
+    except HilError:
+        raise
+    except (ValueError, OSError) as error:
+        say(f"{directory}: {error}")
+        raise typer.Exit(ExitStatus.FILE) from None
+    if is_interactive and '<div class="wide zoom"' not in path.read_text(encoding="utf-8"):
+        say("this page has no figure that can be zoomed")
+    typer.echo(str(path))
+
+
+def _write_trend(folder: Path) -> None:
+    from hil.report.trend.gather import gather_runs  # noqa: PLC0415
+    from hil.report.trend.page import write_trend  # noqa: PLC0415
+
+    gathered = gather_runs(folder)
+    for left in gathered.left_out[:SHOWN_UNREAD]:
+        say(f"left out: {left}")
+    if len(gathered.left_out) > SHOWN_UNREAD:
+        say(f"left out: {len(gathered.left_out) - SHOWN_UNREAD} more results")
+    say(f"{gathered.results} results with runs")
+    typer.echo(str(write_trend(folder, gathered)))
 
 
 def _advice(directory: Path) -> str:

@@ -23,6 +23,7 @@ from hil.cli.console import (
     say_page,
     write_page,
 )
+from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import (
     AXES,
     FORMER_SPELLINGS,
@@ -46,7 +47,7 @@ if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
 
 def mount(app: typer.Typer) -> None:
     """Add the command to `hil`."""
-    app.command(epilog=EPILOG, context_settings=FORMER_SPELLINGS)(run)
+    app.command(cls=LiveCommand, epilog=EPILOG, context_settings=FORMER_SPELLINGS)(run)
 
 
 class ExperimentName(StrEnum):
@@ -54,6 +55,7 @@ class ExperimentName(StrEnum):
 
     CONSTANT_ACCELERATION = "constant-acceleration"
     LINE_MOTION = "line-motion"
+    POINT_TO_POINT = "point-to-point"
 
 
 class ClockName(StrEnum):
@@ -64,11 +66,11 @@ class ClockName(StrEnum):
 
 
 def run(
-    experiment: Annotated[ExperimentName, typer.Argument(help="Experiment to run.")],
+    experiment: Annotated[
+        ExperimentName, typer.Argument(show_choices=False, help="constant-acceleration, line-motion or point-to-point.")
+    ],
     bench_file: BenchOption,
-    axis: Annotated[
-        int | None, typer.Option("--axis", help="Axis of a constant-acceleration run.", autocompletion=AXES.one)
-    ] = None,
+    axis: Annotated[int | None, typer.Option("--axis", help="Axis that moves alone.", autocompletion=AXES.one)] = None,
     treatment: TreatmentOption = "none",
     model: Annotated[
         Path | None, typer.Option(help=f"Model file of hil identify, for {names_of('model')}; left out: the bench file's.")
@@ -82,11 +84,13 @@ def run(
     bus: BusOption = None,
     out: NewOutOption = None,
     as_json: JsonOption = False,
+    without_report: Annotated[bool, typer.Option("--no-report", help="Leave the page to hil report: it takes seconds.")] = False,
     clock: Annotated[
         ClockName | None, typer.Option(help="The clock that the bus must have; left out: whichever it has (docs/realtime.md).")
     ] = None,
     overload: OverloadOption = False,
     reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
+    live: LiveOption = None,
     yes: YesOption = False,
 ) -> None:
     """Run one experiment on the robot of a bench file.
@@ -96,9 +100,7 @@ def run(
     with exit_on_error():
         is_line = experiment is ExperimentName.LINE_MOTION
         if is_line != (axis is None):
-            raise fail(
-                "a line-motion takes no --axis" if is_line else "a constant-acceleration run needs --axis", ExitStatus.USAGE
-            )
+            raise fail("a line-motion takes no --axis" if is_line else f"a {experiment.value} run needs --axis", ExitStatus.USAGE)
         bench = bench_on(bench_file, bus)
         known_robot = knowledge(model, design, learnt)
 
@@ -108,10 +110,11 @@ def run(
         if not yes and not is_on_local_bus(bench):
             confirm(motion_lines([(bench, plan)]))
         where = out or new_directory(Path(plan.file_name).stem)
-        status = run_and_report(
-            bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload,
-            knowledge=known_robot, repeat=repeat,
-        )  # fmt: skip
+        with shown_live(live, bench.bus.address, bench_file):
+            status = run_and_report(
+                bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload,
+                knowledge=known_robot, repeat=repeat, has_report=not without_report,
+            )  # fmt: skip
         if status:
             raise typer.Exit(status)
 
@@ -141,6 +144,7 @@ def run_and_report(
     overload: bool = False,
     knowledge: "Knowledge | None" = None,
     repeat: int = 1,
+    has_report: bool = True,
 ) -> int:
     """Run experiments, write the report, print the result, and return the exit status.
 
@@ -155,6 +159,7 @@ def run_and_report(
         overload: Run even what does not fit on the bus.
         knowledge: Knowledge that some treatments need beside the bench file.
         repeat: Number of runs of each motion.
+        has_report: Write the report; without it `hil report` does so later.
     """
     from hil.experiments.runner import run_experiments  # noqa: PLC0415
 
@@ -172,8 +177,10 @@ def run_and_report(
             repeat=repeat,
             reporter=progress,
         )
-    say("writing the report")
-    page = write_page(out)
+    page = None
+    if has_report:
+        say("writing the report")
+        page = write_page(out)
     if as_json:
         typer.echo(outcome.result.dumps())
     else:
@@ -222,6 +229,7 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
         verdict = "-" if run.within_spec is None else "yes" if run.within_spec else "no"
         rows.append((run.experiment, axis, run.loop, run.treatment, order, peak, verdict))
     table("", ("experiment", "axis", "loop", "treatment", "order", "tip peak mm", f"within ±{limit:g} mm"), rows)
+    _say_directions(outcome, say)
     for run in {run.recording: run for run in outcome.result.runs}.values():
         for words, number in (run.bus_errors or {}).items():
             say(f"{run.recording}: on the bus: {words} ({number} times)")
@@ -243,3 +251,12 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
         say(f"{held} of {len(outcome.result.paper)} claims of the paper hold")
     for claim in outcome.failed_claims:
         say(f"does not hold: {claim.claim} ({claim.source}): {claim.bench} {claim.unit}, paper {claim.paper}")
+
+
+def _say_directions(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
+    """Print the tip along x, y and z of every window that was judged as a vector."""
+    for run in outcome.result.runs:
+        found = {name: each.tip_peak_mm for name, each in (run.directions or {}).items() if each.tip_peak_mm is not None}
+        if found:
+            window = "" if run.order is None else f", order {run.order}"
+            say(f"{run.recording}{window}: tip along x {found['x']:.4f}, y {found['y']:.4f}, z {found['z']:.4f} mm")

@@ -14,14 +14,16 @@ The measured angle θ_m contains what has been added. The sines are those of the
 θ_0 = θ_m + N Σ A_k cos(k θ_m + φ_k); so Δθ_m has the mixed waves of `hil.design.counter_motion` beside its orders.
 """
 
+import cmath
 import math
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.control.cancellation_table import FADE_REV, CancellationTable, MotorLoad
 from hil.control.compiled import compiled, inlined
 from hil.control.notch import lowpass_blend
 from hil.control.records import Rows, record_dtype
@@ -34,7 +36,8 @@ class CancellationConfigRow(Protocol):
     """Parameters of one axis' cancellation.
 
     Distance of the table's speeds; corner of the low-pass that gives f_m; revolutions in which the first addition is forgotten;
-    step to which a torque is rounded; largest acceleration for which G changes.
+    step to which a torque is rounded; largest acceleration for which G changes. How τ_g is told: corner of its low-pass,
+    reduction ratio, motor's inertia, damping and friction, the gear's reaction, largest load.
     """
 
     step_rps: float
@@ -42,13 +45,20 @@ class CancellationConfigRow(Protocol):
     fade_rev: float
     torque_step_nm: float
     most_rad_s2: float
+    load_lowpass_hz: float
+    reduction_ratio: float
+    motor_inertia_kg_m2: float
+    motor_damping_nm_s_rad: float
+    coulomb_friction_nm: float
+    reaction: float
+    most_nm: float
 
 
 class CancellationStateRow(Protocol):
     """Memory of one axis' cancellation.
 
     Last angle without what was added; low-passed speed; what is left of the first addition; remainder that rounding has left of
-    the torque.
+    the torque; low-passed torque of the motor.
     """
 
     smooth_angle_rad: float
@@ -56,6 +66,8 @@ class CancellationStateRow(Protocol):
     slower_rad_s: float
     offset_rad: float
     left_nm: float
+    torque_nm: float
+    slower_nm: float
     is_running: int
 
 
@@ -64,185 +76,127 @@ CANCELLATION_STATE = record_dtype(CancellationStateRow)
 
 SPEED_LOWPASS_HZ = 20.0
 """At 4 rps/s the lag of 8 ms is 0.03 rps of 6: 0.5 % of G_k. One count of a 17-bit encoder in 1 ms is 0.008 rps."""
-FADED_OVER_KEPT = 1.25
-"""Frequency over the one up to which a wave is kept, from which it has no more right to the set-point's speed than others."""
-SPEED_USED = 0.95
-"""Fraction of a speed limit up to which waves are fitted in: the rounding of an encoder moves the set-point as well."""
+LOAD_LOWPASS_HZ = 1.0
+"""Corner of the low-pass that gives τ_g: it changes with the posture, over seconds; what shakes is at 4 Hz and more."""
+FRICTION_RAD_S = 0.5
+"""Motor speed from which on Coulomb friction is whole."""
+SMALLEST_FACTOR = 1e-6
+"""Least factor of an order's amplitude."""
 FADE_S = 0.2
 """Time to full strength inside a drive: a cancellation that began at once would be a step of N A_k, 3 mrad at the motor."""
-FADE_REV = 2.0
-"""Motor revolutions in which the first addition is forgotten, to 1/e.
-
-What is added at first is taken off, so that a motor at rest stays where it is: a step of N A_k, and one that is faded in too,
-would wind up the velocity loop against friction, and the motor would break away with a jolt."""
 
 
-@dataclass(frozen=True)
-class WaveLabel:
-    """One sine of a table.
+@inlined
+def gear_torque(
+    c: CancellationConfigRow, s: CancellationStateRow, period_s: float, torque: float, speed: float, gained: float
+) -> float:
+    """τ_g as its slow part shows in the motor's torque, in N·m at the arm, within what counts.
 
-    Attributes:
-        order: Its order k.
-        phase_rad: Its phase φ.
-        degree: 1 for an order of the error itself; for a mixed wave the number of amplitudes that it grows with.
-        sources: Orders of the error from which it comes.
+    Args:
+        c: The axis' parameters.
+        s: The axis' memory; changed in place.
+        period_s: Sampling time.
+        torque: Motor torque as measured.
+        speed: θ̇_m.
+        gained: θ̈_m.
     """
+    if s.is_running == 0:
+        s.torque_nm, s.slower_nm = torque, torque
+    blend = lowpass_blend(c.load_lowpass_hz, period_s)
+    s.torque_nm += blend * (torque - s.torque_nm)
+    s.slower_nm += blend * (s.torque_nm - s.slower_nm)
+    friction = c.coulomb_friction_nm * min(max(speed / FRICTION_RAD_S, -1.0), 1.0)
+    own = c.motor_inertia_kg_m2 * gained + c.motor_damping_nm_s_rad * speed + friction
+    return min(max(c.reduction_ratio * (2.0 * s.torque_nm - s.slower_nm - own), -c.most_nm), c.most_nm)
 
-    order: float
-    phase_rad: float
-    degree: int
-    sources: frozenset[float]
+
+@inlined
+def speed_column(c: CancellationConfigRow, table: Real, speed: float) -> tuple[int, float]:
+    """Column of a table at or below a motor speed, and the fraction of the way to the next."""
+    column = min(abs(speed) / (2.0 * math.pi * c.step_rps), table.shape[1] - 1.0)
+    low = min(int(column), table.shape[1] - 2)
+    return low, column - low
 
 
-@dataclass(frozen=True)
-class CancellationTable:
-    """Additions to the set-points of one axis, by wave and motor speed.
+@inlined
+def smooth_angle(waves: Real, table: Real, angle: float, low: int, part: float) -> float:
+    """The angle without what has been added: θ_m less the motor's part of every order of the error itself.
 
-    Attributes:
-        waves: The waves, those of the error's own orders first.
-        step_rps: Distance of the table's speeds, which begin at 0.
-        reference: G by speed, −N A_k included, in rad at the motor; shape (waves, speeds).
-        torque: G of the torque offset, in N·m; shape (waves, speeds).
-        motion: Amplitude of the motor's part in it, in rad; shape (waves, speeds). Read of the error's own orders.
-        bend: What G changes by for each rad/s² by which |θ̇_m| grows; shape (waves, speeds). None: nothing.
-        most_rad_s2: Largest acceleration for which it does.
-
-    Raises:
-        ValueError: The shapes do not fit, or a number is not finite.
+    Args:
+        waves: As in `cancellation_step`, like `table`.
+        table: G by wave and speed.
+        angle: θ_m.
+        low: Column at or below the speed.
+        part: Fraction of the way to the next.
     """
+    smooth = angle
+    for i in range(table.shape[0]):
+        if table[i, 0, 4] > 0.0:
+            moved = table[i, low, 4] + part * (table[i, low + 1, 4] - table[i, low, 4])
+            smooth += waves[i, 2] * moved * math.cos(waves[i, 0] * angle + waves[i, 1])
+    return smooth
 
-    waves: tuple[WaveLabel, ...]
-    step_rps: float
-    reference: Complex
-    torque: Complex
-    motion: Real
-    bend: Complex | None = None
-    most_rad_s2: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Refuse what the law cannot read."""
-        shape = np.shape(self.reference)
-        fits = len(shape) == 2 and shape[0] == len(self.waves) and shape[1] >= 2
-        others = [self.torque, self.motion] + ([] if self.bend is None else [self.bend])
-        if not fits or any(np.shape(part) != shape for part in others):
-            shapes = ", ".join(str(np.shape(part)) for part in (self.reference, *others))
-            raise ValueError(f"tables of shapes {shapes} for {len(self.waves)} waves")
-        if not self.step_rps > 0.0:
-            raise ValueError(f"step_rps = {self.step_rps} must be above 0")
-        if not all(np.all(np.isfinite(part)) for part in (self.reference, *others)):
-            raise ValueError("a table holds what is not finite")
+@inlined
+def added(
+    waves: Real, table: Real, low: int, part: float, smooth: float, side: float, gained: float, load: float
+) -> tuple[float, float]:
+    """All waves together: addition to the set-point in rad, torque offset in N·m.
 
-    @property
-    def orders(self) -> tuple[float, ...]:
-        """The error's own orders k."""
-        return tuple(wave.order for wave in self.waves if wave.degree == 1)
-
-    @property
-    def speeds_rps(self) -> NDArray[np.float64]:
-        """Motor speeds of the table; shape (speeds,)."""
-        return np.arange(np.shape(self.reference)[1], dtype=np.float64) * self.step_rps
-
-    def scaled(self, gain: float) -> "CancellationTable":
-        """The table of an error that is `gain` times as large."""
-        by_wave = np.array([gain**wave.degree for wave in self.waves])[:, np.newaxis]
-        return self._with(lambda part: by_wave * part, self.waves)
-
-    def without(self, orders: Collection[float]) -> "CancellationTable | None":
-        """The table with some orders left out, and what they mix with; None where no other is left."""
-        out = frozenset(orders)
-        kept = [index for index, wave in enumerate(self.waves) if not wave.sources & out]
-        if not kept:
-            return None
-        return self._with(lambda part: part[kept], tuple(self.waves[index] for index in kept))
-
-    def within_speed(self, limit_rps: float, up_to_rps: float, kept_hz: float) -> "CancellationTable":
-        """The table whose set-points are no faster than a limit, where leaving out waves of high frequency can reach that.
-
-        Args:
-            limit_rps: Speed limit of the set-points.
-            up_to_rps: Highest motor speed of the motion.
-            kept_hz: Frequency k f_m up to which a wave stays as it is; above it the lowest orders come first.
-        """
-        frequency, own, fast = self._largest_speeds(up_to_rps)
-        part = np.clip((FADED_OVER_KEPT - frequency / kept_hz) / (FADED_OVER_KEPT - 1.0), 0.0, 1.0)
-        room = SPEED_USED * limit_rps - own - np.sum(part * fast, axis=0)
-        for row in np.argsort([wave.order for wave in self.waves], kind="stable"):
-            wanted = (1.0 - part[row]) * fast[row]
-            granted = np.clip(room / np.maximum(wanted, 1e-12), 0.0, 1.0)
-            part[row] += (1.0 - part[row]) * granted
-            room = room - granted * wanted
-        return self._with(lambda each: part * each, self.waves)
-
-    def _with(self, change: Callable[[Any], Any], waves: tuple[WaveLabel, ...]) -> "CancellationTable":
-        """The table with all its arrays changed alike."""
-        parts = {name: change(getattr(self, name)) for name in ("reference", "torque", "motion")}
-        return replace(self, waves=waves, bend=None if self.bend is None else change(self.bend), **parts)
-
-    def largest_reference_rad(self, up_to_rps: float = math.inf) -> float:
-        """The largest addition to the set-point up to a motor speed."""
-        return self._largest(self._largest_gains(), up_to_rps) + self._first_rad()
-
-    def largest_torque_nm(self, up_to_rps: float = math.inf) -> float:
-        """The largest torque offset up to a motor speed."""
-        return self._largest(self.torque, up_to_rps)
-
-    def largest_speed_rps(self, up_to_rps: float) -> float:
-        """The fastest set-point of a motion up to a motor speed, in rev/s: that of the motion, and the change of the addition."""
-        _, own, fast = self._largest_speeds(up_to_rps)
-        inside = self.speeds_rps <= up_to_rps + self.step_rps
-        return float(np.max((own + np.sum(fast, axis=0))[inside]))
-
-    def _largest_speeds(self, up_to_rps: float) -> tuple[Real, Real, Real]:
-        """Frequency k f_m of each wave, set-points' speed without them, and how much faster each makes them, in Hz and rev/s.
-
-        Without them it is the motor's own speed, and that at which the first addition is forgotten. Shapes (waves, speeds),
-        (speeds,) and (waves, speeds).
-        """
-        speeds = np.minimum(self.speeds_rps, up_to_rps)
-        frequency = np.array([wave.order for wave in self.waves])[:, np.newaxis] * speeds
-        own = speeds + speeds * self._first_rad() / (2.0 * math.pi * FADE_REV)
-        return frequency, own, frequency * self._largest_gains()
-
-    def _first_rad(self) -> float:
-        """The largest first addition, at rest, which is taken off."""
-        return float(np.sum(np.abs(self.reference[:, 0])))
-
-    def _largest_gains(self) -> Real:
-        """|G| of the set-points at any acceleration for which it changes; shape (waves, speeds)."""
-        more = 0.0 if self.bend is None else self.most_rad_s2 * np.abs(self.bend)
-        return np.asarray(np.abs(self.reference) + more)
-
-    def _largest(self, table: Complex | Real, up_to_rps: float) -> float:
-        inside = self.speeds_rps <= up_to_rps + self.step_rps  # between two speeds it is between their values
-        return float(np.max(np.sum(np.abs(table[:, inside]), axis=0)))
+    Args:
+        waves: As in `cancellation_step`, like `table`.
+        table: G by wave and speed.
+        low: Column at or below the speed.
+        part: Fraction of the way to the next.
+        smooth: Angle without what was added.
+        side: −1 backwards, else 1.
+        gained: What |θ̇_m| gains, rad/s².
+        load: r τ_g, turned round backwards: its sine is of the angle alone, and knows no direction as what delays it does.
+    """
+    reference, torque = 0.0, 0.0
+    for i in range(table.shape[0]):
+        below, above = table[i, low], table[i, low + 1]
+        turned = waves[i, 0] * smooth + waves[i, 1]
+        cosine, sine = waves[i, 2] * math.cos(turned), waves[i, 2] * side * math.sin(turned)
+        real = below[0] + part * (above[0] - below[0]) + gained * (below[5] + part * (above[5] - below[5]))
+        imaginary = below[1] + part * (above[1] - below[1]) + gained * (below[6] + part * (above[6] - below[6]))
+        real += load * (below[9] + part * (above[9] - below[9]))
+        imaginary += load * (below[10] + part * (above[10] - below[10]))
+        reference += real * cosine - imaginary * sine
+        real = below[2] + part * (above[2] - below[2]) + gained * (below[7] + part * (above[7] - below[7]))
+        imaginary = below[3] + part * (above[3] - below[3]) + gained * (below[8] + part * (above[8] - below[8]))
+        real += load * (below[11] + part * (above[11] - below[11]))
+        imaginary += load * (below[12] + part * (above[12] - below[12]))
+        torque += real * cosine - imaginary * sine
+    return reference, torque
 
 
 @inlined
 def cancellation_step(
-    c: CancellationConfigRow, s: CancellationStateRow, waves: Real, table: Real, period_s: float, angle: float
+    c: CancellationConfigRow,
+    s: CancellationStateRow,
+    waves: Real,
+    table: Real,
+    period_s: float,
+    angle: float,
+    measured_nm: float,
 ) -> tuple[float, float]:
     """One sample of one axis: the additions to its set-point in rad, and to its torque in N·m.
 
     Args:
         c: The axis' parameters.
         s: The axis' memory; changed in place.
-        waves: Order and phase; shape (n_waves, 2).
+        waves: Order, phase, and factor of the amplitude; shape (n_waves, 3).
         table: Re and Im of G for the set-point, then for the torque; the motor's part, which is 0 for mixed waves; Re and Im of
-            the bend; shape (n_waves, n_speeds, 7).
+            the bend of either; Re and Im for each N·m of τ_g, of either; shape (n_waves, n_speeds, 13).
         period_s: Sampling time.
         angle: θ_m in rad, as measured.
+        measured_nm: Motor torque, as measured.
     """
     if s.is_running == 0:
         s.speed_rad_s, s.slower_rad_s, s.left_nm = 0.0, 0.0, 0.0
-    speed = 2.0 * s.speed_rad_s - s.slower_rad_s
-    column = min(abs(speed) / (2.0 * math.pi * c.step_rps), table.shape[1] - 1.0)
-    low = min(int(column), table.shape[1] - 2)
-    part = column - low
-    smooth = angle
-    for i in range(table.shape[0]):
-        if table[i, 0, 4] > 0.0:
-            moved = table[i, low, 4] + part * (table[i, low + 1, 4] - table[i, low, 4])
-            smooth += moved * math.cos(waves[i, 0] * angle + waves[i, 1])
+    low, part = speed_column(c, table, 2.0 * s.speed_rad_s - s.slower_rad_s)
+    smooth = smooth_angle(waves, table, angle, low, part)
     if s.is_running == 0:
         s.smooth_angle_rad = smooth
     turned_rad = abs(smooth - s.smooth_angle_rad)
@@ -251,22 +205,13 @@ def cancellation_step(
     s.slower_rad_s += blend * (s.speed_rad_s - s.slower_rad_s)
     speed = 2.0 * s.speed_rad_s - s.slower_rad_s  # on a ramp as late as neither
     s.smooth_angle_rad = smooth
-    column = min(abs(speed) / (2.0 * math.pi * c.step_rps), table.shape[1] - 1.0)
-    low = min(int(column), table.shape[1] - 2)
-    part = column - low
+    low, part = speed_column(c, table, speed)
     side = -1.0 if speed < 0.0 else 1.0
     # the difference of both is what a speed gains in the time of the low-pass
     gained = side * (s.speed_rad_s - s.slower_rad_s) * 2.0 * math.pi * c.speed_lowpass_hz
     gained = min(max(gained, -c.most_rad_s2), c.most_rad_s2)
-    reference, torque = 0.0, 0.0
-    for i in range(table.shape[0]):
-        below, above = table[i, low], table[i, low + 1]
-        turned = waves[i, 0] * smooth + waves[i, 1]
-        cosine, sine = math.cos(turned), side * math.sin(turned)
-        real = below[0] + part * (above[0] - below[0]) + gained * (below[5] + part * (above[5] - below[5]))
-        imaginary = below[1] + part * (above[1] - below[1]) + gained * (below[6] + part * (above[6] - below[6]))
-        reference += real * cosine - imaginary * sine
-        torque += (below[2] + part * (above[2] - below[2])) * cosine - (below[3] + part * (above[3] - below[3])) * sine
+    load = side * c.reaction * gear_torque(c, s, period_s, measured_nm, speed, side * gained)
+    reference, torque = added(waves, table, low, part, smooth, side, gained, load)
     if s.is_running == 0:
         s.offset_rad, s.is_running = reference, 1
     s.offset_rad -= s.offset_rad * min(1.0, turned_rad / (2.0 * math.pi * c.fade_rev))
@@ -349,14 +294,29 @@ def cancel(
     Args:
         configs: `CANCELLATION_CONFIG` array, shape (n_axes,).
         states: `CANCELLATION_STATE` array, shape (n_axes,).
-        waves: Order and phase; shape (n_axes, n_waves, 2).
-        table: As in `cancellation_step`; shape (n_axes, n_waves, n_speeds, 7).
+        waves: Order, phase and factor; shape (n_axes, n_waves, 3).
+        table: As in `cancellation_step`; shape (n_axes, n_waves, n_speeds, 13).
         period_s: Sampling time.
-        values: Row θ_m in; rows Δθ_ref and Δτ out; shape (3, n_axes).
+        values: Rows θ_m and measured torque in, which become Δθ_ref and Δτ; shape (2, n_axes).
     """
     for row in range(len(configs)):
-        reference, torque = cancellation_step(configs[row], states[row], waves[row], table[row], period_s, values[0, row])
-        values[1, row], values[2, row] = reference, torque
+        angle, measured_nm = values[0, row], values[1, row]
+        reference, torque = cancellation_step(configs[row], states[row], waves[row], table[row], period_s, angle, measured_nm)
+        values[0, row], values[1, row] = reference, torque
+
+
+def _turns(table: CancellationTable | None) -> tuple[tuple[float, ...], Real, Real, Real]:
+    """Orders of a table, phase of each wave, and how often the phase and the size of each order are in it."""
+    if table is None:
+        return (), np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
+    each = [wave.turns(table.orders) for wave in table.waves]
+    phases = np.array([wave.phase_rad for wave in table.waves])
+    return (
+        table.orders,
+        phases,
+        np.array([net for net, _ in each], dtype=float),
+        np.array([size for _, size in each], dtype=float),
+    )
 
 
 class CancellationLaw:
@@ -398,35 +358,67 @@ class CancellationLaw:
         if torque_steps_nm is not None:
             self._config["torque_step_nm"] = torque_steps_nm
         self._state = np.zeros(len(tables), CANCELLATION_STATE)
-        self._waves = np.zeros((len(tables), count, 2))
-        self._table = np.zeros((len(tables), count, points, 7))
+        self._waves = np.zeros((len(tables), count, 3))
+        self._table = np.zeros((len(tables), count, points, 13))
+        self._turns = [_turns(table) for table in tables]
         for row, table in enumerate(tables):
             if table is not None:
                 self._write(row, table)
-        self._values = np.zeros((3, len(tables)))
+        self._config["load_lowpass_hz"] = LOAD_LOWPASS_HZ
+        self._values = np.zeros((2, len(tables)))
         self.step([0.0] * len(tables))  # compiled, or loaded, before the first cycle waits for it
         self.reset()
 
     def _write(self, row: int, table: CancellationTable) -> None:
         columns, given = len(table.waves), np.shape(table.reference)[1]
         self._config["step_rps"][row] = table.step_rps
-        self._waves[row, :columns] = [(wave.order, wave.phase_rad) for wave in table.waves]
+        self._waves[row, :columns] = [(wave.order, wave.phase_rad, 1.0) for wave in table.waves]
         is_own = np.array([wave.degree == 1 for wave in table.waves])
         self._table[row, :columns, :given, 4] = np.where(is_own[:, np.newaxis], table.motion, 0.0)
         self._config["most_rad_s2"][row] = table.most_rad_s2
-        bend = np.zeros_like(table.reference) if table.bend is None else table.bend
-        for part, values in ((0, table.reference), (2, table.torque), (5, bend)):
+        if table.motor_load is not None:
+            for name in (each.name for each in fields(MotorLoad)):
+                self._config[name][row] = getattr(table.motor_load, name)
+        for part, name in (
+            (0, "reference"),
+            (2, "torque"),
+            (5, "bend"),
+            (7, "torque_bend"),
+            (9, "load_reference"),
+            (11, "load_torque"),
+        ):
+            values = getattr(table, name)
+            if values is None:
+                continue
             self._table[row, :columns, :given, part], self._table[row, :columns, :given, part + 1] = values.real, values.imag
         self._table[row, :, given:] = self._table[row, :, given - 1 : given]
+
+    def multiply(self, row: int, by_order: Mapping[float, complex]) -> None:
+        """Multiply the cancellation of each order of an axis by a complex factor, and what it mixes with accordingly.
+
+        Args:
+            row: Row of the axis.
+            by_order: Factor of each order; 1 where it is not given.
+        """
+        orders, phases, net, size = self._turns[row]
+        factors = [by_order.get(order, 1.0 + 0.0j) for order in orders]
+        waves = self._waves[row, : len(phases)]
+        waves[:, 1] = phases + net @ [cmath.phase(each) for each in factors]
+        waves[:, 2] = np.exp(size @ [math.log(max(abs(each), SMALLEST_FACTOR)) for each in factors])
 
     def reset(self) -> None:
         """Forget angle and speed, and begin again where the motor stands."""
         self._state[:] = np.zeros(1, CANCELLATION_STATE)[0]
 
-    def step(self, angles_rad: Sequence[float]) -> tuple[list[float], list[float]]:
-        """Give the additions to set-points (rad) and torques (N·m) at the measured motor angles, in the order of the axes."""
+    def step(self, angles_rad: Sequence[float], torques_nm: Sequence[float] | None = None) -> tuple[list[float], list[float]]:
+        """Give the additions to set-points (rad) and torques (N·m), in the order of the axes.
+
+        Args:
+            angles_rad: Measured motor angles.
+            torques_nm: Measured motor torques; None: 0.
+        """
         values = self._values
-        values[0] = angles_rad
+        values[0], values[1] = angles_rad, 0.0 if torques_nm is None else torques_nm
         cancel(self._config, self._state, self._waves, self._table, self.period_s, values)
-        references, torques = values[1:].tolist()
+        references, torques = values.tolist()
         return references, torques

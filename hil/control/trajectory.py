@@ -66,6 +66,50 @@ class ConstantAcceleration:
 
 
 @dataclass(frozen=True)
+class PointToPoint:
+    """Rest, speed up at a constant rate, a constant speed, slow down at the same rate, rest.
+
+    Attributes:
+        distance_rev: Motor revolutions from rest to rest, negative backwards.
+        speed_rps: The speed that is not exceeded; a short way does not reach it.
+        acceleration_rps_s: Motor revolutions per second, per second.
+        dwell_s: Time of rest before the motion.
+        tail_s: Time of rest after the motion.
+    """
+
+    distance_rev: float
+    speed_rps: float
+    acceleration_rps_s: float
+    dwell_s: float
+    tail_s: float
+
+    @property
+    def ramp_s(self) -> float:
+        """Duration of the rise of the speed."""
+        return min(self.speed_rps / self.acceleration_rps_s, math.sqrt(abs(self.distance_rev) / self.acceleration_rps_s))
+
+    @property
+    def move_s(self) -> float:
+        """Duration from rest to rest."""
+        return self.ramp_s + abs(self.distance_rev) / (self.acceleration_rps_s * self.ramp_s)
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of the motion, both rests included."""
+        return self.dwell_s + self.move_s + self.tail_s
+
+    def motor_angle(self, time_s: Array) -> Array:
+        """θ_ref in rad over the time; shape of `time_s`."""
+        ramp, even = self.ramp_s, self.move_s - 2.0 * self.ramp_s
+        t = np.asarray(time_s) - self.dwell_s
+        rising, level, falling = (
+            np.clip(t - begin, 0.0, span) for begin, span in ((0.0, ramp), (ramp, even), (ramp + even, ramp))
+        )
+        reached = 0.5 * rising**2 + ramp * level + ramp * falling - 0.5 * falling**2
+        return np.asarray(math.copysign(2.0 * math.pi * self.acceleration_rps_s, self.distance_rev) * reached)
+
+
+@dataclass(frozen=True)
 class Smooth:
     """A move over a distance 1 in a time T with a raised-cosine acceleration over T_r at either end.
 

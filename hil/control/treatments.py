@@ -5,6 +5,9 @@ from typing import Literal
 
 LoopName = Literal["drive", "host"]
 
+ShaperName = Literal["zv", "zvd", "mzv", "ei", "two-hump-ei"]
+"""Input shapers: `hil.control.shapers`."""
+
 TreatmentName = Literal[
     "none",
     "low-gains",
@@ -15,6 +18,17 @@ TreatmentName = Literal[
     "cancellation+notch",
     "cancellation-inside",
     "cancellation-learnt",
+    "cancellation-following",
+    "shaper-zv",
+    "shaper-zvd",
+    "shaper-mzv",
+    "shaper-ei",
+    "shaper-two-hump-ei",
+    "cancellation+shaper-zv",
+    "cancellation+shaper-zvd",
+    "cancellation+shaper-mzv",
+    "cancellation+shaper-ei",
+    "cancellation+shaper-two-hump-ei",
 ]
 
 PlainTreatmentName = Literal["none", "notch"]
@@ -30,26 +44,40 @@ class Treatment:
         title: A few words for tables and figures.
         filters: `variable`: the filters follow the speed; `fixed`: filters that stay where they are; empty: none act.
         cancels: `set-points`: an addition to the set-points cancels the error; `inside`: the drives do it in their own loops.
+        shaper: Input shaper that acts on the set-points; None without one.
         gain_factor: Factor of all three gains.
         loops: Loops in which it can act.
         needs: Knowledge beside the gains and filters of a bench or robot file. `model`: of the plant and its error, from a
             model file or the bench file; `design`: a design file; `learnt`: a model file of `hil learn`.
         aliases: Former names, still understood on the command line.
+        follows: True where amplitudes and phases follow what is left of the vibration during the motion.
     """
 
     name: TreatmentName
     title: str
     filters: Literal["", "variable", "fixed"] = ""
     cancels: Literal["", "set-points", "inside"] = ""
+    shaper: ShaperName | None = None
     gain_factor: float = 1.0
     loops: tuple[LoopName, ...] = ("drive", "host")
     needs: Literal["", "model", "design", "learnt"] = ""
     aliases: tuple[str, ...] = ()
+    follows: bool = False
 
     @property
     def is_plain(self) -> bool:
         """True where a bench or robot file says everything and its gains stay: the filters act or they do not."""
         return not self.needs and self.gain_factor == 1.0
+
+    @property
+    def is_combined(self) -> bool:
+        """True where filters act beside a cancellation."""
+        return bool(self.filters) and bool(self.cancels)
+
+    @property
+    def is_shaper(self) -> bool:
+        """True where a shaper acts, and nothing beside it."""
+        return self.shaper is not None and not self.cancels
 
     @property
     def is_remedy(self) -> bool:
@@ -88,6 +116,59 @@ TABLE: tuple[Treatment, ...] = (
         loops=("drive",),
         needs="learnt",
         aliases=("adaptive",),
+    ),
+    Treatment(
+        "cancellation-following",
+        "cancellation that follows",
+        cancels="set-points",
+        loops=("drive",),
+        needs="model",
+        follows=True,
+    ),
+    Treatment("shaper-zv", "ZV shaper", shaper="zv", loops=("drive",), needs="model"),
+    Treatment("shaper-zvd", "ZVD shaper", shaper="zvd", loops=("drive",), needs="model"),
+    Treatment("shaper-mzv", "MZV shaper", shaper="mzv", loops=("drive",), needs="model"),
+    Treatment("shaper-ei", "EI shaper", shaper="ei", loops=("drive",), needs="model"),
+    Treatment("shaper-two-hump-ei", "two-hump EI shaper", shaper="two-hump-ei", loops=("drive",), needs="model"),
+    Treatment(
+        "cancellation+shaper-zv",
+        "cancellation and ZV shaper",
+        cancels="set-points",
+        shaper="zv",
+        loops=("drive",),
+        needs="model",
+    ),
+    Treatment(
+        "cancellation+shaper-zvd",
+        "cancellation and ZVD shaper",
+        cancels="set-points",
+        shaper="zvd",
+        loops=("drive",),
+        needs="model",
+    ),
+    Treatment(
+        "cancellation+shaper-mzv",
+        "cancellation and MZV shaper",
+        cancels="set-points",
+        shaper="mzv",
+        loops=("drive",),
+        needs="model",
+    ),
+    Treatment(
+        "cancellation+shaper-ei",
+        "cancellation and EI shaper",
+        cancels="set-points",
+        shaper="ei",
+        loops=("drive",),
+        needs="model",
+    ),
+    Treatment(
+        "cancellation+shaper-two-hump-ei",
+        "cancellation and two-hump EI shaper",
+        cancels="set-points",
+        shaper="two-hump-ei",
+        loops=("drive",),
+        needs="model",
     ),
 )
 

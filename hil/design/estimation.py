@@ -35,3 +35,22 @@ def inverse(square: Real) -> Real:
     """The pseudo-inverse of a JᵀJ whose unknowns may have very different units."""
     scale = np.sqrt(np.maximum(np.diag(square), 1e-300))
     return np.asarray(np.linalg.pinv(square / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale))
+
+
+@dataclass(frozen=True)
+class EstimatedMode:
+    """A mode of an arm that rings with several, with the motor held.
+
+    Attributes:
+        inertia_kg_m2: Effective inertia about the joint.
+        antiresonance_hz: Its frequency, where the motor's response has a dip.
+        damping: Its damping ratio.
+        resonance_hz: Peak of the motor's response above it.
+        tip_part: Part of the tip's rigid motion that it carries; None without an accelerometer.
+    """
+
+    inertia_kg_m2: EstimatedParameter
+    antiresonance_hz: EstimatedParameter
+    damping: EstimatedParameter
+    resonance_hz: EstimatedParameter
+    tip_part: EstimatedParameter | None = None

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hil.control.cascade import Cascade
@@ -149,8 +150,6 @@ class Loop:
 
     def peak_hz(self) -> float:
         """Frequency f_al at which |G_al| without notch peaks, around the anti-resonance."""
-        from scipy import optimize  # noqa: PLC0415 - half a second that a bench file with a mistake must not wait for
-
         low_hz, high_hz = min(4.0, self.plant.antiresonance_hz / 3.0), max(30.0, 2.4 * self.plant.antiresonance_hz)
         grid = np.linspace(low_hz, high_hz, math.ceil((high_hz - low_hz) / 0.01) + 1)
         bare = Loop(self.plant, self.cascade, (), self.period_s, self.delay_samples)
@@ -158,7 +157,7 @@ class Loop:
         # the inertia line rises with ω², so only an inner maximum is a resonance
         inner = np.flatnonzero((gain[1:-1] > gain[:-2]) & (gain[1:-1] >= gain[2:])) + 1
         top = grid[inner[np.argmax(gain[inner])]] if inner.size else grid[np.argmax(gain)]
-        peak = optimize.minimize_scalar(
+        peak = scipy.optimize.minimize_scalar(
             lambda f: -float(np.abs(bare.acceleration_per_transmission_error(np.array([f])))[0]),
             bounds=(top - 0.02, top + 0.02),
             method="bounded",
@@ -172,21 +171,23 @@ class Loop:
         The plant is discretised exactly (zero-order hold); the law's blocks are kept apart as state-space blocks, since
         the expanded polynomial has a dozen roots near z = 1 and loses its digits there.
         """
-        from scipy import linalg  # noqa: PLC0415 - as above
-
         a, b = self.plant.state_space()
         augmented = np.zeros((5, 5))
         augmented[:4, :4], augmented[:4, 4] = a, b
-        expanded = linalg.expm(augmented * self.period_s)
+        expanded = scipy.linalg.expm(augmented * self.period_s)
         plant = (expanded[:4, :4], expanded[:4, 4:], np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 1)))
-        blocks = [plant, self._feedback_block(), self._integral_block()]
-        blocks += [_biquad(filter_) for filter_ in self.filters(speed_rps)]
-        blocks += [(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))] * self.delay_samples
-        a_series, b_series, c_series, d_series = blocks[0]
-        for block in blocks[1:]:
-            a_series, b_series, c_series, d_series = _series((a_series, b_series, c_series, d_series), block)
+        a_series, b_series, c_series, d_series = _series(plant, self.law_block(speed_rps))
         closed = a_series - b_series @ c_series / (1.0 + float(d_series[0, 0]))
         return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
+
+    def law_block(self, speed_rps: float = 0.0) -> "Block":
+        """The law −τ/θ_m with its filters frozen at a motor speed, and its whole samples of delay, as a discrete system."""
+        blocks = [self._integral_block(), *(_biquad(filter_) for filter_ in self.filters(speed_rps))]
+        blocks += [(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))] * self.delay_samples
+        whole = self._feedback_block()
+        for block in blocks:
+            whole = _series(whole, block)
+        return whole
 
     def _feedback_block(self) -> "Block":
         """Block K_pp + F_lp s, bilinear: y = ((c − w) y₁ + w c (x − x₁))/(c + w), as one state."""
@@ -207,6 +208,7 @@ class Loop:
 
 
 Block = tuple[Real, Real, Real, Real]
+"""Matrices A, B, C, D of a discrete system with one input and one output."""
 
 
 def _biquad(coefficients: tuple[float, float, float, float, float]) -> Block:

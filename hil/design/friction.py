@@ -12,9 +12,12 @@ from hil.design.frequency import Real
 
 STRIBECK_RAD_S = (0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0, 7.0)
 """Stribeck speeds ω_s that are tried."""
-CORRELATED_TURNS = 4.0
-"""Whole turns for which friction keeps its deviation from any law."""
-COULOMB_LEFT_OPEN, GRAVITY_LEFT_OPEN = 3e-3, 1e-3
+SAGS = 2
+"""Times that the arm is put where the gear's torsion under the gravity found before lets it hang."""
+LAW_LEFT_OPEN, SAME_SPEED = 5e-3, 0.1
+"""Deviation of friction from any law, over Coulomb friction, and speeds, as a logarithm, at which it is the same, whatever angle
+and direction: one at which the transmission error shakes the arm costs a torque of its own."""
+COULOMB_LEFT_OPEN, GRAVITY_LEFT_OPEN = 2e-3, 5e-4
 """Relative errors of Coulomb friction and of the gravity moment below which no fit is trusted."""
 
 
@@ -45,7 +48,7 @@ class Friction:
         gravity_phase_deg: Phase q₀, so that the moment is m g l cos(θ_l + q₀).
         residual_nm: Root mean square of the residual.
         speed_rad_s: Speed of each mean; shape (blocks,).
-        arm_angle_rad: Arm angle of each mean, θ_m/N; shape (blocks,).
+        arm_angle_rad: Arm angle of each mean, θ_m/N less the torsion under gravity; shape (blocks,).
         torque_nm: Torque of each mean; shape (blocks,).
         model_nm: Torque of the fit; shape (blocks,).
         gravity_nm: Gravity part of the fit, at the motor; shape (blocks,).
@@ -68,8 +71,17 @@ class Friction:
         return math.degrees(float(np.ptp(self.arm_angle_rad)))
 
 
-def fit_friction(stretches: Sequence[SlowStretch], sync_s: float, reduction_ratio: float) -> Friction:
+def fit_friction(
+    stretches: Sequence[SlowStretch], sync_s: float, reduction_ratio: float, stiffness_nm_rad: float = math.inf
+) -> Friction:
     """Coulomb and viscous friction and gravity from slow runs in both directions at two or more speeds.
+
+    Args:
+        stretches: Stretches of constant speed.
+        sync_s: The SYNC period.
+        reduction_ratio: Reduction ratio N.
+        stiffness_nm_rad: K_g, as far as it is known, by which the arm hangs below θ_m/N: a hundredth of a radian, on a soft gear,
+            puts the gravity moment off by half a per cent.
 
     Raises:
         UnidentifiableError: Fewer whole motor turns than the four unknowns need, or one direction only.
@@ -82,10 +94,14 @@ def fit_friction(stretches: Sequence[SlowStretch], sync_s: float, reduction_rati
     if not (np.any(speed > 0) and np.any(speed < 0)):
         raise UnidentifiableError("directions of motion", 1, 2)
     arm = angle / reduction_ratio
-    fits = _with_stribeck(arm, speed, torque, reduction_ratio)
-    best = max(fits, key=lambda fit: fit.weight)
-    whole = sum(fit.weight for fit in fits)
-    mean = sum((fit.weight / whole * fit.values for fit in fits), np.zeros(4))
+    for again in range(SAGS, -1, -1):
+        fits = _with_stribeck(arm, speed, torque, reduction_ratio)
+        best = max(fits, key=lambda fit: fit.weight)
+        whole = sum(fit.weight for fit in fits)
+        mean = sum((fit.weight / whole * fit.values for fit in fits), np.zeros(4))
+        if not again:
+            break
+        arm = angle / reduction_ratio - (np.cos(arm) * mean[2] + np.sin(arm) * mean[3]) / stiffness_nm_rad
     covariance = sum(
         (fit.weight / whole * (fit.covariance + np.outer(fit.values - mean, fit.values - mean)) for fit in fits), np.zeros((4, 4))
     )
@@ -126,7 +142,7 @@ def _with_stribeck(arm: Real, speed: Real, torque: Real, reduction_ratio: float)
 
     Few speeds do not tell which ω_s it is: each counts by its likelihood, so that what they disagree in is in the error.
     """
-    sign = np.sign(speed)
+    sign, level = np.sign(speed), np.round(np.log(np.abs(speed)) / SAME_SPEED)
     plain = np.column_stack([sign, speed, np.cos(arm) / reduction_ratio, np.sin(arm) / reduction_ratio])
     found: list[tuple[Real, Real, Real, Real]] = []
     for stribeck in (0.0, *STRIBECK_RAD_S):
@@ -140,12 +156,15 @@ def _with_stribeck(arm: Real, speed: Real, torque: Real, reduction_ratio: float)
         found.append((values, matrix, torque - matrix @ values, inverse(matrix.T @ matrix)))
     free = max(1, len(torque) - 6)
     power = min(float(np.sum(left**2)) for _, _, left, _ in found) / free
-    power += (COULOMB_LEFT_OPEN * float(found[0][0][0])) ** 2  # what no friction law holds
+    off_law = (LAW_LEFT_OPEN * float(found[0][0][0])) ** 2
     fits = []
     for values, matrix, left, square in found:
-        likelihood = math.exp(-0.5 * min(1400.0, (float(np.sum(left**2)) / power - free) / CORRELATED_TURNS))
+        likelihood = math.exp(-0.5 * min(1400.0, (float(np.sum(left**2)) / (power + off_law) - free)))
         residual = math.sqrt(float(np.sum(left**2)) / free)
-        fits.append(_Fit(values[:4], CORRELATED_TURNS * square[:4, :4] * power, likelihood + 1e-300, residual, matrix @ values))
+        # each turn has its own noise, all turns of a speed the same deviation from the law
+        by_law = np.array([square @ (matrix.T @ (sign * (level == each))) for each in np.unique(level)]).T
+        covariance = square * power + off_law * by_law @ by_law.T
+        fits.append(_Fit(values[:4], covariance[:4, :4], likelihood + 1e-300, residual, matrix @ values))
     return fits
 
 

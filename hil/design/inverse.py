@@ -11,7 +11,17 @@ not act, and none of its filters matters:
 
     Δθ_ref/Δθ_m = 1 + F_lp s/K_pp.
 
-At 12 Hz and K_pp = 25/s either is about 3, 70° to 76° ahead. The addition turns the very angle at which the error is read, so
+At 12 Hz and K_pp = 25/s either is about 3, 70° to 76° ahead. It grows with the frequency, and the speed of the set-points with
+its square, up to where the axis' speed limit has no room for it, though the motor itself is hardly faster. The torque offset
+alone does the same with no set-point at all, by the torque that the law would have made of it,
+
+    Δτ = K_pp F_n H C_v Δθ_ref = (A + F_n H C_v (K_pp + F_lp s)) Δθ_m.
+
+A gear that transmits with an error reacts with it: beside τ_g/N its torque τ_g loads the motor with τ_g dθ_sync/dθ_m, since what
+goes in as power comes out. Vibration makes none of it where the error is cancelled, but gravity and acceleration do: τ_g changes
+as slowly as the posture, and its reaction is a sine of each order, which set-point or torque have to hold up against.
+
+The addition turns the very angle at which the error is read, so
 there are mixed waves beside the orders (`hil.design.counter_motion`): without them 0.5 % of the error would be left where
 N A_k is 3 mrad, and 5 % where it is 30 mrad.
 """
@@ -20,19 +30,19 @@ import cmath
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.control.cancellation import CancellationTable, WaveLabel
+from hil.control.cancellation_table import ARRAYS, CancellationTable, MotorLoad, WaveLabel
 from hil.design.counter_motion import counter_motion
 from hil.design.frequency import Loop
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Actuation = Literal["reference", "torque"]
-"""Input of the loop that moves the motor: the set-point alone, or a torque offset with it."""
+Actuation = Literal["reference", "torque", "torque alone"]
+"""Inputs of the loop that move the motor: the set-point alone, a torque offset with it, or the torque offset alone."""
 
 HIGHEST_HZ = 60.0
 """Highest k f_m at which an order is usually cancelled; it fades over the fifth below. Order 4 at 10 rps is 40 Hz."""
@@ -93,15 +103,16 @@ class InnerTiming:
 
 
 def reference_per_motor_angle(
-    loop: Loop, frequency_hz: Real, actuation: Actuation = "reference", speed_rps: float = 0.0
+    loop: Loop, frequency_hz: Real, actuation: Actuation = "reference", speed_rps: float = 0.0, torque_lag_s: float = 0.0
 ) -> Complex:
     """Gain Δθ_ref/Δθ_m at the law's input with which the gear feels nothing; shape of `frequency_hz`.
 
     Args:
         loop: Law and motor.
         frequency_hz: Frequencies above 0; shape (m,).
-        actuation: `reference` where the law gives the torque, `torque` where an offset does.
+        actuation: `torque` where an offset gives the motor's torque, so that the law has none to give; otherwise it has.
         speed_rps: Motor speed, for the filters.
+        torque_lag_s: Lag of the current loop.
 
     Raises:
         ValueError: The loop has no K_pp, or neither K_vp nor K_vi.
@@ -109,17 +120,107 @@ def reference_per_motor_angle(
     gains = loop.cascade
     if gains.position_gain_per_s <= 0.0 or gains.velocity_gain_nm_s_rad + gains.velocity_integral_gain_nm_rad <= 0.0:
         raise ValueError("a loop without gain follows no set-point")
-    jw = 2j * math.pi * np.asarray(frequency_hz, dtype=np.float64)
-    delay = np.exp(-jw * loop.period_s)
-    s = 2.0 / loop.period_s * (1.0 - delay) / (1.0 + delay)
+    s = _backward(loop, frequency_hz)
     corner = 2.0 * math.pi * gains.lowpass_hz
-    speed = corner * s / (s + corner)
-    if actuation == "reference":
-        motor, _, _ = loop.plant.terms(jw)
-        hold = (1.0 - delay) / (jw * loop.period_s) * delay**loop.delay_samples
-        law = gains.velocity_gain_nm_s_rad + gains.velocity_integral_gain_nm_rad / s
-        speed = speed + motor / (law * loop.notch_response(frequency_hz, speed_rps) * hold)
-    return np.asarray(1.0 + speed / gains.position_gain_per_s)
+    moved = 1.0 + corner * s / (s + corner) / gains.position_gain_per_s
+    if actuation != "torque":
+        torque = _torque_per_motor_angle(loop, frequency_hz, torque_lag_s)
+        moved = moved + torque / torque_per_reference(loop, frequency_hz, speed_rps)
+    return np.asarray(moved)
+
+
+def _torque_per_motor_angle(loop: Loop, frequency_hz: Real, torque_lag_s: float) -> Complex:
+    """Torque to be asked for where nothing but the motor moves, A (1 + λ s)."""
+    jw = 2j * math.pi * np.asarray(frequency_hz, dtype=np.float64)
+    motor, _, _ = loop.plant.terms(jw)
+    return np.asarray(motor * (1.0 + torque_lag_s * jw))
+
+
+def torque_per_reference(loop: Loop, frequency_hz: Real, speed_rps: float = 0.0) -> Complex:
+    """Torque at the motor for each rad by which the set-point moves, K_pp F_n H C_v; shape of `frequency_hz`.
+
+    Args:
+        loop: Law and motor.
+        frequency_hz: Frequencies above 0; shape (m,).
+        speed_rps: Motor speed, for the filters.
+    """
+    gains, jw = loop.cascade, 2j * math.pi * np.asarray(frequency_hz, dtype=np.float64)
+    delay = np.exp(-jw * loop.period_s)
+    hold = (1.0 - delay) / (jw * loop.period_s) * delay**loop.delay_samples
+    law = gains.velocity_gain_nm_s_rad + gains.velocity_integral_gain_nm_rad / _backward(loop, frequency_hz)
+    return np.asarray(gains.position_gain_per_s * law * loop.notch_response(frequency_hz, speed_rps) * hold)
+
+
+def _backward(loop: Loop, frequency_hz: Real) -> Complex:
+    """The s of the sampled law, by the bilinear rule."""
+    delay = np.exp(-2j * math.pi * np.asarray(frequency_hz, dtype=np.float64) * loop.period_s)
+    return np.asarray(2.0 / loop.period_s * (1.0 - delay) / (1.0 + delay))
+
+
+@dataclass(frozen=True)
+class Way:
+    """The way by which the motor is moved: what one rad of its motion, or one N·m at it, asks of set-point and torque offset.
+
+    Attributes:
+        loop: Law, motor and filters.
+        timing: Delays of the additions.
+        actuation: `reference`: by the set-point alone; `torque`: with a torque offset; `torque alone`: by it.
+        torque_lag_s: Lag of the current loop λ: A (1 + λ s) takes A's place.
+        speed_rps: Motor speeds, for the filters; shape (speeds,).
+    """
+
+    loop: Loop
+    timing: CyclicTiming | InnerTiming
+    actuation: Actuation
+    torque_lag_s: float
+    speed_rps: Real
+
+    def reference_per_motion(self, frequency_hz: Real) -> Complex:
+        """Set-point for each rad of the motor; shape (speeds,)."""
+        if self.actuation == "torque alone":
+            return np.zeros(len(frequency_hz), dtype=np.complex128)
+        return np.asarray(self._inverse(frequency_hz) / self.timing.reference(frequency_hz))
+
+    def torque_per_motion(self, frequency_hz: Real) -> Complex:
+        """Torque offset for each rad of the motor; shape (speeds,)."""
+        if self.actuation == "reference":
+            return np.zeros(len(frequency_hz), dtype=np.complex128)
+        if self.actuation == "torque":
+            wanted = _torque_per_motor_angle(self.loop, frequency_hz, self.torque_lag_s)
+        else:
+            wanted = self._law(frequency_hz) * self._inverse(frequency_hz)
+        return np.asarray(wanted / self.timing.torque(frequency_hz))
+
+    def reference_per_torque(self, frequency_hz: Real) -> Complex:
+        """Set-point for each N·m at the motor, where the set-point has to give it; shape (speeds,)."""
+        if self.actuation != "reference":
+            return np.zeros(len(frequency_hz), dtype=np.complex128)
+        return np.asarray(self._lead(frequency_hz) / self._law(frequency_hz) / self.timing.reference(frequency_hz))
+
+    def torque_per_torque(self, frequency_hz: Real) -> Complex:
+        """Torque offset for each N·m at the motor, where the offset has to give it; shape (speeds,)."""
+        if self.actuation == "reference":
+            return np.zeros(len(frequency_hz), dtype=np.complex128)
+        return np.asarray(self._lead(frequency_hz) / self.timing.torque(frequency_hz))
+
+    def _lead(self, frequency_hz: Real) -> Complex:
+        """What is asked of the current loop for each N·m."""
+        return np.asarray(1.0 + 2j * math.pi * self.torque_lag_s * frequency_hz)
+
+    def _inverse(self, frequency_hz: Real) -> Complex:
+        """Δθ_ref/Δθ_m with the filters that act at each speed."""
+        loop, way, lag_s = self.loop, self.actuation, self.torque_lag_s
+        if way == "torque" or not loop.notches:
+            return reference_per_motor_angle(loop, frequency_hz, way, torque_lag_s=lag_s)
+        pairs = zip(frequency_hz, self.speed_rps, strict=True)
+        return np.array([reference_per_motor_angle(loop, np.array([f]), way, float(v), lag_s)[0] for f, v in pairs])
+
+    def _law(self, frequency_hz: Real) -> Complex:
+        """Torque for each rad of the set-point with the filters that act at each speed."""
+        if not self.loop.notches:
+            return torque_per_reference(self.loop, frequency_hz)
+        pairs = zip(frequency_hz, self.speed_rps, strict=True)
+        return np.array([torque_per_reference(self.loop, np.array([f]), float(v))[0] for f, v in pairs])
 
 
 def cancellation_table(
@@ -131,6 +232,8 @@ def cancellation_table(
     actuation: Actuation = "reference",
     highest_hz: float = HIGHEST_HZ,
     most_rad_s2: float = 0.0,
+    torque_lag_s: float = 0.0,
+    load: MotorLoad | None = None,
 ) -> CancellationTable:
     """The table of one axis: G(f_m) = c (Δθ_ref/Δθ_m)/(what the bus makes of it) of every wave c of Δθ_m; −N A_k of an order.
 
@@ -140,42 +243,43 @@ def cancellation_table(
         phase_rad: Phase φ_k, by order.
         timing: Delays of the additions.
         max_rps: Highest motor speed of the table; beyond it the last values stay.
-        actuation: `reference`: by the set-point alone; `torque`: with a torque offset.
+        actuation: `reference`: by the set-point alone; `torque`: with a torque offset; `torque alone`: by it.
         highest_hz: Highest k f_m at which an order is cancelled.
         most_rad_s2: Largest acceleration of the motor at which its chirp is allowed for.
+        torque_lag_s: Lag of the current loop λ: A (1 + λ s) takes A's place.
+        load: Gear torque that reacts on the motor; None where it does not.
 
     Raises:
         ValueError: There is nothing to cancel, or the loop has no gain.
     """
     if not amplitude_rad or not max_rps > 0.0:
         raise ValueError(f"nothing to cancel: orders {sorted(amplitude_rad)}, up to {max_rps} rev/s")
-    speeds = np.arange(math.ceil(max_rps / STEP_RPS) + 2) * STEP_RPS
-    turning = np.maximum(speeds, LEAST_RPS)
+    turning = np.maximum(np.arange(math.ceil(max_rps / STEP_RPS) + 2) * STEP_RPS, LEAST_RPS)
     at_motor = {order: loop.plant.reduction_ratio * size for order, size in amplitude_rad.items()}
     # an order fades towards the highest frequency, and every wave that comes from it
     faded = {order: np.clip((highest_hz - order * turning) / (0.2 * highest_hz), 0.0, 1.0) for order in amplitude_rad}
     # a filter that follows the motor has no response of its own to a chirp
-    has_chirp = most_rad_s2 > 0.0 and not loop.notches
-    labels, references, torques, motions, bends = [], [], [], [], []
-
-    def gain(frequency: Real) -> Complex:
-        return np.asarray(_inverse(loop, frequency, turning, actuation) / timing.reference(frequency))
-
+    bends = float(most_rad_s2 > 0.0 and not loop.notches)
+    way = Way(loop, timing, actuation, torque_lag_s, turning)
+    labels: list[WaveLabel] = []
+    rows: dict[str, list[Complex]] = {name: [] for name in ARRAYS}
     for wave in counter_motion(at_motor, phase_rad):
-        frequency = wave.order * turning
+        k, frequency = wave.order, wave.order * turning
         left = np.prod([faded[order] for order in wave.sources], axis=0) * (frequency <= highest_hz)
-        size, phase = (-abs(wave.coefficient), phase_rad[wave.order]) if wave.degree == 1 else cmath.polar(wave.coefficient)
-        wanted = size * left
-        labels.append(WaveLabel(wave.order, phase, wave.degree, wave.sources))
-        references.append(wanted * gain(frequency))
-        if has_chirp:
-            bends.append(wanted * _chirp(gain, frequency, wave.order))
-        motor, _, _ = loop.plant.terms(2j * math.pi * frequency)
-        torques.append(wanted * motor / timing.torque(frequency) if actuation == "torque" else np.zeros_like(references[-1]))
-        motions.append(np.abs(wanted))
-    reference, torque, motion = (np.asarray(part) for part in (references, torques, motions))
-    bend = np.asarray(bends) if has_chirp else None
-    return CancellationTable(tuple(labels), STEP_RPS, reference, torque, motion, bend, most_rad_s2)
+        is_own = wave.degree == 1
+        size, phase = (-abs(wave.coefficient), phase_rad[k]) if is_own else cmath.polar(wave.coefficient)
+        # τ_g dθ_sync/dθ_m for each N·m of τ_g
+        slope = left * (1j * k * amplitude_rad[k] if load is not None and is_own else 0.0)
+        labels.append(WaveLabel(k, phase, wave.degree, wave.sources))
+        rows["motion"].append(np.abs(size * left))
+        rows["reference"].append(size * left * way.reference_per_motion(frequency))
+        rows["torque"].append(size * left * way.torque_per_motion(frequency))
+        rows["bend"].append(bends * size * left * _chirp(way.reference_per_motion, frequency, k))
+        rows["torque_bend"].append(bends * size * left * _chirp(way.torque_per_motion, frequency, k))
+        rows["load_reference"].append(slope * way.reference_per_torque(frequency))
+        rows["load_torque"].append(slope * way.torque_per_torque(frequency))
+    arrays: dict[str, Any] = {name: np.asarray(given) for name, given in rows.items()}
+    return CancellationTable(tuple(labels), STEP_RPS, most_rad_s2=most_rad_s2, motor_load=load, **arrays)
 
 
 def _chirp(gain: Callable[[Real], Complex], frequency_hz: Real, order: float) -> Complex:
@@ -186,11 +290,3 @@ def _chirp(gain: Callable[[Real], Complex], frequency_hz: Real, order: float) ->
     middle = np.maximum(frequency_hz, 2.0 * CHIRP_STEP_HZ)
     bent = gain(middle + CHIRP_STEP_HZ) - 2.0 * gain(middle) + gain(middle - CHIRP_STEP_HZ)
     return np.asarray(-0.5j * order * bent / (2.0 * math.pi * CHIRP_STEP_HZ) ** 2)
-
-
-def _inverse(loop: Loop, frequency_hz: Real, speed_rps: Real, actuation: Actuation) -> Complex:
-    """Gain Δθ_ref/Δθ_m on the line of one order, with the filters that act at each speed."""
-    if actuation == "torque" or not loop.notches:
-        return reference_per_motor_angle(loop, frequency_hz, actuation)
-    pairs = zip(frequency_hz, speed_rps, strict=True)
-    return np.array([reference_per_motor_angle(loop, np.array([f]), actuation, float(v))[0] for f, v in pairs])

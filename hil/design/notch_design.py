@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.control.notch import NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
+from hil.control.notch import NOTCH_OFF, NOTCH_SWITCHED, NOTCH_TRAPEZOID, Notch
+from hil.design.coupled.loops import ArmFamily
 from hil.design.frequency import Margins
 from hil.design.notch_problem import NotchProblem, Requirements, Rise, rises
-from hil.design.speed_margins import LoopFamily, widened
+from hil.design.speed_margins import LoopFamily, SpeedMargins, widened
 
 Real = NDArray[np.float64]
 
@@ -27,6 +28,11 @@ BARE_STEPS = 240
 
 VERDICT_FREQUENCY_STEP = 1.0 / 1280.0
 """Step of the frequencies of a verdict, in units of f_a."""
+
+SEARCH_STEP, ARM_STEP = 1.0 / 320.0, 1.0 / 640.0
+"""Step of the frequencies at which a search, and a verdict, look at an arm, in units of its lowest mode."""
+ON_THE_ARM = " on the arm"
+"""What the margins of the arm's postures are called beyond those of the axis by itself."""
 
 LINE_WEIGHT, LINE_REACH = 2.0, 0.1
 """Weight of what a filter misses constraint (5) by in a score, and up to which miss it counts."""
@@ -101,6 +107,7 @@ class Judge:
         """
         self.problem, self.order = problem, order
         self._family = LoopFamily([problem.loop(member) for member in problem.members])
+        self._arm = None if problem.arm is None else problem.arm.family(SEARCH_STEP, with_filtered=False)
         self._reserve = reserve
         self._bare_rps = np.arange(0.5, 1.5, 1.0 / 60.0) * problem.f_al_hz / order
         self._bare_gain = self._family.gain_on_the_line(problem.fixed, order, self._bare_rps)
@@ -116,21 +123,26 @@ class Judge:
 
     def checks(self, notch: Notch) -> list[RequirementCheck]:
         """Margins at constant speeds, each at its worst; stability as turns of the Nyquist curve, which must be 0."""
-        limits, names = self.problem.requirements, [member.label for member in self.problem.members]
         wide = widened(notch)
         top = min(wide.end_rps, self.problem.speed_limit_rps)
         edges = [edge for other in self.problem.fixed for edge in (other.start_rps, other.end_rps)]
         inside = [edge for edge in edges if wide.start_rps < edge < top]
         speeds = np.unique(np.concatenate([np.linspace(wide.start_rps, max(top, wide.start_rps), SEARCH_SPEEDS), inside]))
-        margins = self._family.margins((notch, *self.problem.fixed), speeds)
+        notches = (notch, *self.problem.fixed)
+        found = self._worst(self._family.margins(notches, speeds), [member.label for member in self.problem.members], "")
+        if self._arm is not None and all(check.holds for check in found):
+            found += self._worst(self._arm.margins(notches, speeds), [case.label for case in self._arm.cases], ON_THE_ARM)
+        return found
+
+    def _worst(self, margins: SpeedMargins, names: Sequence[str], where: str) -> list[RequirementCheck]:
+        """Margins of some plants, each at its worst, against limits that are a little tighter."""
+        limits, tighter = self.problem.requirements, 1.0 - self._reserve
 
         def worst(name: str, values: Real, limit: float, unit: str, *, is_ceiling: bool) -> RequirementCheck:
-            at_worst = np.unravel_index(int(np.argmax(values) if is_ceiling else np.argmin(values)), values.shape)
-            return RequirementCheck(
-                name, float(values[at_worst]), limit, unit, is_ceiling, float(speeds[at_worst[1]]), names[int(at_worst[0])]
-            )
+            at = np.unravel_index(int(np.argmax(values) if is_ceiling else np.argmin(values)), values.shape)
+            speed, label = float(margins.speeds_rps[at[1]]), names[int(at[0])]
+            return RequirementCheck(f"{name}{where}", float(values[at]), limit, unit, is_ceiling, speed, label)
 
-        tighter = 1.0 - self._reserve
         return [
             worst("turns of the Nyquist curve", np.abs(margins.turns), 0.0, "", is_ceiling=True),
             worst("M_s", margins.sensitivity_peak, 1.0 + tighter * (limits.max_sensitivity - 1.0), "", is_ceiling=True),
@@ -190,6 +202,25 @@ class PeakRow:
 
 
 @dataclass(frozen=True)
+class PostureRow:
+    """Margins on the arm in one posture, each the worst of all motor speeds.
+
+    Attributes:
+        label: The posture, and what the other axes do.
+        sensitivity_peak: Largest M_s.
+        speed_rps: Motor speed at which it is.
+        phase_margin_deg: Least phase margin.
+        gain_margin_db: Least gain margin; inf where the phase never crosses −180°.
+    """
+
+    label: str
+    sensitivity_peak: float
+    speed_rps: float
+    phase_margin_deg: float
+    gain_margin_db: float
+
+
+@dataclass(frozen=True)
 class NotchVerdict:
     """Close check of filters: every f_al/120 in rev/s from rest to the speed limit, closed-loop poles included.
 
@@ -198,12 +229,14 @@ class NotchVerdict:
         checks: Every requirement at its worst.
         margins: Margins of the believed plant, by speed.
         peaks: Tip peaks, by order.
+        postures: Margins on the arm, by posture; empty for an axis by itself.
     """
 
     notches: tuple[Notch, ...]
     checks: tuple[RequirementCheck, ...]
     margins: Mapping[float, Margins]
     peaks: tuple[PeakRow, ...]
+    postures: tuple[PostureRow, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -214,6 +247,11 @@ class NotchVerdict:
     def is_harmless(self) -> bool:
         """True where the filters keep all margins and raise no peak: whatever is missed, the limits of the tip alone."""
         return all(check.holds or check.is_tip_limit for check in self.checks)
+
+    def worst(self, name: str) -> float:
+        """Worst of a margin, M_s, phase margin or gain margin, of the axis by itself and on the arm."""
+        found = [check for check in self.checks if check.name in (name, f"{name}{ON_THE_ARM}")]
+        return (max if found[0].is_ceiling else min)(check.value for check in found)
 
     @property
     def missed(self) -> tuple[RequirementCheck, ...]:
@@ -241,8 +279,10 @@ def verdict(problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[fl
     margins_by_plant = _margins(problem, wide, speeds)
     peaks = {member.label: problem.peaks_mm(member, notches) for member in problem.members}
     rows = tuple(_peak_row(problem, peaks, order) for order in orders)
+    arm_checks, postures = _on_the_arm(problem, notches, speeds)
     checks = [
         *_margin_checks(problem.requirements, margins_by_plant),
+        *arm_checks,
         *(_rise_checks(problem, peaks) if notches else ()),
         *(_line_check(problem, notches, order) for order in orders),
     ]
@@ -250,7 +290,7 @@ def verdict(problem: NotchProblem, notches: Sequence[Notch], orders: Sequence[fl
         name = f"tip peak on the ramp, k = {row.order:g},"
         tip_mm = problem.requirements.tip_mm
         checks.append(RequirementCheck(name, row.worst_mm, tip_mm, "mm", True, None, row.worst_member, is_tip_limit=True))
-    return NotchVerdict(tuple(notches), tuple(checks), margins_by_plant[problem.members[0].label], rows)
+    return NotchVerdict(tuple(notches), tuple(checks), margins_by_plant[problem.members[0].label], rows, postures)
 
 
 def _margins(problem: NotchProblem, wide: Sequence[Notch], speeds: Real) -> dict[str, dict[float, Margins]]:
@@ -286,6 +326,39 @@ def _margin_checks(requirements: Requirements, margins_by_plant: Mapping[str, Ma
         label, speed, one = (max if is_ceiling else min)(flat, key=lambda item: float(getattr(item[2], attribute)))
         checks.append(RequirementCheck(name, float(getattr(one, attribute)), limit, unit, is_ceiling, speed, label))
     return checks
+
+
+def _on_the_arm(
+    problem: NotchProblem, notches: Sequence[Notch], speeds: Real
+) -> tuple[list[RequirementCheck], tuple[PostureRow, ...]]:
+    """Margins on the arm, in every posture, and closed-loop poles of all axes together; none for an axis by itself."""
+    if problem.arm is None:
+        return [], ()
+    notches = [notch for notch in notches if notch.mode != NOTCH_OFF]
+    family = problem.arm.family(ARM_STEP, with_filtered=True)
+    found, limits = family.margins(notches, speeds), problem.requirements
+    radius, speed, label = family.worst_pole(notches, problem.speed_limit_rps)
+    turns, m_s = np.abs(found.turns), found.sensitivity_peak
+    frozen = zip(family.cases, m_s, found.phase_margin_deg, found.gain_margin_db, strict=True)
+    return [
+        RequirementCheck(f"pole radius{ON_THE_ARM}", radius, 1.0, "", True, speed, label),
+        _arm_check(family, speeds, "turns of the Nyquist curve", turns, 0.0, "", is_ceiling=True),
+        _arm_check(family, speeds, "M_s", m_s, limits.max_sensitivity, "", is_ceiling=True),
+        _arm_check(family, speeds, "phase margin", found.phase_margin_deg, limits.phase_margin_deg, "°", is_ceiling=False),
+        _arm_check(family, speeds, "gain margin", found.gain_margin_db, limits.gain_margin_db, "dB", is_ceiling=False),
+    ], tuple(
+        PostureRow(case.label, float(np.max(peak)), float(speeds[np.argmax(peak)]), float(np.min(phase)), float(np.min(gain)))
+        for case, peak, phase, gain in frozen
+    )
+
+
+def _arm_check(
+    family: ArmFamily, speeds: Real, name: str, values: Real, limit: float, unit: str, *, is_ceiling: bool
+) -> RequirementCheck:
+    """A margin on the arm at its worst, with the posture as the plant that gives it; values of shape (cases, speeds)."""
+    at = np.unravel_index(int(np.argmax(values) if is_ceiling else np.argmin(values)), values.shape)
+    label = family.cases[int(at[0])].label
+    return RequirementCheck(f"{name}{ON_THE_ARM}", float(values[at]), limit, unit, is_ceiling, float(speeds[at[1]]), label)
 
 
 def _rise_checks(problem: NotchProblem, peaks_mm: Mapping[str, Real]) -> list[RequirementCheck]:

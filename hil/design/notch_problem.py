@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
+from hil.design.coupled.loops import ArmLoops
 from hil.design.frequency import Loop
 from hil.design.ramp import RampMotion, follow
 from hil.design.uncertainty import Member
@@ -204,6 +205,7 @@ class NotchProblem:
         friction_nm: Friction against the turning motor.
         gravity_nm: Gravity at the motor, which acts against it or helps it.
         is_gravity_known: True where it was identified: what the gear makes of it is looked at then as well.
+        arm: Its loop on the arm that it is part of, where margins are required as well; None for an axis by itself.
     """
 
     members: tuple[Member, ...]
@@ -221,6 +223,7 @@ class NotchProblem:
     friction_nm: float = 0.0
     gravity_nm: float = 0.0
     is_gravity_known: bool = False
+    arm: ArmLoops | None = None
 
     @property
     def orders(self) -> tuple[float, ...]:

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
-from scipy.stats import qmc
 
 from hil.control.notch import NOTCH_TRAPEZOID, Notch
 from hil.design.notch_design import SHAPES, Judge, NotchVerdict, verdict
@@ -271,9 +270,9 @@ class _Scores:
     def evolve(self, start: Real, generations: int, generator: np.random.Generator) -> Real:
         """Points after some generations of differential evolution, the best first; shape (filters, dimensions)."""
         weigh: Any = self  # the stubs do not know `vectorized`
-        result = optimize.differential_evolution(
+        result = scipy.optimize.differential_evolution(
             weigh,
-            optimize.Bounds(np.zeros(self.space.dimensions), np.ones(self.space.dimensions)),
+            scipy.optimize.Bounds(np.zeros(self.space.dimensions), np.ones(self.space.dimensions)),
             init=start,
             maxiter=generations,
             tol=0.0,
@@ -348,7 +347,7 @@ def search(
     for shape in shapes:
         space = Space.around(problem, order, shape, f_al_hz, base)
         generator = np.random.default_rng([effort.seed, order, SHAPES[shape]])
-        start = np.asarray(qmc.LatinHypercube(space.dimensions, rng=generator).random(effort.population))
+        start = np.asarray(scipy.stats.qmc.LatinHypercube(space.dimensions, rng=generator).random(effort.population))
         first = [*known[: effort.population // 4], *space.starts(f_al_hz)][: effort.population]
         for row, notch in enumerate(first):
             start[row] = space.point(notch)

@@ -13,6 +13,7 @@ Source: order tracking as it is common in the diagnosis of rotating machines, e.
 tracking", Mechanical Systems and Signal Processing 11 (2), 1997; the windows on the angle are resampling without the resampling.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -82,7 +83,10 @@ class OrderTrack:
 
 @dataclass(frozen=True)
 class _Window:
-    """Samples of one window: relative angle −1 … 1, Hann weight times |dθ|, motor angle, vibration, and the window's speed."""
+    """Samples of one window: relative angle −1 … 1, Hann weight times |dθ|, motor angle, vibrations, and the window's speed.
+
+    Arrays have shape (n,), `values` (vibrations, n).
+    """
 
     place: Real
     weight: Real
@@ -108,11 +112,11 @@ def order_map(motor_angle_rad: Real, values: Real, period_s: float, orders: Real
     """
     orders = np.asarray(orders, dtype=np.float64)
     made = []
-    for window in _windows(motor_angle_rad, values, period_s, orders, turns):
+    for window in _windows(motor_angle_rad, (values,), period_s, orders, turns):
         weight = window.weight / np.sum(window.weight)
         waves = np.exp(-1j * np.outer(orders, window.angle_rad))
-        level = np.sum(weight * window.values)
-        amplitude = 2.0 * np.abs(waves @ (weight * (window.values - level)))
+        level = np.sum(weight * window.values[0])
+        amplitude = 2.0 * np.abs(waves @ (weight * (window.values[0] - level)))
         made.append((window, np.where(_shown(window, orders), amplitude, math.nan)))
     made.sort(key=lambda each: each[0].speed_rps)
     speed = np.array([window.speed_rps for window, _ in made])
@@ -138,78 +142,115 @@ def order_track(
     Raises:
         ValueError: As `order_map`, or two orders cannot be told apart in so few turns.
     """
+    return order_tracks(motor_angle_rad, (values,), period_s, orders, turns)[0]
+
+
+def order_tracks(
+    motor_angle_rad: Real, signals: Sequence[Real], period_s: float, orders: Sequence[float], turns: float = TURNS
+) -> list[OrderTrack]:
+    """Components of several signals of one motion, each as `order_track` finds them; the windows are solved once for all.
+
+    Args:
+        motor_angle_rad: θ_m, unwrapped; shape (n,).
+        signals: What was sampled with it; one and more of shape (n,).
+        period_s: Sampling period.
+        orders: Orders k > 0, at least one turn's worth apart; shape (p,).
+        turns: Length of a window in turns of the motor.
+
+    Raises:
+        ValueError: As `order_track`.
+    """
     array = np.asarray(orders, dtype=np.float64)
     gaps = np.diff(np.sort(array))
     if len(gaps) and float(np.min(gaps)) * turns < 1.0:
         raise ValueError(f"orders {float(np.min(gaps)):g} apart cannot be told apart in windows of {turns:g} turns")
-    made = [(window, *_components(window, array, turns)) for window in _windows(motor_angle_rad, values, period_s, array, turns)]
+    made = [(window, *_components(window, array, turns)) for window in _windows(motor_angle_rad, signals, period_s, array, turns)]
     made.sort(key=lambda each: each[0].speed_rps)
-    return OrderTrack(
-        np.array([each[0].speed_rps for each in made]),
-        np.array([each[0].direction for each in made]),
-        array,
-        np.stack([each[1] for each in made]),
-        np.stack([each[2] for each in made]),
-    )
+    speed = np.array([window.speed_rps for window, _, _ in made])
+    direction = np.array([window.direction for window, _, _ in made])
+    component, error = np.stack([each for _, each, _ in made], axis=1), np.stack([each for _, _, each in made], axis=1)
+    return [OrderTrack(speed, direction, array, component[row], error[row]) for row in range(len(signals))]
 
 
 def _components(window: _Window, orders: Real, turns: float) -> tuple[NDArray[np.complex128], Real]:
-    """Complex amplitudes at the orders that the samples show, and their standard errors; NaN elsewhere."""
-    component = np.full(len(orders), complex(math.nan, math.nan))
-    error = np.full(len(orders), math.nan)
+    """Complex amplitudes at the orders that the samples show, and their standard errors; NaN elsewhere; (vibrations, orders)."""
+    component = np.full((len(window.values), len(orders)), complex(math.nan, math.nan))
+    error = np.full(component.shape, math.nan)
     shown = np.flatnonzero(_shown(window, orders))
-    unknowns = 3 + 2 * len(shown)
-    if not len(shown) or len(window.values) < 2 * unknowns:
+    count = len(shown)
+    if not count or window.values.shape[1] < 2 * (3 + 2 * count):
         return component, error
-    phase = np.outer(window.angle_rad, orders[shown])
-    slow = np.stack([np.ones_like(window.place), window.place, window.place**2], axis=1)
-    columns = np.concatenate([slow, np.cos(phase), -np.sin(phase)], axis=1)
-    weighted = window.weight[:, None] * columns
+    phase = orders[shown, None] * window.angle_rad
+    rows = np.concatenate(
+        [np.ones((1, len(window.place))), window.place[None], window.place[None] ** 2, np.cos(phase), -np.sin(phase)]
+    )
+    weighted = window.weight * rows
     # sums by hand: for matrices this small the linear algebra's threads only wait for each other
-    normal = np.linalg.pinv(np.einsum("ij,ik->jk", columns, weighted), hermitian=True)
-    gains = np.einsum("ij,kj->ik", normal, weighted)
-    found = np.einsum("ij,j->i", gains, window.values)
-    residual = window.values - np.einsum("ij,j->i", columns, found)
-    real, imaginary = 3 + np.arange(len(shown)), 3 + len(shown) + np.arange(len(shown))
-    component[shown] = found[real] + 1j * found[imaginary]
-    length = np.maximum(np.abs(component[shown]), 1e-300)
-    along = (found[real] / length)[:, None] * gains[real] + (found[imaginary] / length)[:, None] * gains[imaginary]
-    error[shown] = np.sqrt(_noise(window, residual, orders[shown], turns) * np.sum(along**2, axis=1))
+    gains = np.einsum("jk,ki->ji", _inverse(np.einsum("ji,ki->jk", rows, weighted)), weighted)
+    found = np.einsum("ji,ci->cj", gains, window.values)
+    residual = window.values - np.einsum("cj,ji->ci", found, rows)
+    real, imaginary = found[:, 3 : 3 + count], found[:, 3 + count :]
+    component[:, shown] = real + 1j * imaginary
+    length = np.maximum(np.hypot(real, imaginary), 1e-300)
+    # the variance of a gain times that of another, summed over the samples: that of the component along itself
+    own = np.einsum("ji,ji->j", gains[3:], gains[3:])
+    cross = np.einsum("ji,ji->j", gains[3 : 3 + count], gains[3 + count :])
+    cosine, sine = real / length, imaginary / length
+    along = cosine**2 * own[:count] + sine**2 * own[count:] + 2.0 * cosine * sine * cross
+    error[:, shown] = np.sqrt(_noise(window, residual, tuple(orders[shown].tolist()), turns) * along)
     return component, error
 
 
-def _noise(window: _Window, residual: Real, orders: Real, turns: float) -> Real:
-    """Variance of the white noise that would leave what the residual has beside each order; shape of `orders`.
+def _inverse(square: Real) -> Real:
+    """Pseudo-inverse of a symmetric matrix without negative eigenvalues, by these; what is zero but for rounding stays out."""
+    values, vectors = np.linalg.eigh(square)
+    kept = values > 1e-15 * values[-1]
+    vectors = vectors[:, kept]
+    return np.asarray(np.einsum("ij,kj->ik", vectors / values[kept], vectors))
+
+
+def _noise(window: _Window, residual: Real, orders: tuple[float, ...], turns: float) -> Real:
+    """Variance of the white noise that would leave what the residual has beside each order; shape (vibrations, orders).
 
     At an order itself nothing is left, by the fit. So the residual is taken at the nearest points between the orders.
     """
-    between = np.arange(0.5, float(np.max(orders)) * turns + 12.0, 0.5) / turns
-    fitted = np.concatenate([[0.0], orders])
-    free = between[np.min(np.abs(between[:, None] - fitted), axis=1) >= BESIDE / turns]
+    multiples, nearest = _beside(orders, turns)
+    power = np.empty((len(residual), len(multiples)))
     weight = window.weight / np.sum(window.weight)
-    nearest = np.argsort(np.abs(free - orders[:, None]), axis=1)[:, :NEIGHBOURS]
-    wanted = np.unique(nearest)
-    power = np.zeros(len(free))
     # all are multiples of half a window's turn: one exponential of each sample and its products, not one for each order
     step = np.exp(-0.5j / turns * window.angle_rad)
-    wave, there, multiples = weight * residual + 0j, 0, np.rint(2.0 * turns * free[wanted]).astype(int)
-    for row, multiple in zip(wanted, multiples, strict=True):
+    wave, there = weight * residual + 0j, 0
+    for row, multiple in enumerate(multiples):
         for _ in range(multiple - there):
-            wave = wave * step
+            wave *= step
         there = multiple
-        power[row] = abs(complex(np.sum(wave))) ** 2
-    return np.asarray(np.mean(power[nearest], axis=1)) / float(np.sum(weight**2))
+        power[:, row] = np.abs(wave.sum(axis=1)) ** 2
+    return np.asarray(np.mean(power[:, nearest], axis=2)) / float(np.sum(weight**2))
+
+
+@functools.lru_cache(maxsize=64)
+def _beside(orders: tuple[float, ...], turns: float) -> tuple[list[int], NDArray[np.intp]]:
+    """Points beside orders, rising, in halves of a window's order, and which of them are each order's; (orders, neighbours)."""
+    between = np.arange(0.5, max(orders) * turns + 12.0, 0.5) / turns
+    fitted = np.concatenate([[0.0], orders])
+    free = between[np.min(np.abs(between[:, None] - fitted), axis=1) >= BESIDE / turns]
+    nearest = np.argsort(np.abs(free - np.array(orders)[:, None]), axis=1)[:, :NEIGHBOURS]
+    wanted, among = np.unique(nearest, return_inverse=True)
+    multiples = np.rint(2.0 * turns * free[wanted]).astype(int)
+    return [int(each) for each in multiples], among.reshape(nearest.shape)
 
 
 def _shown(window: _Window, orders: Real) -> NDArray[np.bool_]:
     return np.asarray(FEWEST_PER_TURN * orders * window.speed_rps * window.period_s <= 1.0)
 
 
-def _windows(motor_angle_rad: Real, values: Real, period_s: float, orders: Real, turns: float) -> Iterator[_Window]:
+def _windows(motor_angle_rad: Real, signals: Sequence[Real], period_s: float, orders: Real, turns: float) -> Iterator[_Window]:
     """Windows along the angle, in each stretch in which the motor turns one way."""
-    angle, signal = np.asarray(motor_angle_rad, dtype=np.float64), np.asarray(values, dtype=np.float64)
-    if angle.shape != signal.shape or angle.ndim != 1:
-        raise ValueError(f"{angle.shape} motor angles and {signal.shape} samples of the vibration are not one recording")
+    angle, signal = np.asarray(motor_angle_rad, dtype=np.float64), [np.asarray(each, dtype=np.float64) for each in signals]
+    for each in signal:
+        if angle.shape != each.shape or angle.ndim != 1:
+            raise ValueError(f"{angle.shape} motor angles and {each.shape} samples of the vibration are not one recording")
+    together = np.stack(signal)
     if not (len(orders) and float(np.min(orders)) > 0.0 and period_s > 0.0 and turns > 0.0):
         raise ValueError(f"orders {orders}, a period of {period_s:g} s and {turns:g} turns have to be positive")
     count = 0
@@ -229,7 +270,7 @@ def _windows(motor_angle_rad: Real, values: Real, period_s: float, orders: Real,
             speed = float(np.sum(weight) / seconds)
             there = slice(begin + int(first), begin + int(last))
             count += 1
-            yield _Window(place, weight, angle[there], signal[there], speed, direction, period_s)
+            yield _Window(place, weight, angle[there], together[:, there], speed, direction, period_s)
     if not count:
         raise ValueError(
             f"the motor never turns {turns:g} turns one way at {SLOWEST_RPS:g} rev/s or more: there is no order to be seen"

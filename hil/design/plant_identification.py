@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import optimize, stats
+import scipy
 
-from hil.design.estimation import EstimatedParameter, UnidentifiableError, inverse
+from hil.design.estimation import EstimatedMode, EstimatedParameter, UnidentifiableError, inverse
 from hil.design.frequency import Complex, Real, TwoInertia
 from hil.design.plant_problem import (
     AGE,
@@ -86,6 +86,8 @@ class PlantEstimate:
         torsion_rad: Amplitude of the gear's torsion under the excitation, √2 times its root mean square, for which stiffness and
             damping hold where the gear has hysteresis.
         unknowns: The fit's own unknowns, from which another may start.
+        modes: All modes of an arm that rings with several, from the lowest; then the plant is the motor with the leading one of
+            them. Empty where there is one.
     """
 
     plant: TwoInertia
@@ -96,6 +98,7 @@ class PlantEstimate:
     periods: int
     torsion_rad: float
     unknowns: Real
+    modes: tuple[EstimatedMode, ...] = ()
 
 
 def fit_plant(
@@ -136,20 +139,28 @@ def fit_plant(
     starts = problem.first_guesses()
     if near is not None:
         starts = [problem.start(near.unknowns[: VISCOUS + 1]), *starts[:2]]
-    fits = [_fitted(problem, start) for start in starts]
+    fits = [fitted(problem, start) for start in starts]
     inside = [fit for fit in fits if problem.is_inside(fit.x)]
-    best = min(inside or fits, key=lambda fit: float(fit.cost) / len(fit.fun))
+    best = min(inside or fits, key=_left)
     problem.focus(problem.plant(best.x).antiresonance_hz)
-    return _estimate(problem, best.x, np.asarray(best.jac))
+    others = [fitted(problem, start) for start in problem.beside(best.x)]
+    best = min([best, *(fit for fit in others if problem.is_inside(fit.x))], key=_left)
+    problem.focus(problem.plant(best.x).antiresonance_hz)
+    return estimate_of(problem, best.x, np.asarray(best.jac))
 
 
-def _fitted(problem: PlantProblem, x: Real) -> Any:
+def _left(fit: Any) -> float:
+    """What a fit leaves, for one residual: fits use the tip around f_a, hence not the same number of them."""
+    return float(fit.cost) / len(fit.fun)
+
+
+def fitted(problem: PlantProblem, x: Real) -> Any:
     """Fit from one start: first with times as they are believed, which keeps it from wandering off, then with all unknowns."""
     fit: Any = None
     for evaluations, are_held in ((EVALUATIONS // 4, True), (EVALUATIONS, False), (EVALUATIONS // 4, False)):
         problem.focus(problem.plant(x).antiresonance_hz)
         low, high = problem.bounds(x, are_times_held=are_held)
-        fit = optimize.least_squares(
+        fit = scipy.optimize.least_squares(
             problem.residual,
             np.clip(x, low + 1e-9, high - 1e-9),
             bounds=(low, high),
@@ -162,7 +173,7 @@ def _fitted(problem: PlantProblem, x: Real) -> Any:
     return fit
 
 
-def _estimate(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
+def estimate_of(problem: PlantProblem, x: Real, jacobian: Real) -> PlantEstimate:
     """The unknowns as parameters with errors."""
     left = problem.residual(x)[: -problem.beliefs]
     misfit = math.sqrt(float(np.sum(left**2)) / max(1, len(left) - len(x)))
@@ -236,5 +247,5 @@ def _response(frequency_hz: Real, output: Complex, given: Complex) -> ResponseEs
     scatter = np.sqrt(np.maximum(smooth(np.sum(np.abs(left) ** 2, axis=0)) / (count * (count - 1)), 1e-300))
     deviation = scatter / np.abs(mean_in)
     explained, unexplained = np.abs(value * mean_in) ** 2, count * scatter**2
-    bound = math.sqrt(float(stats.f.ppf(CONFIDENCE, 2, 2 * (count - 1))))
+    bound = math.sqrt(float(scipy.stats.f.ppf(CONFIDENCE, 2, 2 * (count - 1))))
     return ResponseEstimate(frequency_hz, value, deviation, bound * deviation, explained / (explained + unexplained))

@@ -50,6 +50,10 @@ OUTSIDE = 1.2
 """Resonance over the end of the band up to which it is believed."""
 TRIED = 16
 """Anti-resonances that are tried as a start."""
+OTHER_RESONANCES, OTHER_BY = 8, 0.08
+"""Resonances that are tried beside a fit's, and the least distance from it, as a logarithm."""
+HIDDEN_FROM = 0.2
+"""Resonance over the rate of the SYNC from which images may hide it."""
 GUESSES = 3
 """First guesses that are followed."""
 LARGEST_CHANGE = 3.0
@@ -159,16 +163,14 @@ class PlantProblem:
         if folded is None:
             none = np.zeros_like(self.excitation)
             return none, none, none, none
-        plant = self.plant(x)
-        motion = plant.motor_angle_per_torque(folded.frequency_hz) / (1.0 + folded.jw * x[LAG])
+        motion = self.angle_per_torque(x, folded.frequency_hz, 0.0) / (1.0 + folded.jw * x[LAG])
         acting = folded.drive / (1.0 + folded.feedback * motion)
         moved = motion * acting
         asked = -folded.feedback * moved if self.timing.kind == "torque" else acting
         reported = (asked * folded.flat * np.exp(-folded.jw * x[AGE]))[1:].sum(axis=0)
         tip = np.zeros_like(self.excitation)
         if self.data.tip is not None:
-            lever = self.lever_m * math.exp(x[LEVER])
-            tip = (tip_response(plant, folded.frequency_hz, lever, float(x[DELAY])) * moved)[1:].sum(axis=0)
+            tip = (self.tip_per_angle(x, folded.frequency_hz, 0.0) * moved)[1:].sum(axis=0)
         return np.asarray(reported), np.asarray(moved[1:].sum(axis=0)), np.asarray(tip), np.asarray(moved[0])
 
     def torque(self, x: Real, torque: Complex, image: Complex) -> Complex:
@@ -219,6 +221,26 @@ class PlantProblem:
         best = tried[0]
         other = next((each for each in tried if abs(math.log(each[1] / best[1])) > 0.25), None)
         return [best[2]] if other is None else [best[2], other[2]]
+
+    def beside(self, x: Real) -> list[Real]:
+        """Starts beside a fit, the likeliest first: the same f_a, whole inertia and sensor, another f_r.
+
+        Where a slow SYNC's images lie over the peak of the response, f_r has minima of its own; elsewhere there are no starts.
+        """
+        plant, tried = self.plant(x), []
+        f_a, f_r = plant.antiresonance_hz, plant.resonance_hz
+        if self._folded is None or f_r * self.timing.sync_s < HIDDEN_FROM:
+            return []
+        whole = plant.motor_inertia_kg_m2 + plant.arm_inertia_kg_m2 / self.ratio**2
+        for other in np.geomspace(1.15 * f_a, max(1.2 * f_a, 1.1 * self.data.frequency_hz[-1]), OTHER_RESONANCES).tolist():
+            motor = whole * (f_a / other) ** 2
+            more = math.log(self.ratio**2 * (whole - motor) / plant.arm_inertia_kg_m2)
+            moved = self.start(np.array([math.log(motor), x[J_L] + more, x[K_G] + more, x[DAMPING] + more, x[VISCOUS]]))
+            moved[LEVER:] = x[LEVER:]
+            if abs(math.log(other / f_r)) > OTHER_BY:
+                tried.append((float(np.sum(np.log1p(np.abs(self.residual(moved))))), moved))
+        tried.sort(key=lambda each: each[0])
+        return [moved for _, moved in tried[:2]]
 
     def start(self, guess: Real) -> Real:
         """All unknowns from a guess of the first five."""
@@ -271,13 +293,22 @@ class PlantProblem:
             damping - arm_damping,
         )
 
+    def angle_per_torque(self, x: Real, frequency_hz: Real, gravity_nm_rad: float) -> Complex:
+        """Motor angle per torque of the unknowns' plant; shape of `frequency_hz`."""
+        return angle_response(self.plant(x), frequency_hz, gravity_nm_rad)
+
+    def tip_per_angle(self, x: Real, frequency_hz: Real, gravity_nm_rad: float) -> Complex:
+        """Tip acceleration per motor angle of the unknowns' plant; shape of `frequency_hz`."""
+        lever_m = self.lever_m * math.exp(x[LEVER])
+        return tip_response(self.plant(x), frequency_hz, lever_m, float(x[DELAY]), gravity_nm_rad)
+
     def residual(self, x: Real) -> Real:
         """Residuals in standard deviations, real and imaginary parts, and last those of what was believed (`beliefs`)."""
-        plant, data = self.plant(x), self.data
+        data = self.data
         of_torque, of_angle, of_tip, foretold = self.images(x)
         angle = self._measured[0] - of_angle
         torque = self.torque(x, self._measured[1], of_torque)
-        model = angle_response(plant, data.frequency_hz, self.gravity) * self.felt(x)
+        model = self.angle_per_torque(x, data.frequency_hz, self.gravity) * self.felt(x)
         size = np.abs(model) * (np.abs(torque) + np.abs(of_torque)) + np.abs(of_angle)
         sigma = self.scatter.deviation(model * np.exp(self.jw * x[AGE]), MODEL_ERROR * size)
         left = [(angle - model * torque) / sigma]
@@ -285,7 +316,7 @@ class PlantProblem:
             sigma = np.sqrt(self.scatter.output + (LAW_OPEN * np.abs(foretold)) ** 2)
             left.append((angle - foretold) / sigma)
         if data.tip is not None and self.tip_scatter is not None:
-            model = tip_response(plant, data.frequency_hz, self.lever_m * math.exp(x[LEVER]), float(x[DELAY]), self.gravity)
+            model = self.tip_per_angle(x, data.frequency_hz, self.gravity)
             model = model / (1.0 - float(x[TILT]) * (data.frequency_hz / TILT_HZ) ** 2)
             sigma = self.tip_scatter.deviation(model, TIP_ERROR * np.abs(model * angle) + IMAGE_ERROR * np.abs(of_tip))
             left.append(((data.tip.mean(axis=0) - of_tip - model * angle) / sigma)[self._tip_lines])

@@ -7,6 +7,7 @@ on which it will be judged.
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Annotated, Protocol
 
 import numpy as np
@@ -23,6 +24,10 @@ Real = NDArray[np.float64]
 
 SAMPLE_S = 0.002
 """Time between two samples of the result: 500 Hz shows vibrations up to 25 Hz with ease."""
+MAX_PARTS = 20
+"""Orders are looked for among fractions with denominators up to this."""
+MAX_MULTIPLE = 40.0
+"""Most turnings on from the first to the highest order; more take as long as sines."""
 
 
 @dataclass(frozen=True)
@@ -56,22 +61,28 @@ _PLANT = record_dtype(_PlantRow)
 
 
 @compiled
-def _error(harmonics: Real, angle: float) -> float:
-    """Error θ_sync = Σ A_k cos(k θ_m + φ_k) from k, A_k cos φ_k and A_k sin φ_k; shape (3, orders)."""
-    total = 0.0
-    for i in range(harmonics.shape[1]):
-        total += harmonics[1, i] * math.cos(harmonics[0, i] * angle) - harmonics[2, i] * math.sin(harmonics[0, i] * angle)
-    return total
+def _waves(harmonics: Real, angle: float) -> tuple[float, float]:
+    """Error θ_sync = Σ A_k cos(k θ_m + φ_k), and its slope dθ_sync/dθ_m; `harmonics` as of `_harmonics`.
 
-
-@compiled
-def _slope(harmonics: Real, angle: float) -> float:
-    """Slope dθ_sync/dθ_m; arguments as of `_error`."""
-    total = 0.0
+    Where all orders are multiples of one, cos k θ_m and sin k θ_m come from its own by turning on: one sine instead of all.
+    """
+    error, slope = 0.0, 0.0
+    base = 0.0
+    if harmonics.shape[1] > 0 and harmonics[3, 0] > 0.0:
+        base = harmonics[0, 0] / harmonics[3, 0]
+    once, turned = complex(math.cos(base * angle), math.sin(base * angle)), complex(1.0, 0.0)
+    there = 0.0
     for i in range(harmonics.shape[1]):
-        k = harmonics[0, i]
-        total -= k * (harmonics[1, i] * math.sin(k * angle) + harmonics[2, i] * math.cos(k * angle))
-    return total
+        k, a, b = harmonics[0, i], harmonics[1, i], harmonics[2, i]
+        if base > 0.0:
+            while there < harmonics[3, i]:
+                turned *= once
+                there += 1.0
+        else:
+            turned = complex(math.cos(k * angle), math.sin(k * angle))
+        error += a * turned.real - b * turned.imag
+        slope -= k * (a * turned.imag + b * turned.real)
+    return error, slope
 
 
 @inlined
@@ -100,7 +111,7 @@ def _run(
 
     Args:
         plant: The plant over one period.
-        harmonics: k, A_k cos φ_k and A_k sin φ_k in rad; shape (3, orders).
+        harmonics: The error, as of `_harmonics`.
         law: The law that closes the loop.
         period_s: Sampling time of the law.
         friction_nm: Friction against the motor throughout; the law holds it and gravity from the beginning.
@@ -112,7 +123,7 @@ def _run(
     """
     x, v = np.zeros(4), np.zeros(7)
     x[0] = reference[0]
-    sync = _error(harmonics, x[0])
+    sync, slope = _waves(harmonics, x[0])
     x[2] = x[0] / plant.ratio + sync  # at rest and unloaded the gear is without torsion: eq. (1)
     servo_start(law, x[0], 0.0, friction_nm + gravity_nm)
     last = 0.0
@@ -122,13 +133,13 @@ def _run(
         if len(waiting) > 0:
             torque = waiting[n % len(waiting)]
             waiting[n % len(waiting)] = command
-        # the motor's angle one period ahead is known to 1e-6 rad from its speed and last acceleration
-        ahead = _error(harmonics, x[0] + period_s * (x[1] + 0.5 * (x[1] - last)))
-        last = x[1]
         v[:4] = x
         load = friction_nm
         if gravity_nm != 0.0:
-            load += gravity_nm * (1.0 + plant.ratio * _slope(harmonics, x[0]))
+            load += gravity_nm * (1.0 + plant.ratio * slope)
+        # the motor's angle one period ahead is known to 1e-6 rad from its speed and last acceleration
+        ahead, slope = _waves(harmonics, x[0] + period_s * (x[1] + 0.5 * (x[1] - last)))
+        last = x[1]
         v[4], v[5], v[6] = torque - load, sync, ahead - sync
         if n % every == 0:
             samples[0, n // every] = x[1] / (2.0 * math.pi)
@@ -211,8 +222,17 @@ def follow(
 
 
 def _harmonics(error: TransmissionError) -> Real:
-    """Rows k, A_k cos φ_k and A_k sin φ_k in rad; shape (3, orders)."""
+    """Rows k, A_k cos φ_k and A_k sin φ_k in rad, and k as a multiple of what all are multiples of; shape (4, orders).
+
+    The last row is 0 where there is nothing of the kind, or only what would take longer than sines.
+    """
     orders = sorted(error.amplitude_arcsec)
     size = np.array([error.amplitude_arcsec[k] * ARCSEC for k in orders])
     phase = np.array([math.radians(error.phase_deg[k]) for k in orders])
-    return np.array([orders, size * np.cos(phase), size * np.sin(phase)])
+    parts = [Fraction(k).limit_denominator(MAX_PARTS) for k in orders]
+    whole = math.lcm(*(part.denominator for part in parts))
+    multiples = np.array([float(part * whole) for part in parts])
+    exact = all(abs(float(part) - k) <= 1e-12 * k for part, k in zip(parts, orders, strict=True))
+    if not exact or multiples.max(initial=0.0) > MAX_MULTIPLE:
+        multiples[:] = 0.0
+    return np.array([orders, size * np.cos(phase), size * np.sin(phase), multiples])

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, optimize
 
 from hil.design.transmission_error import acceleration_spectrum
 
@@ -173,7 +173,7 @@ class _RampModel:
         self._time_s = (self._rows - begin) * period_s
         self._period_s = every * period_s
         self._top_rps = float(speed_rps[end - 1])
-        self._length = int(fft.next_fast_len(len(angle) + round(PADDING_S / period_s), real=True))
+        self._length = int(scipy.fft.next_fast_len(len(angle) + round(PADDING_S / period_s), real=True))
         waves = np.concatenate([[np.cos(order * angle), np.sin(order * angle)] for order in orders])
         self._frequency, self._spectra = acceleration_spectrum(waves, period_s, self._length)
         place = 2.0 * self._time_s / self._time_s[-1] - 1.0
@@ -193,7 +193,7 @@ class _RampModel:
         """Columns of the orders, of what rings from the start, and of the slow curve; shape (n, unknowns)."""
         x = self._frequency / resonance_hz
         answer = 1.0 / (1.0 + 2j * damping * x - x**2)
-        driven = fft.irfft(self._spectra * answer, self._length, axis=-1)[:, self._rows].T
+        driven = scipy.fft.irfft(self._spectra * answer, self._length, axis=-1)[:, self._rows].T
         phase = 2.0 * math.pi * resonance_hz * self._time_s
         decay = np.exp(-damping * phase)
         return np.column_stack([driven, decay * np.cos(phase), decay * np.sin(phase), self._slow])
@@ -210,7 +210,7 @@ class _RampModel:
 
         simplex = start + np.array([[0.0, 0.0], [0.02, 0.0], [0.02, 0.3]])
         options: Any = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-5, "maxiter": 100}
-        found = optimize.minimize(power, start, method="Nelder-Mead", options=options)
+        found = scipy.optimize.minimize(power, start, method="Nelder-Mead", options=options)
         resonance_hz, damping = (float(value) for value in np.exp(np.clip(found.x, -7.0, [7.0, -0.5])))
         return self._fit(self._tip, resonance_hz, damping)
 
@@ -290,8 +290,8 @@ def _left_over(columns: Real, values: Real) -> Real:
 
 def _noise_near(residual: Real, period_s: float, frequency_hz: float) -> float:
     """Variance of the white noise that would leave what the residual has around a frequency."""
-    power = np.abs(fft.rfft(residual)) ** 2 / len(residual)
-    lines = fft.rfftfreq(len(residual), period_s)
+    power = np.abs(scipy.fft.rfft(residual)) ** 2 / len(residual)
+    lines = scipy.fft.rfftfreq(len(residual), period_s)
     near = (lines > 0.5 * frequency_hz) & (lines < 2.1 * frequency_hz)
     return float(np.mean(power[near])) if np.count_nonzero(near) > 2 else float(np.mean(residual**2))
 

@@ -97,8 +97,56 @@ def widened(notch: Notch) -> Notch:
     return replace(notch, start_rps=notch.start_rps - h, end_rps=notch.end_rps + h, hysteresis_rps=0.0)
 
 
-class LoopFamily:
-    """Loops with equal gains around several plants; the parts that do not depend on filters are computed once.
+class OpenLoops:
+    """Open loops of one law around several plants, by their responses; the parts that do not depend on filters are computed once.
+
+    Attributes:
+        law: The loop that has gains, sampling time and delay; its plant does not count here.
+    """
+
+    def __init__(self, law: Loop, frequency_hz: Real, bare: Complex) -> None:
+        """Keep the responses.
+
+        Args:
+            law: The loop, without filters.
+            frequency_hz: Frequencies, rising; shape (m,).
+            bare: Open loops without filters; shape (plants, m).
+        """
+        self.law = law
+        self._delay = np.exp(-2j * math.pi * frequency_hz * law.period_s)
+        self._bare = bare
+
+    def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
+        """Margins with the filters frozen at each speed; a switched filter acts within its hysteresis too."""
+        filters = replace(self.law, notches=tuple(widened(notch) for notch in notches if notch.mode != NOTCH_OFF))
+        width = max(1, len(filters.notches))
+        coefficients = np.zeros((len(speeds_rps), width, 5))
+        coefficients[:, :, 0] = 1.0  # no filter: y = u
+        for row, speed in enumerate(speeds_rps):
+            for column, values in enumerate(filters.filters(float(speed))):
+                coefficients[row, column] = values
+        out = np.zeros((len(self._bare), len(speeds_rps), 4))
+        _scan(self._delay, self._bare, coefficients, out)
+        return SpeedMargins(np.asarray(speeds_rps), out[:, :, 0], out[:, :, 1], out[:, :, 2], out[:, :, 3])
+
+
+def looked_at_hz(dips_hz: Sequence[float], period_s: float, step: float, high_hz: float = math.inf) -> Real:
+    """Frequencies at which loops around plants are looked at: finely where filters act on a resonance.
+
+    Args:
+        dips_hz: Resonances of the plants with the motor held; the first gives the step.
+        period_s: Sampling time of the loops.
+        step: Step in units of the first.
+        high_hz: Frequency up to which it is fine at most.
+    """
+    low_hz, high_hz = FINE_BAND[0] * min(dips_hz), min(FINE_BAND[1] * max(dips_hz), 0.45 / period_s, high_hz)
+    fine = np.arange(low_hz, high_hz, step * dips_hz[0])
+    coarse = np.geomspace(dips_hz[0] / 24.0, 0.49 / period_s, round(1.125 / step))
+    return np.unique(np.concatenate([coarse, fine]))
+
+
+class LoopFamily(OpenLoops):
+    """Loops with equal gains around several plants.
 
     Attributes:
         loops: Loops without filters, one per plant.
@@ -117,27 +165,8 @@ class LoopFamily:
         if not loops or len({loop.period_s for loop in loops}) != 1:
             raise ValueError("a family needs loops, all of one sampling period")
         self.loops = [replace(loop, notches=()) for loop in loops]
-        period = self.loops[0].period_s
-        f_a = [loop.plant.antiresonance_hz for loop in self.loops]
-        low_hz, high_hz = FINE_BAND[0] * min(f_a), min(FINE_BAND[1] * max(f_a), 0.45 / period)
-        fine = np.arange(low_hz, high_hz, step * f_a[0])
-        coarse = np.geomspace(f_a[0] / 24.0, 0.49 / period, round(1.125 / step))
-        frequency = np.unique(np.concatenate([coarse, fine]))
-        self._delay = np.exp(-2j * math.pi * frequency * period)
-        self._bare = np.array([loop.open_loop(frequency) for loop in self.loops])
-
-    def margins(self, notches: Sequence[Notch], speeds_rps: Real) -> SpeedMargins:
-        """Margins with the filters frozen at each speed; a switched filter acts within its hysteresis too."""
-        filters = replace(self.loops[0], notches=tuple(widened(notch) for notch in notches if notch.mode != NOTCH_OFF))
-        width = max(1, len(filters.notches))
-        coefficients = np.zeros((len(speeds_rps), width, 5))
-        coefficients[:, :, 0] = 1.0  # no filter: y = u
-        for row, speed in enumerate(speeds_rps):
-            for column, values in enumerate(filters.filters(float(speed))):
-                coefficients[row, column] = values
-        out = np.zeros((len(self.loops), len(speeds_rps), 4))
-        _scan(self._delay, self._bare, coefficients, out)
-        return SpeedMargins(np.asarray(speeds_rps), out[:, :, 0], out[:, :, 1], out[:, :, 2], out[:, :, 3])
+        frequency = looked_at_hz([loop.plant.antiresonance_hz for loop in self.loops], self.loops[0].period_s, step)
+        super().__init__(self.loops[0], frequency, np.array([loop.open_loop(frequency) for loop in self.loops]))
 
     def gain_on_the_line(self, notches: Sequence[Notch], order: float, speeds_rps: Real) -> Real:
         """Gain |X| = |θ_l/θ_sync| at k f_m for every plant at every speed, filters frozen there; shape (plants, speeds)."""

@@ -17,8 +17,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, optimize, signal
 
 from hil.control.angles import ARCSEC
 from hil.design.frequency import TwoInertia
@@ -107,7 +107,7 @@ class _Arm:
     def padded(self, count: int, period_s: float) -> int:
         """A length for the transform that leaves room for the ring-down."""
         decay = max(self.zeta * self.omega_rad_s, 0.2)
-        return int(fft.next_fast_len(count + round(RING_DOWN / decay / period_s), real=True))
+        return int(scipy.fft.next_fast_len(count + round(RING_DOWN / decay / period_s), real=True))
 
 
 def acceleration_spectrum(angle_rad: Real, period_s: float, length: int) -> tuple[Real, Complex]:
@@ -120,8 +120,8 @@ def acceleration_spectrum(angle_rad: Real, period_s: float, length: int) -> tupl
     """
     difference = np.zeros_like(angle_rad)
     difference[..., 1:-1] = np.diff(angle_rad, 2, axis=-1) / period_s**2
-    frequency = fft.rfftfreq(length, period_s)
-    return frequency, fft.rfft(difference, length, axis=-1) / np.sinc(frequency * period_s) ** 2
+    frequency = scipy.fft.rfftfreq(length, period_s)
+    return frequency, scipy.fft.rfft(difference, length, axis=-1) / np.sinc(frequency * period_s) ** 2
 
 
 def arm_response(
@@ -155,7 +155,7 @@ def arm_response(
     driven = angle / model.reduction_ratio + error.angle_rad(angle)
     length = arm.padded(len(angle), period_s)
     frequency, spectrum = acceleration_spectrum(driven, period_s, length)
-    return np.asarray(lever_m * fft.irfft(spectrum * arm.response(frequency), length)[: len(angle)])
+    return np.asarray(lever_m * scipy.fft.irfft(spectrum * arm.response(frequency), length)[: len(angle)])
 
 
 class _Problem:
@@ -171,18 +171,18 @@ class _Problem:
         for order in orders:  # A cos(kθ + φ) = (A cos φ) cos kθ − (A sin φ) sin kθ
             waves += [np.cos(order * angle), -np.sin(order * angle)]
         self._frequency, spectra = acceleration_spectrum(np.stack(waves), period_s, self._length)
-        band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
-        _, gain = signal.sosfreqz(band, self._frequency, fs=1.0 / period_s)
+        band = scipy.signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
+        _, gain = scipy.signal.sosfreqz(band, self._frequency, fs=1.0 / period_s)
         weight = np.abs(gain) ** 2  # forward and backward: no phase
         self._spectra = lever_m * weight * spectra
-        self.tip = fft.irfft(weight * fft.rfft(tip, self._length), self._length)[: self._count][rows]
+        self.tip = scipy.fft.irfft(weight * scipy.fft.rfft(tip, self._length), self._length)[: self._count][rows]
         # the fraction of white noise that comes through, hence of the samples that are independent
         self.independent = float(np.mean(weight**2))
 
     def columns(self, omega: float, zeta: float) -> tuple[Real, Real]:
         """Tip acceleration from the motor's own motion, shape (n,), and from a unit of each unknown, shape (n, 2·orders)."""
         response = _Arm(omega, zeta, self.arm.gear_fraction).response(self._frequency)
-        rows = fft.irfft(self._spectra * response, self._length)[:, : self._count][:, self._rows]
+        rows = scipy.fft.irfft(self._spectra * response, self._length)[:, : self._count][:, self._rows]
         return rows[0], rows[1:].T
 
     def solve(self, omega: float, zeta: float) -> tuple[Real, Real]:
@@ -245,7 +245,7 @@ def fit_transmission_error(
         return problem.solve(start.omega_rad_s * float(scale[0]), start.zeta * float(scale[1]))[1]
 
     # in units of the model's own values; further away than this the model is not of this axis
-    fit = optimize.least_squares(
+    fit = scipy.optimize.least_squares(
         residual, np.ones(2), bounds=([0.7, 0.1], [1.4, 8.0]), x_scale=np.array([0.01, 0.3]), diff_step=np.full(2, 1e-4)
     )
     omega, zeta = start.omega_rad_s * float(fit.x[0]), start.zeta * float(fit.x[1])

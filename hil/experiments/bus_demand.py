@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from drive_profiles.family.profile import Profile
 from hil.bench.bench import Bench
 from hil.can.channel import Channel
 from hil.errors import NotPossibleError
@@ -51,3 +52,9 @@ def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
         if verdict.fits is not False:
             return shows_filter
     raise NotPossibleError(f"{demand.title} at a SYNC period of {1e3 * demand.period_s:g} ms: {verdict.sentence} (--overload)")
+
+
+def takes_torque_offset(profile: Profile) -> bool:
+    """True where the drives of a family add a torque offset (60B2h) to the torque of their loop."""
+    capabilities = profile.capabilities
+    return capabilities is not None and capabilities.torque_offset.answer in {"exact", "yes"}

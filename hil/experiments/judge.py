@@ -10,12 +10,13 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from hil.analysis import TipScale, joint_scale, last_rps, paper_scale, tip_scale
+from hil.analysis import TipScale, band_scale, joint_scale, last_rps, paper_scale, ramp_scale, tip_scale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
-from hil.design.frequency import CONTROL_PERIOD_S
+from hil.design.frequency import CONTROL_PERIOD_S, Complex
 from hil.design.ringing import NoResonanceError, Ramp, Ringing, ringing
 from hil.errors import NotPossibleError
+from hil.experiments.shaping import rates_of
 from hil.recording import Recording
 from hil.robot_tables import ORDERS
 
@@ -38,7 +39,7 @@ class FoundScale:
 
     Attributes:
         scale: The scale; None where no f_al is known.
-        source: `model`, or `own` for the run's own vibration; None without a scale.
+        source: `model`, or `own` for the run's own vibration; None without a scale, or where the bench gives the band.
         error_hz: Standard error of an f_al that comes from the run's own vibration.
         words: f_al and where it comes from, as a line; without a scale, why there is none.
         doubt: Reason why nothing may be judged by it, or None.
@@ -58,9 +59,9 @@ class FoundScale:
 class RunJudge:
     """Scales of the runs on a bench; what the ramps without treatment show of their axes is kept for the runs that follow."""
 
-    def __init__(self, bench: Bench) -> None:
-        """Begin without any run."""
-        self.bench = bench
+    def __init__(self, bench: Bench, identified: Identified | None = None) -> None:
+        """Begin without any run; of an arm that rings with several modes the model file tells them."""
+        self.bench, self._identified = bench, identified
         self._own: dict[int, Ringing] = {}
         self._why: dict[int, str] = {}
 
@@ -72,6 +73,14 @@ class RunJudge:
             self._own.pop(axis, None)
             self._why[axis] = str(error)
 
+    def rates(self, axis: int) -> Complex:
+        """Rates of an axis whose loop holds the motor: what can ring after its stop.
+
+        Raises:
+            NotPossibleError: Nobody knows its plant or its gains.
+        """
+        return rates_of(self.bench, axis, self._identified)
+
     def found(self, axis: int | None) -> FoundScale:
         """Scale of a ramp of one axis, or of the line motion (None)."""
         return self._line() if axis is None else self._axis(axis)
@@ -80,6 +89,10 @@ class RunJudge:
         known, own = axis_scale(self.bench, axis), self._own.get(axis)
         if known is not None:
             return _compared(known, own, f"axis {axis}")
+        if own is None and self.bench.specification.band_hz is not None:
+            low_hz, high_hz = self.bench.specification.band_hz
+            words = f"band {low_hz:g} to {high_hz:g} Hz, from the bench file: no single resonance is clearly the ramp's"
+            return FoundScale(ramp_scale((low_hz, high_hz)), words=words)
         if own is None:
             why = self._why.get(axis)
             rest = "" if why is None else f" The ramp itself does not show it: {why}."
@@ -92,6 +105,9 @@ class RunJudge:
     def _line(self) -> FoundScale:
         bench = self.bench
         known = line_scale(bench)
+        if bench.specification.band_hz is not None:
+            low_hz, high_hz = bench.specification.band_hz
+            return FoundScale(known, words=f"band {low_hz:g} to {high_hz:g} Hz, from the bench file")
         if known is not None:
             return FoundScale(known, "model", words=f"f_al {known.f_al_hz:.2f} Hz, from the model")
         own = {axis: self._own[axis] for axis in bench.chain_axes if axis in self._own}
@@ -135,7 +151,7 @@ def own_ringing(recording: Recording, axis: int) -> Ringing:
         NoResonanceError: It shows none that is clearly the arm's.
     """
     ramp = Ramp(
-        recording.axis(axis, "position_rad"), recording.axis(axis, "reference_rad"), recording.columns["tip_z_m_s2"],
+        recording.axis(axis, "position_rad"), recording.axis(axis, "reference_rad"), recording.felt_m_s2,
         recording.axis(axis, "torque_nm"), recording.period_s,
     )  # fmt: skip
     return ringing(ramp, ORDERS)
@@ -209,7 +225,9 @@ def axis_scale(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD
 
 
 def line_scale(bench: Bench, control_period_s: float = CONTROL_PERIOD_S) -> TipScale | None:
-    """Scale of the line motion, from all of its axes with a model; None without any."""
+    """Scale of the line motion: the bench's band, or from all of its axes with a model; None without any."""
+    if bench.specification.band_hz is not None:
+        return band_scale(bench.specification.band_hz)
     scales = {axis: axis_scale(bench, axis, control_period_s) for axis in bench.chain_axes}
     known = {axis: scale for axis, scale in scales.items() if scale is not None}
     if bench.is_paper and PAPER_LINE_AXIS in known:

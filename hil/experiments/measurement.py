@@ -67,6 +67,7 @@ class Measurement(Generic[R]):
         *,
         channel: Channel | None = None,
         reporter: Reporter = SILENT,
+        file_name: str = RESULT_FILE,
     ) -> None:
         """Keep the bench and the directory; nothing is opened yet.
 
@@ -76,8 +77,9 @@ class Measurement(Generic[R]):
             make_result: Maker of the result as it is before anything has been measured.
             channel: The bus; opened from the bench file's address, and closed, unless it is given.
             reporter: Listener of progress.
+            file_name: Name of the result's file.
         """
-        self._bench, self._out, self._make_result = bench, out, make_result
+        self._bench, self._out, self._make_result, self._file_name = bench, out, make_result, file_name
         self._given, self._reporter = channel, reporter
         self._has_saved = False
         self.failure: Exception | None = None
@@ -103,7 +105,7 @@ class Measurement(Generic[R]):
             if not self._has_saved and not isinstance(error, SafetyStopError):
                 return False
             self.result.note_failure(error)
-        self.result.write(self._out / RESULT_FILE)
+        self.result.write(self._out / self._file_name)
         if isinstance(error, Exception):
             self.failure = error
         return self.failure is not None

@@ -1,13 +1,19 @@
-"""The paper's two motions as the bench file describes them: constant acceleration of one axis, and the line of the tip."""
+"""The motions of the bench file: the paper's constant acceleration and line of the tip, and a move from point to point."""
+
+import math
 
 import numpy as np
 
-from hil.bench.bench import Bench
-from hil.control.trajectory import sample_times
+from hil.arm.line import arm_line
+from hil.arm.straight_line import JointLimits
+from hil.arm.tables import ArmLink, ArmTable
+from hil.bench.bench import AxisTable, Bench
+from hil.control.trajectory import ConstantAcceleration, PointToPoint, sample_times
 from hil.errors import NotPossibleError
 from hil.master.motion import Motion
+from hil.robot_tables import LineMotion
 
-CONSTANT_ACCELERATION, LINE_MOTION = "constant-acceleration", "line-motion"
+CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT = "constant-acceleration", "line-motion", "point-to-point"
 
 
 def constant_acceleration(bench: Bench, axis: int, period_s: float) -> Motion:
@@ -19,20 +25,40 @@ def constant_acceleration(bench: Bench, axis: int, period_s: float) -> Motion:
     table = bench.constant_acceleration
     if table is None:
         raise NotPossibleError(f"bench {bench.name!r} has no constant_acceleration table")
+    return _of_one_axis(bench, axis, table.trajectory(), period_s)
+
+
+def point_to_point(bench: Bench, axis: int, period_s: float) -> Motion:
+    """One motor from rest to rest, from its present position on.
+
+    Raises:
+        NotPossibleError: The bench file has no such motion or axis.
+    """
+    table = bench.point_to_point
+    if table is None:
+        raise NotPossibleError(
+            f"bench {bench.name!r} has no point_to_point table: distance_rev, speed_rps and acceleration_rps_s of the motor"
+        )
+    return _of_one_axis(bench, axis, table.trajectory(), period_s)
+
+
+def _of_one_axis(bench: Bench, axis: int, trajectory: ConstantAcceleration | PointToPoint, period_s: float) -> Motion:
     if axis not in bench.axis:
         raise NotPossibleError(f"bench {bench.name!r} has no axis {axis}; it has {', '.join(map(str, bench.axis))}")
-    trajectory = table.trajectory()
     times = sample_times(trajectory.duration_s, period_s)
     return Motion((axis,), times, trajectory.motor_angle(times)[:, np.newaxis], starts_at_home=False)
 
 
 def line_motion(bench: Bench, period_s: float) -> Motion:
-    """The tip along a straight line by the axes of the geometry (the paper, section 5.2).
+    """The tip along a straight line: by the axes of the geometry (the paper, section 5.2), or by those of an arm that it moves.
 
     Raises:
         NotPossibleError: The bench file has no such motion.
-        UnreachableError: The line leaves the arm's reach.
+        UnreachableError: The line leaves the reach of the geometry's chain.
+        LineError: The arm cannot follow the line: out of reach, singular, or beyond a limit of a joint.
     """
+    if bench.arm is not None and bench.line_motion is not None:
+        return _arm_motion(bench, bench.arm, bench.line_motion, period_s)
     if bench.line_motion is None or bench.geometry is None:
         missing = [name for name in ("geometry", "line_motion") if getattr(bench, name) is None]
         raise NotPossibleError(
@@ -44,3 +70,27 @@ def line_motion(bench: Bench, period_s: float) -> Motion:
     joints = line.joints(times)
     ratios = np.array([bench.axis[number].reduction_ratio for number in bench.chain_axes])
     return Motion(bench.chain_axes, times, (joints - joints[0]) * ratios, starts_at_home=True)
+
+
+def _arm_motion(bench: Bench, arm: ArmTable, motion: LineMotion, period_s: float) -> Motion:
+    """The line of an arm; axes that it does not turn stay where they are, with their brakes closed."""
+    wanted = arm_line(arm, motion)
+    limits = [
+        _joint_limits(bench.axis[link.axis], link, home) for link, home in zip(arm.link, arm.home_rad().tolist(), strict=True)
+    ]
+    wanted.line.check_limits(limits, period_s)
+    axes, times = wanted.axes, sample_times(wanted.line.duration_s, period_s)
+    ratios = np.array([bench.axis[number].reduction_ratio for number in axes])
+    return Motion(axes, times, wanted.turned(times) * ratios, starts_at_home=True)
+
+
+def _joint_limits(axis: AxisTable, link: ArmLink, home_rad: float) -> JointLimits:
+    """Limits of a joint: those of its axis at the motor, and those of the link, the closer ones."""
+    turn = 2.0 * math.pi / axis.reduction_ratio
+    low, high = home_rad + axis.limits.position_min_rev * turn, home_rad + axis.limits.position_max_rev * turn
+    speed = axis.limits.speed_rps * turn
+    if link.range_deg is not None:
+        low, high = max(low, math.radians(link.range_deg[0])), min(high, math.radians(link.range_deg[1]))
+    if link.speed_limit_deg_s is not None:
+        speed = min(speed, math.radians(link.speed_limit_deg_s))
+    return JointLimits(low, high, speed)

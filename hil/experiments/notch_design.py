@@ -18,9 +18,18 @@ from hil.design.notch_design import GAIN_ENOUGH, WORST_RATIO, NotchVerdict, Requ
 from hil.design.notch_problem import NotchProblem
 from hil.design.notch_search import SearchResult, pooled_verdict, search, workers
 from hil.errors import HilError, NotPossibleError
+from hil.experiments.arm_loops import arm_loops
 from hil.experiments.notch_problem import NotchDesignRequest, problem_of, unreached_words
 from hil.reporter import SILENT, Reporter
-from hil.results.notch_design import DesignCheck, DesignPlant, DesignVerdict, NotchDesignResult, SpeedMarginsEntry, TipPeak
+from hil.results.notch_design import (
+    ArmMargins,
+    DesignCheck,
+    DesignPlant,
+    DesignVerdict,
+    NotchDesignResult,
+    SpeedMarginsEntry,
+    TipPeak,
+)
 
 
 class InfeasibleError(HilError):
@@ -50,7 +59,7 @@ class NotchDesignOutcome:
         failure: Error where no filter meets the requirements; None where one does.
         seconds: Duration of the design.
         emulated: Parts of the model file that were identified on an emulated robot, of `plant` and `ate`.
-        notes: Orders that were asked for and got no filter, with the reason.
+        notes: Orders that were asked for and got no filter, with the reason; for which postures of an arm the margins hold.
     """
 
     bench: Bench
@@ -128,6 +137,8 @@ def design(
     orders = tuple(order for order in request.orders if order in problem.orders)
     beyond = [order for order in request.orders if order not in orders]
     notes = [unreached_words(request.axis, beyond, f_al, problem.speed_limit_rps)] if beyond else []
+    on_arm = arm_loops(bench, request.axis, problem.loop(problem.members[0]), problem.members, identified)
+    problem, notes = replace(problem, arm=on_arm.loops), [*notes, *on_arm.notes]
     given = tuple(one.notch() for one in bench.axis[request.axis].notch)
     designed: NotchVerdict | None = None
     failure: InfeasibleError | None = None
@@ -292,24 +303,23 @@ def check_drive(bench: Bench, axis: int) -> None:
 
 def summary(verdict: NotchVerdict) -> str:
     """Margins and predicted peaks of the filters in one line."""
-    worst = {check.name: check for check in verdict.checks}
     peaks = ", ".join(f"k = {row.order:g}: {row.rising_mm:.4f} mm, worst plant {row.worst_mm:.4f} mm" for row in verdict.peaks)
     return (
-        f"M_s {worst['M_s'].value:.2f}, phase margin {worst['phase margin'].value:.1f}°, gain margin "
-        f"{worst['gain margin'].value:.1f} dB at every speed and plant; predicted tip peak {peaks}"
+        f"M_s {verdict.worst('M_s'):.2f}, phase margin {verdict.worst('phase margin'):.1f}°, gain margin "
+        f"{verdict.worst('gain margin'):.1f} dB at every speed and plant; predicted tip peak {peaks}"
     )
 
 
 def designed_axis(outcome: NotchDesignOutcome) -> DesignedAxis:
     """Filters as an entry of the design file."""
-    best, worst = outcome.best, {check.name: check for check in outcome.best.checks}
+    best = outcome.best
     return DesignedAxis(
         notch=tuple(notch_table(notch) for notch in best.notches),
         tip_peak_mm={f"{row.order:g}": row.rising_mm for row in best.peaks},
         worst_tip_peak_mm={f"{row.order:g}": row.worst_mm for row in best.peaks},
-        sensitivity_peak=worst["M_s"].value,
-        phase_margin_deg=worst["phase margin"].value,
-        gain_margin_db=min(worst["gain margin"].value, 200.0),
+        sensitivity_peak=best.worst("M_s"),
+        phase_margin_deg=best.worst("phase margin"),
+        gain_margin_db=min(best.worst("gain margin"), 200.0),
         period_s=outcome.problem.period_s,
         delay_samples=outcome.problem.delay_samples,
         note=outcome.source,
@@ -350,4 +360,5 @@ def _verdict(verdict: NotchVerdict) -> DesignVerdict:
         checks=tuple(DesignCheck(**asdict(check), holds=check.holds) for check in verdict.checks),
         tip_peaks=tuple(TipPeak(**asdict(row)) for row in verdict.peaks),
         margins=tuple(SpeedMarginsEntry(speed_rps=speed, **asdict(one)) for speed, one in verdict.margins.items()),
+        postures=tuple(ArmMargins(**asdict(row)) for row in verdict.postures),
     )

@@ -7,18 +7,35 @@ from typing import Literal
 
 import numpy as np
 
-from hil.analysis import Metrics, judged_orders
+from hil.analysis import Metrics, judged_orders, shown_band
 from hil.bench.bench import Bench
 from hil.control.angles import ARCSEC
 from hil.control.treatments import TreatmentName
 from hil.design.frequency import CONTROL_PERIOD_S, acceleration_bound, margins
 from hil.experiments.bus_demand import BusDemand
 from hil.experiments.judge import FoundScale, RunJudge, shown_rps, unreached
-from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION, constant_acceleration, line_motion
+from hil.experiments.motions import (
+    CONSTANT_ACCELERATION,
+    LINE_MOTION,
+    POINT_TO_POINT,
+    constant_acceleration,
+    line_motion,
+    point_to_point,
+)
 from hil.experiments.treatment import FILTERING, REMEDIES, TITLES
-from hil.experiments.window import JudgedWindow, judged_window
+from hil.experiments.window import JudgedWindow, judged_stop, judged_window
 from hil.master.motion import LoopName, Motion, RunResult
-from hil.results.runs import CancellationTrial, PaperClaim, RunEntry, RunTiming, TreatmentComparison, leading
+from hil.results.following import FollowingEntry
+from hil.results.runs import (
+    CancellationTrial,
+    FilterTrial,
+    PaperClaim,
+    RingingMode,
+    RunEntry,
+    RunTiming,
+    TreatmentComparison,
+    leading,
+)
 
 
 @dataclass(frozen=True)
@@ -26,8 +43,8 @@ class Experiment:
     """One experiment to run.
 
     Attributes:
-        name: `constant-acceleration` or `line-motion`.
-        axis: The axis of a constant-acceleration run, else None.
+        name: `constant-acceleration`, `line-motion` or `point-to-point`.
+        axis: The axis that moves alone; None for the line motion.
         treatment: Treatment of the vibration.
         loop: Side that closes the loop, the drive or the host.
     """
@@ -36,6 +53,11 @@ class Experiment:
     axis: int | None
     treatment: TreatmentName
     loop: LoopName = "drive"
+
+    @property
+    def is_stop(self) -> bool:
+        """True where it is judged by what rings after the stop."""
+        return self.name == POINT_TO_POINT
 
     @property
     def title(self) -> str:
@@ -55,8 +77,10 @@ class Experiment:
         return bench.bus.host_sync_period_s if self.loop == "host" else bench.bus.sync_period_s
 
     def motion(self, bench: Bench) -> Motion:
-        """Motion of the robot, from the bench file."""
+        """Motion of the robot, from the bench file, as nothing has shaped it."""
         period = self.period_s(bench)
+        if self.axis is not None and self.is_stop:
+            return point_to_point(bench, self.axis, period)
         if self.axis is not None:
             return constant_acceleration(bench, self.axis, period)
         return line_motion(bench, period)
@@ -87,15 +111,19 @@ def demo_experiments(bench: Bench) -> list[Experiment]:
 
 @dataclass(frozen=True)
 class TrialVerdict:
-    """End of a cancellation's trial, for the entries of the run that follows.
+    """End of a treatment's trial, for the entries of the run that follows.
 
     Attributes:
-        trial: Runs of the trial; None without a trial.
-        refusal: Reason why the run was made without the cancellation, and is not judged; or None.
+        trial: Runs of a cancellation's trial; None without one.
+        refusal: Reason why the run was made without the treatment, and is not judged; or None.
+        filters: Trial of designed filters; None without one.
+        following: Trial of a cancellation that follows, and what it made of each order; None without one.
     """
 
     trial: CancellationTrial | None = None
     refusal: str | None = None
+    filters: FilterTrial | None = None
+    following: FollowingEntry | None = None
 
 
 NO_TRIAL = TrialVerdict()
@@ -122,6 +150,8 @@ def entries(
         judge: RunJudge of all runs on the bench; None for one that knows this run alone.
     """
     judge = RunJudge(bench) if judge is None else judge
+    if experiment.is_stop:
+        return [_stop_entry(judge, experiment, result, recording, repeated, trial)]
     is_ramp = experiment.axis is not None and result.stopped is None
     if is_ramp and experiment.treatment == "none":
         judge.look(result.recording, experiment.axis or 0)
@@ -140,6 +170,8 @@ def entries(
                 "invalid": trial.refusal or window.invalid,
                 "within_spec": None if trial.refusal is not None else window.is_within,
                 "trial": trial.trial,
+                "filter_trial": trial.filters,
+                "following": trial.following,
                 "repeated": repeated if repeated > 1 else None,
                 "unjudged_orders": missed[0] or None,
                 "unreached_orders": missed[1] or None,
@@ -147,6 +179,31 @@ def entries(
         )
         for order, window in windows
     ]
+
+
+def _stop_entry(
+    judge: RunJudge, experiment: Experiment, result: RunResult, recording: str, repeated: int, trial: TrialVerdict
+) -> RunEntry:
+    """Entry of a point-to-point move: what rings after its stop; the arguments are those of `entries`."""
+    axis = experiment.axis or 0
+    found = judge.found(axis)
+    stop = judged_stop(judge.bench, axis, result, found, judge.rates(axis))
+    ringing = stop.ringing
+    waves = () if ringing is None else zip(ringing.modes, ringing.amplitude_mm, ringing.error_mm, strict=True)
+    modes = [
+        RingingMode(frequency_hz=mode.frequency_hz, damping=mode.damping, amplitude_mm=size, error_mm=error)
+        for mode, size, error in waves
+    ]
+    return _entry(judge.bench, experiment, result, found, None, stop.window).model_copy(
+        update={
+            "recording": recording,
+            "invalid": trial.refusal or stop.window.invalid,
+            "within_spec": None if trial.refusal is not None else stop.window.is_within,
+            "trial": trial.trial,
+            "repeated": repeated if repeated > 1 else None,
+            "ringing": tuple(modes) or None,
+        }
+    )
 
 
 def _entry(
@@ -173,13 +230,13 @@ def _entry(
         discarded_positions=result.discarded or None,
         timing=timing_of(result),
         stopped=None if result.stopped is None else result.stopped.reason,
-        f_al_hz=None if scale is None else scale.f_al_hz,
+        f_al_hz=None if scale is None or found.source is None else scale.f_al_hz,
         f_al_source=found.source,
         f_al_error_hz=found.error_hz,
         f_al_words=None if scale is None else found.words,
         remark=found.remark,
         window_rps=None if scale is None or order is None else scale.windows_rps[order],
-        band_hz=None if scale is None else scale.band_hz,
+        band_hz=None if scale is None else shown_band(experiment.period_s(bench), scale.band_hz),
     )
 
 

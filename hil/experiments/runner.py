@@ -4,21 +4,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from hil.analysis import shown_band
 from hil.bench.bench import Bench
 from hil.bench.model import with_identified
 from hil.can.channel import Channel
+from hil.control.treatments import treatment
 from hil.errors import NotPossibleError, SafetyStopError
-from hil.experiments.cancellation.cancellation import Cancellation, cancel_inside, cancellation_on
+from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on
 from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.follow import FollowingSetUp, following_of
+from hil.experiments.cancellation.follow_trial import FollowRun, try_following
+from hil.experiments.cancellation.inside import cancel_inside
 from hil.experiments.cancellation.trial import Choice, averaged, choose, choose_inside
-from hil.experiments.judge import RunJudge, axis_scale, line_scale
+from hil.experiments.filter_trial import try_filters
+from hil.experiments.judge import RunJudge, axis_scale, line_scale, vibration_scale
 from hil.experiments.measurement import ClockName, Measurement, MeasurementOutcome
 from hil.experiments.plan import NO_TRIAL, Experiment, TrialVerdict, claims, comparisons, entries, outside
-from hil.experiments.treatment import Knowledge, TreatmentSetup, treatment_setup
+from hil.experiments.shaping import check_stop, shaped_motion
+from hil.experiments.treatment import Knowledge, TreatmentSetup, arm_remark, treatment_setup
 from hil.master.motion import Motion, RunResult
 from hil.master.session import Session
+from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-from hil.results.runs import CancellationTrial, ExperimentsResult, PaperClaim, RunEntry
+from hil.results.runs import CancellationTrial, ExperimentsResult, PaperClaim, RunEntry, ShaperEntry
 
 
 @dataclass(frozen=True)
@@ -42,14 +50,19 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on where f_al comes from, on models that a run contradicts, and on orders that were not judged, each once."""
-        sentences: list[str] = []
+        """Sentences on treatments, what cancellations leave, f_al's source, models that a run contradicts, orders not judged."""
+        on_arm = [arm_remark(self.result.bench.file, run.treatment) for run in self.result.runs]
+        sentences = [remark for remark in on_arm if remark is not None]
         for run in self.result.runs:
             if run.f_al_source == "own" and run.f_al_words is not None:
                 sentences.append(f"{'line motion' if run.axis is None else f'axis {run.axis}'}: {run.f_al_words}")
             sentences += [run.remark] if run.remark is not None and run.remark not in (run.invalid or "") else []
             sentences += [*(run.unjudged_orders or ()), *(run.unreached_orders or ())]
-        return list(dict.fromkeys(sentences))
+        sentences += [trial.remainder.words for trial in self.trials if trial.remainder is not None]
+        for following in (run.following for run in self.result.runs if run.following is not None):
+            sentences += [following.words or "", *(each.words for each in following.begins)]
+            sentences += [each.words for each in following.orders]
+        return [sentence for sentence in dict.fromkeys(sentences) if sentence]
 
     @property
     def trials(self) -> list[CancellationTrial]:
@@ -105,24 +118,24 @@ def run_experiments(
     """
     knowledge = knowledge or Knowledge()
     bench = _known(bench, knowledge, is_paper=is_paper)
-    motions = [experiment.motion(bench) for experiment in experiments]
-    setups = [
-        treatment_setup(bench, experiment.treatment, knowledge, motion.period_s, experiment.loop)
-        for experiment, motion in zip(experiments, motions, strict=True)
-    ]
+    arm = None if knowledge.identified is None else knowledge.identified.arm
+    setups, shaped = _set_up(bench, experiments, knowledge)
+    motions = [motion for motion, _ in shaped]
     demands = [experiment.bus_demand(motion) for experiment, motion in zip(experiments, motions, strict=True)]
     with Measurement(
-        bench, out, lambda described: ExperimentsResult(bench=described), channel=channel, reporter=reporter
+        bench, out, lambda described: ExperimentsResult(bench=described, arm=arm), channel=channel, reporter=reporter
     ) as measurement:
-        result, judge = measurement.result, RunJudge(bench)
+        result, judge = measurement.result, RunJudge(bench, knowledge.identified)
         measurement.check_clock(clock)
         check_bands(bench, experiments, motions)
         with measurement.session(demands, overload=overload, reset_faults=reset_faults) as session:
-            for experiment, motion, setup, shows in zip(experiments, motions, setups, measurement.shows_filter, strict=True):
+            for experiment, (motion, shaper), setup, shows in zip(
+                experiments, shaped, setups, measurement.shows_filter, strict=True
+            ):
                 reporter.run(experiment.title)
                 runs = _ExperimentRuns(session, experiment, motion, replace(setup, shows_filter=shows), reporter)
                 runs.perform(repeat)
-                _enter(measurement, judge, experiment, runs)
+                _enter(measurement, judge, experiment, runs, shaper)
         if is_paper:
             result.paper = claims(bench, result.runs, result.comparisons)
     return ExperimentsOutcome(measurement.result, measurement.failure)
@@ -145,6 +158,23 @@ def _known(bench: Bench, knowledge: Knowledge, *, is_paper: bool) -> Bench:
     return with_identified(bench, identified)
 
 
+def _set_up(
+    bench: Bench, experiments: Sequence[Experiment], knowledge: Knowledge
+) -> tuple[list[TreatmentSetup], list[tuple[Motion, ShaperEntry | None]]]:
+    """Set-up of each run, and its motion with the shaper that has shaped it.
+
+    Raises:
+        NotPossibleError: A treatment lacks its file, or has no meaning there.
+    """
+    setups, shaped = [], []
+    for experiment in experiments:
+        check_stop(experiment.is_stop, experiment.treatment, experiment.loop)
+        motion = experiment.motion(bench)
+        setups.append(treatment_setup(bench, experiment.treatment, knowledge, motion.period_s, experiment.loop))
+        shaped.append(shaped_motion(bench, experiment.treatment, motion, knowledge.identified))
+    return setups, shaped
+
+
 class _ExperimentRuns:
     """Runs of one experiment with its treatment: after a trial, where it cancels.
 
@@ -159,6 +189,7 @@ class _ExperimentRuns:
     ) -> None:
         self._session, self._experiment, self._motion, self._setup, self._reporter = session, experiment, motion, setup, reporter
         self._cancellation: Cancellation | None = None
+        self._following: FollowingSetUp | None = None
         self._is_inside = setup.is_inside
         self._without: frozenset[Part] = frozenset()
         self._filters = setup.filters
@@ -188,15 +219,64 @@ class _ExperimentRuns:
         if setup.is_cancelled:
             with_notch = setup.filters == "notch"
             cancellation = cancellation_on(session, setup.cancel_with, motion, with_notch=with_notch)
-            choice = choose(
-                session, cancellation, motion, with_notch=with_notch, shows_filter=setup.shows_filter, reporter=self._reporter
-            )
+            is_shaped = treatment(self._experiment.treatment).shaper is not None
+            try:
+                choice = choose(
+                    session, cancellation, motion, with_notch=with_notch, is_shaped=is_shaped, shows_filter=setup.shows_filter,
+                    reporter=self._reporter,
+                )  # fmt: skip
+            except NotPossibleError as error:
+                raise NotPossibleError(f"{self._experiment.treatment}: {error}") from None
             self._accept(choice)
             self._cancellation = choice.cancellation
+            if setup.follows and choice.cancellation is not None:
+                self._try_following(following_of(session.bench, setup.cancel_with, choice.cancellation, motion))
         elif setup.is_inside:
             choice = choose_inside(session, setup.cancel_with, motion, reporter=self._reporter)
             self._accept(choice)
             self._is_inside, self._without = choice.refusal is None, choice.verification.left_out
+        elif setup.is_designed:
+            self._try_filters()
+
+    def _try_following(self, following: FollowingSetUp) -> None:
+        """Try what follows beside what has passed; where the tip is louder with it, the cancellation alone is used."""
+        cancellation = following.cancellation
+
+        def run(follows: bool) -> FollowRun:
+            self._session.check_interrupt()
+            adder = (following if follows else following.listening()).adder()
+            result = self._session.run(
+                self._motion, self._filters, self._experiment.loop, adder, shows_filter=self._setup.shows_filter
+            )
+            if result.stopped is not None:
+                raise result.stopped
+            return FollowRun(result.recording, adder.watched())
+
+        bench = self._session.bench
+        scale = cancellation.scale or vibration_scale(bench, self._motion.axes)
+        entry, begins = try_following(bench, scale, run, self._reporter)
+        self._following = following.beginning(begins) if entry.is_used else None
+        self.trial = replace(self.trial, following=entry)
+
+    def _try_filters(self) -> None:
+        """Try designed filters; where they raise the tip's peak, the runs are made without. An axis without f_al is not tried."""
+
+        def run(acts: bool) -> Recording:
+            self._session.check_interrupt()
+            result = self._session.run(
+                self._motion, self._filters if acts else "none", self._experiment.loop, shows_filter=self._setup.shows_filter
+            )
+            if result.stopped is not None:
+                raise result.stopped
+            return result.recording
+
+        bench, axis = self._session.bench, self._experiment.axis
+        scale = line_scale(bench) if axis is None else axis_scale(bench, axis)
+        if scale is None:
+            return
+        trial = try_filters(bench, scale, run, self._reporter)
+        self._filters = self._filters if trial.is_good else "none"
+        self.trial = TrialVerdict(refusal=trial.words or None, filters=trial)
 
     def _accept(self, choice: Choice) -> None:
         refusal = None if choice.refusal is None else str(choice.refusal)
@@ -205,15 +285,26 @@ class _ExperimentRuns:
     def _run(self) -> RunResult:
         """Make one run."""
         setup, motion = self._setup, self._motion
-        adder = None if self._cancellation is None else self._cancellation.adder()
+        follower = None if self._following is None else self._following.adder()
+        plain = None if self._cancellation is None or follower is not None else self._cancellation.adder()
         if self._is_inside:
             cancel_inside(self._session, setup.cancel_with, motion.axes, without=self._without)
-        return self._session.run(
-            motion, self._filters, self._experiment.loop, adder, setup.fixed, shows_filter=setup.shows_filter
+        result = self._session.run(
+            motion, self._filters, self._experiment.loop, follower or plain, setup.fixed, shows_filter=setup.shows_filter
         )
+        if follower is not None and self.trial.following is not None:
+            entry = self.trial.following.model_copy(update={"orders": follower.followed()})
+            self.trial = replace(self.trial, following=entry)
+        return result
 
 
-def _enter(measurement: Measurement[ExperimentsResult], judge: RunJudge, experiment: Experiment, runs: _ExperimentRuns) -> None:
+def _enter(
+    measurement: Measurement[ExperimentsResult],
+    judge: RunJudge,
+    experiment: Experiment,
+    runs: _ExperimentRuns,
+    shaper: ShaperEntry | None,
+) -> None:
     """Save the runs of an experiment, and enter them into the result.
 
     Raises:
@@ -221,7 +312,8 @@ def _enter(measurement: Measurement[ExperimentsResult], judge: RunJudge, experim
     """
     result = measurement.result
     one, path = _keep(measurement, runs.results, experiment.file_name)
-    result.runs += entries(judge.bench, experiment, one, path, runs.trial, runs.count, judge)
+    made = entries(judge.bench, experiment, one, path, runs.trial, runs.count, judge)
+    result.runs += made if shaper is None else [entry.model_copy(update={"shaper": shaper}) for entry in made]
     result.comparisons = comparisons(result.runs)
     if one.stopped is not None:
         raise one.stopped
@@ -265,7 +357,10 @@ def check_band(bench: Bench, experiment: Experiment, motion: Motion) -> None:
         NotPossibleError: The period is too long.
     """
     scale = line_scale(bench) if experiment.axis is None else axis_scale(bench, experiment.axis)
-    if scale is None or 0.5 / motion.period_s > scale.band_hz[1]:
+    if scale is None:
         return
-    what, top_hz = f"{experiment.title} at a SYNC period of {1e3 * motion.period_s:g} ms", scale.band_hz[1]
-    raise NotPossibleError(f"{what}: vibrations up to {top_hz:.3g} Hz need less than {500.0 / top_hz:.3g} ms")
+    try:
+        shown_band(motion.period_s, scale.band_hz)
+    except ValueError as error:
+        what = f"{experiment.title} at a SYNC period of {1e3 * motion.period_s:g} ms"
+        raise NotPossibleError(f"{what}: {error}: shorten sync_period_s in the bench file") from error

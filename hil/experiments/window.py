@@ -10,22 +10,30 @@ from hil.analysis import (
     BRAKING_S,
     Metrics,
     TipScale,
+    amplitude_spectrum,
+    area,
     constant_acceleration_metrics,
     line_motion_metrics,
     motor_speed_rps,
+    peak_of,
+    ramp_rows,
+    shown_band,
+    speed_window,
 )
 from hil.bench.bench import Bench
+from hil.bench.tip import AT_RANGE
+from hil.design.frequency import Complex
+from hil.design.modes.ring_down import RingDown, ring_down
 from hil.design.order_map import order_track
 from hil.experiments.judge import FoundScale
 from hil.master.motion import RunResult
-from hil.recording import Recording
+from hil.recording import SENSED, TIP, Recording
+from hil.tip_vector import displacement_mm, noise_rms_mm, steady_window_s, tip_acceleration, vector_metrics
 
 Real = NDArray[np.float64]
 
 MAX_SENSOR_MISSED = 0.005
-"""Fraction of a motion's cycles that may lack the accelerometer; beyond it the run is not judged."""
-AT_RANGE = 0.998
-"""Fraction of its range from which a sensor counts as saturated: a step of its resolution below."""
+"""Fraction of a motion's cycles that may lack what tells the tip; beyond it the run is not judged."""
 NOISE_PEAK = 2.5
 """Largest value of a band's noise in a window, in units of its root mean square: that of a dozen independent samples."""
 MAX_LATE = 0.005
@@ -60,7 +68,7 @@ def judged_window(bench: Bench, axis: int | None, result: RunResult, order: int 
     if result.stopped is not None:
         return JudgedWindow()
     try:
-        _check_cycles(result)
+        _check_cycles(bench, result)
         check_range(bench, result.recording)
         metrics = _metrics(bench, axis, result.recording, order, found)
     except ValueError as error:
@@ -70,6 +78,58 @@ def judged_window(bench: Bench, axis: int | None, result: RunResult, order: int 
     if found.doubt is not None:
         return JudgedWindow(metrics, invalid=found.doubt)
     return _verdict(metrics, metrics.tip_peak_mm, bench.specification.tip_mm, found)
+
+
+@dataclass(frozen=True)
+class JudgedStop:
+    """What rings after a stop, and the verdict on it; without a ring-down there is none."""
+
+    window: JudgedWindow
+    ringing: RingDown | None = None
+
+
+def judged_stop(bench: Bench, axis: int, result: RunResult, found: FoundScale, rates: Complex) -> JudgedStop:
+    """Verdict on a stop: by the displacement of the tip with which the arm rings where the set-points stand still.
+
+    Args:
+        bench: The bench file.
+        axis: The axis that has moved.
+        result: Result of the run.
+        found: Scale of the axis.
+        rates: Rates of its closed loop.
+    """
+    if result.stopped is not None:
+        return JudgedStop(JudgedWindow())
+    recording = result.recording
+    try:
+        _check_cycles(bench, result)
+        check_range(bench, recording)
+        if found.scale is None:
+            raise ValueError(found.words)
+        tip = recording.felt_m_s2[stop_row(recording, axis) :]
+        ringing = ring_down(tip, recording.period_s, rates)
+    except ValueError as error:
+        return JudgedStop(JudgedWindow(invalid=str(error)))
+    frequency, amplitude = amplitude_spectrum(ringing.wave_m_s2, recording.period_s, "boxcar")
+    peak, peak_hz = peak_of(frequency, amplitude, found.scale.peak_band_hz)
+    covered = area(frequency, amplitude, shown_band(recording.period_s, found.scale.band_hz))
+    metrics = Metrics(ringing.largest_mm, ringing.rms_mm, peak, peak_hz, covered, noise_mm=NOISE_PEAK * ringing.largest_error_mm)
+    if found.doubt is not None:
+        return JudgedStop(JudgedWindow(metrics, invalid=found.doubt), ringing)
+    return JudgedStop(_verdict(metrics, ringing.largest_mm, bench.specification.tip_mm, found), ringing)
+
+
+def stop_row(recording: Recording, axis: int) -> int:
+    """The row of a recording at which an axis' set-points have come to rest: the drive reaches a set-point one cycle later.
+
+    Raises:
+        ValueError: They move up to the end, or not at all.
+    """
+    reference = recording.axis(axis, "reference_rad")
+    moving = np.flatnonzero(reference != reference[-1])
+    if not len(moving) or moving[-1] + 2 >= len(reference):
+        raise ValueError("the set-points do not come to rest: nothing is seen after a stop")
+    return int(moving[-1]) + 2
 
 
 def _verdict(metrics: Metrics, peak_mm: float, limit_mm: float, found: FoundScale) -> JudgedWindow:
@@ -89,7 +149,7 @@ def _verdict(metrics: Metrics, peak_mm: float, limit_mm: float, found: FoundScal
     return JudgedWindow(metrics, is_within=bool(peak_mm <= limit_mm))
 
 
-def _check_cycles(result: RunResult) -> None:
+def _check_cycles(bench: Bench, result: RunResult) -> None:
     """Refuse a run that lacks too many answers.
 
     Raises:
@@ -101,19 +161,21 @@ def _check_cycles(result: RunResult) -> None:
             f"lack an answer, more than {100.0 * MAX_LATE:g} %; docs/realtime.md"
         )
     if result.sensor_missed > MAX_SENSOR_MISSED * result.cycles:
-        raise ValueError(f"the accelerometer was missing in {result.sensor_missed} of {result.cycles} cycles")
+        raise ValueError(f"the {bench.accelerometer.title} was missing in {result.sensor_missed} of {result.cycles} cycles")
 
 
 def check_range(bench: Bench, recording: Recording) -> None:
-    """Refuse a recording in which the accelerometer was at the end of its range.
+    """Refuse a recording in which the accelerometer was at the end of its range, or is not believed.
 
     Raises:
-        ValueError: The accelerometer was there; the message has the number of samples.
+        ValueError: It was, or is not; the message has the number of samples, or the reason.
     """
+    if recording.doubt is not None:
+        raise ValueError(recording.doubt)
     limit = bench.accelerometer.range_m_s2
     if limit is None:
         return
-    for name in ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2"):
+    for name in SENSED if SENSED[0] in recording.columns else TIP:
         values = np.abs(recording.columns[name])
         count = int(np.count_nonzero(values >= AT_RANGE * limit))
         if count:
@@ -124,24 +186,56 @@ def check_range(bench: Bench, recording: Recording) -> None:
 
 
 def _metrics(bench: Bench, axis: int | None, recording: Recording, order: int | None, found: FoundScale) -> Metrics:
+    metrics = _one_direction(bench, axis, recording, order, found)
+    return metrics if bench.arm is None else _with_vector(bench, metrics, recording, axis, order, found.scale)
+
+
+def _with_vector(
+    bench: Bench, metrics: Metrics, recording: Recording, axis: int | None, order: int | None, scale: TipScale | None
+) -> Metrics:
+    """Metrics of the tip as a vector: those of the worst direction, and those of all beside them."""
+    acceleration, period = tip_acceleration(recording), recording.period_s
+    judged = moving = np.ones(len(acceleration), dtype=np.bool_)
+    line = bench.line_motion
+    if axis is not None and order is not None and scale is not None:
+        judged = moving = speed_window(recording, axis, scale.windows_rps[order])
+    elif line is not None:
+        since = recording.time_s - line.dwell_s
+        begin, end = steady_window_s(line.duration_s, line.ramp_s)
+        judged, moving = (since >= begin) & (since <= end), (since >= 0.0) & (since <= line.duration_s)
+    directions = vector_metrics(acceleration, period, judged, moving, "boxcar" if axis is None else "hann", scale)
+    worst, ramp_mm, noise_mm = directions["worst"], None, None
+    if scale is not None:
+        noise_mm = NOISE_PEAK * noise_rms_mm([noise_variance(column) for column in acceleration.T], period, scale.band_hz)
+        if axis is not None:
+            moved = np.linalg.norm(displacement_mm(acceleration, period, scale.band_hz), axis=1)
+            ramp_mm = float(np.max(moved[ramp_rows(recording, axis) | judged]))
+    return replace(
+        metrics, tip_peak_mm=worst.tip_peak_mm, tip_rms_mm=worst.tip_rms_mm, spectrum_peak_m_s2=worst.spectrum_peak_m_s2,
+        spectrum_peak_hz=worst.spectrum_peak_hz, spectrum_area=worst.spectrum_area, ramp_peak_mm=ramp_mm, noise_mm=noise_mm,
+        directions=directions,
+    )  # fmt: skip
+
+
+def _one_direction(bench: Bench, axis: int | None, recording: Recording, order: int | None, found: FoundScale) -> Metrics:
     if axis is not None and order is not None:
         if found.scale is None:
             raise ValueError(found.words)
         metrics = constant_acceleration_metrics(recording, axis, order, found.scale)
-        return replace(metrics, **_order_and_noise_mm(recording, axis, order, found.scale))
+        return _with_order_and_noise(metrics, recording, axis, order, found.scale)
     line = bench.line_motion
     assert line is not None  # noqa: S101 - the motion was made from it
     return line_motion_metrics(recording, line.dwell_s, line.duration_s, found.scale)
 
 
-def _order_and_noise_mm(recording: Recording, axis: int, order: int, scale: TipScale) -> dict[str, float]:
-    """Amplitude of an order where it is largest in its window with its standard error, and the peak of noise alone, in mm.
+def _with_order_and_noise(metrics: Metrics, recording: Recording, axis: int, order: int, scale: TipScale) -> Metrics:
+    """Metrics with an order's amplitude where it is largest in its window, its standard error, and the peak of noise alone.
 
     No amplitude where the motor makes too few turns in the window for an order to be told from its neighbours.
     """
-    tip, to_mm = recording.columns["tip_z_m_s2"], 1e3 / (2.0 * math.pi * scale.f_al_hz) ** 2
+    tip, to_mm = recording.felt_m_s2, 1e3 / (2.0 * math.pi * scale.f_al_hz) ** 2
     passed = min(1.0, 2.0 * recording.period_s * (scale.band_hz[1] - scale.band_hz[0]))
-    found = {"noise_mm": to_mm * NOISE_PEAK * math.sqrt(passed * noise_variance(tip))}
+    found = replace(metrics, noise_mm=to_mm * NOISE_PEAK * math.sqrt(passed * noise_variance(tip)))
     end = max(0, int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) - round(BRAKING_S / recording.period_s))
     orders = tuple(scale.windows_rps)
     try:
@@ -151,11 +245,11 @@ def _order_and_noise_mm(recording: Recording, axis: int, order: int, scale: TipS
     (low, high), column = scale.windows_rps[order], orders.index(order)
     is_inside = (track.speed_rps >= low) & (track.speed_rps <= high)
     rows = np.flatnonzero(is_inside & np.isfinite(track.standard_error[:, column]))
-    if len(rows):
-        at = rows[int(np.argmax(track.amplitude[rows, column]))]
-        found["order_mm"] = to_mm * float(track.amplitude[at, column])
-        found["order_error_mm"] = to_mm * float(track.standard_error[at, column])
-    return found
+    if not len(rows):
+        return found
+    at = rows[int(np.argmax(track.amplitude[rows, column]))]
+    order_mm, error_mm = to_mm * float(track.amplitude[at, column]), to_mm * float(track.standard_error[at, column])
+    return replace(found, order_mm=order_mm, order_error_mm=error_mm)
 
 
 def noise_variance(values: Real) -> float:

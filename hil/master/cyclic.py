@@ -2,18 +2,21 @@
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drive_profiles.standard.cia402 import Mode
+from hil.can.clock import MAX_RECORDS
 from hil.can.frame import Frame
 from hil.master.drive import mapping
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.pdo import PdoSet
+from hil.master.joint_encoder import JointEncoder
 from hil.master.lateness import CycleSchedule
 from hil.master.network import SYNC, Network
 from hil.master.realtime import Clock, MonotonicClock
-from hil.master.sensor import Taker, TipAccelerometer
+from hil.master.sensor import JointsOnly, Taker, TipAccelerometer
+from hil.master.whole_cycle import WholeCycle
 
 POSITION_COMMAND = struct.Struct("<Hi")
 TORQUE_COMMAND = struct.Struct("<Hh")
@@ -72,6 +75,14 @@ class Slot:
             return Frame(self._command_id, packer.pack(self.control_word, self.target, self.torque_offset))
         return Frame(self._command_id, packer.pack(self.control_word, self.target))
 
+    def command_into(self, buffer: bytearray, place: int) -> None:
+        """Write the data of this cycle's RPDO to a place."""
+        packer = self._packer
+        if packer is OFFSET_COMMAND:
+            packer.pack_into(buffer, place, self.control_word, self.target, self.torque_offset)
+        else:
+            packer.pack_into(buffer, place, self.control_word, self.target)
+
     def take_feedback(self, data: bytes) -> bool:
         """Unpack the first TPDO; False where its length is wrong."""
         if len(data) != _FEEDBACK.size:
@@ -103,11 +114,13 @@ class CyclicExchange:
 
     Attributes:
         slots: Process data, one slot per axis that takes part, in their order.
+        encoders: Second encoders of the axes that take part, in their order, then those of axes that only watch.
+        watched: The axes that only watch.
         sensor: The accelerometer.
         with_torque_offset: True where a torque offset is sent beside each position set-point.
         with_notch_state: True where the drives send the state of their first filter.
         missing_answers: Answers that did not come in the last cycle.
-        sensor_missed: Cycles without a measurement of the accelerometer.
+        sensor_missed: Cycles without a measurement of what tells the tip: the accelerometer, or all encoders of the joints.
         missed_cycles: Cycles in which an answer did not come in time.
         cycles: Cycles since the start.
         was_dropped: True where the last cycle was too late to be sent; the slots then hold the data of the one before.
@@ -124,6 +137,7 @@ class CyclicExchange:
         mode: Mode,
         with_notch_state: bool,
         with_torque_offset: bool = False,
+        watched: Sequence[DriveAxis] = (),
         clock: Clock | None = None,
         max_lateness_s: float | None = None,
     ) -> None:
@@ -137,6 +151,7 @@ class CyclicExchange:
             mode: CSP (position set-points) or CST (torque set-points).
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             with_torque_offset: Send a torque offset beside each position set-point.
+            watched: Axes that do not take part, but whose second encoders do: braked, they swing on their gears.
             clock: The master's clock; the monotonic clock unless it is given.
             max_lateness_s: Largest lateness at which a cycle is still sent in wall-clock time; half the period unless given.
         """
@@ -144,6 +159,8 @@ class CyclicExchange:
         self.period_s = period_s
         self.mode = mode
         self.slots = [Slot(axis) for axis in axes]
+        self.watched = tuple(watched)
+        self.encoders = [JointEncoder(axis) for axis in (*axes, *watched) if axis.table.load_encoder is not None]
         self.sensor = sensor
         self.with_torque_offset = with_torque_offset and mode is Mode.CSP
         self.missing_answers = 0
@@ -161,6 +178,8 @@ class CyclicExchange:
         self._order: list[int] = []
         self._may_be_behind = False
         self._takers: Mapping[int, Taker] = {}
+        self._whole: WholeCycle | None = None
+        self._has_all = False
 
     @property
     def tells_filter(self) -> bool:
@@ -182,14 +201,27 @@ class CyclicExchange:
             if state:
                 slot.notch_id = pdos.tpdo(2, state)
                 takers[slot.notch_id] = slot.take_notch
-            else:
+            encoder = next((each for each in self.encoders if each.axis is slot.axis), None)
+            if encoder is not None:
+                encoder.configure(pdos, with_notch_state=self.with_notch_state)
+            elif not state:
                 pdos.silence(0x1801)
+        for encoder in (each for each in self.encoders if each.axis in self.watched):
+            pdos = PdoSet(self.network, encoder.axis.node)
+            self._sets.append(pdos)
+            for communication in (0x1800, 0x1801):
+                pdos.silence(communication)
+            encoder.configure(pdos, with_notch_state=self.with_notch_state)
+        takers |= {encoder.can_id: encoder.take for encoder in self.encoders}
+        if isinstance(self.sensor, JointsOnly):
+            self.sensor.can_ids = frozenset(encoder.can_id for encoder in self.encoders)
         self.expect({**takers, **self.sensor.configure()})
 
     def expect(self, takers: Mapping[int, Taker]) -> None:
         """Await these identifiers with every SYNC, and give their data to those who take them."""
         self._takers = takers
         self._expected, self._order = frozenset(takers), sorted(takers)
+        self._whole = WholeCycle(self.slots, takers, _FEEDBACK, SYNC) if len(self.slots) < MAX_RECORDS else None
 
     def restore(self, nodes: set[int]) -> list[str]:
         """Give the sensor and these nodes their former PDOs back; return the refusals in words."""
@@ -218,8 +250,17 @@ class CyclicExchange:
 
     def _exchange_in_lock_step(self) -> None:
         network = self.network
-        network.sync_with([slot.command() for slot in self.slots])
-        frames = network.receive_all(network.timeout_s)
+        if self._whole is not None and not self._may_be_behind and network.takes_messages:
+            answer = network.cycle_in_messages(self._whole.command())
+            missing = self._whole.take(answer)
+            if missing is not None:
+                network.log_message(answer)
+                self._count(missing)
+                return
+            frames = network.frames_of(answer)
+        else:
+            network.sync_with([slot.command() for slot in self.slots])
+            frames = network.receive_all(network.timeout_s)
         if not self._may_be_behind and self._take_whole(frames):
             return
         pending = set(self._expected)
@@ -309,16 +350,22 @@ class CyclicExchange:
 
     def _count(self, pending: set[int]) -> None:
         self.cycles += 1
-        if pending:
-            self.missed_cycles += 1
-        for slot in self.slots:
-            slot.missing = slot.missing + 1 if slot.feedback_id in pending else 0
-        self.missing_answers = len(pending)
+        if pending or not self._has_all:
+            self.missed_cycles += bool(pending)
+            for slot in self.slots:
+                slot.missing = slot.missing + 1 if slot.feedback_id in pending else 0
+            for encoder in self.encoders:
+                encoder.has_answered = encoder.can_id not in pending
+            self.missing_answers = len(pending)
+            self._has_all = not pending
         self.sensor_missed += not self.sensor.has_measured(pending, self._sync_s)
 
     def _count_dropped(self) -> None:
         """Count a dropped cycle: no drive owes an answer to it, and the slots hold data of an older one."""
         self.cycles += 1
+        self._has_all = False
         self.missing_answers = len(self._expected)
         self.sensor_missed += 1
+        for encoder in self.encoders:
+            encoder.has_answered = False
         self.schedule.count_bits()

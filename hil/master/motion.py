@@ -25,10 +25,12 @@ class Motion:
     Attributes:
         axes: Axis numbers, in the order of the columns.
         time_s: Time from 0, one row per SYNC; shape (n,).
-        motor_angle_rad: Motor angles relative to the start of each axis; shape (n, axes).
-        starts_at_home: True for a motion of the tool, which begins where all motor angles are zero; else each axis begins where
-            it stands.
+        motor_angle_rad: Motor angles relative to the start of each axis; shape (n, axes). The axes are brought to the first row
+            before anything is recorded.
+        starts_at_home: True for a motion of the tool, whose angles count from where all motor angles are zero; else they count
+            from where each axis stands.
         torque_offset_nm: Torque added in the loop that the drive closes (60B2h), shape (n, axes); None: it is not mapped.
+        returns: False for a way to somewhere: the axes stay where it ends.
     """
 
     axes: tuple[int, ...]
@@ -36,6 +38,7 @@ class Motion:
     motor_angle_rad: Real
     starts_at_home: bool
     torque_offset_nm: Real | None = None
+    returns: bool = True
 
     @property
     def period_s(self) -> float:
@@ -51,7 +54,7 @@ class RunResult:
         recording: Data that the master received; shorter than the motion where the run was stopped.
         cycles: Number of SYNCs in the motion.
         missed_cycles: Cycles of the motion in which an answer did not come.
-        sensor_missed: Cycles of the motion without the accelerometer.
+        sensor_missed: Cycles of the motion without what tells the tip: the accelerometer, or all encoders of the joints.
         wall_s: Duration of the whole run, set-up, settling, return and restoration included.
         motion_s: Duration of the motion in the bench's time.
         control_period_s: Sampling time of the loop.

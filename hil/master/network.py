@@ -13,9 +13,10 @@ from drive_profiles.standard.cia301 import DataType, FunctionCode, NmtCommand, d
 from hil.can.channel import Channel
 from hil.can.errors_frame import decode as decode_error
 from hil.can.frame import CAN_ERR_FLAG, Frame
+from hil.can.raw import RawChannel
 from hil.errors import NoAnswerError, ReadBackError, SdoAbortedError
 from hil.master.realtime import Clock, MonotonicClock
-from hil.recording import BusLog, LoggedFrame
+from hil.recording import BusLog, LoggedFrame, LoggedMessage
 
 SYNC = Frame(FunctionCode.SYNC, b"")
 MAX_EVENTS = 256
@@ -103,6 +104,7 @@ class Network:
     def __init__(self, channel: Channel, log: BusLog, timeout_s: float, period_s: float, clock: Clock | None = None) -> None:
         """Join the bus; nothing is sent."""
         self.channel = channel
+        self._raw = channel if isinstance(channel, RawChannel) else None
         self.log = log
         self.timeout_s = timeout_s
         self.period_s = period_s
@@ -143,6 +145,36 @@ class Network:
             for can_id, data in together:
                 self.log.add(LoggedFrame(now, can_id, data, False))
         self._lock_step_s += self.period_s
+
+    @property
+    def takes_messages(self) -> bool:
+        """True where a cycle crosses in one message each way: see `cycle_in_messages`."""
+        return self._raw is not None and self._raw.takes_messages
+
+    def cycle_in_messages(self, command: bytes) -> bytes:
+        """Send the records of a cycle, of which the last is SYNC; return those of the next message, empty when none came in time.
+
+        The answer is not logged yet: either `log_message` or `frames_of` is next.
+        """
+        if self._raw is None:
+            raise TypeError(f"{type(self.channel).__name__} takes no messages")
+        self._raw.send_message(command)
+        if self.log.is_on:
+            self.log.add_message(LoggedMessage(self._lock_step_s, command, is_received=False))
+        self._lock_step_s += self.period_s
+        return self._raw.receive_message(self.timeout_s)
+
+    def log_message(self, message: bytes) -> None:
+        """Log a message of `cycle_in_messages` that was taken as it is."""
+        if self.log.is_on:
+            self.log.add_message(LoggedMessage(self._lock_step_s, message, is_received=True))
+
+    def frames_of(self, message: bytes) -> list[Frame]:
+        """The frames of a message of `cycle_in_messages`, logged, as `receive_all` gives them."""
+        if self._raw is None or not message:
+            return []
+        self._raw.put_back(message)
+        return self.receive_all(self.timeout_s)
 
     def pass_cycle(self) -> None:
         """Count a cycle of a lock-step bus that needed no frames."""

@@ -8,7 +8,7 @@ from hil.errors import HilError
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED
 from hil.master.cyclic import CyclicExchange
 from hil.master.drive.axis import DriveAxis
-from hil.master.drive.needs import MissingObjectsError, ProfileGapsError, objects_needed, profile_gaps
+from hil.master.drive.needs import MissingObjectsError, ProfileGapsError, encoder_objects, objects_needed, profile_gaps
 from hil.master.network import Network
 from hil.master.supervision import Supervisor
 
@@ -51,6 +51,9 @@ class NodeSetup:
                 axis.table, axis.profile, exchange.mode, with_notch_state=exchange.with_notch_state,
                 with_torque_offset=exchange.with_torque_offset,
             )  # fmt: skip
+            missing.append((axis.number, axis.node, axis.snapshot.look(needs)))
+        for axis in exchange.watched:
+            needs = encoder_objects(axis.table, axis.profile, with_notch_state=exchange.with_notch_state)
             missing.append((axis.number, axis.node, axis.snapshot.look(needs)))
         if any(absent for _, _, absent in missing):
             raise MissingObjectsError([each for each in missing if each[2]])
@@ -102,8 +105,8 @@ class NodeSetup:
         return not_restored
 
     def _nodes(self, axes: list[DriveAxis]) -> list[int]:
-        """Nodes of these axes and of the sensor."""
-        return [*(axis.node for axis in axes), *self._exchange.sensor.nodes]
+        """Nodes of these axes, of those that only watch, and of the sensor."""
+        return [*(axis.node for axis in (*axes, *self._exchange.watched)), *self._exchange.sensor.nodes]
 
     def _is_disabled(self, axis: DriveAxis) -> bool:
         """True where a drive confirms by SDO that it is out of operation; otherwise the command is sent once more."""

@@ -22,7 +22,7 @@ from hil.master.guard import AxisGuard
 from hil.master.lateness import duration_text
 from hil.master.motion import Motion
 from hil.master.run_table import RunTable
-from hil.master.set_point_adder import SetPointAdder
+from hil.master.set_point_adder import Sensed, SensingAdder, SetPointAdder
 from hil.master.supervision import Supervisor
 from hil.recording import Recording
 
@@ -32,6 +32,8 @@ STOP_TIMEOUT_S = 2.0
 APPROACH_RAMP_S = 0.5
 REST_S = 0.1
 """Standstill of the axes before their brakes close."""
+ADDED_UP_TO = 0.99
+"""Fraction of an axis' speed limit up to which set-points with additions go: a drive rounds to its counts."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class Run:
         progress: Called with the fraction of the motion that is done.
         table: Rows that are recorded.
         missed: Cycles of the motion in which an answer did not come.
-        sensor_missed: Cycles of the motion without the accelerometer.
+        sensor_missed: Cycles of the motion without what tells the tip.
         dropped: Cycles of the motion whose set-points were not sent in time.
     """
 
@@ -93,10 +95,12 @@ class Run:
         self.missed = 0
         self.sensor_missed = 0
         self.dropped = 0
-        self.table = RunTable(len(motion.time_s), len(axes))
+        self.table = RunTable(len(motion.time_s), len(axes), len(exchange.encoders))
         self._guards = [AxisGuard(axis.number, axis.table, limits.missing_limit, self.period_s) for axis in axes]
         self._holding: dict[int, float] = {}
         self._trusted = [0] * len(axes)
+        self._sent_rad: list[float] = []
+        self._listener, self._sensor_missed = adder if isinstance(adder, SensingAdder) else None, 0
         self._bus_errors = Counter(supervisor.network.bus_errors)
 
     # -- the sequence --------------------------------------------------------------------------------------------------
@@ -106,12 +110,13 @@ class Run:
         try:
             self.enable()
             here = [slot.position_rad for slot in self.exchange.slots]
-            self._move(here, self.starts)
-            self._hold(self.starts, self.limits.settle_s)
+            first, end = self._at(0), self._at(-1)
+            self._move(here, first)
+            self._hold(first, self.limits.settle_s)
             self._record()
-            end = [start + float(angle) for start, angle in zip(self.starts, self.motion.motor_angle_rad[-1], strict=True)]
-            self._move(end, self.starts)
-            self._hold(self.starts, REST_S)
+            last = list(self.starts) if self.motion.returns else end
+            self._move(end, last)
+            self._hold(last, REST_S)
             if not self.disable(SHUTDOWN):
                 return self.stop("not every drive has confirmed that it is disabled")
         except StopRun as stop:
@@ -122,6 +127,10 @@ class Run:
             self.stop("an error in the master")  # whatever it is: the axes come to rest before anyone hears of it
             raise
         return None
+
+    def _at(self, row: int) -> list[float]:
+        """Motor angles in a row of the motion."""
+        return [start + float(angle) for start, angle in zip(self.starts, self.motion.motor_angle_rad[row], strict=True)]
 
     def enable(self) -> None:
         """Step all drives together to switched on, then to operation enabled, each by its own control words.
@@ -229,8 +238,10 @@ class Run:
         offsets = motion.torque_offset_nm
         torques = [0.0] * len(slots) if offsets is None or row is None else offsets[row].tolist()
         if self.adder is not None:
-            deltas, more = self.adder.step(references, [slot.position_rad for slot in slots])
-            references = [reference + delta for reference, delta in zip(references, deltas, strict=True)]
+            self._tell(row)
+            positions, felt = [slot.position_rad for slot in slots], [slot.torque_nm for slot in slots]
+            deltas, more = self.adder.step(references, positions, felt)
+            references = self._within_speed([reference + delta for reference, delta in zip(references, deltas, strict=True)])
             torques = [torque + added for torque, added in zip(torques, more, strict=True)]
         for slot, reference, torque in zip(slots, references, torques, strict=True):
             slot.target = slot.axis.scaling.position_counts(reference)
@@ -239,6 +250,30 @@ class Run:
                 if not abs(torque) <= limit:
                     raise StopRun(f"axis {slot.axis.number}: a torque offset of {torque:.3g} N·m, the limit is {limit:g} N·m")
                 slot.torque_offset = slot.axis.scaling.torque_per_mille(torque)
+
+    def _tell(self, row: int | None) -> None:
+        """Tell an adder that listens what the last cycle has brought."""
+        if self._listener is None:
+            return
+        missed, exchange = self._sensor_missed, self.exchange
+        self._sensor_missed = exchange.sensor_missed
+        has_measured = exchange.cycles > 0 and exchange.sensor_missed == missed
+        has_turned = exchange.cycles > 0 and exchange.encoders and all(each.has_answered for each in exchange.encoders)
+        load_rad = tuple(each.angle_rad for each in exchange.encoders) if has_turned else None
+        self._listener.sense(Sensed(exchange.sensor.acceleration_m_s2 if has_measured else None, row, load_rad))
+
+    def _within_speed(self, references: list[float]) -> list[float]:
+        """Set-points with additions, none of them faster than its axis may be: what is beyond that waits for the next cycle.
+
+        The motion has been checked, and the largest additions with it; but an angle that was measured some tenths of a
+        millisecond late, because the SYNC waited for another frame, makes a step of them.
+        """
+        if self._sent_rad:
+            steps = [ADDED_UP_TO * math.tau * slot.axis.table.limits.speed_rps * self.period_s for slot in self.exchange.slots]
+            bounds = zip(references, self._sent_rad, steps, strict=True)
+            references = [min(max(wanted, sent - step), sent + step) for wanted, sent, step in bounds]
+        self._sent_rad = references
+        return references
 
     def _discard_wild(self) -> None:
         """Ignore impossible positions: the last one stays, as if no answer had come."""
@@ -290,6 +325,7 @@ class Run:
         for i, slot in enumerate(exchange.slots):
             frequency = slot.notch_hz if bank is None else bank.notch_hz[i]
             values += (references[i], slot.position_rad, slot.torque_nm, frequency)
+        values += [encoder.angle_rad for encoder in exchange.encoders]
         self.table.keep(row, values)
 
     def _check(self, references: list[float]) -> None:
@@ -341,7 +377,8 @@ class Run:
     def recording(self) -> Recording:
         """The recorded rows; the filters' frequencies only where drives send them."""
         with_notch = self.exchange.tells_filter or self.bank is not None
-        return self.table.recording([axis.number for axis in self.axes], with_notch=with_notch)
+        encoders = [encoder.axis.number for encoder in self.exchange.encoders]
+        return self.table.recording([axis.number for axis in self.axes], with_notch=with_notch, encoders=encoders)
 
 
 class StopRun(Exception):  # noqa: N818 - it ends a run, which is no error of the program

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.recording import Recording
+from hil.recording import Real, Recording
 
 _COMMON, _PER_AXIS = 5, 4
 _AXIS_COLUMNS = ("reference_rad", "position_rad", "torque_nm", "notch_hz")
@@ -12,39 +12,52 @@ _TIP_COLUMNS = ("tip_x_m_s2", "tip_y_m_s2", "tip_z_m_s2", "missing")
 
 
 class RunTable:
-    """One row per SYNC of the motion: time, tip, missing answers, and four values of each axis.
+    """One row per SYNC of the motion: time, tip, missing answers, four values of each axis, and an angle of each joint's encoder.
 
     Args:
         length: Number of rows of the whole motion.
         axes: Number of axes.
+        encoders: Number of second encoders.
 
     Attributes:
         rows: Number of rows so far.
     """
 
-    def __init__(self, length: int, axes: int) -> None:
+    def __init__(self, length: int, axes: int, encoders: int = 0) -> None:
         self.rows = 0
         # written once, so that its pages are there before the motion needs them
-        self._values = np.full((length, _COMMON + _PER_AXIS * axes), 0.0)
+        self._values = np.full((length, _COMMON + _PER_AXIS * axes + encoders), 0.0)
 
     def keep(self, row: int, values: Sequence[float]) -> None:
-        """Keep a row: time, X, Y, Z, missing answers, then reference, position, torque and notch frequency of each axis."""
+        """Keep a row: time, X, Y, Z, missing answers; of each axis reference, position, torque, notch frequency; the encoders."""
         self._values[row] = values
         self.rows = row + 1
 
-    def recording(self, axes: Sequence[int], *, with_notch: bool) -> Recording:
+    def recording(self, axes: Sequence[int], *, with_notch: bool, encoders: Sequence[int] = ()) -> Recording:
         """The rows that are kept, as columns.
 
         Args:
             axes: Numbers of the axes.
             with_notch: True where the drives send notch frequencies; else these have no columns.
+            encoders: Numbers of the axes whose second encoders were kept.
         """
         table = self._values[: self.rows]
-        columns = {"time_s": table[:, 0]}
-        names = _AXIS_COLUMNS if with_notch else _AXIS_COLUMNS[:-1]
+        columns, behind = {"time_s": table[:, 0]}, _COMMON + _PER_AXIS * len(axes)
+        loads = {number: going_on(table[:, behind + i]) for i, number in enumerate(encoders)}
         for i, number in enumerate(axes):
-            for j, name in enumerate(names):
-                columns[f"axis{number}_{name}"] = table[:, _COMMON + _PER_AXIS * i + j]
+            for j, name in enumerate(_AXIS_COLUMNS):
+                if with_notch or name != "notch_hz":
+                    columns[f"axis{number}_{name}"] = table[:, _COMMON + _PER_AXIS * i + j]
+            if number in loads:
+                columns[f"axis{number}_load_rad"] = loads.pop(number)
+        columns |= {f"axis{number}_load_rad": angles for number, angles in loads.items()}
         for j, name in enumerate(_TIP_COLUMNS):
             columns[name] = table[:, 1 + j]
         return Recording(columns)
+
+
+def going_on(angles_rad: Real) -> Real:
+    """Angles of an encoder that begins anew with each turn, as one that does not; what is no number stays so; shape (n,)."""
+    result, known = np.array(angles_rad), np.isfinite(angles_rad)
+    result[known] = np.unwrap(result[known])
+    return result

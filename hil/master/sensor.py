@@ -1,20 +1,24 @@
 """The accelerometer at the tip in a run: a CANopen node, or a device on a serial port."""
 
+from __future__ import annotations
+
 import struct
 from collections.abc import Callable, Mapping, Set
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
-from hil.bench.bench import AccelerometerTable
+from hil.bench.sensors import AccelerometerTable
 from hil.errors import NodeError, NotPossibleError
 from hil.master.drive import mapping
 from hil.master.drive.axis import check_identity
 from hil.master.drive.pdo import PdoSet
-from hil.master.network import Network
 from hil.master.realtime import Clock
 from hil.sensor.accelerometer import AccelerometerReader
 from hil.sensor.framing import Vector
+
+if TYPE_CHECKING:
+    from hil.master.network import Network
 
 U8, U32 = DataType.UNSIGNED8, DataType.UNSIGNED32
 
@@ -193,12 +197,47 @@ class SerialSensor:
         self._reader.close()
 
 
+class JointsOnly:
+    """No sensor at the tip: encoders of the joints tell its acceleration once a motion is over (`hil.bench.load_encoder`).
+
+    Attributes:
+        acceleration_m_s2: Zeros: of a single cycle they tell none.
+        can_ids: Identifiers of the encoders' answers.
+    """
+
+    nodes: tuple[int, ...] = ()
+
+    def __init__(self) -> None:
+        self.acceleration_m_s2: Vector = (0.0, 0.0, 0.0)
+        self.can_ids: frozenset[int] = frozenset()
+
+    def open(self) -> None:
+        """Do nothing: nothing is there."""
+
+    def configure(self) -> Mapping[int, Taker]:
+        """Await no frames."""
+        return {}
+
+    def restore(self) -> list[str]:
+        """Do nothing: `configure` has changed nothing."""
+        return []
+
+    def has_measured(self, pending: Set[int], sync_s: float) -> bool:
+        """True where every encoder has answered."""
+        return self.can_ids.isdisjoint(pending)
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
 def sensor_of(table: AccelerometerTable, network: Network, clock: Clock) -> TipAccelerometer:
     """The accelerometer that a bench file names; nothing is sent or opened.
 
     Raises:
         NotPossibleError: The bench file names no accelerometer, or its profile is that of another device.
     """
+    if table.from_load_encoders:
+        return JointsOnly()
     profile = Profile.load(table.profile)
     if profile.kind != "accelerometer":
         raise NotPossibleError(f"profile {table.profile} is no accelerometer")

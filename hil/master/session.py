@@ -3,7 +3,7 @@
 import signal
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from types import FrameType
 from typing import Protocol, Self, runtime_checkable
@@ -11,6 +11,8 @@ from typing import Protocol, Self, runtime_checkable
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import Mode, Object, State, state_of
 from hil.bench.bench import Bench
+from hil.bench.load_encoder import watched_axes, with_load_encoders
+from hil.bench.tip import with_tip
 from hil.can.channel import Channel
 from hil.control.notch import FixedFilter
 from hil.errors import InterruptedRunError, NodeError, UnsafeRequestError
@@ -159,7 +161,7 @@ class Session:
             self.check_interrupt()
             if reset_faults:
                 check_identity(self.network, axis.node, axis.profile, axis.table.serial_number)
-                self._reset_fault(axis)
+                self.reset_fault(axis)
             try:
                 axis.identify()
             except MissingObjectsError as error:
@@ -168,7 +170,7 @@ class Session:
         if missing:
             raise MissingObjectsError(missing)
 
-    def _reset_fault(self, axis: DriveAxis) -> None:
+    def reset_fault(self, axis: DriveAxis) -> None:
         """Reset a fault by a rising edge of bit 7, by SDO; the drive goes no further than switch on disabled."""
         read = self.network.read
         if state_of(read(axis.node, Object.STATUS_WORD, 0, DataType.UNSIGNED16)) is State.FAULT:
@@ -221,7 +223,7 @@ class Session:
         request = RunRequest(motion, filters, loop, adder, fixed or {}, shows_filter)
         self.network.period_s = motion.period_s
         axes = [self.axes[number] for number in motion.axes]
-        run = self._planned(request, axes)
+        run, standing_rad = self._planned(request, axes), self._standing_rad(motion)
         control_period_s = axes[0].control_period_s() if loop == "drive" else motion.period_s
         timing = None
         with ExitStack() as context:
@@ -234,7 +236,7 @@ class Session:
         wall_s = self.clock.now() - began_s
         self.log.write()
         return RunResult(
-            recording=run.recording(),
+            recording=with_tip(self.bench, with_load_encoders(self.bench, run.recording(), standing_rad), standing_rad),
             cycles=run.table.rows,
             missed_cycles=run.missed,
             sensor_missed=run.sensor_missed,
@@ -248,6 +250,12 @@ class Session:
             discarded=run.discarded,
         )
 
+    def _standing_rad(self, motion: Motion) -> dict[int, float]:
+        """Motor angles of the axes that a motion leaves where they are, on a bench with an arm: they too turn the sensor."""
+        if self.bench.arm is None:
+            return {}
+        return {number: axis.position_rad() for number, axis in self.axes.items() if number not in motion.axes}
+
     def _planned(self, request: RunRequest, axes: list[DriveAxis]) -> Run:
         """The run of a request, after all checks; nodes have been read, but nothing written."""
         request.check(axes)
@@ -260,6 +268,7 @@ class Session:
             request.mode,
             with_notch_state=request.shows_filter and request.filters_in_drives,
             with_torque_offset=request.uses_torque_offset,
+            watched=[self.axes[number] for number in watched_axes(self.bench, motion.axes)],
         )
         starts = [0.0 if motion.starts_at_home else axis.position_rad() for axis in axes]
         check_motion(motion, axes, starts)
@@ -278,6 +287,7 @@ class Session:
         *,
         with_notch_state: bool = False,
         with_torque_offset: bool = False,
+        watched: Sequence[DriveAxis] = (),
     ) -> CyclicExchange:
         """Prepare the exchange with these axes and the sensor; nothing is sent.
 
@@ -287,6 +297,7 @@ class Session:
             mode: CSP (position set-points) or CST (torque set-points).
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             with_torque_offset: Send a torque offset beside each position set-point.
+            watched: Axes that do not take part, but whose second encoders do.
         """
         return CyclicExchange(
             self.network,
@@ -296,6 +307,7 @@ class Session:
             mode=mode,
             with_notch_state=with_notch_state,
             with_torque_offset=with_torque_offset,
+            watched=watched,
             clock=self.clock,
             max_lateness_s=self.bench.bus.max_lateness_s,
         )

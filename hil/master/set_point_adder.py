@@ -1,7 +1,7 @@
 """Additions to the set-points of a run, in every cycle, from the measured motor angles."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 
 class SetPointAdder(Protocol):
@@ -13,14 +13,41 @@ class SetPointAdder(Protocol):
 
     uses_torque: bool
 
-    def step(self, references_rad: Sequence[float], positions_rad: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
+    def step(
+        self, references_rad: Sequence[float], positions_rad: Sequence[float], torques_nm: Sequence[float]
+    ) -> tuple[Sequence[float], Sequence[float]]:
         """Additions for the next cycle.
 
         Args:
             references_rad: Motor angles of the motion in the next cycle.
             positions_rad: Measured motor angles of the last cycle.
+            torques_nm: Measured motor torques of the last cycle.
 
         Returns:
             Additions to the references, in rad at the motor, and torque offsets in N·m.
         """
+        ...
+
+
+class Sensed(NamedTuple):
+    """What a cycle has brought beside angles and torques of the motors.
+
+    Attributes:
+        tip_m_s2: Acceleration of the tip (X, Y, Z); None where it was not measured in that cycle.
+        row: Row of the motion whose set-points come next; None before it and after.
+        load_rad: Angles of the joints by their second encoders, those of axes that move first; None where one has not
+            answered, or there is none.
+    """
+
+    tip_m_s2: tuple[float, float, float] | None
+    row: int | None
+    load_rad: tuple[float, ...] | None = None
+
+
+@runtime_checkable
+class SensingAdder(SetPointAdder, Protocol):
+    """A `SetPointAdder` that follows what is left of the vibration."""
+
+    def sense(self, sensed: Sensed) -> None:
+        """Take what the last cycle has brought; each `step` comes after one of these."""
         ...

@@ -21,11 +21,13 @@ class Supervisor:
     Attributes:
         bus: The same table; a new one counts from the next `begin` on.
         interrupted_by: The signal that asked for an end, or None.
+        is_silent: True while the master's heartbeat is held back, to see whether drives stop by themselves.
     """
 
     def __init__(self, network: Network, bus: Bus) -> None:
         self.network, self.bus = network, bus
         self.interrupted_by: str | None = None
+        self.is_silent = False
         self._nodes: frozenset[int] = frozenset()
         self._last_heartbeat_s = -math.inf
         self._since_s = 0.0
@@ -37,7 +39,7 @@ class Supervisor:
         self.network.emergencies.clear()
         self.network.boots.clear()
         self._since_s = self.network.now()
-        self._silent_until_s = -math.inf
+        self._silent_until_s, self.is_silent = -math.inf, False
 
     def send_heartbeat(self) -> Frame:
         """Send the master's heartbeat; return the frame."""
@@ -48,7 +50,7 @@ class Supervisor:
 
     def cycle(self, exchange: CyclicExchange) -> None:
         """Run one cycle with all nodes; before it send the master's heartbeat where one is due."""
-        if self.network.now() - self._last_heartbeat_s >= self.bus.heartbeat_s - 1e-9:
+        if not self.is_silent and self.network.now() - self._last_heartbeat_s >= self.bus.heartbeat_s - 1e-9:
             exchange.saw(self.send_heartbeat())
         exchange.exchange()
 

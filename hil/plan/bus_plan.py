@@ -22,7 +22,7 @@ SAMPLES, SEED = 200, 1
 MARGIN = 0.1
 """Fraction of the period to leave free for a retry after an error, an SDO transfer and the error of a clock."""
 
-FrameKind = Literal["command", "sync", "feedback", "notch state", "acceleration"]
+FrameKind = Literal["command", "sync", "feedback", "notch state", "load position", "acceleration"]
 Range = tuple[str, float, float]
 """Format for `struct`, lowest and highest value of one object."""
 

@@ -11,6 +11,8 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType, FunctionCode
 from drive_profiles.standard.cia402 import Mode, Object
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
+from hil.bench.load_encoder import watched_axes
+from hil.can.bits import STANDARD_RATES
 from hil.design.frequency import Loop, margins
 from hil.errors import NotPossibleError
 from hil.master.drive import mapping
@@ -24,7 +26,7 @@ from hil.plan.wire import CLASSIC_MAX_BITRATE, WireTiming, rate_text
 Level = Literal["stable", "at the edge", "unstable", "not known"]
 
 MARGIN_POINTS = 1500
-RATES = (125_000, 250_000, 500_000, 800_000, 1_000_000)
+RATES = STANDARD_RATES[4:]
 COUNTS_PER_REV = 1 << 17
 """Resolution of the encoder in the sample of contents; only the typical number of stuff bits depends on it."""
 
@@ -133,7 +135,15 @@ def plan_cycle(
         state = mapping.notch_state(Profile.load(table.profile)) if notch_state else ()
         if state:
             answers.append(_frame("notch state", FunctionCode.TPDO2 + node, state, number, table))
-    nodes = [bench.axis[number].node_id for number in axes]
+    watched = watched_axes(bench, axes)
+    for number in (*axes, *watched):
+        table = bench.axis[number]
+        load = mapping.load_position(table, Profile.load(table.profile))
+        if load:
+            is_third = mapping.load_tpdo(Profile.load(table.profile), with_notch_state=notch_state) > 2
+            code = FunctionCode.TPDO3 if is_third else FunctionCode.TPDO2
+            answers.append(_frame("load position", code + table.node_id, load, number, table))
+    nodes = [bench.axis[number].node_id for number in (*axes, *watched)]
     sensor: int | None = bench.accelerometer.node_id  # None: a sensor that is not on this bus
     if sensor is not None:
         answers.append(_frame("acceleration", FunctionCode.TPDO1 + sensor, mapping.ACCELERATION, None, None))

@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 
-from hil.can.bits import FD_LENGTHS, worst_case_bits
+from hil.can.bits import FD_LENGTHS, NOMINAL_BITS, worst_case_bits
 
 CLASSIC_MAX_BITRATE = 1_000_000
-NOMINAL_BITS = 47
-"""A classic frame without data and stuff bits, 11-bit identifier, with the intermission."""
 
 
 @dataclass(frozen=True)

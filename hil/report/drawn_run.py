@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
-from scipy import fft, signal
 
 from hil.analysis import band_passed, line_window_s, motor_speed_rps, speed_window
 from hil.recording import Recording
@@ -15,6 +15,7 @@ from hil.report import style
 from hil.report.material import Material, finite
 from hil.report.style import Real
 from hil.results.runs import RunEntry
+from hil.tip_vector import steady_window_s, tip_acceleration
 
 FEWEST = 16
 """Least number of samples in a window that was reached, as in the analysis."""
@@ -73,9 +74,23 @@ def draw_vibration(panel: Axes, run: DrawnRun, band_hz: tuple[float, float], *, 
         band_hz: Band of the vibration.
         with_peak: True to name the tip peak in the legend.
     """
-    vibration = band_passed(run.recording.columns["tip_z_m_s2"], run.recording.period_s, band_hz)
+    vibration = band_passed(shown_acceleration(run), run.recording.period_s, band_hz)
     label = run.label + (number_or_nothing(run.entry.tip_peak_mm, ": peak {:.3f} mm") if with_peak else "")
-    panel.plot(*style.thin(run.recording.time_s, vibration), label=label, **run.look)
+    style.plot_thin(panel, run.recording.time_s, vibration, label=label, **run.look)
+
+
+def shown_acceleration(run: DrawnRun) -> Real:
+    """The tip's acceleration that speaks for a run: of an arm's line along its worst direction; shape (n,)."""
+    found = run.entry.directions
+    unit = None if found is None or run.entry.axis is not None else found["worst"].unit
+    return run.recording.felt_m_s2 if unit is None else np.asarray(tip_acceleration(run.recording) @ np.array(unit))
+
+
+def direction_words(material: Material, axis: int | None) -> str:
+    """The acceleration that `shown_acceleration` gives, in words."""
+    if material.bench.arm is None:
+        return "vertical tip acceleration"
+    return "tip acceleration along the axis' lever" if axis is not None else "tip acceleration along each run's worst direction"
 
 
 def finish_vibration(
@@ -165,9 +180,17 @@ def window_words(material: Material, axis: int, order: int = 2) -> str:
     return f"Shaded: {window[0]:.3g} to {window[1]:.3g} rev/s, where the {words} harmonic crosses the resonance."
 
 
+def judged_line_s(material: Material) -> tuple[float, float]:
+    """Times after the start of the line motion in which it is judged."""
+    motion = material.bench.line_motion
+    if motion is None:
+        return 0.0, 0.0
+    return line_window_s(motion.duration_s) if material.bench.arm is None else steady_window_s(motion.duration_s, motion.ramp_s)
+
+
 def line_words(material: Material) -> str:
     """Times of the line motion that are judged, in words."""
-    begin, end = line_window_s(material.bench.line_motion.duration_s) if material.bench.line_motion else (0.0, 0.0)
+    begin, end = judged_line_s(material)
     return f"{begin:.3g} to {end:.3g} s after the start"
 
 
@@ -176,7 +199,7 @@ def shade_line(material: Material, panel: Axes, recording: Recording) -> None:
     motion = material.bench.line_motion
     if motion is not None and material.scale(None) is not None:
         start = float(recording.time_s[0]) + motion.dwell_s
-        begin, end = line_window_s(motion.duration_s)
+        begin, end = judged_line_s(material)
         panel.axvspan(start + begin, start + end, color=style.SHADE, zorder=0)
 
 
@@ -198,10 +221,10 @@ def limit_words(material: Material, axis: int, where: str = "") -> str:
 
 def smooth_spectrum(values: Real, period_s: float, up_to_hz: float) -> tuple[Real, Real]:
     """Frequencies and Hann amplitude spectrum, each of shape (m,), of values of shape (n,) without their mean, zero-padded."""
-    weights = signal.get_window("hann", len(values))
-    length = fft.next_fast_len(8 * len(values), real=True)
-    amplitude = 2.0 * np.abs(fft.rfft((values - np.mean(values)) * weights, length)) / float(np.sum(weights))
-    frequency = fft.rfftfreq(length, period_s)
+    weights = scipy.signal.get_window("hann", len(values))
+    length = scipy.fft.next_fast_len(8 * len(values), real=True)
+    amplitude = 2.0 * np.abs(scipy.fft.rfft((values - np.mean(values)) * weights, length)) / float(np.sum(weights))
+    frequency = scipy.fft.rfftfreq(length, period_s)
     shown = frequency <= up_to_hz
     return frequency[shown], amplitude[shown]
 

@@ -19,7 +19,7 @@ from hil.report.origin import origin_of
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison, leading
 
-CONSTANT_ACCELERATION, LINE_MOTION = "constant-acceleration", "line-motion"
+CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT = "constant-acceleration", "line-motion", "point-to-point"
 
 FEWEST_ROWS = 64
 """Least number of rows: a shorter recording cannot be filtered."""
@@ -34,7 +34,8 @@ its beginning, to above that of order 2, in units of its end."""
 
 def run_name(run: RunEntry, *, with_window: bool = True) -> str:
     """Name of a run in words."""
-    what = f"axis {run.axis}, constant acceleration" if run.axis is not None else run.experiment.replace("-", " ")
+    words = run.experiment.replace("-", " ")
+    what = f"axis {run.axis}, {words}" if run.axis is not None else words
     window = "" if run.order is None or not with_window else f", k = {run.order} window"
     return f"{what}, {treatment_name(run.treatment)}, {run.loop}-closed{window}"
 
@@ -101,9 +102,9 @@ class Material:
         }
 
     def f_al(self, axis: int | None) -> float | None:
-        """Frequency that turns an acceleration into a displacement; None where it is not known."""
+        """Frequency that turns an acceleration into a displacement; None where it is not known, and for the line of an arm."""
         scale = self.scale(axis)
-        return None if scale is None else scale.f_al_hz
+        return None if scale is None or (axis is None and self.bench.arm is not None) else scale.f_al_hz
 
     def band_hz(self, axis: int | None) -> tuple[float, float]:
         """Band in which a vibration is drawn; without an f_al one that suits arms like the paper's."""
@@ -260,7 +261,7 @@ class Material:
         (low, _), (_, high) = (scale.windows_rps[order] for order in (max(orders), min(orders)))
         low, high = round(FIT_BELOW * low, 6), round(FIT_ABOVE * high, 6)
         rows = (speed > low) & (speed < high) & (np.arange(len(speed)) < int(np.argmax(speed)))
-        angle, tip = recording.axis(axis, "position_rad"), recording.columns["tip_z_m_s2"]
+        angle, tip = recording.axis(axis, "position_rad"), recording.felt_m_s2
         plant = cast("Any", table.plant())
         try:
             return fit_transmission_error(angle, tip, recording.period_s, plant, table.tip_lever_m, orders, rows=rows)

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from hil.experiments.notch_design import NotchDesignOutcome
+from hil.results.arm import ArmResult
 from hil.results.base import MeasuredResult
 from hil.results.comparison import ComparisonRobot, TreatmentTable
 
@@ -54,6 +55,13 @@ def origin_of_design(outcome: NotchDesignOutcome) -> Origin:
     parts = " and ".join({"plant": "the plant", "ate": "the transmission error"}[part] for part in outcome.emulated)
     were = "were" if len(outcome.emulated) > 1 else "was"
     return Origin("emulated", f"This rests on an emulated robot: {parts} {were} identified on one.", is_emulated=True)
+
+
+def origin_of_arm(result: ArmResult) -> Origin:
+    """Origin of an arm's masses: of the plants on which they rest."""
+    if not result.arm.emulated:
+        return MEASURED
+    return Origin("emulated", "This rests on an emulated robot: plants were identified on one.", is_emulated=True)
 
 
 def _words(robot: ComparisonRobot) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any, cast
 
 import matplotlib as mpl
@@ -11,9 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.mathtext import MathTextParser
 from numpy.typing import NDArray
 
 from hil.report import palette, svg
+from hil.report.later_text import LaterText
+from hil.report.zoomable import ZoomFigure, keep_name, keep_whole, zoomable
 
 Real = NDArray[np.float64]
 
@@ -104,6 +109,40 @@ MAX_POINTS = 1500
 """Largest number of points of a line: more than the column has pixels cannot be seen."""
 
 
+@cache
+def _load_formulas() -> None:
+    """Load fonts and grammar of formulas, once for all copies of this process that draw."""
+    MathTextParser("path").parse("$f_{al}$ (1/s²)", 72, FontProperties(family="DejaVu Sans", size=8.5))
+
+
+class SvgPicture:
+    """A figure as SVG, drawn beside this process where that can be, and what of it can be zoomed."""
+
+    def __init__(self, figure: Figure, key: str, *, is_zoomable: bool = False) -> None:
+        """Begin to draw it.
+
+        Args:
+            figure: The figure, which does not change any more.
+            key: Anchor of the figure.
+            is_zoomable: True where an interactive page shows it so that it can be zoomed.
+        """
+        _load_formulas()
+        self._text = LaterText(partial(svg.inline, figure, key))
+        self._figure = figure if is_zoomable else None
+
+    def __str__(self) -> str:
+        """The SVG element."""
+        return str(self._text)
+
+    @property
+    def zoom(self) -> ZoomFigure | None:
+        """What can be zoomed; None where that is nothing."""
+        if self._figure is None:
+            return None
+        self._figure.draw_without_rendering()  # as the picture was drawn: its limits are final then
+        return zoomable(self._figure)
+
+
 @dataclass(frozen=True)
 class Drawing:
     """One figure of the report.
@@ -114,7 +153,7 @@ class Drawing:
         paper: Corresponding figure of the paper; empty for none.
         origin: `measured`, `computed`, or `measured and computed`.
         caption: Sentences below the figure.
-        svg: The picture as SVG.
+        picture: The picture, or its SVG element alone.
     """
 
     key: str
@@ -122,7 +161,17 @@ class Drawing:
     paper: str
     origin: str
     caption: str
-    svg: str
+    picture: SvgPicture | str
+
+    @property
+    def svg(self) -> str:
+        """The picture as an SVG element; waits until it is drawn."""
+        return str(self.picture)
+
+    @property
+    def zoom(self) -> ZoomFigure | None:
+        """What can be zoomed of the picture; None where that is nothing."""
+        return self.picture.zoom if isinstance(self.picture, SvgPicture) else None
 
 
 @contextmanager
@@ -139,6 +188,13 @@ def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[F
     FigureCanvasSVG(figure)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     return figure, np.asarray(axes)
+
+
+def mosaic(rows: list[Any], height_in: float, **options: Any) -> tuple[Figure, dict[str, Axes]]:
+    """Make a figure of rows of named panels, which may span several; `options` go to `Figure.subplot_mosaic`."""
+    figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+    FigureCanvasSVG(figure)
+    return figure, figure.subplot_mosaic(rows, **options)
 
 
 def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
@@ -186,7 +242,7 @@ def flag(axes: Axes, x: float, text: str, *, height: float = 0.97, side: str = "
         height: Height of the name as a fraction of the panel.
         side: Side of the text at which the line stands, `left` or `right`.
     """
-    axes.axvline(x, **MARK)
+    keep_name(axes.axvline(x, **MARK), text)
     pad = 3 if side == "left" else -3
     axes.annotate(
         text,
@@ -207,11 +263,23 @@ def thin(*columns: Real, points: int = MAX_POINTS) -> tuple[Real, ...]:
     return tuple(column[::step] for column in columns)
 
 
+def plot_thin(panel: Axes, x: Real, y: Real, **look: Any) -> None:
+    """Draw a slow signal thinned out, and keep all of it for those who zoom; `x` and `y` of shape (n,), `look` as for a line."""
+    (line,) = panel.plot(*thin(x, y), **look)
+    keep_whole(line, x, y)
+
+
 def decibel(gain: NDArray[Any]) -> Real:
     """20 log₁₀ |gain|, of the shape of `gain`."""
     return np.asarray(20.0 * np.log10(np.maximum(np.abs(gain), 1e-300)))
 
 
-def to_svg(figure: Figure, key: str) -> str:
-    """Figure as an inline SVG element: scalable, in the palette's variables, with ids of its own and no external references."""
-    return svg.inline(figure, key)
+def to_svg(figure: Figure, key: str, *, is_zoomable: bool = False) -> SvgPicture:
+    """Figure as an inline SVG element: scalable, in the palette's variables, with ids of its own and no external references.
+
+    Args:
+        figure: The figure, which does not change any more.
+        key: Anchor of the figure.
+        is_zoomable: True where an interactive page shows it so that it can be zoomed.
+    """
+    return SvgPicture(figure, key, is_zoomable=is_zoomable)

@@ -5,6 +5,7 @@ import re
 from typing import NamedTuple
 
 from markupsafe import escape
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from hil.report import palette
@@ -33,6 +34,7 @@ def inline(figure: Figure, key: str) -> str:
         ValueError: The figure has a colour that is not in the palette.
     """
     buffer = io.StringIO()
+    _lay_out(figure)
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
@@ -48,6 +50,16 @@ def inline(figure: Figure, key: str) -> str:
     text = _FORMULA.sub(_words, _own_ids(text, key))
     text = _COLOUR.sub(lambda match: _variable(match[0], key), text)
     return re.sub(r"\n\s*", "\n", _COORDINATES.sub(_shorter, text.replace('transform="rotate(-0 ', 'transform="rotate(0 ')))
+
+
+def _lay_out(figure: Figure) -> None:
+    """Lay the figure out once and for all: saved with its engine, all of it would be drawn once more, to nowhere, before."""
+    engine = figure.get_layout_engine()
+    if engine is None:
+        return
+    FigureCanvasSVG(figure)
+    engine.execute(figure)
+    figure.set_layout_engine("none")
 
 
 def standalone(svg: str, title: str) -> str:

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from hil.bench.model import IdentifiedError
 from hil.design.ate.identification import Agreement
-from hil.design.ate.model import Arm, Sensing
+from hil.design.ate.model import Arm, OtherMode, Sensing
 from hil.results.base import MeasuredResult, ResultPart
 from hil.results.runs import RunTiming
 
@@ -25,6 +25,11 @@ class KnownArm(ResultPart):
     start: Arm | None
     resonance_error_hz: float | None = None
     damping_error: float | None = None
+
+    @property
+    def others(self) -> tuple[OtherMode, ...]:
+        """Modes of a coupled arm beside the one that was fitted."""
+        return () if self.start is None else self.start.others
 
 
 class AteRun(ResultPart):

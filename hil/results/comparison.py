@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from hil.results.base import Result, ResultPart, aftermath
+from hil.results.runs import ShaperEntry
 
 
 class ComparisonRequestEntry(ResultPart):
@@ -63,11 +64,12 @@ class ComparisonRow(ResultPart):
         spectrum_area: Area of the spectrum, m/s²·Hz.
         spectrum_area_change_pct: Change of the area against no treatment.
         within_spec: True where the tip keeps the specification.
-        trial: End of the cancellation's trial.
+        trial: End of the trial of a cancellation, or of designed filters.
         compliance: Compliance that the treatment costs; None without a model.
         recording: Path of the CSV file, from the robot's directory.
         not_judged: Reason why there is no number.
         left_out: Reason why the run was not made.
+        shaper: Input shaper that has shaped the motion.
     """
 
     experiment: str
@@ -84,6 +86,7 @@ class ComparisonRow(ResultPart):
     recording: str | None = None
     not_judged: str | None = None
     left_out: str | None = None
+    shaper: ShaperEntry | None = None
 
 
 class ComparisonRobot(ResultPart):
@@ -165,6 +168,29 @@ class StoryFact(ResultPart):
     standard_error: float | None = None
 
 
+class StoryClaim(ResultPart):
+    """A number of a story beside what is asked.
+
+    Attributes:
+        claim: Claim in words.
+        asked: Bound on the number.
+        is_above: True where the number is to be above the bound, else it is to be at most that.
+        found: The number; None where it was not judged.
+        unit: Unit of both.
+    """
+
+    claim: str
+    asked: float
+    is_above: bool = False
+    found: float | None
+    unit: str
+
+    @property
+    def holds(self) -> bool | None:
+        """True where the number keeps its bound; None where it was not judged."""
+        return None if self.found is None else self.found > self.asked if self.is_above else self.found <= self.asked
+
+
 class StoryPart(ResultPart):
     """Steps of a story up to its comparison.
 
@@ -175,6 +201,8 @@ class StoryPart(ResultPart):
         robot_file: Path of the robot file that was kept aside, from the story's directory; None of a robot that has none.
         seed: Seed by which the robot was drawn.
         facts: Numbers of the robot beside what was found, revealed at the end.
+        heading: Title of its page.
+        claims: Numbers beside what is asked; None of a story that claims nothing.
     """
 
     bench_file: str
@@ -183,6 +211,8 @@ class StoryPart(ResultPart):
     robot_file: str | None = None
     seed: int | None = None
     facts: tuple[StoryFact, ...] | None = None
+    heading: str = "Your own robot"
+    claims: tuple[StoryClaim, ...] | None = None
 
 
 class TreatmentTable(Result):

@@ -8,17 +8,28 @@ from typing import Annotated, Any, ClassVar, TypeVar
 from pydantic import Field, TypeAdapter, ValidationError
 
 from hil.errors import HilError
+from hil.results.arm import ArmResult
 from hil.results.ate import AteResult
 from hil.results.base import RESULT_FILE, SCHEMA, Result
 from hil.results.comparison import ComparisonResult, StoryResult
-from hil.results.learning import LearningResult
+from hil.results.learning import LearningResult, MotionLearningResult
 from hil.results.notch_design import NotchDesignResult
 from hil.results.plant import PlantResult
+from hil.results.recorded_ate import RecordedAteResult
 from hil.results.runs import ExperimentsResult
 from hil.robot_tables import TransmissionErrorTable
 
 AnyResult = Annotated[
-    ExperimentsResult | ComparisonResult | StoryResult | LearningResult | PlantResult | AteResult | NotchDesignResult,
+    ExperimentsResult
+    | ComparisonResult
+    | StoryResult
+    | LearningResult
+    | MotionLearningResult
+    | PlantResult
+    | AteResult
+    | RecordedAteResult
+    | ArmResult
+    | NotchDesignResult,
     Field(discriminator="kind"),
 ]
 _ANY: TypeAdapter[AnyResult] = TypeAdapter(AnyResult)

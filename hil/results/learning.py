@@ -1,4 +1,4 @@
-"""Result of `hil learn`: every pass of every axis, and the transmission errors that were learnt."""
+"""Results of `hil learn`: passes of axes or runs of a motion, and the transmission errors that were learnt."""
 
 from typing import Literal
 
@@ -92,6 +92,112 @@ class LearningResult(MeasuredResult):
     model: str
     runs: list[LearningRun] = Field(default_factory=list)
     learnt: list[LearntAxis] = Field(default_factory=list)
+    not_learnt: str | None = None
+
+    def _note_other_failure(self, text: str) -> None:
+        self.not_learnt = text
+
+
+class ProbingRun(ResultPart):
+    """One run of a motion on which something is learnt.
+
+    Attributes:
+        number: Number of the run, from 1.
+        what: `base` without any cancellation, `probe` with small known ones, `applied` with what follows.
+        cycles: SYNCs of the motion.
+        missed_cycles: Cycles that lack an answer.
+        wall_s: Duration of the whole run on the wall clock.
+        recording: Path of the CSV file, from the result's directory.
+        tip_peak_mm: Largest displacement of the tip in the band, in any direction; None where the run was not read.
+        tip_rms_mm: Root mean square of it, all directions together.
+        is_kept: True for the run with what was kept.
+        stopped: Reason of a stop.
+        pace: Multiple of the motion's time in which it was run.
+    """
+
+    number: int
+    what: Literal["base", "probe", "applied"]
+    cycles: int
+    missed_cycles: int
+    wall_s: float
+    recording: str
+    tip_peak_mm: float | None = None
+    tip_rms_mm: float | None = None
+    is_kept: bool = False
+    stopped: str | None = None
+    pace: float = 1.0
+
+
+class ProbedPart(ResultPart):
+    """What the runs say of one order of one axis.
+
+    Attributes:
+        axis: Axis number.
+        order: Order k.
+        outcome: `learnt`, or why it is left at 0.
+        a_arcsec: Amplitude; None where it is left at 0.
+        a_error_arcsec: Its standard error.
+        phi_deg: Phase.
+        phi_error_deg: Its standard error.
+        seen_fraction: Fraction of it that the runs show.
+        words: The same as a sentence.
+    """
+
+    axis: int
+    order: float
+    outcome: Literal["learnt", "not reached", "not seen", "nothing found"]
+    a_arcsec: float | None = None
+    a_error_arcsec: float | None = None
+    phi_deg: float | None = None
+    phi_error_deg: float | None = None
+    seen_fraction: float
+    words: str
+
+
+class LearntOnMotion(ResultPart):
+    """Transmission error of one axis that was learnt on a motion.
+
+    Attributes:
+        axis: Axis number.
+        ate: Entry of the model file.
+    """
+
+    axis: int
+    ate: IdentifiedError
+
+
+class MotionLearningResult(MeasuredResult):
+    """Result of learning on a motion.
+
+    Attributes:
+        model: Path of the model file.
+        motion: `line-motion` or `constant-acceleration`.
+        axis: Axis of the latter.
+        probe_arcsec: Amplitude of the probes; None where there was none.
+        runs: Runs of the motion.
+        parts: What is said of each order of each axis.
+        learnt: Axes that are in the model file.
+        base_peak_mm: Peak of the tip without cancellation, of the mean of the base runs.
+        base_rms_mm: Root mean square of it.
+        noise_mm: Root mean square of what equal runs differ by.
+        noise_m_s2: The same of the acceleration from which is learnt.
+        left_m_s2: What of the acceleration no order explains: the motion's own, and noise.
+        not_learnt: Reason why nothing is learnt.
+    """
+
+    kind: Literal["learn-motion"] = "learn-motion"
+    model: str
+    motion: str
+    axis: int | None = None
+    probe_arcsec: float | None = None
+    runs: list[ProbingRun] = Field(default_factory=list)
+    parts: list[ProbedPart] = Field(default_factory=list)
+    learnt: list[LearntOnMotion] = Field(default_factory=list)
+    base_peak_mm: float | None = None
+    base_rms_mm: float | None = None
+    noise_mm: float | None = None
+    noise_m_s2: float | None = None
+    left_m_s2: float | None = None
     not_learnt: str | None = None
 
     def _note_other_failure(self, text: str) -> None:

@@ -33,7 +33,7 @@ class DesignPlant(ResultPart):
 
 
 class DesignCheck(ResultPart):
-    """One requirement and its worst value; the fields are those of `hil.design.notch_design.Check`."""
+    """One requirement and its worst value; the fields are those of `hil.design.notch_design.RequirementCheck`."""
 
     name: str
     value: Bounded
@@ -78,6 +78,16 @@ class SpeedMarginsEntry(ResultPart):
     pole_radius: Bounded
 
 
+class ArmMargins(ResultPart):
+    """Margins on the arm in one posture; the fields are those of `hil.design.notch_design.PostureRow`."""
+
+    label: str
+    sensitivity_peak: Bounded
+    speed_rps: float
+    phase_margin_deg: Bounded
+    gain_margin_db: Bounded
+
+
 class DesignVerdict(ResultPart):
     """Verdict on some filters.
 
@@ -87,6 +97,7 @@ class DesignVerdict(ResultPart):
         checks: Check of each requirement.
         tip_peaks: Tip peak by order.
         margins: Margins by motor speed.
+        postures: Margins on the arm by posture; empty for an axis by itself.
     """
 
     notch: tuple[NotchTable, ...]
@@ -94,6 +105,7 @@ class DesignVerdict(ResultPart):
     checks: tuple[DesignCheck, ...]
     tip_peaks: tuple[TipPeak, ...]
     margins: tuple[SpeedMarginsEntry, ...]
+    postures: tuple[ArmMargins, ...] = ()
 
 
 class NotchDesignResult(Result):
@@ -119,7 +131,7 @@ class NotchDesignResult(Result):
         effort: Evaluations and seed of the search.
         seconds: Duration of the design.
         emulated: True where plant or transmission error were identified on an emulated robot.
-        notes: Orders that were asked for and got no filter, with the reason.
+        notes: Orders that were asked for and got no filter, with the reason; for which postures of an arm the margins hold.
     """
 
     kind: Literal["design-notch"] = "design-notch"

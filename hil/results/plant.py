@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from hil.bench.model import IdentifiedPlant
-from hil.design.estimation import EstimatedParameter
+from hil.design.estimation import EstimatedMode, EstimatedParameter
 from hil.design.frequency import TwoInertia
 from hil.results.base import MeasuredResult, ResultPart
 
@@ -22,6 +22,7 @@ class PlantRequestEntry(ResultPart):
     excitation: str
     shape: str
     with_accelerometer: bool
+    posture_deg: dict[int, float] = Field(default_factory=dict)
 
 
 class ExcitationPlan(ResultPart):
@@ -108,6 +109,7 @@ class PlantResult(MeasuredResult):
         plan: The excitation; None, like all down to `identified`, where nothing was identified.
         plant: Plant that was fitted.
         parameters: Every number with its standard error, by name.
+        modes: Modes of an arm that rings with several, from the lowest; empty where there is one.
         misfit: Residual in standard deviations of the scatter.
         cannot_tell: Sentences on the limits of these data.
         response: Motor angle per torque.
@@ -127,6 +129,7 @@ class PlantResult(MeasuredResult):
     plan: ExcitationPlan | None = None
     plant: TwoInertia | None = None
     parameters: dict[str, EstimatedParameter] | None = None
+    modes: tuple[EstimatedMode, ...] = ()
     misfit: float | None = None
     cannot_tell: tuple[str, ...] | None = None
     response: FrequencyResponseEntry | None = None

@@ -5,10 +5,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from hil.analysis import PAPER_WINDOWS_RPS
+from hil.analysis import PAPER_WINDOWS_RPS, Direction, DirectionMetrics
+from hil.bench.model import IdentifiedArm
 from hil.master.lateness import Percentiles
 from hil.master.realtime import Measure
 from hil.results.base import MeasuredResult, ResultPart
+from hil.results.following import FollowingEntry
 
 
 class RunTiming(ResultPart):
@@ -80,8 +82,36 @@ class TrialPart(ResultPart):
     words: str
 
 
+RemainderCause = Literal[
+    "speed limit", "frequency limit", "order left out", "gear reaction", "estimate", "sensor noise", "not explained"
+]
+"""Causes of what a cancellation leaves: `hil.experiments.cancellation.remainder`."""
+
+
+class CancellationRemainder(ResultPart):
+    """What a cancellation leaves of the vibration, by its trial's own recordings.
+
+    Attributes:
+        order: Order of the window in which most is left; None for the only one of a line motion.
+        left_mm: The tip's peak in it, the sensor's noise taken off.
+        asked_mm: Tip that is asked for: what the bench file says, or 1.3 times what the motion makes of its own.
+        jolt_mm: The tip's peak that the motion makes of its own, without any order.
+        noise_mm: Tip's peak that may hide in the sensor's noise.
+        causes: Causes of what is above that, that of the worst window first; none where nothing is.
+        words: All of it as a line of text, with what to do.
+    """
+
+    order: float | None
+    left_mm: float
+    asked_mm: float
+    jolt_mm: float
+    noise_mm: float
+    causes: tuple[RemainderCause, ...]
+    words: str
+
+
 class CancellationTrial(ResultPart):
-    """Trial of a cancellation on the accelerometer, before the run.
+    """Trial of a cancellation at the tip, before the run.
 
     Attributes:
         before_m_s2: Vibration without it.
@@ -89,6 +119,7 @@ class CancellationTrial(ResultPart):
         is_good: True where at least one order of one axis is accepted, and used.
         trials: Runs with the tried fraction on all axes, on each alone where there are several, and with the whole.
         parts: Verdict on each order of each axis.
+        remainder: What is left of the vibration, and why; None where nothing is used.
     """
 
     before_m_s2: float
@@ -96,6 +127,7 @@ class CancellationTrial(ResultPart):
     is_good: bool
     trials: tuple[TrialRun, ...]
     parts: tuple[TrialPart, ...] = ()
+    remainder: CancellationRemainder | None = None
 
     @property
     def refused(self) -> tuple[TrialPart, ...]:
@@ -108,12 +140,97 @@ class CancellationTrial(ResultPart):
         return tuple(part for part in self.parts if part.verdict != "accepted")
 
 
+class FilterTrialPeak(ResultPart):
+    """The tip's peak in one window without and with filters.
+
+    Attributes:
+        order: Order of the window; None for the only one of a line motion.
+        before_mm: Peak without.
+        after_mm: Peak with them.
+        error_mm: Standard error of their difference.
+    """
+
+    order: float | None
+    before_mm: float
+    after_mm: float
+    error_mm: float
+
+
+class FilterTrial(ResultPart):
+    """Trial of designed filters at the tip, before the run.
+
+    Attributes:
+        is_good: True where the tip's peak rises in no window and falls in one; else the run is made without them.
+        runs: Runs with them, and as many without.
+        peaks: The peak in each window, the worst first.
+        words: Refusal in words; empty where they are good.
+    """
+
+    is_good: bool
+    runs: int
+    peaks: tuple[FilterTrialPeak, ...]
+    words: str
+
+
+class ShapedMode(ResultPart):
+    """A mode that rings while the loop holds the motor: its undamped frequency and its damping ratio."""
+
+    frequency_hz: float
+    damping: float
+
+
+class ShaperEntry(ResultPart):
+    """An input shaper that has shaped a motion, and what it costs: `hil.control.shapers`.
+
+    Attributes:
+        name: Its name: `zv`, `zvd`, `mzv`, `ei` or `two-hump-ei`.
+        modes: Modes that it is for.
+        left: Modes that it leaves alone.
+        amplitudes: Impulses A_i.
+        times_s: Their times t_i.
+        duration_s: By how much the motion is longer.
+        delay_s: By how much it is late on the mean.
+        remaining_fraction: Remaining vibration V of the modes, as a part of that without.
+        remaining_low_fraction: The same where their frequencies are a tenth lower than believed.
+        remaining_high_fraction: The same where they are a tenth higher.
+        path_error_mm: Largest distance of the set-points' tip from the line; None where a single axis moves.
+    """
+
+    name: str
+    modes: tuple[ShapedMode, ...]
+    left: tuple[ShapedMode, ...] = ()
+    amplitudes: tuple[float, ...]
+    times_s: tuple[float, ...]
+    duration_s: float
+    delay_s: float
+    remaining_fraction: float
+    remaining_low_fraction: float
+    remaining_high_fraction: float
+    path_error_mm: float | None = None
+
+
+class RingingMode(ResultPart):
+    """What a mode rings with where the set-points of a stop stand still: `hil.design.modes.ring_down`.
+
+    Attributes:
+        frequency_hz: Its undamped frequency.
+        damping: Its damping ratio.
+        amplitude_mm: Amplitude of the tip.
+        error_mm: Its standard error.
+    """
+
+    frequency_hz: float
+    damping: float
+    amplitude_mm: float
+    error_mm: float
+
+
 class RunEntry(ResultPart):
     """One run in one window: a ramp is judged in two, by the order that meets the resonance there.
 
     Attributes:
-        experiment: `constant-acceleration` or `line-motion`.
-        axis: The axis of a constant-acceleration run, else None.
+        experiment: `constant-acceleration`, `line-motion` or `point-to-point`, whose tip peak is what rings after the stop.
+        axis: The axis that moves alone; None for the line motion.
         treatment: Name of the treatment.
         loop: Side that closed the loop, the drive or the host.
         sync_period_s: SYNC period.
@@ -136,6 +253,7 @@ class RunEntry(ResultPart):
         stopped: Reason why the run was stopped.
         invalid: Reason why the run cannot be judged.
         trial: Trial of the cancellation before the run.
+        filter_trial: Trial of designed filters before the run.
         repeated: Number of runs in the recording's mean.
         ramp_peak_mm: Largest tip displacement on the whole ramp, without the jerks at its ends; None for the line motion.
         f_al_hz: Frequency by which the run is judged: the peak of |G_al|; None where it is not known, and nothing is judged.
@@ -148,8 +266,13 @@ class RunEntry(ResultPart):
         order_mm: Largest amplitude of the order itself in the window, as a displacement; None where it cannot be tracked.
         order_error_mm: Its standard error.
         noise_mm: Largest tip displacement that noise alone would show in the window.
+        directions: The tip along x, y and z of the base frame and along the worst direction, on a bench with an arm; the numbers
+            above are then those of the worst.
         unjudged_orders: Sentences on orders that the limits let meet f_al and the ramp does not: the run is not within.
         unreached_orders: Sentences on orders that cannot meet f_al within the limits.
+        following: What a cancellation that follows made of each order, and its trial; None without one.
+        shaper: Input shaper that has shaped the motion.
+        ringing: Modes that ring after the stop of a point-to-point move.
     """
 
     experiment: str
@@ -176,6 +299,7 @@ class RunEntry(ResultPart):
     stopped: str | None = None
     invalid: str | None = None
     trial: CancellationTrial | None = None
+    filter_trial: FilterTrial | None = None
     repeated: int | None = None
     ramp_peak_mm: float | None = None
     f_al_hz: float | None = None
@@ -188,8 +312,12 @@ class RunEntry(ResultPart):
     order_mm: float | None = None
     order_error_mm: float | None = None
     noise_mm: float | None = None
+    directions: dict[Direction, DirectionMetrics] | None = None
     unjudged_orders: tuple[str, ...] | None = None
     unreached_orders: tuple[str, ...] | None = None
+    following: FollowingEntry | None = None
+    shaper: ShaperEntry | None = None
+    ringing: tuple[RingingMode, ...] | None = None
 
 
 def leading(runs: Iterable[RunEntry]) -> list[RunEntry]:
@@ -250,9 +378,11 @@ class ExperimentsResult(MeasuredResult):
         runs: Entry for each window of each run.
         comparisons: Comparison of each treatment with none.
         paper: Claims that the runs concern; empty where they ended early.
+        arm: Masses of the arm as the model file had them; None without.
     """
 
     kind: Literal["run"] = "run"
     runs: list[RunEntry] = Field(default_factory=list)
     comparisons: list[TreatmentComparison] = Field(default_factory=list)
     paper: list[PaperClaim] = Field(default_factory=list)
+    arm: IdentifiedArm | None = None

@@ -26,11 +26,11 @@ class EmulatorExitStatus(ToolExitStatus):
 EPILOG = epilog(status for status in EmulatorExitStatus if status is not EmulatorExitStatus.INTERNAL)
 """End of the tool's own help."""
 
-AXES = AxisCompleter(Path(__file__).parents[1] / "robots" / "reference.toml")
+AXES = AxisCompleter(Path(__file__).parents[1] / "robots")
 """Completers of axes of the robot file."""
 
 RobotOption = Annotated[
-    str, typer.Option("--robot", help="Robot file (TOML), or `reference`.", autocompletion=complete_reference)
+    str, typer.Option("--robot", help="Robot file (TOML), or `reference`, or `reference-arm`.", autocompletion=complete_reference)
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 

@@ -39,6 +39,8 @@ EPILOG = epilog(
     },
 )
 
+ARMS = "arms"
+"""What the settings of a rehearsal of arms have for a kind."""
 CLAIMS_FILE, PAGE_FILE = "claims.json", "report.html"
 SAID_EVERY_S = 60.0
 """Time between two lines of progress where there is no terminal."""
@@ -46,6 +48,9 @@ RATE_OVER_S = 600.0
 """Time over which the rate is taken: a robot takes many seconds, and some many more."""
 
 SeedsOption = Annotated[str | None, typer.Option("--seeds", metavar="SEEDS", help="Seeds of the robots: 7, 1-1000, 1-40,50.")]
+ArmsOption = Annotated[
+    bool, typer.Option("--arms", help="Whole arms: learnt on their line, looked at on others; seed 0 is the reference arm.")
+]
 OverBusOption = Annotated[bool, typer.Option("--over-bus", help="Over a bus: each robot is served, and the tools are processes.")]
 JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; left out: one per processor.")]
 OnOption = Annotated[
@@ -69,6 +74,7 @@ def rehearse(
     seeds: SeedsOption = None,
     out: OutOption = Path("rehearsal"),
     kind: KindOption = "both",
+    arms: ArmsOption = False,
     over_bus: OverBusOption = False,
     jobs: JobsOption = None,
     on: OnOption = None,
@@ -92,6 +98,8 @@ def rehearse(
 
         plant-emulator rehearse --seeds 7 --kind real --keep --out look
 
+        plant-emulator rehearse --arms --seeds 0-20 --out arms
+
         plant-emulator rehearse --summary rehearsal
     """
     from plant_emulator.rehearsal.many.rows import Kept, RehearsalSettings
@@ -105,10 +113,12 @@ def rehearse(
             _tell(kept, check=check, as_json=as_json, as_markdown=True)
             return
         named = _seeds(seeds)
+        if arms and over_bus:
+            raise fail("--arms: arms are walked in this process, leave --over-bus out", EmulatorExitStatus.USAGE)
         walkers = _walkers(on, jobs, keep=keep)
         kept = Kept(out)
-        kept.begin(RehearsalSettings(kind, over_bus), resume=resume)
-        _walk(kept, named, walkers, kind, over_bus=over_bus, keep=keep)
+        kept.begin(RehearsalSettings(ARMS if arms else kind, over_bus), resume=resume)
+        _walk(kept, named, walkers, None if arms else kind, over_bus=over_bus, keep=keep)
         _tell(kept, check=check, as_json=as_json)
 
 
@@ -140,8 +150,9 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _walk(kept: "Kept", seeds: Sequence[int], walkers: "Walkers", kind: KindName, *, over_bus: bool, keep: bool) -> None:
-    """Walk the robots that are not there yet; each row is kept at once."""
+def _walk(kept: "Kept", seeds: Sequence[int], walkers: "Walkers", kind: KindName | None, *, over_bus: bool, keep: bool) -> None:
+    """Walk the robots that are not there yet, arms where there is no kind; each row is kept at once."""
+    from plant_emulator.rehearsal.arms.path import walk_arm_seed
     from plant_emulator.rehearsal.many.one import kind_of, walk_seed
     from plant_emulator.rehearsal.many.walkers import WalkersLostError, WalkersRefusedError
     from plant_emulator.rehearsal.many.walking import walk_all
@@ -160,11 +171,14 @@ def _walk(kept: "Kept", seeds: Sequence[int], walkers: "Walkers", kind: KindName
             def on_row(row: "Row") -> None:
                 nonlocal done
                 seed = row["seed"]
-                kept.keep({"kind": kind_of(seed, kind)} | dict(row) if isinstance(seed, int) else row)
+                kept.keep({"kind": kind_of(seed, kind)} | dict(row) if isinstance(seed, int) and kind is not None else row)
                 done += 1
                 step(row)
 
-            walk_all(missing, walk_seed, (kind, over_bus, files), walkers, on_row)
+            if kind is None:
+                walk_all(missing, walk_arm_seed, (files,), walkers, on_row)
+            else:
+                walk_all(missing, walk_seed, (kind, over_bus, files), walkers, on_row)
     except WalkersRefusedError as error:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
     except (WalkersLostError, KeyboardInterrupt) as error:
@@ -219,6 +233,7 @@ def _progress(total: int) -> Iterator[Callable[["Row"], None]]:
 
 def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False) -> None:
     """Write table and report of all robots of the folder, and say which numbers are reached."""
+    from plant_emulator.rehearsal.arms.summary import arm_claims, arm_tips
     from plant_emulator.rehearsal.many import tables
     from plant_emulator.rehearsal.many.claims import claims_of, document
     from plant_emulator.rehearsal.many.page import write_page
@@ -227,12 +242,16 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
     rows = kept.rows()
     if not rows:
         raise fail(f"{kept.folder}: no robot has been walked yet", EmulatorExitStatus.FILE)
-    found = claims_of(rows)
+    are_arms = kept.settings().kind == ARMS
+    found = arm_claims(rows) if are_arms else claims_of(rows)
     whole = document(rows, found)
-    written = write_table(kept.folder, rows)
-    written += [_claims_file(kept.folder, whole), write_page(kept.folder / PAGE_FILE, rows)]
+    written = [*write_table(kept.folder, rows), _claims_file(kept.folder, whole)]
+    written += [] if are_arms else [write_page(kept.folder / PAGE_FILE, rows)]
     if as_json:
         print_json(whole)
+    elif as_markdown and are_arms:
+        both = tables.claims(found), arm_tips(rows)
+        typer.echo("\n\n".join(f"**{each.title}**\n\n{tables.markdown(each)}" for each in both))
     elif as_markdown:
         made = (tables.claims(found), tables.tips(rows), tables.steps(rows), tables.causes(rows), tables.estimates(rows),
                 tables.probes(rows), tables.cost(rows))  # fmt: skip
@@ -240,7 +259,7 @@ def _tell(kept: "Kept", *, check: bool, as_json: bool, as_markdown: bool = False
     else:
         signs = {True: "yes", False: "no", None: "not judged"}
         lines = [(each.name, each.asked, each.measured, signs[each.holds]) for each in found]
-        table(f"{len(rows)} robots", ("claim", "asked", "measured", "holds"), lines)
+        table(f"{len(rows)} {'arms' if are_arms else 'robots'}", ("claim", "asked", "measured", "holds"), lines)
     typer.echo(f"files: {', '.join(map(str, written))}", err=True)
     _judge(found, check=check)
 

@@ -70,6 +70,12 @@ EdsOption = Annotated[
 StoreTimeOption = Annotated[
     float | None, typer.Option("--store-time-s", min=0.0, help="How long a drive is silent while it stores.")
 ]
+LoadEncoderOption = Annotated[
+    int | None,
+    typer.Option(
+        "--load-encoder-bits", min=8, max=26, help="Bits of a second encoder on every joint (60E4h); docs/load-encoder.md."
+    ),
+]
 WallOption = Annotated[
     bool, typer.Option("--wall", help="The local bus follows the wall clock, whoever sends SYNC; else SYNC moves it.")
 ]
@@ -112,6 +118,7 @@ def serve(
     drive: DriveOption = None,
     eds: EdsOption = None,
     store_time_s: StoreTimeOption = None,
+    load_encoder_bits: LoadEncoderOption = None,
     wall: WallOption = False,
     host_latency_us: HostLatencyOption = 0.0,
     faults: FaultsOption = None,
@@ -143,7 +150,7 @@ def serve(
     """
     drives, sheets = by_axis("--drive", drive), by_axis("--eds", eds)
     address, endpoint = _addresses(bus, slcan, virtualcan)
-    model = _robot(robot, drives, sheets, store_time_s, seed)
+    model = _robot(robot, drives, sheets, store_time_s, seed, load_encoder_bits)
 
     from plant_emulator.announcement import announced  # noqa: PLC0415 - --help must not wait for the compiler
     from plant_emulator.motion.axes import rehearse  # noqa: PLC0415
@@ -169,12 +176,19 @@ def _complain(line: str) -> None:
         typer.echo(line, err=True)
 
 
-def _robot(robot: str, drives: dict[int, str], sheets: dict[int, str], store_time_s: float | None, seed: int | None) -> "Robot":
+def _robot(
+    robot: str,
+    drives: dict[int, str],
+    sheets: dict[int, str],
+    store_time_s: float | None,
+    seed: int | None,
+    load_encoder_bits: int | None,
+) -> "Robot":
     """Return the robot of a file with the drives and the seed that were asked for."""
     from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
 
     with exit_on_error(), exit_on_value_error():
-        model = with_drives(load_robot(robot), drives, eds=sheets, store_time_s=store_time_s)
+        model = with_drives(load_robot(robot), drives, eds=sheets, store_time_s=store_time_s, load_encoder_bits=load_encoder_bits)
     return model if seed is None else model.model_copy(update={"seed": seed})
 
 

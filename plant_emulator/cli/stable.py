@@ -2,6 +2,7 @@
 
 # ruff: noqa: PLC0415 - the robots are imported inside the command, so that --help stays quick
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -29,6 +30,18 @@ KindOption = Annotated[
         "both: linear for odd seeds, real for even ones.",
     ),
 ]
+ArmsOption = Annotated[bool, typer.Option("--arms", help="Whole arms of six axes that feel each other, instead of single axes.")]
+UrdfOption = Annotated[
+    Path | None,
+    typer.Option("--urdf", help="The arm of this URDF file, for which motors, gears and transmission errors are drawn."),
+]
+HomeOption = Annotated[
+    str | None,
+    typer.Option("--home-deg", metavar="ANGLES", help="With --urdf: joint angles at home, from the base on: 0,-90,90,0,90,0."),
+]
+TipOption = Annotated[
+    str | None, typer.Option("--tip-link", help="With --urdf: the link that is the tip; left out, the only one at the end.")
+]
 OutOption = Annotated[Path, typer.Option("--out", help="Folder for the files; made where it is not there.")]
 
 COLUMNS = (
@@ -46,12 +59,30 @@ COLUMNS = (
 )
 
 
+ARM_COLUMNS = (
+    ("mass kg", "mass_kg"),
+    ("payload kg", "payload_kg"),
+    ("reach m", "reach_m"),
+    ("modes at home Hz", "mode_1_hz"),
+    ("", "mode_2_hz"),
+    ("", "mode_3_hz"),
+)
+
+
 def mount(app: typer.Typer) -> None:
     """Make it `plant-emulator stable`."""
     app.command("stable", epilog=EPILOG)(stable)
 
 
-def stable(seeds: SeedsOption, out: OutOption, kind: KindOption = "both") -> None:
+def stable(
+    seeds: SeedsOption,
+    out: OutOption,
+    kind: KindOption = "both",
+    arms: ArmsOption = False,
+    urdf: UrdfOption = None,
+    home_deg: HomeOption = None,
+    tip_link: TipOption = None,
+) -> None:
     """Draw robots by seed from the ranges that industry's robots fill; write each with a bench file that knows nothing of it.
 
     Equal seeds give equal robots. `robots.csv` has what was drawn, a line per robot.
@@ -60,13 +91,16 @@ def stable(seeds: SeedsOption, out: OutOption, kind: KindOption = "both") -> Non
         plant-emulator stable --seeds 7 --out stable
 
         plant-emulator stable --seeds 1-40 --kind real --out stable
+
+        plant-emulator stable --seeds 1-10 --arms --out arms
+
+        plant-emulator stable --seeds 1 --urdf arm.urdf --home-deg 0,-60,100,0,50,0 --out mine
     """
     from drive_profiles.files.safefile import write_atomically
-    from plant_emulator.rehearsal.many.one import drawn, facts
     from plant_emulator.rehearsal.many.seeds import seeds_of
     from plant_emulator.rehearsal.many.table import csv_text
-    from plant_emulator.robots.writing import file_text
 
+    home = _home(home_deg, tip_link, urdf)
     with exit_on_error():
         with exit_on_value_error():
             named = seeds_of(seeds)
@@ -75,15 +109,62 @@ def stable(seeds: SeedsOption, out: OutOption, kind: KindOption = "both") -> Non
         if there:
             more = f" and {len(there) - 1} more" if len(there) > 1 else ""
             raise fail(f"{there[0]}{more}: there already; nothing was written, choose another folder", EmulatorExitStatus.FILE)
-        rows = []
+        rows: list[Row] = []
+        texts: dict[str, str] = {}
         for seed in named:
-            robot, bench = drawn(seed, kind)
-            write_atomically(out / f"robot-{seed}.toml", file_text(robot).encode())
-            write_atomically(out / f"bench-{seed}.toml", bench.encode())
-            rows.append(facts(seed, kind))
+            if urdf is None:
+                robot, bench, row = _drawn(seed, kind, arms)
+            else:
+                with exit_on_value_error():
+                    robot, bench, row = _driven(seed, urdf, out, home, tip_link)
+            texts[f"robot-{seed}.toml"], texts[f"bench-{seed}.toml"] = robot, bench
+            rows.append(row)
+        for name, text in texts.items():
+            write_atomically(out / name, text.encode())
         write_atomically(out / "robots.csv", csv_text(rows).encode())
-    table("", ("seed", "kind", *(head for head, *_ in COLUMNS)), [_cells(row) for row in rows])
+    if arms or urdf is not None:
+        cells = [(str(row["seed"]), *(_number(row[name], 1.0) for _, name in ARM_COLUMNS)) for row in rows]
+        table("", ("seed", *(head for head, _ in ARM_COLUMNS)), cells)
+    else:
+        table("", ("seed", "kind", *(head for head, *_ in COLUMNS)), [_cells(row) for row in rows])
     typer.echo(f"{len(rows)} robots and their bench files in {out}; robots.csv has all that was drawn", err=True)
+
+
+def _home(home_deg: str | None, tip_link: str | None, urdf: Path | None) -> tuple[float, ...]:
+    """The angles of `--home-deg`."""
+    if urdf is None and (home_deg, tip_link) != (None, None):
+        raise typer.BadParameter("those of an arm are drawn; with --urdf it is given", param_hint="--home-deg, --tip-link")
+    try:
+        return tuple(float(each) for each in home_deg.split(",")) if home_deg else ()
+    except ValueError:
+        raise typer.BadParameter(f"{home_deg!r} are no angles: 0,-90,90,0,90,0 are", param_hint="--home-deg") from None
+
+
+def _driven(seed: int, urdf: Path, out: Path, home_deg: tuple[float, ...], tip_link: str | None) -> "tuple[str, str, Row]":
+    """The robot file of a URDF file's arm with a seed's drives, its bench file, and what was drawn."""
+    from plant_emulator.robots.blank_bench import blank_bench
+    from plant_emulator.robots.drawn_arms import arm_facts, draw_drives
+    from plant_emulator.robots.writing import file_text
+
+    robot = draw_drives(urdf.name, urdf.parent, home_deg, seed, tip_link)
+    read = robot.with_links_read(urdf.parent)
+    arm = robot.arm.model_copy(update={"urdf": os.path.relpath(urdf, out)})
+    text = file_text(robot.model_copy(update={"arm": arm}))
+    return text, blank_bench(read, drawing=arm), {"seed": seed, **arm_facts(read)}
+
+
+def _drawn(seed: int, kind: str, arms: bool) -> "tuple[str, str, Row]":
+    """A seed's robot file, its bench file, and what was drawn."""
+    from plant_emulator.rehearsal.many.one import drawn, facts
+    from plant_emulator.robots.blank_bench import blank_bench
+    from plant_emulator.robots.drawn_arms import arm_facts, draw_arm
+    from plant_emulator.robots.writing import file_text
+
+    if not arms:
+        robot, bench = drawn(seed, kind)
+        return file_text(robot), bench, facts(seed, kind)
+    arm = draw_arm(seed)
+    return file_text(arm), blank_bench(arm), {"seed": seed, **arm_facts(arm)}
 
 
 def _cells(row: "Row") -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from typing import Any
 from drive_profiles.standard.cia402 import Object
 from plant_emulator.motion import record as law
 from plant_emulator.motion.axes import Axes, live
-from plant_emulator.robots.robot import Switches
+from plant_emulator.robots.behaviour import Switches
 from plant_emulator.slave.dictionary import Dictionary
 
 INTERLOCK, PROBE_1_INPUT, PROBE_2_INPUT, SAFE_TORQUE_OFF = 1 << 3, 1 << 16, 1 << 17, 1 << 18

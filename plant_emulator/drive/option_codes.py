@@ -5,7 +5,7 @@ from drive_profiles.standard.cia402 import Object
 from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
 from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.drive.state_machine import Options
-from plant_emulator.robots.robot import Behaviour
+from plant_emulator.robots.behaviour import Behaviour
 
 
 def _check_homing_method(method: int) -> SdoAbortCode | None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hil.control.cascade import Cascade
 from hil.control.notch import NO_NOTCH, NOTCHES, Notch
+from plant_emulator.motion.arm import CoupledArm
 from plant_emulator.motion.period import advance, advance_sensed, advance_traced
 from plant_emulator.motion.record import (
     AXIS,
@@ -24,6 +25,7 @@ from plant_emulator.motion.transitions import begin_mode, begin_stop
 from plant_emulator.physics.axis import settle
 from plant_emulator.physics.sensing import SensorResponse
 from plant_emulator.physics.tip import chain_acceleration, lever_acceleration
+from plant_emulator.robots.gear_change import write_change
 from plant_emulator.robots.robot import Robot
 
 Real = NDArray[np.float64]
@@ -75,6 +77,7 @@ class Axes:
         cascade_state: `CASCADE_STATE` array, shape (n_axes,).
         notch_config: `NOTCH_CONFIG` array, shape (n_axes, NOTCHES).
         notch_state: `NOTCH_STATE` array, shape (n_axes, NOTCHES).
+        arm: The arm whose links couple the axes; None where each turns an inertia of its own.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -89,6 +92,7 @@ class Axes:
         for row, number in enumerate(self.numbers):
             axis = robot.axis[number]
             axis.write(self.plant[row], robot.home_angle(number))
+            write_change(axis, rows[row])
             settle(self.plant[row], self.plant_state[row])
             motion = self.motion[row]
             motion["mode"] = BRAKED
@@ -105,6 +109,7 @@ class Axes:
                 axis.control.cascade().write(self.cascade_config[row])
             for column in range(NOTCHES):
                 NO_NOTCH.write(self.notch_config[row, column])
+        self.arm = None if robot.links is None else CoupledArm(robot.links, self.numbers, rows, robot.accelerometer.mounting)
         self._chain = robot.geometry.chain() if robot.geometry is not None else None
         home = robot.home_joints()
         self._home = None if home is None else home.tolist()
@@ -135,7 +140,7 @@ class Axes:
 
     def advance(self, periods: int) -> None:
         """Advance everything by some control periods."""
-        row = None if self._response is None else self._single_row()
+        row = None if self._response is None or self.arm is not None else self._single_row()
         if self._response is None or row is None:
             self.advance_chain(periods)
             return
@@ -145,12 +150,25 @@ class Axes:
 
     def advance_chain(self, periods: int) -> None:
         """`advance` where several axes move the tip, or the sensor remembers nothing."""
+        if self.arm is not None:
+            self._advance_arm(self.arm, periods)
+            return
         if self._response is None:
             advance(periods, self._control_period_s, self._substeps, self.rows)
             return
         trace, tips = self._buffers_of(periods)
         advance_traced(periods, self._control_period_s, self._substeps, self.rows, trace)
         self._fill(tips, trace)
+        self._response.drive(tips)
+
+    def _advance_arm(self, arm: CoupledArm, periods: int) -> None:
+        """`advance` where links couple the axes."""
+        timing = periods, self._control_period_s, self._substeps
+        if self._response is None:
+            arm.advance(*timing)
+            return
+        _, tips = self._buffers_of(periods)
+        arm.advance(*timing, tips)
         self._response.drive(tips)
 
     def counts(self, row: int) -> int:
@@ -217,8 +235,11 @@ class Axes:
         """True acceleration (X, Y, Z) of the tip in m/s², gravity left out.
 
         While a single brake is open the sensor sits on that axis' lever, as in the single-axis experiments: Z is L θ̈_l, X points
-        inwards. Otherwise the planar chain of the geometry moves it; a robot without a geometry adds the levers up.
+        inwards. Otherwise the planar chain of the geometry moves it; a robot without a geometry adds the levers up. The links of
+        an arm move it in the frame of the base, whatever its brakes do.
         """
+        if self.arm is not None:
+            return self.arm.acceleration()
         speeds, accelerations = self._arm_speed.tolist(), self._arm_acceleration.tolist()
         row = self._single_row()
         if row is not None:
@@ -226,8 +247,13 @@ class Axes:
         return self._joint_acceleration(self._arm_angle, speeds, accelerations)
 
     def sensed_acceleration(self) -> tuple[float, float, float]:
-        """`tip_acceleration` as the robot's accelerometer passes it on: mounting, low-pass and delay, without noise and steps."""
-        return self.tip_acceleration() if self._response is None else self._response.acceleration_m_s2
+        """`tip_acceleration` as the robot's accelerometer passes it on: mounting, low-pass and delay, without noise and steps.
+
+        One that is fixed to a link of an arm gives what it feels there, along its own axes.
+        """
+        if self._response is not None:
+            return self._response.acceleration_m_s2
+        return self.tip_acceleration() if self.arm is None else self.arm.felt()
 
     def _single_row(self) -> int | None:
         """The row whose brake alone is open, or which is the only one; None where several, or none, move the tip."""

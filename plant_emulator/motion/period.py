@@ -38,6 +38,7 @@ from plant_emulator.motion.references import (
 from plant_emulator.motion.supervision import watch_limits, watch_windows
 from plant_emulator.motion.transitions import begin_stop, brake_hard
 from plant_emulator.physics.angle_grid import constants
+from plant_emulator.physics.changing import go_through, put_error
 from plant_emulator.physics.integration import arm_acceleration, nearest_to, plant_period
 from plant_emulator.physics.sensing import SectionsRow, sense
 
@@ -203,6 +204,13 @@ def command(axis: AxisRow, motor_angle: float, period_s: float) -> float:
     return torque
 
 
+@inlined
+def age(axis: AxisRow, period_s: float) -> None:
+    """Give the gear of an axis the error that it has after this control period; only for one that changes."""
+    go_through(axis.change, axis.past, axis.plant, axis.plant_state, axis.motion.mode == BRAKED, period_s)
+    put_error(axis.change, axis.past, axis.plant)
+
+
 @compiled
 def advance(periods: int, period_s: float, substeps: int, axes: Rows[AxisRow]) -> None:
     """Advance all axes by some control periods: measure, set-point, servo law, limits, plant.
@@ -223,6 +231,10 @@ def advance(periods: int, period_s: float, substeps: int, axes: Rows[AxisRow]) -
         for _ in range(periods):
             torque = command(axis, mechanics.motor_angle_rad, period_s)
             near = plant_period(k, near, mechanics, torque, m.mode == BRAKED, period_s, substeps)
+            if axis.change.is_changing > 0.0:
+                age(axis, period_s)
+                k = constants(axis.plant)
+                near = nearest_to(k, mechanics)
         if m.trip != 0 or m.event != 0:
             m.wake = 1
         else:
@@ -250,6 +262,10 @@ def advance_traced(periods: int, period_s: float, substeps: int, axes: Rows[Axis
         for period in range(periods):
             torque = command(axis, mechanics.motor_angle_rad, period_s)
             near = plant_period(k, near, mechanics, torque, m.mode == BRAKED, period_s, substeps)
+            if axis.change.is_changing > 0.0:
+                age(axis, period_s)
+                k = constants(axis.plant)
+                near = nearest_to(k, mechanics)
             mechanics.arm_acceleration_rad_s2 = arm_acceleration(k, mechanics)
             trace[period, row, 0] = mechanics.arm_angle_rad
             trace[period, row, 1] = mechanics.arm_speed_rad_s

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from hil.control.records import record_dtype
 from hil.control.servo import LawRow
 from plant_emulator.physics.axis import PlantRow, PlantStateRow
+from plant_emulator.physics.changing import ChangeRow, PastRow
 
 BRAKED, POSITION, TORQUE, PROFILE, STOPPING, VELOCITY, PROFILE_VELOCITY, PROFILE_TORQUE = range(8)
 """Modes of the power stage.
@@ -176,12 +177,14 @@ class MotionRow(Protocol):
 
 
 class AxisRow(Protocol):
-    """All of one axis: the mechanics, the process data of its drive, and the law that the drive runs."""
+    """All of one axis: the mechanics, the process data of its drive, the law that the drive runs, and how its gear changes."""
 
     plant: PlantRow
     plant_state: PlantStateRow
     motion: MotionRow
     law: LawRow
+    change: ChangeRow
+    past: PastRow
 
 
 MOTION = record_dtype(MotionRow)

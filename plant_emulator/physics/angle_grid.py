@@ -21,7 +21,7 @@ Which grid angle is used follows from the state alone, so that a run in many pie
 
 
 Lines = tuple[float, float, float, float]
-"""A number for each of the other orders of the transmission error."""
+"""A number for each of the other orders of the transmission error, of the joint's orders, or of those of cogging."""
 
 
 class Constants(NamedTuple):
@@ -58,6 +58,14 @@ class Constants(NamedTuple):
     more_orders: Lines
     more_rad: Lines
     more_phi: Lines
+    is_eccentric: float
+    joint_orders: Lines
+    joint_rad: Lines
+    joint_phi: Lines
+    is_cogging: float
+    cogging_orders: Lines
+    cogging_nm: Lines
+    cogging_phi: Lines
 
 
 class GridPoint(NamedTuple):
@@ -152,6 +160,14 @@ def constants(p: PlantRow) -> Constants:
         (p.more_orders[0], p.more_orders[1], p.more_orders[2], p.more_orders[3]),
         (p.more_rad[0], p.more_rad[1], p.more_rad[2], p.more_rad[3]),
         (p.more_phi_rad[0], p.more_phi_rad[1], p.more_phi_rad[2], p.more_phi_rad[3]),
+        p.is_eccentric,
+        (p.joint_orders[0], p.joint_orders[1], p.joint_orders[2], p.joint_orders[3]),
+        (p.joint_rad[0], p.joint_rad[1], p.joint_rad[2], p.joint_rad[3]),
+        (p.joint_phi_rad[0], p.joint_phi_rad[1], p.joint_phi_rad[2], p.joint_phi_rad[3]),
+        p.is_cogging,
+        (p.cogging_orders[0], p.cogging_orders[1], p.cogging_orders[2], p.cogging_orders[3]),
+        (p.cogging_nm[0], p.cogging_nm[1], p.cogging_nm[2], p.cogging_nm[3]),
+        (p.cogging_phi_rad[0], p.cogging_phi_rad[1], p.cogging_phi_rad[2], p.cogging_phi_rad[3]),
     )
 
 
@@ -214,6 +230,11 @@ def rates(k: Constants, near: GridPoint, command: float, braked: bool, at: AxisS
             turned = k.more_orders[i] * at.theta_m + k.more_phi[i]
             sync += k.more_rad[i] * math.cos(turned)
             slope -= k.more_orders[i] * k.more_rad[i] * math.sin(turned)
+    if k.is_eccentric > 0.0:
+        for i in range(MORE_LINES):
+            turned = k.joint_orders[i] * at.theta_m + k.joint_phi[i]
+            sync += k.joint_rad[i] * math.cos(turned)
+            slope -= k.joint_orders[i] * k.joint_rad[i] * math.sin(turned)
     torsion = at.theta_m * k.per_ratio + sync - at.theta_l
     torsion_rate = at.w_m * (k.per_ratio + slope) - at.w_l
     stiffness = k.gear_stiffness
@@ -233,6 +254,9 @@ def rates(k: Constants, near: GridPoint, command: float, braked: bool, at: AxisS
     torque, torque_rate = command, 0.0
     if k.current_time_constant > 0.0:
         torque, torque_rate = at.tau, (command - at.tau) / k.current_time_constant
+    if k.is_cogging > 0.0:
+        for i in range(MORE_LINES):
+            torque += k.cogging_nm[i] * math.cos(k.cogging_orders[i] * at.theta_m + k.cogging_phi[i])
     load = gear * (k.per_ratio + k.gear_reaction * slope)
     lost = friction(k.coulomb_friction, k.friction_rise, k.per_stribeck_velocity, at.w_m)
     acceleration_m = (torque - k.motor_damping * at.w_m - lost - load) * k.per_motor_inertia

@@ -16,11 +16,17 @@ from hil.control.records import record_dtype
 Real = NDArray[np.float64]
 
 MORE_LINES = 4
-"""Orders beside 1, 2 and 4 for which an axis has room; `is_more` is 0 where it has none, and they cost nothing."""
+"""Orders beside 1, 2 and 4 for which an axis has room, orders of the joint, and orders of cogging.
+
+`is_more`, `is_eccentric` and `is_cogging` are 0 where it has none, and they cost nothing.
+"""
 
 
 class PlantRow(Protocol):
-    """The constants of an axis, all in SI; gear and arm on the arm side, motor and friction on the motor side."""
+    """The constants of an axis, all in SI; gear and arm on the arm side, motor and friction on the motor side.
+
+    - `joint_orders`: in periods for a revolution of the motor: m/N for m of the joint.
+    """
 
     reduction_ratio: float
     motor_inertia_kg_m2: float
@@ -44,6 +50,14 @@ class PlantRow(Protocol):
     more_orders: Annotated[Real, (MORE_LINES,)]
     more_rad: Annotated[Real, (MORE_LINES,)]
     more_phi_rad: Annotated[Real, (MORE_LINES,)]
+    is_eccentric: float
+    joint_orders: Annotated[Real, (MORE_LINES,)]
+    joint_rad: Annotated[Real, (MORE_LINES,)]
+    joint_phi_rad: Annotated[Real, (MORE_LINES,)]
+    is_cogging: float
+    cogging_orders: Annotated[Real, (MORE_LINES,)]
+    cogging_nm: Annotated[Real, (MORE_LINES,)]
+    cogging_phi_rad: Annotated[Real, (MORE_LINES,)]
     gear_reaction: float
     wind_up_softness: float
     wind_up_torsion_rad: float
@@ -102,7 +116,7 @@ def friction(coulomb_nm: float, rise_nm: float, per_stribeck: float, speed: floa
 
 @compiled
 def synchronous_error(p: PlantRow, motor_angle: float) -> tuple[float, float]:
-    """θ_sync = Σ A_k cos(k θ_m + φ_k), k = 1, 2, 4 and `more_orders`, in rad on the arm side, and dθ_sync/dθ_m. Eq. (2)."""
+    """θ_sync = Σ A_k cos(k θ_m + φ_k) in rad on the arm side, and dθ_sync/dθ_m; k = 1, 2, 4, others, and m/N. Eq. (2)."""
     x1, x2, x4 = motor_angle + p.phi1_rad, 2.0 * motor_angle + p.phi2_rad, 4.0 * motor_angle + p.phi4_rad
     value = p.a1_rad * math.cos(x1) + p.a2_rad * math.cos(x2) + p.a4_rad * math.cos(x4)
     slope = -p.a1_rad * math.sin(x1) - 2.0 * p.a2_rad * math.sin(x2) - 4.0 * p.a4_rad * math.sin(x4)
@@ -111,7 +125,22 @@ def synchronous_error(p: PlantRow, motor_angle: float) -> tuple[float, float]:
             turned = p.more_orders[i] * motor_angle + p.more_phi_rad[i]
             value += p.more_rad[i] * math.cos(turned)
             slope -= p.more_orders[i] * p.more_rad[i] * math.sin(turned)
+    if p.is_eccentric > 0.0:
+        for i in range(MORE_LINES):
+            turned = p.joint_orders[i] * motor_angle + p.joint_phi_rad[i]
+            value += p.joint_rad[i] * math.cos(turned)
+            slope -= p.joint_orders[i] * p.joint_rad[i] * math.sin(turned)
     return value, slope
+
+
+@compiled
+def cogging(p: PlantRow, motor_angle: float) -> float:
+    """τ_c = Σ T_j cos(j θ_m + χ_j): torque in N·m with which the motor's own magnets pull it on."""
+    torque = 0.0
+    if p.is_cogging > 0.0:
+        for i in range(MORE_LINES):
+            torque += p.cogging_nm[i] * math.cos(p.cogging_orders[i] * motor_angle + p.cogging_phi_rad[i])
+    return torque
 
 
 @compiled
@@ -120,7 +149,7 @@ def derivatives(p: PlantRow, s: PlantStateRow, command: float, braked: bool) -> 
 
         ψ = θ_m/N + θ_sync(θ_m) − θ_l
         τ_g = K_g ψ (1 − r exp(−(ψ/ψ_s)²)) + z + D_g ψ̇          r: soft wind-up, z: Dahl hysteresis
-        J_m θ̈_m = τ − D_m θ̇_m − τ_f(θ̇_m) − τ_g (1/N + dθ_sync/dθ_m)   the last term only with the gear's reaction
+        J_m θ̈_m = τ + τ_c(θ_m) − D_m θ̇_m − τ_f(θ̇_m) − τ_g (1/N + dθ_sync/dθ_m)   the last term only with the gear's reaction
         J_l θ̈_l = τ_g − D_l θ̇_l − m g l cos(θ_l + q₀)
         ż = σ ψ̇ (1 − sgn(ψ̇) z/F),  σ = F/ψ_h
         τ̇ = (τ_command − τ)/T_c
@@ -154,7 +183,7 @@ def derivatives(p: PlantRow, s: PlantStateRow, command: float, braked: bool) -> 
     rise, speed = p.static_friction_nm - p.coulomb_friction_nm, s.motor_speed_rad_s
     lost = p.motor_damping_nm_s_rad * speed + friction(p.coulomb_friction_nm, rise, 1.0 / p.stribeck_velocity_rad_s, speed)
     load = gear * (1.0 / p.reduction_ratio + p.gear_reaction * slope)
-    return (torque - lost - load) / p.motor_inertia_kg_m2, acceleration_l, z_rate, torque_rate
+    return (torque + cogging(p, s.motor_angle_rad) - lost - load) / p.motor_inertia_kg_m2, acceleration_l, z_rate, torque_rate
 
 
 @compiled

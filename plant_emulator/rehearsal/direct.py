@@ -6,7 +6,7 @@ counts, torque in per mille and the sensor's sample out, set-points in, one peri
 bit.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from drive_profiles.address import LOCAL, Address
 from drive_profiles.standard.cia402 import Mode
@@ -14,7 +14,8 @@ from hil.bench.bench import Bench
 from hil.master.cyclic import CyclicExchange, Slot
 from hil.master.drive import mapping
 from hil.master.drive.axis import DriveAxis
-from hil.master.sensor import CanopenSensor
+from hil.master.joint_encoder import JointEncoder
+from hil.master.sensor import CanopenSensor, JointsOnly
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
@@ -59,6 +60,7 @@ class DirectSession(Session):
         *,
         with_notch_state: bool = False,
         with_torque_offset: bool = False,
+        watched: Sequence[DriveAxis] = (),
     ) -> CyclicExchange:
         """Prepare the exchange with these axes and the sensor; nothing is sent.
 
@@ -68,10 +70,12 @@ class DirectSession(Session):
             mode: CSP (position set-points) or CST (torque set-points).
             with_notch_state: Record the state of each drive's first filter.
             with_torque_offset: Send a torque offset beside each position set-point.
+            watched: Axes that do not take part, but whose second encoders do.
         """
         return DirectExchange(
-            self._direct, self, axes, period_s, mode, with_notch_state=with_notch_state, with_torque_offset=with_torque_offset
-        )
+            self._direct, self, axes, period_s, mode, with_notch_state=with_notch_state, with_torque_offset=with_torque_offset,
+            watched=watched,
+        )  # fmt: skip
 
 
 class DirectExchange(CyclicExchange):
@@ -87,6 +91,7 @@ class DirectExchange(CyclicExchange):
         *,
         with_notch_state: bool,
         with_torque_offset: bool,
+        watched: Sequence[DriveAxis] = (),
     ) -> None:
         """Prepare a run.
 
@@ -98,16 +103,19 @@ class DirectExchange(CyclicExchange):
             mode: CSP or CST; only CSP does without frames.
             with_notch_state: Record the state of each drive's first filter.
             with_torque_offset: Send a torque offset beside each position set-point.
+            watched: Axes that do not take part, but whose second encoders do.
         """
         super().__init__(
             session.network, axes, session.sensor, period_s, mode=mode, with_notch_state=with_notch_state,
-            with_torque_offset=with_torque_offset, clock=session.clock,
+            with_torque_offset=with_torque_offset, watched=watched, clock=session.clock,
         )  # fmt: skip
         self._channel, self._world = channel, channel.world
         by_node = {drive.node_id: drive for drive in self._world.drives.values()}
+        self._by_node = by_node
         self._drives = [(slot, by_node[slot.axis.node]) for slot in self.slots]
         self._notches: list[tuple[Slot, list[Cell]]] = []
-        self._can_be_direct = mode is Mode.CSP and isinstance(self.sensor, CanopenSensor)
+        self._loads: list[tuple[JointEncoder, Cell]] = []
+        self._can_be_direct = mode is Mode.CSP and isinstance(self.sensor, (CanopenSensor, JointsOnly))
 
     def configure(self) -> None:
         """Map the PDOs of the nodes, and take hold of the filters' states."""
@@ -116,6 +124,11 @@ class DirectExchange(CyclicExchange):
             (slot, [drive.slave.dictionary.cell(each.index, each.subindex) for each in mapping.notch_state(slot.axis.profile)])
             for slot, drive in self._drives
             if slot.notch_id
+        ]
+        self._loads = [
+            (encoder, self._by_node[encoder.axis.node].slave.dictionary.cell(each.index, each.subindex))
+            for encoder in self.encoders
+            for each in mapping.load_position(encoder.axis.table, encoder.axis.profile)
         ]
 
     def _exchange_in_lock_step(self) -> None:
@@ -128,11 +141,14 @@ class DirectExchange(CyclicExchange):
         """Do what a SYNC does: sample, put the set-points into force, and let the period pass."""
         world = self._world
         self._channel.syncs += 1
-        x, y, z = world.measure()
-        self.sensor.acceleration_m_s2 = (_shown(x), _shown(y), _shown(z))
+        if isinstance(self.sensor, CanopenSensor):
+            x, y, z = world.measure()
+            self.sensor.acceleration_m_s2 = (_shown(x), _shown(y), _shown(z))
         for slot, drive in self._drives:
             slot.status_word = drive.status_word()
             slot.position_counts, slot.torque_per_mille = drive.data.position_counts(), drive.data.shown_torque()
+        for encoder, cell in self._loads:
+            encoder.take(cell.encoded())
         for slot, cells in self._notches:
             slot.take_notch(b"".join(cell.encoded() for cell in cells))
         for slot, drive in self._drives:

@@ -7,8 +7,9 @@ from typing import Any
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant
 from hil.robot_tables import ORDERS, amplitude_key, phase_key
+from plant_emulator.rehearsal.gear import gear_plant
 from plant_emulator.rehearsal.record import Cell, QuantityRecord
-from plant_emulator.rehearsal.truth import plant_damping, true_f_al_hz, true_resonance_hz
+from plant_emulator.rehearsal.truth import true_f_al_hz
 from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
 from plant_emulator.robots.stable import antiresonance_hz
 
@@ -70,13 +71,15 @@ def sensor_delay_s(sensor: RobotAccelerometer) -> float:
 
 
 def _plant(axis: RobotAxis, plant: IdentifiedPlant | None) -> dict[str, QuantityRecord]:
+    """The plant beside that of the true gear at the torsion that the identification states."""
+    gear = gear_plant(axis, None if plant is None else plant.torsion_arcsec)
     true = {
         "motor_inertia_kg_m2": axis.motor_inertia_kg_m2,
         "arm_inertia_kg_m2": axis.arm_inertia_kg_m2,
-        "gear_stiffness_nm_rad": axis.gear_stiffness_nm_rad,
-        "antiresonance_hz": antiresonance_hz(axis),
-        "resonance_hz": true_resonance_hz(axis),
-        "damping": plant_damping(axis),
+        "gear_stiffness_nm_rad": gear.stiffness_nm_rad,
+        "antiresonance_hz": gear.antiresonance_hz,
+        "resonance_hz": gear.resonance_hz,
+        "damping": gear.damping,
         "coulomb_friction_nm": axis.coulomb_friction_nm,
         "gravity_moment_nm": abs(axis.gravity_moment_nm),
     }

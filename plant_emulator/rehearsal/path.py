@@ -4,7 +4,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from hil.bench.bench import Bench
@@ -22,6 +22,7 @@ from plant_emulator.rehearsal.probes import probe
 from plant_emulator.rehearsal.record import TREATMENTS, PathRecord, StepRecord
 from plant_emulator.rehearsal.steps import Note, PathFiles, Steps, StepsInProcess
 from plant_emulator.rehearsal.survey import Survey
+from plant_emulator.rehearsal.without import PathEnd, tip_without
 from plant_emulator.robots.robot import Robot
 from plant_emulator.robots.writing import file_text
 from plant_emulator.world import World
@@ -48,6 +49,7 @@ class PathOptions:
         over_bus: Go over a bus: a served robot, and the tools as processes.
         with_design: Design a notch.
         with_probes: Try wrong corrections.
+        with_causes: Look whether the cause that the product names for what it leaves is the true one.
         effort: Effort of the notch's search; over a bus it is that of `--quick`.
         keeps_files: Keep recordings and results in the folder; otherwise only the model files stay.
     """
@@ -56,6 +58,7 @@ class PathOptions:
     over_bus: bool = False
     with_design: bool = True
     with_probes: bool = True
+    with_causes: bool = True
     effort: Effort = SMALL_EFFORT
     keeps_files: bool = False
 
@@ -145,6 +148,7 @@ class _Walk:
         def act() -> Note:
             outcome = steps.run(treatment, is_learnt=self._is_done("learn"))
             self.left_out[name], self.result.falls[name] = outcome.left_out, outcome.fall
+            self.result.causes[name], self.result.left[name] = (outcome.causes, outcome.left), outcome.left_mm
             return outcome.note
 
         self._take(name, act, needs)
@@ -176,8 +180,24 @@ class _Walk:
                 tip = survey.tip(name, knowledge, self.left_out.get(name, ()))
                 self.result.tips[name], self.result.tracked[name] = tip
         self.result.floor, self.result.tracked["floor"] = survey.floor()
+        if self.options.with_causes and self.result.is_quiet is False:
+            self.result.without_cause_mm = self._without_cause(knowledge)
         if self.options.with_probes:
             self.result.probes = probe(self.robot, self.bench, self.axis, survey, self.result.tips["none"])
+
+    def _without_cause(self, knowledge: Knowledge) -> float | None:
+        """True tip at the path's end without the causes that were named; None without any."""
+        name, causes = self.result.end_treatment, self.result.end_causes[0]
+        model = knowledge.learnt if name == "cancellation_learnt" else knowledge.identified
+        if not causes or model is None:
+            return None
+
+        def anew(robot: Robot, bench: Bench) -> float | None:
+            options = replace(self.options, with_design=False, with_probes=False, with_causes=False)
+            return walk(robot, bench, self.folder / "without", options).end_tip_mm
+
+        left_out = self.left_out.get(name, ())
+        return tip_without(causes, PathEnd(self.robot, self.bench, self.axis, model, left_out), anew)
 
 
 def _ended(act: Callable[[], Note]) -> StepRecord:

@@ -13,11 +13,12 @@ from hil.experiments.cancellation.trial import choose
 from hil.experiments.motions import constant_acceleration
 from hil.robot_tables import ORDERS, PlantTable, TransmissionErrorTable
 from plant_emulator.rehearsal.estimates import sensor_delay_s
+from plant_emulator.rehearsal.gear import gear_plant
 from plant_emulator.rehearsal.record import PROBES, ProbeRecord
 from plant_emulator.rehearsal.survey import Survey, session_on
-from plant_emulator.rehearsal.truth import plant_damping, ratio_of_tips, true_resonance_hz
+from plant_emulator.rehearsal.truth import ratio_of_tips
 from plant_emulator.robots.robot import Robot
-from plant_emulator.robots.stable import antiresonance_hz, draw
+from plant_emulator.robots.stable import draw
 
 WRONG_FROM = 0.99
 """Fraction of an order's error that a correction leaves, from which on it is wrong: 60° of phase leave all of it."""
@@ -92,8 +93,17 @@ def model_of(robot: Robot, bench: Bench, number: int, error: TransmissionErrorTa
     """
     axis = robot.axis[number]
     values = PlantTable(**{name: getattr(axis, name) for name in PlantTable.model_fields})
+    gear = gear_plant(axis, None)
     plant = IdentifiedPlant(
-        values=values, antiresonance_hz=antiresonance_hz(axis), resonance_hz=true_resonance_hz(axis), damping=plant_damping(axis)
+        values=values,
+        antiresonance_hz=gear.antiresonance_hz,
+        resonance_hz=gear.resonance_hz,
+        damping=gear.damping,
+        torque_lag_s=axis.current_time_constant_s,
+        coulomb_friction_nm=axis.coulomb_friction_nm,
+        gravity_moment_nm=axis.gravity_moment_nm,
     )
-    part = IdentifiedError(values=error, accelerometer_delay_s=sensor_delay_s(robot.accelerometer))
+    part = IdentifiedError(
+        values=error, accelerometer_delay_s=sensor_delay_s(robot.accelerometer), gear_reaction=float(axis.gear_reaction)
+    )
     return Identified(robot=bench.name, axis={number: IdentifiedAxis(plant=plant, ate=part)})

@@ -116,9 +116,12 @@ class PathRecord:
         quantities: By `QUANTITIES`.
         tips: True tip in mm by treatment, then by order; an order whose resonance the motion does not pass has none.
         falls: Fraction by which the vibration fell in the trial of each cancellation.
+        left: Tip's peak in the worst window with each cancellation, in mm, as its own trial saw it.
         floor: The true tip without a transmission error, by order.
         tracked: Order-tracked amplitude of the true tip in mm by treatment, and `floor`, then by order.
         probes: Wrong corrections, by `PROBES`.
+        causes: Causes that the run of each cancellation names for what it leaves, and its words.
+        without_cause_mm: True tip at the path's end without the causes that were named; None where there are none.
         cpu_s: Processor time of the path.
         survey_cpu_s: Processor time of measuring the truth, and of the wrong corrections.
         simulated_s: Time of the robot's world.
@@ -133,21 +136,29 @@ class PathRecord:
     quantities: dict[str, QuantityRecord] = field(default_factory=dict)
     tips: dict[str, dict[float, float]] = field(default_factory=dict)
     falls: dict[str, float | None] = field(default_factory=dict)
+    left: dict[str, float | None] = field(default_factory=dict)
     floor: dict[float, float] = field(default_factory=dict)
     tracked: dict[str, dict[float, float]] = field(default_factory=dict)
     probes: dict[str, ProbeRecord] = field(default_factory=dict)
+    causes: dict[str, tuple[tuple[str, ...], str]] = field(default_factory=dict)
+    without_cause_mm: float | None = None
     cpu_s: float = 0.0
     survey_cpu_s: float = 0.0
     simulated_s: float = 0.0
 
     @property
     def end_treatment(self) -> str:
-        """What the path ends with: the cancellation whose trial saw the vibration fall further, or the designed notch."""
+        """What the path ends with: the cancellation whose trial saw less left at the tip, or the designed notch."""
         done = [name for name in TREATMENTS if self.steps.get(name, StepRecord()).is_done and name in self.tips]
         cancelled = [name for name in ("cancellation", "cancellation_learnt") if name in done]
         if cancelled:
-            return max(cancelled, key=lambda name: self.falls.get(name) or 0.0)
+            return min(cancelled, key=lambda name: (self._left_mm(name), -(self.falls.get(name) or 0.0)))
         return "notch_designed" if "notch_designed" in done else "none"
+
+    def _left_mm(self, name: str) -> float:
+        """Tip's peak that a cancellation's own trial saw, in mm; beyond all others where it saw none."""
+        left_mm = self.left.get(name)
+        return math.inf if left_mm is None else left_mm
 
     @property
     def end_tip_mm(self) -> float | None:
@@ -164,6 +175,11 @@ class PathRecord:
         """True where the path's end keeps the goal; None where nothing was measured."""
         tip = self.end_tip_mm
         return None if tip is None else tip <= self.goal_mm
+
+    @property
+    def end_causes(self) -> tuple[tuple[str, ...], str]:
+        """Causes that the product names for what the path's end leaves, and its words."""
+        return self.causes.get(self.end_treatment, ((), ""))
 
     @property
     def worse(self) -> tuple[str, ...]:
@@ -214,6 +230,9 @@ class PathRecord:
             cells[f"probe_{name}_accepted"] = probe.accepted
             cells[f"probe_{name}_worst_ratio"] = probe.worst_ratio
         cells |= {"end_treatment": self.end_treatment, "end_tip_mm": self.end_tip_mm, "goal_mm": self.goal_mm}
+        cells |= {"end_causes": ", ".join(self.end_causes[0]), "end_words": self.end_causes[1][:MAX_WORDS]}
+        cells |= {f"left_{name}_mm": self.left.get(name) for name in ("cancellation", "cancellation_learnt")}
+        cells["without_cause_mm"] = self.without_cause_mm
         cells |= {"is_quiet": self.is_quiet, "worse": ", ".join(self.worse)}
         cells["raised_to_floor"] = ", ".join(self.raised_to_floor)
         for name in (*TREATMENTS, "floor"):

@@ -36,15 +36,21 @@ class RunNote(NamedTuple):
         note: Its note.
         left_out: Orders that a trial has left out.
         fall: Fraction by which the vibration fell in the trial's last run, that of all that is used; None without a trial.
+        causes: Causes of what it leaves above what was asked; none where nothing is, or nothing was said.
+        left: Its remainder of the vibration, in words.
+        left_mm: The tip's peak in the worst window, as the trial saw it; None without a trial.
     """
 
     note: Note = None
     left_out: tuple[Part, ...] = ()
     fall: float | None = None
+    causes: tuple[str, ...] = ()
+    left: str = ""
+    left_mm: float | None = None
 
 
 class TrialRefusedError(HilError):
-    """The trial refused a cancellation, in the run's own words."""
+    """The trial refused a cancellation or filters, in the run's own words."""
 
     exit_code: ClassVar[int] = 9
 
@@ -177,17 +183,21 @@ def note_of_run(result: ExperimentsResult) -> RunNote:
     """Outcome of a run.
 
     Raises:
-        TrialRefusedError: The trial refused the cancellation.
+        TrialRefusedError: The trial refused the cancellation, or the filters.
     """
     run = result.runs[0]
     notes = list(dict.fromkeys(each.invalid for each in result.runs if each.invalid is not None))
+    if run.filter_trial is not None and not run.filter_trial.is_good:
+        raise TrialRefusedError(run.filter_trial.words)
     if run.trial is None:
         return RunNote("; ".join(notes) or None)
     if not run.trial.is_good:
         raise TrialRefusedError(str(run.invalid))
     notes += [part.words for part in run.trial.left_out]
     left_out = tuple(Part(part.axis, part.order) for part in run.trial.left_out)
-    return RunNote("; ".join(notes) or None, left_out, run.trial.trials[-1].reduction_fraction if run.trial.trials else None)
+    fall, rest = run.trial.trials[-1].reduction_fraction if run.trial.trials else None, run.trial.remainder
+    note = "; ".join(notes) or None
+    return RunNote(note, left_out, fall) if rest is None else RunNote(note, left_out, fall, rest.causes, rest.words, rest.left_mm)
 
 
 def _raise(failure: Exception | None) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from hil.analysis import motor_speed_rps
 from hil.bench.bench import Bench
 from hil.bench.design import with_designs
 from hil.bench.model import Identified
@@ -45,6 +46,7 @@ class Survey:
     def __init__(self, robot: Robot, bench: Bench, axis: int) -> None:
         self._robot, self._bench, self._axis = robot, bench, axis
         self._f_al_hz = true_f_al_hz(bench, robot, axis)
+        self._perfect: Recording | None = None
 
     def tip(self, treatment: str, knowledge: Knowledge, left_out: Collection[Part] = ()) -> TrueTip:
         """True tip by order under a treatment, in mm.
@@ -72,7 +74,11 @@ class Survey:
 
     def floor(self) -> TrueTip:
         """The same without a transmission error."""
-        return self._tip(without_error(self._robot), self._bench, "none", None, ())
+        recording = self._with_perfect_gears()
+        if recording is None:
+            return TrueTip({}, {})
+        where = recording, self._axis, self._f_al_hz
+        return TrueTip(tip_by_order_mm(*where), tracked_by_order_mm(*where))
 
     def _tip(
         self, robot: Robot, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]
@@ -80,8 +86,15 @@ class Survey:
         recording = self._record(robot, bench, filters, model, left_out)
         if recording is None:
             return TrueTip({}, {})
-        where = recording, self._axis, self._f_al_hz
-        return TrueTip(tip_by_order_mm(*where), tracked_by_order_mm(*where))
+        where, perfect = (recording, self._axis, self._f_al_hz), self._with_perfect_gears()
+        speed_rps = None if perfect is None else motor_speed_rps(perfect, self._axis)
+        return TrueTip(tip_by_order_mm(*where, speed_rps), tracked_by_order_mm(*where))
+
+    def _with_perfect_gears(self) -> Recording | None:
+        """The motion without a transmission error, once."""
+        if self._perfect is None:
+            self._perfect = self._record(without_error(self._robot), self._bench, "none", None, ())
+        return self._perfect
 
     def _record(
         self, robot: Robot, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.analysis import band_passed, motor_speed_rps, tip_scale
 from hil.bench.bench import Bench, Model
@@ -11,7 +12,7 @@ from hil.design.order_map import order_track
 from hil.experiments.judge import peak_hz
 from hil.recording import Recording
 from hil.robot_tables import ORDERS, PlantTable, TransmissionErrorTable
-from plant_emulator.robots.robot import Robot, RobotAxis
+from plant_emulator.robots.robot import Robot
 
 END_S = 0.15
 """Part before the top of the ramp that is left out: its braking shows there."""
@@ -49,31 +50,24 @@ def true_f_al_hz(bench: Bench, robot: Robot, axis: int) -> float:
     return found
 
 
-def true_resonance_hz(axis: RobotAxis) -> float:
-    """f_r of the free motor on the gear: √(K_g (1/J_l + 1/(N² J_m)))/2π."""
-    both = 1.0 / axis.arm_inertia_kg_m2 + 1.0 / (axis.reduction_ratio**2 * axis.motor_inertia_kg_m2)
-    return math.sqrt(axis.gear_stiffness_nm_rad * both) / (2.0 * math.pi)
-
-
-def plant_damping(axis: RobotAxis) -> float:
-    """ζ of the arm on its gear, (D_g + D_l)/(2 J_l ω_a)."""
-    omega = math.sqrt(axis.gear_stiffness_nm_rad / axis.arm_inertia_kg_m2)
-    return (axis.gear_damping_nm_s_rad + axis.arm_damping_nm_s_rad) / (2.0 * axis.arm_inertia_kg_m2 * omega)
-
-
-def tip_by_order_mm(recording: Recording, axis: int, f_al_hz: float) -> dict[float, float]:
+def tip_by_order_mm(
+    recording: Recording, axis: int, f_al_hz: float, speed_rps: NDArray[np.float64] | None = None
+) -> dict[float, float]:
     """Largest tip displacement in each order's window of a rising ramp, mm; an order whose resonance it does not pass has none.
 
     Args:
         recording: Recording on a quiet sensor.
         axis: Number of the axis.
         f_al_hz: The robot's own.
+        speed_rps: Motor speed of the same motion with perfect gears, the same rows for all treatments: what a cancellation adds
+            to the speed would let a window begin half a swing of the motion's own jolt earlier. The recording's own unless given.
     """
     scale = tip_scale(f_al_hz)
     period = recording.period_s
     band = (scale.band_hz[0], min(scale.band_hz[1], 0.45 / period))
     displacement = np.abs(band_passed(recording.columns["tip_z_m_s2"], period, band)) * 1e3 / (2.0 * math.pi * f_al_hz) ** 2
-    speed = np.abs(motor_speed_rps(recording, axis))
+    speed = np.abs(motor_speed_rps(recording, axis) if speed_rps is None else speed_rps)[: len(displacement)]
+    displacement = displacement[: len(speed)]
     top = int(np.argmax(speed))
     rising = np.arange(len(speed)) < top - round(END_S / period)
     found: dict[float, float] = {}

@@ -2,8 +2,13 @@
 
 import math
 
-from drive_profiles.files.toml import toml_value
-from plant_emulator.robots.robot import Robot, RobotAxis
+from drive_profiles.files.toml import Table, toml_value
+from hil.arm.mounting import Mounting
+from hil.arm.straight_line import JointLimits
+from hil.arm.tables import ArmTable
+from plant_emulator.robots.arm_motions import arm_ramp, first_line
+from plant_emulator.robots.drawn_arms import arm_facts
+from plant_emulator.robots.robot import ArmAxis, ArmRobot, Robot, RobotAxis
 from plant_emulator.robots.stable import antiresonance_hz
 
 TABLE_3 = {"order": 2, "start_rps": 4.0, "end_rps": 9.0, "offset_hz": 0.5, "zeta_rn": 0.028, "zeta_rdth": 0.1}
@@ -19,11 +24,13 @@ TRAVEL = 0.4
 LEAST_SPEED_RPS, SPEED_PER_HZ = 15.0, 1.5
 ACCELERATIONS_RPS_S = (4.0, 6.0, 8.0, 12.0, 16.0, 20.0)
 DECELERATION_RPS_S = 20.0
+BAND_OVER_MODE = (0.55, 2.4)
+"""Band in which an arm's line is judged over the frequency at which it is seen to ring: that of the reference arm."""
 SECOND_ORDER_END = 0.68
 """The motion's end over f_a: it passes the resonance of order 2, as the working speeds of such a robot do."""
 
 
-def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock") -> str:
+def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: ArmTable | None = None) -> str:
     """Text of a bench file: ratios, levers, limits, gains, a copied notch and a motion; no model.
 
     Gains are as an integrator sets them: the velocity loop by the rotor's inertia, K_pp by the frequency at which the arm rings.
@@ -31,6 +38,7 @@ def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock") -> str:
     Args:
         robot: The robot.
         address: The bus; the robot's bit rate is added where it says one.
+        drawing: The arm as the robot's own file has it, where that is a URDF file, which stands in the bench file as well.
     """
     bitrate = robot.bus.bitrate
     lines = [
@@ -46,22 +54,60 @@ def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock") -> str:
         f"node_id = {robot.accelerometer.node_id}",
         f"range_m_s2 = {toml_value(robot.accelerometer.range_m_s2)}",
     ]
+    if isinstance(robot, ArmRobot):
+        low_hz, high_hz = (round(2.0 * factor * arm_facts(robot)["mode_1_hz"]) / 2.0 for factor in BAND_OVER_MODE)
+        lines += ["", "[specification]", f"band_hz = {toml_value([low_hz, high_hz])}"]
+    if robot.links is not None:
+        lines += _arm_lines(drawing or robot.links, robot.accelerometer.mounting)
     for number, axis in sorted(robot.axis.items()):
-        lines += _axis_lines(number, axis, robot.node_ids[number])
+        lines += _axis_lines(number, axis, robot.node_ids[number], robot.links)
     acceleration, end_rps = _motion(min(robot.axis.values(), key=_reach))
+    if robot.links is not None:
+        lines += _line_lines(robot, robot.links)
+        joints = [robot.axis[number] for number in robot.links.axes]
+        acceleration, end_rps = arm_ramp(joints, 0.85 * min(map(speed_limit_rps, joints)), DECELERATION_RPS_S)
     lines += ["", "[constant_acceleration]", f"acceleration_rps_s = {acceleration:g}", f"end_rps = {end_rps:g}"]
     lines += [f"deceleration_rps_s = {DECELERATION_RPS_S:g}", "dwell_s = 0.2", "tail_s = 0.5", ""]
     return "\n".join(lines)
 
 
-def _axis_lines(number: int, axis: RobotAxis, node_id: int) -> list[str]:
+def _arm_lines(arm: ArmTable, mounting: Mounting | None) -> list[str]:
+    """What an engineer knows of an arm: its drawing, and where the sensor was meant to sit; no masses, no misalignment."""
+    lines = []
+    if mounting is not None:
+        lines += ["", "[accelerometer.mounting]", *_given(mounting, "misalignment_deg")]
+    lines += ["", "[arm]", *_given(arm, "link", "payload")]
+    for link in arm.link:
+        lines += ["", "[[arm.link]]", *_given(link, "body")]
+    return lines
+
+
+def _line_lines(robot: Robot, arm: ArmTable) -> list[str]:
+    """A straight line from home, where there is one within the limits of the axes."""
+    limits = []
+    for link, home in zip(arm.link, arm.home_rad().tolist(), strict=True):
+        axis = robot.axis[link.axis]
+        low, high = (home + math.tau * end / axis.reduction_ratio for end in _range_rev(link.axis, axis, arm))
+        fastest = math.tau * speed_limit_rps(axis) / axis.reduction_ratio
+        limits.append(JointLimits(low, high, min(fastest, math.radians(link.speed_limit_deg_s or math.inf))))
+    motion = first_line(arm, limits)
+    return [] if motion is None else ["", "[line_motion]", *_given(motion)]
+
+
+def _given(table: Table, *unknown: str) -> list[str]:
+    """The keys of a table that are not as by default, less those that nobody knows."""
+    values = table.model_dump(exclude_none=True, exclude_defaults=True, exclude=set(unknown))
+    return [f"{key} = {toml_value(value)}" for key, value in values.items()]
+
+
+def _axis_lines(number: int, axis: RobotAxis, node_id: int, arm: ArmTable | None) -> list[str]:
     gain = _digits(2.0 * math.pi * ROTOR_BANDWIDTH_HZ * axis.motor_inertia_kg_m2)
-    position_gain, reach = position_gain_per_s(axis), travel_rev(axis)
+    position_gain, (low, high) = position_gain_per_s(axis), _range_rev(number, axis, arm)
     limits = {
         "torque_nm": axis.torque_limit_nm,
         "speed_rps": speed_limit_rps(axis),
-        "position_min_rev": -reach,
-        "position_max_rev": reach,
+        "position_min_rev": low,
+        "position_max_rev": high,
         "following_error_rev": max(4.0, _digits(1.5 * speed_limit_rps(axis) / position_gain)),
     }
     control = {
@@ -75,8 +121,11 @@ def _axis_lines(number: int, axis: RobotAxis, node_id: int) -> list[str]:
         f"[axis.{number}]",
         f"node_id = {node_id}",
         f"profile = {toml_value(axis.profile)}",
+        *([f"joint = {toml_value(axis.joint)}"] if isinstance(axis, ArmAxis) and axis.joint is not None else []),
         f"reduction_ratio = {toml_value(axis.reduction_ratio)}",
-        f"tip_lever_m = {toml_value(axis.tip_lever_m)}",
+        f"tip_lever_m = {toml_value(axis.tip_lever_m)}"
+        if arm is None
+        else f"motor_inertia_kg_m2 = {axis.motor_inertia_kg_m2:.2g}",  # as a data sheet has it
         f"limits = {toml_value(limits)}",
         f"control = {toml_value(control)}",
         "",
@@ -98,6 +147,19 @@ def speed_limit_rps(axis: RobotAxis) -> float:
 def travel_rev(axis: RobotAxis) -> float:
     """Reach of the motor to either side, whole revolutions."""
     return float(math.floor(TRAVEL * axis.reduction_ratio))
+
+
+def _range_rev(number: int, axis: RobotAxis, arm: ArmTable | None) -> tuple[float, float]:
+    """Limits of the motor's position: its reach, and what the range of its link leaves of it."""
+    reach = travel_rev(axis)
+    if arm is None:
+        return -reach, reach
+    row = arm.axes.index(number)
+    range_deg, home_deg = arm.link[row].range_deg, math.degrees(float(arm.home_rad()[row]))
+    if range_deg is None:
+        return -reach, reach
+    low, high = ((end - home_deg) / 360.0 * axis.reduction_ratio for end in range_deg)
+    return max(-reach, float(math.ceil(low))), min(reach, float(math.floor(high)))
 
 
 def _reach(axis: RobotAxis) -> float:

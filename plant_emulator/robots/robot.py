@@ -1,6 +1,7 @@
 """The robot file: what the emulated robot is. Units are in the names of the keys; SI inside."""
 
 import math
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -10,12 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from drive_profiles.errors import FileError, Problem
 from drive_profiles.family.profile import is_name
-from drive_profiles.files.toml import Table, load
+from drive_profiles.files.reading import read_file
+from drive_profiles.files.toml import MAX_BYTES, Table, load
+from hil.arm.masses import check_masses, levers, mass_matrix
+from hil.arm.mounting import Mounting
+from hil.arm.tables import ArmTable
+from hil.arm.urdf import with_links
 from hil.control.angles import ARCSEC
 from hil.control.trajectory import PlanarChain
 from hil.robot_tables import (
     ORDERS,
+    AxisNumber,
     ConstantAccelerationMotion,
     Control,
     Geometry,
@@ -28,89 +36,17 @@ from hil.robot_tables import (
     amplitude_key,
     phase_key,
 )
-from plant_emulator.physics.axis import PLANT
+from plant_emulator.physics.axis import MORE_LINES, PLANT
 from plant_emulator.physics.sensing import HIGHEST_FREQUENCY
-
-MAX_AXES = 126
-"""The most drives that one bus has node IDs for, beside the accelerometer (CiA 301, 7.2.8.2: 1 to 127)."""
+from plant_emulator.robots.angle_lines import CoggingLine, EccentricityLine, check_lines, write_lines
+from plant_emulator.robots.behaviour import Behaviour, Switches
+from plant_emulator.robots.gear_change import MOST_LINES, ErrorChange, GearTemperature, check_changes
+from plant_emulator.robots.load_encoder import LoadEncoder
 
 SDO_DOWNLOAD_BYTES = 64 * 1024
 """The longest value that an SDO channel takes, unless the file says otherwise: what a client can make it keep in memory."""
 
 DownloadBytes = Annotated[int, Field(ge=8, le=16 * 1024 * 1024)]
-
-
-class Switches(Table):
-    """Positions of an axis' switches: angles of the joint, which is the motor angle by the reduction ratio.
-
-    What is not given is not there, and its input stays off. The index pulse comes once per motor revolution.
-
-    Attributes:
-        negative_limit_deg: Limit switch, active from here downwards.
-        positive_limit_deg: Limit switch, active from here upwards.
-        home_deg: Home switch, active between these two.
-        index_deg: Angle of the motor at which its encoder gives the index pulse.
-        probe_1_deg: Range of the joint within which touch probe 1 is active.
-        probe_2_deg: The same of touch probe 2.
-    """
-
-    negative_limit_deg: float | None = None
-    positive_limit_deg: float | None = None
-    home_deg: tuple[float, float] | None = None
-    index_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 0.0
-    probe_1_deg: tuple[float, float] | None = None
-    probe_2_deg: tuple[float, float] | None = None
-
-    @model_validator(mode="after")
-    def _in_order(self) -> "Switches":
-        ranges = {"home_deg": self.home_deg, "probe_1_deg": self.probe_1_deg, "probe_2_deg": self.probe_2_deg}
-        if self.negative_limit_deg is not None and self.positive_limit_deg is not None:
-            ranges["negative_limit_deg to positive_limit_deg"] = (self.negative_limit_deg, self.positive_limit_deg)
-        for name, limits_deg in ranges.items():
-            if limits_deg is not None and not limits_deg[0] < limits_deg[1]:
-                raise ValueError(f"{name} goes from {limits_deg[0]:g} to {limits_deg[1]:g}: the first must be the lower")
-        return self
-
-
-class Behaviour(Table):
-    """Differences of this drive from one that does all at once: what masters meet in real drives. All is off unless given.
-
-    Attributes:
-        tpdo_delay_us: Delay of the TPDOs after their cause (a SYNC, an event).
-        tpdo_jitter_us: Up to so much is added to each of these delays, drawn from the robot's seed.
-        sdo_delay_ms: Delay of an SDO answer.
-        transition_delay_ms: Duration of a transition of the state machine.
-        halt_blocks_mode_change: A new mode is not taken while the halt bit is set.
-        quick_stop_ends_disabled_at_once: Quick stop leads to switch on disabled, also with 605Ah from 5 to 8.
-        pp_handshake_cycles: SYNCs after which a set-point of profile position is acknowledged.
-        needs_mode_to_enable: Without a mode of operation (6060h = 0) it does not enable, but reports emergency 6320h.
-        operational_at_boot: The node goes to NMT state operational by itself.
-        unconfigured: It has left the factory without a node-ID, and does nothing but LSS until a master gives it one (CiA 305).
-        bus_off_restart_ms: Time from bus-off until its controller restarts by itself; left out, it stays off until the fault or
-            its supply is over.
-    """
-
-    tpdo_delay_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    tpdo_jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    sdo_delay_ms: Annotated[float, Field(ge=0.0, le=10e3)] = 0.0
-    transition_delay_ms: Annotated[float, Field(ge=0.0, le=10e3)] = 0.0
-    halt_blocks_mode_change: bool = False
-    quick_stop_ends_disabled_at_once: bool = False
-    pp_handshake_cycles: Annotated[int, Field(ge=0, le=1000)] = 0
-    needs_mode_to_enable: bool = False
-    operational_at_boot: bool = False
-    unconfigured: bool = False
-    bus_off_restart_ms: Annotated[float, Field(ge=0.0, le=60e3)] | None = None
-
-    @property
-    def delays_frames(self) -> bool:
-        """True where any frame leaves the node later than its cause."""
-        return bool(self.tpdo_delay_us or self.tpdo_jitter_us or self.sdo_delay_ms)
-
-    @property
-    def given(self) -> dict[str, float | bool]:
-        """The keys that differ from their defaults."""
-        return self.model_dump(exclude_defaults=True)
 
 
 class RobotAxis(PlantTable):
@@ -124,6 +60,11 @@ class RobotAxis(PlantTable):
         sdo_download_bytes: The longest value that an SDO channel of the node takes.
         switches: Limit and home switches and what the touch probes see; left out, there are none.
         behaviour: Differences from a drive that does all at once.
+        eccentricity: Orders of the joint in the transmission error, beside those of the motor.
+        cogging: Torque of the motor's own magnets, in the motor's angle.
+        load_encoder: A second encoder, on the joint; None: the drive has none.
+        ate_change: How the transmission error leaves the values of `ate`; left out, it stays what it is.
+        temperature: Temperature of the gear, on which that may depend.
     """
 
     node_id: Annotated[int, Field(ge=1, le=127)] | None = None
@@ -153,6 +94,17 @@ class RobotAxis(PlantTable):
     sdo_download_bytes: DownloadBytes = SDO_DOWNLOAD_BYTES
     switches: Switches | None = None
     behaviour: Behaviour = Behaviour()
+    eccentricity: Annotated[tuple[EccentricityLine, ...], Field(max_length=MORE_LINES)] = ()
+    cogging: Annotated[tuple[CoggingLine, ...], Field(max_length=MORE_LINES)] = ()
+    load_encoder: LoadEncoder | None = None
+    ate_change: Annotated[tuple[ErrorChange, ...], Field(max_length=MOST_LINES)] = ()
+    temperature: GearTemperature = GearTemperature()
+
+    @model_validator(mode="after")
+    def _changes_are_of_its_error(self) -> "RobotAxis":
+        check_changes(self.ate_change, self.ate, self.torque_limit_nm * self.reduction_ratio)
+        check_lines(self.eccentricity, self.cogging, self.torque_limit_nm)
+        return self
 
     @property
     def rated_torque(self) -> float:
@@ -189,6 +141,7 @@ class RobotAxis(PlantTable):
         for column, line in enumerate(self.ate.more):
             row["more_orders"][column], row["more_rad"][column] = line.order, line.a_arcsec * ARCSEC
             row["more_phi_rad"][column] = math.radians(line.phi_deg)
+        write_lines(self.eccentricity, self.cogging, self.reduction_ratio, row)
         row["wind_up_torsion_rad"] = self.wind_up_torsion_arcsec * ARCSEC
         row["hysteresis_torsion_rad"] = self.hysteresis_torsion_arcsec * ARCSEC
 
@@ -204,6 +157,7 @@ class RobotAccelerometer(Table):
         lowpass_hz: Corner of the sensor's low-pass of order 2 (Butterworth); None for none.
         mounting_resonance_hz: Resonance of the sensor on its mounting; None for a stiff one.
         mounting_damping: Damping ratio of the mounting.
+        mounting: Where it sits on the arm, and how it is turned; None: an ideal one at the tip, along the axes of the base.
     """
 
     node_id: Annotated[int, Field(ge=1, le=127)] = 16
@@ -216,6 +170,7 @@ class RobotAccelerometer(Table):
     lowpass_hz: Annotated[float, Field(ge=1.0, le=2000.0)] | None = None
     mounting_resonance_hz: Annotated[float, Field(ge=5.0, le=2000.0)] | None = None
     mounting_damping: Annotated[float, Field(gt=0.0, le=2.0)] = 0.05
+    mounting: Mounting | None = None
 
     @property
     def filters(self) -> bool:
@@ -241,7 +196,7 @@ class Robot(Table):
     control_period_s: Annotated[float, Field(ge=10e-6, le=0.01)] = 250e-6
     plant_substeps: Annotated[int, Field(ge=2, le=64)] = 4
     sync_period_s: Positive = 0.002
-    axis: Annotated[dict[Annotated[int, Field(ge=1, le=MAX_AXES)], RobotAxis], Field(min_length=1)]
+    axis: Annotated[dict[AxisNumber, RobotAxis], Field(min_length=1)]
     accelerometer: RobotAccelerometer = RobotAccelerometer()
     bus: BusFacts = BusFacts()
     geometry: Geometry | None = None
@@ -260,6 +215,8 @@ class Robot(Table):
             raise ValueError(f"node id {twice[0]} is given to two nodes of the bus, {given}: node_id changes it")
         if self.geometry is not None:
             self.geometry.check_axes(self.axis, "a geometry")
+        if self.accelerometer.mounting is not None and "arm" not in type(self).model_fields:
+            raise ValueError("accelerometer: a mounting says on which link it sits, and the robot has no [arm]")
         for name in ("lowpass_hz", "mounting_resonance_hz"):
             frequency = getattr(self.accelerometer, name)
             if frequency is not None and frequency * self.control_period_s > HIGHEST_FREQUENCY:
@@ -276,6 +233,11 @@ class Robot(Table):
                     "0 is none, and plant_substeps makes the steps shorter"
                 )
         return self
+
+    @property
+    def links(self) -> ArmTable | None:
+        """The arm whose links couple the axes; None where each axis turns an inertia of its own."""
+        return None
 
     @property
     def chain_axes(self) -> tuple[int, ...]:
@@ -316,19 +278,123 @@ class Robot(Table):
         return float(joints[0] + 0.5 * math.pi) if link == 0 else float(PlanarChain.link_angles(joints)[link])
 
 
-REFERENCE = Path(__file__).parent / "reference.toml"
+class ArmAxis(RobotAxis):
+    """An axis of an arm: the links say what it turns, and where; see `OF_THE_LINKS`.
+
+    Attributes:
+        joint: Name of its joint in the arm's URDF file.
+        arm_inertia_kg_m2: Inertia that it turns at home while all other joints are held.
+        tip_lever_m: Distance of the tip from its axis at home.
+    """
+
+    joint: str | None = None
+    arm_inertia_kg_m2: Annotated[float, Field(gt=0.0, exclude=True)] = 1.0
+    gravity_moment_nm: Annotated[float, Field(exclude=True)] = 0.0
+    home_deg: Annotated[float | None, Field(exclude=True)] = None
+    tip_lever_m: Annotated[float, Field(gt=0.0, exclude=True)] = 1.0
+
+
+OF_THE_LINKS = ("arm_inertia_kg_m2", "gravity_moment_nm", "home_deg", "tip_lever_m")
+"""Keys of an axis that a robot with links does not have: masses, places and home are those of its links."""
+
+
+class ArmRobot(Robot):
+    """A robot whose axes are the joints of one arm, and feel each other through its links."""
+
+    arm: ArmTable
+    axis: Annotated[  # type: ignore[assignment]
+        dict[AxisNumber, ArmAxis], Field(min_length=1)
+    ]
+
+    @model_validator(mode="after")
+    def _links_carry(self) -> "ArmRobot":
+        for number, axis in self.axis.items():
+            given = [key for key in OF_THE_LINKS if key in axis.model_fields_set]
+            if given:
+                raise ValueError(f"axis {number}: {given[0]} is that of the links of [arm]; leave it out")
+            if (axis.joint is None) == (self.arm.urdf is not None):
+                needed = (
+                    "needs joint, the name of its joint in the URDF file"
+                    if axis.joint is None
+                    else "joint names one of a URDF file"
+                )
+                raise ValueError(f"axis {number}: {needed}")
+        joints = [axis.joint for axis in self.axis.values() if axis.joint is not None]
+        twice = [joint for joint in joints if joints.count(joint) > 1]
+        if twice:
+            raise ValueError(f"joint {twice[0]!r} is that of two axes: each moves one")
+        if self.arm.link and self.accelerometer.mounting is not None:
+            self.accelerometer.mounting.check_arm(self.arm)
+        if self.geometry is not None:
+            raise ValueError("geometry: the links of [arm] say where the tip is; leave it out")
+        if self.arm.link:
+            self.arm.check_axes(list(self.axis))
+            check_masses(self.arm)
+        return self
+
+    @property
+    def links(self) -> ArmTable:
+        """The arm."""
+        return self.arm
+
+    def home_angle(self, number: int) -> float:
+        """0: an axis has no gravity of its own."""
+        return 0.0
+
+    def with_links_read(self, folder: Path) -> "ArmRobot":
+        """The robot with the links of its URDF file, and each axis with the inertia and the lever that it has at home.
+
+        Raises:
+            FileError: The URDF file describes no arm of these axes.
+            ValueError: It describes one that cannot be moved, or that contradicts the robot file.
+        """
+        arm, reductions = with_links(self.arm, folder, {axis.joint or "": number for number, axis in self.axis.items()})
+        for number, ratio in reductions.items():
+            if not math.isclose(ratio, self.axis[number].reduction_ratio, rel_tol=1e-6):
+                raise ValueError(
+                    f"axis {number}: reduction_ratio {self.axis[number].reduction_ratio:g} is {ratio:g} in the URDF file"
+                )
+        arm.check_axes(list(self.axis))
+        check_masses(arm)
+        if self.accelerometer.mounting is not None:
+            self.accelerometer.mounting.check_arm(arm)
+        inertias, reach = np.diag(mass_matrix(arm, arm.home_rad())), levers(arm, arm.home_rad())
+        found = {
+            link.axis: self.axis[link.axis].model_copy(update={"arm_inertia_kg_m2": float(inertia), "tip_lever_m": float(lever)})
+            for link, inertia, lever in zip(arm.link, inertias, reach, strict=True)
+        }
+        return self.model_copy(update={"arm": arm, "axis": {number: found[number] for number in self.axis}})
+
+
+FOLDER = Path(__file__).parent
+REFERENCE = FOLDER / "reference.toml"
+SHIPPED = {"reference": REFERENCE, "reference-arm": FOLDER / "reference_arm.toml"}
+"""Robots of the package, by name."""
 
 
 def load_robot(path: str | Path) -> Robot:
-    """The robot of a file, or of the name `reference`; files that it names count from its folder.
+    """The robot of a file, or of a name of `SHIPPED`; files that it names count from its folder.
 
     Raises:
         FileError: With every problem, by line.
     """
-    file = REFERENCE if str(path) == "reference" else Path(path)
-    robot = load(file, Robot)
+    file = SHIPPED.get(str(path), Path(path))
+    robot = load(file, ArmRobot if _has_arm(file) else Robot)
+    if isinstance(robot, ArmRobot):
+        try:
+            robot = robot.with_links_read(file.parent)
+        except ValueError as error:
+            raise FileError(file, (Problem(0, "arm", str(error), ""),)) from error
     found = {number: _in_folder(axis, file.parent) for number, axis in robot.axis.items()}
     return robot.model_copy(update={"axis": found})
+
+
+def _has_arm(file: Path) -> bool:
+    """True for a file with a table [arm]; one that cannot be read has none, and `load` says why."""
+    try:
+        return "arm" in tomllib.loads(read_file(file, "a TOML file", max_bytes=MAX_BYTES).decode("utf-8-sig"))
+    except (FileError, ValueError, RecursionError):
+        return False
 
 
 def _in_folder(axis: RobotAxis, folder: Path) -> RobotAxis:
@@ -347,6 +413,7 @@ def with_drives(
     *,
     eds: Mapping[int, str] = MappingProxyType({}),
     store_time_s: float | None = None,
+    load_encoder_bits: int | None = None,
 ) -> Robot:
     """A robot some of whose axes have other drives.
 
@@ -355,6 +422,7 @@ def with_drives(
         profiles: Profile by axis: a name of the package or a path.
         eds: Path of the drive's EDS file, by axis.
         store_time_s: Time for which all drives are silent while they store; None: as the file says.
+        load_encoder_bits: Bits of a second encoder on every joint; None: as the file says.
 
     Raises:
         ValueError: The robot has no such axis, or the time is negative.
@@ -367,6 +435,8 @@ def with_drives(
     axes = {}
     for number, axis in robot.axis.items():
         changes: dict[str, Any] = {} if store_time_s is None else {"store_time_s": store_time_s}
+        if load_encoder_bits is not None:
+            changes["load_encoder"] = LoadEncoder(counts_per_rev=2**load_encoder_bits)
         if number in profiles:
             changes["profile"] = profiles[number]
         if number in eds:

@@ -17,13 +17,8 @@ import numpy as np
 
 from hil.control.angles import ARCSEC
 from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phase_key
-from plant_emulator.robots.robot import (
-    Behaviour,
-    BusFacts,
-    Robot,
-    RobotAccelerometer,
-    RobotAxis,
-)
+from plant_emulator.robots.behaviour import Behaviour
+from plant_emulator.robots.robot import BusFacts, Robot, RobotAccelerometer, RobotAxis
 
 Kind = Literal["linear", "real", "any"]
 """Gear and drive: linear gear and no lag; hysteresis up to 2 N·m, softness and lag; hysteresis up to 5 N·m."""
@@ -100,7 +95,7 @@ REAL_HYSTERESIS_NM = 2.0
 """Largest Dahl torque of the kind `real`."""
 
 
-class _Draws:
+class Draws:
     """Named draws of one robot."""
 
     def __init__(self, seed: int, prefix: str = "") -> None:
@@ -108,12 +103,12 @@ class _Draws:
 
     def even(self, name: str, limits: Range) -> float:
         """A number between two limits, all equally probable."""
-        return _rounded(float(self._generator(name).uniform(*limits)))
+        return rounded(float(self._generator(name).uniform(*limits)))
 
     def logarithmic(self, name: str, limits: Range) -> float:
         """A number between two limits, all ratios equally probable."""
         low, high = (math.log(limit) for limit in limits)
-        return _rounded(math.exp(self._generator(name).uniform(low, high)))
+        return rounded(math.exp(self._generator(name).uniform(low, high)))
 
     def whole(self, name: str, limits: Range) -> int:
         """A whole number between two limits, both included."""
@@ -131,7 +126,8 @@ class _Draws:
         return np.random.default_rng((self._seed, crc32(f"{self._prefix}{name}".encode())))
 
 
-def _rounded(value: float) -> float:
+def rounded(value: float) -> float:
+    """The value with as many digits as a file has."""
     return float(f"{value:.{DRAWN_DIGITS}g}")
 
 
@@ -151,7 +147,7 @@ def draw(seed: int, ranges: Ranges = RANGES, *, kind: Kind = "any", axes: int = 
         raise ValueError(f"{axes} axes: a robot of the stable has 1 to {len(AXIS_NUMBERS)}")
     if seed < 0:
         raise ValueError(f"seed {seed} is negative")
-    bus = _Draws(seed)
+    bus = Draws(seed)
     bitrate = int(bus.one_of("bitrate", tuple(map(float, ranges.bitrates))))
     drawn_s, least_s = bus.one_of("sync_period_s", ranges.sync_period_s), least_sync_period_s(axes, bitrate)
     sync_period_s = min((each for each in ranges.sync_period_s if each >= max(drawn_s, least_s)), default=drawn_s)
@@ -164,8 +160,8 @@ def draw(seed: int, ranges: Ranges = RANGES, *, kind: Kind = "any", axes: int = 
         control_period_s=CONTROL_PERIOD_S,
         sync_period_s=sync_period_s,
         bus=BusFacts(bitrate=bitrate),
-        axis={number: _axis(_Draws(seed, f"axis {number} "), ranges, kind, number, late_us) for number in numbers},
-        accelerometer=_accelerometer(bus, ranges),
+        axis={number: _axis(Draws(seed, f"axis {number} "), ranges, kind, number, late_us) for number in numbers},
+        accelerometer=accelerometer(bus, ranges),
     )
 
 
@@ -177,13 +173,13 @@ def least_sync_period_s(axes: int, bitrate: int) -> float:
     return (0.5e-3 + 0.75e-3 * axes) * 500_000 / bitrate
 
 
-def _accelerometer(draws: _Draws, ranges: Ranges) -> RobotAccelerometer:
+def accelerometer(draws: Draws, ranges: Ranges) -> RobotAccelerometer:
     """Sensor with noise, delay and mounting."""
     has_lowpass, is_loose = draws.chance("sensor low-pass"), draws.chance("mounting resonance")
     return RobotAccelerometer(
         node_id=16,
         range_m_s2=RANGE_M_S2,
-        noise_m_s2=_rounded(0.02 * draws.logarithmic("noise", ranges.noise)),
+        noise_m_s2=rounded(0.02 * draws.logarithmic("noise", ranges.noise)),
         delay_s=draws.even("sensor_delay_s", ranges.sensor_delay_s),
         lowpass_hz=draws.logarithmic("lowpass_hz", (100.0, 400.0)) if has_lowpass else None,
         mounting_resonance_hz=draws.logarithmic("mounting_hz", ranges.mounting_hz) if is_loose else None,
@@ -191,22 +187,22 @@ def _accelerometer(draws: _Draws, ranges: Ranges) -> RobotAccelerometer:
     )
 
 
-def _axis(draws: _Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) -> RobotAxis:
+def _axis(draws: Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) -> RobotAxis:
     """One axis: inertias first, all else in proportion to them."""
     ratio = float(draws.whole("reduction_ratio", ranges.reduction_ratio))
     antiresonance_hz = draws.logarithmic("antiresonance_hz", ranges.antiresonance_hz)
     arms = draws.logarithmic("inertia_ratio", ranges.inertia_ratio) * ratio**2
     low, high = (limit / arms for limit in ranges.arm_inertia_kg_m2)
-    motor = _rounded(min(high, max(low, draws.logarithmic("motor_inertia", ranges.motor_inertia_kg_m2))))
-    arm = _rounded(motor * arms)
+    motor = rounded(min(high, max(low, draws.logarithmic("motor_inertia", ranges.motor_inertia_kg_m2))))
+    arm = rounded(motor * arms)
     omega = 2.0 * math.pi * antiresonance_hz
-    stiffness = _rounded(arm * omega**2)
-    arm_damping = _rounded(draws.even("arm_damping", (0.01, 0.018)) * arm * omega)
+    stiffness = rounded(arm * omega**2)
+    arm_damping = rounded(draws.even("arm_damping", (0.01, 0.018)) * arm * omega)
     damping = max(0.1 * arm_damping, 2.0 * draws.even("damping", ranges.damping) * arm * omega - arm_damping)
     lever = draws.even("tip_lever_m", ranges.tip_lever_m)
-    coulomb = _rounded(400.0 * motor * draws.logarithmic("friction", ranges.friction))
-    static = _rounded(coulomb * draws.even("stribeck", ranges.stribeck))
-    gravity = _rounded(draws.even("gravity", ranges.gravity) * arm * 9.81 / (2.0 * lever))
+    coulomb = rounded(400.0 * motor * draws.logarithmic("friction", ranges.friction))
+    static = rounded(coulomb * draws.even("stribeck", ranges.stribeck))
+    gravity = rounded(draws.even("gravity", ranges.gravity) * arm * 9.81 / (2.0 * lever))
     is_linear = kind == "linear"
     hysteresis_nm = REAL_HYSTERESIS_NM if kind == "real" else ranges.hysteresis_nm[1]
     hysteresis = draws.even("hysteresis", (ranges.hysteresis_nm[0], hysteresis_nm)) * min(1.0, stiffness / SOFT_GEAR_NM_RAD)
@@ -216,31 +212,31 @@ def _axis(draws: _Draws, ranges: Ranges, kind: Kind, number: int, late_us: int) 
         node_id=number,
         reduction_ratio=ratio,
         motor_inertia_kg_m2=motor,
-        motor_damping_nm_s_rad=_rounded(motor * draws.even("motor_damping", (2.5, 4.5))),
+        motor_damping_nm_s_rad=rounded(motor * draws.even("motor_damping", (2.5, 4.5))),
         arm_inertia_kg_m2=arm,
         arm_damping_nm_s_rad=arm_damping,
         gear_stiffness_nm_rad=stiffness,
-        gear_damping_nm_s_rad=_rounded(damping),
+        gear_damping_nm_s_rad=rounded(damping),
         coulomb_friction_nm=coulomb,
         static_friction_nm=static,
         stribeck_velocity_rad_s=draws.even("stribeck_velocity", ranges.stribeck_velocity_rad_s),
         gravity_moment_nm=gravity,
         home_deg=draws.even("home_deg", (-180.0, 180.0)),
-        torque_limit_nm=_rounded(9000.0 * (motor + arm / ratio**2) + 1.5 * gravity / ratio + 3.0 * static),
+        torque_limit_nm=rounded(9000.0 * (motor + arm / ratio**2) + 1.5 * gravity / ratio + 3.0 * static),
         encoder_counts_per_rev=2 ** draws.whole("encoder_bits", ranges.encoder_bits),
         tip_lever_m=lever,
-        ate=_error(draws, ranges),
+        ate=transmission_error(draws, ranges),
         gear_reaction=draws.chance("gear_reaction"),
         wind_up_softness=0.0 if is_linear else draws.even("softness", ranges.softness),
         wind_up_torsion_arcsec=draws.even("wind_up_torsion", (30.0, 90.0)),
-        hysteresis_torque_nm=0.0 if is_linear else _rounded(hysteresis),
+        hysteresis_torque_nm=0.0 if is_linear else rounded(hysteresis),
         hysteresis_torsion_arcsec=20.0,
         current_time_constant_s=0.0 if is_linear or lag_s < 0.5 * step_s else lag_s,
         behaviour=Behaviour(tpdo_delay_us=late_us),
     )
 
 
-def _error(draws: _Draws, ranges: Ranges) -> TransmissionErrorTable:
+def transmission_error(draws: Draws, ranges: Ranges) -> TransmissionErrorTable:
     """Transmission error with any phases."""
     phases: dict[float, float] = {order: draws.even(phase_key(order), (0.0, 360.0)) for order in ORDERS}
     amplitudes: dict[float, float] = {order: draws.even(f"a{order}", getattr(ranges, amplitude_key(order))) for order in ORDERS}

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from hil.control.angles import ARCSEC
 from hil.control.cascade import Cascade
@@ -47,7 +47,7 @@ def arm_peak_hz(axis: RobotAxis, cascade: Cascade, period_s: float) -> float:
     # the inertia line rises with ω², so only an inner maximum is a resonance
     inner = np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] >= level[2:])) + 1
     top = grid[inner[np.argmax(level[inner])]] if inner.size else grid[np.argmax(level)]
-    found = optimize.minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda f: -float(gain(np.array([f]))[0]), bounds=(top - 0.02, top + 0.02), method="bounded", options={"xatol": 1e-6}
     )
     return float(found.x)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hil.control.compiled import compiled
 from hil.control.records import Rows
-from plant_emulator.motion.period import command, measured_counts
+from plant_emulator.motion.period import age, command, measured_counts
 from plant_emulator.motion.record import AxisRow
 from plant_emulator.physics.angle_grid import constants
 from plant_emulator.physics.integration import arm_acceleration, nearest_to, plant_period
@@ -65,4 +65,8 @@ def follow(
                     m.previous_counts, m.target_counts, m.elapsed_periods = m.target_counts, set_points[i, row], 0
                 torque = command(axis, shown, period_s)
                 near = plant_period(k, near, mechanics, torque, False, period_s, substeps)
+                if axis.change.is_changing > 0.0:
+                    age(axis, period_s)
+                    k = constants(axis.plant)
+                    near = nearest_to(k, mechanics)
             mechanics.arm_acceleration_rad_s2 = arm_acceleration(k, mechanics)

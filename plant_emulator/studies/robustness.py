@@ -158,6 +158,8 @@ class Study:
 
     def __post_init__(self) -> None:
         """Refuse a study that cannot be run."""
+        if self.robot.links is not None:
+            raise ValueError(f"robot {self.robot.name!r} has an [arm]: a study varies axes that do not feel each other")
         period = self.robot.control_period_s
         if not math.isclose(self.periods * period, self.robot.sync_period_s, rel_tol=1e-9):
             raise ValueError(f"{self.robot.sync_period_s} s is no whole number of control periods of {period} s")

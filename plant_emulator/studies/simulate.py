@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drive_profiles.standard.units import Scaling, real32
+from hil.arm.line import arm_line
 from hil.control.cascade import Cascade
 from hil.control.notch import Notch
 from hil.control.trajectory import sample_times
@@ -47,7 +48,7 @@ def references(robot: Robot, axis: int | None, sync_period_s: float) -> tuple[tu
     """Axes, times and motor angles (n, axes) of the constant-acceleration motion of one axis, or of the line (None).
 
     Raises:
-        ValueError: The robot file lacks the motion, or the axis.
+        ValueError: The robot file lacks the motion, or the axis; or its arm cannot follow the line.
     """
     if axis is not None:
         if robot.constant_acceleration is None or axis not in robot.axis:
@@ -55,6 +56,11 @@ def references(robot: Robot, axis: int | None, sync_period_s: float) -> tuple[tu
         trajectory = robot.constant_acceleration.trajectory()
         times = sample_times(trajectory.duration_s, sync_period_s)
         return (axis,), times, trajectory.motor_angle(times)[:, np.newaxis]
+    if robot.line_motion is not None and robot.links is not None:
+        wanted = arm_line(robot.links, robot.line_motion)
+        times = sample_times(wanted.line.duration_s, sync_period_s)
+        ratios = np.array([robot.axis[number].reduction_ratio for number in wanted.axes])
+        return wanted.axes, times, wanted.turned(times) * ratios
     if robot.line_motion is None or robot.geometry is None:
         raise ValueError(f"robot {robot.name!r} has no line motion")
     line = robot.line_motion.line(robot.geometry.chain())

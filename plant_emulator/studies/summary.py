@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from plant_emulator.studies.robustness import PlantRunResult, Study
 from plant_emulator.studies.spread import Unknown
@@ -107,7 +107,7 @@ def result(study: Study, judged: PlantRunResult) -> float:
 
 def run_fraction(count: int, runs: int) -> RunFraction:
     """A fraction of the runs and its Wilson interval."""
-    interval = stats.binomtest(count, runs).proportion_ci(CONFIDENCE, "wilson")
+    interval = scipy.stats.binomtest(count, runs).proportion_ci(CONFIDENCE, "wilson")
     return RunFraction(count, runs, count / runs, float(interval.low), float(interval.high))
 
 
@@ -134,7 +134,7 @@ def summarise(study: Study, judged: Sequence[PlantRunResult], nominal: PlantRunR
 def influences(study: Study, judged: Sequence[PlantRunResult], values: Real) -> tuple[tuple[Influence, ...], float | None]:
     """The open unknowns by the strength of their rank correlation with the result, and the variance explained by a regression."""
     unknowns = [unknown for unknown in study.unknowns if unknown.is_open(study.spread)]
-    if len(judged) < FEWEST_RUNS or not unknowns or np.ptp(stats.rankdata(values)) == 0.0:
+    if len(judged) < FEWEST_RUNS or not unknowns or np.ptp(scipy.stats.rankdata(values)) == 0.0:
         return (), None
     columns = [np.array([each.values[unknown.name] for each in judged]) for unknown in unknowns]
     coefficients, explained = _regression(unknowns, columns, values)
@@ -155,7 +155,7 @@ def _correlation(column: Real, values: Real) -> tuple[float, float]:
     """Spearman's ρ and its p-value; 0 for a column that happens not to vary."""
     if np.ptp(column) == 0.0:
         return 0.0, 1.0
-    found: Any = stats.spearmanr(column, values)
+    found: Any = scipy.stats.spearmanr(column, values)
     return float(found.statistic), float(found.pvalue)
 
 
@@ -166,12 +166,12 @@ def _angle_correlation(degrees: Real, values: Real) -> tuple[float, float]:
 
     Source: K. V. Mardia, Linear-circular correlation coefficients and rhythmometry, Biometrika 63 (1976).
     """
-    angle, ranks, n = np.radians(degrees), stats.rankdata(values), len(values)
+    angle, ranks, n = np.radians(degrees), scipy.stats.rankdata(values), len(values)
     matrix = np.corrcoef([ranks, np.cos(angle), np.sin(angle)])
     c, s, both = float(matrix[0, 1]), float(matrix[0, 2]), float(matrix[1, 2])
     square = min(1.0, max(0.0, (c * c + s * s - 2.0 * c * s * both) / (1.0 - both * both)))
     ratio = math.inf if square == 1.0 else (n - 3) * square / (2.0 * (1.0 - square))
-    return math.sqrt(square), float(stats.f.sf(ratio, 2, n - 3))
+    return math.sqrt(square), float(scipy.stats.f.sf(ratio, 2, n - 3))
 
 
 def _interval(correlation: float, n: int, *, is_signed: bool) -> tuple[float, float]:
@@ -180,7 +180,7 @@ def _interval(correlation: float, n: int, *, is_signed: bool) -> tuple[float, fl
     Source: D. G. Bonett and T. A. Wright, Sample size requirements for correlations, Psychometrika 65 (2000).
     """
     z = math.atanh(min(0.999999, max(-0.999999, correlation)))
-    reach = float(stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)) * math.sqrt((1.0 + 0.5 * correlation**2) / (n - 3))
+    reach = float(scipy.stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)) * math.sqrt((1.0 + 0.5 * correlation**2) / (n - 3))
     low, high = math.tanh(z - reach), math.tanh(z + reach)
     return (low if is_signed else max(0.0, low)), high
 

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 Real = NDArray[np.float64]
 
@@ -24,16 +24,16 @@ def band_hz(f_al_hz: float) -> tuple[float, float]:
 
 def tip_displacement_mm(acceleration_m_s2: Real, period_s: float, f_al_hz: float) -> Real:
     """The tip's vertical acceleration in its band (2nd-order Butterworth, forward and backward) over (2π f_al)², in mm."""
-    band = signal.butter(2, band_hz(f_al_hz), "bandpass", fs=1.0 / period_s, output="sos")
-    return np.asarray(1e3 * signal.sosfiltfilt(band, acceleration_m_s2) / (2.0 * math.pi * f_al_hz) ** 2)
+    band = scipy.signal.butter(2, band_hz(f_al_hz), "bandpass", fs=1.0 / period_s, output="sos")
+    return np.asarray(1e3 * scipy.signal.sosfiltfilt(band, acceleration_m_s2) / (2.0 * math.pi * f_al_hz) ** 2)
 
 
 def speed_window(revolutions: Real, period_s: float, f_al_hz: float) -> NDArray[np.bool_]:
     """Rows in which the motor's speed rises through 0.76 … 1.27 f_al/2 (order k = 2); shape (n,)."""
     low_rps, high_rps = (factor * f_al_hz / ORDER for factor in WINDOW_FACTORS)
     corner = min(SPEED_LOWPASS_HZ, 0.2 / period_s)
-    sections = signal.butter(2, corner, fs=1.0 / period_s, output="sos")
-    speed = np.abs(signal.sosfiltfilt(sections, np.gradient(revolutions, period_s)))
+    sections = scipy.signal.butter(2, corner, fs=1.0 / period_s, output="sos")
+    speed = np.abs(scipy.signal.sosfiltfilt(sections, np.gradient(revolutions, period_s)))
     rising = np.arange(len(speed)) < int(np.argmax(speed))
     return np.asarray((speed >= low_rps) & (speed <= high_rps) & rising)
 
@@ -49,5 +49,5 @@ def spectrum_area(acceleration_m_s2: Real, period_s: float) -> float:
 
 def above_band(acceleration_m_s2: Real, period_s: float, f_al_hz: float) -> Real:
     """The part above f_al/2: what the motion itself asks of the tip is left out."""
-    sections = signal.butter(2, band_hz(f_al_hz)[0], "highpass", fs=1.0 / period_s, output="sos")
-    return np.asarray(signal.sosfiltfilt(sections, acceleration_m_s2))
+    sections = scipy.signal.butter(2, band_hz(f_al_hz)[0], "highpass", fs=1.0 / period_s, output="sos")
+    return np.asarray(scipy.signal.sosfiltfilt(sections, acceleration_m_s2))

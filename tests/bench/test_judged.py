@@ -17,7 +17,7 @@ pytestmark = pytest.mark.timeout(900)
 
 @pytest.fixture(autouse=True)
 def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(style, "to_svg", lambda figure, key: "<svg></svg>")
+    monkeypatch.setattr(style, "to_svg", lambda figure, key, **options: "<svg></svg>")
 
 
 def run(tmp_path: Path, local_bus: ServedBus, text: str, treatment: str, *more: str) -> tuple[int, str, str]:

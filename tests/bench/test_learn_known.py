@@ -7,7 +7,7 @@ import pytest
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError, load_identified
-from hil.experiments.cancellation.learn_run import LearnRequest, learn_on_bus, summary
+from hil.experiments.cancellation.learn_run import LearningOutcome, LearnRequest, learn_on_bus, summary
 from hil.robot_tables import TransmissionErrorTable
 from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.many.one import drawn
@@ -19,22 +19,31 @@ ERRORS = {"a1_arcsec": 0.3, "phi1_deg": 0.1, "a2_arcsec": 3.0, "phi2_deg": 7.0, 
 """Standard errors of an identification that knows order 2 badly."""
 
 
-@pytest.mark.timeout(300)
-def test_learning_keeps_the_order_that_its_ramps_do_not_reach(tmp_path: Path) -> None:
-    robot, text = drawn(1, "linear")
+def learnt_from(
+    tmp_path: Path, passes: int, a1_factor: float = 1.0, seed: int = 1, reaction: float | None = None
+) -> tuple[TransmissionErrorTable, IdentifiedError, LearningOutcome]:
+    """True error of the robot, the error as it is learnt after some passes, and the learning."""
+    robot, text = drawn(seed, "linear")
     bench, true = loads(text, Bench, "blank bench"), robot.axis[AXIS].ate
-    known = model_of(robot, bench, AXIS, true)
+    known = model_of(robot, bench, AXIS, true.model_copy(update={"a1_arcsec": a1_factor * true.a1_arcsec}))
     ate = known.axis[AXIS].ate
     assert ate is not None
-    known = known.with_part(AXIS, ate.model_copy(update={"standard_error": ERRORS}))
+    changed = {"standard_error": ERRORS} | ({} if reaction is None else {"gear_reaction": reaction})
+    known = known.with_part(AXIS, ate.model_copy(update=changed))
     known.save(tmp_path / "model.toml")
     channel = DirectChannel(World(robot), robot.bus.bitrate)
-    asked = LearnRequest((AXIS,), passes=3)
+    asked = LearnRequest((AXIS,), passes=passes)
     end = learn_on_bus(bench, asked, tmp_path / "out", tmp_path / "learnt.toml", plant=tmp_path / "model.toml", channel=channel)
     assert end.failure is None
     part = load_identified(tmp_path / "learnt.toml").axis[AXIS].ate
     assert isinstance(part, IdentifiedError)
-    values: TransmissionErrorTable = part.values
+    return true, part, end
+
+
+@pytest.mark.timeout(300)
+def test_learning_keeps_the_order_that_its_ramps_do_not_reach(tmp_path: Path) -> None:
+    true, part, end = learnt_from(tmp_path, passes=2)
+    values = part.values
     assert (values.a1_arcsec, values.phi1_deg) == (true.a1_arcsec, true.phi1_deg)
     assert (part.standard_error["a1_arcsec"], part.standard_error["phi1_deg"]) == (0.3, 0.1)
     assert values.a2_arcsec == pytest.approx(true.a2_arcsec, rel=0.03), "learnt: the passes know it better"
@@ -43,4 +52,22 @@ def test_learning_keeps_the_order_that_its_ramps_do_not_reach(tmp_path: Path) ->
     assert "order 1" in part.note
     assert any("order 1 is kept as it was known" in line for line in summary(end))
     assert 1 in {verdict.part.order for verdict in end.learnt[AXIS].passes[-1].verdicts}, "the passes cancel it too"
+    assert end.learnt[AXIS].reduction_fraction > 0.3
+
+
+@pytest.mark.timeout(300)
+def test_learning_goes_on_through_the_order_that_the_motion_meets(tmp_path: Path) -> None:
+    true, part, end = learnt_from(tmp_path, passes=3, a1_factor=0.95)
+    assert part.values.a1_arcsec == pytest.approx(true.a1_arcsec, rel=0.015), "known 5 % too small"
+    assert part.values.phi1_deg == pytest.approx(true.phi1_deg, abs=0.5)
+    assert not any("order 1 is kept" in line for line in summary(end))
     assert end.learnt[AXIS].reduction_fraction > 0.5
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(("seed", "true", "believed"), [(701, 1.0, 0.0), (703, 0.0, 1.0)])
+def test_learning_mends_a_reaction_of_the_gear_that_was_told_wrongly(
+    tmp_path: Path, seed: int, true: float, believed: float
+) -> None:
+    _, part, _ = learnt_from(tmp_path, passes=3, seed=seed, reaction=believed)
+    assert part.gear_reaction == pytest.approx(true, abs=0.1)

@@ -53,7 +53,7 @@ HIL = [sys.executable, "-m", "hil"]
 WITHOUT_PICTURES = [
     sys.executable,
     "-c",
-    "from hil.report import style; style.to_svg = lambda figure, key: '<svg></svg>'; from hil.cli.main import main; main()",
+    "from hil.report import style; style.to_svg = lambda figure, key, **_: '<svg></svg>'; from hil.cli.main import main; main()",
 ]
 """`hil` whose reports have figures that are made but not drawn: drawing them takes longer than a run."""
 
@@ -163,6 +163,16 @@ def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, local_bus:
     assert (out / "report.html").stat().st_size > 10_000
     log = list(can.LogReader(out / "bus.log"))
     assert sum(message.arbitration_id == 0x80 for message in log) > run["cycles"]
+
+
+def test_a_run_without_its_report_has_all_that_the_report_is_made_of(tmp_path: Path, local_bus: ServedBus) -> None:
+    out = tmp_path / "out"
+    done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, out, "--no-report"))
+    assert done.returncode in {0, 9}, done.stderr
+    assert "report:" not in done.stdout
+    assert not (out / "report.html").exists()
+    assert hil("report", str(out)).stdout.strip() == str(out / "report.html")
+    assert (out / "report.html").stat().st_size > 10_000
 
 
 @pytest.mark.slow

@@ -645,7 +645,7 @@ class Shift:
         self.rad, self.torque_nm = rad, torque_nm
         self.seen: list[tuple[float, float]] = []
 
-    def step(self, references_rad, positions_rad):  # type: ignore[no-untyped-def]
+    def step(self, references_rad, positions_rad, torques_nm):  # type: ignore[no-untyped-def]
         self.seen.append((references_rad[0], positions_rad[0]))
         return [self.rad] * len(references_rad), [self.torque_nm] * len(references_rad)
 
@@ -695,6 +695,28 @@ def test_a_corrector_sees_where_the_motor_is_and_moves_the_set_points(session: B
     np.testing.assert_allclose(
         result.recording.axis(2, "reference_rad") - plain.recording.axis(2, "reference_rad"), 0.0, atol=0.01
     )
+
+
+class Jolt:
+    """Adds a step in one cycle, as an angle that was measured late makes one, and takes it back in the next."""
+
+    uses_torque = False
+
+    def __init__(self, cycle: int, size_rad: float) -> None:
+        self.cycle, self.size_rad, self.cycles = cycle, size_rad, 0
+
+    def step(self, references_rad, positions_rad, torques_nm):  # type: ignore[no-untyped-def]
+        self.cycles += 1
+        return [self.size_rad * (self.cycles == self.cycle)] * len(references_rad), [0.0] * len(references_rad)
+
+
+def test_no_addition_makes_a_set_point_faster_than_its_axis_may_be(session: BenchSession) -> None:
+    bench = session.bench
+    motion = constant_acceleration(bench, 2, bench.bus.sync_period_s)
+    most_rad = math.tau * bench.axis[2].limits.speed_rps * bench.bus.sync_period_s
+    result = session.run(motion, adder=Jolt(700, 2.0 * most_rad))
+    assert result.stopped is None  # the drive would have refused the step
+    assert len(result.recording.time_s) == len(motion.time_s)
 
 
 def test_a_corrector_that_asks_for_too_much_torque_stops_the_run(session: BenchSession) -> None:

@@ -138,7 +138,7 @@ def test_a_set_that_is_not_the_design_is_not_uploaded(
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_the_whole_demo_ends_with_the_story(tmp_path: Path) -> None:
+def test_the_whole_demo_ends_with_the_story_and_a_whole_arm(tmp_path: Path) -> None:
     out = tmp_path / "demo"
     done = subprocess.run(
         [sys.executable, "-m", "hil", "demo", "--out", str(out)], capture_output=True, text=True, timeout=580, check=False
@@ -170,3 +170,18 @@ def test_the_whole_demo_ends_with_the_story(tmp_path: Path) -> None:
     assert "Truth beside estimate" in own
     assert "Paper</th>" not in (out / "story" / "identify-ate-axis2" / "report.html").read_text()
     assert json.loads((out / "result.json").read_text())["paper"]
+    arm = json.loads((out / "arm" / "result.json").read_text())
+    assert arm["story"]["failure"] is None
+    assert arm["emulated"] is True
+    assert [step["holds"] for step in arm["story"]["steps"]] == [True, True]
+    claims = {claim["claim"]: claim for claim in arm["story"]["claims"]}
+    assert all(claim["found"] is not None for claim in claims.values())
+    assert claims["nothing acting: the tip leaves ±0.05 mm"]["found"] > 0.07
+    assert claims["learnt: within ±0.05 mm in the worst direction"]["found"] < 0.25 * 0.07
+    assert claims["learnt: the goal along x, y and z"]["found"] <= 0.010
+    assert 'id="whole-arm-table"' in page
+    assert "arm/report.html" in page
+    assert 'id="whole-arm-line"' in page
+    for key in ("arm-line-reference-arm", "arm-resonances-reference-arm", "story-claims"):
+        assert f'id="{key}"' in (out / "arm" / "report.html").read_text()
+    assert "holds: learnt: within ±0.05 mm along x" in done.stdout

@@ -21,9 +21,13 @@ LIMIT_S = 420
 SUDO = "changes the network interfaces of the machine"
 ADAPTER = "needs a CAN adapter or vcan, and root; tests/vcan does it on a kernel of its own"
 DASK = "tests/plant_emulator/rehearsal starts a scheduler and workers itself, on a free port"
+POSTURES = "takes nine identifications; tests/bench/test_arm_postures.py and tests/hil/experiments/test_arm_masses.py do parts"
 SUITE = "is this test run itself, or another that takes as long"
+ARMS = "walks arms, each for a minute: tests/plant_emulator/rehearsal walks one"
+
 NOT_RUN = {
     ("README.md", "make demo"): "installs first; tests/hil/cli runs the demo itself",
+    ("README.md", "make live"): "installs first, and is the demo again; tests/hil/scope looks at a run live",
     ("README.md", "make test"): SUITE,
     ("README.md", "can_viewer -i hil_local -c /tmp/robot.sock"): "draws on a terminal until a key is pressed",
     ("README.md", "pytest tests/conformance"): SUITE,
@@ -31,6 +35,15 @@ NOT_RUN = {
     ("CONTRIBUTING.md", "make test CI=1"): SUITE,
     ("CONTRIBUTING.md", "make demo"): "installs first; tests/hil/cli runs the demo itself",
     ("CONTRIBUTING.md", "make bench"): "measures for many minutes, and overwrites docs/performance.md",
+    ("docs/arm.md", "plant-emulator rehearse --arms --seeds 0 --out arms"): ARMS,
+    ("docs/arm.md", "plant-emulator rehearse --arms --seeds 1-100 --out arms --resume"): ARMS,
+    ("docs/arm.md", "plant-emulator rehearse --summary arms"): ARMS,
+    ("docs/arm.md", "hil identify plant --bench reference-arm --axis 2 --model masses.toml"): POSTURES,
+    (
+        "docs/arm.md",
+        "hil identify plant --bench reference-arm --axis 2 --posture-deg 2=44,3=-61,5=-100 --model masses.toml",
+    ): POSTURES,
+    ("docs/arm.md", "hil identify arm --bench reference-arm --model masses.toml --out masses"): POSTURES,
     ("docs/conformance.md", "pytest tests/conformance --bus socketcan:can0@1M --node 5 --eds device.eds"): ADAPTER,
     ("docs/other-programs.md", "can_viewer -i hil_local -c /tmp/robot.sock"): "draws on a terminal until a key is pressed",
     ("docs/real-drive.md", "sudo ip link set can0 up type can bitrate 1000000"): SUDO,
@@ -93,6 +106,8 @@ SHORTENED = {
         "docs/tuning.md",
         'hil learn --bench bench.toml --axis 2 --plant model.toml --model learnt.toml --note "22 °C, no load"',
     ): "--passes 3",
+    ("docs/arm.md", "hil learn --motion line-motion --bench reference-arm --model learnt.toml"): "--orders 2",
+    ("docs/arm.md", "hil learn --motion line-motion --pace 0.85 --bench reference-arm --model learnt.toml"): "--orders 2",
     ("docs/robustness.md", "plant-emulator robustness --axis 2,3 --out robustness"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --axis 2,3 --treatment none"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --notch design/design.toml"): "--runs 8",
@@ -103,7 +118,7 @@ SHORTENED = {
 }
 """What is added to a command that would take minutes; all else of it stands."""
 
-ENDLESS = ("can_logger", "can_bridge")
+ENDLESS = ("can_logger", "can_bridge", "hil scope")
 """Programs that run until they are interrupted: here after some seconds, with SIGINT as by Ctrl-C."""
 
 BEFORE = {
@@ -113,6 +128,7 @@ BEFORE = {
     "docs/other-programs.md": {
         "can_bridge": [f"plant-emulator serve --bus local:/tmp/{name}.sock --wall" for name in "ab"],
     },
+    "docs/first-motion.md": {"hil check": ["cp hil/bench/reference.toml bench.toml"]},  # what the reader has typed
     "docs/planning.md": {"": ["cp hil/bench/reference.toml bench.toml"]},
 }
 """What a page takes for granted: typed before the first command that begins so."""
@@ -132,8 +148,13 @@ MADE = {"docs/robustness.md": {"design/design.toml": designed}}
 """Files that a page has from another page's commands."""
 
 SLOW = {
+    "docs/arm.md",
+    "docs/load-encoder.md",
     "docs/real-drive.md",
+    "docs/scope.md",
     "docs/serial.md",
+    "docs/shapers.md",
+    "docs/passport.md",
     "README.md",
     "docs/tuning.md",
     "docs/robustness.md",

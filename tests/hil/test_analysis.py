@@ -18,6 +18,7 @@ from hil.analysis import (
     line_window_s,
     motor_speed_rps,
     paper_scale,
+    shown_band,
     speed_window,
     tip_displacement_mm,
     tip_scale,
@@ -46,6 +47,16 @@ def band_gain(f_hz):
     """What the band-pass, forward and backward, leaves of a sine."""
     _, h = signal.sosfreqz(signal.butter(2, (6.0, 25.0), "bandpass", fs=1.0 / T, output="sos"), [f_hz], fs=1.0 / T)
     return float(abs(h[0]) ** 2)
+
+
+@pytest.mark.parametrize(("period_s", "shown"), [(0.001, (15.0, 64.0)), (0.0078, (15.0, 64.0)), (0.008, (15.0, 56.25))])
+def test_a_band_is_judged_as_far_as_samples_show_it(period_s, shown):
+    assert shown_band(period_s, (15.0, 64.0)) == pytest.approx(shown)
+
+
+def test_samples_that_show_too_little_of_a_band_are_refused_with_the_period_that_is_needed():
+    with pytest.raises(ValueError, match=r"samples every 12 ms show vibrations up to 37.5 Hz, and 44.8 Hz are needed .*, 10 ms"):
+        shown_band(0.012, (15.0, 64.0))
 
 
 @pytest.mark.parametrize("f_hz", [8.0, 11.84, 20.0])

@@ -6,19 +6,24 @@ from pathlib import Path
 from drive_profiles.files.toml import load
 from plant_emulator.bus.faults import FaultsFile
 from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
-from plant_emulator.robots.robot import SDO_DOWNLOAD_BYTES, Behaviour, RobotAccelerometer, Switches, load_robot
+from plant_emulator.robots.behaviour import Behaviour, Switches
+from plant_emulator.robots.gear_change import ErrorChange, GearTemperature
+from plant_emulator.robots.robot import SDO_DOWNLOAD_BYTES, RobotAccelerometer, load_robot
 from plant_emulator.world import World
 from tests.plant_emulator.many_axes import robot_file
 
 PAGE = (Path(__file__).parents[2] / "docs" / "emulated-drive.md").read_text()
+ARM_PAGE = (Path(__file__).parents[2] / "docs" / "arm.md").read_text()
 TABLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
 
 OF_EVERY_NODE = {"node_id", "unconfigured", "sdo_download_bytes"}
+OF_AN_ARM = {"mounting"}
+"""Keys that only a robot with an arm has: docs/arm.md shows them."""
 
 
 def test_the_tables_of_the_page_make_a_robot_and_hold_every_key(tmp_path):
-    switches, sdo, behaviour, sensor, _ = TABLES
-    text = robot_file([2], more=switches + behaviour).replace("[accelerometer]\n", sensor)
+    switches, sdo, behaviour, sensor, gear, _ = TABLES
+    text = robot_file([2], more=switches + behaviour + gear).replace("[accelerometer]\n", sensor)
     assert sdo.startswith("[axis.2]\n")
     (tmp_path / "robot.toml").write_text(text.replace("[axis.2]\n", sdo))
     robot = load_robot(tmp_path / "robot.toml")
@@ -26,7 +31,14 @@ def test_the_tables_of_the_page_make_a_robot_and_hold_every_key(tmp_path):
     assert axis.switches is not None
     assert axis.switches.model_fields_set == set(Switches.model_fields)
     assert set(axis.behaviour.given) == set(Behaviour.model_fields)
-    assert robot.accelerometer.model_fields_set - OF_EVERY_NODE == set(RobotAccelerometer.model_fields) - OF_EVERY_NODE
+    [change] = axis.ate_change
+    assert change.model_fields_set == set(ErrorChange.model_fields)
+    assert axis.temperature.model_fields_set == set(GearTemperature.model_fields)
+    for [line] in (axis.eccentricity, axis.cogging):
+        assert line.model_fields_set == set(type(line).model_fields)
+    elsewhere = OF_EVERY_NODE | OF_AN_ARM
+    assert robot.accelerometer.model_fields_set - elsewhere == set(RobotAccelerometer.model_fields) - elsewhere
+    assert "[accelerometer.mounting]" in ARM_PAGE
     assert axis.sdo_download_bytes == SDO_DOWNLOAD_BYTES
     assert [frame.can_id for frame in World(robot).power_on()] == [0x77F]
 

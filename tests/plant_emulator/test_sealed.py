@@ -13,6 +13,9 @@ import pytest
 
 from drive_profiles.standard.cia402 import Mode
 from hil.control.compiled import compiled
+from plant_emulator.motion.axes import Axes, rehearse
+from plant_emulator.motion.record import POSITION
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.sealed import LATE, sealed
 from tests.drive_profiles.profiles import DRIVES
 from tests.plant_emulator import tour
@@ -68,6 +71,23 @@ axes.rehearse(robot.model_copy(update={"accelerometer": robot.accelerometer.mode
 doors = {name: len(door._entries) for name, door in vars(axes).items() if isinstance(door, Compiled)}
 print(len(doors) > 3, [name for name, count in doors.items() if count != 1])
 """
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.0043])
+def test_an_arm_that_was_rehearsed_loads_nothing_any_more(delay_s):
+    robot = load_robot("reference-arm")
+    robot = robot.model_copy(update={"accelerometer": robot.accelerometer.model_copy(update={"delay_s": delay_s})})
+    axes, said = Axes(robot), []
+    rehearse(robot)
+    with sealed(said.append):
+        for row in range(6):
+            axes.open_brake(row, POSITION, 8)
+        for periods in (8, 1, 5):
+            axes.advance(periods)
+            axes.sensed_acceleration()
+        axes.stop(2, 100.0)
+        axes.advance(8)
+    assert said == []
 
 
 def test_the_rehearsal_goes_through_every_door_to_machine_code_that_the_axes_have():

@@ -1,6 +1,7 @@
 """What the axis keeps for every state and every torque."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from hypothesis import given, settings
@@ -107,8 +108,9 @@ def test_halving_the_substep_leaves_the_motion_as_it_is(number, start, torques):
         plant_step(plant[0], coarse[0], torque, False, T, 4)
         plant_step(plant[0], fine[0], torque, False, T, 8)
     # the motor sticks a fraction of a substep earlier or later, at each reversal
+    reversals = sum(a * b < 0.0 for a, b in pairwise(torque for torque in torques if torque))
     for name, tolerance in (
-        ("motor_angle_rad", 2e-4),
+        ("motor_angle_rad", 2e-4 * max(1, reversals)),
         ("motor_speed_rad_s", 0.1),
         ("arm_angle_rad", 1e-6),
         ("arm_speed_rad_s", 3e-4),

@@ -12,7 +12,7 @@ from tests.vcan.conftest import is_up
 from tests.vcan.vm import machine
 
 MACHINE = Path(machine.__file__)
-LIMIT_S = 1500.0
+LIMIT_S = 2100.0
 
 
 def reason_to_skip() -> str:

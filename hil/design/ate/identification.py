@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.design.ate.misfit import BEND, misfit, structured_power
+from hil.design.ate.misfit import BEND, BEND_PHASE, misfit, structured_power
 from hil.design.ate.model import GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
 from hil.design.ate.motion import motion_factor
 from hil.design.ate.refinement import (
+    OWN_FROM_ORDER,
     bend_weight,
     inverse_square,
     is_rounding_felt,
@@ -43,8 +44,8 @@ Real = NDArray[np.float64]
 SEARCH_HZ = (4.0, 35.0)
 """Resonances among which an unknown arm is searched."""
 SEARCH_DAMPING = (0.02, 0.05, 0.12)
-DELAY_S = (-0.010, 0.030)
-"""Delays that are searched: half a period of the resonance more (42 ms at 12 Hz) looks like φ_k turned by 180°."""
+DELAYS, FINE_DELAYS = 11, 21
+"""Delays of a search over arm and delay, and of the one for the delay alone."""
 ROUNDING_LEFT = 0.25
 """Fraction of that correction which goes into the standard error of A_k."""
 BAND = (0.5, 2.1)
@@ -150,11 +151,11 @@ def identify(
     """
     _check(sweeps, tuple(orders))
     arm = start if is_near and start is not None else _search(sweeps, reduction_ratio, sensing, tuple(orders), start)
-    noise = None
+    noise, weights = None, None
     for _ in range(2):  # the band follows the arm, and the weights the noise
-        model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, noise)
+        model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, noise, weights)
         arm = refine(model, arm)
-        noise = model.noise(arm)
+        noise, weights = model.noise(arm), weights or model.weights(arm)
     arm, own = own_arms(model, arm)
     for again in (True, False):
         rounded = refined(model, arm, own, bend_weight(model, arm, model.solve(arm, own)[1]))
@@ -162,7 +163,7 @@ def identify(
         moved = _moved(model, rounded, (arm, own))
         if not again or not is_rounding_felt(model, arm, own):
             break
-        model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, model.noise(arm))
+        model = _model_around(sweeps, reduction_ratio, sensing, tuple(orders), arm.resonance_hz, model.noise(arm), weights)
     factor = motion_factor(sweeps, reduction_ratio, sensing, orders, arm)
     return _estimate(model, arm, own, factor, moved)
 
@@ -188,10 +189,11 @@ def _model_around(
     orders: tuple[float, ...],
     frequency_hz: float,
     noise: Noise | None = None,
+    weights: Sequence[float] | None = None,
 ) -> RampsModel:
     top = 0.4 / max(sweep.period_s for sweep in sweeps)
     band = (BAND[0] * frequency_hz, min(BAND[1] * frequency_hz, top))
-    return RampsModel(sweeps, reduction_ratio, sensing, orders, band, noise)
+    return RampsModel(sweeps, reduction_ratio, sensing, orders, band, noise, weights)
 
 
 def _search(
@@ -202,18 +204,21 @@ def _search(
     low, high = SEARCH_HZ[0], min(SEARCH_HZ[1], top)
     model = RampsModel(sweeps, reduction_ratio, sensing, orders, (0.8 * low, min(1.2 * high, 1.2 * top)))
     gear_fraction = GEAR_FRACTION if start is None else start.gear_fraction
-    arms = [Arm(float(f), zeta, 0.0, gear_fraction) for f in np.geomspace(low, high, 56) for zeta in SEARCH_DAMPING]
+    if start is not None and start.others:  # with the other modes as they are known only this one's neighbourhood is left
+        low, high = 0.9 * start.resonance_hz, min(1.1 * start.resonance_hz, top)
+    others = () if start is None else start.others
+    arms = [Arm(float(f), z, 0.0, gear_fraction, 0.0, others) for f in np.geomspace(low, high, 56) for z in SEARCH_DAMPING]
     if start is not None:
         arms.append(start)
     # the motor's own motion is as late as all else: at 30 Hz a delay that is left out looks like another resonance
-    best = _least_apart(model, arms, np.arange(DELAY_S[0], DELAY_S[1] + 1e-9, 4e-3))
+    best = _least_apart(model, arms, np.linspace(sensing.delay_from_s, sensing.delay_to_s, DELAYS))
     model = _model_around(sweeps, reduction_ratio, sensing, orders, best.resonance_hz)
     fine = [
         replace(best, resonance_hz=best.resonance_hz * float(f), damping=best.damping * z)
         for f in np.linspace(0.96, 1.04, 9)
         for z in (0.6, 1.0, 1.6)
     ]
-    delays = np.arange(DELAY_S[0], DELAY_S[1] + 1e-9, 2e-3)
+    delays = np.linspace(sensing.delay_from_s, sensing.delay_to_s, FINE_DELAYS)
     best = _least_apart(model, fine, delays)
     return min((replace(best, delay_s=float(delay)) for delay in delays), key=model.power)
 
@@ -257,11 +262,13 @@ def _estimate(
     length = model.block(arm.resonance_hz)
     freedom = max(1.0, length * model.independent)
     parts = {k: matrix[:, 2 * i : 2 * i + 2] @ unknowns[2 * i : 2 * i + 2] for i, k in enumerate(model.orders)}
-    misfits = {order: misfit(left, part, model.signal - left, length, freedom) for order, part in parts.items()}
+    whole, rest = model.split(model.signal - left), model.split(left)
+    misfits = {order: misfit(rest, model.split(part), whole, length, freedom) for order, part in parts.items()}
     for order, size in misfits.items():
-        systematic = math.hypot(BEND * size, ROUNDING_LEFT * moved[order])
+        systematic = math.hypot(BEND * size, ROUNDING_LEFT * moved[order], _borrowed(order, amplitude, arm, own))
         amplitude_error[order] = math.hypot(amplitude_error[order], systematic * amplitude[order])
-        phase_error[order] = min(180.0, math.hypot(phase_error[order], math.degrees(BEND * size)))
+        bend = BEND if order < OWN_FROM_ORDER else BEND_PHASE
+        phase_error[order] = min(180.0, math.hypot(phase_error[order], math.degrees(bend * size)))
     arm_error = widened * np.sqrt(np.maximum(0.0, np.diag(covariance)[len(unknowns) : len(unknowns) + 3]))
     without = max(float(np.sum((model.signal - motion) ** 2)), 1e-300)
     return JointEstimate(
@@ -269,7 +276,7 @@ def _estimate(
         amplitude_error,
         phase_error,
         arm,
-        Arm(*(float(value) for value in arm_error)),
+        Arm(float(arm_error[0]), float(arm_error[1]), float(arm_error[2])),
         math.sqrt(power / len(left)),
         1.0 - power / max(float(np.sum(model.signal**2)), 1e-300),
         1.0 - power / without,
@@ -279,8 +286,18 @@ def _estimate(
         model.band_hz,
         own,
         misfits,
-        structured_power(left, length, freedom) * len(left) / without,
+        structured_power(rest, length, freedom) * len(left) / without,
     )
+
+
+def _borrowed(order: float, amplitude: Mapping[float, float], arm: Arm, own: Mapping[float, Arm]) -> float:
+    """Relative error of an amplitude too small for an arm of its own, on a gear that gives others one: theirs differ by as much.
+
+    The amplitude is in proportion to ζ of the arm that it is fitted with, which is that of the strongest order.
+    """
+    if order in own or order < OWN_FROM_ORDER or order == max(amplitude, key=lambda each: amplitude[each]):
+        return 0.0
+    return max((abs(each.damping / arm.damping - 1.0) for each in own.values()), default=0.0)
 
 
 def _polar(

@@ -5,19 +5,23 @@ an order's amplitude and phase follows from where it lies: what is left while th
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
 
-BEND = 0.6
-"""Error of A_k/A_k, and of φ_k in rad, over the order's misfit; as found on gears with hysteresis and with a soft wind-up."""
+BEND, BEND_PHASE = 0.6, 0.4
+"""Error of A_k/A_k, and of φ_k in rad, over the order's misfit; as found on gears with hysteresis and with a soft wind-up.
+
+What turns the phase in one direction turns it back in the other, so that most of it goes into the delay; not so with order 1, of
+which most ramps see the foot alone."""
 QUIET = 0.25
 """Quantile of the blocks' powers that is taken for quiet."""
 QUIET_SIGMA = -0.6745
 """The same quantile of a normal distribution."""
-LEAST_MISFIT = 0.003
+LEAST_MISFIT = 0.0015
 """Misfit of the whole signal that no noise hides: gravity alone bends f_a by a tenth of a per cent along a ramp."""
 CHANCE = 1.5
 """Power of a block over that of the noise up to which it may be chance."""
@@ -42,22 +46,31 @@ def noise_power(powers: Real, freedom: float) -> float:
     return float(np.quantile(powers, QUIET)) / quiet
 
 
-def misfit(residual: Real, part: Real, whole: Real, length: int, freedom: float) -> float:
+def misfit(residual: Sequence[Real], part: Sequence[Real], whole: Sequence[Real], length: int, freedom: float) -> float:
     """Size of what is left beside noise, over the size of one order's part of the signal, at the instants at which that is large.
 
     Args:
-        residual: What the fit leaves; shape (n,).
-        part: Part of one order in the model; shape (n,).
-        whole: What the model gives; shape (n,).
+        residual: What the fit leaves, by recording; each of shape (n,).
+        part: Part of one order in the model, by recording.
+        whole: What the model gives, by recording.
         length: Samples of a block.
         freedom: Independent samples of a block.
     """
-    left, own = block_powers(residual, length), block_powers(part, length)
-    more = np.maximum(left - CHANCE * noise_power(left, freedom), LEAST_MISFIT**2 * block_powers(whole, length))
-    return math.sqrt(float(np.sum(more * own)) / max(float(np.sum(own**2)), 1e-300))
+    above, all_own = 0.0, 0.0
+    for each, ours, given in zip(residual, part, whole, strict=True):
+        own = block_powers(ours, length)
+        more = np.maximum(_above_noise(each, length, freedom), LEAST_MISFIT**2 * block_powers(given, length))
+        above += float(np.sum(more * own))
+        all_own += float(np.sum(own**2))
+    return math.sqrt(above / max(all_own, 1e-300))
 
 
-def structured_power(residual: Real, length: int, freedom: float) -> float:
-    """Power of what is left beside noise."""
+def structured_power(residual: Sequence[Real], length: int, freedom: float) -> float:
+    """Mean power of what is left beside noise, of all recordings."""
+    return float(np.mean(np.concatenate([_above_noise(each, length, freedom) for each in residual])))
+
+
+def _above_noise(residual: Real, length: int, freedom: float) -> Real:
+    """Power of what a recording leaves beside noise; shape (blocks,)."""
     left = block_powers(residual, length)
-    return float(np.mean(np.maximum(0.0, left - CHANCE * noise_power(left, freedom))))
+    return np.maximum(0.0, left - CHANCE * noise_power(left, freedom))

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, signal
 
 from hil.design.transmission_error import RING_DOWN, TransmissionError, acceleration_spectrum
 
@@ -20,6 +20,12 @@ Signs = NDArray[np.int8]
 
 GEAR_FRACTION = 0.9
 """ζ_g/ζ unless a plant gives it: most of the damping is the gear's. A tenth more or less is 0.2 ζ/ω in Δ, 0.1 ms, and no more."""
+DELAY_S = (-0.010, 0.030)
+"""Delays that are searched where none is known: half a period of the resonance more (42 ms at 12 Hz) looks like φ_k + 180°."""
+EVEN = 2.0
+"""Ratio of the residuals of recordings from which they count by what each leaves.
+
+Where a part of the vibration was cancelled less is left, and what a gear that is no spring makes of it is less as well."""
 LEAST_SENSOR_NOISE = 0.05
 """Least fraction of a residual's power that is taken for the sensor's."""
 BEND_UP_TO = 2.1
@@ -55,10 +61,29 @@ class Sensing:
         gain: g: the tip lever in m, or J_l/N in kg·m² for the motor torque.
         motor_inertia_kg_m2: J: 0 for the tip, J_m for the motor torque. Left free it would take A_k 5 % with it, since the
             motor moves as θ_sync makes it; 5 % wrong it changes A_k by 0.3 %.
+        delay_from_s: Least delay of the signal behind the motor angle that is searched.
+        delay_to_s: Largest delay that is searched.
     """
 
     gain: float
     motor_inertia_kg_m2: float = 0.0
+    delay_from_s: float = DELAY_S[0]
+    delay_to_s: float = DELAY_S[1]
+
+
+@dataclass(frozen=True)
+class OtherMode:
+    """A mode of a coupled arm beside the one that is fitted, as its plant has it.
+
+    Attributes:
+        resonance_hz: Its frequency, with the motor held.
+        damping: Its damping ratio.
+        part: Part of the tip's rigid motion that it carries.
+    """
+
+    resonance_hz: float
+    damping: float
+    part: float
 
 
 @dataclass(frozen=True)
@@ -71,6 +96,8 @@ class Arm:
         delay_s: Delay Δ.
         gear_fraction: Fraction ζ_g/ζ of the damping, believed.
         bend: (f_a/f_s)², for a sensor that resonates at f_s on its mounting; below 0 for one that falls off.
+        others: Further modes of a coupled arm; what they do not carry of the tip's rigid motion is this one's, so that all gains
+            add up to the lever.
     """
 
     resonance_hz: float
@@ -78,14 +105,24 @@ class Arm:
     delay_s: float = 0.0
     gear_fraction: float = GEAR_FRACTION
     bend: float = 0.0
+    others: tuple[OtherMode, ...] = ()
 
     def response(self, frequency_hz: Real) -> Complex:
         """H(jω) e^{−jωΔ} of arm and sensor; shape of `frequency_hz`."""
         x = np.asarray(frequency_hz) / self.resonance_hz
-        made = (1.0 + 2j * self.gear_fraction * self.damping * x) / (1.0 + 2j * self.damping * x - x**2)
+        made = self._follows(x, self.damping)
+        if self.others:
+            made = (1.0 - sum(each.part for each in self.others)) * made
+            for each in self.others:
+                made = made + each.part * self._follows(np.asarray(frequency_hz) / each.resonance_hz, each.damping)
         if self.bend:
             made = made / (1.0 - self.bend * np.minimum(x, BEND_UP_TO) ** 2)
         return np.asarray(made * np.exp(-2j * math.pi * frequency_hz * self.delay_s) if self.delay_s else made)
+
+    def _follows(self, over_resonance: Real, damping: float) -> Complex:
+        """Motion of a mode on a moving base, by frequency over its own."""
+        x = over_resonance
+        return np.asarray((1.0 + 2j * self.gear_fraction * damping * x) / (1.0 + 2j * damping * x - x**2))
 
 
 SAME_ARM: Mapping[float, Arm] = MappingProxyType({})
@@ -106,6 +143,10 @@ class Noise:
     arm: Arm
     sensor_variance: float
 
+    def seen_with(self, weight: float) -> "Noise":
+        """Noise of a recording that counts with a weight: the weighted residuals of all are alike."""
+        return replace(self, sensor_variance=self.sensor_variance / weight**2)
+
 
 class SweepModel:
     """Model of one recording: the transforms are computed once, then one inverse transform for each arm."""
@@ -118,6 +159,7 @@ class SweepModel:
         orders: Sequence[float],
         band_hz: tuple[float, float],
         noise: Noise | None = None,
+        weight_of_all: float = 1.0,
     ) -> None:
         angle, period_s, self._orders = sweep.motor_angle_rad, sweep.period_s, tuple(orders)
         # nothing passes beyond four times the band, so every n-th sample says all
@@ -126,29 +168,32 @@ class SweepModel:
         self.direction = sweep.direction[:: self._every]
         self._rows, self._count = self.direction != 0, len(self.direction)
         ring_down = round(min(RING_DOWN / (FLOOR * 2.0 * math.pi * band_hz[0]), 4.0) / period_s)
-        self._length = int(fft.next_fast_len(-(-(len(angle) + ring_down) // self._every), real=True))
+        self._length = int(scipy.fft.next_fast_len(-(-(len(angle) + ring_down) // self._every), real=True))
         full = self._length * self._every
         waves = [angle / reduction_ratio]
         for order in orders:  # A cos(kθ + φ) = (A cos φ) cos kθ − (A sin φ) sin kθ
             waves += [np.cos(order * angle), -np.sin(order * angle)]
         frequency, spectra = acceleration_spectrum(np.stack(waves), period_s, full)
-        band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
-        _, gain = signal.sosfreqz(band, frequency, fs=1.0 / period_s)
+        band = scipy.signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
+        _, gain = scipy.signal.sosfreqz(band, frequency, fs=1.0 / period_s)
         weight = np.abs(gain) ** 2  # forward and backward: no phase
         self._white = float(np.mean(weight**2))
         # a rounded angle carries white noise of q²/12, twice differentiated and filtered like the angle
         rounding = sensing.gain * (2.0 * math.pi * frequency) ** 2 * resolution_rad(angle) / reduction_ratio / math.sqrt(12.0)
         if noise is not None:
             weight = weight / np.sqrt(1.0 + np.abs(rounding * noise.arm.response(frequency)) ** 2 / noise.sensor_variance)
+        weight = weight_of_all * weight
         self._rounding, self._all_frequency = weight * rounding, frequency
         inside = slice(0, self._length // 2)
         self._frequency = frequency[inside]
         self._spectra = sensing.gain * weight[inside] * spectra[:, inside]
         inertia = sensing.motor_inertia_kg_m2 * reduction_ratio  # the first spectrum is that of θ̈_m/N
         self._own = inertia * weight[inside] * spectra[0, inside]
+        self._has_own = bool(np.any(self._own))
+        self._kept: tuple[tuple[bytes, tuple[float, ...]], Complex, dict[float, Complex]] | None = None
         # the fraction of white noise that comes through, hence of the samples that are independent
         self.independent = self._every * self._white
-        self._seen = weight[inside] * fft.rfft(levelled(sweep.signal), full)[inside]
+        self._seen = weight[inside] * scipy.fft.rfft(levelled(sweep.signal), full)[inside]
         self.signal = self._samples(self._seen)
 
     def ahead(self, delay_s: float) -> Real:
@@ -157,7 +202,7 @@ class SweepModel:
 
     def _samples(self, spectra: Complex) -> Real:
         """Spectra as samples in the rows that count."""
-        samples = fft.irfft(spectra, self._length, axis=-1) / self._every
+        samples = scipy.fft.irfft(spectra, self._length, axis=-1) / self._every
         return np.asarray(samples[..., : self._count][..., self._rows], dtype=np.float64)
 
     def columns(self, arm: Arm, own: Mapping[float, Arm] = SAME_ARM) -> tuple[Real, Real]:
@@ -172,22 +217,30 @@ class SweepModel:
 
     def difference(self, more: "_Arms", less: "_Arms", unknowns: Real) -> Real:
         """What the signal with given unknowns has more with some arms than with others; shape (n,)."""
-        lone = [1 + 2 * self._orders.index(order) for order in more[1]]
-        kept = np.append(1.0, unknowns)
-        for row in lone:
-            kept[row : row + 2] = 0.0
-        total = (kept @ self._spectra) * self._more(more[0], less[0])
-        for row, order in zip(lone, more[1], strict=True):
-            own = unknowns[row - 1 : row + 1] @ self._spectra[row : row + 2]
-            total += own * self._more(more[1][order], less[1][order])
-        if np.any(self._own):
+        shared, own = self._driven(unknowns, tuple(more[1]))
+        total = np.zeros_like(shared)
+        if more[0] != less[0]:
+            total += shared * (more[0].response(self._frequency) - less[0].response(self._frequency))
+        for order, driven in own.items():
+            one, other = more[1][order], less[1][order]
+            if one != other:
+                total += driven * (one.response(self._frequency) - other.response(self._frequency))
+        if self._has_own:
             late, early = (np.exp(-2j * math.pi * self._frequency * each[0].delay_s) for each in (more, less))
             total += self._own * (late - early)
         return self._samples(total)
 
-    def _more(self, arm: Arm, other: Arm) -> Complex | float:
-        """Difference of two arms' responses."""
-        return 0.0 if arm == other else arm.response(self._frequency) - other.response(self._frequency)
+    def _driven(self, unknowns: Real, lone: tuple[float, ...]) -> tuple[Complex, dict[float, Complex]]:
+        """Spectrum that drives the arm, and those of orders with arms of their own; kept, since all slopes need the same."""
+        key = unknowns.tobytes(), lone
+        if self._kept is None or self._kept[0] != key:
+            rows = {order: 1 + 2 * self._orders.index(order) for order in lone}
+            shared = np.append(1.0, unknowns)
+            for row in rows.values():
+                shared[row : row + 2] = 0.0
+            own = {order: unknowns[row - 1 : row + 1] @ self._spectra[row : row + 2] for order, row in rows.items()}
+            self._kept = key, shared @ self._spectra, own
+        return self._kept[1], self._kept[2]
 
     @property
     def white(self) -> float:
@@ -224,8 +277,13 @@ class RampsModel:
         orders: tuple[float, ...],
         band_hz: tuple[float, float],
         noise: Noise | None = None,
+        weights: Sequence[float] | None = None,
     ) -> None:
-        self._parts = [SweepModel(sweep, reduction_ratio, sensing, orders, band_hz, noise) for sweep in sweeps]
+        each = weights or (1.0,) * len(sweeps)
+        self._parts = [
+            SweepModel(sweep, reduction_ratio, sensing, orders, band_hz, noise and noise.seen_with(weight), weight)
+            for sweep, weight in zip(sweeps, each, strict=True)
+        ]
         self.directions = np.concatenate([part.direction[part.direction != 0] for part in self._parts])
         self.signal = np.concatenate([part.signal for part in self._parts])
         self.independent = float(np.mean([part.independent for part in self._parts]))
@@ -264,6 +322,20 @@ class RampsModel:
         left = self.power(arm)
         sensor = max(left - self.rounding_power(arm), LEAST_SENSOR_NOISE * left) / len(self.signal)
         return Noise(arm, sensor / float(np.mean([part.white for part in self._parts])))
+
+    def weights(self, arm: Arm) -> tuple[float, ...] | None:
+        """Weight of each recording, by what it leaves; mean square 1. None where all leave about the same."""
+        left = self.split(self.solve(arm)[1])
+        sizes = np.array([math.sqrt(float(np.mean(each**2))) + 1e-300 for each in left])
+        if len(sizes) < 2 or float(np.max(sizes)) < EVEN * float(np.min(sizes)):
+            return None
+        weights = 1.0 / sizes
+        return tuple(float(each) for each in weights / math.sqrt(float(np.mean(weights**2))))
+
+    def split(self, values: Real) -> list[Real]:
+        """Values of all rows, by recording."""
+        ends = np.cumsum([len(part.signal) for part in self._parts])[:-1]
+        return [np.asarray(each) for each in np.split(values, ends)]
 
     def powers_apart(self, arm: Arm, delays_s: Sequence[float]) -> list[float]:
         """Power of the residual by delay, where each direction may have its own amplitudes and phases.
@@ -326,9 +398,9 @@ def modelled(sweep: Sweep, reduction_ratio: float, sensing: Sensing, arm: Arm, e
     angle, period_s = np.asarray(sweep.motor_angle_rad, dtype=np.float64), sweep.period_s
     waves = np.stack([angle / reduction_ratio + error.angle_rad(angle), angle])
     length = int(
-        fft.next_fast_len(len(angle) + round(RING_DOWN / (FLOOR * 2.0 * math.pi * arm.resonance_hz) / period_s), real=True)
+        scipy.fft.next_fast_len(len(angle) + round(RING_DOWN / (FLOOR * 2.0 * math.pi * arm.resonance_hz) / period_s), real=True)
     )
     frequency, (driven, own) = acceleration_spectrum(waves, period_s, length)
     late = np.exp(-2j * math.pi * frequency * arm.delay_s)
     spectrum = sensing.gain * driven * arm.response(frequency) + sensing.motor_inertia_kg_m2 * own * late
-    return np.asarray(fft.irfft(spectrum, length)[: len(angle)])
+    return np.asarray(scipy.fft.irfft(spectrum, length)[: len(angle)])

@@ -10,8 +10,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, signal
 
 from hil.design.ate.model import Arm, Sensing, Sweep, levelled, resolution_rad
 from hil.design.transmission_error import acceleration_spectrum
@@ -63,21 +63,21 @@ def _below(
     angle, period_s = sweep.motor_angle_rad, sweep.period_s
     band_hz = (BELOW_RESONANCE[0] * arm.resonance_hz, BELOW_RESONANCE[1] * arm.resonance_hz)
     every = max(1, int(0.5 / period_s / (4.0 * band_hz[1])))
-    length = int(fft.next_fast_len(-(-(len(angle) + round(2.0 / band_hz[0] / period_s)) // every), real=True))
+    length = int(scipy.fft.next_fast_len(-(-(len(angle) + round(2.0 / band_hz[0] / period_s)) // every), real=True))
     full = length * every
     waves = [angle / reduction_ratio]
     for order in orders:
         waves += [np.cos(order * angle), -np.sin(order * angle)]
     frequency, spectra = acceleration_spectrum(np.stack(waves), period_s, full)
-    band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
-    gain = np.abs(signal.sosfreqz(band, frequency, fs=1.0 / period_s)[1]) ** 2
+    band = scipy.signal.butter(2, band_hz, "bandpass", fs=1.0 / period_s, output="sos")
+    gain = np.abs(scipy.signal.sosfreqz(band, frequency, fs=1.0 / period_s)[1]) ** 2
     shape = sensing.gain * gain * arm.response(frequency)
     spectra = spectra * shape
     own = sensing.motor_inertia_kg_m2 * reduction_ratio * gain * np.exp(-2j * math.pi * frequency * arm.delay_s)
     known = own * acceleration_spectrum(angle[np.newaxis] / reduction_ratio, period_s, full)[1][0]
-    seen = gain * fft.rfft(levelled(sweep.signal), full) - known
+    seen = gain * scipy.fft.rfft(levelled(sweep.signal), full) - known
     inside = slice(0, length // 2)
-    rows = fft.irfft(np.vstack([spectra[:, inside], seen[inside]]), length, axis=-1)[:, : len(angle[::every])] / every
+    rows = scipy.fft.irfft(np.vstack([spectra[:, inside], seen[inside]]), length, axis=-1)[:, : len(angle[::every])] / every
     # a rounded angle carries white noise of q²/12, which is twice differentiated and filtered like the angle
     step = resolution_rad(angle) / reduction_ratio
     passed = np.abs(shape * (2.0 * math.pi * frequency) ** 2) ** 2

@@ -71,8 +71,8 @@ def mean_of(passes: Sequence[JointEstimate], joint: JointEstimate) -> JointEstim
         mean = complex(np.sum(weights * sizes * np.exp(1j * turns)) / np.sum(weights))
         off = (sizes * np.exp(1j * turns) - mean) * cmath.exp(-1j * cmath.phase(mean))
         amplitude[order], phase[order] = abs(mean), math.degrees(cmath.phase(mean)) % 360.0
-        amplitude_error[order] = _scattered(off.real, along)
-        error_rad = _scattered(off.imag, across) / max(abs(mean), 1e-30)
+        amplitude_error[order] = _scattered(off.real, along, weights)
+        error_rad = _scattered(off.imag, across, weights) / max(abs(mean), 1e-30)
         phase_error[order] = min(180.0, math.degrees(error_rad))
     return replace(
         joint,
@@ -85,6 +85,9 @@ def mean_of(passes: Sequence[JointEstimate], joint: JointEstimate) -> JointEstim
     )
 
 
-def _scattered(off: np.ndarray, errors: np.ndarray) -> float:
-    """Standard error of a mean of numbers that a gear bends alike: the best one's, or their scatter, whichever is more."""
-    return max(float(np.min(errors)), float(np.sqrt(np.mean(off**2))))
+def _scattered(off: np.ndarray, errors: np.ndarray, weights: np.ndarray) -> float:
+    """Standard error of a mean of numbers that a gear bends alike: the best one's, or their scatter, whichever is more.
+
+    The scatter has the weights of the mean: a pass whose vibration was cancelled knows the error better than the first one.
+    """
+    return max(float(np.min(errors)), float(np.sqrt(np.sum(weights * off**2) / np.sum(weights))))

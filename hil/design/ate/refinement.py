@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from hil.design.ate.model import Arm, RampsModel, least_squares
 
@@ -71,7 +71,7 @@ def refined(model: RampsModel, start: Arm, own: Mapping[float, Arm], bend_row: f
         return np.vstack([-slopes[:, columns] * sizes, known])
 
     more = len(own)
-    fit = optimize.least_squares(
+    fit = scipy.optimize.least_squares(
         residual,
         np.array([1.0, 1.0, 0.0] + has_bend * [0.0] + more * [1.0, 1.0]),
         bounds=(

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from hil.bench.bench import Limits
 from hil.bench.model import SIGNIFICANT_SIGMAS
-from hil.design.ate.identification import DELAY_S, JointEstimate
+from hil.design.ate.identification import JointEstimate
+from hil.design.ate.model import DELAY_S
 from hil.errors import HilError
 from hil.experiments.ate.motion import Ramps
 from hil.master.motion import RunResult
@@ -73,15 +74,20 @@ class AteNotIdentifiedError(HilError):
         super().__init__(f"not identified: {what} is {value:.4g}{suffix}, {bound}{tail}")
 
 
-def check_run(result: RunResult, *, sensorless: bool) -> None:
+def check_run(result: RunResult, *, sensorless: bool, sensor: str = "accelerometer") -> None:
     """Check that a pass is complete.
+
+    Args:
+        result: The pass.
+        sensorless: True where the motor torque is fitted.
+        sensor: What tells the tip, in words.
 
     Raises:
         AteNotIdentifiedError: Too many cycles lack something.
     """
     allowed = MAX_MISSED * result.cycles
     if not sensorless and result.sensor_missed > allowed:
-        what = f"the number of cycles without the accelerometer (of {result.cycles})"
+        what = f"the number of cycles without the {sensor} (of {result.cycles})"
         raise AteNotIdentifiedError(what, result.sensor_missed, allowed, "", "check it, or use --sensorless", at_most=True)
     if result.missed_cycles + result.dropped_cycles > allowed:
         lost = result.missed_cycles + result.dropped_cycles
@@ -91,15 +97,15 @@ def check_run(result: RunResult, *, sensorless: bool) -> None:
         )
 
 
-def check_accelerometer(tip: Real) -> None:
-    """Check that a tip acceleration, shape (n,), comes from a live sensor within its range.
+def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
+    """Check that a tip acceleration, shape (n,), comes from a live sensor within its range; `sensor` is its name in words.
 
     Raises:
         AteNotIdentifiedError: It never changes, or comes back to the very same largest value as only a saturated sensor does.
     """
     levels, counts = np.unique(tip, return_counts=True)
     if len(levels) < 8:
-        what = f"the number of different values of the accelerometer in {len(tip)} samples"
+        what = f"the number of different values of the {sensor} in {len(tip)} samples"
         raise AteNotIdentifiedError(
             what, len(levels), 8, "", "is it powered, does it sit on the arm, is its resolution fine enough?"
         )
@@ -110,7 +116,7 @@ def check_accelerometer(tip: Real) -> None:
         stretches = int(np.count_nonzero(np.diff(longer.astype(np.int8)) == 1) + (1 if longer[0] else 0))
         is_pile = count > PILE * int(beside.max()) and abs(end - float(np.median(tip))) > FLAT_STEPS * step
         if stretches >= FLAT_STRETCHES and is_pile:
-            what = f"the number of times that the accelerometer stays at {end:.3g} m/s², the end of its range,"
+            what = f"the number of times that the {sensor} stays at {end:.3g} m/s², the end of its range,"
             remedy = f"a range beyond {abs(end):.3g} m/s² or a faster ramp is needed"
             raise AteNotIdentifiedError(what, stretches, FLAT_STRETCHES - 1, "", remedy, at_most=True)
 
@@ -144,7 +150,7 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
     delay = estimate.arm.delay_s
     if not DELAY_S[0] + 1e-3 < delay < DELAY_S[1] - 1e-3:
         bound = DELAY_S[1] - 1e-3 if delay > 0.0 else -DELAY_S[0] - 1e-3
-        what = "the delay between motor angle and accelerometer"
+        what = "the delay between motor angle and sensor"
         raise AteNotIdentifiedError(
             what, 1e3 * abs(delay), 1e3 * bound, "ms", "beyond it φ cannot be told from φ + 180°", at_most=True
         )
@@ -160,7 +166,7 @@ def _check_factor(estimate: JointEstimate) -> None:
     if factor < -FEELS_NOTHING:
         remedy = "the tip moves against the motor: the encoder counts backwards (607Eh), or the accelerometer sits upside down"
     elif factor < FEELS_NOTHING:
-        remedy = "the accelerometer does not feel this axis: is it alive, does it sit on this arm, is the arm coupled and free?"
+        remedy = "the sensor does not feel this axis: is it alive, does it sit on this arm, is the arm coupled and free?"
     else:
         remedy = "is this the axis that moved, and are its reduction ratio and lever right?"
     remedy += f" The factor is {factor:.3f} ± {error:.3f}"

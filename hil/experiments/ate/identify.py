@@ -13,6 +13,9 @@ from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedError
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Sweep
+from hil.design.ate.reaction import Reaction, Turning, gear_reaction
+from hil.design.estimation import EstimatedParameter
+from hil.design.transmission_error import TransmissionError
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import (
     AteNotIdentifiedError,
@@ -28,6 +31,7 @@ from hil.experiments.ate.motion import (
     END_OVER_RESONANCE,
     PASSED,
     Ramps,
+    binding_limit_of,
     end_speed,
     further_end,
     ramps,
@@ -72,6 +76,8 @@ SENSORLESS_BIAS = (
 )
 """Measured at SYNC 1 and 2 ms on axes 2 and 3; the reaction with the emulator's `gear_reaction`."""
 AGREEMENT_SIGMAS = 4.0
+UNIFORM = 1.0 / math.sqrt(12.0)
+"""Standard deviation of a number that is anywhere in a range, over the range."""
 SATURATED_TORQUE_FRACTION = 0.99
 """Fraction of the torque limit from which a run counts as held back by it."""
 
@@ -102,12 +108,14 @@ class Identification:
         notes: Sentences for the engineer.
         misses: Numbers that are known less well than requested.
         scan: Orders of the vibration; None without an accelerometer.
+        reaction: Reaction of the gear on its motor; None where no plant is known, or the ramps do not show it.
     """
 
     passes: list[Pass] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     misses: list[Miss] = field(default_factory=list)
     scan: OrderScan | None = None
+    reaction: Reaction | None = None
 
     @property
     def estimate(self) -> JointEstimate:
@@ -155,18 +163,17 @@ def identify_on(
     acceleration, end = first_acceleration(bench, request, knowledge), first_end_speed(bench, request, knowledge)
     identification = Identification()
     for number in range(1, request.passes + 1):
-        reporter.step(
-            f"pass {number} of at most {request.passes}: axis {axis} to {end:.2f} rev/s at {acceleration:.2f} rev/s² and back"
-        )
         session.check_interrupt()
         here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
         motion = ramps(bench, axis, here_rev, acceleration, end, bench.bus.sync_period_s)
+        words = f"axis {axis} to {end:.2f} rev/s at {acceleration:.2f} rev/s² and back{binding_limit_of(bench, axis, motion)}"
+        reporter.step(f"pass {number} of at most {request.passes}: {words}")
         result = session.run(motion.motion, "none", "drive")
         keep(number, result, motion)
         check_moved(motion, result, axis, bench.axis[axis].limits)
         if result.stopped is not None:
             raise result.stopped
-        check_run(result, sensorless=request.sensorless)
+        check_run(result, sensorless=request.sensorless, sensor=bench.accelerometer.title)
         made = _fitted(bench, request, knowledge, identification, motion, result.recording)
         identification.passes.append(made)
         left = request.passes - number
@@ -181,7 +188,19 @@ def identify_on(
     if not request.sensorless:
         identification.scan = watch.scan(identification.estimate)
         identification.notes += watch.notes(identification.estimate, identification.scan)
+        identification.reaction = _reaction(identification, axis, knowledge)
     return identification
+
+
+def _reaction(identification: Identification, axis: int, knowledge: AxisKnowledge) -> Reaction | None:
+    """Reaction of the gear on its motor, from the torque of all passes."""
+    if knowledge.side is None:
+        return None
+    made = [each.recording for each in identification.passes]
+    turned = [Turning(each.axis(axis, "position_rad"), each.axis(axis, "torque_nm"), each.period_s) for each in made]
+    error = identification.estimate.error
+    seen = {k: size for k, size in error.amplitude_arcsec.items() if is_seen(identification.estimate, k)}
+    return gear_reaction(turned, knowledge.side, TransmissionError(seen, {k: error.phase_deg[k] for k in seen}))
 
 
 def _watch(identification: Identification, bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> OrderWatch:
@@ -205,7 +224,7 @@ def _fitted(
         AteNotIdentifiedError: The accelerometer is dead or saturated.
         NotPossibleError: The passes do not carry a fit.
     """
-    sweep = sweep_of(motion, recording, request.axis, sensorless=request.sensorless)
+    sweep = sweep_of(motion, recording, request.axis, sensorless=request.sensorless, sensor=bench.accelerometer.title)
     before = identification.passes
     try:
         estimate = identify_orders(
@@ -217,11 +236,11 @@ def _fitted(
             is_near=len(before) >= SEARCHED_PASSES,
         )
     except ValueError as error:
-        raise NotPossibleError(f"not identified: {error}") from error
+        raise NotPossibleError(f"not identified: {error}{binding_limit_of(bench, request.axis, motion)}") from error
     return Pass(motion, recording, sweep, _with_inertia_error(estimate, knowledge.arm_inertia_fraction))
 
 
-def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool) -> Sweep:
+def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool, sensor: str = "accelerometer") -> Sweep:
     """Recording of a pass as input of the fit.
 
     Args:
@@ -229,15 +248,19 @@ def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool
         recording: Recording of the pass.
         axis: Axis number.
         sensorless: True to fit the motor torque instead of the tip acceleration.
+        sensor: What tells the tip, in words.
 
     Raises:
-        AteNotIdentifiedError: The accelerometer is dead or saturated.
+        AteNotIdentifiedError: The sensor is dead or saturated.
+        NotPossibleError: It is not mounted as the bench file says.
     """
     angle = recording.axis(axis, "position_rad")
     if sensorless:
         return Sweep(angle, recording.axis(axis, "torque_nm"), recording.period_s, motion.direction(SKIP_TORQUE))
-    tip = recording.columns["tip_z_m_s2"]
-    check_accelerometer(tip)
+    if recording.doubt is not None:
+        raise NotPossibleError(f"not identified: {recording.doubt}")
+    tip = recording.felt_m_s2
+    check_accelerometer(tip, sensor)
     return Sweep(angle, tip, recording.period_s, motion.direction())
 
 
@@ -354,21 +377,33 @@ def standard_errors(estimate: JointEstimate) -> dict[str, float]:
     return errors
 
 
-def delay_error_s(estimate: JointEstimate, gear_fraction_error: float) -> float:
-    """Standard error of the sensor's delay: noise, and what the gear's fraction of the damping leaves open.
+def delay_of(estimate: JointEstimate, gear_fraction_error: float, plant_damping: float | None = None) -> EstimatedParameter:
+    """The sensor's delay; its standard error has noise, what the gear's fraction of the damping leaves open, and a gear's blur.
 
-    The gear's part of the damping leads by 2 ζ_g/ω, which no ramp tells from a sensor that is quicker by as much.
+    The gear's part of the damping leads by 2 ζ_g/ω, which no ramp tells from a sensor that is quicker by as much. A gear that is
+    no spring rings at another frequency at each instant of a ramp, which looks like damping and leads by nothing: what the fit
+    has of ζ beyond the plant's is loss in part and blur in part, and any part is as likely as any other.
 
     Args:
         estimate: The estimate.
         gear_fraction_error: Standard error of ζ_g/ζ.
+        plant_damping: ζ of the identified plant; None where it is not known.
     """
     lead_s = 2.0 * estimate.arm.damping / (2.0 * math.pi * estimate.arm.resonance_hz)
-    return math.hypot(estimate.arm_error.delay_s, gear_fraction_error * lead_s)
+    blur_s = 0.0
+    if plant_damping is not None:
+        blur_s = estimate.arm.gear_fraction * lead_s * (1.0 - plant_damping / estimate.arm.damping)
+    error_s = math.hypot(estimate.arm_error.delay_s, gear_fraction_error * lead_s, UNIFORM * blur_s)
+    return EstimatedParameter(estimate.arm.delay_s - 0.5 * blur_s, error_s)
 
 
 def as_part(
-    estimate: JointEstimate, request: AteRequest, note: str = "", gear_fraction_error: float = GEAR_FRACTION_ERROR
+    estimate: JointEstimate,
+    request: AteRequest,
+    note: str = "",
+    gear_fraction_error: float = GEAR_FRACTION_ERROR,
+    reaction: Reaction | None = None,
+    plant_damping: float | None = None,
 ) -> IdentifiedError:
     """Transmission error as an entry of the model file; an order that is not seen is 0 in it.
 
@@ -377,17 +412,24 @@ def as_part(
         request: What was asked for.
         note: A note.
         gear_fraction_error: Standard error of the gear's fraction of the damping.
+        reaction: Reaction of the gear on its motor; one that is not seen is 0 in the entry.
+        plant_damping: ζ of the identified plant; None where it is not known.
     """
+    delay = delay_of(estimate, gear_fraction_error, plant_damping)
     seen = {order: size for order, size in estimate.error.amplitude_arcsec.items() if is_seen(estimate, order)}
     errors = standard_errors(estimate) | {"arm_hz": estimate.arm_error.resonance_hz, "damping": estimate.arm_error.damping}
     if not request.sensorless:
-        errors["accelerometer_delay_s"] = delay_error_s(estimate, gear_fraction_error)
+        errors["accelerometer_delay_s"] = delay.standard_error
+    reacts = reaction.believed if reaction is not None and reaction.is_seen else None
+    if reacts is not None:
+        errors["gear_reaction"] = reacts.standard_error
     return IdentifiedError(
         values=TransmissionErrorTable.of(seen, {order: estimate.error.phase_deg[order] for order in seen}),
         standard_error=errors,
         arm_hz=estimate.arm.resonance_hz,
         damping=estimate.arm.damping,
-        accelerometer_delay_s=0.0 if request.sensorless else estimate.arm.delay_s,
+        accelerometer_delay_s=0.0 if request.sensorless else delay.value,
+        gear_reaction=0.0 if reacts is None else reacts.value,
         learnt_by="sensorless" if request.sensorless else "identify",
         note=note,
     )

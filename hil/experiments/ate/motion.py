@@ -1,4 +1,8 @@
-"""The motion from which the transmission error is identified: one ramp forwards, one back, within the bench file's limits."""
+"""The motion from which the transmission error is identified: one ramp forwards, one back, within the bench file's limits.
+
+On an arm a ramp turns the joint by no more than `identification_travel_deg` to either side, since further on it rings at other
+frequencies; it accelerates as fast as that takes, and ends where it began.
+"""
 
 import math
 from dataclasses import dataclass
@@ -25,6 +29,8 @@ FIRST_ORDER_END, PASSED = 1.2, 1.08
 ACCELERATION_RPS_S, ACCELERATION_AT_HZ = 4.0, 12.0
 """Acceleration of a first pass, and the arm's frequency for which it is meant; it goes with the square of the frequency."""
 SLOWEST_RPS_S = 0.3
+ARM_HURRY = 2.0
+"""Acceleration over that of a first pass up to which a ramp on an arm goes on to a lower order: others show less on it."""
 DEFAULT_END_RPS, DEFAULT_DECELERATION_RPS_S = 10.0, 20.0
 LEAST_END_RPS = 1.0
 SPEED_FRACTION = 0.95
@@ -67,14 +73,53 @@ def travel_rev(acceleration_rps_s: float, deceleration_rps_s: float, end_rps: fl
     return 0.5 * end_rps**2 * (1.0 / acceleration_rps_s + 1.0 / deceleration_rps_s)
 
 
-def room_rev(table: AxisTable) -> float:
-    """Motor revolutions that a ramp may take."""
+def room_rev(bench: Bench, axis: int) -> float:
+    """Motor revolutions that a ramp may take: between the position limits, and within the travel of an arm's joint."""
+    return min(_between_limits_rev(bench.axis[axis]), bench.travel_rev(axis))
+
+
+def _between_limits_rev(table: AxisTable) -> float:
     return table.limits.position_max_rev - table.limits.position_min_rev - 2.0 * MARGIN_REV
 
 
-def slowest(table: AxisTable, deceleration_rps_s: float, end_rps: float) -> float:
+def _is_held_by_arm(bench: Bench, axis: int) -> bool:
+    """True where the travel of an arm's joint leaves less room than the position limits do."""
+    return bench.travel_rev(axis) < _between_limits_rev(bench.axis[axis])
+
+
+def room_words(bench: Bench, axis: int) -> str:
+    """Sentence on what leaves a ramp its room, and how much."""
+    what = f"±{bench.travel_deg:g}° of the joint leave" if _is_held_by_arm(bench, axis) else "the position limits leave"
+    return f"{what} {room_rev(bench, axis):.1f}"
+
+
+def binding_limit(bench: Bench, axis: int, acceleration_rps_s: float, end_rps: float) -> str:
+    """The limit that a ramp uses up, in words; empty where none.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+        acceleration_rps_s: Acceleration of the ramp.
+        end_rps: Speed at its end.
+    """
+    if end_rps >= 0.99 * SPEED_FRACTION * bench.axis[axis].limits.speed_rps:
+        return f"its speed limit, {bench.axis[axis].limits.speed_rps:g} rev/s"
+    if travel_rev(acceleration_rps_s, deceleration(bench), end_rps) < 0.99 * room_rev(bench, axis):
+        return ""
+    if _is_held_by_arm(bench, axis):
+        return f"the travel of the arm's joint, ±{bench.travel_deg:g}° (identification_travel_deg)"
+    return "its position limits"
+
+
+def binding_limit_of(bench: Bench, axis: int, motion: Ramps) -> str:
+    """The limit that a pass uses up, as the end of a sentence; empty where none."""
+    bound = binding_limit(bench, axis, motion.trajectory.acceleration_rps_s, motion.trajectory.end_rps)
+    return f"; what binds is {bound}" if bound else ""
+
+
+def slowest(bench: Bench, axis: int, end_rps: float) -> float:
     """The smallest acceleration in rps/s with which a ramp to a speed has room; inf where not even the braking has."""
-    left = 2.0 * room_rev(table) / end_rps**2 - 1.0 / deceleration_rps_s
+    left = 2.0 * room_rev(bench, axis) / end_rps**2 - 1.0 / deceleration(bench)
     return 1.0 / left if left > 0.0 else math.inf
 
 
@@ -98,8 +143,18 @@ def with_room(bench: Bench, axis: int, acceleration_rps_s: float, end_rps: float
         acceleration_rps_s: Acceleration that is wanted.
         end_rps: Speed at the ramp's end.
     """
-    least = 1.001 * slowest(bench.axis[axis], deceleration(bench), end_rps)
+    least = 1.001 * slowest(bench, axis, end_rps)
     return max(acceleration_rps_s, min(least, deceleration(bench)))
+
+
+def unknown_end(bench: Bench, axis: int) -> float:
+    """End speed of a ramp on an arm of which no resonance is known: what passes f_m2 of one of `ACCELERATION_AT_HZ`.
+
+    Args:
+        bench: The bench file.
+        axis: Axis number.
+    """
+    return min(END_OVER_RESONANCE * ACCELERATION_AT_HZ / 2.0, SPEED_FRACTION * bench.axis[axis].limits.speed_rps)
 
 
 def further_end(bench: Bench, axis: int, arm_hz: float, order: float) -> float | None:
@@ -112,7 +167,8 @@ def further_end(bench: Bench, axis: int, arm_hz: float, order: float) -> float |
         order: The order.
     """
     end = min(FIRST_ORDER_END * arm_hz / order, SPEED_FRACTION * bench.axis[axis].limits.speed_rps)
-    has_room = slowest(bench.axis[axis], deceleration(bench), end) < deceleration(bench)
+    fastest = deceleration(bench) if bench.arm is None else ARM_HURRY * acceleration_for(bench, arm_hz)
+    has_room = slowest(bench, axis, end) < fastest
     return end if has_room and end >= PASSED * arm_hz / order else None
 
 
@@ -142,15 +198,16 @@ def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float 
     wanted = max(DEFAULT_END_RPS, 0.0 if motion is None else motion.end_rps)
     if arm_hz is not None:
         wanted = END_OVER_RESONANCE * arm_hz / 2.0
-    room, braking = max(room_rev(table), 0.0), deceleration(bench)
+    room, braking = max(room_rev(bench, axis), 0.0), deceleration(bench)
     by_room = math.sqrt(2.0 * room / (1.0 / acceleration_rps_s + 1.0 / braking))
     reached = min(wanted, SPEED_FRACTION * table.limits.speed_rps, by_room)
     if arm_hz is not None and reached < BEYOND_RESONANCE * arm_hz / 2.0:
         raise NotPossibleError(too_short(bench, axis, acceleration_rps_s, arm_hz, reached))
     if reached < 0.5:
+        wider = "a wider identification_travel_deg is" if _is_held_by_arm(bench, axis) else "wider position limits are"
         raise NotPossibleError(
             f"axis {axis} has {room:.2f} rev to move in, which at {acceleration_rps_s:g} rev/s² ends at {reached:.2f} rev/s: "
-            "wider position limits are needed"
+            f"{wider} needed"
         )
     return reached
 
@@ -167,10 +224,13 @@ def furthest_end(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: flo
     Raises:
         NotPossibleError: There is no room for any ramp.
     """
+    if bench.arm is not None:
+        end_rps = unknown_end(bench, axis) if arm_hz is None else END_OVER_RESONANCE * arm_hz / 2.0
+        acceleration_rps_s = with_room(bench, axis, acceleration_rps_s, end_rps)
     reached = end_speed(bench, axis, acceleration_rps_s, None)
     if arm_hz is None:
         return reached
-    room = max(room_rev(bench.axis[axis]), 0.0)
+    room = max(room_rev(bench, axis), 0.0)
     by_room = math.sqrt(2.0 * room / (1.0 / acceleration_rps_s + 1.0 / deceleration(bench)))
     wanted = max(END_OVER_RESONANCE * arm_hz / 2.0, LEAST_END_RPS)
     return min(wanted, SPEED_FRACTION * bench.axis[axis].limits.speed_rps, by_room)
@@ -190,17 +250,22 @@ def too_short(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float,
     head = f"axis {axis} reaches {reached_rps:.2f} rev/s; to pass f_m2 = {arm_hz / 2.0:.2f} rev/s, {needed:.2f} rev/s are needed"
     if SPEED_FRACTION * table.limits.speed_rps < needed:
         return f"{head}: its limit speed_rps is {table.limits.speed_rps:g}, {needed / SPEED_FRACTION:.2f} is needed"
-    room, taken = room_rev(table), travel_rev(acceleration_rps_s, deceleration(bench), needed)
+    room, taken = room_rev(bench, axis), travel_rev(acceleration_rps_s, deceleration(bench), needed)
     if taken <= room:
         return f"{head}: at {acceleration_rps_s:g} rev/s² there is room for that, so the motor did not follow its set-points"
-    least = slowest(table, deceleration(bench), needed)
+    least = slowest(bench, axis, needed)
     remedy = f"accelerate with {least:.2f} rev/s² or more, or " if least < 50.0 else ""
     taken_at = f"{taken:.1f} rev at {acceleration_rps_s:g} rev/s²"
+    if _is_held_by_arm(bench, axis):
+        within = f"within ±{bench.travel_deg:g}° of the joint"
+        return f"{head}: {taken_at}, {within} are {room:.1f}; {remedy}raise identification_travel_deg"
     return f"{head}: {taken_at}, between its position limits are {room:.1f}; {remedy}widen them"
 
 
 def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, end_rps: float, period_s: float) -> Ramps:
     """One pass from the present position: to the ramp's beginning, forwards, back; centred there as far as the limits allow.
+
+    On an arm it ends where it began, so that the next one, and those of other axes, find it in the same posture.
 
     Args:
         bench: The bench.
@@ -216,10 +281,10 @@ def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, 
     table = bench.axis[axis]
     trajectory = ConstantAcceleration(acceleration_rps_s, end_rps, deceleration(bench), DWELL_S, TAIL_S)
     travel = travel_rev(acceleration_rps_s, trajectory.deceleration_rps_s, end_rps)
-    if travel > room_rev(table) + 1e-6:
+    room = room_rev(bench, axis)
+    if travel > room + 1e-6:
         raise NotPossibleError(
-            f"a ramp to {end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² takes {travel:.1f} rev; between axis {axis}'s "
-            f"position limits are {room_rev(table):.1f}"
+            f"a ramp to {end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² takes {travel:.1f} rev; axis {axis} has {room:.1f}"
         )
     lowest = table.limits.position_min_rev + MARGIN_REV
     low = min(max(start_rev - 0.5 * travel, lowest), table.limits.position_max_rev - MARGIN_REV - travel)
@@ -227,7 +292,8 @@ def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, 
     away = turn * (low - start_rev)
     there = _approach(away, bench.approach_rps, period_s)
     up = trajectory.motor_angle(sample_times(trajectory.duration_s, period_s))
-    angle = np.concatenate([there, away + up, away + up[-1] - up])
+    home = away - there[1:] if bench.arm is not None else np.zeros(0)
+    angle = np.concatenate([there, away + up, away + up[-1] - up, home])
     first, second = len(there), len(there) + len(up)
     times = np.arange(len(angle), dtype=np.float64) * period_s
     motion = Motion((axis,), times, angle[:, np.newaxis], starts_at_home=False)

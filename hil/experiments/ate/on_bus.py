@@ -77,7 +77,8 @@ def identify_ate(
         with measurement.session([demand], overload=overload) as session:
             identification = identify_on(session, request, knowledge, _Keeper(measurement, request.axis), reporter)
         today = measurement.started.date().isoformat()
-        part = as_part(identification.estimate, request, today, knowledge.gear_fraction_error)
+        damping = None if knowledge.start is None else knowledge.start.damping
+        part = as_part(identification.estimate, request, today, knowledge.gear_fraction_error, identification.reaction, damping)
         _enter(measurement.result, identification, part.model_copy(update={"emulated": measurement.result.emulated}))
     return AteOutcome(measurement.result, measurement.failure)
 

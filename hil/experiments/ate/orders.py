@@ -7,7 +7,7 @@ from hil.bench.bench import Bench
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import Sensing, Sweep
 from hil.experiments.ate.checks import AteNotIdentifiedError, check_estimate
-from hil.experiments.ate.motion import SPEED_FRACTION, deceleration, room_rev, travel_rev
+from hil.experiments.ate.motion import SPEED_FRACTION, deceleration, room_rev, room_words, travel_rev
 from hil.experiments.ate.order_scan import OrderScan, SeenOrder, is_passed, scan_orders
 
 
@@ -40,7 +40,7 @@ class OrderWatch:
 
     def _out_of_reach(self, estimate: JointEstimate, orders: Sequence[float]) -> list[str]:
         table = self.bench.axis[self.axis]
-        arm_hz, limits, room = estimate.arm.resonance_hz, table.limits, room_rev(table)
+        arm_hz, limits, room = estimate.arm.resonance_hz, table.limits, room_rev(self.bench, self.axis)
         words = []
         for order in orders:
             if is_passed(self.sweeps, arm_hz, order):
@@ -51,7 +51,7 @@ class OrderWatch:
             if most_rps < needed_rps:
                 why = f"ramps end at {most_rps:.2f} rev/s, {100.0 * SPEED_FRACTION:.0f} % of the speed limit"
             elif way > room:
-                why = f"a ramp to there takes {way:.1f} rev of travel, the position limits leave {room:.1f}"
+                why = f"a ramp to there takes {way:.1f} rev of travel, {room_words(self.bench, self.axis)}"
             words.append(
                 f"order {order:g} meets the arm at {needed_rps:.2f} rev/s, which the ramps do not reach ({why}): A_{order:g} is "
                 "from the foot of its resonance"

@@ -1,14 +1,16 @@
 """Request of an identification of the transmission error, and the knowledge of the axis that it starts from."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from hil.bench.bench import Bench
-from hil.bench.model import SIGNIFICANT_SIGMAS, Identified
+from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedPlant
 from hil.design.ate.identification import JointEstimate
-from hil.design.ate.model import Arm, Sensing
+from hil.design.ate.model import DELAY_S, Arm, OtherMode, Sensing
+from hil.design.ate.reaction import MotorSide
 from hil.errors import NotPossibleError
-from hil.experiments.ate.motion import END_OVER_RESONANCE, acceleration_for, end_speed, with_room
+from hil.experiments.ate.motion import END_OVER_RESONANCE, acceleration_for, end_speed, unknown_end, with_room
 from hil.robot_tables import ORDERS, PlantTable
 
 FITTED_ORDERS = ORDERS
@@ -110,6 +112,8 @@ GEAR_FRACTION_ERROR = 0.15
 """Standard error of the gear's fraction of the arm's damping, where only `GEAR_FRACTION` is believed: 0.6 to 1."""
 LARGEST_FRACTION_ERROR = 0.29
 """Standard deviation of a number of which nothing is known but that it lies between 0 and 1."""
+FARTHEST_DELAY_S, TOLD_SIGMAS = 0.010, 3.0
+"""Delay from a plant's beyond which none is searched, and its standard errors that must be within half of what is searched."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +128,8 @@ class AxisKnowledge:
         resonance_error_hz: Standard error of the arm's resonance; None where it is not known.
         damping_error: Standard error of the arm's damping ratio, likewise.
         gear_fraction_error: Standard error of the gear's fraction of the arm's damping.
+        side: Motor and arm as identified, by which the gear's reaction on the motor is told; None without them.
+        delay_s: Delays of the accelerometer that are searched, from and to.
     """
 
     start: Arm | None = None
@@ -133,6 +139,8 @@ class AxisKnowledge:
     resonance_error_hz: float | None = None
     damping_error: float | None = None
     gear_fraction_error: float = GEAR_FRACTION_ERROR
+    side: MotorSide | None = None
+    delay_s: tuple[float, float] = DELAY_S
 
 
 def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, sensorless: bool) -> AxisKnowledge:
@@ -156,13 +164,15 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
         values = part_of.values
         total = values.gear_damping_nm_s_rad + values.arm_damping_nm_s_rad
         start = Arm(part_of.antiresonance_hz, part_of.damping)
+        start = replace(start, others=_other_modes(part_of))
         if total > 0.0:
             start = replace(start, gear_fraction=values.gear_damping_nm_s_rad / total)
         fraction = part_of.standard_error.get("arm_inertia_kg_m2", 0.0) / values.arm_inertia_kg_m2
         errors = part_of.standard_error
         return AxisKnowledge(
             start, values, fraction, "the model file", errors.get("antiresonance_hz"), errors.get("damping"),
-            _gear_fraction_error(total, errors),
+            _gear_fraction_error(total, errors), _motor_side(bench.axis[axis].reduction_ratio, part_of),
+            searched_delay_s(part_of),
         )  # fmt: skip
     model = bench.axis[axis].model
     if not sensorless:
@@ -173,6 +183,56 @@ def axis_knowledge(bench: Bench, axis: int, identified: Identified | None, *, se
             "them: hil identify plant finds them"
         )
     return AxisKnowledge(None, PlantTable(**model.model_dump(exclude={"ate"})), 0.0, "the bench file")
+
+
+def _other_modes(plant: IdentifiedPlant) -> tuple[OtherMode, ...]:
+    """Modes of a coupled arm beside the leading one, where the plant says what they carry of the tip's motion."""
+    leading = min((abs(mode.antiresonance_hz - plant.antiresonance_hz) for mode in plant.modes), default=0.0)
+    return tuple(
+        OtherMode(mode.antiresonance_hz, mode.damping, mode.tip_part)
+        for mode in plant.modes
+        if mode.tip_part is not None and abs(mode.antiresonance_hz - plant.antiresonance_hz) > leading
+    )
+
+
+def modal_arm(plant: IdentifiedPlant) -> Arm | None:
+    """The leading mode of a coupled arm with the others beside it; None where its plant has one mode."""
+    others = _other_modes(plant)
+    return Arm(plant.antiresonance_hz, plant.damping, others=others) if others else None
+
+
+def _motor_side(reduction_ratio: float, plant: IdentifiedPlant) -> MotorSide:
+    """Motor and arm of an identified plant."""
+    values = plant.values
+    return MotorSide(
+        reduction_ratio,
+        values.motor_inertia_kg_m2,
+        values.motor_damping_nm_s_rad,
+        plant.coulomb_friction_nm or 0.0,
+        plant.torque_lag_s,
+        values.arm_inertia_kg_m2,
+        plant.antiresonance_hz,
+        plant.damping,
+    )
+
+
+def searched_delay_s(plant: IdentifiedPlant | None) -> tuple[float, float]:
+    """Delays of the accelerometer that are searched, from and to: `DELAY_S`, or the one branch of it that a plant tells.
+
+    A delay of half a period of the resonance less, with φ_k turned by 180°, explains the arm's ringing nearly as well: what tells
+    both apart is its envelope and the motor's own motion. The plant's excitation has many frequencies: there the delay
+    is a slope of the phase.
+
+    Args:
+        plant: The plant; None without one.
+    """
+    delay_s = None if plant is None else plant.accelerometer_delay_s
+    if plant is None or delay_s is None:
+        return DELAY_S
+    reach_s = min(0.25 / plant.antiresonance_hz, FARTHEST_DELAY_S)
+    low, high = max(DELAY_S[0], delay_s - reach_s), min(DELAY_S[1], delay_s + reach_s)
+    is_told = TOLD_SIGMAS * plant.standard_error.get("accelerometer_delay_s", math.inf) < 0.5 * reach_s
+    return (low, high) if is_told and low < delay_s < high else DELAY_S
 
 
 def _gear_fraction_error(damping_nm_s_rad: float, errors: Mapping[str, float]) -> float:
@@ -193,23 +253,28 @@ def sensing_of(bench: Bench, axis: int, knowledge: AxisKnowledge, *, sensorless:
         sensorless: True for the motor torque.
 
     Raises:
-        NotPossibleError: The motor torque needs a plant, and none is known.
+        NotPossibleError: The motor torque needs a plant, and none is known; or the axis does not move the accelerometer.
     """
     table = bench.axis[axis]
     if not sensorless:
-        return Sensing(table.tip_lever_m)
+        return Sensing(table.felt_lever_m(f"identify ate --axis {axis}"), 0.0, *knowledge.delay_s)
     if knowledge.plant is None:
         raise NotPossibleError("without an accelerometer a plant is needed")
     return Sensing(knowledge.plant.arm_inertia_kg_m2 / table.reduction_ratio, knowledge.plant.motor_inertia_kg_m2)
 
 
 def first_acceleration(bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> float:
-    """Acceleration of the first pass, rev/s²: what is asked for, else as f_a wants it and the travel allows it."""
+    """Acceleration of the first pass, rev/s²: what is asked for, else as f_a wants it and the travel allows it.
+
+    On an arm of which nothing is known it is as fast as its travel takes it.
+    """
     if request.acceleration_rps_s is not None:
         return request.acceleration_rps_s
     arm_hz = None if knowledge.start is None else knowledge.start.resonance_hz
     wanted = acceleration_for(bench, arm_hz)
-    return wanted if arm_hz is None else with_room(bench, request.axis, wanted, END_OVER_RESONANCE * arm_hz / 2.0)
+    if arm_hz is None:
+        return wanted if bench.arm is None else with_room(bench, request.axis, wanted, unknown_end(bench, request.axis))
+    return with_room(bench, request.axis, wanted, END_OVER_RESONANCE * arm_hz / 2.0)
 
 
 def first_end_speed(bench: Bench, request: AteRequest, knowledge: AxisKnowledge) -> float:

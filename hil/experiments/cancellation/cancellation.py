@@ -1,11 +1,10 @@
 """Cancellation of the transmission error in a run, by additions to the set-points or inside the drives.
 
 What is added is bounded by its table, and checked with the motion against every limit before anything moves. No cancellation is
-trusted before its trial on the accelerometer: `hil.experiments.cancellation.trial`.
+trusted before its trial at the tip: `hil.experiments.cancellation.trial`.
 """
 
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -13,20 +12,25 @@ from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
 from hil.bench.bench import Bench, Limits, Model
 from hil.bench.model import Identified, IdentifiedError, significant, with_identified
-from hil.control.cancellation import CancellationLaw, CancellationTable
+from hil.can.channel import Channel
+from hil.control.cancellation import CancellationLaw
+from hil.control.cancellation_table import CancellationTable, MotorLoad
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.design.inverse import Actuation, CyclicTiming
 from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.experiments.bus_demand import BusDemand, check_load, takes_torque_offset
 from hil.experiments.cancellation.effect import Part, Response
-from hil.experiments.cancellation.tables import Pace, amplitudes_rad, pace_of, phases_deg, table_of
+from hil.experiments.cancellation.tables import MAX_TORQUE_FRACTION, Pace, amplitudes_rad, pace_of, table_of
 from hil.experiments.cancellation.waves import response_of
 from hil.master.motion import Motion
 from hil.master.session import Session
 
+LOAD_ROOM = 1.5
+"""Largest gear torque that counts, over that of gravity and of the motion's largest acceleration."""
+LAG_SIGMAS = 2.0
+"""Standard errors from which a lag of the current loop is believed."""
 FOLLOWING_PART = 0.05
 """Largest addition to a set-point as a part of the following error, unless the bench file says `cancellation_rev`."""
-MAX_TORQUE_FRACTION = 0.1
-"""Largest torque offset as a fraction of the torque limit."""
 
 
 @dataclass
@@ -35,22 +39,26 @@ class CancellationAdder:
 
     Attributes:
         uses_torque: True where torque offsets (60B2h) are mapped.
+        laws: Laws of all axes.
     """
 
     uses_torque: bool
-    _laws: CancellationLaw
+    laws: CancellationLaw
 
-    def step(self, references_rad: Sequence[float], positions_rad: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
-        """Additions of the next cycle, from the measured angles of the last.
+    def step(
+        self, references_rad: Sequence[float], positions_rad: Sequence[float], torques_nm: Sequence[float]
+    ) -> tuple[Sequence[float], Sequence[float]]:
+        """Additions of the next cycle, from the measured angles and torques of the last.
 
         Args:
             references_rad: Not used: the cancellation follows the measured angles.
             positions_rad: Measured motor angles, in the order of the axes.
+            torques_nm: Measured motor torques.
 
         Returns:
             Additions to the references in rad at the motor, and torque offsets in N·m.
         """
-        return self._laws.step(positions_rad)
+        return self.laws.step(positions_rad, torques_nm)
 
 
 @dataclass(frozen=True)
@@ -61,19 +69,24 @@ class Cancellation:
         axes: Axis numbers in the order of the motion.
         tables: Cancellation tables by axis; an axis without one is left alone.
         period_s: SYNC period.
-        actuation: `reference` for the set-point alone, `torque` with a torque offset.
         torque_steps_nm: Resolution of the torque offsets, by axis.
         scales: Scales by which the vibration is judged, by axis.
         responses: Responses of the arm by axis, with which its trial reads the orders.
+        is_learnt_on_motion: True where all of it was learnt by probing a motion: its orders are known together, not each.
     """
 
     axes: tuple[int, ...]
     tables: Mapping[int, CancellationTable]
     period_s: float
-    actuation: Actuation = "reference"
     torque_steps_nm: Mapping[int, float] = field(default_factory=dict)
     scales: Mapping[int, TipScale] = field(default_factory=dict)
     responses: Mapping[int, Response] = field(default_factory=dict)
+    is_learnt_on_motion: bool = False
+
+    @property
+    def uses_torque(self) -> bool:
+        """True where any axis needs a torque offset."""
+        return any(table.largest_torque_nm() > 0.0 for table in self.tables.values())
 
     @property
     def scale(self) -> TipScale | None:
@@ -102,7 +115,7 @@ class Cancellation:
         """
         wanted = [self.tables[n].scaled(gain) if n in self.tables and only in {None, n} else None for n in self.axes]
         steps = [self.torque_steps_nm.get(number, 0.0) for number in self.axes]
-        return CancellationAdder(self.actuation == "torque", CancellationLaw(wanted, self.period_s, steps))
+        return CancellationAdder(self.uses_torque, CancellationLaw(wanted, self.period_s, steps))
 
     def check(self, bench: Bench, motion: Motion, starts_rad: Sequence[float] | None = None) -> None:
         """Check the motion, and the approach to its start, with the largest possible additions against the limits.
@@ -155,6 +168,7 @@ def cancellation_for(
     torque_steps_nm: Mapping[int, float] | None = None,
     delay_s: float = 0.0,
     paces: Mapping[int, Pace] | None = None,
+    by_torque: bool = False,
 ) -> Cancellation:
     """Cancellation of some axes, from their models.
 
@@ -174,6 +188,7 @@ def cancellation_for(
         delay_s: Delay of the set-points beyond the SYNC period, the interpolation, and the model file's delay.
         paces: Paces of a motion by axis. Where its set-points would be faster than the axis may be, the highest orders are left
             out, though none within the resonance; without it the motor's acceleration is not allowed for either.
+        by_torque: True where torque offsets can be sent: what the set-points have no room for is left to them.
 
     Raises:
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
@@ -182,23 +197,119 @@ def cancellation_for(
     tables: dict[int, CancellationTable] = {}
     scales: dict[int, TipScale] = {}
     for number in axes:
-        model = _model(bench, identified, number)
+        model = treated_model(bench, identified, number)
         if model is None:
             continue
         late_s = delay_s + measured_delay_s(identified, number)
         timing = CyclicTiming(period_s, (control_periods_s or {}).get(number) or CONTROL_PERIOD_S, late_s)
         pace = (paces or {}).get(number, Pace())
-        tables[number], scales[number] = table_of(bench, number, model, timing, pace, actuation, with_notch=with_notch)
+        tables[number], scales[number] = table_of(
+            bench, number, model, timing, pace, actuation,
+            with_notch=with_notch, by_torque=by_torque, torque_lag_s=known_lag_s(identified, number),
+            load=motor_load(bench, identified, model, number, pace.most_rad_s2),
+        )  # fmt: skip
     if not tables:
-        raise NotPossibleError(_nothing_known(axes))
+        raise NotPossibleError(nothing_known(axes))
     known = {number: response for number in axes if (response := response_of(bench, identified, number)) is not None}
-    return Cancellation(tuple(axes), tables, period_s, actuation, torque_steps_nm or {}, scales, known)
+    return Cancellation(
+        tuple(axes), tables, period_s, torque_steps_nm or {}, scales, known, all(_is_probed(identified, each) for each in tables)
+    )
+
+
+def _is_probed(identified: Identified | None, number: int) -> bool:
+    part = None if identified is None or number not in identified.axis else identified.axis[number].ate
+    return part is not None and part.learnt_by == "probing"
 
 
 def measured_delay_s(identified: Identified | None, number: int) -> float:
     """Delay of an axis' set-points as measured in the model file, s; 0 without one."""
     part = None if identified is None or number not in identified.axis else identified.axis[number].ate
     return 0.0 if part is None else part.set_point_delay_s
+
+
+def known_lag_s(identified: Identified | None, number: int) -> float:
+    """Lag of an axis' current loop as identified; 0 where it was not, or is no more than its error."""
+    part = None if identified is None or number not in identified.axis else identified.axis[number].plant
+    if part is None or part.torque_lag_s < LAG_SIGMAS * part.standard_error.get("torque_lag_s", 0.0):
+        return 0.0
+    return part.torque_lag_s
+
+
+def motor_load(bench: Bench, identified: Identified | None, model: Model, number: int, most_rad_s2: float) -> MotorLoad | None:
+    """How an axis' gear torque is told from its motor's, where it reacts on it; None where that is not known.
+
+    Args:
+        bench: The bench file.
+        identified: The model file; None without one.
+        model: What is known of the axis.
+        number: Axis number.
+        most_rad_s2: Largest acceleration of the motor.
+    """
+    known = None if identified is None else identified.axis.get(number)
+    if known is None or known.ate is None or known.ate.gear_reaction == 0.0:
+        return None
+    table, plant = bench.axis[number], known.plant
+    gravity_nm = None if plant is None else plant.gravity_moment_nm
+    most_nm = table.reduction_ratio * table.limits.torque_nm
+    if gravity_nm is not None:
+        most_nm = min(most_nm, LOAD_ROOM * (abs(gravity_nm) + model.arm_inertia_kg_m2 * most_rad_s2 / table.reduction_ratio))
+    friction_nm = known.ate.motor_friction_nm if plant is None else plant.coulomb_friction_nm or 0.0
+    inertia = model.motor_inertia_kg_m2, model.motor_damping_nm_s_rad
+    return MotorLoad(table.reduction_ratio, *inertia, friction_nm, known.ate.gear_reaction, most_nm)
+
+
+def cancellation_of(
+    bench: Bench,
+    identified: Identified | None,
+    motion: Motion,
+    channel: Channel | None = None,
+    *,
+    actuation: Actuation = "reference",
+    with_notch: bool = False,
+    control_periods_s: Mapping[int, float] | None = None,
+    torque_steps_nm: Mapping[int, float] | None = None,
+    delay_s: float = 0.0,
+) -> Cancellation:
+    """Cancellation of a motion at its pace, with torque offsets where set-points do not do and drives and bus take them.
+
+    Args:
+        bench: The bench file.
+        identified: The model file; None for the bench file's own model.
+        motion: Motion of the run.
+        channel: The bus; None where it is not known.
+        actuation: As in `cancellation_for`, like all that follow.
+        with_notch: True where the drives' filters act.
+        control_periods_s: T_c by axis.
+        torque_steps_nm: Resolution of the drives' torque offsets, by axis.
+        delay_s: Delay of the set-points.
+
+    Raises:
+        NotPossibleError: As `cancellation_for`.
+        UnsafeRequestError: As `cancellation_for`.
+    """
+    paces = {number: pace_of(bench, motion, column) for column, number in enumerate(motion.axes)}
+
+    def made(*, by_torque: bool) -> Cancellation:
+        return cancellation_for(
+            bench, identified, motion.axes, motion.period_s, actuation=actuation, with_notch=with_notch, delay_s=delay_s,
+            control_periods_s=control_periods_s, torque_steps_nm=torque_steps_nm, paces=paces, by_torque=by_torque,
+        )  # fmt: skip
+
+    with_torque = made(by_torque=True)
+    if not with_torque.uses_torque or actuation == "torque" or _takes_torque(bench, motion, channel, with_notch=with_notch):
+        return with_torque
+    return made(by_torque=False)
+
+
+def _takes_torque(bench: Bench, motion: Motion, channel: Channel | None, *, with_notch: bool) -> bool:
+    """True where all drives of a motion add torque offsets, and the bus has room for them."""
+    if not all(takes_torque_offset(Profile.load(bench.axis[number].profile)) for number in motion.axes):
+        return False
+    demand = BusDemand("the motion", motion.axes, motion.period_s, with_notch=with_notch, with_torque_offset=True)
+    try:
+        return channel is None or check_load(bench, channel, demand) in {True, False}
+    except NotPossibleError:
+        return False
 
 
 def cancellation_on(
@@ -226,97 +337,23 @@ def cancellation_on(
         HilError: A drive does not answer.
     """
     axes = {number: session.axes[number] for number in motion.axes}
-    cancellation = cancellation_for(
+    cancellation = cancellation_of(
         session.bench,
         identified,
-        motion.axes,
-        motion.period_s,
+        motion,
+        session.network.channel,
         actuation=actuation,
         with_notch=with_notch,
         control_periods_s={number: axis.control_period_s() for number, axis in axes.items()},
         torque_steps_nm={number: axis.scaling.torque_nm(1) for number, axis in axes.items()},
         delay_s=delay_s,
-        paces={number: pace_of(session.bench, motion, column) for column, number in enumerate(motion.axes)},
     )
     starts = None if motion.starts_at_home else [axis.position_rad() for axis in axes.values()]
     cancellation.check(session.bench, motion, starts)
     return cancellation
 
 
-def cancel_inside(
-    session: Session, identified: Identified | None, axes: Sequence[int], gain: float = 1.0, without: Collection[Part] = ()
-) -> tuple[int, ...]:
-    """Let the drives cancel the error in their own loops, where their family can, in the next run; it puts everything back.
-
-    Nothing more goes over the bus in a cycle, and no delay has to be known.
-
-    Args:
-        session: Session that has been brought up.
-        identified: The model file; None for the bench file's own model.
-        axes: Axis numbers of the motion.
-        gain: Fraction of the cancellation, 0 to 1.
-        without: Orders of axes that are left out.
-
-    Returns:
-        Numbers of the axes whose drives cancel.
-
-    Raises:
-        NotPossibleError: A drive cannot cancel, its limits do not hold the values, or no transmission error is known of any axis.
-        HilError: A drive does not answer, or refuses.
-    """
-    models = inside_models(session.bench, identified, axes)
-    for number, model in models.items():
-        axis = session.axes[number]
-        amplitudes = {order: size for order, size in amplitudes_rad(model.ate).items() if Part(number, order) not in without}
-        motor = {f"a{order:g}_rad": gain * axis.table.reduction_ratio * size for order, size in amplitudes.items()}
-        turns = {f"phi{order:g}_rad": math.radians(degrees) for order, degrees in phases_deg(model.ate).items()}
-        values = {f"a{order:g}_rad": 0.0 for order in _orders_inside(Profile.load(axis.table.profile))} | motor | turns
-        values |= {"motor_inertia_kg_m2": model.motor_inertia_kg_m2, "motor_damping_nm_s_rad": model.motor_damping_nm_s_rad}
-        for name, value in values.items():
-            axis.write_parameter(f"cancellation.{name}", value)
-        axis.write_parameter("cancellation.mode", 1)
-    return tuple(models)
-
-
-def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> dict[int, Model]:
-    """Models of the axes whose drives are to cancel the error by themselves, by axis number.
-
-    Raises:
-        NotPossibleError: A drive family cannot cancel, or no transmission error is known of any axis.
-    """
-    models = {number: model for number in axes if (model := _model(bench, identified, number)) is not None}
-    for number, model in models.items():
-        profile = Profile.load(bench.axis[number].profile)
-        if "cancellation.mode" not in profile.parameters:
-            raise NotPossibleError(f"axis {number}: drive family {profile.label} cancels nothing by itself")
-        able, known = _orders_inside(profile), model.ate.amplitudes_arcsec()
-        if not able >= known.keys():
-            own, others = (", ".join(f"{order:g}" for order in sorted(each)) for each in (able, known.keys() - able))
-            raise NotPossibleError(
-                f"axis {number}: the drive cancels orders {own} only, the model has order {others}: cancel by the set-points"
-            )
-    if not models:
-        raise NotPossibleError(_nothing_known(axes))
-    return models
-
-
-def inside_parts(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> tuple[Part, ...]:
-    """Each order of each axis that the drives are to cancel by themselves.
-
-    Raises:
-        NotPossibleError: As `inside_models`.
-    """
-    models = inside_models(bench, identified, axes)
-    return tuple(Part(number, order) for number, model in models.items() for order in amplitudes_rad(model.ate))
-
-
-def _orders_inside(profile: Profile) -> set[float]:
-    """Orders that the drives of a family can cancel by themselves."""
-    found = (re.fullmatch(r"cancellation\.a([0-9.]+)_rad", name) for name in profile.parameters)
-    return {float(each[1]) for each in found if each is not None}
-
-
-def _model(bench: Bench, identified: Identified | None, number: int) -> Model | None:
+def treated_model(bench: Bench, identified: Identified | None, number: int) -> Model | None:
     """Model of an axis; None where it has no transmission error to cancel.
 
     Raises:
@@ -360,7 +397,7 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
         bench: The bench file.
         identified: The model file; None without one.
         number: Axis number.
-        given_kg_m2: J_m of a data sheet; None without one.
+        given_kg_m2: J_m of a data sheet; None: as the bench file gives it.
 
     Raises:
         NotPossibleError: Nobody knows it.
@@ -368,14 +405,17 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
     known = None if identified is None else identified.axis.get(number)
     if bench.axis[number].model is not None or (known is not None and known.plant is not None):
         return None
-    if given_kg_m2 is None:
+    found = bench.axis[number].motor_inertia_kg_m2 if given_kg_m2 is None else given_kg_m2
+    if found is None:
         raise NotPossibleError(
             f"the motor inertia of axis {number} is not known, and a cancellation needs it: --plant model.toml of hil identify "
-            f"plant, [axis.{number}.model] in the bench file, or --motor-inertia-kg-m2 from the motor's data sheet"
+            f"plant, [axis.{number}.model] in the bench file, or from the motor's data sheet motor_inertia_kg_m2 in "
+            f"[axis.{number}] or --motor-inertia-kg-m2"
         )
-    return given_kg_m2
+    return found
 
 
-def _nothing_known(axes: Sequence[int]) -> str:
+def nothing_known(axes: Sequence[int]) -> str:
+    """Words for axes of which no transmission error, or no motor inertia, is known."""
     names = " or ".join(map(str, axes))
     return f"no transmission error, or no motor inertia, is known of axis {names}: hil identify, or a model in the bench file"

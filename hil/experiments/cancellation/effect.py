@@ -10,19 +10,19 @@ X is that of the model; its resonance, its damping and the sensor's delay are re
 motion, as the position loop lets it through, is fitted beside the orders: its jerks ring as well.
 """
 
-# ruff: noqa: PLC0415 - scipy takes longer to import than all else that a run needs before it moves
-
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
 from hil.design.ate.model import Arm
 from hil.design.frequency import Loop
+from hil.design.transmission_error import acceleration_spectrum
 from hil.recording import Recording
 
 Real = NDArray[np.float64]
@@ -140,11 +140,19 @@ class Sighting:
         amplitude: Amplitude at the tip in arcsec, by part.
         unit_variance: Variance of either component of it for residuals of variance 1, by part.
         residual: What the waves leave of the vibration in m/s²; shape (rows,).
+        vibration: The vibration itself; shape (rows,).
+        waves: Wave of each part for an amplitude of 1 and of j; shape (rows, 2).
     """
 
     amplitude: Mapping[Part, complex]
     unit_variance: Mapping[Part, float]
     residual: Real
+    vibration: Real
+    waves: Mapping[Part, Real]
+
+    def wave(self, part: Part, amplitude: complex) -> Real:
+        """Vibration that a part makes with an amplitude in arcsec, m/s²; shape (rows,)."""
+        return np.asarray(self.waves[part] @ np.array([amplitude.real, amplitude.imag]))
 
     def variance(self, part: Part) -> float:
         """Variance of either component of a part's amplitude, by what the waves leave, and by what others may leak into it."""
@@ -157,19 +165,13 @@ class _Spectra:
     """Transforms of one recording and of its waves, from which the columns of any response follow."""
 
     def __init__(self, recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: tuple[float, float]) -> None:
-        from scipy import fft, signal
-
-        from hil.design.transmission_error import acceleration_spectrum
-
         period, self._count = recording.period_s, len(recording.time_s)
-        self._rows, self._fft = rows[: self._count], fft
-        self._length = int(fft.next_fast_len(self._count + round(RING_DOWN_S / period), real=True))
-        self.frequency = fft.rfftfreq(self._length, period)
-        top = min(band_hz[1], TOP_FRACTION / period)
-        band = signal.butter(2, (band_hz[0], top), "bandpass", fs=1.0 / period, output="sos")
-        self._weight = np.abs(signal.sosfreqz(band, self.frequency, fs=1.0 / period)[1]) ** 2  # forward and backward
+        self._rows = rows[: self._count]
+        self._length = int(scipy.fft.next_fast_len(self._count + round(RING_DOWN_S / period), real=True))
+        self.frequency = scipy.fft.rfftfreq(self._length, period)
+        self._weight = _weight(self.frequency, period, band_hz)
         self.independent = float(np.mean(self._weight**2))
-        self.signal = self._samples(self._weight * fft.rfft(_level(recording.columns["tip_z_m_s2"]), self._length))
+        self.signal = self._samples(self._weight * scipy.fft.rfft(_level(recording.felt_m_s2), self._length))
         self._waves: dict[int, Complex] = {}
         for axis in axes:
             angle = recording.axis(axis.number, "position_rad")
@@ -181,7 +183,7 @@ class _Spectra:
             self._waves[axis.number] = np.concatenate([spectra, 1j * spectra[-1:]])
 
     def _samples(self, spectra: Complex) -> Real:
-        whole = self._fft.irfft(spectra, self._length)[..., : self._count]
+        whole = scipy.fft.irfft(spectra, self._length)[..., : self._count]
         return np.asarray(whole[..., self._rows])
 
     def columns(self, axis: AxisWaves, response: Response) -> Real:
@@ -189,6 +191,30 @@ class _Spectra:
         made = self._samples(self._waves[axis.number] * (self._weight * response.at(self.frequency)))
         lever = axis.lever_m if np.ndim(axis.lever_m) == 0 else axis.lever_m[: self._count][self._rows]
         return np.asarray(made * lever).T
+
+
+def _weight(frequency_hz: Real, period_s: float, band_hz: tuple[float, float]) -> Real:
+    """Gain of the band of a vibration, forward and backward; shape of `frequency_hz`."""
+    top = min(band_hz[1], TOP_FRACTION / period_s)
+    band = scipy.signal.butter(2, (band_hz[0], top), "bandpass", fs=1.0 / period_s, output="sos")
+    return np.asarray(np.abs(scipy.signal.sosfreqz(band, frequency_hz, fs=1.0 / period_s)[1]) ** 2)
+
+
+def acceleration_of(
+    values: Real, period_s: float, band_hz: tuple[float, float], angle_per_value: Callable[[Real], Complex]
+) -> Real:
+    """Acceleration, in a band, of the angle that sampled values make; shape of `values`.
+
+    Args:
+        values: Samples, of a torque for example; shape (n,).
+        period_s: Their period.
+        band_hz: Band of the vibration.
+        angle_per_value: Response of the angle to them at frequencies in Hz.
+    """
+    length = int(scipy.fft.next_fast_len(len(values) + round(RING_DOWN_S / period_s), real=True))
+    frequency, spectrum = acceleration_spectrum(values, period_s, length)
+    made = scipy.fft.irfft(spectrum * _weight(frequency, period_s, band_hz) * angle_per_value(frequency), length)
+    return np.asarray(made[: len(values)])
 
 
 def _level(values: Real) -> Real:
@@ -219,15 +245,16 @@ def sight(recording: Recording, axes: Sequence[AxisWaves], rows: Rows, band_hz: 
     spectra = _Spectra(recording, axes, rows, band_hz)
     columns = [spectra.columns(axis, axis.response) for axis in axes]
     unknowns, variance, residual = _solved(np.concatenate(columns, axis=1), spectra.signal)
-    amplitude, unit, at = {}, {}, 0
+    amplitude, unit, waves, at = {}, {}, {}, 0
     for axis, own in zip(axes, columns, strict=True):
-        for order in axis.orders:
+        for index, order in enumerate(axis.orders):
             part = Part(axis.number, order)
+            waves[part] = own[:, 2 * index : 2 * index + 2]
             amplitude[part] = complex(unknowns[at], unknowns[at + 1])
             unit[part] = 0.5 * float(variance[at] + variance[at + 1]) / spectra.independent
             at += 2
         at += own.shape[1] - 2 * len(axis.orders)
-    return Sighting(amplitude, unit, residual)
+    return Sighting(amplitude, unit, residual, spectra.signal, waves)
 
 
 def refined(
@@ -244,15 +271,13 @@ def refined(
         rows: Rows that count in each of the recordings.
         band_hz: Band of the vibration.
     """
-    from scipy import optimize
-
     spectra = [_Spectra(recording, axes, each, band_hz) for recording, each in zip(recordings, rows, strict=True)]
     found = list(axes)
     for index, axis in enumerate(axes):
         others = [[one.columns(each, each.response) for each in found if each is not axis] for one in spectra]
         problem = _Refinement(spectra, axis, others)
         simplex = np.vstack([np.zeros(3), 0.5 * np.eye(3)])
-        best = optimize.minimize(
+        best = scipy.optimize.minimize(
             problem.cost,
             np.zeros(3),
             method="Nelder-Mead",

@@ -157,12 +157,20 @@ class KnownOrders:
             math.hypot(turn_error_deg, math.degrees(off)),
         )
 
-    def judged(self, verdicts: Sequence[PartVerdict], estimate: JointEstimate, *, is_last: bool) -> dict[float, PartVerdict]:
+    def _is_better_learnt(self, order: float, estimate: JointEstimate) -> bool:
+        """Whether the passes know an order that was known before, agree with that, and know it better."""
+        known, learnt = (self._open(order, each) for each in (self.values.get(order), self._learnt(order, estimate)))
+        return known is not None and learnt is not None and known.agrees(learnt) and learnt.sigma_arcsec < known.sigma_arcsec
+
+    def judged(
+        self, verdicts: Sequence[PartVerdict], estimate: JointEstimate, passed: Collection[float], *, is_last: bool
+    ) -> dict[float, PartVerdict]:
         """Take in what a pass has shown.
 
         Args:
             verdicts: Verdicts on the orders that it cancelled.
             estimate: Estimate after it.
+            passed: Orders whose resonance the passes' ramps pass.
             is_last: True after the last pass.
 
         Returns:
@@ -174,13 +182,17 @@ class KnownOrders:
             self._show(verdict, acted)
             both = (self._open(order, each) for each in (self.values.get(order), self._learnt(order, estimate)))
             other = next((each for each in both if each is not None and each.source != acted.source), None)
-            if verdict.verdict == "refused":
+            # the foot of a resonance refuses nothing that was known: there the motion's own jolt weighs as much
+            is_refused = verdict.verdict == "refused" and (acted.source == "learnt" or order in passed)
+            if is_refused:
                 self.refused.add((order, acted.source))
                 if other is None or not _would_pass(other, acted, verdict):
                     self.refused |= {(order, "known"), (order, "learnt")}
                     left_out[order] = verdict
-            elif is_last and verdict.verdict == "not judged":
-                if order not in self.values or (order, "known") in self.refused:
+            elif is_last and verdict.verdict != "accepted":
+                if order in passed and self._is_better_learnt(order, estimate):
+                    self.settled[order] = ("learnt", "")
+                elif order not in self.values or (order, "known") in self.refused:
                     left_out[order] = verdict
                 else:
                     self.settled[order] = ("known", "the passes do not show what its cancellation does")

@@ -1,7 +1,7 @@
 """`hil learn`: adaptive cancellation of some axes on the bus, with recordings of its passes and estimates in the model file."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from hil.bench.bench import Bench
@@ -30,7 +30,7 @@ class LearnRequest:
         acceleration_rps_s: Acceleration of every ramp.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         note: Load, temperature: goes into the model file beside the date.
-        motor_inertia_kg_m2: J_m from a data sheet, of one axis, where no plant is known.
+        motor_inertias_kg_m2: J_m from data sheets by axis, where no plant is known.
         orders: Orders that are learnt.
     """
 
@@ -39,7 +39,7 @@ class LearnRequest:
     acceleration_rps_s: float = ACCELERATION_RPS_S
     actuation: Actuation = "reference"
     note: str = ""
-    motor_inertia_kg_m2: float | None = None
+    motor_inertias_kg_m2: Mapping[int, float] = field(default_factory=dict)
     orders: tuple[float, ...] = ORDERS
 
     def bus_demand(self, bench: Bench, axis: int) -> BusDemand:
@@ -87,7 +87,7 @@ def learn_on_bus(
         HilError: Nothing has moved yet: nodes, limits or files do not allow it.
         ChannelError: The bus cannot be opened, or was lost before anything was recorded.
     """
-    identified = _known(bench, request, model, plant)
+    identified = known_model(bench, model, plant)
     demands = _demands(bench, request, identified)
     learnt: dict[int, AxisLearning] = {}
     with (
@@ -105,7 +105,7 @@ def learn_on_bus(
                 passes=request.passes,
                 acceleration_rps_s=request.acceleration_rps_s,
                 actuation=request.actuation,
-                motor_inertia_kg_m2=request.motor_inertia_kg_m2,
+                motor_inertia_kg_m2=request.motor_inertias_kg_m2.get(axis),
                 orders=request.orders,
                 keep=_Keeper(measurement, axis),
                 reporter=reporter,
@@ -128,22 +128,23 @@ def _demands(bench: Bench, request: LearnRequest, identified: Identified | None)
     axes = [axis for axis in request.axes if axis in bench.axis]  # another one is refused when it is its turn
     for axis in axes:
         bench.axis[axis].gains(f"learning on axis {axis}")
-        given_inertia(bench, identified, axis, request.motor_inertia_kg_m2)
+        given_inertia(bench, identified, axis, request.motor_inertias_kg_m2.get(axis))
         end_speed(bench, axis, request.acceleration_rps_s, None)
     return [request.bus_demand(bench, axis) for axis in axes]
 
 
-def _known(bench: Bench, request: LearnRequest, model: Path, plant: Path | None) -> Identified | None:
+def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | None:
     """What is known of the axes: the model file, with the plants of another where there is one.
+
+    Args:
+        bench: The bench file.
+        model: The model file, which need not exist.
+        plant: Model file with the plants; None without one.
 
     Raises:
         FileError: A file is no model file.
-        NotPossibleError: A file is another robot's, or one inertia is given for several axes.
+        NotPossibleError: A file is another robot's.
     """
-    if request.motor_inertia_kg_m2 is not None and len(request.axes) > 1:
-        raise NotPossibleError(
-            f"one motor inertia, {request.motor_inertia_kg_m2:g} kg·m², for {len(request.axes)} axes: learn them one by one"
-        )
     identified = load_identified(model) if model.exists() else None
     plants = None if plant is None else load_identified(plant)
     for path, file in ((model, identified), (plant, plants)):

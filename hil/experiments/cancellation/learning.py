@@ -16,24 +16,36 @@ from pathlib import Path
 
 from hil.analysis import TipScale
 from hil.bench.bench import AxisTable, Bench
-from hil.bench.model import Identified, IdentifiedError, significant, update_file
+from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant, significant, update_file
 from hil.design.ate.identification import JointEstimate
-from hil.design.ate.model import Sensing, Sweep
+from hil.design.ate.model import Sensing
 from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.checks import check_moved, check_run
 from hil.experiments.ate.identify import SEARCHED_PASSES, standard_errors, sweep_of
-from hil.experiments.ate.motion import ACCELERATION_RPS_S, END_OVER_RESONANCE, Ramps, furthest_end, ramps
+from hil.experiments.ate.motion import (
+    ACCELERATION_RPS_S,
+    END_OVER_RESONANCE,
+    Ramps,
+    binding_limit_of,
+    further_end,
+    furthest_end,
+    ramps,
+    with_room,
+)
 from hil.experiments.ate.order_scan import identify_orders, is_passed, is_significant
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
+from hil.experiments.ate.request import modal_arm, searched_delay_s
 from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, given_inertia, measured_delay_s
 from hil.experiments.cancellation.following import LOWEST, DelaySearch, Following, motor_following
 from hil.experiments.cancellation.known_orders import KnownOrders, OrderValue, error_of
 from hil.experiments.cancellation.pass_judge import PassJudge
-from hil.experiments.cancellation.trial import CancellationRefusedError, judged_rows, part_entry, vibration_m_s2
-from hil.experiments.cancellation.verdict import PartVerdict
-from hil.experiments.judge import axis_scale, scale_at
+from hil.experiments.cancellation.reaction_watch import ReactionWatch
+from hil.experiments.cancellation.verdict import PartVerdict, part_entry
+from hil.experiments.cancellation.verification import CancellationRefusedError
+from hil.experiments.cancellation.waves import judged_rows, vibration_m_s2
+from hil.experiments.judge import axis_scale, scale_at, shown_rps
 from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import Recording
@@ -41,6 +53,10 @@ from hil.reporter import SILENT, Reporter
 from hil.results.learning import LearningPass, LearntAxis
 from hil.robot_tables import ORDERS, TransmissionErrorTable, amplitude_key, phase_key
 
+FURTHER_FROM = 2
+"""Passes after which the ramps go on through the resonance of a lower order.
+
+Until then its whole vibration would hide what the higher orders do; from then on it is cancelled."""
 PASSES = 5
 SECOND_GAIN = 0.5
 
@@ -91,6 +107,7 @@ class AxisLearning:
         notes: Sentences for the engineer.
         known: Orders that were known before.
         passed: Orders whose resonance the ramps have passed.
+        reaction: Reaction of the gear on its motor; None before the learning begins.
     """
 
     axis: int
@@ -101,6 +118,7 @@ class AxisLearning:
     notes: list[str] = field(default_factory=list)
     known: KnownOrders = field(default_factory=KnownOrders)
     passed: frozenset[float] = frozenset()
+    reaction: ReactionWatch | None = None
 
     @property
     def estimate(self) -> JointEstimate:
@@ -150,6 +168,8 @@ class AxisLearning:
         for order in self.left_out:  # of it nothing is stated: its amplitude is 0 because it is not cancelled
             errors.pop(amplitude_key(order), None)
             errors.pop(phase_key(order), None)
+        if self.reaction is not None and self.reaction.value and self.reaction.standard_error is not None:
+            errors["gear_reaction"] = self.reaction.standard_error
         date = (on or datetime.datetime.now(datetime.UTC).date()).isoformat()
         return IdentifiedError(
             values=TransmissionErrorTable.of(cancelled.amplitude_arcsec, cancelled.phase_deg),
@@ -158,6 +178,7 @@ class AxisLearning:
             damping=estimate.arm.damping,
             accelerometer_delay_s=estimate.arm.delay_s,
             set_point_delay_s=last.set_point_delay_s,
+            gear_reaction=0.0 if self.reaction is None else self.reaction.value,
             learnt_by="adaptive",
             motor_inertia_kg_m2=self.motor_inertia_kg_m2,
             note="; ".join(text for text in (date, f"{len(self.passes)} passes", before, without, note) if text),
@@ -227,37 +248,72 @@ def learn(
         HilError: Limits or nodes do not allow a run.
     """
     bench, table = session.bench, _table_of(session.bench, axis, passes)
-    inertia = given_inertia(bench, identified, axis, motor_inertia_kg_m2)
-    learning = AxisLearning(axis, motor_inertia_kg_m2=inertia, known=KnownOrders.of_axis(identified, axis))
+    learning = _begun(bench, identified, axis, given_inertia(bench, identified, axis, motor_inertia_kg_m2))
     end, scale = furthest_end(bench, axis, acceleration_rps_s, _known_hz(identified, axis)), axis_scale(bench, axis)
-    watch = OrderWatch(bench, axis, Sensing(table.tip_lever_m), acceleration_rps_s=acceleration_rps_s)
+    watch = OrderWatch(bench, axis, _sensing(table, identified, axis), acceleration_rps_s=acceleration_rps_s)
     delay, judge = DelaySearch(measured_delay_s(identified, axis)), PassJudge(bench, identified, axis, learning.known.values)
     for number in range(1, passes + 1):
         gain, is_last = (0.0, SECOND_GAIN)[number - 1] if number <= 2 else 1.0, number == passes
-        reporter.step(f"pass {number} of {passes}: axis {axis} to {end:.2f} rev/s, {100.0 * gain:g} % of the cancellation")
         motion = _ramps_from_here(session, axis, acceleration_rps_s, end)
+        reporter.step(f"pass {number} of {passes}: {_pass_words(bench, axis, motion, gain)}")
         cancellation = _cancellation(session, identified, learning, delay.delay_s, motion, actuation)
         result = session.run(motion.motion, "none", "drive", None if cancellation is None else cancellation.adder(gain))
-        recording = _kept(number, result, motion, axis, table, keep)
+        recording = _kept(number, result, motion, axis, bench, keep)
         following = _following(learning, gain, recording, motion, table, scale)
-        watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False))
-        estimate = _fitted(watch.sweeps, table, learning, orders)
+        watch.sweeps.append(sweep_of(motion, recording, axis, sensorless=False, sensor=bench.accelerometer.title))
+        estimate = _fitted(watch, table, learning, orders, _known_plant(identified, axis))
         checked(watch, estimate, sensorless=False, passes_left=passes - number, has_acted=learning.has_acted)
-        scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first pass: all are judged alike
+        scale = scale or scale_at(bench, axis, estimate.arm.resonance_hz)  # of the first: all are judged alike
         vibration = vibration_m_s2(recording, judged_rows(bench, recording, scale) & (motion.direction() != 0), scale)
         verdicts = judge.judge(recording, motion, tuple(learning.known.acted), gain, estimate, scale)
         learning.passed = frozenset(k for k in orders if is_passed(watch.sweeps, estimate.arm.resonance_hz, k))
         factor = delay.take(following, vibration, is_last=is_last)
         learning.passes.append(LearntPass(gain, vibration, estimate, delay.delay_s, factor, verdicts))
-        _leave_out(learning, number, is_last=is_last)
-        end = max(furthest_end(bench, axis, acceleration_rps_s, estimate.arm.resonance_hz), _low_end(end, estimate))
+        _settle(learning, number, recording, is_last=is_last)
+        ends = furthest_end(bench, axis, acceleration_rps_s, estimate.arm.resonance_hz), _low_end(end, estimate)
+        end = max(*ends, _further_end(bench, learning) if number >= FURTHER_FROM else 0.0)
     return replace(learning, notes=watch.notes(estimate, watch.scan(estimate)))
+
+
+def _pass_words(bench: Bench, axis: int, motion: Ramps, gain: float) -> str:
+    """A pass in words, with the limit that its ramps use up."""
+    end_rps, bound = motion.trajectory.end_rps, binding_limit_of(bench, axis, motion)
+    return f"axis {axis} to {end_rps:.2f} rev/s, {100.0 * gain:g} % of the cancellation{bound}"
+
+
+def _sensing(table: AxisTable, identified: Identified | None, axis: int) -> Sensing:
+    """The accelerometer, with the delays that a plant leaves it."""
+    return Sensing(table.felt_lever_m(f"learn --axis {axis}"), 0.0, *searched_delay_s(_known_plant(identified, axis)))
 
 
 def _known_hz(identified: Identified | None, axis: int) -> float | None:
     """f_a of an axis' identified plant; None without one."""
-    part = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
-    return None if part is None else part.antiresonance_hz
+    plant = _known_plant(identified, axis)
+    return None if plant is None else plant.antiresonance_hz
+
+
+def _known_plant(identified: Identified | None, axis: int) -> IdentifiedPlant | None:
+    """An axis' identified plant; None without one."""
+    return None if identified is None or axis not in identified.axis else identified.axis[axis].plant
+
+
+def _begun(bench: Bench, identified: Identified | None, axis: int, inertia_kg_m2: float | None) -> AxisLearning:
+    """A learning before its first pass, with what is known of the axis."""
+    part = None if identified is None or axis not in identified.axis else identified.axis[axis].ate
+    reaction = ReactionWatch.of(bench, identified, axis, part)
+    return AxisLearning(axis, motor_inertia_kg_m2=inertia_kg_m2, known=KnownOrders.of_axis(identified, axis), reaction=reaction)
+
+
+def _further_end(bench: Bench, learning: AxisLearning) -> float:
+    """End of ramps through the resonance of each lower order; 0 where there is none.
+
+    Only of those that the bench's own motion meets, and as far as limits let it.
+    """
+    arm_hz = learning.estimate.arm.resonance_hz
+    orders = {*learning.known.values, *learning.estimate.error.amplitude_arcsec}
+    met = [order for order in orders if order < LOWEST and shown_rps(bench) >= arm_hz / order]
+    ends = [further_end(bench, learning.axis, arm_hz, order) for order in met]
+    return max((end for end in ends if end is not None), default=0.0)
 
 
 def _low_end(end_rps: float, estimate: JointEstimate) -> float:
@@ -271,16 +327,17 @@ def _ramps_from_here(session: Session, axis: int, acceleration_rps_s: float, end
     """Ramps from where the axis stands."""
     session.check_interrupt()
     here_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
+    acceleration_rps_s = with_room(session.bench, axis, acceleration_rps_s, end_rps)
     return ramps(session.bench, axis, here_rev, acceleration_rps_s, end_rps, session.bench.bus.sync_period_s)
 
 
-def _kept(number: int, result: RunResult, motion: Ramps, axis: int, table: AxisTable, keep: PassKeeper) -> Recording:
+def _kept(number: int, result: RunResult, motion: Ramps, axis: int, bench: Bench, keep: PassKeeper) -> Recording:
     """Recording of a pass, once it is kept; what stopped the pass, or what it lacks, is raised."""
     keep(number, result, motion)
-    check_moved(motion, result, axis, table.limits)
+    check_moved(motion, result, axis, bench.axis[axis].limits)
     if result.stopped is not None:
         raise result.stopped
-    check_run(result, sensorless=False)
+    check_run(result, sensorless=False, sensor=bench.accelerometer.title)
     return result.recording
 
 
@@ -294,16 +351,18 @@ def _following(
     return motor_following(recording, motion, learning.axis, table.reduction_ratio, error, scale.band_hz)
 
 
-def _leave_out(learning: AxisLearning, number: int, *, is_last: bool) -> None:
-    """Leave out the orders whose cancellation is wrong, after the last pass those too that could not be judged.
+def _settle(learning: AxisLearning, number: int, recording: Recording, *, is_last: bool) -> None:
+    """Leave out the orders whose cancellation is wrong, after the last those too that could not be judged; tell the reaction.
 
     Raises:
         CancellationRefusedError: None is left.
     """
     verdicts = learning.passes[-1].verdicts
-    learning.left_out |= learning.known.judged(verdicts, learning.estimate, is_last=is_last)
+    learning.left_out |= learning.known.judged(verdicts, learning.estimate, learning.passed, is_last=is_last)
     if number > 1 and not significant(learning.part()).amplitudes_arcsec():
         raise CancellationRefusedError(f"what pass {number - 1} has learnt of axis {learning.axis}", verdicts)
+    if learning.passes[-1].gain == 1.0 and learning.reaction is not None:
+        learning.reaction.take(recording, error_of(learning.values()))
 
 
 def _table_of(bench: Bench, axis: int, passes: int) -> AxisTable:
@@ -336,15 +395,18 @@ def _cancellation(
     return made
 
 
-def _fitted(sweeps: Sequence[Sweep], table: AxisTable, learning: AxisLearning, orders: Sequence[float]) -> JointEstimate:
-    """The transmission error from all passes so far.
+def _fitted(
+    watch: OrderWatch, table: AxisTable, learning: AxisLearning, orders: Sequence[float], plant: IdentifiedPlant | None
+) -> JointEstimate:
+    """The transmission error from all passes so far; of an arm with several modes beside those of its plant.
 
     Raises:
         NotPossibleError: The passes do not carry a fit.
     """
-    start, is_near = learning.estimate.arm if learning.passes else None, len(learning.passes) >= SEARCHED_PASSES
+    start = learning.estimate.arm if learning.passes else None if plant is None else modal_arm(plant)
+    is_near = len(learning.passes) >= SEARCHED_PASSES
     try:
-        return identify_orders(sweeps, table.reduction_ratio, Sensing(table.tip_lever_m), start, orders, is_near=is_near)
+        return identify_orders(watch.sweeps, table.reduction_ratio, watch.sensing, start, orders, is_near=is_near)
     except ValueError as error:
         raise NotPossibleError(f"not learnt: {error}") from error
 

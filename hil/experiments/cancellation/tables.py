@@ -8,7 +8,7 @@ import numpy as np
 from hil.analysis import TipScale
 from hil.bench.bench import Bench, Model
 from hil.control.angles import ARCSEC
-from hil.control.cancellation import CancellationTable
+from hil.control.cancellation_table import CancellationTable, MotorLoad
 from hil.design.inverse import HIGHEST_HZ, Actuation, CyclicTiming, cancellation_table
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.judge import scale_at
@@ -19,10 +19,16 @@ MAX_ERROR_ARCSEC = 200.0
 """Largest ΣA_k that is cancelled: harmonic gears have a tenth to a half of it, so more is a slip in a model file."""
 KEPT_OVER_RESONANCE = 1.3
 """k f_m up to which an order is cancelled whatever the speed limit leaves, in units of f_al: there the arm resonates with it."""
-HIGHEST_OVER_RESONANCE = 2.1
-"""Highest k f_m of a cancellation in units of f_al, where that is more than the usual one: the end of the vibration's band."""
+HIGHEST_OVER_RESONANCE = 3.2
+"""Highest k f_m of a cancellation in units of f_al, where that is more than the usual one.
+
+An order fades over the fifth below: up to 2.5 f_al, where the vibration's band lets nothing more through, it is whole."""
 HIGHEST_OVER_SYNC = 0.4
 """The same in units of the SYNC rate, of which half is the most that set-points can have."""
+MAX_TORQUE_FRACTION = 0.2
+"""Largest torque offset as a fraction of the torque limit."""
+TORQUE_USED = 0.95
+"""Fraction of that up to which waves are fitted in."""
 ORDINARY = 0.98
 """Fraction of a motion's samples that has no larger acceleration than the largest that counts."""
 
@@ -40,7 +46,17 @@ class Pace(NamedTuple):
 
 
 def table_of(
-    bench: Bench, number: int, model: Model, timing: CyclicTiming, pace: Pace, actuation: Actuation, *, with_notch: bool
+    bench: Bench,
+    number: int,
+    model: Model,
+    timing: CyclicTiming,
+    pace: Pace,
+    actuation: Actuation,
+    *,
+    with_notch: bool,
+    by_torque: bool = False,
+    torque_lag_s: float = 0.0,
+    load: MotorLoad | None = None,
 ) -> tuple[CancellationTable, TipScale]:
     """Table of an axis, and the scale of its vibration.
 
@@ -52,6 +68,9 @@ def table_of(
         pace: Pace of the motion.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
         with_notch: True where the drive's filters act.
+        by_torque: True where a torque offset may do what the set-points' speed limit has no room for.
+        torque_lag_s: Lag of the drive's current loop.
+        load: Gear torque that reacts on the motor; None where it is not known to.
 
     Raises:
         NotPossibleError: There is nothing to cancel, or no loop.
@@ -62,14 +81,28 @@ def table_of(
     _check_size(number, model.ate)
     loop = table.loop(timing.control_period_s, with_notch=with_notch)
     assert loop is not None  # noqa: S101 - it has a model and gains
-    scale, limit_rps = scale_at(bench, number, loop.peak_hz()), table.limits.speed_rps
-    error = amplitudes_rad(model.ate), _phases_rad(model.ate)
-    try:
-        highest_hz = max(HIGHEST_HZ, min(HIGHEST_OVER_RESONANCE * scale.f_al_hz, HIGHEST_OVER_SYNC / timing.sync_period_s))
-        whole = cancellation_table(loop, *error, timing, limit_rps, actuation, highest_hz, pace.most_rad_s2)
-    except ValueError as error_of:
-        raise NotPossibleError(f"axis {number}: {error_of}") from error_of
-    return whole.within_speed(limit_rps, pace.peak_rps, KEPT_OVER_RESONANCE * scale.f_al_hz), scale
+    scale, limits = scale_at(bench, number, loop.peak_hz()), table.limits
+    highest_hz = _highest_hz(scale.f_al_hz, timing.sync_period_s)
+
+    def by(way: Actuation) -> CancellationTable:
+        error, chirp = (amplitudes_rad(model.ate), _phases_rad(model.ate)), pace.most_rad_s2
+        try:
+            return cancellation_table(loop, *error, timing, limits.speed_rps, way, highest_hz, chirp, torque_lag_s, load)
+        except ValueError as error_of:
+            raise NotPossibleError(f"axis {number}: {error_of}") from error_of
+
+    kept_hz = KEPT_OVER_RESONANCE * scale.f_al_hz
+    alone, room_nm = by("torque alone") if by_torque else None, TORQUE_USED * MAX_TORQUE_FRACTION * limits.torque_nm
+    return by(actuation).within_speed(limits.speed_rps, pace.peak_rps, kept_hz, alone, room_nm), scale
+
+
+def _highest_hz(f_al_hz: float, sync_period_s: float) -> float:
+    """Highest k f_m of a cancellation: what the arm answers to, the usual one at least, and what the bus carries well.
+
+    Set-points that come slowly carry the usual one badly, so only an arm that needs it gets it from them.
+    """
+    needed_hz, carried_hz = HIGHEST_OVER_RESONANCE * f_al_hz, HIGHEST_OVER_SYNC / sync_period_s
+    return max(min(HIGHEST_HZ, max(needed_hz, carried_hz)), min(needed_hz, carried_hz))
 
 
 def _check_size(number: int, ate: TransmissionErrorTable) -> None:

@@ -1,4 +1,4 @@
-"""Trial of a cancellation on the accelerometer: it is trusted only after it has lowered the vibration.
+"""Trial of a cancellation at the tip: it is trusted only after it has lowered the vibration.
 
 An order whose cancellation is wrong by more than 60° vibrates more with it. So the motion runs without it, then with a small
 fraction of it on all axes and on each, then with the whole; and each order of each axis is judged for itself (`verdict`), by its
@@ -7,155 +7,35 @@ left the cancellation is refused, and the notch stays.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.analysis import TipScale, band_passed, line_window_s, motor_speed_rps
+from hil.analysis import TipScale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
-from hil.errors import HilError, NotPossibleError
-from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder, cancel_inside, inside_parts
+from hil.control.cancellation_table import CancellationTable
+from hil.experiments.cancellation.cancellation import Cancellation, CancellationAdder
 from hil.experiments.cancellation.effect import AxisWaves, Part, Response, refined, sight
+from hil.experiments.cancellation.inside import cancel_inside, inside_parts
+from hil.experiments.cancellation.line_trial import is_line_of_arm, refused_by_vector, verify_on_line
+from hil.experiments.cancellation.remainder import TrialView, remainder
+from hil.experiments.cancellation.rise import LAST_SIGMAS, OPEN_SLACK, Look, PeakChange, Windows, alike
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judged
-from hil.experiments.cancellation.waves import response_of, seen_rows, waves_of
+from hil.experiments.cancellation.verification import CancellationRefusedError, Trial, Verification
+from hil.experiments.cancellation.waves import judged_rows, response_of, seen_rows, vibration_m_s2, waves_of
 from hil.experiments.judge import vibration_scale
 from hil.master.motion import FilterUse, Motion, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
-from hil.results.runs import CancellationTrial, TrialPart, TrialRun
 
 Rows = NDArray[np.bool_]
 
 PROBE_GAIN = 0.3
 MOST_WHOLE = 4
 """Most runs with the whole cancellation: where an order cannot be judged above the sensor's noise, the mean of so many may."""
-PARTS_TOLD = 4
-
-
-class CancellationRefusedError(HilError):
-    """The cancellation failed its trial on the accelerometer: it is not used, and the notch stays."""
-
-    exit_code = 9
-
-    def __init__(self, what: str, verdicts: Sequence[PartVerdict]) -> None:
-        """Keep the cancellation in words, and the verdicts on its orders."""
-        self.what, self.verdicts = what, tuple(verdicts)
-        told = "; ".join(verdict.words for verdict in self.verdicts[:PARTS_TOLD])
-        more = "" if len(self.verdicts) <= PARTS_TOLD else f"; and {len(self.verdicts) - PARTS_TOLD} more"
-        super().__init__(f"cancellation refused: of {what} no order passes; the notch stays. {told}{more}")
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One run of a trial.
-
-    Attributes:
-        what: Cancellation of this run, in words.
-        recording: Recording of the run.
-        gains: Fraction of each part that acted.
-        rms_m_s2: Vibration of the tip in the rows that are judged, in the band around f_al.
-    """
-
-    what: str
-    recording: Recording
-    gains: Mapping[Part, float]
-    rms_m_s2: float
-
-
-@dataclass(frozen=True)
-class Verification:
-    """Runs of a trial, and the verdict on each part.
-
-    Attributes:
-        gain: Fraction of the cancellation that was tried first.
-        trials: All runs, the first without the cancellation.
-        verdicts: Verdict on each order of each axis.
-    """
-
-    gain: float
-    trials: tuple[Trial, ...]
-    verdicts: tuple[PartVerdict, ...]
-
-    @property
-    def is_good(self) -> bool:
-        """True where something of the cancellation may be trusted."""
-        return any(verdict.verdict == "accepted" for verdict in self.verdicts)
-
-    @property
-    def left_out(self) -> frozenset[Part]:
-        """Parts that are not to be used: those that are wrong, and those that could not be judged."""
-        return frozenset(verdict.part for verdict in self.verdicts if verdict.verdict != "accepted")
-
-    def entry(self) -> CancellationTrial:
-        """The trial as a result file has it."""
-        before = self.trials[0].rms_m_s2
-        runs = tuple(
-            TrialRun(what=trial.what, rms_m_s2=trial.rms_m_s2, reduction_fraction=1.0 - trial.rms_m_s2 / max(before, 1e-30))
-            for trial in self.trials[1:]
-        )
-        parts = tuple(part_entry(verdict) for verdict in self.verdicts)
-        return CancellationTrial(before_m_s2=before, gain=self.gain, is_good=self.is_good, trials=runs, parts=parts)
-
-    def demand(self, what: str = "it") -> None:
-        """Refuse a cancellation of which nothing has lowered the vibration.
-
-        Raises:
-            CancellationRefusedError: No order of any axis passes.
-        """
-        if not self.is_good:
-            raise CancellationRefusedError(what, self.verdicts)
-
-
-def part_entry(verdict: PartVerdict) -> TrialPart:
-    """The verdict on one part as a result file has it."""
-    return TrialPart(
-        axis=verdict.part.axis,
-        order=verdict.part.order,
-        verdict=verdict.verdict,
-        expected_fall_fraction=verdict.gain,
-        fall_fraction=verdict.fall,
-        fall_error=verdict.fall_error,
-        left_fraction=verdict.left,
-        left_error=verdict.left_error,
-        factor=verdict.factor,
-        factor_error=verdict.factor_error,
-        turn_deg=verdict.turn_deg,
-        turn_error_deg=verdict.turn_error_deg,
-        words=verdict.words,
-    )
-
-
-def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
-    """Rows in which vibration is compared: the line motion's window, or a single axis' speeds at which an order excites the arm.
-
-    Args:
-        bench: The bench file.
-        recording: Recording of the motion.
-        scale: Scale of the axes that moved.
-
-    Raises:
-        NotPossibleError: The motion does not pass such a speed.
-    """
-    if len(recording.axes) > 1 and bench.line_motion is not None:
-        time, start = recording.time_s, bench.line_motion.dwell_s
-        begin, end = (start + each for each in line_window_s(bench.line_motion.duration_s))
-        return np.asarray((time >= begin) & (time <= end))
-    speed = np.abs(motor_speed_rps(recording, recording.axes[0]))
-    rows = np.zeros(len(speed), dtype=np.bool_)
-    for low, high in scale.windows_rps.values():
-        rows |= (speed >= low) & (speed <= high)
-    if np.count_nonzero(rows) * recording.period_s < 0.1:
-        raise NotPossibleError("a motion that does not excite the arm shows nothing of a cancellation")
-    return rows
-
-
-def vibration_m_s2(recording: Recording, rows: Rows, scale: TipScale) -> float:
-    """Root mean square of the tip's vertical acceleration in the band around f_al, in some rows."""
-    band = band_passed(recording.columns["tip_z_m_s2"], recording.period_s, scale.band_hz)
-    return float(np.sqrt(np.mean(band[rows] ** 2)))
 
 
 def averaged(recordings: Sequence[Recording]) -> Recording:
@@ -168,7 +48,8 @@ def averaged(recordings: Sequence[Recording]) -> Recording:
     if len(shapes) != 1:
         raise ValueError(f"{len(recordings)} recordings of {len(shapes)} kinds have no mean")
     first = recordings[0].columns
-    return Recording({name: np.mean([recording.columns[name] for recording in recordings], axis=0) for name in first})
+    doubt = next((recording.doubt for recording in recordings if recording.doubt is not None), None)
+    return Recording({name: np.mean([recording.columns[name] for recording in recordings], axis=0) for name in first}, doubt)
 
 
 Runner = Callable[[float, int | None, frozenset[Part]], Recording]
@@ -188,11 +69,14 @@ class _Protocol:
         gain: float,
         run: Runner,
         reporter: Reporter,
+        tables: Mapping[int, CancellationTable] | None = None,
     ) -> None:
         self._bench, self._motion, self._parts, self._responses = bench, motion, tuple(parts), responses
         self._scale, self._gain, self._run, self._reporter = scale, gain, run, reporter
+        self._tables = tables or {}
         self._trials: list[Trial] = []
-        self._seen: dict[Part, list[Seen]] = {part: [] for part in parts}
+        self._sights: dict[Part, list[Seen]] = {part: [] for part in parts}
+        self._looks: list[Look] = []
         self._axes: tuple[AxisWaves, ...] = ()
         self._rows = self._judged = np.zeros(0, dtype=np.bool_)
 
@@ -214,7 +98,7 @@ class _Protocol:
             self._reporter.step(f"trial of the cancellation: {what}")
             self._add(what, self._gain, only)
         self._refine(2 + len(alone))
-        verdicts = judged(self._gain, self._seen)
+        verdicts = judged(self._gain, self._sights)
         for number in range(1, MOST_WHOLE + 1):
             wrong = _wrong(verdicts)
             if len(wrong) == len(self._parts):
@@ -225,10 +109,65 @@ class _Protocol:
             what = "the whole of it" + (f" but {', '.join(part.words for part in sorted(wrong))}" if wrong else "")
             self._reporter.step(f"trial of the cancellation: {what}")
             self._add(what, 1.0, None, wrong)
-            verdicts = judged(self._gain, self._seen)
+            verdicts = judged(self._gain, self._sights)
             if _wrong(verdicts) == wrong and not _open(verdicts, number):
                 break
-        return Verification(self._gain, tuple(self._trials), tuple(verdicts.values()))
+        first = self._trials[0].recording
+        windows = Windows.of(first, self._rows[: len(first.time_s)], self._scale)
+        verdicts |= self._helpers(windows, verdicts)
+        verdicts |= self._risers(windows, verdicts)
+        used = tuple(part for part, verdict in verdicts.items() if verdict.verdict == "accepted")
+        limits = {number: self._bench.axis[number].limits.speed_rps for number in self._tables}
+        looks, rows = tuple(self._looks), self._rows
+        seen = TrialView(looks, used, windows, first, rows, self._axes, self._scale, limits)
+        left = remainder(seen, self._tables, self._bench.specification.quiet_mm) if used else None
+        return Verification(self._gain, tuple(self._trials), tuple(verdicts.values()), left)
+
+    def _helpers(self, windows: Windows, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
+        """Verdicts on parts that cannot be judged, and with which the tip's peak is lower for certain: they are used.
+
+        An order whose resonance the motion does not reach is not seen, but the sums and differences that it makes with the others
+        are where the arm rings. The peak alone does not tell what is wrong by 60°: what is seen of the part must not say so.
+        """
+        passed = [part for part, each in verdicts.items() if each.verdict == "accepted"]
+        unseen = [part for part, each in verdicts.items() if each.verdict == "not judged" and each.seems_right]
+        if not passed or not unseen or not alike(self._looks, [*passed, *unseen]):
+            return {}
+        if not alike(self._looks, passed):
+            self._reporter.step("trial of the cancellation: what passes")
+            self._add("what passes", 1.0, None, frozenset(self._parts) - set(passed))
+        fall = windows.gain(self._looks, passed, [*passed, *unseen])
+        return {} if fall is None else {part: replace(verdicts[part], verdict="accepted", rise=fall.words) for part in unseen}
+
+    def _risers(self, windows: Windows, verdicts: Mapping[Part, PartVerdict]) -> dict[Part, PartVerdict]:
+        """Verdicts on parts whose order falls, and with which the tip rises nevertheless: they are refused."""
+        found: dict[Part, PartVerdict] = {}
+        while used := [part for part, verdict in verdicts.items() if verdict.verdict == "accepted" and part not in found]:
+            riser = self._riser(windows, used)
+            if riser is None:
+                break
+            part, rise = riser
+            found[part] = replace(verdicts[part], verdict="refused", rise=rise.words)
+        return found
+
+    def _riser(self, windows: Windows, used: Sequence[Part]) -> tuple[Part, PeakChange] | None:
+        """The part that is to be left out, and the rise of a window; None: none. What the noise may hide is run again."""
+        without = frozenset(self._parts) - set(used)
+        what = "what passes" if without else "the whole of it"
+        while True:
+            rise, runs = windows.rise(self._looks, used), len(alike(self._looks, used))
+            if rise is not None:
+                is_over = not rise.is_open or runs >= MOST_WHOLE
+                part = (
+                    windows.riser(self._looks, used, rise, 0.0 if is_over else OPEN_SLACK) if rise.stands(LAST_SIGMAS) else None
+                )
+                if is_over or part is None:
+                    return None if part is None else (part, rise)
+            if runs and len(alike(self._looks, ())) <= runs:
+                self._reporter.step("trial of the cancellation: without, once more, for the tip's peak")
+                self._add("without, once more", 0.0)
+            self._reporter.step(f"trial of the cancellation: {what}, for the tip's peak")
+            self._add(f"{what}, for the tip's peak", 1.0, None, without)
 
     def _add(self, what: str, gain: float, only: int | None = None, without: frozenset[Part] = frozenset()) -> None:
         """Make one run, and read it."""
@@ -250,14 +189,16 @@ class _Protocol:
         recordings = [trial.recording for trial in self._trials[:count]]
         rows = [self._rows[: len(recording.time_s)] for recording in recordings]
         self._axes = refined(recordings, self._axes, rows, self._scale.band_hz)
-        for sights in self._seen.values():
+        self._looks.clear()
+        for sights in self._sights.values():
             sights.clear()
         for trial in self._trials:
             self._see(trial)
 
     def _see(self, trial: Trial) -> None:
         sighting = sight(trial.recording, self._axes, self._rows[: len(trial.recording.time_s)], self._scale.band_hz)
-        for part, sights in self._seen.items():
+        self._looks.append(Look(trial.gains, sighting))
+        for part, sights in self._sights.items():
             sights.append(Seen(1, trial.gains[part], sighting.amplitude[part], sighting.variance(part)))
 
 
@@ -301,8 +242,15 @@ def verify(
         adder = cancellation.without(without).adder(part_of, only) if part_of > 0.0 else None
         return _run(session, motion, filters, adder, shows_filter)
 
+    is_arm = is_line_of_arm(session.bench, motion)
+    if is_arm and cancellation.is_learnt_on_motion:
+        return verify_on_line(session.bench, cancellation.parts, gain, run, reporter)
     scale = cancellation.scale or vibration_scale(session.bench, motion.axes)
-    return _Protocol(session.bench, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter).perform()
+    protocol = _Protocol(
+        session.bench, motion, cancellation.parts, cancellation.responses, scale, gain, run, reporter, cancellation.tables
+    )
+    found = protocol.perform()
+    return refused_by_vector(session.bench, found) if is_arm else found
 
 
 def _run(session: Session, motion: Motion, filters: FilterUse, adder: CancellationAdder | None, shows_filter: bool) -> Recording:
@@ -341,6 +289,7 @@ def choose(
     motion: Motion,
     *,
     with_notch: bool = False,
+    is_shaped: bool = False,
     gain: float = PROBE_GAIN,
     shows_filter: bool = True,
     reporter: Reporter = SILENT,
@@ -352,6 +301,7 @@ def choose(
         cancellation: Cancellation of the motion's axes.
         motion: The very motion that is to be run.
         with_notch: True where the filters act beside it; after a refusal they act alone, where the bench has any.
+        is_shaped: True where a shaper has shaped the motion, for a loop without filters; after a refusal it acts alone.
         gain: Fraction that is tried first.
         shows_filter: True where the drives report their filters' state.
         reporter: Listener of each run.
@@ -361,6 +311,11 @@ def choose(
     """
     filters: FilterUse = "notch" if with_notch else "none"
     verification = verify(session, cancellation, motion, filters, gain=gain, shows_filter=shows_filter, reporter=reporter)
+    if is_shaped:
+        try:
+            verification.demand(stays="the shaper")
+        except CancellationRefusedError as refusal:
+            return Choice(None, filters, verification, refusal)
     return _chosen(session, motion, filters, verification, cancellation)
 
 

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from hil.experiments.cancellation.effect import Part
+from hil.results.runs import TrialPart
 
 Verdict = Literal["accepted", "refused", "not judged"]
 
@@ -26,6 +27,8 @@ SURE = 0.05
 """Standard error, as a fraction of the order, at which the number itself decides: nothing more would be learnt."""
 VERDICT_SIGMAS = 2.0
 """Standard errors by which a verdict stands."""
+RIGHT_LEFT = 0.5
+"""Largest fraction that is left, as far as it is seen, of a part that cannot be judged and helps all the same: 60° leave all."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class PartVerdict:
         turn_deg: Angle by which φ_k should be turned.
         turn_error_deg: Standard error of that.
         verdict: `accepted`; `refused` where it is wrong; `not judged` where it does too little to be seen.
+        rise: How the tip's peak rises with it, or falls where nothing else could judge it, in words; empty where neither counts.
     """
 
     part: Part
@@ -74,10 +78,16 @@ class PartVerdict:
     turn_deg: float | None
     turn_error_deg: float | None
     verdict: Verdict
+    rise: str = ""
 
     def could_be_judged(self, more: float) -> bool:
         """True where an undecided part could be told with so many times the present runs."""
         return self.verdict == "not judged" and VERDICT_SIGMAS * self.left_error <= MOST_LEFT * math.sqrt(more)
+
+    @property
+    def seems_right(self) -> bool:
+        """False where what is seen of an undecided part speaks against it; true where nothing is seen."""
+        return self.factor is None or self.left <= RIGHT_LEFT
 
     @property
     def ratio(self) -> complex | None:
@@ -90,6 +100,8 @@ class PartVerdict:
     def words(self) -> str:
         """The verdict as a line of text."""
         change = f"{'fell' if self.fall >= 0.0 else 'rose'} by {100.0 * abs(self.fall):.0f} ± {100.0 * self.fall_error:.0f} %"
+        if self.rise:
+            return f"{self.part.words}: {'cannot be seen' if self.verdict == 'accepted' else 'falls'}, but with it {self.rise}"
         head = f"{self.part.words}: with {100.0 * self.gain:g} % of it {change} ({100.0 * self.gain:g} % expected)"
         if self.verdict == "not judged":
             return f"{self.part.words}: does too little to be judged above the sensor's noise ({change})"
@@ -187,3 +199,22 @@ def _factor(
 def judged(gain: float, seen: Mapping[Part, Sequence[Seen]]) -> dict[Part, PartVerdict]:
     """Verdicts on all parts."""
     return {part: judge(part, gain, sights) for part, sights in seen.items()}
+
+
+def part_entry(verdict: PartVerdict) -> TrialPart:
+    """The verdict on one part as a result file has it."""
+    return TrialPart(
+        axis=verdict.part.axis,
+        order=verdict.part.order,
+        verdict=verdict.verdict,
+        expected_fall_fraction=verdict.gain,
+        fall_fraction=verdict.fall,
+        fall_error=verdict.fall_error,
+        left_fraction=verdict.left,
+        left_error=verdict.left_error,
+        factor=verdict.factor,
+        factor_error=verdict.factor_error,
+        turn_deg=verdict.turn_deg,
+        turn_error_deg=verdict.turn_error_deg,
+        words=verdict.words,
+    )

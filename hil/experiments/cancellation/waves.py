@@ -4,18 +4,21 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from hil.analysis import BRAKING_S, line_window_s, motor_speed_rps
+from hil.analysis import BRAKING_S, TipScale, band_passed, line_window_s, motor_speed_rps
 from hil.bench.bench import Bench
 from hil.bench.model import Identified, with_identified
+from hil.bench.tip import vertical_levers_m
+from hil.control.trajectory import PlanarChain
 from hil.design.ate.model import Arm
 from hil.design.frequency import CONTROL_PERIOD_S
 from hil.errors import NotPossibleError
 from hil.experiments.cancellation.effect import AxisWaves, Response
 from hil.master.motion import Motion
 from hil.recording import Recording
-from hil.robot_tables import ORDERS
+from hil.robot_tables import ORDERS, LineMotion
 
 Real = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -87,22 +90,39 @@ def _late(angle_rad: Real, gain_per_s: float, period_s: float) -> Real:
     """A set-point as a position loop of some gain lets it through; unchanged without a gain."""
     if gain_per_s <= 0.0:
         return angle_rad
-    from scipy import signal  # noqa: PLC0415 - see hil/analysis.py
-
     blend = 1.0 - math.exp(-period_s * gain_per_s)
-    return np.asarray(signal.lfilter([blend], [1.0, blend - 1.0], angle_rad))
+    return np.asarray(scipy.signal.lfilter([blend], [1.0, blend - 1.0], angle_rad))
 
 
 def _levers(bench: Bench, motion: Motion, recording: Recording) -> list[Real]:
     """Lever of each axis: the tip's distance from an axis that moves alone, or ∂z/∂q along the motion of several."""
+    if len(motion.axes) > 1 and bench.arm is not None:
+        return vertical_levers_m(bench, recording)
     if len(motion.axes) == 1 or bench.geometry is None or motion.axes != bench.chain_axes or bench.line_motion is None:
         return [np.asarray(bench.axis[number].tip_lever_m) for number in motion.axes]
-    chain = bench.geometry.chain()
-    home = bench.line_motion.line(chain).joints(np.zeros(1))[0]
     turned = [recording.axis(number, "position_rad") / bench.axis[number].reduction_ratio for number in motion.axes]
-    joints, levers = home + np.stack(turned, axis=1), []
-    for column in range(len(motion.axes)):
-        step = np.zeros(len(motion.axes))
+    return _chain_levers(bench.geometry.chain(), bench.line_motion, np.stack(turned, axis=1))
+
+
+def planned_levers(bench: Bench, motion: Motion) -> Real:
+    """Lever of each axis along a motion as it is planned; shape (n, axes).
+
+    Args:
+        bench: The bench file, without an arm of links.
+        motion: The motion.
+    """
+    angles = motion.motor_angle_rad
+    if len(motion.axes) == 1 or bench.geometry is None or motion.axes != bench.chain_axes or bench.line_motion is None:
+        return np.tile([bench.axis[number].tip_lever_m for number in motion.axes], (len(angles), 1))
+    turned = angles / np.array([bench.axis[number].reduction_ratio for number in motion.axes])
+    return np.stack(_chain_levers(bench.geometry.chain(), bench.line_motion, turned), axis=1)
+
+
+def _chain_levers(chain: PlanarChain, line: LineMotion, turned_rad: Real) -> list[Real]:
+    """∂z/∂q of each axis of a chain along its line, its joints turned from where that begins, shape (n, axes)."""
+    joints, levers = line.line(chain).joints(np.zeros(1))[0] + turned_rad, []
+    for column in range(turned_rad.shape[1]):
+        step = np.zeros(turned_rad.shape[1])
         step[column] = LEVER_STEP_RAD
         levers.append((chain.tip(joints + step)[:, 1] - chain.tip(joints - step)[:, 1]) / (2.0 * LEVER_STEP_RAD))
     return levers
@@ -129,3 +149,33 @@ def seen_rows(bench: Bench, recording: Recording, f_al_hz: float) -> Rows:
     if np.count_nonzero(rows) * recording.period_s < LEAST_S:
         raise NotPossibleError("a motion that does not excite the arm shows nothing of a cancellation")
     return rows
+
+
+def judged_rows(bench: Bench, recording: Recording, scale: TipScale) -> Rows:
+    """Rows in which vibration is compared: the line motion's window, or a single axis' speeds at which an order excites the arm.
+
+    Args:
+        bench: The bench file.
+        recording: Recording of the motion.
+        scale: Scale of the axes that moved.
+
+    Raises:
+        NotPossibleError: The motion does not pass such a speed.
+    """
+    if len(recording.axes) > 1 and bench.line_motion is not None:
+        time, start = recording.time_s, bench.line_motion.dwell_s
+        begin, end = (start + each for each in line_window_s(bench.line_motion.duration_s))
+        return np.asarray((time >= begin) & (time <= end))
+    speed = np.abs(motor_speed_rps(recording, recording.axes[0]))
+    rows = np.zeros(len(speed), dtype=np.bool_)
+    for low, high in scale.windows_rps.values():
+        rows |= (speed >= low) & (speed <= high)
+    if np.count_nonzero(rows) * recording.period_s < 0.1:
+        raise NotPossibleError("a motion that does not excite the arm shows nothing of a cancellation")
+    return rows
+
+
+def vibration_m_s2(recording: Recording, rows: Rows, scale: TipScale) -> float:
+    """Root mean square of the tip's vertical acceleration in the band around f_al, in some rows."""
+    band = band_passed(recording.felt_m_s2, recording.period_s, scale.band_hz)
+    return float(np.sqrt(np.mean(band[rows] ** 2)))

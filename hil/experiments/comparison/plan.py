@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from drive_profiles.address import parse_address
+from hil.arm.straight_line import LineError
 from hil.bench.bench import Bench
 from hil.bench.design import Designs
 from hil.bench.model import Identified, with_identified
@@ -13,11 +14,14 @@ from hil.control.trajectory import UnreachableError
 from hil.control.treatments import TreatmentName, treatment
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import check_load
-from hil.experiments.cancellation.cancellation import cancellation_for, inside_models
-from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION
+from hil.experiments.cancellation.cancellation import cancellation_of
+from hil.experiments.cancellation.follow import following_of
+from hil.experiments.cancellation.inside import inside_models
+from hil.experiments.motions import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT
 from hil.experiments.plan import Experiment
 from hil.experiments.runner import check_band
-from hil.experiments.treatment import HOST_CLOSED, TREATMENTS, Knowledge, TreatmentSetup, treatment_setup
+from hil.experiments.shaping import check_stop, shaped_motion
+from hil.experiments.treatment import HOST_CLOSED, TREATMENTS, Knowledge, TreatmentSetup, arm_remark, treatment_setup
 from hil.master.request import check_host_loop
 
 
@@ -38,7 +42,10 @@ class ComparisonRequest:
     named: frozenset[str] = frozenset()
 
     def wanted(self, bench: Bench) -> list[Experiment]:
-        """Every run, drive-closed ones first: what the host closes may be refused at the last moment."""
+        """Every run, drive-closed ones first: what the host closes may be refused at the last moment.
+
+        Shapers are for stops, and a cancellation that follows is for errors that drift: elsewhere they have to be named.
+        """
         axes = self.axes or tuple(number for number, table in sorted(bench.axis.items()) if table.notch or table.model)
         motions: list[tuple[str, int | None]] = []
         if CONSTANT_ACCELERATION in self.experiments:
@@ -47,12 +54,20 @@ class ComparisonRequest:
             motions.append((LINE_MOTION, None))
         inside: list[TreatmentName] = ["none", *(name for name in self.treatments if name not in HOST_CLOSED and name != "none")]
         outside: list[TreatmentName] = [name for name in self.treatments if name in HOST_CLOSED]
-        experiments = [Experiment(name, axis, treatment) for name, axis in motions for treatment in inside]
+        inside = [name for name in inside if name in self.named or not (treatment(name).shaper or treatment(name).follows)]
+        experiments = [Experiment(name, axis, each) for name, axis in motions for each in inside]
+        if POINT_TO_POINT in self.experiments:
+            experiments += [Experiment(POINT_TO_POINT, axis, each) for axis in axes for each in self._of_stops()]
         if outside:
             experiments += [
                 Experiment(name, axis, treatment, "host") for name, axis in motions for treatment in ("none", *outside)
             ]
         return experiments
+
+    def _of_stops(self) -> list[TreatmentName]:
+        """Treatments of a point-to-point move: shapers alone, and what was named, so that its reason is said."""
+        wanted = [name for name in self.treatments if name in self.named or treatment(name).is_shaper]
+        return ["none", *(name for name in wanted if name != "none")]
 
 
 @dataclass(frozen=True)
@@ -86,11 +101,13 @@ class ComparisonPlan:
         robot: The robot, with the identified model in its bench file.
         setups: Set-up of each run.
         left_out: Runs that are not made.
+        remarks: Sentences on treatments that were named, and are made all the same.
     """
 
     robot: KnownRobot
     setups: Mapping[Experiment, TreatmentSetup]
     left_out: tuple[LeftOut, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -123,9 +140,13 @@ def plan(
     left_out: list[LeftOut] = []
     try:
         for experiment in request.wanted(robot.bench):
+            remark = arm_remark(robot.bench, experiment.treatment)
+            if remark is not None and experiment.treatment not in request.named:
+                left_out.append(LeftOut(experiment, f"{remark}; named, it is run"))
+                continue
             try:
                 setups[experiment] = _setup(robot, experiment, None if overload else bus)
-            except (NotPossibleError, UnsafeRequestError, UnreachableError) as error:
+            except (NotPossibleError, UnsafeRequestError, UnreachableError, LineError) as error:
                 if (experiment.treatment, experiment.loop) != ("none", "host"):  # it is run for the comparison only
                     left_out.append(LeftOut(experiment, str(error)))
     finally:
@@ -136,7 +157,8 @@ def plan(
     if not compared:
         reasons = "; ".join(dict.fromkeys(each.reason for each in left_out))
         raise NotPossibleError(f"{bench.name}: there is nothing to compare" + (f": {reasons}" if reasons else ""))
-    return ComparisonPlan(robot, compared, tuple(left_out))
+    remarks = dict.fromkeys(arm_remark(robot.bench, each.treatment) for each in compared)
+    return ComparisonPlan(robot, compared, tuple(left_out), tuple(remark for remark in remarks if remark is not None))
 
 
 def _conditions(experiment: Experiment) -> tuple[str, int | None, str]:
@@ -150,11 +172,14 @@ def _setup(robot: KnownRobot, experiment: Experiment, channel: Channel | None) -
     Raises:
         NotPossibleError: Something is missing for it, or the bus does not carry it.
         UnsafeRequestError: It would leave a limit.
-        UnreachableError: The line leaves the arm's reach.
+        UnreachableError: The line leaves the reach of the geometry's chain.
+        LineError: The arm cannot follow the line.
     """
     bench, name = robot.bench, experiment.treatment
+    check_stop(experiment.is_stop, name, experiment.loop)
     motion = experiment.motion(bench)
     check_band(bench, experiment, motion)
+    motion, _ = shaped_motion(bench, name, motion, robot.knowledge.identified)
     setup = treatment_setup(bench, name, robot.knowledge, motion.period_s, experiment.loop)
     where = "none of its axes" if experiment.axis is None else f"axis {experiment.axis}"
     if setup.filters == "notch" and not any(setup.bench.axis[number].notch for number in motion.axes):
@@ -166,9 +191,10 @@ def _setup(robot: KnownRobot, experiment: Experiment, channel: Channel | None) -
         raise NotPossibleError(f"{name}: no notch and no model of {where}")
     if setup.is_cancelled:
         with_notch = setup.filters == "notch"
-        cancellation_for(setup.bench, setup.cancel_with, motion.axes, motion.period_s, with_notch=with_notch).check(
-            setup.bench, motion
-        )
+        made = cancellation_of(setup.bench, setup.cancel_with, motion, channel, with_notch=with_notch)
+        made.check(setup.bench, motion)
+        if setup.follows:
+            following_of(setup.bench, setup.cancel_with, made, motion)
     if setup.is_inside:
         inside_models(setup.bench, setup.cancel_with, motion.axes)
     if experiment.loop == "host":

@@ -86,13 +86,15 @@ def _row(experiment: Experiment, compliance: ComplianceFactors | None = None, le
 
 
 def _measured(row: ComparisonRow, run: RunEntry | None, change: TreatmentComparison | None, ended: str) -> ComparisonRow:
-    """The row with the numbers of its run; a cancellation that was refused has none, since the run was made without it."""
+    """The row with the numbers of its run; a treatment that was refused has none, since the run was made without it."""
     if run is None:
         return row.model_copy(update={"not_judged": ended or "not run"})
-    values: dict[str, object] = {"recording": run.recording}
+    values: dict[str, object] = {"recording": run.recording, "shaper": run.shaper}
     if run.trial is not None:
         whole = "accepted in part" if run.trial.refused else "accepted"
         values["trial"] = whole if run.trial.is_good else "refused"
+    if run.filter_trial is not None:
+        values["trial"] = "accepted" if run.filter_trial.is_good else "refused"
     if run.invalid is not None or run.stopped is not None:
         return row.model_copy(update=values | {"not_judged": run.invalid or run.stopped})
     values |= {"tip_peak_mm": run.tip_peak_mm, "spectrum_area": run.spectrum_area, "within_spec": run.within_spec}

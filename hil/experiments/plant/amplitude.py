@@ -21,13 +21,20 @@ PART = {
 }
 """Parts of the difference between pilot and main run that go into the standard error: the motion that matters turns the gear by
 more than the pilot did, and its stiffness lies nearer to the main run's."""
-OF_MOTOR = 0.04
-"""Relative error of J_m on a gear that depends on the amplitude: what hysteresis adds at f_a and f_r differs, and J_m yields."""
-
+BELIEVED_LOSS = 0.2
+"""Part that hysteresis has in ζ at the torsion of a main run, as believed of a gear that has any: as likely as not it has."""
 OF_ARM = 0.002
 """Relative error of f_a on such a gear: gravity winds it up to another point of its curve in each stretch of arm angle."""
-OF_LOSS = 0.1
-"""Relative error of f_a over the difference of ζ: hysteresis stiffens as it damps, and a soft wind-up may hide it."""
+OF_LOSS = {
+    "antiresonance_hz": 0.5,
+    "resonance_hz": 1.0,
+    "gear_stiffness_nm_rad": 1.0,
+    "arm_inertia_kg_m2": 1.0,
+    "motor_inertia_kg_m2": 2.0,
+    "lever_ratio": 1.0,
+}
+"""Relative errors over the part of ζ that is hysteresis': with a loss goes a stiffness of up to as much, which depends on the
+frequency and on how many of them there are. f_a moves by no more than ζ; between f_a and f_r the inertias yield, J_m most."""
 
 
 def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tuple[PlantEstimate, str | None]:
@@ -37,20 +44,71 @@ def with_amplitude_dependence(main: PlantEstimate, pilot: PlantEstimate) -> tupl
     zero torque makes it softer there; the value that another motion will meet lies beside that of the main run by about as much
     as the two runs differ.
     """
-    parameters = dict(main.parameters)
+    parameters = {name: _with_error(value, error * value.value) for name, value, error in _disagreements(main, pilot)}
     for name, part in PART.items():
-        value, other = parameters[name], pilot.parameters[name]
+        value, other = main.parameters[name], pilot.parameters[name]
         apart = max(0.0, (value.value - other.value) ** 2 - other.standard_error**2 - value.standard_error**2)
-        parameters[name] = _with_error(value, part * math.sqrt(apart))
+        parameters[name] = _with_error(parameters[name], part * math.sqrt(apart))
+    lossy = loss_error(main, pilot)
+    for name, size in OF_LOSS.items():
+        if name in parameters:
+            parameters[name] = _with_error(parameters[name], size * lossy * parameters[name].value)
+    damping = parameters["damping"]
+    for name in ("damping", "gear_damping_nm_s_rad"):
+        parameters[name] = _at_least(parameters[name], lossy / damping.value * abs(parameters[name].value))
     if not any(_differs(main, pilot, name) for name in LEAST):
         return replace(main, parameters=parameters), None
-    loss = abs(parameters["damping"].value - pilot.parameters["damping"].value)
     f_a = parameters["antiresonance_hz"]
-    parameters["antiresonance_hz"] = _with_error(f_a, math.hypot(OF_ARM, OF_LOSS * loss) * f_a.value)
-    for name, size in (("motor_inertia_kg_m2", OF_MOTOR), ("arm_inertia_kg_m2", 0.5 * OF_MOTOR), ("lever_ratio", OF_MOTOR)):
-        if name in parameters:
-            parameters[name] = _with_error(parameters[name], size * parameters[name].value)
+    parameters["antiresonance_hz"] = _with_error(f_a, OF_ARM * f_a.value)
     return replace(main, parameters=parameters), _words(main, pilot)
+
+
+def loss_error(main: PlantEstimate, pilot: PlantEstimate) -> float:
+    """Root mean square of the part of ζ that is hysteresis' at the main run's torsion, as far as two runs tell it.
+
+    The loss of hysteresis is in inverse proportion to the torsion, so that x = (ζ' − ζ)/(ρ − 1) with the main run's torsion over
+    the pilot's, ρ. What an inexact pilot, or one at nearly the same torsion, cannot exclude is as likely as it is believed to be.
+    """
+    one, other = main.parameters["damping"], pilot.parameters["damping"]
+    lever = main.torsion_rad / max(pilot.torsion_rad, 1e-30) - 1.0
+    lever = math.copysign(max(abs(lever), 1e-3), lever)
+    loss = (other.value - one.value) / lever
+    noise = (one.standard_error**2 + other.standard_error**2) / lever**2
+    believed = (BELIEVED_LOSS * one.value) ** 2
+    weight = believed / max(believed + noise, 1e-300)
+    odds = math.sqrt(1.0 - weight) * math.exp(min(300.0, 0.5 * loss**2 * weight / max(noise, 1e-300)))
+    return math.sqrt(odds / (1.0 + odds) * weight * (weight * loss**2 + noise))
+
+
+def _disagreements(main: PlantEstimate, pilot: PlantEstimate) -> list[tuple[str, EstimatedParameter, float]]:
+    """The main run's parameters with relative errors by what the runs disagree in though no torsion changes it: the inertias.
+
+    There the model is wrong, not the gear another. K_g follows J_l at a given f_a, and f_r follows both inertias.
+    """
+    motor, arm = (_disagreement(main, pilot, name) for name in ("motor_inertia_kg_m2", "arm_inertia_kg_m2"))
+    plant = main.plant
+    ratio = plant.arm_inertia_kg_m2 / (plant.reduction_ratio**2 * plant.motor_inertia_kg_m2)
+    errors = {
+        "motor_inertia_kg_m2": motor,
+        "arm_inertia_kg_m2": arm,
+        "gear_stiffness_nm_rad": arm,
+        "resonance_hz": 0.5 * ratio / (1.0 + ratio) * math.hypot(motor, arm),
+    }
+    return [(name, value, errors.get(name, 0.0)) for name, value in main.parameters.items()]
+
+
+def _disagreement(main: PlantEstimate, pilot: PlantEstimate, name: str) -> float:
+    """Relative error of a number that two runs should agree in, beyond its own: that and the pilot's are enlarged alike.
+
+    Source: Particle Data Group, Review of Particle Physics, section "Unconstrained averaging": the scale factor S.
+    """
+    one, other = main.parameters[name], pilot.parameters[name]
+    scale = abs(one.value - other.value) / max(math.hypot(one.standard_error, other.standard_error), 1e-300)
+    return one.relative * math.sqrt(max(0.0, scale**2 - 1.0))
+
+
+def _at_least(parameter: EstimatedParameter, least: float) -> EstimatedParameter:
+    return EstimatedParameter(parameter.value, max(parameter.standard_error, least))
 
 
 def _with_error(parameter: EstimatedParameter, more: float) -> EstimatedParameter:

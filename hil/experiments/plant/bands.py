@@ -1,9 +1,10 @@
 """The band and the bias speed of an excitation: wide for the pilot, and around the resonances once they are roughly known."""
 
 import math
+from collections.abc import Sequence
 
 from hil.design.frequency import TwoInertia
-from hil.experiments.plant.motion import Band, PlantRequest
+from hil.experiments.plant.motion import FAST_RPS, Band, PlantRequest
 from hil.robot_tables import ORDERS
 
 PILOT_HZ = (1.5, 90.0)
@@ -19,6 +20,8 @@ AWAY = 1.3
 """Factor between the frequency of an order and f_a that is far enough."""
 BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
 """Bias speeds that are tried, as factors of the usual one."""
+FASTS = (1.0, 0.85, 0.7)
+"""Fastest of the slow turns that are tried, as factors of the usual one."""
 FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
 
 
@@ -33,7 +36,7 @@ def pilot_band(request: PlantRequest, sync_s: float) -> Band:
     return _band(request, low, min(high, highest_hz(sync_s)), BIAS_RPS)
 
 
-def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_limit_rps: float) -> Band:
+def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_limit_rps: float, *, is_wide: bool = False) -> Band:
     """Band around the resonances of a plant that is roughly known, at a speed at which no order rings; what is requested, holds.
 
     Args:
@@ -41,26 +44,38 @@ def main_band(request: PlantRequest, sync_s: float, plant: TwoInertia, speed_lim
         sync_s: The SYNC period.
         plant: The plant, roughly.
         speed_limit_rps: Limit of the motor speed, of which the bias takes half.
+        is_wide: True on an arm: up to where the pilot looked, since other modes may ring anywhere.
     """
     f_a, f_r = plant.antiresonance_hz, plant.resonance_hz
     low = min(LARGEST_LOW_HZ, max(LEAST_HZ, BELOW_F_A * f_a))
-    high = min(highest_hz(sync_s), max(LEAST_HIGH_HZ, ABOVE_F_R * f_r, ABOVE_F_A * f_a))
+    high = max(LEAST_HIGH_HZ, ABOVE_F_R * f_r, ABOVE_F_A * f_a, PILOT_HZ[1] if is_wide else 0.0)
+    high = min(highest_hz(sync_s), high)
     return _band(request, low, high, quiet_speed(f_a, 0.5 * speed_limit_rps))
 
 
 def quiet_speed(f_a: float, limit_rps: float) -> float:
     """The bias speed nearest to the usual one at which no order of the transmission error falls on f_a; else the quietest."""
-    best, farthest = BIAS_RPS, 0.0
-    for factor in BIASES:
-        speed = factor * BIAS_RPS
-        if speed > limit_rps:
-            continue
-        away = min(math.exp(abs(math.log(order * speed / f_a))) for order in ORDERS)
-        if away >= AWAY:
-            return speed
-        if away > farthest:
-            best, farthest = speed, away
-    return best
+    return _quiet(f_a, [factor * BIAS_RPS for factor in BIASES if factor * BIAS_RPS <= limit_rps] or [BIAS_RPS])
+
+
+def fast_speed(f_a: float, limit_rps: float) -> float:
+    """The fastest of the slow turns for friction, where no order rings: the arm's vibration costs a torque of its own.
+
+    >>> fast_speed(9.9, 10.0), round(fast_speed(7.0, 10.0), 3)
+    (3.5, 2.45)
+
+    Args:
+        f_a: Anti-resonance, Hz.
+        limit_rps: Largest speed that is allowed.
+    """
+    return _quiet(f_a, [factor * min(FAST_RPS, limit_rps) for factor in FASTS])
+
+
+def _quiet(f_a: float, speeds: Sequence[float]) -> float:
+    """The first of some speeds at which no order falls on f_a; else the one farthest from it."""
+    away = [min(math.exp(abs(math.log(order * speed / f_a))) for order in ORDERS) for speed in speeds]
+    first = next((speed for speed, far in zip(speeds, away, strict=True) if far >= AWAY), None)
+    return speeds[away.index(max(away))] if first is None else first
 
 
 def _band(request: PlantRequest, low_hz: float, high_hz: float, bias_rps: float) -> Band:

@@ -103,17 +103,24 @@ def travel_check(angle_rad: Real, bias_rad: Real) -> DataCheck:
     return DataCheck("fraction of the travel that the motor angle shows", fraction, 0.8, "", 0.8 <= fraction <= 1.25, remedy)
 
 
-def sensor_trouble(tip_m_s2: Real, missed: int, rows: int) -> str | None:
-    """Reason why the accelerometer is left out, or None."""
+def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accelerometer") -> str | None:
+    """Reason why the accelerometer is left out, or None.
+
+    Args:
+        tip_m_s2: Acceleration of the tip; shape (n,).
+        missed: Number of cycles that lack it.
+        rows: Number of all cycles.
+        sensor: What tells it, in words.
+    """
     if missed > SENSOR_MISSED_FRACTION * rows:
-        return f"the accelerometer was missing in {missed} of {rows} cycles, allowed: {math.floor(SENSOR_MISSED_FRACTION * rows)}"
+        return f"the {sensor} was missing in {missed} of {rows} cycles, allowed: {math.floor(SENSOR_MISSED_FRACTION * rows)}"
     largest = float(np.max(np.abs(tip_m_s2)))
     if largest == 0.0 or float(np.ptp(tip_m_s2)) == 0.0:
-        return f"the accelerometer shows {float(tip_m_s2[0]):.3g} m/s² and nothing else"
+        return f"the {sensor} shows {float(tip_m_s2[0]):.3g} m/s² and nothing else"
     often = int(np.count_nonzero(np.abs(tip_m_s2) >= largest * (1.0 - 1e-9)))
     if often > AT_RANGE_ROWS:
         return (
-            f"the accelerometer is at the end of its range, {largest:.3g} m/s², in {often} rows, allowed: {AT_RANGE_ROWS}; "
+            f"the {sensor} is at the end of its range, {largest:.3g} m/s², in {often} rows, allowed: {AT_RANGE_ROWS}; "
             f"lower --amplitude-nm"
         )
     return None
@@ -134,7 +141,7 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
     if coherence < TIP_COHERENCE:
         return (
             f"the coherence of the tip with the motor is {coherence:.2g}, needed: {TIP_COHERENCE:g} (does this axis move the "
-            "accelerometer: right axis of the sensor, mounted?)"
+            "sensor: its right axis, mounted?)"
         )
     ratio = estimate.parameters["lever_ratio"]
     far = max(ratio.value, 1.0 / max(ratio.value, 1e-9))
@@ -144,6 +151,26 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
             "the sensor, tip_lever_m, sign and unit of its scale?)"
         )
     return None
+
+
+def modes_words(estimate: PlantEstimate) -> str | None:
+    """Sentence on several modes; None where one is all that the data show."""
+    if not estimate.modes:
+        return None
+    rings = ", ".join(f"{mode.antiresonance_hz.value:.1f}" for mode in estimate.modes)
+    whole = sum(mode.inertia_kg_m2.value for mode in estimate.modes)
+    return f"several modes ring: {rings} Hz; together they are an inertia of {whole:.3g} kg·m² about the joint"
+
+
+def misfit_words(estimate: PlantEstimate) -> str | None:
+    """Sentence on a model that does not explain the data; None where it does."""
+    if estimate.misfit <= MISFIT:
+        return None
+    model = f"a model of {len(estimate.modes)} modes" if estimate.modes else "the two-inertia model"
+    return (
+        f"{model} leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to {MISFIT:g} is usual): a "
+        "third inertia, or a stiffness that depends on the load; the errors are enlarged by it"
+    )
 
 
 def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: PlantRequest, limited_by: str) -> list[DataCheck]:

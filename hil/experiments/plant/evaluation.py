@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from hil.bench.model import IdentifiedPlant
+from hil.bench.model import IdentifiedMode, IdentifiedPlant
 from hil.control.angles import ARCSEC
-from hil.design.estimation import EstimatedParameter
+from hil.design.estimation import EstimatedMode, EstimatedParameter
 from hil.design.friction import Friction
 from hil.design.plant_identification import PlantEstimate
 from hil.experiments.plant.checks import DataCheck
@@ -14,6 +14,8 @@ from hil.robot_tables import PlantTable
 
 WIDE_DEG = 30.0
 """Arm angle over which gravity's cosine can be told from a constant."""
+TIP_DELAY = "accelerometer_delay_s"
+"""The one parameter that is there with an accelerometer only."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +56,8 @@ class PlantEvaluation:
             gear_stiffness_nm_rad=plant.gear_stiffness_nm_rad,
             gear_damping_nm_s_rad=max(0.0, plant.gear_damping_nm_s_rad),
         )
-        names = [*PlantTable.model_fields, "antiresonance_hz", "resonance_hz", "damping"]
-        errors = {name: parameters[name].standard_error for name in names}
+        names = [*PlantTable.model_fields, "antiresonance_hz", "resonance_hz", "damping", "torque_lag_s", TIP_DELAY]
+        errors = {name: parameters[name].standard_error for name in names if name in parameters}
         errors["coulomb_friction_nm"] = self.friction.coulomb_nm.standard_error
         errors["gravity_moment_nm"] = self.friction.gravity_moment_nm.standard_error
         return IdentifiedPlant(
@@ -64,11 +66,22 @@ class PlantEvaluation:
             antiresonance_hz=plant.antiresonance_hz,
             resonance_hz=plant.resonance_hz,
             damping=parameters["damping"].value,
+            torsion_arcsec=self.estimate.torsion_rad / ARCSEC,
             cannot_tell=self.cannot_tell,
             coulomb_friction_nm=max(0.0, self.friction.coulomb_nm.value),
             gravity_moment_nm=self.friction.gravity_moment_nm.value,
+            torque_lag_s=parameters["torque_lag_s"].value,
+            accelerometer_delay_s=parameters[TIP_DELAY].value if TIP_DELAY in parameters else None,
             note=note,
+            modes=tuple(_entry(mode) for mode in self.estimate.modes),
         )
+
+
+def _entry(mode: EstimatedMode) -> IdentifiedMode:
+    """A mode as the model file has it."""
+    found = {name: value for name, value in vars(mode).items() if value is not None}
+    errors = {name: value.standard_error for name, value in found.items()}
+    return IdentifiedMode(**{name: value.value for name, value in found.items()}, standard_error=errors)
 
 
 def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
@@ -94,8 +107,13 @@ def cannot_tell(estimate: PlantEstimate, friction: Friction) -> tuple[str, ...]:
             f"m g l and its phase are extrapolated: the arm turned through {friction.arm_span_deg:.0f}°, and {WIDE_DEG:.0f}° are "
             "needed to see a cosine"
         )
+    if estimate.modes:
+        sentences.append(
+            "J_l and K_g are those of the leading mode alone, as its f_a and the tip ask for them; whether modes depend on the "
+            "amplitude or the load, and how they move with the posture"
+        )
     if estimate.tip is None:
-        sentences.append("the tip lever, and whether it was this axis that moved: there is no accelerometer in the fit")
+        sentences.append("the tip lever, and whether it was this axis that moved: what tells the tip is not in the fit")
     return tuple(sentences)
 
 

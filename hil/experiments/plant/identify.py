@@ -9,16 +9,19 @@ import numpy as np
 
 from hil.design.estimation import UnidentifiableError
 from hil.design.friction import Friction, SlowStretch, fit_friction
+from hil.design.modes.fit import fit_modes
 from hil.design.plant_identification import PlantEstimate, fit_plant
 from hil.design.plant_problem import SamplingTiming
 from hil.design.plant_spectra import Spectra, Stretch, spectra
+from hil.experiments.bus_demand import takes_torque_offset
 from hil.experiments.plant.amplitude import with_amplitude_dependence
-from hil.experiments.plant.bands import highest_hz, main_band, pilot_band
+from hil.experiments.plant.bands import fast_speed, highest_hz, main_band, pilot_band
 from hil.experiments.plant.checks import (
-    MISFIT,
     DataCheck,
     PlantNotIdentifiedError,
     estimate_checks,
+    misfit_words,
+    modes_words,
     reversal_check,
     sensor_trouble,
     tip_trouble,
@@ -27,6 +30,7 @@ from hil.experiments.plant.checks import (
 )
 from hil.experiments.plant.evaluation import PlantEvaluation, cannot_tell
 from hil.experiments.plant.motion import (
+    FAST_FRACTION,
     TURN,
     Band,
     ExcitedSignal,
@@ -37,7 +41,6 @@ from hil.experiments.plant.motion import (
     excited_motion,
     plan_travel,
     slow_motion,
-    takes_torque_offset,
 )
 from hil.experiments.plant.pilot import (
     LARGEST_RISE,
@@ -90,6 +93,8 @@ class PlantIdentification:
         self.session, self.request, self._reporter = session, request, reporter
         self.bench = session.bench
         self.table = axis_table(self.bench, request.axis)
+        if request.with_accelerometer:
+            self.table.felt_lever_m(f"identify plant --axis {request.axis}")
         self.drive = session.axes[request.axis]
         self.recordings: dict[str, Recording] = {}
         self.checks: list[DataCheck] = []
@@ -124,25 +129,19 @@ class PlantIdentification:
         """
         self._probe()
         rough, room = self._pilot()
-        self.travel = self._travel(
-            main_band(self.request, self.bench.bus.sync_period_s, rough.plant, self.table.limits.speed_rps)
-        )
+        sync_s, limit_rps, is_arm = self.bench.bus.sync_period_s, self.table.limits.speed_rps, self.bench.arm is not None
+        self.travel = self._travel(main_band(self.request, sync_s, rough.plant, limit_rps, is_wide=is_arm))
         amplitude = self.request.amplitude_nm or self._chosen(rough, room)
         self._reporter.step("slow turns for friction and gravity")
-        slow = slow_motion(self.bench, self.request, self.travel, self.start_rev)
+        fastest = fast_speed(rough.plant.antiresonance_hz, FAST_FRACTION * self.table.limits.speed_rps)
+        slow = slow_motion(self.bench, self.request, self.travel, self.start_rev, fastest)
         try:
-            friction = self._friction(slow, self._run("slow", slow))
+            friction = self._friction(slow, self._run("slow", slow), rough.plant.gear_stiffness_nm_rad)
         except UnidentifiableError as error:
             raise self._refused(f"friction: {error}") from error
         estimate, amplitude = self._main(amplitude, friction, rough)
-        estimate, words = with_amplitude_dependence(estimate, rough)
-        if words is not None:
-            self.remarks.append(words)
-        if estimate.misfit > MISFIT:
-            self.remarks.append(
-                f"the two-inertia model leaves {estimate.misfit:.1f} standard deviations of the scatter unexplained (up to "
-                f"{MISFIT:g} is usual): a third inertia, or a stiffness that depends on the load; the errors are enlarged by it"
-            )
+        estimate, words = self._compared(estimate, rough)
+        self.remarks += [each for each in (words, misfit_words(estimate)) if each is not None]
         return PlantEvaluation(
             self.request, self.excited, self.travel, amplitude, estimate, friction,
             tuple(self.checks), tuple(self.remarks), cannot_tell(estimate, friction),
@@ -186,7 +185,7 @@ class PlantIdentification:
         limit, ratio = self.table.limits.torque_nm, self.table.reduction_ratio
         trouble = probe_trouble(planned, result.recording, self.request.axis, limit, ratio)
         if trouble is not None:
-            raise self._refused(trouble) from result.stopped
+            raise self._refused(trouble.sentence) from result.stopped
         if result.stopped is not None:
             raise result.stopped
         self._require([travel_check(result.recording.axis(self.request.axis, "position_rad"), planned.bias_rad)])
@@ -210,7 +209,7 @@ class PlantIdentification:
             torque = recording.axis(self.request.axis, "torque_nm")
             seen = None if tip is None else tip[rows]
             peaks = measured_peaks((angle - planned.bias_rad)[rows], torque[rows], seen, travel.samples, recording.period_s)
-            known = None if self.bench.accelerometer is None else self.bench.accelerometer.range_m_s2
+            known = None if self.bench.accelerometer is None else self.bench.accelerometer.free_range_m_s2
             reach = math.inf if tip is None or known is None else known
             room = Room(self.table.limits.torque_nm, float(np.mean(torque[rows])), travel.bias_rps, reach, peaks.rest)
             largest, self._limited_by = room.largest(peaks.driven.times(1.0 / small))
@@ -219,7 +218,7 @@ class PlantIdentification:
             if rigid_inertia(data, self._timing()) is not None:
                 break
             with suppress(UnidentifiableError):
-                estimate = self._fit(data, 0.0)
+                estimate = self._with_modes(data, 0.0)
             if estimate is not None and is_rough(estimate):
                 return self._with_right_tip(estimate, data), room
             if number < PILOTS and largest > 1.2 * small and self.request.amplitude_nm is None:
@@ -263,7 +262,23 @@ class PlantIdentification:
         if trouble is None:
             return estimate
         self._leave_out_tip(trouble)
-        return self._fit(replace(data, tip=None), 0.0, estimate)
+        return self._with_modes(replace(data, tip=None), 0.0, estimate)
+
+    def _with_modes(self, data: Spectra, spring_nm_rad: float, near: PlantEstimate | None = None) -> PlantEstimate:
+        """The plant; of an arm with as many modes as the data ask for."""
+        single = self._fit(data, spring_nm_rad, near)
+        if self.bench.arm is None:
+            return single
+        timing, table = self._timing(), self.table
+        return fit_modes(data, timing, table.reduction_ratio, table.tip_lever_m, spring_nm_rad, single)
+
+    def _compared(self, estimate: PlantEstimate, rough: PlantEstimate) -> tuple[PlantEstimate, str | None]:
+        """The estimate with errors that hold at other torsions, and what is to be said of its modes, or of its amplitude.
+
+        Of several modes it is not told whether they depend on the amplitude: a pilot may have shown fewer.
+        """
+        words = modes_words(estimate)
+        return with_amplitude_dependence(estimate, rough) if words is None else (estimate, words)
 
     def _chosen(self, rough: PlantEstimate, room: Room) -> float:
         """Amplitude at which torque, speed and tip stay well within their limits."""
@@ -300,9 +315,8 @@ class PlantIdentification:
             runs.append((planned, result.recording))
             self._tip(result.recording, result)
             try:
-                estimate = self._fit(
-                    self._spectra(self.travel, runs), self._gravity_spring(planned, result.recording, friction), near
-                )
+                data = self._spectra(self.travel, runs)
+                estimate = self._with_modes(data, self._gravity_spring(planned, result.recording, friction), near)
             except UnidentifiableError as error:
                 raise self._refused(str(error)) from error
             checks = estimate_checks(estimate, amplitude, self.request, self._limited_by)
@@ -313,20 +327,20 @@ class PlantIdentification:
             if trouble is not None:
                 self._leave_out_tip(trouble)
         if any(not check.holds for check in checks):
-            _, words = with_amplitude_dependence(estimate, near)
+            _, words = self._compared(estimate, near)
             self._require(checks, *([] if words is None else [words]))
         self._require(checks)
         return estimate, amplitude
 
     # -- evaluation ----------------------------------------------------------------------------------------------------
 
-    def _friction(self, planned: PlannedMotion, result: RunResult) -> Friction:
+    def _friction(self, planned: PlannedMotion, result: RunResult, stiffness_nm_rad: float) -> Friction:
         recording, axis = result.recording, self.request.axis
         angle, torque = recording.axis(axis, "position_rad"), recording.axis(axis, "torque_nm")
         self._require([travel_check(angle, planned.bias_rad)])
         present = recording.columns["missing"] == 0
         stretches = [SlowStretch(angle[rows], torque[rows]) for rows in planned.stretches if np.all(present[rows])]
-        return fit_friction(stretches, recording.period_s, self.table.reduction_ratio)
+        return fit_friction(stretches, recording.period_s, self.table.reduction_ratio, stiffness_nm_rad)
 
     def _speed_rps(self, recording: Recording, planned: PlannedMotion) -> Real:
         """Motor speed along the bias, over all stretches."""
@@ -353,12 +367,13 @@ class PlantIdentification:
         return fit_plant(data, self._timing(), self.table.reduction_ratio, self.table.tip_lever_m, spring_nm_rad, near)
 
     def _tip(self, recording: Recording, result: RunResult) -> Real | None:
-        if not self.request.with_accelerometer and "the accelerometer was not used" not in self.remarks:
-            self.remarks.append("the accelerometer was not used")
+        unused = f"the {self.bench.accelerometer.title} was not used"
+        if not self.request.with_accelerometer and unused not in self.remarks:
+            self.remarks.append(unused)
         if not self._uses_tip:
             return None
-        tip = recording.columns["tip_z_m_s2"]
-        trouble = sensor_trouble(tip, result.sensor_missed, result.cycles)
+        tip = recording.felt_m_s2
+        trouble = recording.doubt or sensor_trouble(tip, result.sensor_missed, result.cycles, self.bench.accelerometer.title)
         if trouble is None:
             return tip
         self._leave_out_tip(trouble)
@@ -373,7 +388,7 @@ class PlantIdentification:
         start, axis, samples = TURN * self.start_rev, self.request.axis, travel.samples
         stretches, used, planned_periods = [], 0, 0
         for planned, recording in runs:
-            felt = None if not self._uses_tip else recording.columns["tip_z_m_s2"]
+            felt = None if not self._uses_tip else recording.felt_m_s2
             angle = recording.axis(axis, "position_rad") - start - planned.bias_rad
             torque, whole = recording.axis(axis, "torque_nm"), recording.columns["missing"] == 0
             for rows in planned.stretches:

@@ -1,6 +1,10 @@
-"""Motions of a plant identification: slow turns for friction and gravity, and stretches at bias speed for the excitation."""
+"""Motions of a plant identification: slow turns for friction and gravity, and stretches at bias speed for the excitation.
+
+On an arm all of them stay near where the axis stands (`arm_travel_rev`), as slowly as that takes.
+"""
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -12,7 +16,7 @@ from hil.control.excitation import Excitation, band_lines, chirp, multisine, qui
 from hil.control.trajectory import Smooth, sample_times
 from hil.design.frequency import Complex
 from hil.errors import NotPossibleError, UnsafeRequestError
-from hil.experiments.bus_demand import BusDemand
+from hil.experiments.bus_demand import BusDemand, takes_torque_offset
 from hil.master.motion import Motion, Real
 
 TURN = 2.0 * math.pi
@@ -37,6 +41,11 @@ SLOW_RPS = (0.4, 0.8)
 FAST_RPS, FAST_FRACTION = 3.5, 0.5
 """Fastest of the slow turns, and the fraction of the speed limit that it may reach."""
 
+LEAST_TURNS = 6.01
+"""Motor turns of a stretch of three periods of 1 s, and what goes before, in which all orders average to nothing."""
+SLOWER = (1.0, 0.85, 0.7, 0.55, 0.4)
+"""Bias speeds that are tried on an arm, as factors of the wanted one."""
+
 ExcitedSignal = Literal["torque", "reference"]
 Shape = Literal["multisine", "chirp"]
 
@@ -55,6 +64,7 @@ class PlantRequest:
         excitation: Signal to which the excitation is added; `auto` for the torque where the drive allows it.
         shape: Form of the excitation.
         with_accelerometer: Use the accelerometer, and refuse where it does not follow the axis.
+        posture_deg: Angles of an arm's joints, by axis, to which the arm is brought first and from which it comes back.
     """
 
     axis: int
@@ -66,6 +76,7 @@ class PlantRequest:
     excitation: Literal["auto", "torque", "reference"] = "auto"
     shape: Shape = "multisine"
     with_accelerometer: bool = True
+    posture_deg: Mapping[int, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -121,12 +132,6 @@ def axis_table(bench: Bench, number: int) -> AxisTable:
     return bench.axis[number]
 
 
-def takes_torque_offset(profile: Profile) -> bool:
-    """True where the drives of a family add a torque offset (60B2h) to the torque of their loop."""
-    capabilities = profile.capabilities
-    return capabilities is not None and capabilities.torque_offset.answer in {"exact", "yes"}
-
-
 def bus_demand(bench: Bench, request: PlantRequest) -> BusDemand:
     """Demand of the runs on the bus: an excitation of the torque is one more object in each command.
 
@@ -167,25 +172,47 @@ def plan_travel(
     limits = table.limits
     _check_request(request, band, limits)
     low, high = limits.position_min_rev + MARGIN_REV, limits.position_max_rev - MARGIN_REV
+    travel = arm_travel_rev(bench, request.axis)
+    is_held = travel < high - low
     if not low <= start_rev <= high:
         where = low if start_rev < low else high
         what = f"the position of axis {request.axis} where it stands"
         raise UnsafeRequestError(what, start_rev, where, "rev", "move it away from its limit first")
-    needed = math.inf
-    for period_s in PERIODS_S:
-        for periods in (PILOT_PERIODS,) if is_pilot else PER_STRETCH:
-            stretches = 1 if is_pilot else max(2, 2 * math.ceil(request.periods / periods / 2.0))
-            if periods > math.ceil(request.periods / 2):
-                continue
-            bias = quiet_bias_rps(band.bias_rps, period_s, periods)
+    if is_held:
+        low, high = max(low, start_rev - 0.5 * travel), min(high, start_rev + 0.5 * travel)
+    slower, needed = SLOWER if is_held and request.bias_rps is None else (1.0,), math.inf
+    for wanted_rps in (factor * band.bias_rps for factor in slower):
+        for period_s, periods in _periods(request, is_pilot=is_pilot):
+            bias = quiet_bias_rps(wanted_rps, period_s, periods)
             length = stretch_rev(bias, period_s, periods)
             needed = min(needed, length)
             if length > high - low:
                 continue
-            begin = min(max(start_rev, low), high - length)
+            begin = min(max(start_rev - (0.5 * length if is_held else 0.0), low), high - length)
+            stretches = 1 if is_pilot else max(2, 2 * math.ceil(request.periods / periods / 2.0))
             return Travel(bias, _wave(request, band, period_s, sync, table, excited), periods, stretches, begin, begin + length)
+    if is_held:
+        what = f"the travel of axis {request.axis} at {SLOWER[-1] * band.bias_rps:.3g} rev/s"
+        raise UnsafeRequestError(what, needed, high - low, "rev", "raise identification_travel_deg, or lower --bias-rps")
     what = f"the travel of axis {request.axis} at {band.bias_rps:g} rev/s"
     raise UnsafeRequestError(what, needed, high - low, "rev", f"lower --bias-rps (the limits leave {high - low:.4g} rev)")
+
+
+def arm_travel_rev(bench: Bench, axis: int) -> float:
+    """Motor revolutions, end to end, that a stretch may take on an arm; infinite without one.
+
+    Fewer than `LEAST_TURNS` do not average the transmission error to nothing: a limit that nobody has stated gives way to them.
+    """
+    travel = bench.travel_rev(axis)
+    return max(travel, LEAST_TURNS) if bench.identification_travel_deg is None else travel
+
+
+def _periods(request: PlantRequest, *, is_pilot: bool) -> Iterator[tuple[float, int]]:
+    """Periods of the excitation, in s, with the number of them in a stretch, in the order in which they are tried."""
+    for period_s in PERIODS_S:
+        for periods in (PILOT_PERIODS,) if is_pilot else PER_STRETCH:
+            if periods <= math.ceil(request.periods / 2):
+                yield period_s, periods
 
 
 def _check_request(request: PlantRequest, band: Band, limits: Limits) -> None:
@@ -329,7 +356,7 @@ def planned(
     return PlannedMotion(motion, bias, added, tuple(stretches), tuple(speeds))
 
 
-def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: float) -> PlannedMotion:
+def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: float, fastest_rps: float) -> PlannedMotion:
     """Motion to and fro at four speeds, one of them over the whole travel, for friction and gravity.
 
     Args:
@@ -337,14 +364,15 @@ def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: 
         request: Request of the identification.
         travel: Travel of the axis.
         start_rev: Present position of the motor, rev.
+        fastest_rps: Fastest of the speeds, unless the bias speed is.
     """
     builder = MotionBuilder(bench.bus.sync_period_s)
     builder.rest(0.1)
     whole = travel.high_rev - travel.low_rev
     stretches, speeds = [], []
     builder.go(travel.low_rev - start_rev, bench.approach_rps)
-    fastest = min(FAST_RPS, FAST_FRACTION * bench.axis[request.axis].limits.speed_rps)
-    for speed in (*SLOW_RPS, travel.bias_rps, max(fastest, travel.bias_rps)):
+    fastest_rps = min(fastest_rps, whole / (2.0 * (RAMP_S + SETTLE_S)))
+    for speed in (*SLOW_RPS, travel.bias_rps, max(fastest_rps, travel.bias_rps)):
         room = whole - speed * RAMP_S
         turns = room if speed == travel.bias_rps else min(SLOW_TURNS, room)
         count = round(turns / speed / builder.sync_s)

@@ -1,5 +1,6 @@
 """`hil identify plant` on a bench: the runs on the bus, their recordings and result, and the model file."""
 
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from hil.experiments.plant.checks import PlantNotIdentifiedError
 from hil.experiments.plant.evaluation import PlantEvaluation
 from hil.experiments.plant.identify import PlantIdentification
 from hil.experiments.plant.motion import PlantRequest, bus_demand
+from hil.experiments.plant.posture import bring_to, check_posture, felt_posture, joint_deg, standing_deg
 from hil.master.session import Session
 from hil.reporter import SILENT, Reporter
 from hil.results.plant import (
@@ -59,6 +61,7 @@ def run_identify_plant(
         ChannelError: The bus cannot be opened, or was lost before anything was recorded.
     """
     demand = bus_demand(bench, request)
+    check_posture(bench, request.posture_deg)
     request_entry = PlantRequestEntry(**asdict(request))
     with Measurement(
         bench,
@@ -69,14 +72,23 @@ def run_identify_plant(
     ) as measurement:
         result = measurement.result
         with measurement.session([demand], overload=overload) as session:
+            stood = standing_deg(session)
+            bring_to(session, request.posture_deg)
+            joints = standing_deg(session)
             evaluation = _perform(measurement, session, request, reporter)
+            bring_to(session, {number: stood[number] for number in reversed(list(request.posture_deg))})
         how = f"{evaluation.excited} excitation of {evaluation.amplitude_nm:.3g} N·m"
         entry = evaluation.identified(f"identified {result.bench.started_utc}, {how}")
         entry = entry.model_copy(update={"emulated": result.emulated})
         enter(result, evaluation)
         result.identified = entry
         if model is not None:
-            update_file(model, bench.name, request.axis, entry)
+            posture = None
+            if joints:  # the own joint was in the middle of its travel, on the average
+                travel = evaluation.travel
+                joints[request.axis] = joint_deg(bench, request.axis, math.pi * (travel.low_rev + travel.high_rev))
+                posture = felt_posture(entry, joints)
+            update_file(model, bench.name, request.axis, entry, posture, keeps_known=bool(request.posture_deg))
             result.model_file = str(model)
     return PlantOutcome(measurement.result, measurement.failure)
 
@@ -112,6 +124,7 @@ def enter(result: PlantResult, evaluation: PlantEvaluation) -> None:
     )
     result.plant = estimate.plant
     result.parameters = {**estimate.parameters, **_friction_parameters(evaluation.friction)}
+    result.modes = estimate.modes
     result.misfit = estimate.misfit
     result.cannot_tell = evaluation.cannot_tell
     result.response = _response(estimate.response)

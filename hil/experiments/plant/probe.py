@@ -1,6 +1,8 @@
 """The first motion of an identification: a third of a motor turn and back, which shows what must not be found at full travel."""
 
 import math
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -19,8 +21,24 @@ CORRELATED_ROWS = 10.0
 """Rows for which the torque of a slow turn keeps its deviation: its noise is not white."""
 WOUND_FRACTION = 0.7
 """Torque per radian of the motor, in parts of torque limit over N: gravity stays below, a gear with its arm held does not."""
+WOUND_OVER_FRICTION = 3.0
+"""Torque wound up in the probe over friction's: gravity on the slope of the transmission error rises by as much as friction, an
+arm that is held by the gear's whole stiffness."""
 STILL_FRACTION = 0.2
 """Fraction of the travel below which the motor has not turned."""
+
+
+@dataclass(frozen=True)
+class ProbeTrouble:
+    """Reason why an axis must not be moved on.
+
+    Attributes:
+        about: Part that is not as it must be.
+        sentence: Sentence on what was seen.
+    """
+
+    about: Literal["brake", "encoder", "torque", "arm"]
+    sentence: str
 
 
 def probe_motion(bench: Bench, request: PlantRequest, start_rev: float) -> PlannedMotion:
@@ -44,7 +62,7 @@ def probe_motion(bench: Bench, request: PlantRequest, start_rev: float) -> Plann
 
 def probe_trouble(
     motion: PlannedMotion, recording: Recording, axis: int, torque_limit_nm: float, reduction_ratio: float
-) -> str | None:
+) -> ProbeTrouble | None:
     """Reason why the axis must not be moved on, or None.
 
     Args:
@@ -60,26 +78,30 @@ def probe_trouble(
     travelled = float(np.ptp(angle)) / float(np.ptp(motion.bias_rad))
     largest = float(np.max(np.abs(torque)))
     if travelled < STILL_FRACTION:
-        return (
+        return ProbeTrouble(
+            "brake",
             f"the motor angle showed {travelled:.0%} of a motion of {np.ptp(motion.bias_rad) / TURN:.2g} rev at up to "
-            f"{largest:.3g} N·m: is the brake open, the arm free, and the encoder the axis' own?"
+            f"{largest:.3g} N·m: is the brake open, the arm free, and the encoder the axis' own?",
         )
-    friction, slope = _slow_torque(angle, torque, motion)
+    friction, slope = slow_torque(angle, torque, motion)
     if friction[0] < -SEEN_SIGMAS * friction[1]:
-        return (
+        return ProbeTrouble(
+            "torque",
             f"the torque pushed against the motion, {friction[0]:.3g} ± {friction[1]:.1g} N·m where friction asks for a positive "
-            "one: the encoder counts backwards, or the torque is reported with the wrong sign (607Eh, 6077h, motor phases)"
+            "one: the encoder counts backwards, or the torque is reported with the wrong sign (607Eh, 6077h, motor phases)",
         )
     free = WOUND_FRACTION * torque_limit_nm / reduction_ratio
-    if slope[0] - SEEN_SIGMAS * slope[1] > free:
-        return (
+    wound_nm = slope[0] * float(np.ptp(angle))
+    if slope[0] - SEEN_SIGMAS * slope[1] > free and wound_nm > WOUND_OVER_FRICTION * abs(friction[0]):
+        return ProbeTrouble(
+            "arm",
             f"the motor wound up a spring of {slope[0]:.3g} ± {slope[1]:.1g} N·m/rad, gravity is at most {free:.2g}: the arm is "
-            "held (a brace, a stop, a second brake)"
+            "held (a brace, a stop, a second brake)",
         )
     return None
 
 
-def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_limit_nm: float) -> str | None:
+def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_limit_nm: float) -> ProbeTrouble | None:
     """Reason of a probe that was stopped, as far as torque and angle tell it."""
     if len(angle) < 2:
         return None
@@ -87,17 +109,26 @@ def _stopped_trouble(angle: Real, torque: Real, motion: PlannedMotion, torque_li
     tail = slice(-max(3, len(torque) // 10), None)
     pushed = float(np.mean(torque[tail]))
     if abs(moved) > 0.1 * float(np.ptp(motion.bias_rad)) and moved * pushed < 0.0 and abs(pushed) > 0.3 * largest:
-        return (
+        return ProbeTrouble(
+            "encoder",
             f"the motor ran {moved / TURN:+.2g} rev against a torque of {pushed:+.3g} N·m until it was stopped: the encoder "
-            "counts backwards (607Eh, motor phases)"
+            "counts backwards (607Eh, motor phases)",
         )
     if abs(moved) <= STILL_FRACTION * float(np.ptp(motion.bias_rad)) and largest > 0.8 * torque_limit_nm:
-        return f"the motor did not turn under {largest:.3g} N·m until it was stopped: is the brake open, and the arm free?"
+        return ProbeTrouble(
+            "brake", f"the motor did not turn under {largest:.3g} N·m until it was stopped: is the brake open, and the arm free?"
+        )
     return None
 
 
-def _slow_torque(angle: Real, torque: Real, motion: PlannedMotion) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Friction and torque per angle in the slow stretches, each with its standard error."""
+def slow_torque(angle: Real, torque: Real, motion: PlannedMotion) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Friction and torque per angle in the slow stretches of a probe, each with its standard error: N·m, N·m/rad.
+
+    Args:
+        angle: Motor angle; shape (n,).
+        torque: Motor torque; shape (n,).
+        motion: Motion of the probe.
+    """
     rows, wanted = [], []
     for stretch, speed in zip(motion.stretches, motion.speeds_rps, strict=True):
         part = angle[stretch]

@@ -1,9 +1,11 @@
 """A CiA 402 drive as the master sees it: its identity, its units, and the objects that were changed in it."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drive_profiles.errors import OutOfRangeError, UnknownProductError
 from drive_profiles.family.parameter import Parameter
@@ -39,9 +41,11 @@ from hil.master.drive.needs import (
     profile_gaps,
     scale_gaps,
 )
-from hil.master.drive.scale import Questions, read_scaling
-from hil.master.network import Network
+from hil.master.drive.scale import Questions, check_load_encoder, read_scaling
 from hil.robot_tables import Control
+
+if TYPE_CHECKING:
+    from hil.master.network import Network
 
 U8, U16, U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
 I8, I32 = DataType.INTEGER8, DataType.INTEGER32
@@ -208,6 +212,7 @@ class DriveAxis:
             shown = "an unknown state" if state is None else f"state {state.value!r}"
             raise AlreadyMovingError(node, f"axis {self.number} is already in {shown}", "disable it first")
         scaling = read_scaling(asked, self.number, self.table, self.profile)
+        check_load_encoder(asked, self.number, self.table, self.profile)
         velocity = asked.number(VELOCITY, I32)
         if scaling is None or velocity is None or asked.missing:
             more = self.snapshot.look(objects_needed(self.table, self.profile))

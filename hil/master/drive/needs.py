@@ -136,9 +136,19 @@ def objects_needed(
     yield from _pdo("TPDO1", 0x1800, "state, position and torque are sent by it")
     if with_notch_state and mapping.notch_state(profile):
         yield from _pdo("TPDO2", 0x1801, "the state of the filter is sent by it")
+    yield from encoder_objects(table, profile, with_notch_state=with_notch_state)
     commands = () if mode is None else mapping.command(mode, with_torque_offset=with_torque_offset)
     for entry in (*commands, *mapping.FEEDBACK):
         yield Need((entry.index, entry.subindex), *_MAPPED[Object(entry.index)])
+
+
+def encoder_objects(table: AxisTable, profile: Profile, *, with_notch_state: bool) -> Iterator[Need]:
+    """The objects by which a drive sends its second encoder; none where the bench file has none of it."""
+    for entry in mapping.load_position(table, profile):
+        number = mapping.load_tpdo(profile, with_notch_state=with_notch_state)
+        yield from _pdo(f"TPDO{number}", 0x17FF + number, "the position of the second encoder is sent by it")
+        address = (entry.index, entry.subindex)
+        yield Need(address, "position of the second encoder", "load_encoder of the bench file is recorded by it")
 
 
 def _parameter(profile: Profile, name: str, purpose: str) -> Iterator[Need]:

@@ -1,11 +1,16 @@
 """Configuration of a node's PDOs over SDO, in the order that CiA 301 prescribes, and its restoration."""
 
+from __future__ import annotations
+
 import contextlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from drive_profiles.standard.cia301 import CobIdBit, DataType
 from hil.errors import HilError, SdoAbortedError
-from hil.master.network import Network
+
+if TYPE_CHECKING:
+    from hil.master.network import Network
 
 U8, U32 = DataType.UNSIGNED8, DataType.UNSIGNED32
 SYNCHRONOUS = 1

@@ -1,6 +1,9 @@
 """How a drive counts: read from the objects that its profile names; what it has no object for, the bench file says."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING, Protocol
 
 from drive_profiles.errors import DriveProfileError
 from drive_profiles.family.profile import Profile
@@ -10,7 +13,9 @@ from drive_profiles.standard.units import Scaling, counts_per_rev
 from hil.bench.bench import AxisTable
 from hil.errors import NoAnswerError, NodeError, SdoAbortedError
 from hil.master.drive.needs import ABSENT, Need
-from hil.master.network import Network
+
+if TYPE_CHECKING:
+    from hil.master.network import Network
 
 
 class Questions:
@@ -52,13 +57,27 @@ class Questions:
         return int(decode(kind, data))
 
 
-def read_scaling(asked: Questions, number: int, table: AxisTable, profile: Profile) -> Scaling | None:
+class StatedScale(Protocol):
+    """What a bench file says of how a drive counts; None for what it leaves to the drive."""
+
+    @property
+    def encoder_counts_per_rev(self) -> int | None:
+        """Position units per motor revolution."""
+        ...
+
+    @property
+    def rated_torque_nm(self) -> float | None:
+        """Torque of which torques are per mille."""
+        ...
+
+
+def read_scaling(asked: Questions, number: int, table: StatedScale, profile: Profile) -> Scaling | None:
     """Read how a drive counts.
 
     Args:
         asked: Questions to the drive; they keep what it lacks.
         number: Number of the axis.
-        table: Table of the axis in the bench file.
+        table: What the bench file says of it.
         profile: Drive profile.
 
     Returns:
@@ -78,7 +97,34 @@ def read_scaling(asked: Questions, number: int, table: AxisTable, profile: Profi
         raise NodeError(asked.node, f"its units make no sense: {error}") from error
 
 
-def _counts_per_rev(asked: Questions, number: int, table: AxisTable, profile: Profile) -> int | None:
+def check_load_encoder(asked: Questions, number: int, table: AxisTable, profile: Profile) -> None:
+    """Refuse a second encoder that has other steps than the bench file says; a drive need not say them (60E6h and 60EBh).
+
+    Args:
+        asked: Questions to the drive.
+        number: Number of the axis.
+        table: Table of the axis in the bench file.
+        profile: Drive profile.
+
+    Raises:
+        NodeError: Its steps per revolution are others.
+    """
+    encoder, facts = table.load_encoder, profile.load_encoder
+    if encoder is None or facts is None or facts.increments is None or encoder.object not in {None, facts.position}:
+        return
+    steps = asked.number(Need(object_address(facts.increments), "steps of the second encoder", ""), is_optional=True)
+    turns: int | None = 1
+    if facts.revolutions is not None:
+        turns = asked.number(Need(object_address(facts.revolutions), "its revolutions", ""), is_optional=True)
+    if steps and turns and steps != encoder.counts_per_rev * turns:
+        raise NodeError(
+            asked.node,
+            f"axis {number}: its second encoder has {steps}/{turns} steps per revolution ({facts.increments}), "
+            f"axis.{number}.load_encoder.counts_per_rev is {encoder.counts_per_rev}",
+        )
+
+
+def _counts_per_rev(asked: Questions, number: int, table: StatedScale, profile: Profile) -> int | None:
     """Position units per motor revolution."""
     facts, stated, key = profile.encoder, table.encoder_counts_per_rev, f"axis.{number}.encoder_counts_per_rev"
     if facts is None or facts.increments is None:
@@ -102,7 +148,7 @@ def _counts_per_rev(asked: Questions, number: int, table: AxisTable, profile: Pr
     return stated if found is None else found
 
 
-def _rated_torque_nm(asked: Questions, number: int, table: AxisTable, profile: Profile) -> float | None:
+def _rated_torque_nm(asked: Questions, number: int, table: StatedScale, profile: Profile) -> float | None:
     """Torque of which torques are per mille."""
     facts, stated, key = profile.torque, table.rated_torque_nm, f"axis.{number}.rated_torque_nm"
     if facts is None or facts.rated_torque is None:

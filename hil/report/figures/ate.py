@@ -6,8 +6,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import scipy
 from markupsafe import Markup
-from scipy import signal
 
 from hil.bench.model import IdentifiedError
 from hil.control.angles import ARCSEC
@@ -97,7 +97,7 @@ class AteMaterial:
         part, fit = self.part, self.result.fit
         if part is None or fit is None or part.arm_hz is None or part.damping is None:
             return []
-        arm = Arm(part.arm_hz, part.damping, fit.delay_s, fit.gear_fraction)
+        arm = Arm(part.arm_hz, part.damping, fit.delay_s, fit.gear_fraction, others=self.result.known_before.others)
         ratio = self.result.bench.file.axis[self.axis].reduction_ratio
         return [self._drawn(each, arm, self.result.sensing, ratio, error_of(part), fit.band_hz) for each in self.result.passes]
 
@@ -119,18 +119,17 @@ class AteMaterial:
         recording = Recording.load(self.directory / entry.recording)
         time, period = recording.time_s, recording.period_s
         angle = recording.axis(self.axis, "position_rad")
-        measured = recording.axis(self.axis, "torque_nm") if self.is_sensorless else recording.columns["tip_z_m_s2"]
+        measured = recording.axis(self.axis, "torque_nm") if self.is_sensorless else recording.felt_m_s2
         direction = np.zeros(len(time), dtype=np.int8)
         for from_s, sign in ((entry.forward_from_s, 1), (entry.backward_from_s, -1)):
             since = time - from_s
             direction[(since >= 0.0) & (since <= entry.ramp_s)] = sign
         model = modelled(Sweep(angle, measured, period, direction), ratio, sensing, arm, error)
-        band = signal.butter(2, band_hz, "bandpass", fs=1.0 / period, output="sos")
-        slow = signal.butter(2, min(SPEED_HZ, 0.2 / period), fs=1.0 / period, output="sos")
-        speed = signal.sosfiltfilt(slow, np.gradient(angle, period)) / (2.0 * math.pi)
-        return DrawnPass(
-            time, speed, signal.sosfiltfilt(band, measured), signal.sosfiltfilt(band, model), direction.astype(np.float64)
-        )
+        band = scipy.signal.butter(2, band_hz, "bandpass", fs=1.0 / period, output="sos")
+        slow = scipy.signal.butter(2, min(SPEED_HZ, 0.2 / period), fs=1.0 / period, output="sos")
+        speed = scipy.signal.sosfiltfilt(slow, np.gradient(angle, period)) / (2.0 * math.pi)
+        seen, drawn = (scipy.signal.sosfiltfilt(band, values) for values in (measured, model))
+        return DrawnPass(time, speed, seen, drawn, direction.astype(np.float64))
 
 
 def error_of(part: IdentifiedError) -> TransmissionError:
@@ -196,8 +195,8 @@ def against_speed(material: AteMaterial) -> Drawing | None:
         panel.sharey(panels[0, 0])
         rest.sharey(panels[1, 0])
         rows = drawn.direction == sign
-        panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.measured[rows]), label=material.word, **style.BROAD)
-        panel.plot(*style.thin(np.abs(drawn.speed_rps[rows]), drawn.model[rows]), label="model", **style.MODEL)
+        style.plot_thin(panel, np.abs(drawn.speed_rps[rows]), drawn.measured[rows], label=material.word, **style.BROAD)
+        style.plot_thin(panel, np.abs(drawn.speed_rps[rows]), drawn.model[rows], label="model", **style.MODEL)
         if part is not None and part.arm_hz is not None:
             reached = float(np.max(np.abs(drawn.speed_rps)))
             for order in shown_orders(part):
@@ -222,7 +221,7 @@ def against_speed(material: AteMaterial) -> Drawing | None:
         f"The {material.signal_name.lower()} of pass {material.furthest + 1} in the band of the fit, and what the identified "
         "model makes of the measured motor angle, over the speed of the motor; below each what it leaves, enlarged. An order k "
         "meets the arm's resonance at f_a/k.",
-        style.to_svg(figure, "against-speed"),
+        style.to_svg(figure, "against-speed", is_zoomable=True),
     )
 
 
@@ -244,9 +243,9 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
             style.note(top, "the run did not reach these speeds")
             continue
         time, period = drawn.time_s[rows], float(drawn.time_s[1] - drawn.time_s[0])
-        top.plot(*style.thin(time, speed[rows]), **style.BROAD)
-        middle.plot(*style.thin(time, drawn.measured[rows]), label=material.word, **style.BROAD)
-        middle.plot(*style.thin(time, drawn.model[rows]), label="model", **style.MODEL)
+        style.plot_thin(top, time, speed[rows], **style.BROAD)
+        style.plot_thin(middle, time, drawn.measured[rows], label=material.word, **style.BROAD)
+        style.plot_thin(middle, time, drawn.model[rows], label="model", **style.MODEL)
         style.residual(rest, time, drawn.measured[rows] - drawn.model[rows], material.unit, rest_name)
         for values, look in ((drawn.measured, style.BROAD), (drawn.model, style.MODEL)):
             bottom.plot(*smooth_spectrum(values[rows], period, 30.0), **look)
@@ -268,7 +267,7 @@ def windows(material: AteMaterial, direction: int) -> Drawing | None:
         f"Constant acceleration of one motor in pass {material.furthest + 1}. Top: its speed. Middle: the signal in the band of "
         "the fit. Broken: what the identified transmission error and arm make of the motor angle as it was measured; below it "
         "what they leave, enlarged. Bottom: amplitude spectrum (Hann window, interpolated between its bins).",
-        style.to_svg(figure, key),
+        style.to_svg(figure, key, is_zoomable=True),
     )
 
 
@@ -317,14 +316,14 @@ def arm(material: AteMaterial) -> ReportTable | None:
     if part is None or fit is None:
         return None
     errors = part.standard_error
-    late = "torque" if material.is_sensorless else "accelerometer"
+    late = "torque" if material.is_sensorless else material.result.bench.file.accelerometer.title
     rows: list[list[Cell]] = [
         ["arm on its gear", "Hz", number(part.arm_hz, "{:.3f}"), number(errors.get("arm_hz"), "{:.3f}")],
         ["its damping ζ", "", number(part.damping, "{:.4f}"), number(errors.get("damping"), "{:.4f}")],
         [
             f"delay of the {late} behind the motor angle",
             "ms",
-            number(1e3 * fit.delay_s, "{:.3f}"),
+            number(1e3 * (fit.delay_s if material.is_sensorless else part.accelerometer_delay_s), "{:.3f}"),
             number(1e3 * fit.delay_error_s, "{:.3f}"),
         ],
         [

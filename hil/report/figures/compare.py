@@ -1,16 +1,18 @@
 """Figures of a comparison: the tip's vibration with every treatment, and the peaks side by side."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
-from scipy import signal
 
 from hil.analysis import band_passed, motor_speed_rps
 from hil.recording import Recording
 from hil.report import style
 from hil.report.drawn_run import (
     DrawnRun,
+    direction_words,
     draw_vibration,
     drawn_run,
     finish_vibration,
@@ -18,11 +20,15 @@ from hil.report.drawn_run import (
     line_words,
     shade_line,
     shade_speeds,
+    shown_acceleration,
     window_words,
 )
+from hil.report.figures.arm_along_line import arm_along_line
+from hil.report.figures.arm_swinging import arm_swinging
+from hil.report.figures.directions import directions_of
 from hil.report.figures.order_map import order_maps
-from hil.report.material import Material
-from hil.report.style import Drawing, Real
+from hil.report.material import LINE_MOTION, Material
+from hil.report.style import Drawing, Real, SvgPicture
 from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
 from hil.results.comparison import ComparisonRobot, ComparisonRow, TreatmentTable
 
@@ -61,7 +67,7 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
     title = f"{robot.name}, {case}: tip vibration" if several else f"{case.capitalize()}: tip vibration"
     window = f"Shaded: {line_words(material)}, in which it is judged." if axis is None else window_words(material, axis)
     limit = (
-        "Without a model there is no frequency by which the specification becomes an acceleration."
+        _without_f_al(material)
         if f_al is None
         else f"Dotted: the specification of ±{robot.tip_mm:g} mm as an acceleration at f_al = {f_al:.2f} Hz."
     )
@@ -72,9 +78,16 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
         title,
         "",
         "measured",
-        f"Vertical tip acceleration, band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase. {window} {limit}{behind}",
+        f"{direction_words(material, axis).capitalize()}, band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase. "
+        f"{window} {limit}{behind}",
         svg,
     )
+
+
+def _without_f_al(material: Material) -> str:
+    if material.bench.arm is not None:
+        return "An arm's displacement is the acceleration integrated twice: its peaks are in the table."
+    return "Without a model there is no frequency by which the specification becomes an acceleration."
 
 
 def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
@@ -95,6 +108,42 @@ def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: in
     title = f"{robot.name}, axis" if several else "Axis"
     key = f"orders-{robot.directory}-{key_of(experiment, axis)}"
     return order_maps(key, f"{title} {axis}: which order shakes the tip", runs[:MAPPED], axis, material.f_al(axis))
+
+
+def directions(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
+    """The tip along x, y and z with the first treatments, on a bench with an arm; None without a vector.
+
+    Args:
+        robot: Robot of the comparison.
+        material: Result and recordings of its runs.
+        experiment: Name of the experiment.
+        axis: Axis of a constant-acceleration run, else None.
+        several: True where the comparison has more than one robot.
+    """
+    rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
+    drawn = [(treatment_words(row), run) for row in rows if (run := _drawn(material, row)) is not None]
+    looked = [DrawnRun(run.entry, run.recording, name, look) for (name, run), look in zip(drawn, OVERLAY_LINES, strict=False)]
+    title = f"{f'{robot.name}, ' if several else ''}{case_name(experiment, axis)}: the tip along x, y and z"
+    key = f"directions-{robot.directory}-{key_of(experiment, axis)}"
+    return directions_of(material, looked, axis, key, title[0].upper() + title[1:])
+
+
+def arm(robot: ComparisonRobot, material: Material, experiment: str, *, several: bool) -> list[Drawing]:
+    """The arm along its line and at its resonances, with nothing acting and with what leaves least; none of other motions.
+
+    Args:
+        robot: Robot of the comparison.
+        material: Result and recordings of its runs.
+        experiment: Name of the experiment.
+        several: True where the comparison has more than one robot.
+    """
+    if experiment != LINE_MOTION:
+        return []
+    made = [arm_along_line(material, f"arm-line-{robot.directory}"), arm_swinging(material, f"arm-resonances-{robot.directory}")]
+    drawn = [each for each in made if each is not None]
+    if not several:
+        return drawn
+    return [replace(each, title=f"{robot.name}: {each.title[0].lower()}{each.title[1:]}") for each in drawn]
 
 
 def _drawn(material: Material, row: ComparisonRow) -> DrawnRun | None:
@@ -130,12 +179,12 @@ def _shade(material: Material, panel: Axes, axis: int | None, recording: Recordi
 
 def _overlay(
     material: Material, runs: list[tuple[ComparisonRow, DrawnRun]], axis: int | None, f_al: float | None, key: str
-) -> str:  # fmt: skip
+) -> SvgPicture:  # fmt: skip
     figure, panels = style.panels(2, 1, 5.6, sharex=True, height_ratios=(3, 2))
     panel, below = panels[:, 0]
     for (row, run), look in zip(runs, OVERLAY_LINES, strict=False):
         draw_vibration(panel, DrawnRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False)
-        below.plot(*style.thin(run.recording.time_s, _envelope(run.recording, material.band_hz(axis))), **look)
+        style.plot_thin(below, run.recording.time_s, _envelope(run, material.band_hz(axis)), **look)
     for each in (panel, below):
         _shade(material, each, axis, runs[0][1].recording)
     finish_vibration(material, panel, f_al)
@@ -146,17 +195,17 @@ def _overlay(
     below.set_ylim(0.0, panel.get_ylim()[1])
     below.set(xlabel="Time (s)", ylabel="Envelope (m/s²)")
     style.legend_above(figure, panel, columns=3)
-    return style.to_svg(figure, key)
+    return style.to_svg(figure, key, is_zoomable=True)
 
 
-def _envelope(recording: Recording, band_hz: tuple[float, float]) -> Real:
+def _envelope(run: DrawnRun, band_hz: tuple[float, float]) -> Real:
     """Amplitude of the band-passed vibration at every instant, m/s², shape (n,): the size of its analytic signal."""
-    return np.abs(signal.hilbert(band_passed(recording.columns["tip_z_m_s2"], recording.period_s, band_hz)))
+    return np.abs(scipy.signal.hilbert(band_passed(shown_acceleration(run), run.recording.period_s, band_hz)))
 
 
 def _multiples(
     material: Material, runs: list[tuple[ComparisonRow, DrawnRun]], axis: int | None, f_al: float | None, key: str
-) -> str:  # fmt: skip
+) -> SvgPicture:  # fmt: skip
     plain, band = {row.loop: run for row, run in runs if row.treatment == "none"}, material.band_hz(axis)
     shown = [(row, run) for row, run in runs if row.treatment != "none" or len(runs) == 1]
     count = -(-len(shown) // 2)
@@ -181,7 +230,7 @@ def _multiples(
         panels[0, 0].set_ylim(-1.08 * reach, 1.08 * reach)
     figure.supylabel("Tip acceleration, band-passed (m/s²)", fontsize=8.5)
     style.legend_above(figure, panels[0, 0], columns=3)
-    return style.to_svg(figure, key)
+    return style.to_svg(figure, key, is_zoomable=True)
 
 
 def _millimetres(panel: Axes, f_al: float, name: str = "mm") -> None:

@@ -81,7 +81,7 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
         f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong), for the believed plant. Middle: dots mark each "
         "curve at its own harmonic ω = 2π k f_m, where constraint (5), |G_al| ≤ A_acc ω²/(L A_k), has to hold; broken: without a "
         "filter. Bottom: these dots for all speeds as one curve.",
-        style.to_svg(figure, "families"),
+        style.to_svg(figure, "families", is_zoomable=True),
     )
 
 
@@ -160,7 +160,7 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
         f"Nyquist diagrams of L(jω) for the believed plant with the filters frozen at motor speeds from f_s (faint) to f_e "
         f"(strong), sampled every {1e6 * loop.period_s:.0f} µs with {loop.delay_samples} samples of delay; cross: −1. No curve "
         "may enter the broken circle of the allowed M_s.",
-        style.to_svg(figure, "nyquist"),
+        style.to_svg(figure, "nyquist", is_zoomable=True),
     )
 
 
@@ -190,7 +190,7 @@ def margin_curves(outcome: NotchDesignOutcome) -> Drawing:
         "computed",
         "Believed plant, filters frozen at each speed from rest to the speed limit; a switched filter counts as in within its "
         "hysteresis too. Dotted: what is asked. The table of requirements holds the worst of all plants.",
-        style.to_svg(figure, "margins"),
+        style.to_svg(figure, "margins", is_zoomable=True),
     )
 
 
@@ -230,7 +230,7 @@ def ramps(outcome: NotchDesignOutcome) -> Drawing:
         f"the law at its sampling time: equivalent displacement, {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz. Shaded: "
         "the speeds in which it is judged; dotted: the specification. At constant speed the filter does better: on a ramp it has "
         "no time to settle.",
-        style.to_svg(figure, "ramps"),
+        style.to_svg(figure, "ramps", is_zoomable=True),
     )
 
 

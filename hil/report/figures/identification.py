@@ -71,7 +71,7 @@ def _window(material: Material, axis: int, recording: Recording, model: Real | N
         for panel in panels:
             style.note(panel, "no model: not judged" if window is None else "the run did not reach these speeds")
         return
-    time, tip = recording.time_s, recording.columns["tip_z_m_s2"]
+    time, tip = recording.time_s, recording.felt_m_s2
     margin = round(0.3 / recording.period_s)
     rows = slice(max(0, inside[0] - margin), inside[-1] + margin)
     begin, end = float(time[inside[0]]), float(time[inside[-1]])

@@ -78,7 +78,7 @@ def transmission_errors(material: Material) -> Drawing | None:
     panels[-1, 0].set_xlabel("Motor angle (rev)")
     style.legend_above(figure, *panels[:2, 0])
     how = (
-        "The solid line is identified from the accelerometer at the tip while the motor passed through both "
+        "The solid line is identified from the motion of the tip while the motor passed through both "
         "resonances without a "
         "notch (joint least squares of all orders through the arm on its gear, driven by the measured motor "
         "angle); "

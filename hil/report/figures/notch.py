@@ -162,7 +162,7 @@ def families(material: Material) -> Drawing | None:
         "|G_al| ≤ A_acc ω²/(L A_k), has to hold. Bottom: the same dots for all speeds as one curve, without and with "
         "the notch, "
         "at constant speed.",
-        style.to_svg(figure, "families"),
+        style.to_svg(figure, "families", is_zoomable=True),
     )
 
 
@@ -260,7 +260,7 @@ def nyquist(material: Material) -> Drawing | None:
         f"Nyquist diagrams of L(jω) with the filter frozen at motor speeds from f_s (faint) to f_e (strong), sampled at "
         f"{1e6 * material.control_period_s:.0f} µs; cross: −1. The broken circle around it has the radius 1/M_s, the "
         f"closest approach of all speeds, which the thick curve makes at the dot: M_s = {', '.join(peaks)}.",
-        style.to_svg(figure, "nyquist"),
+        style.to_svg(figure, "nyquist", is_zoomable=True),
     )
 
 
@@ -327,7 +327,7 @@ def margin_curves(material: Material) -> Drawing | None:
         f"{MARGIN_SPEEDS_RPS[0]:g} to {MARGIN_SPEEDS_RPS[-1]:g} rev/s. All closed-loop poles of the sampled loop lie "
         f"{verdict}. Dotted: what `hil design notch` asks, M_s ≤ {asked.max_sensitivity:g}, {asked.gain_margin_db:g} dB and "
         f"{asked.phase_margin_deg:g}°; the paper asks for stability alone.",
-        style.to_svg(figure, "margins"),
+        style.to_svg(figure, "margins", is_zoomable=True),
     )
 
 

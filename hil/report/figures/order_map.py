@@ -14,6 +14,7 @@ from hil.design.order_map import OrderMap, order_map
 from hil.recording import Recording
 from hil.report import palette, style
 from hil.report.style import Drawing, Real
+from hil.report.zoomable import keep_map
 
 ORDERS: Real = np.linspace(0.5, 10.0, 96)
 LEVELS = 9
@@ -83,7 +84,7 @@ def order_maps(key: str, title: str, runs: Sequence[tuple[str, Recording]], axis
         f"order k stands at that height and swells where it crosses the resonance. {resonance} Dotted: other frequencies. "
         f"{below}"
         "An order is as wide as a window of two turns lets it be: about ±1.",
-        style.to_svg(figure, key),
+        style.to_svg(figure, key, is_zoomable=True),
     )
 
 
@@ -95,7 +96,7 @@ def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
         axis: Axis that moved.
     """
     end = int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) + 1
-    angle, tip = recording.axis(axis, "position_rad")[:end], recording.columns["tip_z_m_s2"][:end]
+    angle, tip = recording.axis(axis, "position_rad")[:end], recording.felt_m_s2[:end]
     try:
         found = order_map(angle, tip, recording.period_s, ORDERS)
     except ValueError:
@@ -106,6 +107,7 @@ def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
 def _draw(panel: Axes, found: OrderMap, levels: Real, f_al: float | None) -> None:
     amplitude = np.ma.masked_invalid(found.amplitude.T)
     panel.contourf(found.speed_rps, found.orders, amplitude, levels=levels, colors=_colours())
+    keep_map(panel, found.speed_rps, found.orders, found.amplitude, float(levels[-1]), tuple(_colours()))
     low, high = float(found.speed_rps[0]), float(found.speed_rps[-1])
     speeds = np.linspace(low, high, 200)
     for frequency in FREQUENCIES_HZ:
@@ -123,6 +125,7 @@ def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, f_al: float | 
     speeds, orders = np.meshgrid(found.speed_rps, found.orders, indexing="ij")
     amplitude = np.ma.masked_invalid(found.amplitude)
     panel.contourf(speeds, orders * speeds, amplitude, levels=levels, colors=_colours())
+    keep_map(panel, found.speed_rps, orders * speeds, found.amplitude, float(levels[-1]), tuple(_colours()))
     low, high = float(found.speed_rps[0]), float(found.speed_rps[-1])
     top = min(TOP_HZ, float(found.orders[-1]) * high)
     for order in RAYS:

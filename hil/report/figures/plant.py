@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hil.design.frequency import Complex, Real
+from hil.design.modes.problem import ArmMode, modal_angle, modal_tip
 from hil.design.plant_problem import angle_response, tip_response
 from hil.report import style
 from hil.report.origin import origin_of
@@ -31,7 +32,7 @@ PARAMETERS = (
     ("lever_ratio", "Tip lever seen, over the bench file's", "", 1.0),
     ("torque_age_s", "Age of the reported torque", "µs", 1e6),
     ("torque_lag_s", "Lag of the current loop", "µs", 1e6),
-    ("accelerometer_delay_s", "Delay of the accelerometer", "µs", 1e6),
+    ("accelerometer_delay_s", "Delay of the tip's signal", "µs", 1e6),
 )
 """Name in the result, name on the page, its unit there, and how many of those make one of the result's."""
 WHOLE_PERCENT = 10.0
@@ -60,6 +61,21 @@ def parameters(result: PlantResult) -> ReportTable | None:
     )  # fmt: skip
 
 
+def modes(result: PlantResult) -> ReportTable | None:
+    """Table of an arm's modes; None where it rings with one."""
+    rows: list[list[Cell]] = []
+    for mode in result.modes:
+        values = (mode.antiresonance_hz, mode.resonance_hz, mode.damping, mode.inertia_kg_m2, mode.tip_part)
+        rows.append(["–" if each is None else " ± ".join(value_and_error(each.value, each.standard_error)) for each in values])
+    if not rows:
+        return None
+    return ReportTable(
+        "modes", "Modes", "", ("Dip, Hz", "Peak, Hz", "ζ", "Inertia, kg·m²", "Part of the tip's motion"), rows, frozenset(),
+        "The arm with this motor held, from the lowest mode. Their inertias add up to that about the joint, their parts of the "
+        "tip's motion to 1. J_l, K_g, D_g, f_a, f_r and ζ above are those of the leading mode.",
+    )  # fmt: skip
+
+
 def checks(result: PlantResult) -> ReportTable | None:
     """Table of the checks, with the value and the limit of each."""
     rows: list[list[Cell]] = []
@@ -79,7 +95,8 @@ def frequency_response(result: PlantResult) -> Drawing | None:
     frequency, value = _complex(measured)
     figure, panels = style.panels(3, 1, 6.2, sharex=True, height_ratios=(4, 3, 1.6))
     fine = np.geomspace(frequency[0], frequency[-1], 800)
-    model = angle_response(plant, fine)
+    modes = [ArmMode.of(each) for each in result.modes]
+    model = modal_angle(plant, modes, fine) if modes else angle_response(plant, fine)
     _gain_and_phase(panels, frequency, value, np.asarray(measured.radius), fine, model, origin_of(result).word)
     panels[0, 0].set_ylabel(r"$|\theta_m/\tau|$ (dB re 1 rad/N·m)")
     for name, symbol, side in (("antiresonance_hz", "f_a", "right"), ("resonance_hz", "f_r", "left")):
@@ -91,9 +108,9 @@ def frequency_response(result: PlantResult) -> Drawing | None:
     return Drawing(
         "frequency-response", "Motor angle per torque", "Fig. 4", "measured and computed",
         "Frequency response on the excited lines, with the excitation as instrument, averaged over the periods; bars and band: "
-        "where the true value lies with a probability of 95 %. Broken: the two-inertia model that was fitted. Coherence: the "
+        "where the true value lies with a probability of 95 %. Broken: the model that was fitted. Coherence: the "
         "fraction of the motor's motion in one period that follows the torque.",
-        style.to_svg(figure, "frequency-response"),
+        style.to_svg(figure, "frequency-response", is_zoomable=True),
     )  # fmt: skip
 
 
@@ -106,7 +123,8 @@ def tip(result: PlantResult) -> Drawing | None:
     figure, panels = style.panels(3, 1, 6.2, sharex=True, height_ratios=(4, 3, 1.6))
     fine = np.geomspace(frequency[0], frequency[-1], 800)
     lever = result.bench.file.axis[result.axis].tip_lever_m * parameters["lever_ratio"].value
-    model = tip_response(plant, fine, lever, parameters["accelerometer_delay_s"].value)
+    modes, delay_s = [ArmMode.of(each) for each in result.modes], parameters["accelerometer_delay_s"].value
+    model = modal_tip(plant, modes, fine, lever, delay_s) if modes else tip_response(plant, fine, lever, delay_s)
     _gain_and_phase(panels, frequency, value, np.asarray(measured.radius), fine, model, origin_of(result).word)
     panels[0, 0].set_ylabel(r"$|a_{tip}/\theta_m|$ (dB re 1 m/s² per rad)")
     _coherence(panels[2, 0], frequency, measured)
@@ -117,7 +135,7 @@ def tip(result: PlantResult) -> Drawing | None:
         "tip-response", "Tip acceleration per motor angle", "", "measured and computed",
         "The arm on its gear, driven by the motor's motion: it peaks at f_a, and needs neither the torque nor the lever to tell "
         f"it. Its height is a check: the lever seen is {seen} times the bench file's.",
-        style.to_svg(figure, "tip-response"),
+        style.to_svg(figure, "tip-response", is_zoomable=True),
     )  # fmt: skip
 
 

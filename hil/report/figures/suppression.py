@@ -9,6 +9,7 @@ from hil.report import style
 from hil.report.drawn_run import (
     FEWEST,
     DrawnRun,
+    direction_words,
     draw_vibration,
     drawn_run,
     finish_vibration,
@@ -19,6 +20,7 @@ from hil.report.drawn_run import (
     pair,
     shade_line,
     shade_speeds,
+    shown_acceleration,
     smooth_spectrum,
     window_words,
 )
@@ -38,7 +40,7 @@ def suppression(material: Material, axis: int) -> Drawing | None:
         draw_vibration(top, run, material.band_hz(axis))
         inside = judged_samples(material, run.recording, axis)
         if len(inside) >= FEWEST:
-            tip = run.recording.columns["tip_z_m_s2"][inside]
+            tip = run.recording.felt_m_s2[inside]
             label = run.label + number_or_nothing(run.entry.spectrum_peak_m_s2, ": peak {:.3f} m/s²")
             bottom.plot(*smooth_spectrum(tip, run.recording.period_s, 30.0), label=label, **run.look)
     recording = runs[-1].recording
@@ -55,13 +57,13 @@ def suppression(material: Material, axis: int) -> Drawing | None:
         f"Axis {axis}: tip vibration with and without the notch",
         paper,
         "measured",
-        f"Vertical tip acceleration of the constant-acceleration runs, band-passed {band[0]:.3g} to "
+        f"{direction_words(material, axis).capitalize()} of the constant-acceleration runs, band-passed {band[0]:.3g} to "
         f"{band[1]:.3g} Hz without phase, "
         "which is what the run is judged by; the scale on the right is the same as a displacement, divided by (2π "
         f"f_al)². {window_words(material, axis)} {limit_words(material, axis)} "
         f"Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are the "
         f"bins').{_change(material, CONSTANT_ACCELERATION, axis)}",
-        style.to_svg(figure, f"suppression-{axis}"),
+        style.to_svg(figure, f"suppression-{axis}", is_zoomable=True),
     )
 
 
@@ -79,7 +81,7 @@ def line_motion(material: Material) -> Drawing | None:
         end = time[-1] if motion is None else begin + motion.duration_s
         draw_vibration(top, run, band)
         moving = (time >= begin) & (time <= end)
-        frequency, amplitude = amplitude_spectrum(run.recording.columns["tip_z_m_s2"][moving], run.recording.period_s, "boxcar")
+        frequency, amplitude = amplitude_spectrum(shown_acceleration(run)[moving], run.recording.period_s, "boxcar")
         shown = frequency <= 50.0
         label = run.label + number_or_nothing(run.entry.spectrum_area, ": area {:.3f} m/s²·Hz")
         bottom.plot(frequency[shown], amplitude[shown], label=label, **run.look)
@@ -96,12 +98,14 @@ def line_motion(material: Material) -> Drawing | None:
         "Line motion: tip vibration with and without the notch",
         "Fig. 15",
         "measured",
-        f"Straight line of the tip with axes {', '.join(map(str, material.bench.chain_axes))}. Above: vertical acceleration, "
+        f"Straight line of the tip with axes {', '.join(map(str, material.bench.chain_axes))}. Above: "
+        f"{direction_words(material, None)}, "
         f"band-passed {band[0]:.3g} to {band[1]:.3g} Hz without phase; shaded: {line_words(material)}, in which it is judged. "
-        "Below: amplitude spectrum of the unfiltered acceleration over the whole motion (rectangular window); its area from 0 to "
+        "Below: amplitude spectrum of the unfiltered acceleration over the whole motion (rectangular window); "
+        f"{_area_words(material)} "
         f"50 Hz is compared.{' The paper has −26 %.' if material.bench.is_paper else ''}"
         f"{_change(material, LINE_MOTION, None)}",
-        style.to_svg(figure, "line-motion"),
+        style.to_svg(figure, "line-motion", is_zoomable=True),
     )
 
 
@@ -127,7 +131,7 @@ def loop_sides(material: Material, axis: int) -> Drawing | None:
             draw_vibration(top, run, material.band_hz(axis), with_peak=False)
             inside = judged_samples(material, run.recording, axis)
             if len(inside) >= FEWEST:
-                tip = run.recording.columns["tip_z_m_s2"][inside]
+                tip = run.recording.felt_m_s2[inside]
                 bottom.plot(*smooth_spectrum(tip, run.recording.period_s, 30.0), **run.look)
         recording = runs[-1].recording
         shade_speeds(material, axis, recording, top, with_names=False)
@@ -152,7 +156,7 @@ def loop_sides(material: Material, axis: int) -> Drawing | None:
         "over the bus in every "
         f"period of the loop. {_periods(pairs)} Band-passed tip acceleration around the k = 2 window (shaded) and "
         f"its Hann spectrum there.",
-        style.to_svg(figure, f"loop-places-{axis}"),
+        style.to_svg(figure, f"loop-places-{axis}", is_zoomable=True),
     )
 
 
@@ -172,6 +176,10 @@ def _end_of_ramp(recording: Recording, axis: int) -> float:
     # the filter without phase shows the braking's jerk a little before it happens
     before = round(BRAKING_S / recording.period_s)
     return float(recording.time_s[max(FEWEST, int(np.argmax(speed)) - before)])
+
+
+def _area_words(material: Material) -> str:
+    return "its area from 0 to" if material.bench.arm is None else "the area of all directions together from 0.2 f_al to"
 
 
 def _inner_legend(panel: Axes) -> None:

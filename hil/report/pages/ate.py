@@ -22,10 +22,11 @@ class _Chapter:
     items: tuple[Drawing | ReportTable | None, ...]
 
 
-def write_ate_report(directory: Path) -> Path:
+def write_ate_report(directory: Path, *, is_interactive: bool = False) -> Path:
     """Write `report.html` into a directory that `hil identify ate` has filled.
 
     Raises:
+        NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: result.json or a recording cannot be read, or the page cannot be written.
         ValueError: result.json is not that of an identification of the transmission error.
     """
@@ -41,7 +42,14 @@ def write_ate_report(directory: Path) -> Path:
         origin=origin_of(result),
         is_paper=material.is_paper,
     )
-    return render(directory / "report.html", head, verdict(material), chapters, provenance=provenance(material))
+    return render(
+        directory / "report.html",
+        head,
+        verdict(material),
+        chapters,
+        provenance=provenance(material),
+        is_interactive=is_interactive,
+    )
 
 
 def sections(material: AteMaterial) -> list[Section]:

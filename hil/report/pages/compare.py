@@ -7,21 +7,25 @@ from hil.bench.bench import load_bench
 from hil.experiments.treatment import TITLES
 from hil.report import style
 from hil.report.figures import compare as figures_compare
-from hil.report.material import Material
+from hil.report.figures import shapers as figures_shapers
+from hil.report.material import POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables.compare import case_name, cases
+from hil.report.tables.directions import directions as direction_table
 from hil.report.tables.paper_runs import Mark, ReportTable
-from hil.results.comparison import ComparisonRow, StoryResult, TreatmentTable
+from hil.report.tables.shapers import shapers as shaper_table
+from hil.results.comparison import ComparisonRobot, ComparisonRow, StoryResult, TreatmentTable
 from hil.results.files import load_result
 
 
-def write_compare_report(directory: Path) -> Path:
+def write_compare_report(directory: Path, *, is_interactive: bool = False) -> Path:
     """Write `report.html` into a directory that `hil compare` has filled.
 
     Raises:
+        NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: result.json cannot be read, or the page cannot be written.
         ValueError: result.json is not that of a comparison.
     """
@@ -34,11 +38,19 @@ def write_compare_report(directory: Path) -> Path:
         names or _bench_name(directory, result),
         result.started_utc,
         tuple(_notes(materials)),
-        heading="Your own robot" if isinstance(result, StoryResult) else "Treatments side by side",
+        heading=result.story.heading if isinstance(result, StoryResult) else "Treatments side by side",
         aftermath=tuple(_aftermath(result)),
         origin=origin_of_table(result),
     )
-    return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
+    return render(
+        directory / "report.html",
+        head,
+        verdict(result),
+        chapters,
+        cards=cards(result),
+        provenance=provenance(result),
+        is_interactive=is_interactive,
+    )
 
 
 def _bench_name(directory: Path, result: TreatmentTable) -> str:
@@ -69,7 +81,11 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
         (
             "side-by-side",
             "Side by side",
-            [tables_compare.overview(result), *(figures_compare.peaks(result, robot) for robot in result.robots)],
+            [
+                tables_compare.overview(result),
+                tables_compare.claims(result),
+                *(figures_compare.peaks(result, robot) for robot in result.robots),
+            ],
         ),
     ]
     for experiment, axis in cases(result):
@@ -77,16 +93,37 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
         for robot in result.robots:
             material = materials[robot.directory]
             if material is not None:
+                items += _shaped(robot, material, experiment, axis, several=several)
+            if material is not None and experiment != POINT_TO_POINT:
                 items.append(figures_compare.vibration(robot, material, experiment, axis, several=several))
+                items.append(figures_compare.directions(robot, material, experiment, axis, several=several))
+                items += figures_compare.arm(robot, material, experiment, several=several)
                 items.append(figures_compare.orders(robot, material, experiment, axis, several=several))
         title = case_name(experiment, axis).capitalize()
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
+    vectors = [direction_table(each, f"directions-{name}") for name, each in materials.items() if each is not None]
+    chapters.append(("directions", "The tip as a vector", [*vectors]))
     chapters.append(("way", "How it came to that", [tables_compare.story(result)]))
     chapters.append(("robot", "Which robot it was", [tables_compare.revealed(result)]))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
     return [section for section in filled if section.items]
+
+
+def _shaped(
+    robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool
+) -> list[Drawing | ReportTable | None]:
+    """What shapers did to a motion: their table, the tip after a stop, and what they would leave of another frequency."""
+    key, name = f"{robot.directory}-{tables_compare.key_of(experiment, axis)}", f"{robot.name}, " if several else ""
+    runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
+    case = f"{name}{case_name(experiment, axis)}"
+    case = case[0].upper() + case[1:]
+    made: list[Drawing | ReportTable | None] = [shaper_table(runs, f"shapers-{key}", f"{case}: what the shapers leave and cost")]
+    if axis is not None and experiment == POINT_TO_POINT:
+        made.append(figures_shapers.after_stop(material, axis, experiment, f"stop-{key}", f"{case}: the tip after the stop"))
+    made.append(figures_shapers.residuals(runs, f"residual-{key}", f"{case}: what is left of another frequency"))
+    return made
 
 
 def _judged_rows(result: TreatmentTable) -> list[tuple[str, ComparisonRow]]:

@@ -11,32 +11,51 @@ from hil.bench.bench import Bench
 from hil.experiments.plan import outside
 from hil.report import style
 from hil.report.drawn_run import pair
-from hil.report.figures import identification, model, notch, order_map, suppression
-from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite, run_name, treatment_name
+from hil.report.figures import (
+    arm_along_line,
+    arm_swinging,
+    directions,
+    following,
+    identification,
+    model,
+    notch,
+    order_map,
+    shapers,
+    suppression,
+)
+from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT, Material, finite, run_name, treatment_name
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables import paper_runs as tables
+from hil.report.tables.directions import directions as direction_table
+from hil.report.tables.directions import side_by_side
 from hil.report.tables.paper_runs import Mark, ReportTable
+from hil.report.tables.shapers import shapers as shaper_table
 from hil.report.tables.trial import trial_table
 from hil.report.timing import timing_table
 from hil.results.comparison import StoryResult
 from hil.results.files import ResultFileError, load_result
 from hil.results.runs import RunEntry, TreatmentComparison, leading
 
+STORY_FOLDER, ARM_FOLDER = "story", "arm"
+"""Folders of the demo's other parts, below its own."""
 
-def write_report(directory: Path, bench: Bench | None = None) -> Path:
+
+def write_report(directory: Path, bench: Bench | None = None, *, is_interactive: bool = False) -> Path:
     """Write `report.html` into a directory that holds `result.json` and the recordings it names.
 
     Args:
         directory: Where result.json is.
         bench: The bench of the runs; from result.json unless it is given.
+        is_interactive: True where its figures can be zoomed.
 
     Returns:
-        The path of the page: one file, no network, no scripts.
+        The path of the page: one file, no network, and no scripts but those of an interactive one.
 
     Raises:
+        NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: result.json cannot be read or the page cannot be written.
         ValueError: result.json is not what a run writes.
     """
@@ -57,12 +76,13 @@ def write_report(directory: Path, bench: Bench | None = None) -> Path:
         chapters,
         cards=cards(material),
         provenance=provenance(material),
+        is_interactive=is_interactive,
     )
 
 
 def sections(material: Material) -> list[Section]:
     """All chapters for which there is data: what came of it first, then why."""
-    driven = sorted({run.axis for run in material.result.runs if run.axis is not None})
+    driven = sorted({run.axis for run in material.result.runs if run.axis is not None and run.experiment != POINT_TO_POINT})
     chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
         (
             "verification",
@@ -70,12 +90,18 @@ def sections(material: Material) -> list[Section]:
             [
                 *(suppression.suppression(material, axis) for axis in driven),
                 suppression.line_motion(material),
+                directions.directions(material, LINE_MOTION, None),
+                arm_along_line.arm_along_line(material),
+                arm_swinging.arm_swinging(material),
+                *(directions.directions(material, CONSTANT_ACCELERATION, axis) for axis in driven),
                 *(_order_maps(material, axis) for axis in driven),
                 *(suppression.loop_sides(material, axis) for axis in driven),
             ],
         ),
+        ("stops", "Stops", _stops(material)),
         ("paper", "Paper and bench", [tables.claims(material)]),
         ("own-robot", "Your own robot", [_own_robot(material)]),
+        ("whole-arm", "A whole arm", _whole_arm(material)),
         (
             "model",
             "Axes and transmission error",
@@ -99,10 +125,32 @@ def sections(material: Material) -> list[Section]:
                 notch.margin_curves(material),
             ],
         ),
-        ("all-runs", "Runs", [tables.runs(material), _trials(material), tables.motions(material), timing_table(material)]),
+        (
+            "all-runs",
+            "Runs",
+            [
+                tables.runs(material),
+                direction_table(material),
+                _trials(material),
+                following.following(material),
+                tables.motions(material),
+                timing_table(material),
+            ],
+        ),
     ]
     filled = [Section(key, title, tuple(_present(items))) for key, title, items in chapters]
     return [section for section in filled if section.items]
+
+
+def _stops(material: Material) -> list[Drawing | ReportTable | None]:
+    """Shapers of the runs, and the tip after each stop; none without any."""
+    runs = material.result.runs
+    stopped = sorted({run.axis for run in runs if run.axis is not None and run.experiment == POINT_TO_POINT})
+    return [
+        shaper_table(runs),
+        *(shapers.after_stop(material, axis, POINT_TO_POINT, f"stop-{axis}", f"Axis {axis}: after the stop") for axis in stopped),
+        shapers.residuals(runs, "residual", "What is left of another frequency"),
+    ]
 
 
 def _trials(material: Material) -> ReportTable | None:
@@ -120,13 +168,46 @@ def _order_maps(material: Material, axis: int) -> Drawing | None:
     return order_map.order_maps(f"orders-{axis}", f"Axis {axis}: which order shakes the tip", runs, axis, material.f_al(axis))
 
 
-def _own_robot(material: Material) -> ReportTable | None:
-    """Table of the demo's second part below this directory; None without it, or for that of an earlier demo."""
+def _part(material: Material, folder: str) -> StoryResult | None:
+    """A part of the demo below this directory; None without it, or for that of an earlier demo."""
     try:
-        result = load_result(material.directory / "story", StoryResult, "a story")
+        result = load_result(material.directory / folder, StoryResult, "a story")
     except (OSError, ResultFileError):
         return None
-    if _moment(result.started_utc) < _moment(material.result.bench.started_utc):
+    return None if _moment(result.started_utc) < _moment(material.result.bench.started_utc) else result
+
+
+def _whole_arm(material: Material) -> list[Drawing | ReportTable | None]:
+    """Numbers, claims and picture of the demo's last part; none without it."""
+    result = _part(material, ARM_FOLDER)
+    if result is None:
+        return []
+    caption = Markup(
+        "Six axes whose links pull at each other; of the arm nothing is known but where its joints are and its motors' "
+        "inertias. What shakes it was learnt on the line itself. <a href='{}/report.html'>The whole story</a>."
+    ).format(ARM_FOLDER)
+    if not result.robots or result.story.failure is not None:
+        return [_ended_early(result, "whole-arm-table", caption)]
+    try:
+        runs = Material(material.directory / ARM_FOLDER / result.robots[0].directory)
+    except (OSError, ResultFileError):
+        return []
+    return [
+        side_by_side(runs, "whole-arm-table", caption),
+        tables_compare.claims(result, "whole-arm-claims"),
+        arm_along_line.arm_along_line(runs, "whole-arm-line"),
+    ]
+
+
+def _ended_early(result: StoryResult, key: str, caption: str | Markup) -> ReportTable:
+    rows: list[list[tables.Cell]] = [[step.name, step.what, Mark(step.holds, "")] for step in result.story.steps]
+    return ReportTable(key, "It ended early", "", ("step", "result", "done"), rows, frozenset({0, 1, 2}), caption, is_prose=True)
+
+
+def _own_robot(material: Material) -> ReportTable | None:
+    """Table of the demo's second part; None without it."""
+    result = _part(material, STORY_FOLDER)
+    if result is None:
         return None
     which = "The same robot" if result.story.seed is None else f"A robot drawn by seed {result.story.seed}, not the paper's,"
     link = Markup(
@@ -134,12 +215,7 @@ def _own_robot(material: Material) -> ReportTable | None:
         "side. <a href='story/report.html'>The whole story</a>."
     ).format(which)
     table = tables_compare.overview(result, "own-robot-table", link)
-    if result.story.failure is None and table is not None:
-        return table
-    rows: list[list[tables.Cell]] = [[step.name, step.what, Mark(step.holds, "")] for step in result.story.steps]
-    return ReportTable(
-        "own-robot-table", "It ended early", "", ("step", "result", "done"), rows, frozenset({0, 1, 2}), link, is_prose=True
-    )
+    return table if result.story.failure is None and table is not None else _ended_early(result, "own-robot-table", link)
 
 
 def _moment(text: str) -> datetime.datetime:

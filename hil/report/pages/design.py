@@ -41,6 +41,7 @@ def sections(outcome: NotchDesignOutcome) -> list[Section]:
         ("stability", "Stability", (figures_design.nyquist(outcome), figures_design.margin_curves(outcome))),
         ("ramp", "On the ramp", (figures_design.ramps(outcome),)),
         ("plants", "Plants", (plants(outcome),)),
+        ("arm", "On the arm", (on_the_arm(outcome),)),
     ]
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
     return [section for section in filled if section.items]
@@ -144,6 +145,28 @@ def requirements(outcome: NotchDesignOutcome) -> ReportTable:
         "filter: on the bench file's ramp, and an order's largest of all ramps."
     )
     return ReportTable("requirements", "Requirements", "", header, rows, frozenset({0, 3, 5, 6}), caption, groups=groups)
+
+
+def on_the_arm(outcome: NotchDesignOutcome) -> ReportTable | None:
+    """Margins on the arm by posture, of the best filters."""
+    limits = outcome.problem.requirements
+    rows: list[list[Cell]] = []
+    count = 0 if outcome.problem.arm is None else len(outcome.problem.arm.cases)
+    plain, filtered = outcome.best.postures[:count], outcome.best.postures[count:]
+    worst = max(filtered, key=lambda row: row.sensitivity_peak, default=None)
+    for row in (*plain, *(() if worst is None else (worst,))):
+        values = (row.sensitivity_peak, row.speed_rps, row.phase_margin_deg, row.gain_margin_db)
+        holds = row.sensitivity_peak <= limits.max_sensitivity and row.phase_margin_deg >= limits.phase_margin_deg
+        rows.append([row.label, *(number(value, "{:.2f}") for value in values), Mark(holds)])
+    if not rows:
+        return None
+    caption = (
+        "The arm frozen in each posture, this axis' filters at every motor speed; M_s of this axis' loop, motors of the others "
+        "held by their brakes or under their own loops; the last row is the worst while a filter of another axis acts. "
+        + " ".join(f"{note[0].upper()}{note[1:]}." for note in outcome.notes)
+    )
+    header = ("posture", "M_s", "at (rev/s)", "phase margin (°)", "gain margin (dB)", "holds")
+    return ReportTable("arm-margins", "Margins on the arm", "", header, rows, frozenset({0, 5}), caption)
 
 
 def plants(outcome: NotchDesignOutcome) -> ReportTable:

@@ -18,10 +18,11 @@ from hil.results.files import load_result
 from hil.results.learning import LearningPass, LearningResult, LearningRun
 
 
-def write_learning_report(directory: Path) -> Path:
+def write_learning_report(directory: Path, *, is_interactive: bool = False) -> Path:
     """Write `report.html` into a directory that `hil learn` has filled, whether it has learnt or not.
 
     Raises:
+        NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: result.json cannot be read, or the page cannot be written.
         ValueError: result.json is not that of adaptive cancellation.
     """
@@ -36,7 +37,15 @@ def write_learning_report(directory: Path) -> Path:
         origin=origin_of(result),
         is_paper=result.bench.file.is_paper,
     )
-    return render(directory / "report.html", head, verdict(result), chapters, cards=cards(result), provenance=provenance(result))
+    return render(
+        directory / "report.html",
+        head,
+        verdict(result),
+        chapters,
+        cards=cards(result),
+        provenance=provenance(result),
+        is_interactive=is_interactive,
+    )
 
 
 def sections(result: LearningResult, directory: Path | None = None) -> list[Section]:

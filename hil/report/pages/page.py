@@ -10,6 +10,7 @@ import jinja2
 from markupsafe import Markup, escape
 
 from hil.report import palette
+from hil.report.interactive.parts import InteractiveParts, interactive_parts
 from hil.report.origin import MEASURED, Origin
 from hil.report.paper import CITATION
 from hil.report.style import Drawing
@@ -137,8 +138,9 @@ def render(
     *,
     cards: list[Card] | None = None,
     provenance: list[tuple[str, str]] | None = None,
+    is_interactive: bool = False,
 ) -> Path:
-    """Write a page: one file, no network, no scripts.
+    """Write a page: one file, no network, and no scripts but those of an interactive one.
 
     Args:
         path: File to write.
@@ -147,11 +149,13 @@ def render(
         sections: Chapters in the order in which they are read.
         cards: Numbers before and after, below the verdict.
         provenance: Names and texts on where, when and with what the runs were made.
+        is_interactive: True where its figures can be zoomed, as far as they have what that takes.
 
     Returns:
         `path`.
 
     Raises:
+        NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: The page cannot be written.
     """
     page = (
@@ -163,6 +167,7 @@ def render(
             cards=cards or [],
             sections=sections,
             provenance=provenance or [],
+            interactive=_interactive(sections) if is_interactive else None,
             citation=CITATION,
             palette=Markup(palette.css(":root")),  # noqa: S704 - of constants
             is_drawing=lambda item: isinstance(item, Drawing),
@@ -172,6 +177,13 @@ def render(
     )
     path.write_text(page, encoding="utf-8")
     return path
+
+
+def _interactive(sections: list[Section]) -> InteractiveParts | None:
+    """Parts of an interactive page; None where it has no figure that can be zoomed."""
+    drawings = [item for section in sections for item in section.items if isinstance(item, Drawing)]
+    figures = {each.key: each.zoom for each in drawings if each.zoom is not None}
+    return interactive_parts(figures) if figures else None
 
 
 _TALL = 0.7

@@ -12,10 +12,11 @@ from hil.results.files import load_result
 from hil.results.plant import PlantResult
 
 
-def write_plant_report(directory: Path) -> Path:
+def write_plant_report(directory: Path, *, is_interactive: bool = False) -> Path:
     """Write `report.html` into a directory that `hil identify plant` has filled, whether it has identified or not.
 
     Raises:
+        NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: result.json cannot be read, or the page cannot be written.
         ValueError: result.json is not that of a plant identification.
     """
@@ -31,13 +32,19 @@ def write_plant_report(directory: Path) -> Path:
         origin=origin_of(result),
         is_paper=result.bench.file.is_paper,
     )
-    return render(directory / "report.html", head, verdict(result), chapters, provenance=provenance(result))
+    return render(
+        directory / "report.html", head, verdict(result), chapters, provenance=provenance(result), is_interactive=is_interactive
+    )
 
 
 def sections(result: PlantResult) -> list[Section]:
     """All chapters for which there is data."""
     chapters: list[tuple[str, str, tuple[Drawing | ReportTable | None, ...]]] = [
-        ("plant", "Plant", (figures_plant.parameters(result), figures_plant.frequency_response(result))),
+        (
+            "plant",
+            "Plant",
+            (figures_plant.parameters(result), figures_plant.modes(result), figures_plant.frequency_response(result)),
+        ),
         ("arm", "The arm at the tip", (figures_plant.tip(result),)),
         ("slow", "Friction and gravity", (figures_plant.friction(result),)),
         ("limits", "What these data can tell", (_cannot_tell(result), figures_plant.checks(result))),

@@ -50,6 +50,24 @@ def overview(result: TreatmentTable, key: str = "overview", caption: str | Marku
     return ReportTable(key, "Tip peaks side by side", "", header, rows, frozenset(range(len(head))), text + limit_text)
 
 
+def claims(result: TreatmentTable, key: str = "story-claims") -> ReportTable | None:
+    """Table of what a story claims, beside the numbers that were judged; None where it claims nothing."""
+    if not isinstance(result, StoryResult) or not result.story.claims:
+        return None
+    rows: list[list[Cell]] = [
+        [
+            claim.claim,
+            f"{'>' if claim.is_above else '≤'} {round(claim.asked, 4):g}",
+            NONE if claim.found is None else f"{claim.found:.4f}".replace("-", "−"),
+            claim.unit,
+            Mark(claim.holds),
+        ]
+        for claim in result.story.claims
+    ]
+    header = ("Claim", "Asked", "Found", "Unit", "Holds")
+    return ReportTable(key, "What is claimed", "", header, rows, frozenset({0, 1, 3, 4}), is_prose=True)
+
+
 def _peak(row: ComparisonRow | None) -> Cell:
     if row is None or row.left_out is not None:
         return Mark(None, "left out")
@@ -88,7 +106,7 @@ def experiment(result: TreatmentTable, name: str, axis: int | None) -> ReportTab
         header,
         rows,
         frozenset({*range(left + 2), left + 6, left + 7}),
-        "Changes are against nothing, closed in the same place. The trial is a cancellation's own check on the accelerometer "
+        "Changes are against nothing, closed in the same place. The trial is a cancellation's own check at the tip "
         "before it is used. Compliance: how many times further the motor gives way to a disturbing torque than without the "
         "treatment, at 1 Hz and at the frequency from 0.1 to 30 Hz where it gives way most, for the worst of the moved axes at "
         "the worst speed; from the model, so without one there is none." + _host_words(rows, left),

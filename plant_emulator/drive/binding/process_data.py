@@ -8,6 +8,7 @@ from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Mode, Object
 from drive_profiles.standard.units import Scaling
 from plant_emulator.drive.binding.limits import DriveLimits
+from plant_emulator.drive.binding.load_encoder import bind_load_encoder
 from plant_emulator.drive.dictionary.counting import INT16_MAX, INT32_MAX, Counting, clip
 from plant_emulator.drive.dictionary.user_units import UserUnits
 from plant_emulator.drive.family.base import DriveFamily
@@ -73,6 +74,7 @@ class DriveData:
         if family.has_user_units:
             self._units = UserUnits(self.dictionary, is_powered, lambda: self.counting.scaling, self._use_units)
         self._bind_values()
+        bind_load_encoder(self.dictionary, axes, number, family.load_position)
         self._bind_writers()
 
     # -- units ---------------------------------------------------------------------------------------------------------

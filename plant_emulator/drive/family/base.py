@@ -11,6 +11,7 @@ from drive_profiles.standard.object_address import ObjectAddress
 from drive_profiles.standard.units import Scaling
 from hil.control.notch import NOTCH_OFF, NOTCHES, Notch
 from plant_emulator.drive.dictionary import manufacturer_objects as objects
+from plant_emulator.drive.dictionary.additional_encoder import FIRST
 from plant_emulator.motion.axes import Axes, live
 from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.store import StoreCommand, standard_commands
@@ -30,6 +31,7 @@ class DriveFamily(ABC):
         rated_torque: The object that torques are per mille of, and N·m per step of it.
         unwatched_windows: Values of 6065h with which the following error is not watched.
         has_user_units: Whether the objects of the factor group act (6091h, 6092h, 607Eh, 60A8h to 60AAh).
+        load_position: Where it shows the position of a second encoder.
         set_point_timeout: The object that says for how many interpolation periods a set-point may be missing; None: it is held.
         equal_limits_are_none: Whether 607Dh with both limits equal means that there are none, as both 0 always does.
     """
@@ -46,6 +48,7 @@ class DriveFamily(ABC):
     set_point_timeout: ObjectAddress | None = None
     equal_limits_are_none: bool = False
     has_user_units: bool = False
+    load_position: ObjectAddress = FIRST
 
     def __init__(self, dictionary: Dictionary, scaling: Scaling) -> None:
         """Make a family that moves no axis yet: its entries are described, and `bind` ties them."""

@@ -5,13 +5,15 @@ from functools import lru_cache
 
 from drive_profiles import eds
 from drive_profiles.family.profile import Profile
+from drive_profiles.standard.object_address import ObjectAddress, object_address
 from drive_profiles.standard.units import Scaling
 from plant_emulator.drive.dictionary import manufacturer_objects as objects
+from plant_emulator.drive.dictionary.additional_encoder import FIRST, load_encoder_entries
 from plant_emulator.drive.family.base import DriveFamily, OwnFamily
 from plant_emulator.drive.family.described import DescribedFamily
 from plant_emulator.drive.family.dictionary import FamilyDictionary, vendor_scaling
 from plant_emulator.drive.family.gains import Gains
-from plant_emulator.drive.family.objects import described_entries
+from plant_emulator.drive.family.objects import described_entries, merged
 from plant_emulator.robots.robot import Robot
 from plant_emulator.slave.dictionary import Dictionary, Entry
 
@@ -35,8 +37,13 @@ def family_of(robot: Robot, number: int) -> DriveFamily:
     if gains is None:
         raise ValueError(f"axis.{number}: {profile.name} states no loop")
     objects_of_it = FamilyDictionary(profile, axis, number, scaling, gains)
-    dictionary = _dictionary(objects_of_it.entries(), robot, number)
-    return DescribedFamily(profile, robot, number, dictionary, scaling, gains, objects_of_it)
+    facts = profile.load_encoder
+    position = FIRST if facts is None or facts.position is None else object_address(facts.position)
+    family = DescribedFamily(
+        profile, robot, number, _dictionary(objects_of_it.entries(), robot, number, position), scaling, gains, objects_of_it
+    )
+    family.load_position = position
+    return family
 
 
 def _own_entries(robot: Robot, number: int) -> list[Entry]:
@@ -85,9 +92,11 @@ def _entries_of_a_kind(
     )
 
 
-def _dictionary(entries: list[Entry], robot: Robot, number: int) -> Dictionary:
-    """The dictionary of these entries and of those objects of the axis' EDS file that are not among them."""
-    path = robot.axis[number].eds
+def _dictionary(entries: list[Entry], robot: Robot, number: int, position: ObjectAddress = FIRST) -> Dictionary:
+    """The dictionary of these entries, of a second encoder, and of the objects of the axis' EDS file that are not among them."""
+    path, encoder = robot.axis[number].eds, robot.axis[number].load_encoder
+    if encoder is not None:
+        entries = merged(entries, load_encoder_entries(encoder, position))
     if path is None:
         return Dictionary(entries)
     present = {(entry.index, entry.subindex): entry for entry in entries}

@@ -10,7 +10,7 @@ from plant_emulator.drive.modes.profile_position import ProfilePosition
 from plant_emulator.drive.modes.profile_torque import ProfileTorque
 from plant_emulator.drive.modes.profile_velocity import ProfileVelocity
 from plant_emulator.drive.power_stage import PowerStage
-from plant_emulator.robots.robot import Behaviour
+from plant_emulator.robots.behaviour import Behaviour
 
 
 def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour) -> dict[int, ModeOfOperation]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from plant_emulator.rehearsal.many.reading import number, text, worst_tip_mm
 from plant_emulator.rehearsal.many.rows import Row
+from plant_emulator.rehearsal.without import SHORT_SYNC_S, is_true
 
 REFUSED = frozenset({"refused", "stopped"})
 LAST_WORDS = ("cancellation_learnt", "learn", "cancellation", "ate", "plant")
@@ -31,8 +32,8 @@ class Cause:
 
 HYSTERESIS_NM, SOFT_FRACTION, LAG_S, NOISY_M_S2, COARSE_BITS, LONG_SYNC_S = 0.2, 0.1, 0.1e-3, 0.04, 15.0, 0.004
 """From here on (down to here, of bits) a robot counts as one that has the cause."""
-SHORT_SYNC_S, SLOW_BIT_S = 0.001, 500_000
-"""SYNC period and bit rate down to which a bus may be full."""
+SLOW_BIT_S = 500_000
+"""Bit rate down to which a bus may be full at the short SYNC period."""
 
 
 def _at_least(name: str, least: float) -> Callable[[Row], bool]:
@@ -62,6 +63,8 @@ def _is_loaded(row: Row) -> bool:
     return period_s is not None and bit_s is not None and period_s <= SHORT_SYNC_S and bit_s <= SLOW_BIT_S
 
 
+NOT_EXPLAINED = "not explained"
+"""What a run says of what it leaves where it knows no cause."""
 NOBODY = "no robot of the stable"
 
 CAUSES = (
@@ -112,14 +115,26 @@ class Refusal:
 
 
 def main_refusal(row: Row) -> Refusal | None:
-    """The refusal that ended a robot's path; None where it ends with a cancellation, or nothing was refused.
+    """The refusal that ended a robot's path; None where nothing was refused.
 
-    It is the last one that names a cause: one that only misses what an earlier step did not give names none.
+    Of a path that ends with a cancellation it is what its run says of what is left above what was asked, with a cause. Else it
+    is the last one that names a cause: one that only misses what an earlier step did not give names none.
     """
     if text(row, "end_treatment").startswith("cancellation"):
-        return None
+        return _told(row)
     found = [_refusal(row, step) for step in LAST_WORDS if text(row, f"{step}_ended") in REFUSED]
     return next((each for each in found if each.named), found[0] if found else None)
+
+
+def _told(row: Row) -> Refusal | None:
+    """What the path's end says of what it leaves; None where it says nothing, or knows no cause."""
+    causes, end, goal = text(row, "end_causes").split(", "), number(row, "end_tip_mm"), number(row, "goal_mm")
+    if causes[0] in {"", NOT_EXPLAINED} or end is None or goal is None:
+        return None
+    holds = is_true(end, goal, number(row, "without_cause_mm"))
+    seed = row.get("seed")
+    step, words = text(row, "end_treatment"), text(row, "end_words")
+    return Refusal(seed if isinstance(seed, int) else -1, step, words, tuple(causes), holds)
 
 
 def _refusal(row: Row, step: str) -> Refusal:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from plant_emulator.rehearsal.many.reading import number
 from plant_emulator.rehearsal.many.rows import Row
@@ -91,7 +91,7 @@ def fraction_text(count: int, whole: int) -> str:
     """
     if not whole:
         return "0 of 0"
-    interval = stats.binomtest(count, whole).proportion_ci(0.95, "wilson")
+    interval = scipy.stats.binomtest(count, whole).proportion_ci(0.95, "wilson")
     low, high = (100.0 * float(each) for each in (interval.low, interval.high))
     return f"{count} of {whole}, {100.0 * count / whole:.3g} % ({low:.2g}–{high:.2g})"
 

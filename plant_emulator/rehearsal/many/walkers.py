@@ -105,18 +105,18 @@ class LocalProcesses:
         Raises:
             RuntimeError: None is free.
         """
-        for future in [future for future in self._busy if future.done()]:
-            pool = self._busy.pop(future)
-            if isinstance(future.exception(), BrokenProcessPool):
-                pool.shutdown(wait=True)
-                pool = _process()
-            self._free.append(pool)
-        if not self._free:
-            raise RuntimeError(f"all {self._jobs} processes are busy")
-        pool = self._free.pop()
-        with deaf_children():
+        with deaf_children():  # a Ctrl-C that comes meanwhile acts at the end: then every process is among those that are ended
+            for done in [future for future in self._busy if future.done()]:
+                pool = self._busy.pop(done)
+                if isinstance(done.exception(), BrokenProcessPool):
+                    pool.shutdown(wait=True)
+                    pool = _process()
+                self._free.append(pool)
+            if not self._free:
+                raise RuntimeError(f"all {self._jobs} processes are busy")
+            pool = self._free.pop()
             future = pool.submit(walk, *values)
-        self._busy[future] = pool
+            self._busy[future] = pool
         return future
 
 

@@ -1,6 +1,5 @@
 """A DCF, or a concise DCF, wherever a parameter set is taken: real processes, a real local bus, an emulated drive."""
 
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ from drive_profiles import eds
 from drive_profiles.cli.main import app
 from drive_profiles.family.profile import VENDORS
 from drive_profiles.parameter_set.parameters import ParameterSet
-from tests.drive_profiles.cli.test_on_a_bus import served
+from tests.drive_profiles.cli.test_on_a_bus import serving
 
 pytestmark = pytest.mark.timeout(900)  # minutes on a machine that does other things as well
 
@@ -20,12 +19,8 @@ runner = CliRunner()
 
 @pytest.fixture(scope="module")
 def robot():
-    with tempfile.TemporaryDirectory(prefix="hil-") as folder:
-        process = served(f"{folder}/r.sock", "--drive", "5=maxon_epos4")
-        yield f"local:{folder}/r.sock"
-        process.stdin.close()
-        process.wait(10)
-        process.stdout.close()
+    with serving("--drive", "5=maxon_epos4") as address:
+        yield address
 
 
 @pytest.fixture(autouse=True)

@@ -1,5 +1,6 @@
 """`drive-profiles` as a user runs it: real processes, a real local bus, emulated drives of three families."""
 
+import contextlib
 import json
 import os
 import re
@@ -43,6 +44,17 @@ def served(path, *options):
     return process
 
 
+@contextlib.contextmanager
+def serving(*options):
+    """Address of a robot that is served in a folder of its own, as long as this is open."""
+    with tempfile.TemporaryDirectory(prefix="hil-") as folder:
+        process = served(f"{folder}/r.sock", *options)
+        yield f"local:{folder}/r.sock"
+        process.stdin.close()
+        process.wait(10)
+        process.stdout.close()
+
+
 def _answers(path):
     """Whether somebody serves there: a socket file alone may not be listened to yet."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
@@ -51,13 +63,8 @@ def _answers(path):
 
 @pytest.fixture(scope="module")
 def robot():
-    with tempfile.TemporaryDirectory(prefix="hil-") as folder:
-        path = f"{folder}/r.sock"
-        process = served(path, "--drive", "3=kollmorgen_akd", "--drive", "5=maxon_epos4", "--store-time-s", "0.3")
-        yield f"local:{path}"
-        process.stdin.close()
-        process.wait(10)
-        process.stdout.close()
+    with serving("--drive", "3=kollmorgen_akd", "--drive", "5=maxon_epos4", "--store-time-s", "0.3") as address:
+        yield address
 
 
 @pytest.fixture(autouse=True)

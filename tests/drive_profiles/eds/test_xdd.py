@@ -10,6 +10,7 @@ from drive_profiles import eds
 from drive_profiles.eds import export as eds_export
 from drive_profiles.eds import xdd
 from drive_profiles.errors import FileError
+from drive_profiles.files.xml_tree import MAX_ELEMENTS
 
 QUIRKS = Path(__file__).parent / "quirks"
 FLAT = (QUIRKS / "flat.xdd").read_text()
@@ -85,7 +86,7 @@ def test_declarations_are_refused(declaration):
     ("data", "words"),
     [
         (b"<a>" * 70, "deeper than 64"),
-        (b"<a>" + b"<b/>" * (xdd.MAX_ELEMENTS + 1) + b"</a>", "elements"),
+        (b"<a>" + b"<b/>" * (MAX_ELEMENTS + 1) + b"</a>", "elements"),
         (b"<a>" + b" " * xdd.MAX_BYTES + b"</a>", "4 MiB"),
         (b"<a>", "no XML: no element found"),
         (b"<a/>", "has no CANopenObjectList"),

@@ -74,7 +74,7 @@ def strings(value):
 
 def addresses(profile):
     """The objects that the tables beside ``parameters`` name."""
-    for table in (profile.torque, profile.encoder, profile.store):
+    for table in (profile.torque, profile.encoder, profile.load_encoder, profile.store):
         for name, value in {} if table is None else table.model_dump().items():
             if isinstance(value, str) and name not in {"source", "evidence", "note"}:
                 yield f"{type(table).__name__}.{name}", value

@@ -222,7 +222,7 @@ def test_objects_beside_the_parameters_are_in_the_file(name):
     """Torque, encoder, store: what they name is there; what decides the host's part may be mapped where the answer is yes."""
     profile = ALL_DRIVES[name]
     for description in described(name):
-        for table in (profile.torque, profile.encoder, profile.store):
+        for table in (profile.torque, profile.encoder, profile.load_encoder, profile.store):
             for address in named(table):
                 assert variable_at(description, *object_address(address)) is not None, f"{type(table).__name__}: {address}"
         able = profile.capabilities

@@ -1,5 +1,6 @@
 """The model file: what goes in comes out, and a bench takes it in the place of what it believed."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from hil.bench.bench import load_bench
 from hil.bench.model import (
     Identified,
     IdentifiedError,
+    IdentifiedMode,
     IdentifiedPlant,
     PlantTable,
     load_identified,
@@ -95,6 +97,21 @@ def test_the_bench_takes_what_was_identified_and_keeps_the_rest() -> None:
     assert three.gear_stiffness_nm_rad == bench.axis[3].model.gear_stiffness_nm_rad  # type: ignore[union-attr]
     assert five == bench.axis[5]
     assert taken.axis[2].control == bench.axis[2].control
+
+
+def test_of_an_arm_that_rings_with_several_modes_the_bench_takes_the_gears_stiffness_and_not_that_of_one_mode() -> None:
+    modes = tuple(
+        IdentifiedMode(antiresonance_hz=hz, resonance_hz=hz + 1.0, damping=0.02, inertia_kg_m2=inertia)
+        for hz, inertia in ((10.0, 6.0), (15.0, 2.0))
+    )
+    bench = load_bench("reference")
+    several = with_identified(bench, Identified(robot="reference").with_part(2, PLANT.model_copy(update={"modes": modes})))
+    expected = (2.0 * math.pi) ** 2 * (6.0 * 100.0 + 2.0 * 225.0)
+    assert several.axis[2].gear_stiffness_nm_rad == pytest.approx(expected)
+    assert several.axis[2].model is not None
+    assert several.axis[2].model.gear_stiffness_nm_rad == 48000.0
+    single = with_identified(bench, Identified(robot="reference").with_part(2, PLANT))
+    assert single.axis[2].gear_stiffness_nm_rad is None
 
 
 def test_an_axis_without_any_model_gets_one() -> None:

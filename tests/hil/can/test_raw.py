@@ -125,6 +125,42 @@ def test_of_a_message_only_the_records_that_are_frames_are_taken(lumps):
     assert lumps.channel.receive_all(1.0) == [THREE[2]]
 
 
+def test_a_message_that_is_not_taken_as_a_whole_is_read_frame_by_frame(lumps):
+    lumps.channel.send_message(message(*THREE))
+    assert lumps.socket.recv(1024) == message(*THREE)
+    lumps.socket.send(message(*THREE))
+    received = lumps.channel.receive_message(1.0)
+    assert received == message(*THREE)
+    assert lumps.channel.takes_messages
+    lumps.channel.put_back(received)
+    assert not lumps.channel.takes_messages  # an answer of this cycle would be taken for one of the next
+    assert lumps.channel.receive(1.0) == THREE[0]
+    assert lumps.channel.receive_all(1.0) == THREE[1:]
+    assert lumps.channel.takes_messages
+
+
+def test_the_bus_clock_at_the_end_of_a_message_is_heard_and_left_out(lumps):
+    lumps.channel.send_message(message(*THREE))
+    lumps.socket.send(message(THREE[0], clock.period_over(1, 30_000)))
+    assert lumps.channel.receive_message(1.0) == message(THREE[0])
+    assert lumps.channel.lag_ns == 30_000
+    lumps.socket.send(message(THREE[1], clock.period_over(7, 0)))  # of another cycle than ours: left to the slow way
+    assert lumps.channel.receive_message(1.0) == message(THREE[1], clock.period_over(7, 0))
+
+
+def test_a_message_that_does_not_come_is_empty_and_a_bus_that_has_gone_is_lost(lumps):
+    assert lumps.channel.receive_message(0.01) == b""
+    lumps.socket.close()
+    with pytest.raises(BusLostError):
+        lumps.channel.receive_message(1.0)
+    with pytest.raises(BusLostError):
+        lumps.channel.send_message(message(*THREE))
+
+
+def test_other_buses_take_no_messages(peer):
+    assert not peer.channel.takes_messages
+
+
 def test_the_end_of_a_period_is_told_once_and_behind_its_frames(lumps):
     lumps.channel.send_all(THREE)
     lumps.socket.send(message(THREE[0], clock.period_over(1, 20_000)))

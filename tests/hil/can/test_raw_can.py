@@ -47,7 +47,7 @@ class Wire:
     def __init__(self, monkeypatch):
         near, self.far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.socket = Wrapped(near)
-        monkeypatch.setattr(raw, "_bind_can", lambda address, filters: self.socket)
+        monkeypatch.setattr(raw, "bind_can", lambda address, filters: self.socket)
         self.channel = RawChannel(Address("socketcan", "can0"))
 
     def send(self, *frames):
@@ -222,7 +222,7 @@ def test_filters_reach_the_kernel_as_pairs(monkeypatch):
     monkeypatch.setattr(socket, "AF_CAN", 29, raising=False)
     monkeypatch.setattr(socket, "CAN_RAW", 1, raising=False)
     monkeypatch.setattr(raw.socket, "socket", Kernel)
-    sock = raw._bind_can(Address("socketcan", "nosuch0"), [(0x182, 0x7FF), (0x80, 0x780)])
+    sock = raw.bind_can(Address("socketcan", "nosuch0"), [(0x182, 0x7FF), (0x80, 0x780)])
     assert sock.bound == ("nosuch0",)
     assert sock.options[101, 1] == struct.pack("=4I", 0x182, 0x7FF, 0x80, 0x780)
     assert sock.options[101, 2] == 0x1FFF_FFFF

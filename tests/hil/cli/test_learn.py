@@ -36,3 +36,26 @@ def test_a_model_file_of_another_robot_is_left_alone(tmp_path: Path) -> None:
     assert code == 3, output
     assert "'other'" in output
     assert path.read_text(encoding="utf-8") == 'robot = "other"\n'
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "words"),
+    [
+        ([], 2, "--motion for a motion of the bench file"),
+        (["--motion", "line-motion", "--axis", "2"], 2, "a line-motion takes no --axis"),
+        (["--axis", "2", "--pace", "0.75"], 2, "--pace is of --motion line-motion"),
+        (["--motion", "line-motion", "--pace", "1"], 2, "--pace 1 is the line's own"),
+        (["--motion", "line-motion", "--pace", "0.1"], 2, "greater than or equal to 0.5"),
+        (["--motion", "constant-acceleration"], 2, "needs one --axis"),
+        (["--motion", "line-motion", "--probe-arcsec", "0"], 2, "probe-arcsec"),
+        (["--motion", "line-motion", "--motor-inertia-kg-m2", "2.6e-4"], 2, "2=2.6e-4 is of axis 2"),
+        (["--motion", "line-motion", "--motor-inertia-kg-m2", "2=much"], 2, "is no inertia"),
+        (["--axis", "2", "--motor-inertia-kg-m2", "100"], 2, "a motor has"),
+        (["--axis", "2", "--motor-inertia-kg-m2", "1e-4", "--motor-inertia-kg-m2", "2=1e-4"], 2, "has two"),
+        (["--motion", "line-motion"], 3, "the motor inertia of axis 5 is not known"),
+    ],
+)
+def test_a_motion_and_its_axes_that_do_not_fit_are_refused(tmp_path: Path, options: list[str], status: int, words: str) -> None:
+    code, output = learn("--bench", "reference", "--model", str(tmp_path / "m.toml"), "--out", str(tmp_path / "out"), *options)
+    assert (code, words in " ".join(output.replace("│", " ").split())) == (status, True), output
+    assert not (tmp_path / "m.toml").exists()

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.control.cancellation import CancellationLaw, CancellationTable, InnerCancellation, WaveLabel, inner_cancellation
+from hil.control.cancellation import CancellationLaw, InnerCancellation, inner_cancellation
+from hil.control.cancellation_table import CancellationTable, MotorLoad, WaveLabel
 
 PERIOD_S = 0.001
 STEP_RPS = 0.05
@@ -184,6 +185,69 @@ def test_what_must_be_kept_is_kept_and_left_to_the_check_of_limits() -> None:
     within = whole.within_speed(5.0, 5.0, 100.0)
     assert np.allclose(within.reference, whole.reference)
     assert within.largest_speed_rps(5.0) > 5.0
+
+
+def by_torque_alone(whole: CancellationTable, nm_per_rad: float) -> CancellationTable:
+    return replace(whole, reference=0.0 * whole.reference, torque=nm_per_rad * whole.reference)
+
+
+def test_what_the_set_points_have_no_room_for_is_left_to_the_torque() -> None:
+    whole = table((1, 2, 4), 120)
+    whole = replace(whole, torque=0.0 * whole.torque)
+    limit_rps = whole.largest_speed_rps(5.0) - 0.01
+    within = whole.within_speed(limit_rps, 5.0, 6.0, by_torque_alone(whole, 10.0), 1e3)
+    used = whole.speeds_rps <= 5.0
+    assert within.largest_speed_rps(5.0) <= limit_rps
+    assert np.allclose((within.reference + within.torque / 10.0)[:, used], whole.reference[:, used])
+    assert np.any(within.torque)
+    assert not np.any(within.torque[:, :20])  # where the motor is slow there is room for all
+    assert not np.any(within.torque[:, whole.speeds_rps > 5.1])  # where the motion does not go
+
+
+def test_a_torque_has_its_own_limit_and_what_neither_can_do_is_left_out() -> None:
+    whole = table((1, 2, 4), 120)
+    whole = replace(whole, torque=0.0 * whole.torque)
+    limit_rps, alone = whole.largest_speed_rps(5.0) - 0.1, by_torque_alone(whole, 10.0)
+    most_nm = 0.3 * whole.within_speed(limit_rps, 5.0, 6.0, alone, 1e3).largest_torque_nm(5.0)
+    within = whole.within_speed(limit_rps, 5.0, 6.0, alone, most_nm)
+    assert within.largest_speed_rps(5.0) <= limit_rps
+    assert within.largest_torque_nm(5.0) <= most_nm * (1.0 + 1e-9)
+    assert np.any(np.abs(within.reference + within.torque / 10.0) < 0.99 * np.abs(whole.reference))
+
+
+def test_the_torque_bends_with_the_acceleration_as_the_set_point_does() -> None:
+    plain = replace(table((2,)), torque=10.0 * table((2,)).reference)
+    bent = replace(plain, bend=0.01 * plain.reference, torque_bend=0.01 * plain.torque, most_rad_s2=40.0)
+    law, angle = CancellationLaw([bent], PERIOD_S, fade_rev=AT_ONCE), 0.0
+    assert bent.largest_torque_nm() == pytest.approx(1.4 * plain.largest_torque_nm())
+    for step in range(600):
+        (reference,), (torque,) = law.step([angle])
+        angle += 2.0 * math.pi * 20.0 * step * PERIOD_S * PERIOD_S
+    assert torque == pytest.approx(10.0 * reference, rel=1e-6)
+    assert torque != 0.0
+
+
+LOAD = MotorLoad(100.0, 1e-4, 1e-3, 0.05, 0.9, 30.0)
+
+
+@pytest.mark.parametrize("speed_rps", [3.0, -3.0])
+@pytest.mark.parametrize("load_nm", [20.0, -20.0, 200.0])
+def test_against_the_reaction_of_a_load_it_adds_its_torque_times_the_slope_of_the_error(speed_rps: float, load_nm: float) -> None:
+    """Whatever the direction, it is −r τ_g A k sin(k θ + φ); and no more than the largest load that counts."""
+    size, order, phase = 1e-3, 2.0, 0.7
+    none = np.zeros((1, 100), dtype=np.complex128)
+    slope = np.full((1, 100), 1j * order * size)
+    waves = (WaveLabel(order, phase, 1, frozenset({order})),)
+    table = CancellationTable(waves, 0.1, none, none, none.real, load_torque=slope, motor_load=LOAD)
+    law, angle, rate = CancellationLaw([table], PERIOD_S), 0.0, 2.0 * math.pi * speed_rps
+    felt_nm = load_nm / 100.0 + 1e-3 * rate + math.copysign(0.05, rate)
+    for _ in range(3000):
+        now = angle
+        _, (torque,) = law.step([angle], [felt_nm])
+        angle += rate * PERIOD_S
+    counted = min(max(load_nm, -30.0), 30.0)
+    assert torque == pytest.approx(-0.9 * counted * size * order * math.sin(order * now + phase), abs=1e-4 * size * abs(load_nm))
+    assert abs(torque) <= table.largest_torque_nm() == pytest.approx(0.9 * 30.0 * size * order)
 
 
 def test_whatever_the_acceleration_the_bound_holds() -> None:

@@ -4,6 +4,7 @@ from typing import get_args
 
 import pytest
 
+from hil.control.shapers import NAMES
 from hil.control.treatments import TABLE, PlainTreatmentName, TreatmentName, present_name, present_token, treatment
 
 
@@ -23,7 +24,13 @@ def test_no_name_and_no_former_name_means_two_treatments():
 
 
 def test_a_row_says_what_acts_and_where():
-    assert names(lambda row: row.cancels == "set-points") == {"cancellation", "cancellation+notch", "cancellation-learnt"}
+    assert names(lambda row: row.cancels == "set-points") == {
+        "cancellation",
+        "cancellation+notch",
+        "cancellation-learnt",
+        "cancellation-following",
+        *(f"cancellation+shaper-{name}" for name in NAMES),
+    }
     assert names(lambda row: row.cancels == "inside") == {"cancellation-inside"}
     assert names(lambda row: row.filters == "variable") == {"notch", "notch-designed", "cancellation+notch"}
     assert names(lambda row: row.loops == ("host",)) == {"fixed-notch"}
@@ -31,7 +38,10 @@ def test_a_row_says_what_acts_and_where():
 
 
 def test_remedies_are_those_that_are_meant_to_keep_the_specification():
-    assert names(lambda row: not row.is_remedy) == {"none", "low-gains", "fixed-notch"}
+    shapers = {f"shaper-{name}" for name in NAMES}
+    assert names(lambda row: not row.is_remedy) == {"none", "low-gains", "fixed-notch", *shapers}, "no shaper cancels an error"
+    assert names(lambda row: row.is_shaper) == shapers
+    assert names(lambda row: row.shaper is not None) == shapers | {f"cancellation+{name}" for name in shapers}
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ def test_friction_and_gravity_of_slow_turns() -> None:
     truth = ((found.coulomb_nm, 0.1), (found.viscous_nm_s_rad, 1.2e-3), (found.gravity_moment_nm, 52.0))
     for parameter, true in (*truth, (found.gravity_phase_deg, math.degrees(0.4))):
         assert abs(parameter.value - true) < 4.0 * parameter.standard_error + 0.01 * true
-        assert parameter.relative < 0.05
+        assert parameter.relative < 0.08
     assert found.arm_span_deg > 30.0
 
 
@@ -36,3 +36,43 @@ def test_one_direction_cannot_tell_friction_from_gravity() -> None:
 def test_too_short_a_travel_is_refused_with_the_turns_needed() -> None:
     with pytest.raises(UnidentifiableError, match=r"turns.*needed 8"):
         fit_friction([slow(1.0, 3.0, 1), slow(-1.0, 3.0, 2)], SYNC, 120.0)
+
+
+def sagging(speed_rps: float, stiffness_nm_rad: float, law: float = 0.0) -> SlowStretch:
+    """A stretch of an arm that hangs below its gear by the gravity moment over K_g; `law` is added to friction at this speed."""
+    angle = (
+        np.cumsum(np.full(round(30.0 / abs(speed_rps) / SYNC), 2.0 * math.pi * speed_rps * SYNC))
+        + (speed_rps < 0) * 190.0
+        + 100.0
+    )
+    arm = angle / 120.0
+    for _ in range(50):
+        arm = angle / 120.0 - 52.0 * np.cos(arm + 0.4) / stiffness_nm_rad
+    noise = 1e-4 * np.random.default_rng(3).standard_normal(len(angle))
+    torque = math.copysign(0.1 + law, speed_rps) + 1.2e-3 * 2.0 * math.pi * speed_rps + 52.0 * np.cos(arm + 0.4) / 120.0
+    return SlowStretch(angle, torque + noise)
+
+
+def test_an_arm_that_hangs_on_a_soft_gear_has_its_gravity_moment() -> None:
+    """Fitted to θ_m/N alone it was 1 % off, seven standard errors."""
+    stretches = [sagging(sign * speed, 5000.0) for speed in (0.5, 1.0, 2.0) for sign in (1, -1)]
+    found = fit_friction(stretches, SYNC, 120.0, 5000.0).gravity_moment_nm
+    assert abs(found.value - 52.0) < 3.0 * found.standard_error
+    assert found.relative < 2e-3
+    stiff = fit_friction(stretches, SYNC, 120.0).gravity_moment_nm
+    assert abs(stiff.value - 52.0) > 4.0 * found.standard_error
+
+
+def test_what_friction_does_beside_its_law_at_a_speed_is_in_its_error_and_not_in_that_of_gravity() -> None:
+    """Turns in plenty average noise away, and not what all of them have."""
+
+    def found(turns: int) -> tuple[float, float]:
+        laws = {0.5: 2e-4, 1.0: -2e-4, 2.0: 1e-4}
+        stretches = [sagging(sign * speed, 1e9, law) for speed, law in laws.items() for sign in (1, -1)] * turns
+        friction = fit_friction(stretches, SYNC, 120.0)
+        assert abs(friction.coulomb_nm.value - 0.1) < 3.0 * friction.coulomb_nm.standard_error
+        return friction.coulomb_nm.relative, friction.gravity_moment_nm.relative
+
+    (once, gravity_once), (often, gravity_often) = found(1), found(6)
+    assert often > 0.7 * once
+    assert gravity_often < gravity_once

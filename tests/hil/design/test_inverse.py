@@ -27,6 +27,9 @@ def wanted(angle: np.ndarray, share: float = 1.0) -> np.ndarray:
     return -PLANT.reduction_ratio * np.sum(waves, axis=0)
 
 
+LAG_S = 4e-4
+
+
 def motor(torque: float, state: tuple[float, float]) -> tuple[float, float]:
     """A control period of a motor alone under a held torque, exactly."""
     j, d = PLANT.motor_inertia_kg_m2, PLANT.motor_damping_nm_s_rad
@@ -42,17 +45,18 @@ def turned(
     ticks: int,
     notches: tuple[Notch, ...] = (),
     duration_s: float = 2.0,
+    lag_s: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Time and angle of a motor that turns at a constant speed; `corrected` is asked every so many ticks, one SYNC ahead.
 
-    With 0 ticks it is asked in every control period, and acts in it.
+    With 0 ticks it is asked in every control period, and acts in it. With a lag its current follows the torque that is asked for.
     """
     servo, rate = Servo(ServoConfig(CASCADE, 7.0, notches), CONTROL_S), 2.0 * math.pi * speed_rps
     state = (0.0, rate)
     servo.start(0.0, rate, PLANT.motor_damping_nm_s_rad * rate)
     lag = rate / CASCADE.position_gain_per_s
     coming, before, target, offset = (0.0, 0.0), 0.0, 0.0, 0.0
-    angles = []
+    angles, felt, blend = [], 0.0, 1.0 if lag_s == 0.0 else 1.0 - math.exp(-CONTROL_S / lag_s)
     for i in range(round(duration_s / CONTROL_S)):
         angle = state[0]
         angles.append(angle)
@@ -63,7 +67,9 @@ def turned(
         if not ticks:
             delta, offset = corrected(angle)
         # the reference of a constant speed itself: reached at the end of each interpolation
-        state = motor(servo.step(lag + rate * i * CONTROL_S + delta, angle, 0.0, offset), state)
+        torque = servo.step(lag + rate * i * CONTROL_S + delta, angle, 0.0, offset)
+        felt += blend * (torque - felt)
+        state = motor(felt, state)
     return np.arange(len(angles)) * CONTROL_S, np.array(angles)
 
 
@@ -78,10 +84,15 @@ def ripple(time: np.ndarray, angle: np.ndarray, share: float = 1.0) -> float:
 
 
 def law_of(
-    loop: Loop, timing: CyclicTiming | InnerTiming, period_s: float, way: Actuation = "reference", share: float = 1.0
+    loop: Loop,
+    timing: CyclicTiming | InnerTiming,
+    period_s: float,
+    way: Actuation = "reference",
+    share: float = 1.0,
+    lag_s: float = 0.0,
 ) -> Asked:
     amplitude = {order: share * size for order, size in AMPLITUDE.items()}
-    table = cancellation_table(loop, amplitude, PHASE, timing, 12.0, way)
+    table = cancellation_table(loop, amplitude, PHASE, timing, 12.0, way, torque_lag_s=lag_s)
     law = CancellationLaw([table], period_s, fade_rev=0.2)  # the motor turns when it begins
 
     def corrected(angle: float) -> tuple[float, float]:
@@ -91,12 +102,35 @@ def law_of(
     return corrected
 
 
-@pytest.mark.parametrize("way", ["reference", "torque"])
+@pytest.mark.parametrize("way", ["reference", "torque", "torque alone"])
 @pytest.mark.parametrize(("sync_s", "speed_rps"), [(0.001, 6.0), (0.001, -5.0), (0.002, 2.95), (0.002, -6.0)])
 def test_over_the_bus_the_motor_makes_the_motion_that_cancels(speed_rps: float, sync_s: float, way: Actuation) -> None:
     ticks = round(sync_s / CONTROL_S)
     corrected = law_of(LOOP, CyclicTiming(sync_s, CONTROL_S), sync_s, way, 0.1)
     assert ripple(*turned(speed_rps, corrected, ticks), 0.1) < 0.001
+
+
+def test_the_torque_alone_moves_no_set_point() -> None:
+    table = cancellation_table(LOOP, AMPLITUDE, PHASE, CyclicTiming(0.001, CONTROL_S), 12.0, "torque alone")
+    assert not np.any(table.reference)
+    assert table.largest_speed_rps(6.0) == 6.0
+
+
+def test_with_a_filter_the_torque_alone_makes_the_motion_less_exactly() -> None:
+    """The filter follows the ripple of the motor's speed too, and the whole of the law's answer goes through it."""
+    notch = Notch(zeta_rn=0.028)
+    corrected = law_of(Loop(PLANT, CASCADE, (notch,)), CyclicTiming(0.002, CONTROL_S), 0.002, "torque alone", 0.1)
+    assert ripple(*turned(6.0, corrected, 8, (notch,), duration_s=4.0), 0.1) < 0.06
+
+
+@pytest.mark.parametrize("way", ["reference", "torque", "torque alone"])
+def test_a_lag_of_the_current_loop_that_is_known_is_allowed_for(way: Actuation) -> None:
+    left = [
+        ripple(*turned(6.0, law_of(LOOP, CyclicTiming(0.001, CONTROL_S), 0.001, way, 0.1, lag_s), 4, lag_s=LAG_S), 0.1)
+        for lag_s in (0.0, LAG_S)
+    ]
+    assert left[0] > 0.004
+    assert left[1] < 0.4 * left[0]
 
 
 @pytest.mark.parametrize(("share", "most"), [(1.0, 0.001), (10.0, 0.004)])
@@ -187,3 +221,21 @@ def test_a_delay_of_the_drive_is_a_phase_ahead() -> None:
 def test_what_cannot_be_asked_is_refused(loop: Loop, amplitude: dict[int, float], max_rps: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         cancellation_table(loop, amplitude, PHASE, CyclicTiming(0.001, CONTROL_S), max_rps)
+
+
+def test_a_factor_of_an_order_turns_and_sizes_all_that_it_mixes_to():
+    size, turn = 1.2, 0.4
+    large = {order: 8.0 * each for order, each in AMPLITUDE.items()}
+    plain = cancellation_table(LOOP, large, PHASE, CyclicTiming(0.002, CONTROL_S), 10.0)
+    other = {**large, 2: size * large[2]}, {**PHASE, 2: PHASE[2] + turn}
+    wanted_table = cancellation_table(LOOP, *other, CyclicTiming(0.002, CONTROL_S), 10.0)
+    assert len(plain.waves) > 4
+    law, wanted_law = (CancellationLaw([each], 0.002) for each in (plain, wanted_table))
+    law.multiply(0, {2: size * np.exp(1j * turn)})
+    largest = plain.largest_reference_rad()
+    for row in range(600):
+        mine, right = (each.step([0.04 * row])[0][0] for each in (law, wanted_law))
+        assert mine == pytest.approx(right, abs=1e-3 * largest)
+    law.multiply(0, {})
+    apart = [abs(law.step([0.04 * row])[0][0] - wanted_law.step([0.04 * row])[0][0]) for row in range(600, 700)]
+    assert max(apart) > 0.03 * largest

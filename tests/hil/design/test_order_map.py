@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from hil.design.order_map import order_map, order_track
+from hil.design.order_map import order_map, order_track, order_tracks
 
 PERIOD_S = 0.002
 
@@ -128,3 +128,12 @@ def test_what_cannot_be_mapped_is_refused_with_its_values(angle, values, period_
 def test_orders_too_close_are_refused():
     with pytest.raises(ValueError, match=r"0\.25 apart"):
         order_track(ramp(), np.zeros(1250), PERIOD_S, (2.0, 2.25))
+
+
+def test_signals_of_one_motion_are_each_what_they_are_alone():
+    angle, rng = ramp(), np.random.default_rng(2)
+    signals = [np.cos(2.0 * angle + 1.0), rng.standard_normal(len(angle)), np.cumsum(rng.standard_normal(len(angle)))]
+    for each, track in zip(signals, order_tracks(angle, signals, PERIOD_S, (1.0, 2.0, 4.0)), strict=True):
+        alone = order_track(angle, each, PERIOD_S, (1.0, 2.0, 4.0))
+        np.testing.assert_allclose(track.component, alone.component, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(track.standard_error, alone.standard_error, rtol=1e-9)

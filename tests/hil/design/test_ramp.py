@@ -10,7 +10,7 @@ from scipy import integrate
 from hil.bench.bench import load_bench
 from hil.control.angles import ARCSEC
 from hil.control.trajectory import ConstantAcceleration, sample_times
-from hil.design.ramp import follow
+from hil.design.ramp import _harmonics, _waves, follow
 from hil.design.transmission_error import TransmissionError
 
 BENCH = load_bench("reference")
@@ -96,3 +96,19 @@ def test_two_runs_are_the_same_to_the_last_bit():
     reference = constant_speed(6.0, T, 2.0)
     one, two = (follow(loop(3), error(3), reference) for _ in range(2))
     assert np.array_equal(one.arm_acceleration_rad_s2, two.arm_acceleration_rad_s2)
+
+
+@pytest.mark.parametrize("orders", [(1, 2, 4), (2,), (0.5, 2, 3.25), (1, 2, 4.0 / 3.0), (math.sqrt(2.0), 2), (1, 97), ()])
+def test_the_error_of_any_orders_is_the_sum_of_its_sines(orders):
+    """Those that are turned on from one sine, and those that are not: fractions, what is none, and what is far apart."""
+    rng = np.random.default_rng(4)
+    some = TransmissionError({k: rng.uniform(1.0, 60.0) for k in orders}, {k: rng.uniform(-180.0, 180.0) for k in orders})
+    rows = _harmonics(some)
+    for angle in rng.uniform(-400.0, 400.0, 50):
+        phase = [k * angle + math.radians(some.phase_deg[k]) for k in orders]
+        size = [some.amplitude_arcsec[k] * ARCSEC for k in orders]
+        expected = sum(a * math.cos(p) for a, p in zip(size, phase, strict=True))
+        slope = -sum(k * a * math.sin(p) for k, a, p in zip(orders, size, phase, strict=True))
+        assert _waves(rows, float(angle)) == pytest.approx((expected, slope), abs=1e-11)
+    is_turned_on = orders in {(1, 2, 4), (2,), (0.5, 2, 3.25), (1, 2, 4.0 / 3.0)}
+    assert bool(np.all(rows[3] > 0.0)) is is_turned_on or not orders

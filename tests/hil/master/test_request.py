@@ -23,7 +23,7 @@ class Adder:
     def __init__(self, *, uses_torque: bool) -> None:
         self.uses_torque = uses_torque
 
-    def step(self, references_rad, positions_rad):  # type: ignore[no-untyped-def]
+    def step(self, references_rad, positions_rad, torques_nm):  # type: ignore[no-untyped-def]
         return [0.0], [0.0]
 
 

@@ -5,7 +5,8 @@ import struct
 import pytest
 
 from drive_profiles.standard.cia301 import DataType
-from hil.bench.bench import AccelerometerTable, load_bench
+from hil.bench.bench import load_bench
+from hil.bench.sensors import AccelerometerTable
 from hil.errors import NodeError, NotPossibleError, WrongIdentityError
 from hil.master.network import Network
 from hil.master.realtime import MonotonicClock

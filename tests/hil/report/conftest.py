@@ -130,9 +130,9 @@ def full_report(full_directory):
     """The page of all runs, and its matplotlib figures with their SVG by key, drawn."""
     drawn, original = {}, style.to_svg
 
-    def spy(figure, key):
-        svg = original(figure, key)
-        drawn[key] = (figure, svg)
+    def spy(figure, key, **options):
+        svg = original(figure, key, **options)
+        drawn[key] = (figure, str(svg))
         return svg
 
     with pytest.MonkeyPatch.context() as patch:

@@ -16,7 +16,7 @@ def figure(colour=style.BLUE):
         panels[0, 0].plot([0.0, 1.0], [0.0, 1.0], color=colour)
         panels[0, 0].set_xlabel("Motor speed $f_m$ (rev/s)")
         panels[0, 0].set_ylabel("Plain (mm)")
-        return style.to_svg(drawn, "key")
+        return str(style.to_svg(drawn, "key"))
 
 
 def test_every_colour_is_a_variable_of_the_palette():

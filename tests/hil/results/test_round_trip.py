@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from hil.bench.bench import Bench
-from hil.bench.model import IdentifiedError, IdentifiedPlant
+from hil.bench.model import IdentifiedArm, IdentifiedError, IdentifiedPlant
 from hil.design.notch_problem import Requirements
 from hil.results.ate import AteResult
 from hil.results.base import SCHEMA, MeasuredBench, Result
 from hil.results.comparison import ComparisonResult, StoryResult
 from hil.results.files import ResultFileError, load_any, load_result
-from hil.results.learning import LearningResult
+from hil.results.learning import LearningResult, MotionLearningResult
 from hil.results.notch_design import NotchDesignResult
 from hil.results.plant import PlantResult
 from hil.results.runs import ExperimentsResult
@@ -26,7 +26,8 @@ from hil.robot_tables import NotchTable, PlantTable, TransmissionErrorTable
 from tests.hil.results.made import BENCH, measured_bench, run_entry
 
 KINDS: tuple[type[Result], ...] = (
-    ExperimentsResult, ComparisonResult, StoryResult, LearningResult, PlantResult, AteResult, NotchDesignResult,
+    ExperimentsResult, ComparisonResult, StoryResult, LearningResult, MotionLearningResult, PlantResult, AteResult,
+    NotchDesignResult,
 )  # fmt: skip
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -37,7 +38,15 @@ VALUES = PlantTable(
     motor_inertia_kg_m2=2.6e-4, motor_damping_nm_s_rad=0.0, arm_inertia_kg_m2=8.0, arm_damping_nm_s_rad=4.8,
     gear_stiffness_nm_rad=49000.0, gear_damping_nm_s_rad=43.0,
 )  # fmt: skip
+ARM = IdentifiedArm(
+    axes=(2, 3), joints_deg=(9.3, -111.4), masses=(1.0,) * 20, stiffness_nm_rad=(49000.0, 16000.0),
+    standard_error_nm_rad=(50.0, 20.0), misfit=1.1, postures=3,
+)  # fmt: skip
 PLANT = IdentifiedPlant(values=VALUES, antiresonance_hz=12.4, resonance_hz=22.0, damping=0.04, cannot_tell=("D_m",))
+ARM = IdentifiedArm(
+    axes=(2, 3), joints_deg=(0.0, 20.0, 95.0), masses=(7.5, 0.25), stiffness_nm_rad=(49e3, 15e3),
+    standard_error_nm_rad=(120.0, 40.0), misfit=1.2, postures=3, dip_error=0.002,
+)  # fmt: skip
 
 # what other files define has rules of its own: one that keeps them is enough
 GIVEN: dict[Any, st.SearchStrategy[Any]] = {
@@ -46,6 +55,7 @@ GIVEN: dict[Any, st.SearchStrategy[Any]] = {
     IdentifiedError: st.just(ERROR),
     TransmissionErrorTable: st.just(TransmissionErrorTable.of({1: 2.0, 2: 5.0, 3.5: 1.0}, {1: 20.0, 2: 222.0, 3.5: 9.0})),
     IdentifiedPlant: st.just(PLANT),
+    IdentifiedArm: st.just(ARM),
     NotchTable: st.just(BENCH.axis[2].notch[0]),
     Requirements: st.just(Requirements()),
     bool: st.booleans(),
@@ -116,7 +126,7 @@ def test_what_is_written_is_read_again_by_the_same_class(kind, data, tmp_path):
 
 def test_the_kinds_have_names_of_one_spelling():
     names = {kind.model_fields["kind"].default for kind in KINDS}
-    assert names == {"run", "compare", "story", "learn", "identify-plant", "identify-ate", "design-notch"}
+    assert names == {"run", "compare", "story", "learn", "learn-motion", "identify-plant", "identify-ate", "design-notch"}
 
 
 def test_what_is_absent_is_no_key_and_what_has_no_number_is_null(tmp_path):

@@ -12,7 +12,7 @@ from plant_emulator.bus.controller import ErrorState
 from plant_emulator.bus.faults import BusFaults, Fault
 from plant_emulator.bus.timed import FIRST_CLIENT, TimedBus
 from plant_emulator.bus.wire import EmulatedWire
-from plant_emulator.robots.robot import Behaviour
+from plant_emulator.robots.behaviour import Behaviour
 from plant_emulator.world import World
 from tests.plant_emulator.rig import NODE, ONE_AXIS, Rig
 

@@ -6,9 +6,11 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from drive_profiles.cli import completion
 from drive_profiles.errors import OutOfRangeError
 from plant_emulator.cli.console import EmulatorExitStatus, exit_on_error, exit_on_value_error
 from plant_emulator.cli.main import app
+from plant_emulator.robots.robot import SHIPPED
 
 
 @pytest.mark.parametrize(
@@ -60,3 +62,7 @@ def test_a_simulation_that_cannot_be_written_names_the_place(tmp_path):
     bench = "plant_emulator/robots/reference.toml"
     found = CliRunner().invoke(app, ["simulate", "--robot", bench, "--axis", "2", "--out", str(tmp_path / "file" / "run.csv")])
     assert found.exit_code == 3
+
+
+def test_the_shell_completes_the_robots_of_the_package():
+    assert {name: path.name for name, path in SHIPPED.items()} == completion.SHIPPED

@@ -8,7 +8,8 @@ import pytest
 from drive_profiles.standard.cia301 import NmtState, SdoAbortCode
 from drive_profiles.standard.cia402 import TARGET_REACHED, WARNING, Mode, Object, State
 from plant_emulator.motion import record as law
-from plant_emulator.robots.robot import Behaviour, Robot
+from plant_emulator.robots.behaviour import Behaviour
+from plant_emulator.robots.robot import Robot
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, GAINS, NO_GAINS, ONE_AXIS, Rig
 
 CSP, CST, HM, PP = Mode.CSP, Mode.CST, Mode.HM, Mode.PP

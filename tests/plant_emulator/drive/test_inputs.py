@@ -5,7 +5,7 @@ import pytest
 from drive_profiles.standard.cia402 import FOLLOWS_COMMAND, INTERNAL_LIMIT, TARGET_REACHED, VOLTAGE_ENABLED, Mode, Object, State
 from plant_emulator.drive.inputs import INTERLOCK, PROBE_1_INPUT, PROBE_2_INPUT, SAFE_TORQUE_OFF
 from plant_emulator.motion.record import HOME_SWITCH, NEGATIVE_SWITCH, POSITIVE_SWITCH, PROBE_1
-from plant_emulator.robots.robot import Switches
+from plant_emulator.robots.behaviour import Switches
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, ONE_AXIS, POSITION, STATUS, TORQUE, Rig
 
 RATIO = ONE_AXIS.axis[AXIS].reduction_ratio

@@ -166,6 +166,25 @@ def test_a_robot_that_is_treated_and_still_loud_is_not_refused():
     assert holds([loud])["true_cause"] is False
 
 
+def told(causes, without_mm):
+    """A row of a robot that is treated, still at 0.020 mm, and of which the run says why."""
+    loud = row(1, tips={"cancellation": {1: 0.020}, "cancellation_learnt": {1: 0.020}})
+    return loud | {"end_causes": causes, "end_words": "left: 0.0200 mm", "without_cause_mm": without_mm}
+
+
+@pytest.mark.parametrize(
+    ("without_mm", "is_true"), [(0.009, True), (0.0149, True), (0.016, False), (0.025, False), (None, False)]
+)
+def test_a_cause_of_what_is_left_is_true_where_the_robot_without_it_loses_half_of_it(without_mm, is_true):
+    found = main_refusal(told("gear reaction, speed limit", without_mm))
+    assert found.named == ("gear reaction", "speed limit")
+    assert found.is_true is is_true
+
+
+def test_what_is_not_explained_is_no_refusal():
+    assert main_refusal(told("not explained", 0.001)) is None
+
+
 def test_quiet_robots_need_no_refusal():
     assert refusals([row(1)]) == []
 

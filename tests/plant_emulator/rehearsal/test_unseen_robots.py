@@ -10,7 +10,7 @@ from plant_emulator.rehearsal.many.table import csv_text
 from plant_emulator.rehearsal.many.walkers import LocalProcesses
 from plant_emulator.rehearsal.many.walking import walk_all
 
-FIRST, ROBOTS = 10_001, 40
+FIRST, ROBOTS = 10_041, 40
 """Seeds from here on are not used for anything else: a robot that was looked at is no test any more."""
 
 PROBED_EVERY = 5
@@ -18,8 +18,8 @@ PROBED_EVERY = 5
 
 HOLD = ("wrong_refused", "whole")
 """Claims that these robots keep without an exception."""
-NEAR = {"never_worse": 0.1, "quiet_linear": 0.5, "quiet_real": 0.15}
-"""Claims that do not hold on every robot yet (docs/robustness.md has the figures): what must hold of forty all the same.
+NEAR = {"never_worse": 0.1, "quiet_linear": 0.8, "quiet_real": 0.75}
+"""Claims that chance decides on forty robots (docs/robustness.md has the figures): what must hold of them all the same.
 
 The fraction that is worse at most, and those that are quiet at least. A change that costs more than chance does is seen by this.
 """

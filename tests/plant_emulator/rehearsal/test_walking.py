@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -85,6 +86,29 @@ def test_no_process_is_left_when_one_that_walks_is_not_wanted_any_more(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         walked()
     assert not lives(int((tmp_path / "at-1").read_text()))
+
+
+def test_a_ctrl_c_while_a_robot_is_given_out_leaves_no_process(tmp_path):
+    found = []
+
+    def given_out():
+        with LocalProcesses(1) as walkers:
+            [pool] = walkers._free
+            submit = pool.submit
+
+            def interrupted(*values):
+                future = submit(*values)
+                found.extend(pool._processes)
+                signal.raise_signal(signal.SIGINT)
+                return future
+
+            pool.submit = interrupted
+            walkers.submit(walks.sleeps, 1, str(tmp_path))
+
+    with pytest.raises(KeyboardInterrupt):
+        given_out()
+    assert found
+    assert not any(lives(number) for number in found)
 
 
 def test_the_processes_of_a_main_that_is_killed_end_with_it(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 
 from drive_profiles.standard.cia402 import Mode, Object
 from hil.can.frame import Frame
-from plant_emulator.robots.robot import Behaviour
+from plant_emulator.robots.behaviour import Behaviour
 from plant_emulator.slave import delays
 from plant_emulator.slave.delays import DelayedSlave, slave_with
 from plant_emulator.slave.node import Slave

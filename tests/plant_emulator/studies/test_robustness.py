@@ -254,6 +254,11 @@ def test_more_softness_than_there_is_stiffness_is_refused():
         Study(soft, 2, CONTROLS, {})
 
 
+def test_an_arm_is_refused_whose_axes_cannot_be_varied_one_by_one():
+    with pytest.raises(ValueError, match=r"robot 'reference arm' has an \[arm\]"):
+        Study(load_robot("reference-arm"), 2, CONTROLS, {})
+
+
 @pytest.mark.parametrize(("axis", "controls", "said"), [
     (4, CONTROLS, "axis 4"),
     (2, {}, "axis 2 has no gains"),

@@ -25,6 +25,13 @@ OPTIONS = {"vcan": "echo=1"}
 """Without echo vcan hands frames back before its queueing discipline, and `tc netem` has nothing to act on."""
 SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 SHARED_MEMORY = "/dev/shm"  # noqa: S108 - the kernel makes an unnamed file there: the machine's memory
+COMPILED = Path(sys.prefix) / "compiled-in-vm"
+"""The machine's own place for compiled code.
+
+It sees files' times in whole seconds, so it holds all that was compiled outside for outdated, and outside its own is.
+"""
+SLOWNESS = 4
+"""Seconds that pass here in one of the machine's, where a C compiler is: by its own clock it is as much faster (slow_clock.c)."""
 NO_MACHINE, TIMED_OUT = 125, 124
 """Exit statuses: the machine did not come up or did not end as it should; the command took longer than allowed."""
 
@@ -44,20 +51,27 @@ def _has_tiles() -> bool:
     return " amx_tile" in Path("/proc/cpuinfo").read_text()
 
 
-def _environment(job: Path) -> dict[str, str]:
-    """The machine's own environment: where its memory lies, and the help that it needs on some processors."""
+def _environment(job: Path, slowness: int) -> dict[str, str]:
+    """The machine's own environment: where its memory lies, and what is loaded before its kernel."""
     environment = dict(os.environ)
     if os.access(SHARED_MEMORY, os.W_OK):
         environment["TMPDIR"] = SHARED_MEMORY
-    if _has_tiles():
-        help_ = job / "xstate.so"
-        source = Path(__file__).with_name("xstate.c")
-        subprocess.run(
-            ["cc", "-O2", "-shared", "-fPIC", "-o", str(help_), str(source)],  # noqa: S607 - where cc is depends on the system
-            check=True,
-        )
-        environment["LD_PRELOAD"] = str(help_)
+    helps = [_compiled(job, "xstate")] if _has_tiles() else []
+    if slowness > 1 and shutil.which("cc") is not None:
+        helps.append(_compiled(job, "slow_clock", f"-DSLOWNESS={slowness}"))
+    if helps:
+        environment["LD_PRELOAD"] = ":".join(helps)
     return environment
+
+
+def _compiled(job: Path, name: str, *options: str) -> str:
+    """A help for the machine's kernel, compiled from its source beside this file."""
+    help_, source = job / f"{name}.so", Path(__file__).with_name(f"{name}.c")
+    subprocess.run(
+        ["cc", "-O2", "-shared", "-fPIC", *options, "-o", str(help_), str(source)],  # noqa: S607 - where cc is depends on the system
+        check=True,
+    )
+    return str(help_)
 
 
 def module_lines(kernel: str) -> Iterator[str]:
@@ -76,7 +90,7 @@ def module_lines(kernel: str) -> Iterator[str]:
                 yield f"{directory / path} {OPTIONS.get(Path(path).stem, '')}".rstrip()
 
 
-def run(command: list[str], interfaces: str, memory: str, limit_s: float) -> int:
+def run(command: list[str], interfaces: str, memory: str, limit_s: float, slowness: int) -> int:
     """Start the machine, run the command in it, and give the command's exit status."""
     lacking = missing()
     if lacking:
@@ -90,6 +104,7 @@ def run(command: list[str], interfaces: str, memory: str, limit_s: float) -> int
         (job / "interfaces").write_text(interfaces)
         exports = {key: value for key, value in os.environ.items() if key.isidentifier()}
         exports["TMPDIR"] = str(job / "tmp")
+        exports["NUMBA_CACHE_DIR"] = str(COMPILED)
         lines = [f"export {key}={shlex.quote(value)}" for key, value in exports.items()]
         (job / "command").write_text("\n".join([*lines, f"cd {shlex.quote(os.getcwd())}", shlex.join(command), ""]))
         with (job / "console").open("w+b") as console, os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
@@ -98,7 +113,7 @@ def run(command: list[str], interfaces: str, memory: str, limit_s: float) -> int
                  f"mem={memory}", f"uml_dir={job}/", "umid=vm", "quiet", f"bench_job={job}", "con=null", "ssl=null",
                  f"con0=null,fd:{console.fileno()}", f"con1=null,fd:{output.fileno()}"],
                 stdin=subprocess.DEVNULL, stdout=console, stderr=console, pass_fds=(console.fileno(), output.fileno()),
-                start_new_session=True, env=_environment(job),
+                start_new_session=True, env=_environment(job, slowness),
             )  # fmt: skip
             try:
                 machine.wait(limit_s)
@@ -122,12 +137,13 @@ def main() -> int:
     parser.add_argument("--interfaces", default="vcan0", help="vcan interfaces to make (default: vcan0)")
     parser.add_argument("--memory", default="1024M", help="memory of the machine (default: 1024M)")
     parser.add_argument("--limit-s", type=float, default=600.0, help="longest time (default: 600)")
+    parser.add_argument("--slowness", type=int, default=SLOWNESS, help=f"its clock is so much slower (default: {SLOWNESS})")
     parser.add_argument("command", nargs=argparse.REMAINDER, help="-- COMMAND [ARGUMENT ...]")
     given = parser.parse_args()
     command = given.command[1:] if given.command[:1] == ["--"] else given.command
     if not command:
         parser.error("no command")
-    return run(command, given.interfaces, given.memory, given.limit_s)
+    return run(command, given.interfaces, given.memory, given.limit_s, given.slowness)
 
 
 if __name__ == "__main__":

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from hil.control.angles import ARCSEC
 from hil.design.ate.identification import Agreement, identify
-from hil.design.ate.model import Arm, Sensing, Sweep, modelled
+from hil.design.ate.model import Arm, RampsModel, Sensing, Sweep, modelled
 from hil.design.transmission_error import TransmissionError
-from hil.experiments.ate.identify import delay_error_s
+from hil.experiments.ate.identify import delay_of
 
 FINE = 1e-4
 RATIO, LEVER = 120.0, 0.7
@@ -33,11 +34,11 @@ def motor_angle() -> tuple[np.ndarray, np.ndarray]:
 ANGLE, DIRECTION = motor_angle()
 
 
-def arm_acceleration(angle: np.ndarray, error: TransmissionError) -> np.ndarray:
-    """θ̈_l by integrating H s² as a state space."""
-    through = [2.0 * SHARE * ZETA * OMEGA, OMEGA**2]
-    driven = angle / RATIO + error.angle_rad(angle)
-    a, b, c, d = signal.tf2ss(through, [1.0, 2.0 * ZETA * OMEGA, OMEGA**2])
+def arm_acceleration(angle: np.ndarray, error: TransmissionError, zeta: float = ZETA, motion: float = 1.0) -> np.ndarray:
+    """θ̈_l by integrating H s² as a state space; `motion` is the part of the motor's own motion that it has."""
+    through = [2.0 * SHARE * zeta * OMEGA, OMEGA**2]
+    driven = motion * angle / RATIO + error.angle_rad(angle)
+    a, b, c, d = signal.tf2ss(through, [1.0, 2.0 * zeta * OMEGA, OMEGA**2])
     start = -np.linalg.solve(a, b[:, 0] * driven[0])
     swing = signal.lsim((a, b, c, d), driven, np.arange(len(driven)) * FINE, X0=start)[1]
     return np.gradient(np.gradient(swing, FINE), FINE)
@@ -74,6 +75,15 @@ def test_everything_comes_back_with_nothing_known(period_s: float, delay_s: floa
     assert found.explained_by_error > 0.99
 
 
+def test_the_search_keeps_within_the_delays_that_are_known_of_the_sensor() -> None:
+    data = [sweep(delay_s=0.045)]  # 40 ms, half a period, from a delay that is as likely
+    turned = identify(data, RATIO, Sensing(LEVER))
+    found = identify(data, RATIO, Sensing(LEVER, 0.0, 0.03, 0.06))
+    assert apart(turned.error.phase_deg[2], TRUTH.phase_deg[2]) > 170.0, "the case that is to be told apart"
+    assert apart(found.error.phase_deg[2], TRUTH.phase_deg[2]) < 2.0
+    assert found.arm.delay_s == pytest.approx(0.045, abs=3e-4)
+
+
 def test_a_wrong_start_and_a_right_one_lead_to_the_same() -> None:
     data = [sweep(delay_s=0.0037)]
     free = identify(data, RATIO, Sensing(LEVER))
@@ -90,8 +100,33 @@ def test_a_share_of_damping_that_is_believed_wrongly_goes_into_the_delay_alone()
     assert apart(wrong.error.phase_deg[2], right.error.phase_deg[2]) < 0.1
     assert wrong.error.amplitude_arcsec[2] == pytest.approx(right.error.amplitude_arcsec[2], rel=0.01)
     # and the delay's standard error says so, where the share is told with its own: noise alone would be 40 of them off
-    assert abs(wrong.arm.delay_s) < 3.0 * delay_error_s(wrong, 0.29)
-    assert abs(wrong.arm.delay_s) > 3.0 * delay_error_s(wrong, 0.0)
+    assert abs(wrong.arm.delay_s) < 3.0 * delay_of(wrong, 0.29).standard_error
+    assert abs(wrong.arm.delay_s) > 3.0 * delay_of(wrong, 0.0).standard_error
+
+
+def test_a_delay_with_a_damping_beyond_the_plants_is_open_by_the_lead_that_is_no_lead() -> None:
+    """A gear that is no spring blurs its resonance; taken for its lead, that made a sensor late by ten standard errors."""
+    clear = identify([sweep(delay_s=0.004)], RATIO, Sensing(LEVER))
+    zeta, lead_s = clear.arm.damping, 2.0 * SHARE * clear.arm.damping / OMEGA
+    blurred = replace(clear, arm=replace(clear.arm, damping=2.0 * zeta, delay_s=0.004 + lead_s))
+    before, after = delay_of(blurred, 0.01), delay_of(blurred, 0.01, zeta)
+    assert abs(before.value - 0.004) > 10.0 * before.standard_error
+    assert abs(after.value - 0.004) < 2.0 * after.standard_error
+    assert delay_of(clear, 0.01, zeta) == delay_of(clear, 0.01)
+
+
+def test_an_amplitude_too_small_for_an_arm_of_its_own_has_the_error_of_an_arm_that_is_anothers() -> None:
+    """On a gear whose small vibrations ring with more damping than its large ones."""
+    large, small = TransmissionError({2: 40.0}, {2: 222.0}), TransmissionError({3: 3.0, 4: 10.0}, {3: 50.0, 4: 126.0})
+    tip = arm_acceleration(ANGLE, large) + arm_acceleration(ANGLE, small, 1.5 * ZETA, motion=0.0)
+    rows = slice(None, None, 20)
+    noisy = LEVER * tip[rows] + np.random.default_rng(1).normal(0.0, 0.01, len(ANGLE[rows]))
+    found = identify([Sweep(ANGLE[rows], noisy, 0.002, DIRECTION[rows])], RATIO, Sensing(LEVER), orders=(2, 3, 4))
+    assert set(found.own_arms) == {4}
+    off = abs(found.error.amplitude_arcsec[3] - 3.0)
+    assert off > 0.2
+    assert off < 3.0 * found.amplitude_error_arcsec[3]
+    assert found.amplitude_error_arcsec[4] < 0.03 * 10.0
 
 
 def test_the_standard_errors_are_those_of_the_noise() -> None:
@@ -105,10 +140,33 @@ def test_the_standard_errors_are_those_of_the_noise() -> None:
     assert 0.5 < np.mean([each.arm_error.delay_s for each in found]) / delay < 2.0
 
 
+def test_a_clear_recording_of_a_spring_tells_its_phase_as_exactly_as_it_knows_it() -> None:
+    """A floor of a tenth of a degree made every phase of a linear gear twice as uncertain as it was."""
+    found = identify([sweep(noise=0.01)], RATIO, Sensing(LEVER), Arm(12.4, 0.04))
+    assert found.phase_error_deg[2] < 0.09
+    assert apart(found.error.phase_deg[2], TRUTH.phase_deg[2]) < 3.0 * found.phase_error_deg[2]
+
+
 def test_two_passes_know_more_than_one() -> None:
     one = identify([sweep(seed=1)], RATIO, Sensing(LEVER))
     two = identify([sweep(seed=1), sweep(seed=2)], RATIO, Sensing(LEVER))
     assert two.amplitude_error_arcsec[2] / two.widened < 0.85 * one.amplitude_error_arcsec[2] / one.widened
+
+
+def test_a_pass_counts_by_what_it_leaves() -> None:
+    quiet, more = sweep(noise=0.005, seed=2), sweep(noise=0.005, seed=3)
+    # a gear that is no spring: the arm rings otherwise than the model of one has it
+    bent = replace(quiet, signal=LEVER * arm_acceleration(ANGLE, TRUTH, zeta=2.0 * ZETA)[:: round(quiet.period_s / FINE)])
+    arm, band = Arm(OMEGA / 2.0 / math.pi, ZETA, 0.0, SHARE), (6.2, 26.0)
+    assert RampsModel([quiet, quiet], RATIO, Sensing(LEVER), (2, 4), band).weights(arm) is None
+    alike = RampsModel([bent, quiet, more], RATIO, Sensing(LEVER), (2, 4), band)
+    weights = alike.weights(arm)
+    assert weights is not None
+    assert weights[1] > 2.0 * weights[0]
+    assert float(np.mean(np.square(weights))) == pytest.approx(1.0)
+    weighted = RampsModel([bent, quiet, more], RATIO, Sensing(LEVER), (2, 4), band, weights=weights)
+    off = [abs(math.hypot(*each.solve(arm)[0][:2]) / ARCSEC / 5.0 - 1.0) for each in (alike, weighted)]
+    assert off[1] < 0.3 * off[0]
 
 
 def test_a_lever_that_is_not_the_arms_shows_in_the_motors_own_motion() -> None:

@@ -9,7 +9,8 @@ from scipy import signal
 
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.units import Scaling
-from hil.bench.bench import AccelerometerTable, AxisTable, Bench, Bus, Limits
+from hil.bench.bench import AxisTable, Bench, Bus, Limits
+from hil.bench.sensors import AccelerometerTable
 from hil.master.motion import Motion, RunResult
 from hil.recording import Recording
 from hil.robot_tables import ConstantAccelerationMotion, Control, TransmissionErrorTable
@@ -101,6 +102,7 @@ class RigSession:
     def __init__(self, robot: Robot, bench: Bench | None = None, *, tip_gain: float = 1.0, is_held: bool = False,
                  delay_s: float = 0.0, lowpass_hz: float = 0.0, mount_hz: float = 0.0) -> None:  # fmt: skip
         self.robot, self.bench, self.motions = robot, bench or blank_bench(robot), list[Motion]()
+        self.network = SimpleNamespace(channel=None)
         table = robot.axis[AXIS]
         self._scaling = Scaling(table.encoder_counts_per_rev, table.rated_torque)
         self._rng, self._tip_gain, self._is_held = np.random.default_rng(robot.seed + 1000), tip_gain, is_held
@@ -132,13 +134,13 @@ class RigSession:
             axes.set_point(0, round(start * per_rad))
             axes.advance(periods)
         table, true_tip = np.zeros((count, 2)), np.zeros(count * periods)
-        measured = axes.counts(0) / per_rad
+        measured, felt = axes.counts(0) / per_rad, 0.0
         for row in range(count):
             angle = axes.counts(0) / per_rad
             torque = round(float(axes.motion[0]["torque_nm"]) / quantum) * quantum
             table[row] = angle, torque
-            addition = 0.0 if adder is None else float(adder.step([targets[row]], [measured])[0][0])
-            measured = angle
+            addition = 0.0 if adder is None else float(adder.step([targets[row]], [measured], [felt])[0][0])
+            measured, felt = angle, torque
             axes.set_point(0, round((targets[row] + addition) * per_rad))
             if self._lowpass_hz or self._mount_hz or self._delay_s:
                 for step in range(periods):

@@ -87,8 +87,8 @@ def test_vibration_that_is_noise_is_not_asked_of_the_error() -> None:
         ),
         ({"motion_scale": 0.62}, r"tip_lever_m / reduction_ratio .* is 0\.38, at most 0\.25 .* is this the axis that moved"),
         ({"motion_scale": -1.01}, r"the tip moves against the motor: the encoder counts backwards"),
-        ({"motion_scale": 0.02}, r"the accelerometer does not feel this axis"),
-        ({"arm": Arm(12.4, 0.04, 0.0298)}, r"delay between motor angle and accelerometer is 29\.8 ms, at most 29 ms"),
+        ({"motion_scale": 0.02}, r"the sensor does not feel this axis"),
+        ({"arm": Arm(12.4, 0.04, 0.0298)}, r"delay between motor angle and sensor is 29\.8 ms, at most 29 ms"),
     ],
 )
 def test_a_bad_estimate_is_refused_with_its_number(changes: dict[str, object], message: str) -> None:

@@ -5,9 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from hil.bench.bench import Bench, load_bench
+from drive_profiles.errors import FileError
+from drive_profiles.files.toml import loads
+from hil.bench.bench import REFERENCE, Bench, load_bench
 from hil.errors import NotPossibleError
-from hil.experiments.ate.motion import end_speed, ramps, room_rev, slowest, travel_rev
+from hil.experiments.ate.motion import (
+    binding_limit,
+    end_speed,
+    furthest_end,
+    ramps,
+    room_rev,
+    slowest,
+    travel_rev,
+    with_room,
+)
 
 BENCH = load_bench("reference")
 
@@ -58,8 +69,8 @@ def test_too_little_travel_is_said_with_what_is_needed() -> None:
     ) as error:
         end_speed(narrow, 2, 4.0, 12.0)
     assert "between its position limits are 5.0; accelerate with 6.25 rev/s² or more" in str(error.value)
-    least = slowest(narrow.axis[2], 20.0, 6.9)
-    assert travel_rev(least, 20.0, 6.9) == pytest.approx(room_rev(narrow.axis[2]))
+    least = slowest(narrow, 2, 6.9)
+    assert travel_rev(least, 20.0, 6.9) == pytest.approx(room_rev(narrow, 2))
     assert end_speed(narrow, 2, 1.001 * least, 12.0) >= 6.9
 
 
@@ -77,3 +88,30 @@ def test_what_is_no_acceleration_is_refused(acceleration: float) -> None:
 def test_no_room_at_all_is_refused() -> None:
     with pytest.raises(NotPossibleError, match="wider position limits are needed"):
         end_speed(with_limits(position_min_rev=-0.5, position_max_rev=0.5), 2, 4.0, None)
+
+
+ARM = load_bench("reference-arm")
+
+
+@pytest.mark.parametrize("axis", [2, 3, 5])
+@pytest.mark.parametrize("arm_hz", [None, 10.4])
+def test_on_an_arm_a_ramp_turns_the_joint_by_ten_degrees_at_most_and_ends_where_it_began(axis: int, arm_hz: float | None) -> None:
+    end = furthest_end(ARM, axis, 4.0, arm_hz)
+    acceleration = with_room(ARM, axis, 4.0, end)
+    found = ramps(ARM, axis, 1.5, acceleration, end, 0.002)
+    turns = found.motion.motor_angle_rad[:, 0] / (2.0 * math.pi)
+    assert np.max(np.abs(turns)) * 360.0 / ARM.axis[axis].reduction_ratio == pytest.approx(10.0, abs=0.1)
+    assert abs(turns[-1]) < 1e-9
+    assert np.max(np.abs(np.diff(turns))) / 0.002 < ARM.axis[axis].limits.speed_rps
+    assert end >= 1.15 * (arm_hz or 10.0) / 2.0
+    assert "±10° (identification_travel_deg)" in binding_limit(ARM, axis, acceleration, end)
+
+
+def test_an_arm_that_may_turn_too_little_is_told_what_is_needed() -> None:
+    narrow = ARM.model_copy(update={"identification_travel_deg": 3.0})
+    with pytest.raises(NotPossibleError, match=r"within ±3° of the joint are 2\.0; .*raise identification_travel_deg"):
+        end_speed(narrow, 2, 7.0, 10.4)
+    wide = ARM.model_copy(update={"identification_travel_deg": 60.0})
+    assert binding_limit(wide, 2, 7.0, 7.0) == ""
+    with pytest.raises(FileError, match="identification_travel_deg needs an arm table"):
+        loads(REFERENCE.read_text(encoding="utf-8").replace("settle_s", "identification_travel_deg = 5.0\nsettle_s"), Bench)

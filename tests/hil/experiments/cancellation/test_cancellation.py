@@ -7,17 +7,19 @@ import numpy as np
 import pytest
 
 from hil.bench.bench import Bench, load_bench
-from hil.bench.model import Identified, IdentifiedError
+from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant
 from hil.errors import NotPossibleError, UnsafeRequestError
-from hil.experiments.cancellation.cancellation import cancellation_for, given_inertia
+from hil.experiments.cancellation.cancellation import cancellation_for, cancellation_of, given_inertia
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.tables import Pace
-from hil.experiments.cancellation.trial import CancellationRefusedError, Trial, Verification, averaged, judged_rows
+from hil.experiments.cancellation.trial import averaged
 from hil.experiments.cancellation.verdict import PartVerdict, Seen, judge
+from hil.experiments.cancellation.verification import CancellationRefusedError, Trial, Verification
+from hil.experiments.cancellation.waves import judged_rows
 from hil.experiments.judge import vibration_scale
 from hil.experiments.motions import constant_acceleration, line_motion
 from hil.recording import Recording
-from hil.robot_tables import TransmissionErrorTable
+from hil.robot_tables import PlantTable, TransmissionErrorTable
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +45,7 @@ def test_axes_without_a_known_error_are_left_alone(bench: Bench) -> None:
     assert found.adder().uses_torque is False
     adder = found.adder()
     for step in range(100):
-        references, torques = adder.step([0.0] * 3, [0.01 * step] * 3)
+        references, torques = adder.step([0.0] * 3, [0.01 * step] * 3, [0.0] * 3)
     assert references[0] != 0.0
     assert references[2] == 0.0
     assert list(torques) == [0.0] * 3
@@ -54,7 +56,7 @@ def test_one_axis_alone_and_a_share(bench: Bench) -> None:
     whole, part, alone = found.adder(), found.adder(0.3), found.adder(1.0, only=3)
     for i in range(300):
         angles = [0.01 * i, 0.02 * i]
-        first, second, third = (each.step(angles, angles)[0] for each in (whole, part, alone))
+        first, second, third = (each.step(angles, angles, [0.0] * 2)[0] for each in (whole, part, alone))
     assert list(second) == pytest.approx([0.3 * value for value in first], rel=0.02)  # but for the mixed waves
     assert list(third) == [0.0, first[1]]
 
@@ -79,7 +81,7 @@ def test_a_measured_delay_of_the_set_points_is_a_phase_ahead(bench: Bench) -> No
 def test_the_torque_way_maps_offsets_and_gives_them_in_steps(bench: Bench) -> None:
     law = cancellation_for(bench, None, (2,), 0.001, actuation="torque", torque_steps_nm={2: 0.002}).adder()
     assert law.uses_torque
-    given = {round(law.step([0.0], [0.0377 * i])[1][0] / 0.002, 6) for i in range(400)}
+    given = {round(law.step([0.0], [0.0377 * i], [0.0])[1][0] / 0.002, 6) for i in range(400)}
     assert all(value == round(value) for value in given)
     assert max(given) >= 2.0
 
@@ -157,8 +159,12 @@ def test_only_the_motors_inertia_is_needed_and_somebody_must_know_it(bench: Benc
     known = cancellation_for(bench, identified(bench, 2, 5.0, 222.0), (2,), 0.001).tables[2]
     at = slice(40, 160)
     assert np.abs(found.reference[0, at]) == pytest.approx(np.abs(known.reference[0, at]), rel=0.01)
-    with pytest.raises(NotPossibleError, match="--motor-inertia-kg-m2 from the motor's data sheet"):
+    with pytest.raises(
+        NotPossibleError, match=r"from the motor's data sheet motor_inertia_kg_m2 in \[axis\.2\] or --motor-inertia-kg-m2"
+    ):
         given_inertia(blank, None, 2, None)
+    sheet = blank.model_copy(update={"axis": {**axes, 2: axes[2].model_copy(update={"motor_inertia_kg_m2": 2e-4})}})
+    assert (given_inertia(sheet, None, 2, None), given_inertia(sheet, None, 2, 3e-4)) == (2e-4, 3e-4)
     assert given_inertia(blank, None, 2, 3e-4) == 3e-4
     assert given_inertia(bench, None, 2, 3e-4) is None  # a plant is better than a data sheet
 
@@ -176,6 +182,47 @@ def test_set_points_that_would_be_too_fast_end_the_cancellation_at_a_lower_frequ
         at_resonance = round(11.84 / order / bounded.tables[2].step_rps)
         assert bounded.tables[2].reference[row, at_resonance] == free.tables[2].reference[row, at_resonance]
     assert abs(bounded.tables[2].reference[1, 190]) < abs(free.tables[2].reference[1, 190])
+
+
+def strong_error(bench: Bench) -> Identified:
+    values = TransmissionErrorTable(a2_arcsec=10.0, phi2_deg=0.0, a4_arcsec=10.0)
+    return Identified(robot=bench.name).with_part(2, IdentifiedError(values=values))
+
+
+def test_what_the_speed_limit_has_no_room_for_is_done_by_a_torque_offset(bench: Bench) -> None:
+    motion = constant_acceleration(bench, 2, 0.002)
+    found = cancellation_of(bench, strong_error(bench), motion)
+    found.check(bench, motion)
+    assert found.uses_torque
+    assert found.adder().uses_torque
+    assert not cancellation_of(bench, None, motion).uses_torque  # the reference robot's own has room
+
+
+def test_a_drive_without_a_torque_offset_gets_none(bench: Bench) -> None:
+    motion = constant_acceleration(bench, 2, 0.002)
+    without = bench.axis[2].model_copy(update={"profile": "trinamic_tmcm16xx"})
+    found = cancellation_of(bench.model_copy(update={"axis": {**bench.axis, 2: without}}), strong_error(bench), motion)
+    assert not found.uses_torque
+
+
+def lagging(bench: Bench, lag_s: float, error_s: float) -> Identified:
+    table = bench.axis[2]
+    assert table.model is not None
+    values = PlantTable(**table.model.model_dump(exclude={"ate"}))
+    plant = IdentifiedPlant(
+        values=values, standard_error={"torque_lag_s": error_s}, antiresonance_hz=12.0, resonance_hz=22.0, damping=0.02,
+        torque_lag_s=lag_s,
+    )  # fmt: skip
+    return identified(bench, 2, 5.0).with_part(2, plant)
+
+
+def test_a_lag_of_the_current_loop_is_allowed_for_where_it_is_more_than_its_error(bench: Bench) -> None:
+    found = [
+        cancellation_for(bench, lagging(bench, *lag), (2,), 0.001).tables[2] for lag in ((0.0, 0.0), (4e-4, 5e-5), (4e-5, 5e-5))
+    ]
+    at_resonance = [table.reference[0, 120] for table in found]
+    assert abs(at_resonance[1] / at_resonance[0] - 1.0) > 0.002
+    assert at_resonance[2] == at_resonance[0]
 
 
 def test_a_trial_in_which_nothing_passes_is_refused_with_its_numbers() -> None:
@@ -236,3 +283,18 @@ def test_an_arm_that_resonates_at_40_hz_is_cancelled_there_too(bench: Bench) -> 
     assert 4.0 * table.speeds_rps[column] > 48.0  # from there on it would fade
     order = table.orders.index(4)
     assert table.motion[order, column] == pytest.approx(table.motion[order, 0])
+
+
+@pytest.mark.parametrize(("sync_period_s", "stiffer", "highest_hz"), [(0.008, 1.0, 50.0), (0.008, 2.5, 60.0), (0.004, 1.0, 60.0)])
+def test_slow_set_points_carry_the_highest_frequencies_only_for_an_arm_that_answers_to_them(
+    bench: Bench, sync_period_s: float, stiffer: float, highest_hz: float
+) -> None:
+    model = bench.axis[2].model
+    assert model is not None
+    slow = with_model(bench, 2, gear_stiffness_nm_rad=stiffer * model.gear_stiffness_nm_rad)
+    limits = slow.axis[2].limits.model_copy(update={"speed_rps": 20.0})
+    slow = slow.model_copy(update={"axis": {**slow.axis, 2: slow.axis[2].model_copy(update={"limits": limits})}})
+    slow = slow.model_copy(update={"bus": slow.bus.model_copy(update={"sync_period_s": sync_period_s})})
+    table = cancellation_for(slow, None, (2,), sync_period_s).tables[2]
+    made = np.flatnonzero(table.motion[table.orders.index(4)] > 0.0)
+    assert 4.0 * table.speeds_rps[made[-1]] == pytest.approx(highest_hz, abs=0.3)

@@ -89,7 +89,7 @@ def test_an_error_that_has_changed_is_learnt_anew() -> None:
     acted(keeper, estimate)
     assert keeper.acted[2].source == "learnt"
     verdicts = [verdict(order, value, changed[order]) for order, value in keeper.acted.items()]
-    assert keeper.judged(verdicts, estimate, is_last=True) == {}
+    assert keeper.judged(verdicts, estimate, ALL, is_last=True) == {}
     assert keeper.choices(estimate, ALL)[2].source == "learnt"
 
 
@@ -97,7 +97,7 @@ def test_what_is_learnt_and_leaves_no_less_than_what_was_known_is_not_kept() -> 
     keeper, estimate = known(), learnt({**TRUE, 2: (14.6, 215.0)})
     acted(keeper, estimate)
     assert keeper.acted[2].source == "learnt", "they do not agree, so a pass compares them"
-    keeper.judged([verdict(2, keeper.acted[2], TRUE[2])], estimate, is_last=True)
+    keeper.judged([verdict(2, keeper.acted[2], TRUE[2])], estimate, ALL, is_last=True)
     found = keeper.choices(estimate, ALL)[2]
     assert (found.source, found.phase_deg, found.why) == ("known", 247.0, "what the passes learnt of it leaves no less of it")
 
@@ -105,11 +105,11 @@ def test_what_is_learnt_and_leaves_no_less_than_what_was_known_is_not_kept() -> 
 def test_a_refused_value_gives_way_to_the_other_one_or_the_order_is_left_out() -> None:
     keeper, estimate = known(), learnt({**TRUE, 2: (14.6, 67.0)})
     acted(keeper, estimate)
-    assert keeper.judged([verdict(2, keeper.acted[2], TRUE[2])], estimate, is_last=False) == {}
+    assert keeper.judged([verdict(2, keeper.acted[2], TRUE[2])], estimate, ALL, is_last=False) == {}
     assert keeper.choices(estimate, ALL)[2].source == "known"
     keeper, estimate = known(), learnt()
     acted(keeper, estimate)
-    left = keeper.judged([verdict(2, keeper.acted[2], (14.6, 67.0))], estimate, is_last=False)
+    left = keeper.judged([verdict(2, keeper.acted[2], (14.6, 67.0))], estimate, ALL, is_last=False)
     assert set(left) == {2}, "both are the same, and wrong"
     assert 2 not in keeper.choices(estimate, ALL)
 
@@ -120,8 +120,8 @@ def test_what_a_last_pass_cannot_judge_is_kept_where_it_was_known_and_else_left_
         acted(keeper, estimate)
         unclear = verdict(2, keeper.acted[2], TRUE[2], sigma=2.0)
         assert unclear.verdict == "not judged"
-        assert set(keeper.judged([unclear], estimate, is_last=False)) == set()
-        assert set(keeper.judged([unclear], estimate, is_last=True)) == left
+        assert set(keeper.judged([unclear], estimate, ALL, is_last=False)) == set()
+        assert set(keeper.judged([unclear], estimate, ALL, is_last=True)) == left
 
 
 def test_a_delay_within_its_standard_error_or_of_a_motor_that_does_not_follow_is_not_believed() -> None:
@@ -155,3 +155,26 @@ def test_a_delay_is_kept_only_where_the_next_pass_vibrates_less_with_it() -> Non
     search.take(late, 1.0, is_last=False)
     search.take(Following(0.99, 5e-4, 1e-5), 0.3, is_last=True)
     assert search.delay_s == pytest.approx(2.5e-3), "the rest of a delay that has helped"
+
+
+def test_the_foot_of_a_resonance_refuses_nothing() -> None:
+    keeper, estimate = known(), learnt()
+    acted(keeper, estimate)
+    wrong = verdict(1, keeper.acted[1], (28.0, 210.0))
+    assert wrong.verdict == "refused"
+    assert keeper.judged([wrong], estimate, {2, 4}, is_last=False) == {}
+    assert keeper.choices(estimate, {2, 4})[1].source == "known"
+    assert set(keeper.judged([wrong], estimate, ALL, is_last=False)) == {1}, "a pass through it does"
+
+
+def test_what_passes_know_better_holds_although_the_last_one_cannot_judge_it() -> None:
+    keeper, estimate = known(error=3.0, error_deg=7.0), learnt()
+    acted(keeper, estimate)
+    unclear = verdict(2, keeper.acted[2], TRUE[2], sigma=2.0)
+    assert unclear.verdict == "not judged"
+    assert keeper.judged([unclear], estimate, ALL, is_last=True) == {}
+    assert keeper.choices(estimate, ALL)[2].source == "learnt"
+    keeper = known(error=3.0, error_deg=7.0)
+    acted(keeper, estimate)
+    keeper.judged([unclear], estimate, {4}, is_last=True)
+    assert keeper.choices(estimate, {4})[2].source == "known", "no pass has met it"

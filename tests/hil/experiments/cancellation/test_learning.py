@@ -26,7 +26,7 @@ def learnt(*verdicts, error_arcsec=8.0):
     passes.append(LearntPass(0.5, 0.5, estimate(18.2, error_arcsec), 0.0, None, verdicts))
     learning = AxisLearning(2, passes)
     learning.known.acted = learning.known.choices(passes[0].estimate, {2.0, 4.0})
-    learning.left_out |= learning.known.judged(verdicts, learning.estimate, is_last=False)
+    learning.left_out |= learning.known.judged(verdicts, learning.estimate, learning.passed, is_last=False)
     return learning.part()
 
 

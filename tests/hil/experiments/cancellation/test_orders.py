@@ -5,7 +5,8 @@ import pytest
 from hil.bench.bench import load_bench
 from hil.bench.model import Identified, IdentifiedError, with_identified
 from hil.errors import NotPossibleError
-from hil.experiments.cancellation.cancellation import cancellation_for, inside_models
+from hil.experiments.cancellation.cancellation import cancellation_for
+from hil.experiments.cancellation.inside import inside_models
 from hil.robot_tables import TransmissionErrorTable, amplitude_key
 
 BENCH = load_bench("reference")

@@ -45,7 +45,8 @@ def reasons(made):
 def test_all_that_the_files_allow_is_planned_and_the_rest_has_its_reason():
     made = plan(KnownRobot(BENCH), ComparisonRequest(), channel=IDEAL)
     drive = {each.treatment for each in made.experiments if each.loop == "drive"}
-    assert drive == {"none", "low-gains", "notch", "cancellation", "cancellation+notch", "cancellation-inside"}
+    cancelled = {"cancellation", "cancellation+notch", "cancellation-inside"}
+    assert drive == {"none", "low-gains", "notch", *cancelled}
     assert [each for each in made.experiments if each.loop == "host" and each.axis == 2] == [
         Experiment(RAMP, 2, "none", "host"), Experiment(RAMP, 2, "fixed-notch", "host"),
     ]  # fmt: skip
@@ -54,6 +55,12 @@ def test_all_that_the_files_allow_is_planned_and_the_rest_has_its_reason():
     assert {way for _, way in said} == {"notch-designed", "cancellation-learnt"}
     assert "--design" in said[2, "notch-designed"]
     assert "--learnt" in said[None, "cancellation-learnt"]
+
+
+def test_a_cancellation_that_follows_is_run_where_it_is_named():
+    asked = ComparisonRequest((RAMP,), (2,), ("cancellation", "cancellation-following"), frozenset({"cancellation-following"}))
+    made = plan(KnownRobot(BENCH), asked, channel=IDEAL)
+    assert [each.treatment for each in made.experiments] == ["none", "cancellation", "cancellation-following"]
 
 
 def test_what_the_host_closes_comes_last():
@@ -242,3 +249,19 @@ def test_after_a_stop_nothing_else_is_moved(runner, tmp_path):
     assert done.failure is runner.ends["reference"]
     assert "not run" in done.result.robots[1].ended
     assert done.result.robots[1].not_restored == ()
+
+
+def test_on_an_arm_filters_beside_a_cancellation_are_run_only_where_they_are_named():
+    arm = load_bench("reference-arm")
+    axes = {n: t.model_copy(update={"model": BENCH.axis[n].model}) if n in (2, 3) else t for n, t in arm.axis.items()}
+    known = KnownRobot(arm.model_copy(update={"axis": axes}))
+    made = plan(known, ComparisonRequest((RAMP,), (2,)), channel=IDEAL)
+    assert {"cancellation", "notch"} <= {each.treatment for each in made.experiments}
+    assert "cancellation+notch" not in {each.treatment for each in made.experiments}
+    assert "leave more than the cancellation alone" in reasons(made)[2, "cancellation+notch"]
+    assert not made.remarks
+    both = ("cancellation", "cancellation+notch")
+    named = plan(known, ComparisonRequest((RAMP,), (2,), both, frozenset(both)), channel=IDEAL)
+    assert {each.treatment for each in named.experiments} == {"none", *both}
+    assert len(named.remarks) == 1
+    assert "leave more than the cancellation alone" in named.remarks[0]

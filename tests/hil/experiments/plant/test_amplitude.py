@@ -1,5 +1,6 @@
 """A gear that depends on the amplitude: its values hold for the torsion that was measured, their errors say how far beyond."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,8 +25,31 @@ def f_a_error(pilot: PlantEstimate) -> float:
     return with_amplitude_dependence(estimate(10.0, 0.03, 1e-3), pilot)[0].parameters["antiresonance_hz"].relative
 
 
+def zeta_error(main: PlantEstimate, pilot: PlantEstimate) -> float:
+    return with_amplitude_dependence(main, pilot)[0].parameters["damping"].standard_error
+
+
 def test_hysteresis_that_a_soft_wind_up_hides_from_f_a_widens_it_by_its_loss() -> None:
-    assert f_a_error(estimate(10.0, 0.08, 1e-4)) == pytest.approx(np.hypot(0.002, 0.1 * 0.05), rel=0.01)
+    loss = (0.08 - 0.03) / 9.0  # in inverse proportion to the torsion, ten times as large here
+    assert f_a_error(estimate(10.0, 0.08, 1e-4)) == pytest.approx(np.hypot(0.002, 0.5 * loss), rel=0.02)
+
+
+def test_what_a_pilot_at_nearly_the_same_torsion_cannot_exclude_is_in_the_error_of_the_damping() -> None:
+    """With a pilot at 1.6 of the main run's torsion a ζ that was right but for hysteresis was eight standard errors off."""
+    main, far, near = estimate(10.0, 0.05, 1e-3), estimate(10.0, 0.05, 1e-4), estimate(10.0, 0.05, 1.001e-3)
+    assert zeta_error(main, far) < 0.001 * 0.05
+    assert 0.05 * 0.05 < zeta_error(main, near) < 0.2 * 0.05
+
+
+def test_inertias_in_which_two_runs_disagree_are_open_by_that() -> None:
+    """No torsion changes them: one of the runs is wrong, and none says which."""
+    main, pilot = estimate(10.0, 0.03, 1e-3), estimate(10.0, 0.03, 1e-4)
+    other = EstimatedParameter(2.4e-4, 1e-6)
+    pilot = replace(pilot, parameters={**pilot.parameters, "motor_inertia_kg_m2": other})
+    wide, _ = with_amplitude_dependence(main, pilot)
+    assert wide.parameters["motor_inertia_kg_m2"].standard_error > 10.0 * main.parameters["motor_inertia_kg_m2"].standard_error
+    assert wide.parameters["resonance_hz"].standard_error > main.parameters["resonance_hz"].standard_error
+    assert wide.parameters["gear_stiffness_nm_rad"].relative == pytest.approx(2e-4, rel=0.1)
 
 
 def test_f_a_of_a_gear_that_is_softer_at_small_torsions_is_open_by_its_operating_point() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from hil.bench.bench import load_bench
+from hil.control.angles import ARCSEC
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.plant.checks import PlantNotIdentifiedError
 from hil.experiments.plant.evaluation import PlantEvaluation
@@ -51,7 +52,10 @@ def test_the_entry_of_the_model_file_has_its_errors_and_what_it_cannot_tell(foun
     entry = found.identified("a note")
     assert set(entry.standard_error) >= {"gear_stiffness_nm_rad", "antiresonance_hz", "damping", "coulomb_friction_nm"}
     assert any("D_m cannot be told" in line for line in entry.cannot_tell)
+    assert entry.torsion_arcsec == pytest.approx(found.estimate.torsion_rad / ARCSEC)
     assert any("extrapolated" in line for line in entry.cannot_tell)  # the arm turned through a few degrees only
+    assert entry.accelerometer_delay_s == found.estimate.parameters["accelerometer_delay_s"].value
+    assert 0.0 < entry.standard_error["accelerometer_delay_s"] < 1e-3
     assert entry.note == "a note"
 
 

@@ -57,7 +57,7 @@ def test_an_arm_that_was_not_known_is_not_compared(tmp_path):
 @pytest.mark.parametrize(("is_paper", "panels"), [(True, 2), (False, 1)])
 def test_the_waveform_shows_how_far_it_is_from_the_papers(is_paper, panels, monkeypatch):
     drawn = []
-    monkeypatch.setattr(style, "to_svg", lambda figure, _: drawn.append(figure) or "<svg/>")
+    monkeypatch.setattr(style, "to_svg", lambda figure, _, **options: drawn.append(figure) or "<svg/>")
     with style.styled():
         ate.waveform(2, PART, is_paper=is_paper)
     assert len(drawn[0].axes) == panels
@@ -83,7 +83,7 @@ class Material:
 
 def figures(monkeypatch, draw, *arguments):
     drawn = []
-    monkeypatch.setattr(style, "to_svg", lambda figure, _: drawn.append(figure) or "<svg/>")
+    monkeypatch.setattr(style, "to_svg", lambda figure, _, **options: drawn.append(figure) or "<svg/>")
     with style.styled():
         made = draw(Material(), *arguments)
     return made, drawn[0].axes

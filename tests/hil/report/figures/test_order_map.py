@@ -39,7 +39,7 @@ def test_a_motor_that_hardly_turns_has_no_map():
 def test_a_ray_s_name_has_the_page_s_ground_below_it(monkeypatch):
     """It stands on the colours of its own order, light or dark."""
     drawn = []
-    monkeypatch.setattr(style, "to_svg", lambda figure, _: drawn.append(figure) or "<svg/>")
+    monkeypatch.setattr(style, "to_svg", lambda figure, _, **options: drawn.append(figure) or "<svg/>")
     with style.styled():
         order_maps("map", "Map", [("run", recording(2.0))], 2, 12.0)
     names = [text for panel in drawn[0].axes for text in panel.texts if text.get_text().startswith("k = ")]

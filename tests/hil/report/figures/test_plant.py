@@ -84,7 +84,7 @@ def test_value_and_error(value, error, texts):
 
 def test_every_point_and_line_of_the_friction_is_in_the_legend(monkeypatch):
     drawn = []
-    monkeypatch.setattr(style, "to_svg", lambda figure, _: drawn.append(figure) or "<svg/>")
+    monkeypatch.setattr(style, "to_svg", lambda figure, _, **options: drawn.append(figure) or "<svg/>")
     with style.styled():
         shown = plant.friction(made())
     (figure,) = drawn

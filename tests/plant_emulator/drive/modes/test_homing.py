@@ -23,7 +23,7 @@ from plant_emulator.motion.record import (
     PROFILE_VELOCITY,
 )
 from plant_emulator.physics.axis import settle
-from plant_emulator.robots.robot import Switches
+from plant_emulator.robots.behaviour import Switches
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, ONE_AXIS
 
 TURN = 2.0 * math.pi

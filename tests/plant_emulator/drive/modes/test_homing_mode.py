@@ -6,7 +6,8 @@ import pytest
 
 from drive_profiles.standard.cia402 import Mode, Object, State
 from plant_emulator.motion import record as law
-from plant_emulator.robots.robot import Robot, Switches
+from plant_emulator.robots.behaviour import Switches
+from plant_emulator.robots.robot import Robot
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, ONE_AXIS, Rig
 
 HM, PP, CSP = Mode.HM, Mode.PP, Mode.CSP

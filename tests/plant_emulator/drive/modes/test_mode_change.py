@@ -6,7 +6,8 @@ import pytest
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Mode, Object, State
 from plant_emulator.motion import record as law
-from plant_emulator.robots.robot import Behaviour, Robot
+from plant_emulator.robots.behaviour import Behaviour
+from plant_emulator.robots.robot import Robot
 from tests.plant_emulator.drive.test_drive import moving
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, NO_GAINS, ONE_AXIS, Rig
 

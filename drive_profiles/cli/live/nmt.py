@@ -1,0 +1,127 @@
+"""drive-profiles nmt: the network management of CiA 301, for one node or all."""
+
+# ruff: noqa: PLC0415 - canopen and pydantic are imported inside the commands, so that --help and completion stay quick
+
+from __future__ import annotations
+
+import time
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.cli.completion import complete_nodes
+from drive_profiles.cli.console import WRITE_EPILOG, ExitStatus, confirm, exit_on_error, fail, table
+from drive_profiles.cli.live.faults import devices_at
+from drive_profiles.cli.options import BusOption
+
+if TYPE_CHECKING:
+    from drive_profiles.device.bus import SdoBus
+
+BOOT_S = 5.0
+"""Time that a node may take to come back from a reset."""
+SEEN_S = 0.3
+"""Time to wait for a heartbeat that tells the new state."""
+
+
+class NmtWord(StrEnum):
+    """Commands by their words."""
+
+    START = "start"
+    STOP = "stop"
+    PRE_OPERATIONAL = "pre-operational"
+    RESET_NODE = "reset-node"
+    RESET_COMMUNICATION = "reset-communication"
+
+
+_COMMANDS = {
+    NmtWord.START: "START",
+    NmtWord.STOP: "STOP",
+    NmtWord.PRE_OPERATIONAL: "ENTER_PRE_OPERATIONAL",
+    NmtWord.RESET_NODE: "RESET_NODE",
+    NmtWord.RESET_COMMUNICATION: "RESET_COMMUNICATION",
+}
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to an application."""
+    app.command("nmt", epilog=WRITE_EPILOG)(nmt)
+
+
+def nmt(
+    command: Annotated[
+        NmtWord, typer.Argument(show_choices=False, help="start, stop, pre-operational, reset-node or reset-communication.")
+    ],
+    bus: BusOption,
+    node: Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID.", autocompletion=complete_nodes)] = None,
+    *,
+    all_nodes: Annotated[bool, typer.Option("--all", help="All nodes at once.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask first.")] = False,
+    timeout_s: Annotated[float, typer.Option("--timeout-s", min=0.01, max=60.0, help="How long an answer may take.")] = 0.5,
+) -> None:
+    """Send an NMT command to a node, or to all; it says first in which states drives are, and asks.
+
+    Stop and resets end the process data of a drive. One that is under torque then reacts as its 6007h says.
+
+    Examples:
+        drive-profiles nmt start --bus socketcan:can0 --node 2
+
+        drive-profiles nmt reset-communication --bus socketcan:can0 --all
+    """
+    from drive_profiles.device.bus import SdoBus
+    from drive_profiles.standard.cia301 import NmtCommand
+    from drive_profiles.standard.cia402 import State
+
+    if (node is None) != all_nodes:
+        raise fail("give one of --node and --all", ExitStatus.USAGE)
+    with exit_on_error(), SdoBus(bus, timeout_s) as opened:
+        there = opened.answering(range(1, 128) if node is None else [node])
+        states = {device.node: device.state() for device in devices_at(opened, there)} if there else {}
+        torque = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
+        moving = [number for number, state in states.items() if state in torque]
+        rows = [(str(number), "no drive" if state is None else state.value) for number, state in states.items()]
+        if node is not None and not there:
+            rows.append((str(node), "not known: it does not answer, as a stopped node does not"))
+            states[node] = None
+        table("", ("node", "state of the drive"), rows, err=True)
+        named = f"node {node}" if node is not None else f"all nodes ({', '.join(map(str, states))}, and any that is silent)"
+        if moving:
+            words = f"node {', node '.join(map(str, moving))}"
+            typer.echo(f"UNDER TORQUE: {words}; without process data a drive stops as its 6007h says, or not at all", err=True)
+        confirm(f"{command.value}: send it to {named}?", yes=yes)
+        before = {number: opened.boots(number) for number in states}
+        opened.nmt(NmtCommand[_COMMANDS[command]], node or 0)
+        if command in {NmtWord.RESET_NODE, NmtWord.RESET_COMMUNICATION}:
+            _wait_for_boot(opened, before)
+        else:
+            time.sleep(SEEN_S)
+        for number in states:
+            typer.echo(f"node {number}: {_seen(opened, number)}")
+        if node is not None and command is not NmtWord.STOP and not opened.answering([node]):
+            raise fail(f"node {node} does not answer", ExitStatus.NODE)
+
+
+def _wait_for_boot(bus: SdoBus, before: dict[int, int]) -> None:
+    """Wait until every node has said that it is back.
+
+    Raises:
+        typer.Exit: One has not.
+    """
+    deadline = time.monotonic() + BOOT_S
+    while missing := [node for node, boots in before.items() if bus.boots(node) <= boots]:
+        bus.check()
+        if time.monotonic() > deadline:
+            words = f"node {', node '.join(map(str, missing))}: no boot-up message within {BOOT_S:g} s"
+            raise fail(words, ExitStatus.NODE)
+        time.sleep(0.02)
+
+
+def _seen(bus: SdoBus, node: int) -> str:
+    """State of a node by its last heartbeat, in words."""
+    from drive_profiles.standard.cia301 import NmtState
+
+    state = bus.nmt_state(node)
+    if state is None:
+        return "told; it sends no heartbeat that would say its state (1017h)"
+    known = NmtState(state) if state in {each.value for each in NmtState} else None
+    return f"state {state}" if known is None else known.name.lower().replace("_", "-")

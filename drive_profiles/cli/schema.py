@@ -1,0 +1,67 @@
+"""The command ``schema`` of all three tools: the JSON Schema of a kind of TOML file, for editors."""
+
+# ruff: noqa: PLC0415 - pydantic is imported inside the command, so that --help and completion stay quick
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from drive_profiles.cli.completion import complete_list
+from drive_profiles.cli.console import FILE_EPILOG, ExitStatus, exit_on_error, fail
+
+Kinds = Mapping[str, Callable[[], Any]]
+"""Classes of files by the names of their kinds, each behind a function, so that --help loads none."""
+
+
+def mount_schema(app: typer.Typer, kinds: Kinds, example: str) -> None:
+    """Add ``schema`` to a tool.
+
+    Args:
+        app: The tool.
+        kinds: Kinds of files that the tool reads.
+        example: Command that shows how it is used.
+    """
+    named = ", ".join(kinds)
+
+    def schema(
+        kind: Annotated[str, typer.Argument(help=f"One of {named}.", autocompletion=complete_list(lambda: list(kinds)))],
+        out: Annotated[Path | None, typer.Option("--out", help="File to write; left out: standard output.")] = None,
+        *,
+        force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    ) -> None:
+        from drive_profiles.files.safefile import write_atomically
+        from drive_profiles.files.schema import schema_text
+
+        if kind not in kinds:
+            raise fail(f"{kind}: there are schemas of {named}", ExitStatus.USAGE)
+        with exit_on_error():
+            text = schema_text(kinds[kind](), f"{app.info.name} {kind} file")
+            if out is not None:
+                write_atomically(out, text.encode(), force=force)
+        if out is None:
+            typer.echo(text, nl=False)
+
+    schema.__doc__ = f"""Write the JSON Schema of a kind of TOML file, by which an editor completes and checks it.
+
+    Example: {example}
+    """
+    app.command("schema", epilog=FILE_EPILOG)(schema)
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `drive-profiles`."""
+    mount_schema(app, {"profile": _profile, "parameters": _parameters}, "drive-profiles schema profile --out profile.schema.json")
+
+
+def _profile() -> Any:
+    from drive_profiles.family.profile import Profile
+
+    return Profile
+
+
+def _parameters() -> Any:
+    from drive_profiles.parameter_set.parameters import ParameterSet
+
+    return ParameterSet

@@ -1,0 +1,157 @@
+"""The layer setting services of CiA 305 on a bus: one node is chosen, asked, and given a node-ID or a bit rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from canopen.lss import LssError, LssMaster
+
+from drive_profiles.device.bus import SdoBus
+from drive_profiles.errors import NoAnswerError, RefusedError
+
+BIT_RATES = {1_000_000: 0, 800_000: 1, 500_000: 2, 250_000: 3, 125_000: 4, 50_000: 6, 20_000: 7, 10_000: 8}
+"""Bit rates and their index in the standard's table of bit timings. Source: CiA 305."""
+UNCONFIGURED = 0xFF
+
+
+@dataclass(frozen=True)
+class LssAddress:
+    """The LSS address of a node: all four numbers of 1018h.
+
+    Attributes:
+        vendor_id: 1018h:1.
+        product_code: 1018h:2.
+        revision: 1018h:3.
+        serial_number: 1018h:4.
+    """
+
+    vendor_id: int
+    product_code: int
+    revision: int
+    serial_number: int
+
+    @property
+    def numbers(self) -> tuple[int, int, int, int]:
+        """The four, in their order."""
+        return self.vendor_id, self.product_code, self.revision, self.serial_number
+
+    def __str__(self) -> str:
+        """The address as `--identity` takes it."""
+        vendor, product, revision, serial = self.numbers
+        return f"0x{vendor:X},0x{product:X},0x{revision:X},{serial}"
+
+
+class Lss:
+    """The LSS master on a bus, canopen's; every service is for the one node in configuration state.
+
+    Args:
+        bus: The bus.
+        timeout_s: Time that a slave may take to answer.
+    """
+
+    def __init__(self, bus: SdoBus, timeout_s: float) -> None:
+        self._bus, self._timeout_s = bus, timeout_s
+        master: Any = LssMaster()  # which has no types
+        master.RESPONSE_TIMEOUT, master.network = timeout_s, _Sender(bus)  # as much of a network as it uses
+        self._master = master
+        bus.on_lss = lambda data: self._master.on_message_received(self._master.LSS_RX_COBID, data, 0.0)
+
+    @contextmanager
+    def chosen(self, address: LssAddress | None, *, unconfigured: bool = False) -> Iterator[LssAddress]:
+        """One node in configuration state; afterwards all wait again.
+
+        Args:
+            address: Its address; None for the only node of the bus.
+            unconfigured: It is one without a node-ID, found by fast scan.
+
+        Raises:
+            NoAnswerError: No such node answers.
+        """
+        self._all_wait()
+        try:
+            if unconfigured:
+                found, numbers = self._master.fast_scan()
+                if not found:
+                    raise NoAnswerError(0, "LSS fast scan: no node without a node-ID", self._timeout_s)
+                yield LssAddress(*numbers)
+            elif address is not None:
+                if not self._tried(lambda: self._master.send_switch_state_selective(*address.numbers)):
+                    raise NoAnswerError(0, f"LSS of {address}", self._timeout_s)
+                yield address
+            else:
+                self._master.send_switch_state_global(self._master.CONFIGURATION_STATE)
+                yield LssAddress(*(self._asked(0x5A + part) for part in range(4)))
+        finally:
+            self._all_wait()
+
+    def node_id(self) -> int | None:
+        """Node-ID of the chosen node; None for one that has none.
+
+        Raises:
+            NoAnswerError: It does not answer.
+        """
+        found = self._tried(self._master.inquire_node_id)
+        if found is None or found is False:
+            raise NoAnswerError(0, "LSS inquire node-ID", self._timeout_s)
+        return None if found == UNCONFIGURED else int(found)
+
+    def configure_node_id(self, node_id: int) -> None:
+        """Give the chosen node a node-ID, which acts after its next reset of communication.
+
+        Raises:
+            RefusedError: It refuses.
+        """
+        self._configured(lambda: self._master.configure_node_id(node_id), f"node-ID {node_id}")
+
+    def configure_bit_rate(self, bitrate: int) -> None:
+        """Give the chosen node a bit rate, which acts once it is stored and the node has been switched off and on.
+
+        Raises:
+            RefusedError: It refuses, or there is no such bit rate.
+        """
+        if bitrate not in BIT_RATES:
+            raise RefusedError(f"{bitrate} bit/s is not in the standard's table: {', '.join(map(str, BIT_RATES))}")
+        self._configured(lambda: self._master.configure_bit_timing(BIT_RATES[bitrate]), f"{bitrate} bit/s")
+
+    def store(self) -> None:
+        """Let the chosen node keep both over a loss of power.
+
+        Raises:
+            RefusedError: It refuses.
+        """
+        self._configured(self._master.store_configuration, "store")
+
+    def _all_wait(self) -> None:
+        self._master.send_switch_state_global(self._master.WAITING_STATE)
+
+    def _asked(self, service: int) -> int:
+        found = self._tried(lambda: self._master.inquire_lss_address(service))
+        if found is None:
+            raise NoAnswerError(0, "LSS inquire identity", self._timeout_s)
+        return int(found)
+
+    def _configured(self, action: Any, what: str) -> None:
+        try:
+            action()
+        except LssError as error:
+            raise RefusedError(f"LSS {what}: {error}") from error
+
+    def _tried(self, action: Any) -> Any:
+        try:
+            return action()
+        except LssError:
+            return None
+
+
+@dataclass(frozen=True)
+class _Sender:
+    """As much of canopen's network as its LSS master uses."""
+
+    bus: SdoBus
+
+    def send_message(self, can_id: int, data: Any, remote: bool = False) -> None:
+        """Put a frame on the bus."""
+        self.bus.send(can_id, bytes(data))

@@ -1,0 +1,103 @@
+"""XML files as a tree of bounded size, each element with its line.
+
+The files are not trusted: declarations of a document type or of entities are refused, so nothing is expanded or fetched, and
+depth, elements and text are bounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from drive_profiles.errors import FileError, Problem
+
+MAX_DEPTH = 64
+MAX_ELEMENTS = 200_000
+MAX_TEXT = 4096
+
+
+@dataclass(slots=True)
+class Element:
+    """One element of the tree: names without their name space.
+
+    Attributes:
+        tag: Name of the element.
+        attributes: Attributes by name.
+        line: Line on which it begins, from 1.
+        children: Elements inside, in the order of the file.
+        text: Text directly inside.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list[Element] = field(default_factory=list)
+    text: str = ""
+
+    def walk(self) -> Iterator[Element]:
+        """Yield this element and all below it, in the order of the file."""
+        stack = [self]
+        while stack:
+            element = stack.pop()
+            yield element
+            stack.extend(reversed(element.children))
+
+    def child(self, tag: str) -> Element | None:
+        """Return the first child of a name."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+
+class _UnsafeError(Exception):
+    """XML that no description needs, and that could do harm."""
+
+
+def parse(data: bytes, path: Path, kind: str) -> Element:
+    """The outermost element of a file, with all that is in it.
+
+    Args:
+        data: The bytes of the file, whose size the caller has bounded.
+        path: The file, for messages.
+        kind: The kind of file that is wanted, with its article, for messages: `an XDD file`.
+
+    Raises:
+        FileError: It is no XML, or unsafe; with the line.
+    """
+    parser = expat.ParserCreate()
+    top = Element("", {}, 0)
+    stack = [top]
+    count = 0
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        if count > MAX_ELEMENTS or len(stack) > MAX_DEPTH:
+            raise _UnsafeError(f"more than {MAX_ELEMENTS} elements, or deeper than {MAX_DEPTH}")
+        local = {key.rpartition(":")[2]: value for key, value in attributes.items()}
+        element = Element(name.rpartition(":")[2], local, parser.CurrentLineNumber)
+        stack[-1].children.append(element)
+        stack.append(element)
+
+    def end(_name: str) -> None:
+        stack.pop()
+
+    def text(content: str) -> None:
+        if len(stack[-1].text) < MAX_TEXT:
+            stack[-1].text += content
+
+    def refuse(*_: object) -> int:
+        raise _UnsafeError("a declaration of a document type or of an entity, which is not followed")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = parser.ExternalEntityRefHandler = refuse
+    try:
+        parser.Parse(data, True)
+    except _UnsafeError as error:
+        plain = f"a plain {kind.partition(' ')[2]}"
+        raise FileError(path, (Problem(parser.CurrentLineNumber, "", str(error), plain),)) from error
+    except expat.ExpatError as error:
+        raise FileError(path, (Problem(error.lineno, "", f"no XML: {expat.ErrorString(error.code)}", kind),)) from error
+    except (LookupError, ValueError) as error:  # an encoding that Python does not have, or that is none of single bytes
+        raise FileError(path, (Problem(1, "", f"no XML that can be read: {error}", f"{kind} in UTF-8"),)) from error
+    return top.children[0]

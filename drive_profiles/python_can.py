@@ -1,0 +1,49 @@
+"""python-can without what it loads for MF4 files: that is ten times as much as all the rest of it, in every process.
+
+Where asammdf is installed, `import can` imports it, and `import canopen` imports `can`. A tool that reads an MF4 log is one in
+thousands; it loads the readers when it needs them.
+"""
+
+import importlib
+import sys
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+PACKAGE = "asammdf"
+READERS = "can.io.mf4"
+
+
+class _NotYet(MetaPathFinder):
+    """Finder to which the package is missing while python-can's own module for MF4 files is being imported, and then alone."""
+
+    def find_spec(self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        """Find nothing, so that the other finders are asked.
+
+        Raises:
+            ModuleNotFoundError: python-can asks for the package as it is imported.
+        """
+        importing: Any = sys.modules.get(READERS)
+        if fullname == PACKAGE and importing is not None and not hasattr(importing, "MF4Reader"):
+            raise ModuleNotFoundError(f"{PACKAGE} is loaded when an MF4 file is opened", name=fullname)
+        return None
+
+
+def postpone_mf4() -> None:
+    """Let this process import python-can without asammdf; for programs that call `with_mf4` before they open such a file."""
+    if not any(isinstance(finder, _NotYet) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _NotYet())
+
+
+def with_mf4() -> None:
+    """Give python-can its readers and writers of MF4 files; where asammdf is missing, they go on saying so."""
+    readers: Any = importlib.import_module(READERS)
+    if readers.asammdf is not None:
+        return
+    try:
+        importlib.import_module(PACKAGE)
+    except ImportError:
+        return
+    importlib.reload(readers)  # the classes that `can` has registered look their names up in this very module

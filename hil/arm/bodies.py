@@ -1,0 +1,101 @@
+"""Rigid bodies of an arm: mass, centre and inertia as a file says them, moved into other frames, and put together."""
+
+from collections.abc import Sequence
+from typing import Annotated, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from drive_profiles.files.toml import Table
+
+Real = NDArray[np.float64]
+LARGEST = 1e4
+"""Bound of every number of an arm, in m, °, kg, kg·m² and m/s²: what lies beyond it is no arm, and would overflow somewhere."""
+Component = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+NotBelow = Annotated[float, Field(ge=0.0, le=LARGEST)]
+Vector = tuple[Component, Component, Component]
+
+ROUNDED = 1e-5
+"""By how much of the largest moment of inertia the others may miss the triangle inequality: files round their numbers."""
+
+NOWHERE: Vector = (0.0, 0.0, 0.0)
+
+
+class Inertia(Table):
+    """Moments and products of inertia about the centre of mass; the products are the tensor's own elements, as in URDF."""
+
+    xx: NotBelow = 0.0
+    yy: NotBelow = 0.0
+    zz: NotBelow = 0.0
+    xy: Component = 0.0
+    xz: Component = 0.0
+    yz: Component = 0.0
+
+    def tensor(self) -> Real:
+        """The tensor; shape (3, 3)."""
+        return np.array([[self.xx, self.xy, self.xz], [self.xy, self.yy, self.yz], [self.xz, self.yz, self.zz]])
+
+    @model_validator(mode="after")
+    def _is_of_a_body(self) -> Self:
+        low, middle, high = np.linalg.eigvalsh(self.tensor()).tolist()
+        if low < -ROUNDED * high:
+            raise ValueError(f"the tensor has a principal moment of {low:g} kg·m²: no body has one below 0")
+        if low + middle < high * (1.0 - ROUNDED):
+            raise ValueError(
+                f"principal moments {low:g}, {middle:g} and {high:g} kg·m²: of a body, any two of them add up to the third or "
+                "more (triangle inequality)"
+            )
+        return self
+
+
+class Body(Table):
+    """A rigid body in the frame of the link that carries it.
+
+    Attributes:
+        mass_kg: Mass.
+        centre_m: Centre of mass.
+        inertia_kg_m2: Inertia about the centre of mass, along the axes of the link's frame.
+    """
+
+    mass_kg: NotBelow
+    centre_m: Vector = NOWHERE
+    inertia_kg_m2: Inertia = Inertia()
+
+    @model_validator(mode="after")
+    def _nothing_turns_without_a_mass(self) -> Self:
+        if self.mass_kg == 0.0 and self.inertia_kg_m2 != Inertia():
+            raise ValueError("mass_kg is 0, but inertia_kg_m2 is not: no body is so")
+        return self
+
+
+def moved(body: Body, turn: Real, origin_m: Real) -> Body:
+    """A body in the frame in which its own one is turned and moved.
+
+    Args:
+        body: The body in its own frame.
+        turn: Rotation of its frame in the other; shape (3, 3).
+        origin_m: Origin of its frame in the other; shape (3,).
+    """
+    centre = origin_m + turn @ np.array(body.centre_m)
+    tensor = turn @ body.inertia_kg_m2.tensor() @ turn.T
+    # validated once, as it was written: rounding here can make a lamina miss the triangle inequality
+    return body.model_copy(update={"centre_m": tuple(centre.tolist()), "inertia_kg_m2": _tabled(tensor)})
+
+
+def merged(bodies: Sequence[Body]) -> Body:
+    """Several bodies of one frame as one: the parallel axis theorem."""
+    mass = sum(body.mass_kg for body in bodies)
+    if mass == 0.0:
+        return Body(mass_kg=0.0)
+    centre = np.asarray(sum(body.mass_kg * np.array(body.centre_m) for body in bodies)) / mass
+    tensor = np.zeros((3, 3))
+    for body in bodies:
+        away = np.array(body.centre_m) - centre
+        tensor += body.inertia_kg_m2.tensor() + body.mass_kg * (float(away @ away) * np.eye(3) - np.outer(away, away))
+    return Body(mass_kg=mass).model_copy(update={"centre_m": tuple(centre.tolist()), "inertia_kg_m2": _tabled(tensor)})
+
+
+def _tabled(tensor: Real) -> Inertia:
+    s = (0.5 * (tensor + tensor.T)).tolist()
+    return Inertia.model_construct(xx=s[0][0], yy=s[1][1], zz=s[2][2], xy=s[0][1], xz=s[0][2], yz=s[1][2])

@@ -1,0 +1,280 @@
+"""Kinematics of an arm with revolute joints in a row: where its tip is, how each axis moves it, and the way back from a pose.
+
+Any number of axes in any directions. A joint's frame stands at a place in the frame before it, turned by a rotation, and turns
+about its axis by the joint angle: R_i = R_{i−1} Q_i exp(q_i [a_i]×), p_i = p_{i−1} + R_{i−1} r_i, as a URDF describes it.
+
+    J_i = (z_i × (p − p_i); z_i),  z_i = R_i a_i          geometric Jacobian of a point p, in the base frame
+    Δq = Jᵀ (J Jᵀ + λ² 1)⁻¹ e,    λ² = ½ eᵀe + λ_0²      damped least squares
+
+Source: Sugihara, Solvability-unconcerned inverse kinematics by the Levenberg–Marquardt method, IEEE T-RO 27 (2011), for λ.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.arm.rotation import rotation
+from hil.arm.tables import ArmTable
+
+Array = NDArray[np.float64]
+
+REGULAR_DAMPING = 1e-12
+"""λ_0² of damped least squares, positions in units of the arm's length."""
+ROUNDS = 60
+"""Rounds of damped least squares unless more are asked for: near a singular posture they halve the error, elsewhere square it."""
+STILL_RAD = 1e-14
+"""Step of the joints from which another round changes nothing."""
+PROBES = 16
+"""Postures among which the rank of the Jacobian is looked for that an arm can have at all."""
+RANK_FRACTION = 1e-6
+"""Singular value over the largest from which it counts as none in such a posture."""
+
+
+@dataclass(frozen=True)
+class LinkFrame:
+    """A point that moves with a link, with a frame of its own.
+
+    Attributes:
+        link: Number of joints that move it: 0 for the base, the number of all joints for the last link.
+        origin_m: Where it is in the link's frame; shape (3,).
+        frame: Its axes in the link's frame, as columns; shape (3, 3).
+    """
+
+    link: int
+    origin_m: Array
+    frame: Array
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Joints in a row, from the base on.
+
+    Attributes:
+        origins_m: Origin of each joint's frame in the frame before it; shape (n, 3).
+        frames: Axes of each joint's frame in the frame before it at angle 0, as columns; shape (n, 3, 3).
+        axes: Direction of each joint's axis in its own frame, of length 1; shape (n, 3).
+        tip: The tip.
+    """
+
+    origins_m: Array
+    frames: Array
+    axes: Array
+    tip: LinkFrame
+
+    @classmethod
+    def of(cls, arm: ArmTable) -> "Kinematics":
+        """The kinematics of an arm's tables, whose URDF file has been read."""
+        tool = rotation(*map(math.radians, arm.tip_rpy_deg))
+        return cls(
+            np.array([link.origin_m for link in arm.link], dtype=np.float64),
+            np.stack([link.rotation() for link in arm.link]),
+            np.stack([link.unit_direction() for link in arm.link]),
+            LinkFrame(len(arm.link), np.array(arm.tip_m, dtype=np.float64), tool),
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of joints."""
+        return len(self.axes)
+
+    @cached_property
+    def length_m(self) -> float:
+        """Sum of the distances from joint to joint and on to the tip: no point is farther from the base; 1 µm at least."""
+        return max(1e-6, float(np.sum(np.linalg.norm(self.origins_m, axis=1)) + np.linalg.norm(self.tip.origin_m)))
+
+    def links(self, angles: Array) -> tuple[Array, Array]:
+        """Rotation and origin of each joint's frame in the base frame, after its turn.
+
+        Args:
+            angles: Joint angles in rad; shape (..., n).
+
+        Returns:
+            Shapes (..., n, 3, 3) and (..., n, 3).
+        """
+        angles = np.asarray(angles, dtype=np.float64)
+        lead = angles.shape[:-1]
+        rotations, origins = np.empty((*lead, self.count, 3, 3)), np.empty((*lead, self.count, 3))
+        rotation, origin = np.broadcast_to(np.eye(3), (*lead, 3, 3)), np.zeros((*lead, 3))
+        for i in range(self.count):
+            origin = origin + rotation @ self.origins_m[i]
+            rotation = rotation @ self.frames[i] @ turn(self.axes[i], angles[..., i])
+            rotations[..., i, :, :], origins[..., i, :] = rotation, origin
+        return rotations, origins
+
+    def skeleton(self, angles: Array) -> Array:
+        """The arm as a line in the base frame: base, each joint and its corner, tip; shape (..., 2 n + 2, 3).
+
+        From a joint a link goes along the joint's axis to its corner, and from there straight to the next joint.
+        """
+        rotations, origins = self.links(angles)
+        tip, _ = self._pose(rotations, origins, self.tip)
+        directions = np.einsum("...ijk,ik->...ij", rotations, self.axes)
+        ahead = np.concatenate([origins[..., 1:, :], tip[..., np.newaxis, :]], axis=-2) - origins
+        corners = origins + np.sum(ahead * directions, axis=-1, keepdims=True) * directions
+        line = np.stack([origins, corners], axis=-2).reshape(*origins.shape[:-2], 2 * self.count, 3)
+        base = np.zeros_like(tip)[..., np.newaxis, :]
+        return np.concatenate([base, line, tip[..., np.newaxis, :]], axis=-2)
+
+    def pose(self, angles: Array, of: LinkFrame | None = None) -> tuple[Array, Array]:
+        """Position and axes of a point in the base frame, of the tip unless another is given; shapes (..., 3), (..., 3, 3)."""
+        return self._pose(*self.links(angles), self.tip if of is None else of)
+
+    @staticmethod
+    def _pose(rotations: Array, origins: Array, of: LinkFrame) -> tuple[Array, Array]:
+        if of.link == 0:
+            lead = origins.shape[:-2]
+            return np.broadcast_to(of.origin_m, (*lead, 3)), np.broadcast_to(of.frame, (*lead, 3, 3))
+        rotation, origin = rotations[..., of.link - 1, :, :], origins[..., of.link - 1, :]
+        return origin + rotation @ of.origin_m, rotation @ of.frame
+
+    def jacobian(self, angles: Array, of: LinkFrame | None = None) -> Array:
+        """Geometric Jacobian of a point in the base frame, of the tip unless another is given.
+
+        Returns:
+            Speed of the point (three rows) and turning speed (three rows) by each joint's speed; shape (..., 6, n).
+        """
+        rotations, origins = self.links(angles)
+        return self._jacobian(rotations, origins, self.tip if of is None else of)
+
+    def _jacobian(self, rotations: Array, origins: Array, of: LinkFrame) -> Array:
+        point, _ = self._pose(rotations, origins, of)
+        directions = np.einsum("...ijk,ik->...ij", rotations, self.axes)
+        moved = (np.arange(self.count) < of.link)[:, np.newaxis]
+        linear = np.where(moved, np.cross(directions, point[..., np.newaxis, :] - origins), 0.0)
+        angular = np.where(moved, directions, 0.0)
+        return np.swapaxes(np.concatenate([linear, angular], axis=-1), -1, -2)
+
+    def levers(self, angles: Array, of: LinkFrame | None = None) -> Array:
+        """Lever of each joint at a point, along the point's own axes: its acceleration there over q̈_i; shape (..., 3, n)."""
+        rotations, origins = self.links(angles)
+        of = self.tip if of is None else of
+        _, frame = self._pose(rotations, origins, of)
+        return np.asarray(np.swapaxes(frame, -1, -2) @ self._jacobian(rotations, origins, of)[..., :3, :])
+
+    def acceleration(self, angles: Array, speeds: Array, accelerations: Array, of: LinkFrame | None = None) -> Array:
+        """Acceleration of a point in the base frame, J q̈ + J̇ q̇, gravity left out; shape (..., 3).
+
+        α_i = α_{i−1} + z_i q̈_i + ω_{i−1} × z_i q̇_i, a = Σ α_i × r_i + ω_i × (ω_i × r_i) over the links' vectors r_i.
+
+        Args:
+            angles: Joint angles in rad; shape (..., n).
+            speeds: Their speeds in rad/s; shape (..., n).
+            accelerations: Their accelerations in rad/s²; shape (..., n).
+            of: The point; the tip unless another is given.
+        """
+        of = self.tip if of is None else of
+        rotations, origins = self.links(angles)
+        point, _ = self._pose(rotations, origins, of)
+        directions = np.einsum("...ijk,ik->...ij", rotations, self.axes)
+        rate, change, found = np.zeros_like(point), np.zeros_like(point), np.zeros_like(point)
+        for i in range(of.link):
+            own = directions[..., i, :] * np.asarray(speeds)[..., i, np.newaxis]
+            change = change + directions[..., i, :] * np.asarray(accelerations)[..., i, np.newaxis] + np.cross(rate, own)
+            rate = rate + own
+            vector = (point if i + 1 == of.link else origins[..., i + 1, :]) - origins[..., i, :]
+            found = found + np.cross(change, vector) + np.cross(rate, np.cross(rate, vector))
+        return found
+
+    # -- the way back ------------------------------------------------------------------------------------------------------
+
+    def solve(self, near: Array, position_m: Array, frame: Array | None, rounds: int = ROUNDS) -> tuple[Array, Array]:
+        """Joint angles that bring the tip into poses, by damped least squares from angles that are near.
+
+        Args:
+            near: Angles to begin with; shape (..., n).
+            position_m: Wanted positions of the tip; shape (..., 3).
+            frame: Wanted axes of the tip; shape (..., 3, 3); None where they are free.
+            rounds: Most rounds.
+
+        Returns:
+            The angles, shape (..., n), and what is left: the error in m and, of the axes, in rad, shape (..., 3) or (..., 6).
+            Where the arm does not reach a pose, they are those that come nearest.
+        """
+        angles = np.array(near, dtype=np.float64)
+        found, least = angles, np.full(angles.shape[:-1], math.inf)
+        for _ in range(rounds):
+            error = self._error(angles, position_m, frame)
+            step, scaled = self._step(angles, error)
+            size = np.asarray(np.sum(scaled**2, axis=-1))
+            is_nearer = size < least
+            found, least = np.where(is_nearer[..., np.newaxis], angles, found), np.where(is_nearer, size, least)
+            if float(np.max(np.abs(step), initial=0.0)) < STILL_RAD:
+                break
+            angles = angles + step
+        return found, self._error(found, position_m, frame)
+
+    def _step(self, angles: Array, error: Array) -> tuple[Array, Array]:
+        """One round of damped least squares; positions count in units of the arm's length."""
+        rows = error.shape[-1]
+        scale = np.array([1.0 / self.length_m] * 3 + [1.0] * 3)[:rows]
+        jacobian = self.jacobian(angles)[..., :rows, :] * scale[:, np.newaxis]
+        scaled = error * scale
+        damping = (0.5 * np.sum(scaled**2, axis=-1) + REGULAR_DAMPING)[..., np.newaxis, np.newaxis]
+        back = np.swapaxes(jacobian, -1, -2)
+        if self.count < rows:  # the same by the smaller of both squares
+            return np.linalg.solve(back @ jacobian + damping * np.eye(self.count), back @ scaled[..., np.newaxis])[..., 0], scaled
+        return (back @ np.linalg.solve(jacobian @ back + damping * np.eye(rows), scaled[..., np.newaxis]))[..., 0], scaled
+
+    def _error(self, angles: Array, position_m: Array, frame: Array | None) -> Array:
+        """Way and turn from where the tip is to where it is wanted."""
+        origin, own = self.pose(angles)
+        if frame is None:
+            return np.asarray(position_m - origin)
+        return np.concatenate([position_m - origin, rotation_vector(frame @ np.swapaxes(own, -1, -2))], axis=-1)
+
+    # -- singularities -------------------------------------------------------------------------------------------------------
+
+    def singular_values(self, angles: Array, *, with_frame: bool) -> Array:
+        """Singular values of the tip's Jacobian, the largest first, positions in units of the arm's length; shape (..., m)."""
+        rows = 6 if with_frame else 3
+        scale = np.array([1.0 / self.length_m] * 3 + [1.0] * 3)[:rows]
+        return np.asarray(np.linalg.svd(self.jacobian(angles)[..., :rows, :] * scale[:, np.newaxis], compute_uv=False))
+
+    def rank(self, *, with_frame: bool) -> int:
+        """Directions in which the arm can move its tip in a posture that is not singular."""
+        probes = np.arange(1, PROBES + 1)[:, np.newaxis] * np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0] * self.count))
+        values = self.singular_values(probes[:, : self.count], with_frame=with_frame)
+        return int(np.max(np.count_nonzero(values > RANK_FRACTION * values[..., :1], axis=-1)))
+
+    def condition(self, angles: Array, *, with_frame: bool) -> Array:
+        """Largest over least singular value, of as many as the arm's rank: joint speed that a direction costs; shape (...)."""
+        values = self.singular_values(angles, with_frame=with_frame)
+        least = values[..., self.rank(with_frame=with_frame) - 1]
+        return np.asarray(values[..., 0] / np.maximum(least, 1e-300))
+
+
+def turn(axis: Array, angle_rad: Array) -> Array:
+    """Rotation about an axis of length 1: 1 + sin q [a]× + (1 − cos q) [a]×²; angles of shape (...) give (..., 3, 3)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = np.asarray(angle_rad, dtype=np.float64)[..., np.newaxis, np.newaxis]
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Axis times angle of rotations, the angle up to π; shape (..., 3, 3) gives (..., 3)."""
+    rotation = np.asarray(rotation, dtype=np.float64)
+    twist = 0.5 * np.stack(
+        [
+            rotation[..., 2, 1] - rotation[..., 1, 2],
+            rotation[..., 0, 2] - rotation[..., 2, 0],
+            rotation[..., 1, 0] - rotation[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    sine = np.linalg.norm(twist, axis=-1)
+    cosine = 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    factor = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-300), 1.0)
+    found = np.asarray(twist * factor[..., np.newaxis])
+    back = (sine <= 1e-6) & (cosine < 0.0)  # half a turn: the axis is the largest column of R + 1
+    if np.any(back):
+        columns = rotation + np.eye(3)
+        largest = np.argmax(np.linalg.norm(columns, axis=-2), axis=-1)
+        axis = np.take_along_axis(columns, largest[..., np.newaxis, np.newaxis], axis=-1)[..., 0]
+        axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-300)
+        found = np.where(back[..., np.newaxis], math.pi * axis, found)
+    return found

@@ -1,0 +1,79 @@
+"""A real accelerometer on an arm: where it sits, how it is turned, and what it feels there; read back through the kinematics.
+
+A sensor that is fixed to a link turns with it, and feels the specific force f = R_sᵀ (a − g): in free fall nothing, at rest what
+holds it up. So a = R_s f + g in the base frame, R_s by the joint angles. An axis moves it by its lever ℓ = z × (p_s − p), whose
+length and direction along the sensor's axes stay what they are while this axis alone turns.
+"""
+
+import math
+
+import numpy as np
+
+from drive_profiles.files.toml import Table
+from hil.arm.bodies import NOWHERE, Vector
+from hil.arm.kinematics import Array, Kinematics, LinkFrame
+from hil.arm.rotation import rotation
+from hil.arm.tables import ArmTable
+from hil.robot_tables import AxisNumber
+
+
+class Mounting(Table):
+    """Where an accelerometer sits on an arm, and how it is turned.
+
+    Attributes:
+        axis: Number of the axis whose link carries it; left out, the last.
+        origin_m: Its origin in the frame of this link.
+        rpy_deg: Roll, pitch and yaw of its axes in the same frame.
+        misalignment_deg: By how much its own axes are turned against those: what it is glued, and made, askew.
+        gravity: True where it feels its weight, as one with a response down to 0 Hz does.
+    """
+
+    axis: AxisNumber | None = None
+    origin_m: Vector = NOWHERE
+    rpy_deg: Vector = NOWHERE
+    misalignment_deg: Vector = NOWHERE
+    gravity: bool = True
+
+    def check_arm(self, arm: ArmTable) -> None:
+        """Refuse a mounting on a link that is not there.
+
+        Raises:
+            ValueError: The arm has no such axis.
+        """
+        if self.axis is not None and self.axis not in arm.axes:
+            raise ValueError(f"the accelerometer sits on axis {self.axis}; the arm has axes {', '.join(map(str, arm.axes))}")
+
+    def frame(self, arm: ArmTable) -> LinkFrame:
+        """The sensor's place and axes on its link."""
+        link = len(arm.link) if self.axis is None else arm.axes.index(self.axis) + 1
+        turned = rotation(*map(math.radians, self.rpy_deg)) @ rotation(*map(math.radians, self.misalignment_deg))
+        return LinkFrame(link, np.array(self.origin_m), turned)
+
+
+def in_base(arm: Kinematics, of: LinkFrame, angles: Array, sensed_m_s2: Array, gravity_m_s2: Array) -> Array:
+    """Acceleration in the base frame of what a sensor feels that turns with its link: a = R_s f + g.
+
+    Args:
+        arm: The arm.
+        of: The sensor's place and axes.
+        angles: Joint angles; shape (n, joints).
+        sensed_m_s2: What it feels along its own axes; shape (n, 3).
+        gravity_m_s2: Acceleration of free fall; shape (3,); zeros for a sensor that does not feel its weight.
+    """
+    _, frames = arm.pose(angles, of)
+    return np.asarray((frames @ sensed_m_s2[..., np.newaxis])[..., 0] + gravity_m_s2)
+
+
+def along_lever(arm: Kinematics, of: LinkFrame, angles: Array, joint: int, acceleration_m_s2: Array) -> Array:
+    """Acceleration of a point along the direction in which one joint moves it; zeros where it does not.
+
+    Args:
+        arm: The arm.
+        of: The point.
+        angles: Joint angles; shape (n, joints).
+        joint: Index of the joint, from the base on.
+        acceleration_m_s2: Acceleration of the point in the base frame; shape (n, 3).
+    """
+    lever = arm.jacobian(angles, of)[..., :3, joint]
+    length = np.linalg.norm(lever, axis=-1)
+    return np.asarray(np.sum(lever * acceleration_m_s2, axis=-1) / np.where(length > 0.0, length, 1.0))

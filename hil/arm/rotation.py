@@ -1,0 +1,43 @@
+"""Rotations: roll, pitch and yaw to a matrix and back, and the turn about an axis."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+_GIMBAL = 1e-9
+"""Cosine of a pitch below which roll and yaw turn about one axis, and only their sum can be told."""
+
+
+def turned(direction: Sequence[float] | Real, angle_rad: float) -> Real:
+    """The rotation by an angle about an axis of length 1; shape (3, 3). Rodrigues' formula."""
+    x, y, z = (float(value) for value in direction)
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    along = np.outer((x, y, z), (x, y, z))
+    return np.asarray(cos * np.eye(3) + sin * cross + (1.0 - cos) * along)
+
+
+def rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Real:
+    """R = R_z(yaw) R_y(pitch) R_x(roll): turns about axes that stay fixed, roll first, as URDF counts them; shape (3, 3)."""
+    cr, sr, cp, sp = math.cos(roll_rad), math.sin(roll_rad), math.cos(pitch_rad), math.sin(pitch_rad)
+    cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def roll_pitch_yaw(matrix: Real) -> tuple[float, float, float]:
+    """Roll, pitch and yaw in rad of a rotation, so that `rotation` gives it again; at a pitch of ±90° the roll is 0."""
+    flat = math.hypot(matrix[0, 0], matrix[1, 0])
+    pitch = math.atan2(-matrix[2, 0], flat)
+    if flat < _GIMBAL:
+        return 0.0, pitch, math.atan2(-matrix[0, 1], matrix[1, 1])
+    return math.atan2(matrix[2, 1], matrix[2, 2]), pitch, math.atan2(matrix[1, 0], matrix[0, 0])

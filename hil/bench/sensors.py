@@ -1,0 +1,77 @@
+"""Tables of the bench file for what is measured beside the motor: the accelerometer at the tip, and the encoder of a joint."""
+
+import math
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from drive_profiles.files.toml import Table
+from drive_profiles.standard.object_address import WrittenAddress
+from hil.arm.mounting import Mounting
+from hil.robot_tables import Positive
+from hil.sensor.table import SerialTable
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+
+NodeId = Annotated[int, Field(ge=1, le=127)]
+
+
+class AccelerometerTable(Table):
+    """The sensor at the tip: a node of the bus, a device on a serial port, or none but the encoders of the joints.
+
+    Attributes:
+        node_id: Node-ID of the sensor; None for a sensor on a serial port.
+        profile: Drive profile of the node; None for a sensor on a serial port.
+        serial: Port and framing of a serial sensor; None for a node.
+        from_load_encoders: There is no sensor: the joints' own encoders, on the load side, tell the tip's acceleration.
+        range_m_s2: Largest measurement of the sensor, or None; a run in which a sample reaches it is not judged.
+        mounting: Where it sits on the arm, and how it is turned; None where it gives the tip's acceleration in the base frame.
+    """
+
+    node_id: NodeId | None = None
+    profile: str = "emulated_accelerometer"
+    serial: SerialTable | None = None
+    from_load_encoders: bool = False
+    range_m_s2: Positive | None = None
+    mounting: Mounting | None = None
+
+    @property
+    def title(self) -> str:
+        """What tells the tip's motion, in words."""
+        return "encoder on the joint" if self.from_load_encoders else "accelerometer"
+
+    @property
+    def free_range_m_s2(self) -> float | None:
+        """What the range leaves beside the weight that a mounted sensor feels; None where it is not known."""
+        if self.range_m_s2 is None or self.mounting is None or not self.mounting.gravity:
+            return self.range_m_s2
+        return max(0.0, self.range_m_s2 - STANDARD_GRAVITY_M_S2)
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "AccelerometerTable":
+        if (self.node_id is not None) + (self.serial is not None) + self.from_load_encoders != 1:
+            raise ValueError(
+                "the accelerometer has either a node_id on the bus or a serial table, or none is there: from_load_encoders = true"
+            )
+        if self.from_load_encoders and (self.range_m_s2 is not None or self.mounting is not None):
+            raise ValueError("from_load_encoders = true: there is no sensor that has range_m_s2 or a mounting")
+        return self
+
+
+class LoadEncoderTable(Table):
+    """A second encoder of a drive, on the joint: behind the gear.
+
+    Attributes:
+        counts_per_rev: Steps per revolution of the joint.
+        object: Object that shows its position; None: the drive profile's, or 60E4:1, the first additional encoder (CiA 402).
+        is_reversed: It counts down where the motor counts up.
+    """
+
+    counts_per_rev: Annotated[int, Field(ge=256, le=2**31 - 1)]
+    object: WrittenAddress | None = None
+    is_reversed: bool = False
+
+    @property
+    def rad_per_count(self) -> float:
+        """Turn of the joint for a count, with its sign."""
+        return (-math.tau if self.is_reversed else math.tau) / self.counts_per_rev

@@ -1,0 +1,133 @@
+"""What a bench's sensor tells of the tip: its columns in the base frame, and along the lever of an axis that moves alone.
+
+Without an arm in the bench file a recording stays as the sensor gave it.
+"""
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.arm.kinematics import Kinematics, LinkFrame
+from hil.arm.mounting import along_lever, in_base
+from hil.bench.bench import LEAST_LEVER_M, Bench
+from hil.recording import ALONG, SENSED, TIP, Recording
+
+Real = NDArray[np.float64]
+
+AT_RANGE = 0.998
+"""Fraction of its range from which a sensor counts as saturated: a step of its resolution below."""
+MOST_SATURATED_ROWS = 4
+"""Number of rows that it may be there."""
+STANDSTILL_RAD, STANDSTILL_ROWS = 1e-5, 20
+"""Turn of a joint up to which nothing moves, and rows at the beginning that tell where a sensor's weight is."""
+MOST_ASKEW_RAD = math.radians(10.0)
+"""Angle by which a sensor's weight may be elsewhere: more than any glue, gear or drawing is askew."""
+
+NOBODY: Mapping[int, float] = MappingProxyType({})
+
+
+def sensor_frame(bench: Bench, arm: Kinematics) -> LinkFrame:
+    """Where the bench's sensor sits: as it is mounted, or at the tip."""
+    mounting = bench.accelerometer.mounting
+    return arm.tip if mounting is None or bench.arm is None else mounting.frame(bench.arm)
+
+
+def joint_angles(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NOBODY) -> Real:
+    """Angles of all joints of the bench's arm; shape (n, joints).
+
+    Args:
+        bench: The bench file.
+        recording: Recording of the axes that moved.
+        standing_rad: Motor angles of others; an axis that is in neither stands at home.
+
+    Raises:
+        ValueError: The bench has no arm.
+    """
+    if bench.arm is None:
+        raise ValueError(f"bench {bench.name!r} has no arm")
+    angles = np.tile(bench.arm.home_rad(), (len(recording.time_s), 1))
+    for number, table in bench.axis.items():
+        is_recorded = number in recording.axes
+        angle_rad = recording.axis(number, "position_rad") if is_recorded else np.asarray(standing_rad.get(number, 0.0))
+        angles[:, bench.arm.axes.index(number)] += angle_rad / table.reduction_ratio
+    return angles
+
+
+def with_tip(bench: Bench, recording: Recording, standing_rad: Mapping[int, float] = NOBODY) -> Recording:
+    """A recording with the tip's acceleration in the base frame, read through the kinematics of the bench's arm.
+
+    A sensor with a mounting gives what it feels along its own axes: this is kept in columns of its own. Where one axis moves
+    alone, a column more has the acceleration along its lever, in proportion to the one at home: so whoever reads it takes the
+    bench's lever, wherever the other axes stand.
+
+    Args:
+        bench: The bench file.
+        recording: The run, as the sensor gave it.
+        standing_rad: Motor angles of axes that did not move; those that are not given stand at home.
+    """
+    if bench.arm is None or not len(recording.time_s):
+        return recording
+    arm, angles, columns = Kinematics.of(bench.arm), joint_angles(bench, recording, standing_rad), dict(recording.columns)
+    of, mounting = sensor_frame(bench, arm), bench.accelerometer.mounting
+    felt = np.stack([columns[name] for name in TIP], axis=1)
+    if mounting is not None:
+        gravity = np.array(bench.arm.gravity_m_s2) * mounting.gravity
+        columns |= {name: felt[:, i] for i, name in enumerate(SENSED)}
+        felt = in_base(arm, of, angles, felt, gravity)
+        columns |= {name: felt[:, i] for i, name in enumerate(TIP)}
+    if len(recording.axes) == 1 and bench.axis[recording.axes[0]].tip_lever_m >= LEAST_LEVER_M:
+        joint = bench.arm.axes.index(recording.axes[0])
+        lever_m = float(np.linalg.norm(arm.jacobian(angles[0], of)[:3, joint]))
+        if lever_m >= LEAST_LEVER_M:
+            scale = bench.axis[recording.axes[0]].tip_lever_m / lever_m
+            columns[ALONG] = scale * along_lever(arm, of, angles, joint, felt)
+    doubt = recording.doubt
+    return Recording(columns, doubt if doubt is not None or mounting is None else _doubt(bench, recording, angles, of, felt))
+
+
+def _doubt(bench: Bench, recording: Recording, angles: Real, of: LinkFrame, acceleration_m_s2: Real) -> str | None:
+    """Reason why a mounted sensor is not believed, or None: its range, or a weight that is not where the mounting has it."""
+    sensor, arm, mounting = bench.accelerometer, bench.arm, bench.accelerometer.mounting
+    raw = np.stack([recording.columns[name] for name in TIP], axis=1)
+    if sensor.range_m_s2 is not None:
+        count = int(np.count_nonzero(np.any(np.abs(raw) >= AT_RANGE * sensor.range_m_s2, axis=1)))
+        if count > MOST_SATURATED_ROWS:
+            return (
+                f"the accelerometer was at the end of its range of {sensor.range_m_s2:g} m/s² in {count} rows: move more slowly"
+            )
+    still = int(np.argmax(np.max(np.abs(angles - angles[0]), axis=1) > STANDSTILL_RAD)) or len(angles)
+    if still < STANDSTILL_ROWS or arm is None or mounting is None:
+        return None
+    weight, found = np.array(arm.gravity_m_s2), float(np.linalg.norm(np.mean(raw[:still], axis=0)))
+    expected = float(np.linalg.norm(weight))
+    if mounting.gravity is not (found > 0.5 * expected) and expected > 0.0:
+        shown = f"at rest the accelerometer shows {found:.2f} m/s²"
+        return (
+            f"{shown}, its weight: gravity = true"
+            if not mounting.gravity
+            else f"{shown}, not its weight: is it alive? gravity = false?"
+        )
+    away = float(np.linalg.norm(np.mean(acceleration_m_s2[:still], axis=0)))
+    if mounting.gravity and away > 2.0 * math.sin(0.5 * MOST_ASKEW_RAD) * expected:
+        degrees, most = math.degrees(2.0 * math.asin(min(1.0, 0.5 * away / expected))), math.degrees(MOST_ASKEW_RAD)
+        return (
+            f"at rest the accelerometer shows its weight {degrees:.0f}° from where its mounting has it, {most:g}° at most: check "
+            "axis and rpy_deg of accelerometer.mounting, and home_deg of the arm"
+        )
+    return None
+
+
+def vertical_levers_m(bench: Bench, recording: Recording) -> list[Real]:
+    """Lever of each axis that moved, by which it moves the sensor upwards, along the motion: one of shape (n,) for each axis.
+
+    Raises:
+        ValueError: The bench has no arm.
+    """
+    angles = joint_angles(bench, recording)
+    assert bench.arm is not None  # noqa: S101 - or there were no angles
+    arm = Kinematics.of(bench.arm)
+    upwards = arm.jacobian(angles, sensor_frame(bench, arm))[:, 2]
+    return [upwards[:, bench.arm.axes.index(number)] for number in recording.axes]

@@ -1,0 +1,180 @@
+"""hil scope: a live page of a bus, or of the recordings of a run, on this machine alone."""
+
+# ruff: noqa: PLC0415 - numpy and the server are imported inside the command, so that --help stays quick
+
+import contextlib
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.address import BUS_VARIABLE
+from drive_profiles.cli.console import epilog, fail
+from hil.cli.console import ExitStatus, exit_on_error, say
+from hil.cli.live import DEFAULT_PORT
+from hil.cli.options import OptionalBenchOption
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drive_profiles.address import Address
+    from hil.bench.bench import Bench
+    from hil.scope.server import ScopeServer
+
+SCOPE_EPILOG = epilog(
+    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.BUS, ExitStatus.NODE, ExitStatus.SDO),
+    {ExitStatus.DONE: "ended by Ctrl-C, or by --until-stdin-closes"},
+)
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil`."""
+    app.command(epilog=SCOPE_EPILOG)(scope)
+
+
+def scope(
+    directory: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run, whose recordings are shown; left out: a bus.")
+    ] = None,
+    bus: Annotated[
+        str | None, typer.Option("--bus", help=f"Bus address; left out: {BUS_VARIABLE}, then the bench file's.")
+    ] = None,
+    bench_file: OptionalBenchOption = None,
+    description: Annotated[
+        list[str] | None,
+        typer.Option("--description", metavar="FILE[:NODE]", help="EDS, DCF or XDD of a node, for its mapping: drive.eds:2."),
+    ] = None,
+    ask: Annotated[
+        str, typer.Option(metavar="NODE[,NODE]", help="Read mapping and scales of these nodes by SDO: the only way to send.")
+    ] = "",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on loopback; 0 takes a free one.")] = DEFAULT_PORT,
+    until_stdin_closes: Annotated[
+        bool, typer.Option("--until-stdin-closes", help="End when standard input closes: another program has started it.")
+    ] = False,
+) -> None:
+    """Show a bus live in a browser on this machine, as a listener; or the recordings of a run in the same page.
+
+    Examples:
+      hil scope --bus local:/tmp/robot.sock --bench reference
+      hil scope demo
+    """
+    with exit_on_error("ended"), contextlib.suppress(KeyboardInterrupt):
+        _check_installed()
+        if directory is not None:
+            if bus is not None or description or ask:
+                raise fail("a directory is shown as it is: it takes no --bus, --description and --ask", ExitStatus.USAGE)
+            _show_recordings(directory, port, until_stdin_closes=until_stdin_closes)
+            return
+        _show_bus(bench_file, bus, description or [], ask, port, until_stdin_closes=until_stdin_closes)
+
+
+def _check_installed() -> None:
+    """Refuse to go on without the library.
+
+    Raises:
+        NotPossibleError: It is not installed.
+    """
+    import importlib.util
+
+    from hil.errors import NotPossibleError
+
+    if any(importlib.util.find_spec(name) is None for name in ("bokeh", "tornado")):
+        raise NotPossibleError("the page needs bokeh, which is not installed: pip install 'hil-bench[live]'")
+
+
+def _show_recordings(directory: Path, port: int, *, until_stdin_closes: bool) -> None:
+    from hil.scope.server import ScopeServer
+    from hil.scope.sources import RecordedSource, recordings_in
+
+    paths = recordings_in(directory)
+    sources: dict[str, RecordedSource] = {}
+
+    def choose(name: str) -> RecordedSource | None:
+        wanted = name or next(iter(paths))
+        if wanted not in paths:
+            return None
+        if wanted not in sources:
+            sources[wanted] = RecordedSource(paths[wanted])
+        return sources[wanted]
+
+    choose("")  # a file that is no recording is said now
+
+    _run(lambda: ScopeServer(choose, tuple(paths), port), until_stdin_closes=until_stdin_closes)
+
+
+def _show_bus(
+    bench_file: str | None, bus: str | None, descriptions: list[str], ask: str, port: int, *, until_stdin_closes: bool
+) -> None:
+    """Listen to a bus, and show it.
+
+    Args:
+        bench_file: Bench file, or None.
+        bus: Address of the bus, or None.
+        descriptions: Device descriptions as `--description` gives them.
+        ask: Nodes whose mapping is read.
+        port: Port of the page.
+        until_stdin_closes: End with standard input.
+    """
+    from drive_profiles.address import choose_bus, parse_address
+    from hil.bench.bench import load_bench
+    from hil.can.listening import open_listener
+    from hil.cli.heard.explain import description_from
+    from hil.scope.asking import ask_nodes, nodes_from
+    from hil.scope.decoder import SignalDecoder
+    from hil.scope.server import ScopeServer
+    from hil.scope.sources import BusSource
+
+    bench = None if bench_file is None else load_bench(bench_file)
+    choice = choose_bus(bus, None if bench is None else (f"bench file {bench_file}", bench.bus.address))
+    if choice is None:
+        raise fail(f"which bus? --bus ADDRESS, {BUS_VARIABLE} or --bench FILE says it", ExitStatus.USAGE)
+    say(str(choice))
+    asked = nodes_from(ask)
+    known = dict(description_from(text) for text in descriptions)
+    address = parse_address(choice.address)
+    listener = open_listener(address)
+    try:
+        decoder = SignalDecoder(bench, known, listener.address.bitrate)
+        source = BusSource(listener, decoder, _title(bench, listener.address))
+        if asked:
+            ask_nodes(address, asked)
+        _run(lambda: ScopeServer(lambda name: None if name else source, (), port), until_stdin_closes=until_stdin_closes)
+    finally:
+        listener.close()
+    if source.lost:
+        say(f"{source.lost} messages of the bus came faster than they were taken, and are not shown")
+
+
+def _title(bench: "Bench | None", address: "Address") -> str:
+    return str(address) if bench is None else f"{bench.name} on {address}"
+
+
+def _run(made: "Callable[[], ScopeServer]", *, until_stdin_closes: bool) -> None:
+    """Serve what is made within the loop of events, until it ends."""
+    import asyncio
+
+    async def served() -> None:
+        await _serve(made(), until_stdin_closes=until_stdin_closes)
+
+    asyncio.run(served())
+
+
+async def _serve(server: "ScopeServer", *, until_stdin_closes: bool) -> None:
+    """Say where the page is, and serve it until Ctrl-C, or until standard input closes."""
+    import asyncio
+
+    over = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, over.set)
+    if until_stdin_closes:
+        loop.add_reader(sys.stdin.fileno(), lambda: None if os.read(sys.stdin.fileno(), 4096) else over.set())
+    typer.echo(server.url)
+    sys.stdout.flush()
+    await over.wait()
+    if until_stdin_closes:
+        loop.remove_reader(sys.stdin.fileno())
+    await server.close()

@@ -1,0 +1,75 @@
+"""hil identify arm: the masses of an arm from the plants of its axes in several postures; nothing is sent."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.cli.console import epilog
+from hil.cli.console import ExitStatus, exit_on_error, new_directory, say, say_page, write_page
+from hil.cli.options import BenchOption, JsonOption, NewOutOption
+
+if TYPE_CHECKING:  # --help must not wait for numpy and scipy
+    from hil.results.arm import ArmResult
+
+ARM_EPILOG = epilog(
+    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
+    {
+        ExitStatus.DONE: "identified",
+        ExitStatus.FILE: "bad file, or too few postures in the model file",
+        ExitStatus.NOT_MET: "the postures do not determine the masses, with the posture to add",
+        ExitStatus.INTERRUPTED: "interrupted",
+    },
+)
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil identify`."""
+    app.command(epilog=ARM_EPILOG)(arm)
+
+
+def arm(
+    bench_file: BenchOption,
+    model: Annotated[Path, typer.Option("--model", help="Model file with the postures; the arm's masses are put into it.")],
+    out: NewOutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Identify the masses of an arm from plants in three postures or more, and predict the dips of every other.
+
+    Nothing is sent: it needs no robot. hil identify plant --posture-deg measures the postures.
+
+    Example: hil identify arm --bench bench.toml --model model.toml
+    """
+    with exit_on_error("interrupted"):
+        from hil.bench.bench import load_bench  # noqa: PLC0415
+        from hil.bench.model import load_identified  # noqa: PLC0415
+
+        bench, identified = load_bench(bench_file), load_identified(model)
+
+        from hil.experiments.arm_masses import identify_arm  # noqa: PLC0415
+        from hil.results.base import RESULT_FILE  # noqa: PLC0415
+
+        result = identify_arm(bench, identified)
+        where = out or new_directory("identify-arm")
+        result.write(where / RESULT_FILE)
+        identified.with_arm(result.arm).save(model)
+        page = write_page(where)
+        if as_json:
+            typer.echo(result.dumps())
+        else:
+            _summary(result)
+        say(f"model file: {model}")
+        say_page(page)
+
+
+def _summary(result: "ArmResult") -> None:
+    """Print gears, dips along the line, and what is to be said."""
+    known = result.arm
+    typer.echo(f"{known.postures} postures, misfit {known.misfit:.2f} standard errors")
+    for axis, stiffness, error in zip(known.axes, known.stiffness_nm_rad, known.standard_error_nm_rad, strict=True):
+        typer.echo(f"  K_g of axis {axis}: {stiffness:.0f} ± {error:.0f} N·m/rad")
+    for row in result.line[:: max(1, (len(result.line) - 1) // 4)]:
+        dips = ", ".join(f"{hz:.2f} ± {off:.2f}" for hz, off in zip(row.dips_hz, row.standard_error_hz, strict=True))
+        typer.echo(f"  rings at {100.0 * row.way_fraction:.0f} % of the line: {dips} Hz")
+    for note in result.notes:
+        typer.echo(f"  note: {note}")

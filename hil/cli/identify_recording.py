@@ -1,0 +1,157 @@
+"""hil identify ate --recording: the transmission error of one axis, from files that others have recorded."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.standard.shown import measured
+from hil.cli.console import ExitStatus, new_directory, say, say_page, write_page
+from hil.cli.options import orders_from
+
+if TYPE_CHECKING:  # --help must not wait for numpy and scipy
+    from hil.results.recorded_ate import RecordedAteResult
+
+RecordingOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--recording", metavar="FILE", help="Recording to identify from; nothing moves. Several: --recording A --recording B."
+    ),
+]
+ColumnOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--column",
+        metavar="ROLE=NAME[,UNIT]",
+        help="Column of a recording; roles: time, motor, load, acceleration, torque; e.g. motor=enc_2,2^20/rev.",
+    ),
+]
+LayoutOption = Annotated[Path | None, typer.Option("--layout", help="Columns, units and ratio of recordings (TOML).")]
+RatioOption = Annotated[float | None, typer.Option("--ratio", help="Reduction ratio of a recording; two encoders show it.")]
+DescriptionOption = Annotated[
+    Path | None,
+    typer.Option("--description", help="EDS, DCF, XDD or DBC file that decodes a recording of frames (candump, BLF)."),
+]
+NodeOption = Annotated[int | None, typer.Option("--node", help="Node-ID of the drive in a recording of frames.", min=1, max=127)]
+RobotNameOption = Annotated[str | None, typer.Option("--robot", help="Name of a recorded robot, for its model file.")]
+
+
+@dataclass(frozen=True)
+class RecordingWords:
+    """What the command line says of recordings.
+
+    Attributes:
+        column: Texts of `--column`.
+        layout: Layout file.
+        ratio: Reduction ratio.
+        robot: Name of the robot.
+        description: File that decodes frames.
+        node_id: Node-ID of the drive in them.
+    """
+
+    column: list[str]
+    layout: Path | None
+    ratio: float | None
+    robot: str | None
+    description: Path | None
+    node_id: int | None
+
+    def refuse_without_recording(self) -> None:
+        """Refuse options that need a recording.
+
+        Raises:
+            typer.BadParameter: One was given.
+        """
+        given = {"--column": self.column, "--layout": self.layout, "--ratio": self.ratio, "--robot": self.robot,
+            "--description": self.description, "--node": self.node_id}  # fmt: skip
+        for name, value in given.items():
+            if value:
+                raise typer.BadParameter("it says something of a --recording, and none is given", param_hint=name)
+
+
+def from_recordings(
+    files: list[Path],
+    words: RecordingWords,
+    axis: int,
+    orders: str,
+    bench_file: str | None,
+    model: Path | None,
+    out: Path | None,
+    *,
+    sensorless: bool,
+    as_json: bool,
+) -> None:
+    """Identify from recordings, write the model file and the report, and print the result.
+
+    Args:
+        files: The recordings.
+        words: What is said of them.
+        axis: Axis number.
+        orders: Orders as they were written.
+        bench_file: Bench file that says lever and plant of a sensor; None without one.
+        model: Model file; None for one in the directory.
+        out: Directory; None for a new one.
+        sensorless: True to take the motor's torque.
+        as_json: True to print result.json.
+
+    Raises:
+        typer.Exit: Nothing was identified.
+    """
+    from hil.bench.bench import load_bench  # noqa: PLC0415
+    from hil.bench.model import load_identified, update_file  # noqa: PLC0415
+    from hil.experiments.ate.recorded.identify import identify_recorded  # noqa: PLC0415
+    from hil.experiments.ate.recorded.request import RecordedRequest  # noqa: PLC0415
+    from hil.recordings.layout import load_layout, said_with  # noqa: PLC0415
+
+    try:
+        file = None if words.layout is None else load_layout(words.layout, axis)
+        said = said_with(words.column, words.ratio, words.robot, file)
+        said = dataclasses.replace(said, description=words.description, node_id=words.node_id)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--column") from None
+    where = out or new_directory(f"identify-ate-axis{axis}")
+    request = RecordedRequest(tuple(files), axis, said, orders_from(orders), sensorless)
+    bench = None if bench_file is None else load_bench(bench_file)
+    identified = load_identified(model) if model is not None and model.exists() else None
+    result = identify_recorded(request, where, bench, identified)
+    file_of_model = model or where / "model.toml"
+    if result.ate is not None and result.is_identified:
+        update_file(file_of_model, result.robot, axis, result.ate)
+    page = write_page(where)
+    if as_json:
+        typer.echo(result.dumps())
+    else:
+        _summary(result)
+    if result.is_identified:
+        say(f"model file: {file_of_model}")
+    say_page(page)
+    if not result.is_identified:
+        say("no order stands above its noise: no model file is written")
+        raise typer.Exit(ExitStatus.NOT_MET)
+
+
+def _summary(result: "RecordedAteResult") -> None:
+    """Print the identified numbers."""
+    for each in result.files:
+        typer.echo(f"{each.path}: {each.rows} rows, {each.duration_s:.1f} s; {'; '.join(each.columns)}")
+    turns, stretches = sum(each.turns for each in result.stretches), len(result.stretches)
+    typer.echo(
+        f"axis {result.axis}, {result.form}, N = {result.reduction_ratio:g}: "
+        f"{stretches} {'stretch' if stretches == 1 else 'stretches'}, "
+        f"{turns:.1f} motor revolutions"
+    )
+    if result.scan is not None:
+        peaks = ", ".join(f"{peak.order:.2f}" for peak in result.scan.peaks) or "none"
+        typer.echo(f"  blind scan: highest at order {result.scan.highest.order:.2f}; above the false-alarm level: {peaks}")
+    values = {} if result.ate is None else result.ate.values.amplitudes_arcsec()
+    for order, amplitude in values.items():
+        from hil.robot_tables import amplitude_key, phase_key  # noqa: PLC0415 - as above
+
+        assert result.ate is not None  # noqa: S101 - its values are listed
+        errors, phases = result.ate.standard_error, result.ate.values.phases_deg()
+        typer.echo(f"  A_{order:<4g}{measured(amplitude, errors[amplitude_key(order)])} arcsec")
+        typer.echo(f"  φ_{order:<4g}{measured(phases[order], errors[phase_key(order)])} °")
+    for note in result.notes:
+        typer.echo(f"  note: {note}")

@@ -1,0 +1,99 @@
+"""hil learn --motion: what cancels the transmission errors of a motion's axes, learnt on that motion."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from hil.cli.console import (
+    ExitStatus,
+    SpokenReporter,
+    confirm,
+    exit_with,
+    is_on_local_bus,
+    motion_lines,
+    new_directory,
+    say,
+    say_not_restored,
+    say_page,
+    write_page,
+)
+
+if TYPE_CHECKING:  # --help must not wait for numpy and scipy
+    from hil.bench.bench import Bench
+
+
+@dataclass(frozen=True)
+class MotionOptions:
+    """Options of learning on a motion, as `MotionLearnRequest` has them."""
+
+    motion: str
+    axis: int | None
+    orders: tuple[float, ...]
+    probe_arcsec: float | None
+    note: str
+    motor_inertias_kg_m2: Mapping[int, float]
+    pace: float | None = None
+
+
+def learn_motion(
+    bench: "Bench",
+    options: MotionOptions,
+    out: Path | None,
+    model: Path,
+    plant: Path | None,
+    *,
+    overload: bool,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Learn on a motion, write the report, print the result, and leave with the exit status of a failure.
+
+    Args:
+        bench: The bench file.
+        options: The motion and its probes.
+        out: Directory of the files; None for a new one.
+        model: The model file.
+        plant: Model file with the plants; None without one.
+        overload: Run even what does not fit on the bus.
+        yes: Move a real robot without asking.
+        as_json: Print result.json instead of text.
+    """
+    from hil.experiments.cancellation.probing.on_bus import (  # noqa: PLC0415
+        MotionLearnRequest,
+        learn_motion_on_bus,
+        motion_summary,
+    )
+
+    request = MotionLearnRequest(**{name: getattr(options, name) for name in asdict(options)})
+    if not yes and not is_on_local_bus(bench):
+        confirm(_lines(bench, options))
+    where = out or new_directory(f"learn-{options.motion}")
+    outcome = learn_motion_on_bus(bench, request, where, model, plant=plant, overload=overload, reporter=SpokenReporter())
+    page = write_page(where)
+    if as_json:
+        typer.echo(outcome.result.dumps())
+    else:
+        for line in motion_summary(outcome):
+            typer.echo(line)
+    if outcome.result.learnt:
+        say(f"model file: {model}")
+    say_page(page)
+    say_not_restored(outcome.not_restored)
+    if outcome.failure is not None:
+        raise exit_with(outcome.failure)
+    if outcome.not_restored:
+        raise typer.Exit(ExitStatus.SDO)
+
+
+def _lines(bench: "Bench", options: MotionOptions) -> Iterator[str]:
+    """Return the lines on how the robot is moved."""
+    from hil.experiments.plan import Experiment  # noqa: PLC0415
+
+    yield from motion_lines([(bench, Experiment(options.motion, options.axis, "none"))])
+    probe = "3 to 15" if options.probe_arcsec is None else f"{options.probe_arcsec:g}"
+    yield f"again and again, some forty times, with {probe}″ of each order added at every axis"
+    if options.pace is not None:
+        yield f"and some thirty times in {options.pace:g} times the line's time"

@@ -1,0 +1,166 @@
+"""hil passport: what identifications have found of each gear over months, in one file, with alarms on change."""
+
+# ruff: noqa: PLC0415 - numpy and the figures are imported inside the command, so that --help stays quick
+
+import datetime
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.cli.console import epilog, table
+from hil.cli.console import ExitStatus, exit_on_error, say, say_page
+from hil.cli.options import JsonOption
+
+if TYPE_CHECKING:
+    from hil.passport.origin import Motor
+    from hil.passport.watch import OrderOrigin, Trend
+
+PASSPORT_EPILOG = epilog(
+    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.NOT_MET, ExitStatus.INTERRUPTED),
+    {
+        ExitStatus.DONE: "no gear has changed",
+        ExitStatus.FILE: "bad file, or no passport",
+        ExitStatus.NOT_MET: "a gear has changed",
+        ExitStatus.INTERRUPTED: "interrupted",
+    },
+)
+PASSPORT_FILE, PAGE = "passport.sqlite", "passport.html"
+SHOWN_LEFT_OUT = 10
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil`."""
+    app.command(epilog=PASSPORT_EPILOG)(passport)
+
+
+def passport(
+    directory: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR", help="Folders of identifications: result.json and model files below them."),
+    ],
+    file: Annotated[
+        Path | None, typer.Option("--file", help=f"The passport; left out: {PASSPORT_FILE} in the first folder.", dir_okay=False)
+    ] = None,
+    since: Annotated[
+        str | None, typer.Option("--since", metavar="DATE", help="Watch runs from this date on: that of a new gear.")
+    ] = None,
+    pole_pairs: Annotated[
+        list[str] | None, typer.Option("--pole-pairs", metavar="AXIS=P", help="Pole pairs of an axis' motor: 2=5.")
+    ] = None,
+    slots: Annotated[list[str] | None, typer.Option("--slots", metavar="AXIS=Z", help="Slots of an axis' motor: 2=12.")] = None,
+    note: Annotated[
+        str, typer.Option(help="Conditions of the runs that are new, where their own notes say none: 22 °C, 3 kg, forwards.")
+    ] = "",
+    as_json: JsonOption = False,
+) -> None:
+    """Keep what identifications have found of each gear, and tell what has changed.
+
+    Example: hil passport bench-out --file passport.sqlite --pole-pairs 2=5 --slots 2=12
+    """
+    with exit_on_error("interrupted"):
+        from hil.passport.gather import gather
+        from hil.passport.store import add, read
+        from hil.passport.watch import origins, trends
+        from hil.report.pages.passport import write_passport
+
+        for each in directory:
+            if not each.is_dir():
+                say(f"{each}: no folder")
+                raise typer.Exit(ExitStatus.FILE)
+        where, begin = file or directory[0] / PASSPORT_FILE, _date(since)
+        motors = _motors(pole_pairs or [], slots or [])
+        gathered = gather(directory, note)
+        new = add(where, gathered.runs)
+        runs = read(where)
+        found = trends(runs, motors, begin)
+        told = origins(runs, motors, begin)
+        for left in gathered.left_out[:SHOWN_LEFT_OUT]:
+            say(f"left out: {left}")
+        if len(gathered.left_out) > SHOWN_LEFT_OUT:
+            say(f"left out: {len(gathered.left_out) - SHOWN_LEFT_OUT} more files")
+        say(f"{where}: {new} new runs, {len(runs)} in all")
+        made = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        is_emulated = any(run.emulated for run in runs)
+        page = write_passport(where.with_name(PAGE), found, told, where, made, gathered.left_out, is_emulated=is_emulated)
+        if as_json:
+            typer.echo(json.dumps([_entry(trend) for trend in found], indent=2, ensure_ascii=False))
+        else:
+            _table(found)
+        say_page(page)
+        _say_motors(found, told)
+        alarmed = [trend for trend in found if trend.is_alarmed]
+        for trend in alarmed:
+            say(trend.words)
+        if alarmed:
+            raise typer.Exit(ExitStatus.NOT_MET)
+
+
+def _say_motors(found: "list[Trend]", told: "list[OrderOrigin]") -> None:
+    """Name orders that no model file has, since they are the motor's."""
+    shown = {(trend.robot, trend.axis, trend.order) for trend in found}
+    for each in told:
+        if (each.robot, each.axis, each.order) not in shown:
+            say(f"{each.robot}, axis {each.axis}: order {each.order:g} is not the gear's, but the motor's: {each.why}")
+
+
+def _date(text: str | None) -> str:
+    """A date of the command line in UTC; empty for none.
+
+    Raises:
+        typer.BadParameter: It is no date.
+    """
+    if text is None:
+        return ""
+    try:
+        date = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is no date: 2026-03-01 is", param_hint="--since") from None
+    date = date.replace(tzinfo=datetime.UTC) if date.tzinfo is None else date.astimezone(datetime.UTC)
+    return date.isoformat(timespec="seconds")
+
+
+def _motors(pole_pairs: list[str], slots: list[str]) -> dict[int, "Motor"]:
+    """Poles and slots by axis."""
+    from hil.passport.origin import Motor
+
+    poles, teeth = _counts(pole_pairs, "--pole-pairs"), _counts(slots, "--slots")
+    return {axis: Motor(poles.get(axis), teeth.get(axis)) for axis in poles.keys() | teeth.keys()}
+
+
+def _counts(texts: list[str], option: str) -> dict[int, int]:
+    """Numbers by axis.
+
+    Raises:
+        typer.BadParameter: One is none.
+    """
+    found: dict[int, int] = {}
+    for text in texts:
+        axis, _, count = text.partition("=")
+        if not (axis.isdecimal() and count.isdecimal() and 1 <= int(count) <= 1000):
+            raise typer.BadParameter(f"{text!r}: 2=5 is a number of axis 2", param_hint=option)
+        found[int(axis)] = int(count)
+    return found
+
+
+def _entry(trend: "Trend") -> dict[str, object]:
+    first = trend.watch.first
+    return {
+        "robot": trend.robot, "axis": trend.axis, "order": trend.order, "quantity": "phi_deg" if trend.is_phase else "a_arcsec",
+        "dates": list(trend.dates), "values": trend.values.tolist(), "standard_errors": trend.errors.tolist(),
+        "alarmed_since": None if first is None else trend.dates[first], "explained": trend.watch.explained,
+        "origin": trend.origin,
+    }  # fmt: skip
+
+
+def _table(found: "list[Trend]") -> None:
+    rows = []
+    for trend in found:
+        first = trend.watch.first
+        state = f"since {trend.dates[first][:10]}" if first is not None else "no" if trend.is_watched else "too few runs"
+        value = f"{trend.values[-1]:.2f} ± {trend.errors[-1]:.2f} {trend.unit}"
+        count, before = str(len(trend.values)), f"{trend.watch.expected:.2f}"
+        gear = trend.robot, str(trend.axis), trend.symbol
+        rows.append((*gear, count, before, value, state, trend.explained_words, trend.origin))
+    table("", ("robot", "axis", "", "runs", "expected", "last", "changed", "explained by", "from"), rows)

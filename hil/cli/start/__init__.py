@@ -1,0 +1,1 @@
+"""What is done before the first run: a bench file is written, and the robot is checked by it."""

@@ -1,0 +1,91 @@
+"""hil check: before the first motion of a robot, what can be seen of encoder, brake, torque, stops, limits and sensor."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.cli.console import table
+from hil.cli.console import (
+    ExitStatus,
+    SpokenReporter,
+    bench_on,
+    confirm,
+    epilog_of_runs,
+    exit_on_error,
+    is_on_local_bus,
+    new_directory,
+    say,
+    say_not_restored,
+)
+from hil.cli.options import AXES, BenchOption, BusOption, JsonOption, NewOutOption, YesOption
+
+if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
+    from hil.bench.bench import Bench
+
+CHECK_EPILOG = epilog_of_runs(
+    {ExitStatus.DONE: "all was checked, and nothing failed", ExitStatus.NOT_MET: "a check failed, or could not be made"}
+)
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil`."""
+    app.command(epilog=CHECK_EPILOG)(check)
+
+
+def check(
+    bench_file: BenchOption,
+    axis: Annotated[
+        list[int] | None, typer.Option("--axis", help="Axis to check; again for more, left out for all.", autocompletion=AXES.one)
+    ] = None,
+    bus: BusOption = None,
+    out: NewOutOption = None,
+    as_json: JsonOption = False,
+    reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
+    yes: YesOption = False,
+) -> None:
+    """Check encoder, brake, torque, stops, limits and sensor of each axis before its first motion, by the smallest ones.
+
+    Each check ends in PASS, FAIL or NOT TOLD, with what was seen. What depends on a check that has failed is not done.
+
+    Example: hil check --bench bench.toml --axis 2
+    """
+    with exit_on_error():
+        bench = bench_on(bench_file, bus)
+
+        from hil.commissioning.check import check_axes, known_axes  # noqa: PLC0415
+
+        numbers = known_axes(bench, axis or ())
+        if not yes and not is_on_local_bus(bench):
+            confirm(_lines(bench, numbers))
+        where = out or new_directory("check")
+        outcome = check_axes(bench, numbers, where, reset_faults=reset_faults, reporter=SpokenReporter())
+        if as_json:
+            typer.echo(outcome.result.dumps())
+        else:
+            rows = [(str(each.axis), each.name, each.verdict, each.seen) for each in outcome.result.checks]
+            table("", ("axis", "check", "verdict", "seen"), rows)
+        say(f"result: {where / 'check.json'}")
+        say_not_restored(outcome.not_restored)
+        if outcome.failure is not None:
+            raise outcome.failure
+        if outcome.not_restored:
+            raise typer.Exit(ExitStatus.SDO)
+        if outcome.result.failed or outcome.result.not_made:
+            raise typer.Exit(ExitStatus.NOT_MET)
+
+
+def _lines(bench: "Bench", axes: tuple[int, ...]) -> Iterator[str]:
+    """Lines on what moves, for `confirm`."""
+    from hil.commissioning.held import CHECK_FOLLOWING_REV, ROOM_REV  # noqa: PLC0415
+    from hil.commissioning.limits import ASKED_REV  # noqa: PLC0415
+    from hil.experiments.plant.probe import PROBE_RPS  # noqa: PLC0415
+
+    yield f"This enables each axis on {bench.bus.address}, lets it stop by itself, and turns it:"
+    for number in axes:
+        limits, ratio = bench.axis[number].limits, bench.axis[number].reduction_ratio
+        yield (
+            f"  axis {number}: a third of a motor turn at {PROBE_RPS:g} rev/s, then {ASKED_REV:g} rev to either side "
+            f"({360.0 * ASKED_REV / ratio:.2f}° of the joint), at most {limits.torque_nm:g} N·m; it is stopped "
+            f"{min(CHECK_FOLLOWING_REV, limits.following_error_rev):g} rev from its set-point, {ROOM_REV:g} rev from its start"
+        )

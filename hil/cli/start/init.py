@@ -1,0 +1,69 @@
+"""hil init: a bench file from a scan of the bus."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drive_profiles.cli.console import epilog, fail
+from hil.cli.console import ExitStatus, exit_on_error, say
+from hil.cli.options import BusOption
+
+INIT_EPILOG = epilog(
+    (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.BUS, ExitStatus.NODE, ExitStatus.INTERRUPTED),
+    {ExitStatus.FILE: "bad URDF file, or a file that is there already", ExitStatus.INTERRUPTED: "interrupted"},
+)
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil`."""
+    app.command(epilog=INIT_EPILOG)(init)
+
+
+def init(
+    out: Annotated[Path, typer.Option("--out", help="Bench file to write; it must not be there.")],
+    bus: BusOption = None,
+    name: Annotated[str | None, typer.Option(help="Name of the bench; left out, that of the file.")] = None,
+    urdf: Annotated[
+        Path | None, typer.Option(help="URDF file of the arm: its lengths and levers need not be typed then.")
+    ] = None,
+    joints: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME", help="With --urdf: the joints of the drives, in rising node-IDs.")
+    ] = None,
+    tip_link: Annotated[
+        str | None, typer.Option(metavar="LINK", help="With --urdf: the link that is the tip; left out, the only one at the end.")
+    ] = None,
+) -> None:
+    """Write a bench file from a scan of the bus: nodes, profiles, counts, first limits, a SYNC period that fits.
+
+    Nothing is written to any node. Lines that only you can fill in say so, and no command accepts the file before.
+
+    Example: hil init --bus socketcan:can0@1M --out bench.toml
+    """
+    with exit_on_error("interrupted"):
+        from drive_profiles.address import choose_bus  # noqa: PLC0415
+
+        choice = choose_bus(bus)
+        if choice is None:
+            raise fail("which bus? give --bus, or set HIL_BUS", ExitStatus.USAGE)
+        if urdf is None and (joints, tip_link) != (None, None):
+            raise fail("--joints and --tip-link are of a drawing: give --urdf as well", ExitStatus.USAGE)
+        if out.exists():
+            raise fail(f"{out}: there already; nothing was written", ExitStatus.FILE)
+        say(str(choice))
+
+        from drive_profiles.files.safefile import write_atomically  # noqa: PLC0415
+        from hil.commissioning.draft import ArmDrawing, draft, left_to_type  # noqa: PLC0415
+        from hil.commissioning.scan import scan_bus  # noqa: PLC0415
+
+        drawing = None
+        if urdf is not None:
+            names = () if joints is None else tuple(each.strip() for each in joints.split(","))
+            drawing = ArmDrawing(urdf, out.parent, names, tip_link)
+        text = draft(name or out.stem, choice.address, scan_bus(choice.address), drawing)
+        write_atomically(out, text.encode())
+    left = left_to_type(text)
+    typer.echo(f"{out}: {len(left)} lines are yours to fill in")
+    for line, key in left:
+        typer.echo(f"  line {line}: {key}")
+    say(f"then: hil plan --bench {out}, and hil check --bench {out} before anything else moves it")

@@ -1,0 +1,63 @@
+"""Does the drive itself keep to its position limits, each in its direction?
+
+The drive is told a near limit on one side and a far one on the other; the master's own lie beyond both. It must go to the far
+side, where a limit with the wrong sign would stop it, and must not go over the near one.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from hil.commissioning.held import HeldAxis, held_axis
+from hil.commissioning.seen import Checked
+from hil.commissioning.turning import room_trouble
+from hil.control.trajectory import Smooth, sample_times
+from hil.experiments.plant.motion import TURN
+from hil.master.motion import Real
+from hil.results.check import CheckEntry
+
+NEAR_REV, FAR_REV, ASKED_REV = 0.10, 0.30, 0.20
+"""Near and far limit from where the motor stands, and how far it is asked to go."""
+OVER_REV: Final = 0.04
+"""Turn beyond a limit within which a drive comes to rest."""
+ASKED_S, ASKED_RAMP_S = 1.5, 0.5
+
+
+def check_limits(of: Checked) -> list[CheckEntry]:
+    """Both limits, the upper first."""
+    if (trouble := room_trouble(of, -FAR_REV, FAR_REV)) is not None:
+        return [of.not_made(name, trouble) for name in ("upper limit", "lower limit")]
+    return [_check(of, 1.0), _check(of, -1.0)]
+
+
+def _check(of: Checked, sign: float) -> CheckEntry:
+    """One limit: away from it first, then towards it.
+
+    Args:
+        of: The axis.
+        sign: 1 for the upper limit, -1 for the lower.
+    """
+    name, here = ("upper limit" if sign > 0.0 else "lower limit"), of.session.axes[of.number].position_rad()
+    low, high = sorted((here + sign * TURN * NEAR_REV, here - sign * TURN * FAR_REV))
+    with held_axis(of.session, of.number, {"position_limit_min_rad": low, "position_limit_max_rad": high}) as held:
+        away = -sign * _there(held)
+        if not (held.rise() and held.go(away) and held.go(away[::-1])):
+            return of.stopped(name, held, f"{ASKED_REV:g} rev away from it, on the side that is free")
+        went = held.go(sign * _there(held))
+        if went:
+            held.rest(0.1)  # a drive that holds at its limit gets its set-point back
+        recording = held.recorded()
+    path = of.keep(recording, f"axis-{of.number}-{name.replace(' ', '-')}")
+    furthest = float(np.max(sign * (recording.axis(of.number, "position_rad") - held.start_rad))) / TURN
+    seen = (
+        f"asked for {sign * ASKED_REV:+.2f} rev, it came to {sign * furthest:+.3f} rev, its limit is {sign * NEAR_REV:+.2f} rev"
+    )
+    how = "" if held.stopped is None else f"; it stopped: {held.stopped}"
+    return of.passed(name, furthest <= NEAR_REV + OVER_REV, seen + how, path)
+
+
+def _there(held: HeldAxis) -> Real:
+    """Angles from the start to where the motor is asked to go, and a rest there; shape (n,)."""
+    times = sample_times(ASKED_S, held.period_s)
+    way = TURN * ASKED_REV * np.asarray(Smooth(ASKED_S, ASKED_RAMP_S).position(times))
+    return np.concatenate([way, np.full(round(0.1 / held.period_s), way[-1])])

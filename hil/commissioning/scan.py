@@ -1,0 +1,146 @@
+"""What is on a bus, by reading alone: nodes, their profiles, how drives count, and what they allow."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from drive_profiles.address import parse_address
+from drive_profiles.device.bus import SdoBus
+from drive_profiles.device.device import DeviceIdentity, identity_at
+from drive_profiles.device.target import matching
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.cia301 import DataType, decode
+from drive_profiles.standard.cia402 import Object
+from drive_profiles.standard.units import Scaling
+from hil.can.opening import open_channel
+from hil.errors import HilError, NodeError
+from hil.master.drive.scale import Questions, read_scaling
+from hil.master.network import Network
+from hil.recording import BusLog
+from hil.robot_tables import Control
+
+ASK_TIMEOUT_S: Final = 0.5
+
+
+@dataclass(frozen=True)
+class FoundNode:
+    """A node that answers.
+
+    Attributes:
+        identity: Identity that it states.
+        profiles: Labels of the profiles that fit.
+        scaling: How a drive counts; None of other nodes, and where it does not say.
+        doubt: Reason why it is not known how it counts, or None.
+        control: Gains that it holds; None where it holds none, or its profile does not know them.
+        knows_gains: True where its profile knows all gains of the loop.
+        speed_limit_rps: Speed that the drive itself allows; None where it does not say.
+        position_rev: Position of its motor; None where that is not known.
+    """
+
+    identity: DeviceIdentity
+    profiles: tuple[str, ...]
+    scaling: Scaling | None = None
+    doubt: str | None = None
+    control: Control | None = None
+    knows_gains: bool = False
+    speed_limit_rps: float | None = None
+    position_rev: float | None = None
+
+    @property
+    def node(self) -> int:
+        """Its node-ID."""
+        return self.identity.node
+
+    @property
+    def is_drive(self) -> bool:
+        """True for a drive: by its own words, or by its profile's."""
+        return self.identity.is_drive or (self.profile is not None and self.profile.kind == "drive")
+
+    @property
+    def profile(self) -> Profile | None:
+        """Its profile; None where none or several fit."""
+        return Profile.load(self.profiles[0]) if len(self.profiles) == 1 else None
+
+
+def scan_bus(address: str) -> list[FoundNode]:
+    """Ask all nodes who they are, and the drives among them how they count; nothing is written.
+
+    Raises:
+        BusError: There is no such bus.
+        ChannelError: Likewise.
+        NodeError: No node answers.
+    """
+    with SdoBus(address, ASK_TIMEOUT_S) as bus:
+        there = [
+            (identity, matching(identity)) for identity in (identity_at(bus.port(node)) for node in bus.answering(range(1, 128)))
+        ]
+    if not there:
+        raise NodeError(0, f"no node answers on {address}", "is the bit rate right, is everything powered?")
+    channel = open_channel(parse_address(address))
+    try:
+        network = Network(channel, BusLog(None), ASK_TIMEOUT_S, 1.0)
+        return [_found(network, identity, tuple(profiles)) for identity, profiles in there]
+    finally:
+        channel.close()
+
+
+def _found(network: Network, identity: DeviceIdentity, profiles: tuple[str, ...]) -> FoundNode:
+    """A node with all that it says of itself."""
+    found = FoundNode(identity, profiles)
+    profile = found.profile
+    if profile is None or profile.kind != "drive":
+        return found
+    try:
+        scaling = read_scaling(Questions(network, identity.node), identity.node, _NothingStated(), profile)
+    except HilError as error:
+        return FoundNode(identity, profiles, doubt=str(error))
+    if scaling is None:
+        return FoundNode(identity, profiles, doubt="it does not say how it counts")
+    asked = _Parameters(network, identity.node, profile, scaling)
+    values = {name: asked.value(name) for name in Control.model_fields}
+    knows = all(name in profile.parameters for name in Control.model_fields)
+    control = None
+    if all(value is not None and math.isfinite(value) and value > 0.0 for value in values.values()):
+        control = Control.model_validate(values)
+    speed = asked.value("speed_limit_rad_s")
+    return FoundNode(
+        identity, profiles, scaling, None, control, knows,
+        None if speed is None or not 0.0 < speed < math.inf else speed / math.tau, asked.position_rev(),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _NothingStated:
+    """How a drive counts, as a bench file has it that is not written yet."""
+
+    encoder_counts_per_rev: int | None = None
+    rated_torque_nm: float | None = None
+
+
+@dataclass(frozen=True)
+class _Parameters:
+    """Parameters of a drive, read one at a time; None for what it does not give."""
+
+    network: Network
+    node: int
+    profile: Profile
+    scaling: Scaling
+
+    def value(self, name: str) -> float | None:
+        """A parameter of the profile, in its unit."""
+        parameter = self.profile.parameters.get(name)
+        if parameter is None:
+            return None
+        try:
+            raw = self.network.read(self.node, parameter.index, parameter.subindex, DataType[parameter.data_type], name)
+        except HilError:
+            return None
+        return float(parameter.value(raw, self.scaling))
+
+    def position_rev(self) -> float | None:
+        """Position of the motor in revolutions."""
+        try:
+            data = self.network.read_raw(self.node, Object.POSITION_ACTUAL, 0, "position actual value")
+        except HilError:
+            return None
+        return self.scaling.position_rad(int(decode(DataType.INTEGER32, data))) / math.tau if len(data) == 4 else None

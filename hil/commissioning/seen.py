@@ -1,0 +1,65 @@
+"""Words and shape of what the checks give."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hil.commissioning.held import HeldAxis
+from hil.master.session import Session
+from hil.recording import Recording
+from hil.results.check import CheckEntry, Verdict
+
+Keep = Callable[[Recording, str], str]
+"""Function that saves a recording under a name, and gives its path."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """One axis that is being checked.
+
+    Attributes:
+        session: Session that has been brought up.
+        number: Number of the axis.
+        keep: Function that saves a recording.
+    """
+
+    session: Session
+    number: int
+    keep: Keep
+
+    def entry(self, name: str, verdict: Verdict, seen: str, recording: str | None = None) -> CheckEntry:
+        """One check of this axis.
+
+        Args:
+            name: Name of the check.
+            verdict: Its outcome.
+            seen: What was seen, in words.
+            recording: Path of its recording.
+        """
+        return CheckEntry(axis=self.number, name=name, verdict=verdict, seen=seen, recording=recording)
+
+    def not_made(self, name: str, why: str) -> CheckEntry:
+        """One check that could not be made, and why."""
+        return CheckEntry(axis=self.number, name=name, verdict="NOT TOLD", seen=why, is_made=False)
+
+    def stopped(self, name: str, held: HeldAxis, when: str, recording: str | None = None) -> CheckEntry:
+        """One check in which the axis was stopped; a stop that lies in the master says nothing of the robot.
+
+        Args:
+            name: Name of the check.
+            held: The axis.
+            when: Time at which it was stopped, in words.
+            recording: Path of its recording.
+        """
+        seen = f"stopped {when}: {held.stopped}"
+        return self.not_made(name, seen) if held.is_masters_fault else self.passed(name, False, seen, recording)
+
+    def passed(self, name: str, is_good: bool, seen: str, recording: str | None = None) -> CheckEntry:
+        """One check that can be told.
+
+        Args:
+            name: Name of the check.
+            is_good: True where all is as it must be.
+            seen: What was seen, in words.
+            recording: Path of its recording.
+        """
+        return self.entry(name, "PASS" if is_good else "FAIL", seen, recording)

@@ -1,0 +1,208 @@
+"""The reaction of a gear's torque on its motor through the transmission error, from the motor's torque and angle.
+
+What goes into a gear as power comes out, so a gear whose output turns with θ_m/N + θ_sync(θ_m) loads its motor with
+
+    τ_g (1/N + r dθ_sync/dθ_m),    r = 1 where no power is lost.
+
+Below the arm's resonance the motor's torque has at each order k: what moves the motor, A θ_m; what moves the arm,
+J_l s² X (θ_m/N + θ_sync)/N with X the response of the arm on its gear; and r τ_g dθ_sync/dθ_m, of which τ_g is the slow load of
+gravity, acceleration and friction. The first two are known, and of what is left r is the part that goes with the third. How
+large the arm's part is, is left open for each order, since it is the larger one as the resonance comes near.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.design.order_map import order_tracks
+from hil.design.transmission_error import TransmissionError
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SHOWN_OVER_RESONANCE = 0.6
+"""k f_m up to which a window counts, in units of f_a: nearer, the arm's own part hides the reaction."""
+SMOOTHED_S = 0.5
+"""Time over which the slow load is averaged."""
+BELIEVED_SIGMAS = 3.5
+"""Standard errors from which a reaction is believed."""
+LOSSLESS_ERROR = 0.1
+"""How far the reaction of a gear may be from 1, that of a gear without losses; harmonic drives give back 80 to 95 %."""
+FAR_SIGMAS = 3.0
+"""Standard errors from 1 from which on it is something else, cogging or friction."""
+FEWEST_WINDOWS = 20
+BLOCK = 16
+"""Windows of a block: those that overlap, and as many again."""
+ARM_MISFIT = 0.05
+"""Error of the arm's part, as a fraction of it: so far may the arm's response be wrong."""
+
+
+@dataclass(frozen=True)
+class MotorSide:
+    """What is known of a motor and the arm that it moves.
+
+    Attributes:
+        reduction_ratio: N.
+        motor_inertia_kg_m2: J_m.
+        motor_damping_nm_s_rad: D_m.
+        coulomb_friction_nm: τ_C.
+        torque_lag_s: Lag of the current loop.
+        arm_inertia_kg_m2: J_l.
+        antiresonance_hz: f_a.
+        damping: ζ.
+    """
+
+    reduction_ratio: float
+    motor_inertia_kg_m2: float
+    motor_damping_nm_s_rad: float
+    coulomb_friction_nm: float
+    torque_lag_s: float
+    arm_inertia_kg_m2: float
+    antiresonance_hz: float
+    damping: float
+
+
+@dataclass(frozen=True)
+class Turning:
+    """A motion of the motor.
+
+    Attributes:
+        motor_angle_rad: θ_m, equally spaced; shape (n,).
+        torque_nm: Motor torque, sampled with it; shape (n,).
+        period_s: Sampling period.
+    """
+
+    motor_angle_rad: Real
+    torque_nm: Real
+    period_s: float
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """r and its standard error."""
+
+    value: float
+    standard_error: float
+
+    @property
+    def is_seen(self) -> bool:
+        """True where the gear reacts on its motor as a gear does."""
+        far = FAR_SIGMAS * math.hypot(self.standard_error, LOSSLESS_ERROR)
+        return self.value >= BELIEVED_SIGMAS * self.standard_error and abs(self.value - 1.0) <= far
+
+    @property
+    def is_absent(self) -> bool:
+        """True where the gear does not react on its motor, for certain: 0 may be it, and what a gear does cannot."""
+        return abs(self.value) <= FAR_SIGMAS * self.standard_error and self.value + BELIEVED_SIGMAS * self.standard_error < 0.5
+
+    @property
+    def believed(self) -> "Reaction":
+        """What is measured and what a gear does, each by its standard error."""
+        measured, known = self.standard_error**-2, LOSSLESS_ERROR**-2
+        return Reaction((measured * self.value + known) / (measured + known), 1.0 / math.sqrt(measured + known))
+
+
+def gear_reaction(motions: Sequence[Turning], known: MotorSide, error: TransmissionError) -> Reaction | None:
+    """R with its standard error; None where no motion turns slowly enough for it to be seen.
+
+    Args:
+        motions: Motions without a cancellation.
+        known: Motor and arm.
+        error: Amplitudes in arcsec and phases in degrees, by order.
+    """
+    orders = tuple(order for order, size in error.amplitude_arcsec.items() if size > 0.0)
+    if not orders:
+        return None
+    parts: list[_Windows] = []
+    for motion in motions:
+        try:
+            parts += _windows(motion, known, error, orders)
+        except ValueError:  # it never turns far enough one way
+            continue
+    if sum(len(part.left) for part in parts) < FEWEST_WINDOWS:
+        return None
+    return _fitted(parts, len(orders))
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """Windows of one order in one direction of one motion, by their speed.
+
+    Torque that is left, slow load times slope, and the arm's part, in N·m at the motor; standard error; row of the order.
+    """
+
+    left: Complex
+    load: Complex
+    arm: Complex
+    sigma: Real
+    row: int
+
+
+def _fitted(parts: Sequence[_Windows], count: int) -> Reaction:
+    """R by weighted least squares, a complex factor of the arm's part for each order beside it.
+
+    What is left is no white noise, and windows overlap: the standard error is that of blocks of them, each as it is.
+    """
+    blocks, matrices, values = [], [], []
+    for part in parts:
+        columns = np.zeros((len(part.left), 1 + 2 * count), dtype=np.complex128)
+        columns[:, 0], columns[:, 1 + 2 * part.row], columns[:, 2 + 2 * part.row] = part.load, part.arm, 1j * part.arm
+        columns, wanted = columns / part.sigma[:, None], part.left / part.sigma
+        for first in range(0, len(wanted), BLOCK):
+            block = slice(first, first + BLOCK)
+            blocks.append(2 * len(wanted[block]))
+            matrices.append(np.concatenate([columns[block].real, columns[block].imag]))
+            values.append(np.concatenate([wanted[block].real, wanted[block].imag]))
+    matrix, value = np.concatenate(matrices), np.concatenate(values)
+    gains = np.linalg.pinv(matrix.T @ matrix, hermitian=True) @ matrix.T
+    found = gains @ value
+    said = gains[0] * (value - matrix @ found)
+    variance = sum(float(np.sum(each)) ** 2 for each in np.split(said, np.cumsum(blocks)[:-1]))
+    return Reaction(float(found[0]), max(math.sqrt(variance), 1e-9))
+
+
+def _windows(motion: Turning, known: MotorSide, error: TransmissionError, orders: Sequence[float]) -> list[_Windows]:
+    """Windows of each order and direction below the resonance."""
+    angle, period_s, n = motion.motor_angle_rad, motion.period_s, known.reduction_ratio
+    phase = {k: math.radians(error.phase_deg[k]) for k in orders}
+    size = {k: error.amplitude_arcsec[k] / 3600.0 * math.pi / 180.0 for k in orders}
+    speed = np.gradient(angle, period_s)
+    acceleration = np.gradient(speed, period_s)
+    width = max(1, round(SMOOTHED_S / period_s))
+    slow_speed, slow_torque = _averaged(speed, width), _averaged(motion.torque_nm, width)
+    own = known.motor_inertia_kg_m2 * _averaged(acceleration, width) + known.motor_damping_nm_s_rad * slow_speed
+    slow_load = n * (slow_torque - own - known.coulomb_friction_nm * np.sign(slow_speed))
+    slope = -np.sum([k * size[k] * np.sin(k * angle + phase[k]) for k in orders], axis=0)
+    signals = (motion.torque_nm, acceleration, slow_load * slope)
+    torque, moved, loaded = order_tracks(angle, signals, period_s, orders)
+    parts: list[_Windows] = []
+    for row, k in enumerate(orders):
+        jw = 2j * math.pi * k * torque.speed_rps
+        back = torque.direction < 0.0
+
+        def in_time(values: Complex, back: NDArray[np.bool_] = back) -> Complex:
+            """A sine of the angle as one of time: backwards it is its own conjugate."""
+            return np.asarray(np.where(back, values.conj(), values), dtype=np.complex128)
+
+        seen = in_time(torque.component[:, row]) / (1.0 + known.torque_lag_s * jw)
+        motor = in_time(moved.component[:, row])
+        sync = in_time(np.full(len(jw), size[k] * np.exp(1j * phase[k])))
+        omega = 2.0 * math.pi * known.antiresonance_hz
+        response = (2.0 * known.damping * omega * jw + omega**2) / (jw**2 + 2.0 * known.damping * omega * jw + omega**2)
+        arm = known.arm_inertia_kg_m2 * jw**2 * response / n
+        of_motor = (known.motor_inertia_kg_m2 + known.motor_damping_nm_s_rad / jw) * motor + arm * motor / jw**2 / n
+        used = (k * torque.speed_rps <= SHOWN_OVER_RESONANCE * known.antiresonance_hz) & np.isfinite(seen) & np.isfinite(motor)
+        left, load, of_arm = seen - of_motor, in_time(loaded.component[:, row]), arm * sync
+        sigma = np.hypot(torque.standard_error[:, row], ARM_MISFIT * np.abs(of_arm)) + 1e-12
+        parts += [_Windows(left[way], load[way], of_arm[way], sigma[way], row) for way in (used & back, used & ~back)]
+    return parts
+
+
+def _averaged(values: Real, width: int) -> Real:
+    """Running mean over 2 width + 1 samples, the ends held."""
+    padded = np.concatenate([np.full(width, values[0]), values, np.full(width, values[-1])])
+    sums = np.cumsum(np.concatenate([[0.0], padded]))
+    return np.asarray((sums[2 * width + 1 :] - sums[: -2 * width - 1]) / (2 * width + 1))

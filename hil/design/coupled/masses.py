@@ -1,0 +1,284 @@
+"""Masses of an arm from the modes that its motors have felt in some postures: base parameters, gears, and the dips elsewhere.
+
+With all motors held an arm on gears K rings at ω_i: K φ_i = ω_i² H φ_i, φ_iᵀ H φ_i = 1. Motor k feels mode i with the effective
+inertia J_ki = (H φ_i)_k². H(q) = Y(q) θ is linear in the links' masses θ, of which only some combinations show in any posture:
+the base parameters β, by a singular value decomposition of Y over the workspace. β and the logarithms of K are fitted to all
+ω_i and J_ki at once; their covariance grows with the misfit, and goes on into every prediction.
+
+Source: M. Gautier, Numerical calculation of the base inertial parameters of robots, Journal of Robotic Systems 8 (1991).
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+
+from hil.design.frequency import Real
+
+BASE_TOLERANCE = 1e-9
+"""Singular value over the largest from which a combination of masses shows in no posture."""
+RANK_TOLERANCE = 1e-5
+"""The same of what was measured, all unknowns scaled alike: from there a combination is not determined by these postures."""
+LEAST_FREQUENCY_ERROR = 0.003
+"""Relative error of a dip at least: an excited joint turns by degrees, and its dips move by some tenths of a per cent."""
+LEAST_INERTIA_ERROR = 0.01
+"""Error of an effective inertia at least, in units of the joint's whole inertia."""
+MOST_MISFIT = 5.0
+"""Misfit from which masses are none, in standard errors."""
+MOST_FIT_ROUNDS = 60
+MOST_STARTS, START_SPREAD, GOOD_COST = 4, 0.6, 1.0
+"""Starts of the fit at most, by how much the masses of their links differ (natural logarithm), and the cost of a residual, half
+its square, from which one is good enough: a fit may take dips for each other."""
+PER_BODY = 10
+"""Numbers of a link in θ."""
+UNKNOWN_STEP = 1e-6
+"""Change of an unknown for a slope."""
+FAR_OFF = 1e3
+"""Residual of masses that no arm has."""
+
+
+@dataclass(frozen=True)
+class FeltMode:
+    """A mode that a motor has felt in a posture.
+
+    Attributes:
+        posture: Number of the posture.
+        joint: Row of the joint in the mass matrix.
+        frequency_hz: Its dip.
+        frequency_error_hz: Standard error.
+        inertia_kg_m2: Its effective inertia about the joint.
+        inertia_error_kg_m2: Standard error.
+    """
+
+    posture: int
+    joint: int
+    frequency_hz: float
+    frequency_error_hz: float
+    inertia_kg_m2: float
+    inertia_error_kg_m2: float
+
+
+class TooFewPosturesError(ValueError):
+    """Postures that do not determine the masses.
+
+    Attributes:
+        known: Number of combinations that they determine.
+        needed: Number that show somewhere in the workspace, gears included.
+        best: Row of the posture of the workspace that would tell most.
+    """
+
+    def __init__(self, known: int, needed: int, best: int) -> None:
+        self.known, self.needed, self.best = known, needed, best
+        super().__init__(f"these postures determine {known} of {needed} combinations of masses and gears")
+
+
+class NoMassesError(ValueError):
+    """Modes that no masses explain.
+
+    Attributes:
+        misfit: Root mean square of the residuals over their degrees of freedom, in standard errors.
+    """
+
+    def __init__(self, misfit: float) -> None:
+        self.misfit = misfit
+        super().__init__(f"no masses explain what was felt, misfit {misfit:.1f} standard errors")
+
+
+@dataclass(frozen=True, eq=False)
+class MassFit:
+    """Fitted masses.
+
+    Attributes:
+        basis: Base parameters in terms of θ, as columns; shape (parameters, base).
+        unknowns: β, in units of its size, and ln K; shape (base + n,).
+        size: Size of β.
+        covariance: Covariance of the unknowns.
+        misfit: Root mean square of the residuals over their degrees of freedom, in standard errors.
+        residuals: Residuals of dips and inertias in turn, in standard errors; shape (2 modes,).
+        best: Row of the posture of the workspace that would tell most, were it measured as well.
+    """
+
+    basis: Real
+    unknowns: Real
+    size: float
+    covariance: Real
+    misfit: float
+    residuals: Real
+    best: int
+
+    @property
+    def masses(self) -> Real:
+        """θ with these base parameters, and no part that shows nowhere: no masses that a body need have; shape (parameters,)."""
+        return np.asarray(self.basis @ (self.size * self.unknowns[: self.basis.shape[1]]))
+
+    @property
+    def stiffness_nm_rad(self) -> Real:
+        """K of each gear; shape (n,)."""
+        return np.asarray(np.exp(self.unknowns[self.basis.shape[1] :]))
+
+    @property
+    def stiffness_error_nm_rad(self) -> Real:
+        """Standard error of each K; shape (n,)."""
+        return np.asarray(self.stiffness_nm_rad * np.sqrt(np.diag(self.covariance)[self.basis.shape[1] :]))
+
+    def dips_hz(self, regressors: Real) -> tuple[Real, Real]:
+        """Frequencies at which the arm rings in some postures, motors held, and their standard errors; shapes (postures, n).
+
+        Args:
+            regressors: Y of the postures; shape (postures, n, n, parameters).
+        """
+        reduced = regressors @ self.basis
+
+        def dips(x: Real) -> Real:
+            return np.array([_modes(x, each, self.size)[0] for each in reduced])
+
+        values = dips(self.unknowns)
+        slopes = _slopes(lambda x: np.asarray(dips(x).ravel()), self.unknowns)
+        errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes), 0.0))
+        return values, errors.reshape(values.shape)
+
+
+def dips_of(mass_matrix_kg_m2: Real, stiffness_nm_rad: Real) -> Real:
+    """Frequencies in Hz at which an arm on its gears rings with all motors held, from the lowest; shape (n,)."""
+    squares = scipy.linalg.eigh(np.diag(stiffness_nm_rad), mass_matrix_kg_m2, eigvals_only=True)
+    return np.asarray(np.sqrt(squares) / (2.0 * math.pi))
+
+
+def base_of(workspace: Real) -> Real:
+    """Base parameters, as columns in terms of θ; shape (parameters, base).
+
+    Args:
+        workspace: Y of postures all over it; shape (postures, n, n, parameters).
+    """
+    _, sizes, rows = np.linalg.svd(workspace.reshape(-1, workspace.shape[-1]), full_matrices=False)
+    return np.asarray(rows[sizes > BASE_TOLERANCE * sizes[0]].T)
+
+
+def fit_masses(regressors: Real, felt: Sequence[FeltMode], workspace: Real, made_up: Real) -> MassFit:
+    """Base parameters and gears from the modes of some postures.
+
+    Args:
+        regressors: Y of the postures; shape (postures, n, n, parameters).
+        felt: What the motors have felt in them.
+        workspace: Y of postures all over the workspace; shape (many, n, n, parameters).
+        made_up: θ of some arm like it, from which the fit starts; shape (parameters,).
+
+    Raises:
+        NoMassesError: No masses explain what was felt.
+        TooFewPosturesError: They do not determine what shows in the workspace.
+    """
+    basis = base_of(workspace)
+    reduced, around = regressors @ basis, workspace @ basis
+
+    fit, size = _best_fit(reduced, felt, basis, made_up)
+    residuals = np.asarray(fit.fun)
+    misfit = math.sqrt(float(residuals @ residuals) / max(1, len(residuals) - len(fit.x)))
+    if misfit > MOST_MISFIT:
+        raise NoMassesError(misfit)
+    slopes = _slopes(lambda x: _residuals(x, reduced, felt, size), fit.x)
+    scales = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+    _, sizes, rows = np.linalg.svd(slopes / scales, full_matrices=False)
+    known = int(np.sum(sizes > RANK_TOLERANCE * sizes[0])) if len(slopes) >= len(fit.x) else len(slopes)
+    best = _most_telling(fit.x, around, size, slopes.T @ slopes)
+    if known < len(fit.x):
+        raise TooFewPosturesError(known, len(fit.x), best)
+    covariance = np.asarray((rows.T / sizes**2) @ rows) / np.outer(scales, scales) * max(1.0, misfit) ** 2
+    return MassFit(basis, np.asarray(fit.x), size, covariance, misfit, residuals, best)
+
+
+def _best_fit(reduced: Real, felt: Sequence[FeltMode], basis: Real, made_up: Real) -> tuple[Any, float]:
+    """The best of some fits, from the made-up masses and from others like them, and the size of β in it."""
+    generator, found = np.random.default_rng(1), []
+    for number in range(MOST_STARTS):
+        links = np.exp(START_SPREAD * generator.standard_normal(len(made_up) // PER_BODY)) if number else np.ones(1)
+        other = made_up * (np.repeat(links, PER_BODY) if number else 1.0)
+        start, size = _start(reduced, felt, basis.T @ other)
+
+        def left(x: Real, size: float = size) -> Real:
+            return _residuals(x, reduced, felt, size)
+
+        fit: Any = scipy.optimize.least_squares(left, start, x_scale="jac", method="trf", max_nfev=MOST_FIT_ROUNDS)
+        found.append((float(fit.cost), number, fit, size))
+        if fit.cost < GOOD_COST * len(fit.fun):
+            break
+    _, _, best, size = min(found, key=lambda each: each[:2])
+    return best, size
+
+
+def _modes(x: Real, reduced: Real, size: float) -> tuple[Real, Real]:
+    """Dips in Hz, shape (n,), and effective inertias by joint and mode, shape (n, n); not a number where H is no mass matrix."""
+    n = reduced.shape[0]
+    inertia, gears = reduced @ (size * x[:-n]), np.exp(x[-n:])
+    try:
+        squares, shapes = scipy.linalg.eigh(np.diag(gears), inertia)
+    except scipy.linalg.LinAlgError:
+        return np.full(n, math.nan), np.full((n, n), math.nan)
+    return np.sqrt(squares) / (2.0 * math.pi), (inertia @ shapes) ** 2
+
+
+def _residuals(x: Real, reduced: Real, felt: Sequence[FeltMode], size: float) -> Real:
+    """What is left of each felt mode, dip and effective inertia, in standard errors; shape (2 modes,)."""
+    modes = [_modes(x, each, size) for each in reduced]
+    whole = [[sum(mode.inertia_kg_m2 for mode in felt if (mode.posture, mode.joint) == (p, k)) for k in range(reduced.shape[1])]
+             for p in range(len(reduced))]  # fmt: skip
+    found = np.full((len(felt), 2), FAR_OFF)
+    for posture, (dips, inertias) in enumerate(modes):
+        if not np.all(np.isfinite(dips)):
+            continue
+        for joint in range(reduced.shape[1]):
+            rows = [row for row, mode in enumerate(felt) if (mode.posture, mode.joint) == (posture, joint)]
+            seen = np.log([[felt[row].frequency_hz / hz for hz in dips] for row in rows]) if rows else np.zeros((0, 1))
+            for row, which in zip(rows, scipy.optimize.linear_sum_assignment(np.abs(seen))[1], strict=True):
+                mode = felt[row]
+                dip_error = math.hypot(mode.frequency_error_hz / mode.frequency_hz, LEAST_FREQUENCY_ERROR)
+                inertia_error = math.hypot(mode.inertia_error_kg_m2, LEAST_INERTIA_ERROR * whole[posture][joint])
+                found[row, 0] = math.log(mode.frequency_hz / dips[which]) / dip_error
+                found[row, 1] = (mode.inertia_kg_m2 - inertias[joint, which]) / inertia_error
+    return found.ravel()
+
+
+def _start(reduced: Real, felt: Sequence[FeltMode], made_up: Real) -> tuple[Real, float]:
+    """Unknowns to begin with, and the size of β: made-up masses, as heavy as the joints' inertias ask, and gears by their modes.
+
+    A linear fit of the joints' inertias would come nearer to these, and may end in masses that no arm has, beside the right ones.
+    """
+    n, ratios = reduced.shape[1], []
+    stiffness: list[list[float]] = [[] for _ in range(n)]
+    for posture, joint in sorted({(mode.posture, mode.joint) for mode in felt}):
+        modes = [mode for mode in felt if (mode.posture, mode.joint) == (posture, joint)]
+        whole = sum(mode.inertia_kg_m2 for mode in modes)
+        ratios.append(whole / float(reduced[posture, joint, joint] @ made_up))
+        stiffness[joint].append(sum(mode.inertia_kg_m2 * (2.0 * math.pi * mode.frequency_hz) ** 2 for mode in modes))
+    whole_arm = math.exp(float(np.mean(np.log(ratios)))) * made_up
+    size = float(np.linalg.norm(whole_arm))
+    return np.concatenate([whole_arm / size, np.log([float(np.mean(each)) for each in stiffness])]), size
+
+
+def _slopes(function: Callable[[Real], Real], x: Real) -> Real:
+    """Slopes of a function by central differences; shape (values, unknowns)."""
+    steps = UNKNOWN_STEP * np.eye(len(x))
+    return np.stack([(function(x + step) - function(x - step)) / (2.0 * UNKNOWN_STEP) for step in steps], axis=1)
+
+
+def _most_telling(x: Real, around: Real, size: float, information: Real) -> int:
+    """Row of the posture that would add most to what is known, were all its modes measured with their least errors."""
+
+    def told(y: Real) -> Real:
+        values = []
+        for each in around:
+            dips, inertias = _modes(y, each, size)
+            whole = LEAST_INERTIA_ERROR * np.sum(inertias, axis=1, keepdims=True)
+            values.append(np.concatenate([np.log(dips) / LEAST_FREQUENCY_ERROR, (inertias / whole).ravel()]))
+        return np.concatenate(values)
+
+    slopes = _slopes(told, x).reshape(len(around), -1, len(x))
+    some = 1e-12 * float(np.trace(information)) * np.eye(len(x))
+    are_real = [bool(np.all(np.isfinite(rows))) for rows in slopes]
+    gains = [
+        np.linalg.slogdet(information + some + rows.T @ rows)[1] if is_real else -math.inf
+        for rows, is_real in zip(slopes, are_real, strict=True)
+    ]
+    return int(np.argmax(gains))

@@ -1,0 +1,1 @@
+"""Several modes of a coupled arm behind one motor: `problem` is a fit with them, `fit` says how many there are."""

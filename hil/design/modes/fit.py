@@ -1,0 +1,290 @@
+"""How many modes of an arm the data of a plant ask for, and the plant with them.
+
+Starts are found on a grid: with frequencies and a damping given, 1/P is linear in J_m, D_m and the effective inertias, none of
+which is below 0. Then all unknowns are fitted, with one mode more as long as that lowers the misfit by more than its unknowns
+would by chance (Bayesian information criterion, with the scatter that the largest model leaves).
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+
+from hil.design.estimation import EstimatedMode, EstimatedParameter, inverse
+from hil.design.frequency import Complex, Real
+from hil.design.modes.problem import INERTIA, ArmMode, ModalProblem, amplification
+from hil.design.plant_identification import SMALLEST_MISFIT, PlantEstimate, estimate_of, fitted
+from hil.design.plant_problem import AGE, DELAY, J_L, J_M, LEVER, SamplingTiming
+from hil.design.plant_spectra import Spectra
+
+MODE_GRID = 32
+"""Frequencies that are tried for a mode."""
+TRIED_DAMPING = 0.04
+START_OPEN = 0.05
+"""Relative error that is left open while starts are looked for: dampings are not fitted there."""
+DELAYS_S = (0.0, 0.002, 0.005, 0.01, 0.02)
+"""Delays of the accelerometer that are tried there."""
+FOLLOWED = 2
+"""Starts of each number of modes that are followed."""
+MODES_APART = 1.15
+"""Least ratio of two modes' frequencies."""
+UNKNOWN_COST = 3.0
+"""What an unknown more must bring, over what the information criterion asks: scatter is not all that a model leaves."""
+THERE_SIGMAS = 4.0
+"""Effective inertia over its standard error from which a mode is there."""
+SLOPE_STEP = 1e-5
+"""Change of an unknown for a slope."""
+LEADING = 0.3
+"""Part of the largest tip part, or inertia, from which the lowest mode is the leading one."""
+
+
+def fit_modes(
+    data: Spectra,
+    timing: SamplingTiming,
+    reduction_ratio: float,
+    lever_m: float,
+    gravity_nm_rad: float,
+    single: PlantEstimate,
+    most: int = 3,
+) -> PlantEstimate:
+    """The plant with as many modes as the data ask for; the given one where a single one does.
+
+    With several, the plant is the motor with the leading mode: the lowest that carries a good part of the tip's motion.
+
+    Args:
+        data: Spectra of the main run's periods.
+        timing: Sampling times, and the law inside the drive.
+        reduction_ratio: Reduction ratio N.
+        lever_m: Tip lever L.
+        gravity_nm_rad: Slope of the gravity moment.
+        single: The plant with one mode, fitted to the same data.
+        most: Largest number of modes.
+    """
+    problem = ModalProblem(data, timing, reduction_ratio, lever_m, gravity_nm_rad)
+    single_fit = _Fit.of(problem, single.unknowns)
+    fits, starts = [single_fit], _starts(problem, most)
+    for count in range(2, most + 1):
+        made = [_Fit.of(problem, start) for start in starts[count]]
+        fits.append(min(made, key=lambda each: each.cost))
+    scatter = max(2.0 * min(each.cost for each in fits) / fits[-1].residuals, 1e-12)
+    best = min(fits, key=lambda each: 2.0 * each.cost / scatter + UNKNOWN_COST * len(each.x) * math.log(each.residuals))
+    while best is not single_fit and not _are_there(best):
+        best = fits[fits.index(best) - 1]
+    return single if best is single_fit else _estimate(best, single)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A fit that was made.
+
+    Attributes:
+        problem: Its problem.
+        x: Its unknowns.
+        jacobian: Slopes of the residuals.
+        cost: Half the sum of the loss.
+        residuals: Number of residuals.
+    """
+
+    problem: ModalProblem
+    x: Real
+    jacobian: Real
+    cost: float
+    residuals: int
+
+    @classmethod
+    def of(cls, problem: ModalProblem, start: Real) -> "_Fit":
+        """Fit from a start."""
+        fit: Any = fitted(problem, start)
+        return cls(problem, fit.x, np.asarray(fit.jac), float(fit.cost), len(fit.fun))
+
+    def covariance(self) -> Real:
+        """Covariance of the unknowns, enlarged by the misfit."""
+        left = self.problem.residual(self.x)[: -self.problem.beliefs]
+        misfit = math.sqrt(float(np.sum(left**2)) / max(1, len(left) - len(self.x)))
+        return np.asarray(inverse(self.jacobian.T @ self.jacobian) * max(SMALLEST_MISFIT, misfit) ** 2)
+
+
+def _are_there(fit: _Fit) -> bool:
+    """True where each mode's inertia is beyond its error, and no two modes lie together."""
+    covariance, modes = fit.covariance(), fit.problem.modes(fit.x)
+    spots = [J_L, *(slot + INERTIA for slot in fit.problem.slots(fit.x))]
+    known = all(THERE_SIGMAS * math.sqrt(max(0.0, covariance[spot, spot])) < 1.0 for spot in spots)
+    hz = sorted(mode.frequency_hz for mode in modes)
+    return known and all(high > MODES_APART * low for low, high in itertools.pairwise(hz))
+
+
+def _leading(modes: Sequence[ArmMode]) -> int:
+    """Number of the leading mode, of modes from the lowest."""
+    sizes = [abs(mode.inertia_kg_m2 if mode.tip_part is None else mode.tip_part) for mode in modes]
+    return next(i for i, size in enumerate(sizes) if size >= LEADING * max(sizes))
+
+
+def _starts(problem: ModalProblem, most: int) -> dict[int, list[Real]]:
+    """Starts by number of modes, the likeliest first."""
+    grid = np.geomspace(1.3 * problem.data.frequency_hz[0], 0.95 * problem.data.frequency_hz[-1], MODE_GRID)
+    motor, tips = _motor_fit(problem, grid), _tip_fits(problem, grid)
+    sets: list[tuple[int, ...]] = [(i,) for i in range(MODE_GRID)]
+    found: dict[int, list[Real]] = {}
+    for count in range(1, most + 1):
+        tried = sorted((_left(motor, tips, each), each) for each in sets)
+        kept: list[tuple[int, ...]] = []
+        for _, each in tried:
+            if len(kept) < FOLLOWED and all(max(abs(a - b) for a, b in zip(each, other, strict=True)) > 1 for other in kept):
+                kept.append(each)
+        found[count] = [_start(problem, grid, each, motor, tips) for each in kept]
+        best = [each for _, each in tried[: MODE_GRID if count == 1 else 2 * MODE_GRID]]
+        sets = list({tuple(sorted((*each, i))) for each in best for i in range(MODE_GRID) if i not in each})
+        sets = [each for each in sets if all(grid[b] > MODES_APART * grid[a] for a, b in itertools.pairwise(each))]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """A linear fit with some of many columns.
+
+    Attributes:
+        columns: The columns; shape (n, columns).
+        wanted: What they are to add up to; shape (n,).
+        always: Number of the first columns, which are always there.
+        delay_s: Delay with which it was made.
+    """
+
+    columns: Real
+    wanted: Real
+    always: int = 0
+    delay_s: float = 0.0
+
+    def chosen(self, each: tuple[int, ...]) -> Real:
+        """The columns of some modes."""
+        return self.columns[:, [*range(self.always), *(self.always + i for i in each)]]
+
+    def positive(self, each: tuple[int, ...]) -> tuple[float, Real]:
+        """What some modes leave, and their sizes, none below 0."""
+        chosen = self.chosen(each)
+        sizes = np.linalg.norm(chosen, axis=0)
+        solved, left = scipy.optimize.nnls(chosen / sizes, self.wanted)
+        return float(left), np.asarray(solved / sizes)
+
+    def signed(self, each: tuple[int, ...]) -> tuple[float, Real]:
+        """The same with sizes of either sign."""
+        chosen = self.chosen(each)
+        solved = np.linalg.solve(chosen.T @ chosen, chosen.T @ self.wanted)
+        return float(np.linalg.norm(self.wanted - chosen @ solved)), np.asarray(solved)
+
+
+def _weighted(columns: Complex, wanted: Complex, weight: Real, always: int = 0, delay_s: float = 0.0) -> _Linear:
+    """A linear fit of complex numbers; shapes (lines, columns), (lines,) and (lines,)."""
+    rows, right = columns * weight[:, np.newaxis], wanted * weight
+    return _Linear(np.concatenate([rows.real, rows.imag]), np.concatenate([right.real, right.imag]), always, delay_s)
+
+
+def _motor_fit(problem: ModalProblem, grid: Real) -> _Linear:
+    """1/P by J_m, D_m and the effective inertia of a mode at each frequency of a grid."""
+    data, jw = problem.data, problem.jw
+    unlagged = np.array([0.0] * AGE + [0.5 * problem.timing.control_s])
+    torque = problem.torque(unlagged, data.torque.mean(axis=0), np.zeros_like(problem.excitation))
+    angle = data.angle.mean(axis=0)
+    stiffness = np.asarray(torque / angle)
+    noise = np.sqrt(problem.scatter.output) / np.maximum(np.abs(angle), 1e-300)
+    columns = [jw**2, jw, *(jw**2 * amplification(float(hz), TRIED_DAMPING, jw) / problem.ratio**2 for hz in grid)]
+    return _weighted(np.stack(columns, axis=1), stiffness, 1.0 / (np.abs(stiffness) * np.hypot(noise, START_OPEN)), 2)
+
+
+def _tip_fits(problem: ModalProblem, grid: Real) -> list[_Linear]:
+    """The tip's motion by its parts in a mode at each frequency of a grid, for some delays; none without an accelerometer."""
+    data, scatter, lines = problem.data, problem.tip_scatter, problem.tip_lines
+    if data.tip is None or scatter is None:
+        return []
+    jw, angle = problem.jw[lines], data.angle.mean(axis=0)[lines]
+    follows = np.asarray(data.tip.mean(axis=0)[lines] / angle)
+    noise = np.sqrt(scatter.output[lines]) / np.maximum(np.abs(follows * angle), 1e-300)
+    weight = 1.0 / (np.abs(follows) * np.hypot(noise, START_OPEN))
+    rigid = problem.lever_m / problem.ratio * jw**2
+    found = []
+    for delay_s in DELAYS_S:
+        columns = [rigid * amplification(float(hz), TRIED_DAMPING, jw) * np.exp(-jw * delay_s) for hz in grid]
+        found.append(_weighted(np.stack(columns, axis=1), follows, weight, 0, delay_s))
+    return found
+
+
+def _left(motor: _Linear, tips: list[_Linear], each: tuple[int, ...]) -> float:
+    """What some modes leave of motor and tip."""
+    tip = min((fit.signed(each)[0] for fit in tips), default=0.0)
+    return math.hypot(motor.positive(each)[0], tip)
+
+
+def _start(problem: ModalProblem, grid: Real, each: tuple[int, ...], motor: _Linear, tips: list[_Linear]) -> Real:
+    """All unknowns from a linear fit, the mode with the largest inertia first."""
+    _, solved = motor.positive(each)
+    whole = float(np.sum(solved[2:]))
+    sizes = np.maximum(solved[2:], 0.005 * whole)
+    best = min(tips, key=lambda fit: fit.signed(each)[0], default=None)
+    parts = sizes / whole if best is None else best.signed(each)[1]
+    lever = max(abs(float(np.sum(parts))), 0.1)
+    modes = [
+        ArmMode(float(s), float(grid[i]), TRIED_DAMPING, float(p) / lever) for i, s, p in zip(each, sizes, parts, strict=True)
+    ]
+    start = np.array([max(float(solved[0]), 0.02 * whole / problem.ratio**2), float(solved[1])])
+    x = problem.start_with(start, sorted(modes, key=lambda mode: -mode.inertia_kg_m2))
+    if best is not None:
+        x[LEVER], x[DELAY] = math.log(lever), max(best.delay_s, 1e-4)
+    return x
+
+
+def resonances_hz(motor_inertia_kg_m2: float, reduction_ratio: float, modes: list[ArmMode]) -> list[float]:
+    """Peaks of the motor's response: eigenfrequencies of motor and modes, one above each mode.
+
+    Args:
+        motor_inertia_kg_m2: J_m.
+        reduction_ratio: Reduction ratio N.
+        modes: The modes, from the lowest.
+    """
+    own = np.array([(2.0 * math.pi * mode.frequency_hz) ** 2 for mode in modes])
+    pull = np.sqrt([mode.inertia_kg_m2 / (reduction_ratio**2 * motor_inertia_kg_m2) for mode in modes]) * np.sqrt(own)
+    matrix = np.diag(own) + np.outer(pull, pull)
+    return [math.sqrt(each) / (2.0 * math.pi) for each in np.linalg.eigvalsh(matrix).tolist()]
+
+
+def _estimate(fit: _Fit, single: PlantEstimate) -> PlantEstimate:
+    """Motor, modes and the leading one, with their errors."""
+    problem, covariance = fit.problem, fit.covariance()
+    order = sorted(range(len(problem.modes(fit.x))), key=lambda i: problem.modes(fit.x)[i].frequency_hz)
+    lead = _leading([problem.modes(fit.x)[i] for i in order])
+
+    def numbers(x: Real) -> Real:
+        modes = [problem.modes(x)[i] for i in order]
+        peaks = resonances_hz(math.exp(x[J_M]), problem.ratio, modes)
+        rows = [(m.inertia_kg_m2, m.frequency_hz, m.damping, p, m.tip_part or 0.0) for m, p in zip(modes, peaks, strict=True)]
+        omega = 2.0 * math.pi * modes[lead].frequency_hz
+        stiffness = omega**2 * modes[lead].inertia_kg_m2
+        return np.array([*itertools.chain(*rows), stiffness, 2.0 * modes[lead].damping * stiffness / omega])
+
+    values = numbers(fit.x)
+    slope = np.stack([(numbers(fit.x + SLOPE_STEP * unit) - values) / SLOPE_STEP for unit in np.eye(len(fit.x))], axis=1)
+    errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
+    cells = [EstimatedParameter(float(v), float(e)) for v, e in zip(values, errors, strict=True)]
+    parts = 5 if problem.data.tip is not None else 4
+    modes = tuple(EstimatedMode(*cells[5 * i : 5 * i + parts]) for i in range(len(order)))
+    plant, (stiffness, damping) = estimate_of(problem, fit.x, fit.jacobian), cells[-2:]
+    leading = modes[lead]
+    parameters = dict(plant.parameters) | {
+        "arm_inertia_kg_m2": leading.inertia_kg_m2,
+        "gear_stiffness_nm_rad": stiffness,
+        "gear_damping_nm_s_rad": damping,
+        "arm_damping_nm_s_rad": EstimatedParameter(0.0, damping.value),
+        "antiresonance_hz": leading.antiresonance_hz,
+        "resonance_hz": leading.resonance_hz,
+        "damping": leading.damping,
+    }
+    motor = replace(
+        plant.plant,
+        arm_inertia_kg_m2=leading.inertia_kg_m2.value,
+        arm_damping_nm_s_rad=0.0,
+        gear_stiffness_nm_rad=stiffness.value,
+        gear_damping_nm_s_rad=damping.value,
+    )
+    return replace(plant, plant=motor, parameters=parameters, modes=modes, unknowns=single.unknowns)

@@ -1,0 +1,140 @@
+"""What rings while a motor's loop holds it, and how much of it rings after a stop.
+
+When its set-points stand still a drive, its gear and its arm are left to themselves, and all that moves is a sum of the closed
+loop's poles: decays of the following, and the waves of the arm. So the tip's acceleration after a stop is linear in their
+amplitudes,
+
+    a(t) = c + Σ c_i e^{−r_i t} + Σ Re(b_j e^{s_j t}),      t from where the set-points stand still
+
+and what the motor's following leaves is told from what rings, which no band pass does: both lie in the same band.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.control.shapers import MOST_SHAPED_DAMPING, SwingingMode
+from hil.design.coupled.structure import Structure
+from hil.design.estimation import inverse
+from hil.design.frequency import Complex, Loop, Real
+from hil.design.modes.problem import ArmMode
+
+FASTEST_POLE_HZ = 60.0
+"""Frequency up to which a pole is looked at: the others, of filters, have died away before anything is seen."""
+APART_HZ = 1e-3
+"""Difference below which two poles are one."""
+FEWEST_SAMPLES = 64
+"""Least number of samples after a stop in which a wave is told from the noise."""
+LONGEST_S = 1.0
+"""Time after a stop that counts: what rings has died away."""
+
+
+def closed_loop_rates(loop: Loop, modes: Sequence[ArmMode] = ()) -> Complex:
+    """Rates s of the closed loop at standstill, in rad/s, up to `FASTEST_POLE_HZ`: one of each pair, those that ring last.
+
+    Args:
+        loop: The loop; without modes its plant is the arm.
+        modes: Modes of an arm that rings with several; of the plant the motor counts then.
+    """
+    if modes:
+        held = Structure.of_modes(loop.plant, [(each.inertia_kg_m2, each.frequency_hz, each.damping) for each in modes])
+        poles = held.poles({0: loop.law_block()}, loop.period_s)
+    else:
+        poles = loop.closed_loop_poles()
+    rates = np.log(poles.astype(np.complex128)) / loop.period_s
+    highest, least = 2.0 * math.pi * FASTEST_POLE_HZ, 2.0 * math.pi * APART_HZ
+    kept = [complex(rate.real, rate.imag if rate.imag > least else 0.0) for rate in rates if rate.imag > -least]
+    return np.array(sorted((rate for rate in kept if abs(rate) <= highest), key=lambda rate: (_rings(rate), abs(rate))))
+
+
+def _rings(rate: complex) -> bool:
+    return rate.imag > 0.0 and 0.0 <= -rate.real <= MOST_SHAPED_DAMPING * abs(rate)
+
+
+def modes_of(rates: Complex) -> list[SwingingMode]:
+    """The modes that ring, from the lowest: a pole with more than `MOST_SHAPED_DAMPING` does not."""
+    return [SwingingMode(abs(rate) / (2.0 * math.pi), -rate.real / abs(rate)) for rate in rates.tolist() if _rings(rate)]
+
+
+@dataclass(frozen=True)
+class RingDown:
+    """Waves of an arm after a stop.
+
+    Attributes:
+        modes: Modes that ring, from the lowest.
+        amplitude_mm: Amplitude of the tip with each where the set-points stand still.
+        error_mm: Their standard errors.
+        rms_mm: Root mean square of all together, over the time that was looked at.
+        time_s: That time.
+        rest_m_s2: Root mean square of the acceleration that no pole explains.
+        wave_m_s2: Acceleration of all that rings; shape (n,).
+    """
+
+    modes: tuple[SwingingMode, ...]
+    amplitude_mm: tuple[float, ...]
+    error_mm: tuple[float, ...]
+    rms_mm: float
+    time_s: float
+    rest_m_s2: float
+    wave_m_s2: Real
+
+    @property
+    def largest_mm(self) -> float:
+        """Largest displacement that the waves can have together."""
+        return math.fsum(self.amplitude_mm)
+
+    @property
+    def largest_error_mm(self) -> float:
+        """Standard error of that."""
+        return math.hypot(*self.error_mm)
+
+
+def ring_down(tip_m_s2: Real, period_s: float, rates: Complex) -> RingDown:
+    """Waves of an arm after a stop, by least squares.
+
+    Args:
+        tip_m_s2: Acceleration of the tip from where the set-points stand still; shape (n,).
+        period_s: Its sampling period.
+        rates: Rates of the closed loop.
+
+    Raises:
+        ValueError: Nothing rings, or there are too few samples.
+    """
+    modes = modes_of(rates)
+    if not modes:
+        raise ValueError("the closed loop has no mode that rings: nothing is left to be told after a stop")
+    count = min(len(tip_m_s2), round(LONGEST_S / period_s))
+    if count < FEWEST_SAMPLES:
+        raise ValueError(f"{count} samples after the stop, {FEWEST_SAMPLES} are needed: a longer tail_s shows what rings")
+    time: Real = period_s * np.arange(count, dtype=np.float64)
+    values = np.asarray(tip_m_s2, dtype=np.float64)[:count]
+    ringing = rates[len(rates) - len(modes) :]
+    columns = [np.ones(count), *_columns(rates[: len(rates) - len(modes)], time)]
+    matrix = np.column_stack([*columns, *_columns(ringing, time)])
+    scale = np.linalg.norm(matrix, axis=0)
+    solution = np.linalg.lstsq(matrix / scale, values, rcond=None)[0] / scale
+    rest = values - matrix @ solution
+    variance = float(rest @ rest) / (count - matrix.shape[1])
+    spread = inverse((matrix / scale).T @ (matrix / scale)) * variance / np.outer(scale, scale)
+    begin, amplitudes, errors, moved = len(columns), [], [], np.zeros(count)
+    for number, rate in enumerate(ringing):
+        at = begin + 2 * number
+        to_mm = 1e3 / abs(rate) ** 2
+        amplitudes.append(to_mm * math.hypot(solution[at], solution[at + 1]))
+        errors.append(to_mm * math.sqrt(0.5 * (spread[at, at] + spread[at + 1, at + 1])))
+        moved += to_mm * matrix[:, at : at + 2] @ solution[at : at + 2]
+    return RingDown(
+        tuple(modes), tuple(amplitudes), tuple(errors), float(np.sqrt(np.mean(moved**2))), count * period_s,
+        math.sqrt(float(np.mean(rest**2))), matrix[:, begin:] @ solution[begin:],
+    )  # fmt: skip
+
+
+def _columns(rates: Complex, time_s: Real) -> list[Real]:
+    """Decays and waves of poles over the time: one column for a real pole, two for a pair."""
+    found: list[Real] = []
+    for rate in rates.tolist():
+        wave = np.exp(rate * time_s)
+        found += [wave.real, -wave.imag] if rate.imag else [wave.real]
+    return found

@@ -1,0 +1,92 @@
+"""Slow parts of a recorded signal: a polynomial in the angle, whose degree blocks that are left out choose."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+MOST_DEGREE = 24
+LEFT_OUT_TURNS = 0.5
+"""Revolutions of the motor that are left out in one piece: more than what is left of a fit remembers."""
+FOLDS = 5
+WAVES_BELOW = 1.2
+"""Highest degree, by the waves of the lowest order in the stretch: a polynomial of degree d swings d/2 times."""
+
+
+def slow_columns(angle_rad: Real, degree: int) -> Real:
+    """Chebyshev polynomials up to a degree over the range of an angle; shape (n, degree + 1)."""
+    low, high = float(np.min(angle_rad)), float(np.max(angle_rad))
+    scaled = (2.0 * angle_rad - low - high) / max(high - low, 1e-12)
+    return np.asarray(np.polynomial.chebyshev.chebvander(np.clip(scaled, -1.0, 1.0), degree))
+
+
+def degrees_for(turns: float, lowest_order: float) -> tuple[int, ...]:
+    """Degrees among which blocks choose: none that could pass for the lowest order.
+
+    >>> degrees_for(6.9, 1)
+    (1, 2, 4, 6, 8)
+    """
+    most = max(1, min(MOST_DEGREE, int(WAVES_BELOW * turns * lowest_order)))
+    return tuple(degree for degree in (1, 2, 4, 6, 8, 10, 12, 16, 20, 24) if degree <= most)
+
+
+def fold_of(angle_rad: Real) -> NDArray[np.intp]:
+    """Fold of each row: blocks of an angle, dealt out in turn; shape (n,)."""
+    turned = np.abs(angle_rad - angle_rad[0]) / (2.0 * math.pi)
+    block = max(LEFT_OUT_TURNS, float(np.max(turned)) / 200.0)
+    return np.asarray((turned / block).astype(np.intp) % FOLDS)
+
+
+class DegreeChoice:
+    """Choice of the degree for any signals of one stretch: what does not depend on them is computed once.
+
+    One orthogonal basis serves all degrees: the waves come first, then the slow columns, degree by degree.
+    """
+
+    def __init__(self, angle_rad: Real, waves: Real, degrees: Sequence[int]) -> None:
+        """Prepare the folds.
+
+        Args:
+            angle_rad: Motor angle; shape (n,).
+            waves: Columns that are fitted beside the slow part; shape (n, m).
+            degrees: Degrees among which is chosen.
+        """
+        self.degrees = tuple(degrees)
+        self.waves = waves.shape[1]
+        self._design = np.hstack([waves, slow_columns(angle_rad, max(self.degrees))])
+        self._basis, self._triangle = np.linalg.qr(self._design)
+        fold = fold_of(angle_rad)
+        self._folds = [fold == each for each in range(FOLDS) if np.any(fold == each)]
+        self._grams = [self._basis[rows].T @ self._basis[rows] for rows in self._folds]
+
+    def missed(self, signals: Real) -> Real:
+        """Mean square of what each degree misses of the blocks that are left out; shape (degrees, signals)."""
+        whole = self._basis.T @ signals
+        total = np.zeros((len(self.degrees), signals.shape[1]))
+        for rows, gram in zip(self._folds, self._grams, strict=True):
+            own = self._basis[rows].T @ signals[rows]
+            power = np.sum(signals[rows] ** 2, axis=0)
+            for row, degree in enumerate(self.degrees):
+                m = self.waves + degree + 1
+                unknowns = np.linalg.solve(np.eye(m) * (1.0 + 1e-9) - gram[:m, :m], (whole - own)[:m])
+                crossed = np.sum(unknowns * own[:m], axis=0)
+                total[row] += power - 2.0 * crossed + np.sum(unknowns * (gram[:m, :m] @ unknowns), axis=0)
+        return total / len(signals)
+
+    def degrees_of(self, signals: Real) -> NDArray[np.intp]:
+        """Degree that misses least, of each signal; shape (signals,)."""
+        return np.asarray(np.asarray(self.degrees, dtype=np.intp)[np.argmin(self.missed(signals), axis=0)], dtype=np.intp)
+
+    def solve(self, degree: int, signals: Real) -> Real:
+        """Unknowns of the waves, then of the slow columns; shape (m + degree + 1, signals)."""
+        m = self.waves + degree + 1
+        return np.asarray(scipy.linalg.solve_triangular(self._triangle[:m, :m], self._basis[:, :m].T @ signals))
+
+    def parts(self, degree: int, unknowns: Real) -> tuple[Real, Real]:
+        """Waves and slow part of one signal with these unknowns; each of shape (n,)."""
+        m = self.waves
+        return self._design[:, :m] @ unknowns[:m], self._design[:, m : m + degree + 1] @ unknowns[m:]

@@ -1,0 +1,100 @@
+"""Swing of a joint behind its gear: an arm on a spring goes wider than its gear drives it, the more so the faster it passes.
+
+Behind a motor at f_m order k passes with k f_m. Well below the arm's resonance f_a two encoders see it wider by
+1/(1 − (k f_m/f_a)²) ≈ 1 + c (k f_m)² with c = 1/f_a². At one speed nobody can tell that from a larger error; where the
+speed changes the recording can.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.design.recorded.fit import AngleSection, fit_section, waves_of_angle
+
+Real = NDArray[np.float64]
+
+TOLD_WITHIN = 0.1
+"""Standard error of c (k f_m)² at its largest from which the swing is told from a larger error."""
+LARGEST_SWING = 0.3
+"""Largest c (k f_m)² for which the first order of the swing holds: the second is a tenth."""
+NOT_BELOW_SIGMAS = 3.0
+"""Standard errors of c below 0 that noise does not make: then it is no swing that the amplitudes show."""
+
+
+@dataclass(frozen=True)
+class JointSwing:
+    """Swing as recordings show it.
+
+    Attributes:
+        per_hz2: c = 1/f_a² in s².
+        error_per_hz2: Its standard error.
+        highest_hz: Highest frequency k f_m with which an order passed.
+    """
+
+    per_hz2: float
+    error_per_hz2: float
+    highest_hz: float
+
+    @property
+    def is_told(self) -> bool:
+        """True where the recordings tell it from a larger error, and it can be one."""
+        at_most = self.highest_hz**2
+        return (
+            self.error_per_hz2 * at_most < TOLD_WITHIN
+            and -NOT_BELOW_SIGMAS * self.error_per_hz2 < self.per_hz2 < LARGEST_SWING / at_most
+        )
+
+
+def swung_waves(angle_rad: Real, speed_rps: Real, per_hz2: float) -> Callable[[Sequence[float]], Real]:
+    """Waves of a joint's angle that goes wider by 1 + c (k f_m)².
+
+    Args:
+        angle_rad: Motor angle; shape (n,).
+        speed_rps: Motor speed f_m in rev/s; shape (n,).
+        per_hz2: c in s².
+    """
+    plain = waves_of_angle(angle_rad)
+
+    def waves(orders: Sequence[float]) -> Real:
+        wider = [1.0 + per_hz2 * (k * speed_rps) ** 2 for k in orders for _ in range(2)]
+        return plain(orders) * np.column_stack(wider)
+
+    return waves
+
+
+def swing_of(
+    sections_at: Sequence[Callable[[float], AngleSection]], orders: Sequence[float], highest_hz: float
+) -> JointSwing | None:
+    """Swing that some stretches show together; None where none of them can be fitted.
+
+    Each is fitted with one column more, what c = 1 s² changes; its standard error is that of the blocks, as for all unknowns.
+
+    Args:
+        sections_at: Each stretch for a swing c in s².
+        orders: Orders of the transmission error.
+        highest_hz: Highest frequency k f_m with which an order passed.
+    """
+    found, weights = [], []
+    for section_at in sections_at:
+        plain, swung = section_at(0.0), section_at(1.0)
+        try:
+            unknowns = fit_section(plain, orders, repeats=0).unknowns
+            more = (swung.waves(orders) - plain.waves(orders)) @ unknowns
+            wider = AngleSection(plain.angle_rad, plain.signal, _with_column(plain, more))
+            fit = fit_section(wider, orders)
+        except ValueError:  # too few samples for them
+            continue
+        variance = float(fit.covariance[-1, -1])
+        if variance > 0.0:
+            found.append(float(fit.unknowns[-1]))
+            weights.append(1.0 / variance)
+    if not found:
+        return None
+    return JointSwing(float(np.average(found, weights=weights)), 1.0 / math.sqrt(sum(weights)), highest_hz)
+
+
+def _with_column(section: AngleSection, column: Real) -> Callable[[Sequence[float]], Real]:
+    return lambda orders: np.column_stack([section.waves(orders), column])

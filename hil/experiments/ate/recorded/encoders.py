@@ -1,0 +1,106 @@
+"""Two encoders: the joint's angle less the motor's through the gear, and the ratio that both show."""
+
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.design.recorded.fit import AngleSection
+from hil.design.recorded.stretches import MotionStretch, speed_of
+from hil.design.recorded.swing import JointSwing, swing_of, swung_waves
+from hil.experiments.ate.recorded.request import MOST_SAMPLES, ContradictedError
+from hil.recordings.reading import Recorded
+
+RATIO_OFF, RATIO_OFF_FRACTION = 0.5, 0.004
+"""Difference of the given and the found ratio that no eccentricity makes: absolute, and by the ratio."""
+SWUNG_ACROSS = 25
+"""Samples to either side between which the speed of a swing is taken: its square must not be that of the stamps' jitter."""
+WHOLE_WITHIN = 0.25
+"""Distance from a whole number within which a ratio that nobody gave is taken to be that number."""
+
+
+def found_ratio(recorded: Recorded, stretches: Sequence[MotionStretch]) -> float:
+    """Revolutions of the motor for one of the joint, over the stretches of a recording; with a sign.
+
+    Raises:
+        ContradictedError: The joint's encoder stands still.
+    """
+    load, motor, weight = 0.0, 0.0, 0.0
+    for stretch in stretches:
+        x = recorded.motor_rad[stretch.rows]
+        y = recorded.value["load"][stretch.rows]
+        x, y = x - np.mean(x), y - np.mean(y)
+        load, motor, weight = load + float(x @ y), motor + float(x @ x), weight + float(y @ y)
+    if motor <= 0.0 or abs(load) < 1e-9 * motor or weight == 0.0:
+        raise ContradictedError(
+            f"{recorded.path}: {recorded.column['load'].name!r} stands still while the motor turns: is it of this axis?"
+        )
+    return motor / load
+
+
+def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple[float, str | None]:
+    """Reduction ratio, and a sentence where it was found rather than given.
+
+    Args:
+        given: Reduction ratio that was said; None where none was.
+        found: Ratio that both encoders show.
+        recorded: The recording, for errors.
+
+    Raises:
+        ContradictedError: The encoders count against each other, the data contradict the ratio, or show none that is whole.
+    """
+    load = recorded.column["load"]
+    if found < 0.0:
+        unit = load.unit.text.removeprefix("-")
+        turn = f"--column load={load.name},-{unit} turns it round" if "/rev" in unit else "change the sign of one of them"
+        raise ContradictedError(
+            f"{recorded.path}: the encoders count against each other: a revolution of the motor turns {load.name!r} by "
+            f"{1.0 / found:.5f}; {turn}"
+        )
+    whole = round(found)
+    if given is None:
+        if abs(found - whole) > WHOLE_WITHIN or whole < 10:
+            raise ContradictedError(
+                f"{recorded.path}: the encoders show a reduction ratio of {found:.3f}, which is no whole number above "
+                "10: --ratio says "
+                "which it is, and --column the increments of each encoder"
+            )
+        return float(whole), f"the reduction ratio is taken to be {whole}: the encoders show {found:.2f}"
+    if abs(found - given) > max(RATIO_OFF, RATIO_OFF_FRACTION * given):
+        raise ContradictedError(
+            f"{recorded.path}: a reduction ratio of {given:g} was given, the encoders show {found:.2f}"
+            + (f": is it {whole}?" if abs(found - whole) <= WHOLE_WITHIN else "; are the increments of both encoders right?")
+        )
+    return given, None
+
+
+def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, per_hz2: float) -> AngleSection:
+    """The joint's angle less the motor's through the gear, in rad, over a stretch.
+
+    Args:
+        recorded: The recording.
+        stretch: The stretch.
+        ratio: Reduction ratio N.
+        per_hz2: Swing of the joint by (k f_m)², in s².
+    """
+    motor, speed = recorded.motor_rad[stretch.rows], _speed(recorded, stretch)
+    waves = swung_waves(motor, speed, per_hz2)
+    return AngleSection(motor, recorded.value["load"][stretch.rows] - motor / ratio, waves).averaged(MOST_SAMPLES)
+
+
+def joint_swing(stretches: Sequence[tuple[Recorded, MotionStretch]], ratio: float, orders: Sequence[float]) -> JointSwing | None:
+    """Swing of the joint that some stretches show; None where they do not tell it from a larger error.
+
+    Args:
+        stretches: The stretches.
+        ratio: Reduction ratio N.
+        orders: Orders of the transmission error.
+    """
+    quickest = max(float(np.max(np.abs(_speed(recorded, stretch)))) for recorded, stretch in stretches)
+    sections_at = [functools.partial(encoder_section, recorded, stretch, ratio) for recorded, stretch in stretches]
+    swing = swing_of(sections_at, orders, max(orders) * quickest)
+    return swing if swing is not None and swing.is_told else None
+
+
+def _speed(recorded: Recorded, stretch: MotionStretch) -> np.ndarray:
+    return speed_of(recorded.motor_rad, recorded.time_s, SWUNG_ACROSS)[stretch.rows]

@@ -1,0 +1,417 @@
+"""Identification from recordings: read, cut into stretches, fitted, scanned, and said."""
+
+import datetime
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drive_profiles.standard.shown import measured
+from hil.bench.bench import Bench
+from hil.bench.model import SIGNIFICANT_SIGMAS, Identified, IdentifiedError
+from hil.control.angles import ARCSEC
+from hil.design.ate.model import Arm
+from hil.design.recorded.fit import AngleSection, SectionFit, fit_section, least_turns
+from hil.design.recorded.fixed_lines import FixedFrequency, without_lines
+from hil.design.recorded.joint import Change, JointFit, RecordedValue, joined, moves_of, values_of, widened_by
+from hil.design.recorded.order_columns import columns_of, scanned_orders
+from hil.design.recorded.scan import FALSE_ALARM, BlindScan, order_scan
+from hil.design.recorded.stretches import MotionStretch, parts_of, speed_of, stretches
+from hil.design.recorded.swing import JointSwing
+from hil.design.recorded.through_arm import RefinedArm
+from hil.experiments.ate.recorded.curves import write_curves
+from hil.experiments.ate.recorded.encoders import agreed_ratio, encoder_section, found_ratio, joint_swing
+from hil.experiments.ate.recorded.entries import change_entry, file_entry, scan_entry, stretch_entry
+from hil.experiments.ate.recorded.request import (
+    MOST_STRETCHES,
+    ContradictedError,
+    FoundStretch,
+    RecordedAteError,
+    RecordedRequest,
+)
+from hil.experiments.ate.recorded.sensed import SensedFiles, sensed_files, without_start
+from hil.recordings.reading import Recorded, read_recording
+from hil.results.base import RESULT_FILE, versions
+from hil.results.recorded_ate import (
+    Form,
+    RecordedAteResult,
+)
+from hil.robot_tables import TransmissionErrorTable, amplitude_key, phase_key
+
+PART_TURNS = 1.25
+"""Revolutions of a part in which a change is looked for, by those from which a stretch tells its orders apart."""
+MOST_PARTS = 6
+SPEEDS_APART = 2.0
+"""Ratio of the speeds of two parts from which what two encoders show may be the arm's answer, which depends on the speed."""
+TURNED_DEG = 30.0
+"""Difference of a phase behind which a feed-forward leaves half of the vibration: 2 sin(15°) = 0.52."""
+WORTH_ASKING = 1.5
+"""Height of a peak, by the false-alarm level, from which it is named: what drifts makes low ones beside an order."""
+NOT_ASKED = 0.1
+"""Distance from an order that was asked for within which a peak of the scan is that order."""
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """All that was fitted."""
+
+    found: list[FoundStretch]
+    fits: list[SectionFit]
+    joint: JointFit
+    parts: list[tuple[FoundStretch, SectionFit]]
+    changes: dict[float, Change]
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """All that is known before anything is fitted.
+
+    Attributes:
+        files: The recordings.
+        form: Signal beside the motor angle.
+        sensed: The recordings through the arm; None for two encoders.
+        refined: The arm; None for two encoders.
+        swing: Swing of the joint; None for a sensor, and where the recordings do not tell it.
+        ratio: Reduction ratio.
+        ratio_found: Reduction ratio that two encoders show; None without them.
+        chosen: Number of the file, file and stretch of all that are fitted.
+        notes: Sentences so far.
+    """
+
+    files: list[Recorded]
+    form: Form
+    sensed: SensedFiles | None
+    refined: RefinedArm | None
+    swing: JointSwing | None
+    ratio: float
+    ratio_found: float | None
+    chosen: list[tuple[int, Recorded, MotionStretch]]
+    notes: list[str]
+
+    def section(self, recorded: Recorded, stretch: MotionStretch) -> AngleSection:
+        """A stretch as it is fitted."""
+        if self.sensed is None or self.refined is None:
+            return encoder_section(recorded, stretch, self.ratio, 0.0 if self.swing is None else self.swing.per_hz2)
+        return self.sensed.section(recorded, stretch, self.refined.arm)
+
+    def moved(self, recorded: Recorded, stretch: MotionStretch) -> list[AngleSection]:
+        """A stretch where one of the things that are believed of arm or joint is off by its standard error."""
+        if self.sensed is not None and self.refined is not None:
+            return [self.sensed.section(recorded, stretch, arm) for arm in self.refined.steps]
+        if self.swing is None:
+            return []
+        return [encoder_section(recorded, stretch, self.ratio, self.swing.per_hz2 + self.swing.error_per_hz2)]
+
+
+def _prepared(request: RecordedRequest, bench: Bench | None, identified: Identified | None) -> _Prepared:
+    """Read the recordings, and find their stretches, the ratio and the arm."""
+    files = [read_recording(path, request.said, request.axis) for path in request.files]
+    form = _form(files, request, is_told_by_joints=_tells_tip(request, bench, identified))
+    notes = [f"{recorded.path.name}: {note}" for recorded in files for note in recorded.notes]
+    sensed = None if form == "two encoders" else sensed_files(files, request, form, bench, identified)
+    even = files if sensed is None else sensed.files
+    moved = [(number, each, _stretches(each, is_sensed=sensed is not None)) for number, each in enumerate(even)]
+    enough = [(number, recorded, _long_enough(each, request)) for number, recorded, each in moved]
+    notes += _too_short(moved, enough, request)
+    if sensed is None or bench is None:
+        ratio, ratio_found, more = _ratio(enough, request)
+        notes += more
+    else:
+        ratio, ratio_found = bench.axis[request.axis].reduction_ratio, None
+    chosen = sorted(((n, each, one) for n, each, all_of in enough for one in all_of), key=lambda row: -row[2].turns)
+    chosen = sorted(chosen[:MOST_STRETCHES], key=lambda row: (row[0], row[2].from_s))
+    if sensed is None:
+        swing = joint_swing([(each, one) for _, each, one in chosen], ratio, request.orders)
+        return _Prepared(files, form, None, None, swing, ratio, ratio_found, chosen, notes)
+    refined = sensed.refine([(n, one) for n, _, one in chosen], request.orders)
+    return _Prepared(files, form, sensed, refined, None, ratio, ratio_found, chosen, notes)
+
+
+def identify_recorded(
+    request: RecordedRequest, directory: Path, bench: Bench | None = None, identified: Identified | None = None
+) -> RecordedAteResult:
+    """Identify a transmission error from recordings, and write result.json and the page's curves into a directory.
+
+    Args:
+        request: Recordings, axis and orders.
+        directory: Directory of the result; made where it is missing.
+        bench: Bench that says lever and plant for a sensor; None where two encoders need neither.
+        identified: Model file with the plant; None without one.
+
+    Raises:
+        RecordingFileError: A recording cannot be read.
+        ContradictedError: A recording contradicts what was said of it, or lacks what makes an angle of it.
+        RecordedAteError: The recordings do not show the error.
+    """
+    ready = _prepared(request, bench, identified)
+    files, form, sensed, refined = ready.files, ready.form, ready.sensed, ready.refined
+    fitted = _fit(ready, request)
+    scan, cleaned, lines = _scan(fitted)
+    scale = ARCSEC if form == "two encoders" else 1.0
+    write_curves(directory, scan, cleaned, fitted.fits, [_speeds(each) for each in fitted.found], scale)
+    part = _entry(fitted.joint, files, refined, is_torque=form == "motor torque")
+    notes = [*ready.notes, *_swing_notes(ready, fitted), *_notes(fitted, scan, lines, request)]
+    result = RecordedAteResult(
+        robot=_robot(request, bench),
+        axis=request.axis,
+        started_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        versions=versions(),
+        form=form,
+        reduction_ratio=ready.ratio,
+        ratio_found=ready.ratio_found,
+        orders=request.orders,
+        files=tuple(
+            file_entry(each, None if sensed is None else sensed.clocks[number].words) for number, each in enumerate(files)
+        ),
+        stretches=tuple(stretch_entry(each, fit) for each, fit in zip(fitted.found, fitted.fits, strict=True)),
+        parts=tuple(stretch_entry(each, fit) for each, fit in fitted.parts),
+        changes=tuple(change_entry(each) for each in fitted.changes.values()),
+        scan=scan_entry(scan, lines, scale),
+        ate=part,
+        is_identified=_is_identified(fitted.joint),
+        notes=tuple(notes),
+        plant=None if sensed is None or refined is None else _arm_words(refined.arm, sensed.source),
+    )
+    result.write(directory / RESULT_FILE)
+    return result
+
+
+def _robot(request: RecordedRequest, bench: Bench | None) -> str:
+    """Name of the robot: that was said, or the bench's, or the first file's."""
+    return request.said.robot or (bench.name if bench is not None else request.files[0].name.split(".")[0])
+
+
+def _arm_words(arm: Arm, source: str) -> str:
+    return (
+        f"arm on its gear at {arm.resonance_hz:.2f} Hz, ζ = {arm.damping:.3f}, sensor {1e3 * arm.delay_s:.2f} ms late; "
+        f"starting from {source}, refined by the recordings"
+    )
+
+
+def _stretches(recorded: Recorded, *, is_sensed: bool) -> list[MotionStretch]:
+    """Stretches of a recording; of a sensor without the beginning of a recording that starts in motion."""
+    found = stretches(recorded.motor_rad, recorded.time_s)
+    if not is_sensed:
+        return found
+    return [each for one in found if (each := without_start(recorded, one)) is not None]
+
+
+def _tells_tip(request: RecordedRequest, bench: Bench | None, identified: Identified | None) -> bool:
+    """True where the bench's load encoders tell the tip and its plant is known: then the arm's resonance is no obstacle."""
+    if bench is None or request.axis not in bench.axis or not bench.accelerometer.from_load_encoders:
+        return False
+    known = None if identified is None else identified.axis.get(request.axis)
+    return bench.axis[request.axis].model is not None or (known is not None and known.plant is not None)
+
+
+def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joints: bool) -> Form:
+    """The signal that all files have beside the motor angle.
+
+    Args:
+        files: The recordings.
+        request: The request.
+        is_told_by_joints: True where the tip is told by the joint's encoder, to be read through a plant that is known.
+
+    Raises:
+        ContradictedError: There is none.
+    """
+    roles = set.intersection(*(set(each.column) for each in files))
+    if "load" in roles and not request.sensorless and not (is_told_by_joints and "acceleration" in roles):
+        return "two encoders"
+    if "acceleration" in roles and not request.sensorless:
+        return "tip acceleration"
+    if "torque" in roles:
+        return "motor torque"
+    raise ContradictedError(
+        f"{files[0].path}: beside the motor angle one of joint angle, tip acceleration or motor torque is needed in every file: "
+        "--column load=NAME,UNIT names the first"
+    )
+
+
+def _long_enough(each: Sequence[MotionStretch], request: RecordedRequest) -> list[MotionStretch]:
+    return [stretch for stretch in each if stretch.turns >= least_turns(request.orders)]
+
+
+def _too_short(
+    moved: Sequence[tuple[int, Recorded, list[MotionStretch]]],
+    enough: Sequence[tuple[int, Recorded, list[MotionStretch]]],
+    request: RecordedRequest,
+) -> list[str]:
+    """Sentences on files without a stretch that is long enough.
+
+    Raises:
+        RecordedAteError: No file has one.
+    """
+    words = []
+    for (_, recorded, all_of), (_, _, long) in zip(moved, enough, strict=True):
+        if not long:
+            longest = max((stretch.turns for stretch in all_of), default=0.0)
+            words.append(
+                f"{recorded.path.name}: the motor of axis {request.axis} turns {longest:.3g} revolutions one way at most"
+            )
+    if len(words) == len(moved):
+        orders = ", ".join(f"{order:g}" for order in request.orders)
+        raise RecordedAteError(
+            f"{'; '.join(words)}: orders {orders} need {least_turns(request.orders):.3g}; move further without a stop, or ask "
+            "for fewer orders"
+        )
+    return [f"{word}, too few: it is left out" for word in words]
+
+
+def _ratio(
+    enough: Sequence[tuple[int, Recorded, list[MotionStretch]]], request: RecordedRequest
+) -> tuple[float, float, list[str]]:
+    """Reduction ratio, the one that the encoders show, and sentences on it."""
+    given, found, notes = request.said.reduction_ratio, math.nan, []
+    for _, recorded, each in enough:
+        if each:
+            found = found_ratio(recorded, each)
+            given, note = agreed_ratio(given, found, recorded)
+            notes += [note] if note else []
+    if given is None:
+        raise ContradictedError("the reduction ratio is not known: --ratio says it")
+    return given, found, notes
+
+
+def _fit(ready: _Prepared, request: RecordedRequest) -> _Fitted:
+    """Fit all stretches, and their parts."""
+    fits, kept, moves, problems = [], [], [], []
+    for number, recorded, stretch in ready.chosen:
+        section = ready.section(recorded, stretch)
+        try:
+            fit = fit_section(section, request.orders)
+        except ValueError as error:
+            problems.append(f"{recorded.path.name}, {stretch.from_s:.2f} s: {error}")
+            continue
+        fits.append(fit)
+        kept.append(FoundStretch(number, recorded, stretch, section))
+        moved = ready.moved(recorded, stretch)
+        if moved:
+            moves.append(moves_of(section, moved, request.orders, fit.degree))
+    if not fits:
+        raise RecordedAteError("; ".join(problems))
+    parts = []
+    turns = PART_TURNS * least_turns(request.orders)
+    for each in kept:
+        for part in parts_of(each.stretch, each.recorded.motor_rad, each.recorded.time_s, turns, MOST_PARTS):
+            section = ready.section(each.recorded, part)
+            try:
+                fit = fit_section(section, request.orders)
+            except ValueError:  # a part may have too few samples where its stretch has enough
+                continue
+            parts.append((FoundStretch(each.file, each.recorded, part, section), fit))
+    whole = joined(fits, moves or None)
+    if len(parts) < 2:
+        return _Fitted(kept, fits, whole, parts, {})
+    by_part = joined([fit for _, fit in parts])
+    speeds = [each.stretch.speed_rps for each, _ in parts]
+    if ready.refined is None and max(speeds) > SPEEDS_APART * min(speeds):
+        whole = widened_by(whole, by_part)
+    return _Fitted(kept, fits, whole, parts, by_part.changes)
+
+
+def _scan(fitted: _Fitted) -> tuple[BlindScan, list[AngleSection], list[FixedFrequency]]:
+    """Blind scan of all stretches, without lines of a fixed frequency."""
+    sections, lines = [each.section for each in fitted.found], []
+    orders = scanned_orders()
+    looks, signals = [], []
+    columns = columns_of(sections, [fit.degree for fit in fitted.fits], orders)
+    for place, (each, look) in enumerate(zip(fitted.found, columns, strict=True)):
+        if look is not None:
+            cleaned = without_lines(each.section, look, orders, _times(each))
+            sections[place] = cleaned.section
+            lines += cleaned.lines
+            looks.append(look)
+            signals.append(cleaned.signal)
+    return order_scan(looks, signals, orders), sections, lines
+
+
+def _times(each: FoundStretch) -> np.ndarray:
+    """Time of the samples of a section; shape (n,)."""
+    rows = each.recorded.time_s[each.stretch.rows]
+    return np.interp(np.linspace(0.0, 1.0, len(each.section.signal)), np.linspace(0.0, 1.0, len(rows)), rows)
+
+
+def _speeds(each: FoundStretch) -> np.ndarray:
+    return speed_of(each.section.angle_rad, _times(each))
+
+
+def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | None, *, is_torque: bool) -> IdentifiedError:
+    """The entry of the model file."""
+    errors = {}
+    for order, value in joint.values.items():
+        errors[amplitude_key(order)] = value.a_error_arcsec
+        errors[phase_key(order)] = value.phi_error_deg
+    return IdentifiedError(
+        values=TransmissionErrorTable.of(
+            {order: value.a_arcsec for order, value in joint.values.items()},
+            {order: value.phi_deg for order, value in joint.values.items()},
+        ),
+        standard_error=errors,
+        arm_hz=None if refined is None else refined.arm.resonance_hz,
+        damping=None if refined is None else refined.arm.damping,
+        accelerometer_delay_s=0.0 if refined is None or is_torque else refined.arm.delay_s,
+        learnt_by="recording",
+        note=f"from {', '.join(each.path.name for each in files)}",
+    )
+
+
+def _is_identified(joint: JointFit) -> bool:
+    """True where an order stands above what noise makes in any of them in one of a hundred recordings: A²/2σ² > ln(orders/p)."""
+    sigmas = math.sqrt(2.0 * math.log(len(joint.values) / FALSE_ALARM))
+    return any(each.a_arcsec >= max(sigmas, SIGNIFICANT_SIGMAS) * each.a_error_arcsec for each in joint.values.values())
+
+
+def _is_significant(value: RecordedValue) -> bool:
+    return value.a_arcsec >= SIGNIFICANT_SIGMAS * value.a_error_arcsec
+
+
+def _swing_notes(ready: _Prepared, fitted: _Fitted) -> list[str]:
+    """A sentence on what the joint of two encoders does beyond its gear."""
+    if ready.sensed is not None:
+        return []
+    if ready.swing is not None:
+        swing, at_most = ready.swing, ready.swing.highest_hz**2
+        return [
+            f"the joint swings {measured(100 * swing.per_hz2 * at_most, 100 * swing.error_per_hz2 * at_most)} % wider at "
+            f"{swing.highest_hz:.1f} Hz than its gear drives it, as the speeds show: taken out"
+        ]
+    seen = {order: value for order, value in fitted.joint.values.items() if _is_significant(value)}
+    if not seen:
+        return []
+    turns = sum(each.stretch.turns for each in fitted.found)
+    speed = sum(each.stretch.turns * each.stretch.speed_rps for each in fitted.found) / turns
+    below = max(order * speed * math.sqrt(value.a_arcsec / value.a_error_arcsec) for order, value in seen.items())
+    return [
+        f"the amplitudes are the joint's: where its arm rings below {below:.0f} Hz, those of the gear are smaller by more than a "
+        "standard error; slower recordings, or such as change their speed, show the gear's"
+    ]
+
+
+def _notes(fitted: _Fitted, scan: BlindScan, lines: Sequence[FixedFrequency], request: RecordedRequest) -> list[str]:
+    """Sentences for the engineer."""
+    notes = []
+    for order, change in fitted.changes.items():
+        values = [values_of(fit)[order] for _, fit in fitted.parts]
+        if change.is_seen and _is_significant(fitted.joint.values[order]):
+            half = "; a feed-forward with one phase for all leaves much of it" if change.phi_span_deg > TURNED_DEG else ""
+            sizes = [value.a_arcsec for value in values]
+            notes.append(
+                f"order {order:g} changes: φ_{order:g} differs by up to {change.phi_span_deg:.0f}° and A_{order:g} from "
+                f"{min(sizes):.1f} to {max(sizes):.1f} arcsec between {len(values)} parts (noise alone: "
+                f"{change.probability:.1g}){half}"
+            )
+    for peak in scan.peaks:
+        near = min(abs(peak.order - order) for order in request.orders)
+        if near > max(NOT_ASKED, 1.0 / scan.turns) and peak.amplitude > WORTH_ASKING * peak.level:
+            notes.append(f"order {peak.order:.2f} stands above the noise and was not asked for: --orders takes it in")
+    notes += [
+        f"a line at {line.hz:.1f} Hz, order {line.order:.2f} at most of the speeds, keeps its frequency: it is not the gear's"
+        for line in lines
+    ]
+    weak = [f"{order:g}" for order, value in fitted.joint.values.items() if not _is_significant(value)]
+    if weak:
+        notes.append(f"order {', '.join(weak)}: below {SIGNIFICANT_SIGMAS:g} standard errors, which noise alone can reach")
+    return notes

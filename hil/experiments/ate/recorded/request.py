@@ -1,0 +1,73 @@
+"""Request of an identification from recordings, and what it raises."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from hil.design.recorded.fit import AngleSection
+from hil.design.recorded.stretches import MotionStretch
+from hil.errors import HilError
+from hil.recordings.layout import Said
+from hil.recordings.reading import Recorded
+from hil.robot_tables import ORDERS
+
+MOST_FILES = 64
+MOST_STRETCHES = 64
+"""Stretches that are fitted of all files together, the longest first."""
+MOST_SAMPLES = 20_000
+"""Samples of a stretch: of more the neighbours are averaged."""
+
+
+class RecordedAteError(HilError):
+    """The recordings do not show the transmission error."""
+
+    exit_code: ClassVar[int] = 9
+
+
+class ContradictedError(HilError, ValueError):
+    """The recordings contradict what was said of them."""
+
+    exit_code: ClassVar[int] = 3
+
+
+@dataclass(frozen=True)
+class RecordedRequest:
+    """Request of an identification from recordings.
+
+    Attributes:
+        files: The recordings.
+        axis: Axis number.
+        said: What is known of columns, ratio and robot.
+        orders: Orders that are asked for.
+        sensorless: True where the motor's torque is taken even where an acceleration was recorded.
+    """
+
+    files: tuple[Path, ...]
+    axis: int
+    said: Said
+    orders: tuple[float, ...] = ORDERS
+    sensorless: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be asked."""
+        if not self.files:
+            raise ValueError("no recording is named")
+        if len(self.files) > MOST_FILES:
+            raise ValueError(f"{len(self.files)} recordings; {MOST_FILES} are the most")
+
+
+@dataclass(frozen=True)
+class FoundStretch:
+    """A stretch of one of the recordings.
+
+    Attributes:
+        file: Number of its file.
+        recorded: The file as it was read.
+        stretch: The rows.
+        section: The same rows with the waves that are fitted to them.
+    """
+
+    file: int
+    recorded: Recorded
+    stretch: MotionStretch
+    section: AngleSection

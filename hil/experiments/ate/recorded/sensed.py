@@ -1,0 +1,151 @@
+"""Tip acceleration, or motor torque: what bench and model file say of arm and sensor makes an angle's error of the signal."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.bench.bench import Bench
+from hil.bench.model import Identified
+from hil.design.ate.model import Arm
+from hil.design.recorded.clock import SampledInstants, clock_of
+from hil.design.recorded.fit import AngleSection
+from hil.design.recorded.stretches import MotionStretch
+from hil.design.recorded.through_arm import ArmBelief, RefinedArm, ThroughArm, arm_section, refined_arm
+from hil.experiments.ate.recorded.request import MOST_SAMPLES, ContradictedError, RecordedRequest
+from hil.experiments.ate.request import axis_knowledge, sensing_of
+from hil.recordings.reading import Recorded
+from hil.results.recorded_ate import Form
+from hil.robot_tables import PlantTable
+
+RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S = 0.03, 0.3, 0.002
+"""Standard errors of what is believed and has none: resonance and damping by their size, and the delay of a sensor."""
+LEAST_RESONANCE_FRACTION, LEAST_DAMPING_FRACTION = 0.002, 0.03
+"""Least standard errors that are believed of an identified plant: load and temperature are others on another day."""
+STEADY_S = 0.5
+"""Time at the beginning of a recording that starts in motion, which is left out: nobody knows how the arm rang before."""
+
+
+@dataclass(frozen=True)
+class SensedFiles:
+    """Recordings of a sensor behind the arm.
+
+    Attributes:
+        files: Recordings on an even grid.
+        through: The same, through the arm.
+        clocks: Instants that were taken.
+        belief: What is believed of the arm.
+        source: Source of it, in words.
+    """
+
+    files: list[Recorded]
+    through: list[ThroughArm]
+    clocks: list[SampledInstants]
+    belief: ArmBelief
+    source: str
+
+    def rows(self, found: Sequence[tuple[int, MotionStretch]]) -> list[tuple[ThroughArm, slice]]:
+        """Stretches as rows of their recordings."""
+        return [(self.through[number], stretch.rows) for number, stretch in found]
+
+    def refine(self, found: Sequence[tuple[int, MotionStretch]], orders: Sequence[float]) -> RefinedArm:
+        """The arm as some stretches show it."""
+        return refined_arm(self.rows(found), orders, self.belief)
+
+    def section(self, recorded: Recorded, stretch: MotionStretch, arm: Arm) -> AngleSection:
+        """A stretch as it is fitted for an arm."""
+        number = next(number for number, each in enumerate(self.files) if each is recorded)
+        return arm_section(self.through[number], stretch.rows, arm).averaged(MOST_SAMPLES)
+
+
+def sensed_files(
+    files: Sequence[Recorded], request: RecordedRequest, form: Form, bench: Bench | None, identified: Identified | None
+) -> SensedFiles:
+    """Recordings of a sensor on an even grid, with what is known of the arm.
+
+    Args:
+        files: The recordings.
+        request: The request.
+        form: Kind of the sensor.
+        bench: Bench that says lever and plant; None without one.
+        identified: Model file; None without one.
+
+    Raises:
+        ContradictedError: There is no bench, no plant, or another ratio; or a recording does not show the arm.
+        NotPossibleError: The bench has no such axis, or it does not move the accelerometer.
+    """
+    if bench is None:
+        raise ContradictedError(
+            f"{files[0].path}: {form} says something of an angle only through the plant: --bench names the file with "
+            "lever, ratio and plant"
+        )
+    is_torque = form == "motor torque"
+    knowledge = axis_knowledge(bench, request.axis, identified, sensorless=is_torque)
+    table = bench.axis[request.axis]
+    belief, source = _belief(bench, request.axis, identified, is_torque=is_torque)
+    given = request.said.reduction_ratio
+    if given is not None and not math.isclose(given, table.reduction_ratio, rel_tol=1e-6):
+        raise ContradictedError(
+            f"a reduction ratio of {given:g} was given, the bench file has {table.reduction_ratio:g} for axis {request.axis}"
+        )
+    sensing = sensing_of(bench, request.axis, knowledge, sensorless=is_torque)
+    even, through, clocks = [], [], []
+    for each in files:
+        clock = clock_of(each.time_s, each.motor_rad)
+        values = each.value["torque" if is_torque else "acceleration"]
+        try:
+            made = ThroughArm(clock.time_s, each.motor_rad, values, table.reduction_ratio, sensing, belief.arm.resonance_hz)
+        except ValueError as error:
+            raise ContradictedError(f"{each.path}: {error}") from error
+        through.append(made)
+        clocks.append(clock)
+        even.append(replace(each, value={"time": made.time_s - made.time_s[0], "motor": made.motor_rad}))
+    return SensedFiles(even, through, clocks, belief, source)
+
+
+def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | None:
+    """A stretch without the first half second of a recording that starts in motion; None where nothing is left."""
+    if each.rows.start > 8:
+        return each
+    start = int(np.searchsorted(recorded.time_s, STEADY_S))
+    if each.rows.stop - start < 2:
+        return None
+    angle = recorded.motor_rad
+    turns = abs(float(angle[each.rows.stop - 1] - angle[start])) / (2.0 * math.pi)
+    return replace(each, rows=slice(start, each.rows.stop), turns=turns, from_s=float(recorded.time_s[start]))
+
+
+def _belief(bench: Bench, axis: int, identified: Identified | None, *, is_torque: bool) -> tuple[ArmBelief, str]:
+    """Arm and delay from the model file, else from the bench file's model."""
+    part = None if identified is None or axis not in identified.axis else identified.axis[axis].plant
+    knowledge = axis_knowledge(bench, axis, identified, sensorless=is_torque)
+    if part is not None and knowledge.start is not None:
+        errors = part.standard_error
+        resonance = errors.get("antiresonance_hz", 0.0) / part.antiresonance_hz
+        damping = errors.get("damping", 0.0) / part.damping
+        delay = part.torque_lag_s if is_torque else part.accelerometer_delay_s
+        arm = replace(knowledge.start, delay_s=delay or 0.0)
+        believed = ArmBelief(
+            arm,
+            max(resonance, LEAST_RESONANCE_FRACTION),
+            max(damping, LEAST_DAMPING_FRACTION),
+            DELAY_ERROR_S if delay is None else 0.5 * DELAY_ERROR_S,
+        )
+        return believed, "the model file"
+    model = bench.axis[axis].model
+    if model is None:
+        raise ContradictedError(
+            f"no plant of axis {axis} is known, neither in the model file nor in the bench file: hil identify plant finds it"
+        )
+    return ArmBelief(arm_of(model), RESONANCE_FRACTION, DAMPING_FRACTION, DELAY_ERROR_S), "the bench file"
+
+
+def arm_of(plant: PlantTable) -> Arm:
+    """The arm of a plant on its gear, with the motor held."""
+    stiffness, inertia = plant.gear_stiffness_nm_rad, plant.arm_inertia_kg_m2
+    total = plant.gear_damping_nm_s_rad + plant.arm_damping_nm_s_rad
+    fraction = plant.gear_damping_nm_s_rad / total if total > 0.0 else 1.0
+    return Arm(
+        math.sqrt(stiffness / inertia) / (2.0 * math.pi), max(0.5 * total / math.sqrt(stiffness * inertia), 1e-4), 0.0, fraction
+    )

@@ -1,0 +1,87 @@
+"""Cancellation by the drives themselves, in their own loops, where their family can: nothing goes over the bus in a cycle."""
+
+import math
+import re
+from collections.abc import Collection, Sequence
+
+from drive_profiles.family.profile import Profile
+from hil.bench.bench import Bench, Model
+from hil.bench.model import Identified
+from hil.errors import NotPossibleError
+from hil.experiments.cancellation.cancellation import nothing_known, treated_model
+from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.tables import amplitudes_rad, phases_deg
+from hil.master.session import Session
+
+
+def cancel_inside(
+    session: Session, identified: Identified | None, axes: Sequence[int], gain: float = 1.0, without: Collection[Part] = ()
+) -> tuple[int, ...]:
+    """Let the drives cancel the error in their own loops, where their family can, in the next run; it puts everything back.
+
+    Nothing more goes over the bus in a cycle, and no delay has to be known.
+
+    Args:
+        session: Session that has been brought up.
+        identified: The model file; None for the bench file's own model.
+        axes: Axis numbers of the motion.
+        gain: Fraction of the cancellation, 0 to 1.
+        without: Orders of axes that are left out.
+
+    Returns:
+        Numbers of the axes whose drives cancel.
+
+    Raises:
+        NotPossibleError: A drive cannot cancel, its limits do not hold the values, or no transmission error is known of any axis.
+        HilError: A drive does not answer, or refuses.
+    """
+    models = inside_models(session.bench, identified, axes)
+    for number, model in models.items():
+        axis = session.axes[number]
+        amplitudes = {order: size for order, size in amplitudes_rad(model.ate).items() if Part(number, order) not in without}
+        motor = {f"a{order:g}_rad": gain * axis.table.reduction_ratio * size for order, size in amplitudes.items()}
+        turns = {f"phi{order:g}_rad": math.radians(degrees) for order, degrees in phases_deg(model.ate).items()}
+        values = {f"a{order:g}_rad": 0.0 for order in _orders_inside(Profile.load(axis.table.profile))} | motor | turns
+        values |= {"motor_inertia_kg_m2": model.motor_inertia_kg_m2, "motor_damping_nm_s_rad": model.motor_damping_nm_s_rad}
+        for name, value in values.items():
+            axis.write_parameter(f"cancellation.{name}", value)
+        axis.write_parameter("cancellation.mode", 1)
+    return tuple(models)
+
+
+def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> dict[int, Model]:
+    """Models of the axes whose drives are to cancel the error by themselves, by axis number.
+
+    Raises:
+        NotPossibleError: A drive family cannot cancel, or no transmission error is known of any axis.
+    """
+    models = {number: model for number in axes if (model := treated_model(bench, identified, number)) is not None}
+    for number, model in models.items():
+        profile = Profile.load(bench.axis[number].profile)
+        if "cancellation.mode" not in profile.parameters:
+            raise NotPossibleError(f"axis {number}: drive family {profile.label} cancels nothing by itself")
+        able, known = _orders_inside(profile), model.ate.amplitudes_arcsec()
+        if not able >= known.keys():
+            own, others = (", ".join(f"{order:g}" for order in sorted(each)) for each in (able, known.keys() - able))
+            raise NotPossibleError(
+                f"axis {number}: the drive cancels orders {own} only, the model has order {others}: cancel by the set-points"
+            )
+    if not models:
+        raise NotPossibleError(nothing_known(axes))
+    return models
+
+
+def inside_parts(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> tuple[Part, ...]:
+    """Each order of each axis that the drives are to cancel by themselves.
+
+    Raises:
+        NotPossibleError: As `inside_models`.
+    """
+    models = inside_models(bench, identified, axes)
+    return tuple(Part(number, order) for number, model in models.items() for order in amplitudes_rad(model.ate))
+
+
+def _orders_inside(profile: Profile) -> set[float]:
+    """Orders that the drives of a family can cancel by themselves."""
+    found = (re.fullmatch(r"cancellation\.a([0-9.]+)_rad", name) for name in profile.parameters)
+    return {float(each[1]) for each in found if each is not None}

@@ -1,0 +1,175 @@
+"""Trial of a cancellation on an arm's line, by the tip as a vector: what raises its peak along x, y or z is not used.
+
+What was learnt on a motion is known as a whole: its orders are those with which that motion is quiet, and no model of the arm
+tells them apart. So the trial takes it as a whole: without, with a fraction, with all of it, the latter two and the first again
+while the sensor's noise leaves it open. What was identified axis by axis is read order by order first (`trial`), and then held
+against the vector as well: that reading knows one direction.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.analysis import band_passed
+from hil.bench.bench import Bench
+from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.rise import LAST_SIGMAS, RISE_SIGMAS, PeakChange
+from hil.experiments.cancellation.verdict import PartVerdict, Verdict
+from hil.experiments.cancellation.verification import Trial, Verification
+from hil.experiments.judge import line_scale
+from hil.experiments.window import NOISE_PEAK, noise_variance
+from hil.master.motion import Motion
+from hil.recording import Recording
+from hil.reporter import Reporter
+from hil.results.runs import CancellationRemainder, RemainderCause
+from hil.tip_vector import displacement_mm, noise_rms_mm, steady_window_s, tip_acceleration
+
+Real = NDArray[np.float64]
+LineRunner = Callable[[float, int | None, frozenset[Part]], Recording]
+"""What runs the motion: with a fraction of the cancellation, on one axis alone or on all, without some parts."""
+
+WAYS = ("x", "y", "z", "the worst direction")
+MOST_PAIRS = 3
+"""Most runs without the cancellation, and with all of it."""
+
+
+def is_line_of_arm(bench: Bench, motion: Motion) -> bool:
+    """True for a line of an arm whose band is known."""
+    return bench.arm is not None and len(motion.axes) > 1 and bench.line_motion is not None and line_scale(bench) is not None
+
+
+def verify_on_line(bench: Bench, parts: Sequence[Part], gain: float, run: LineRunner, reporter: Reporter) -> Verification:
+    """Try a cancellation on an arm's line as a whole.
+
+    Args:
+        bench: The bench file.
+        parts: Its orders of axes.
+        gain: Fraction that is tried first.
+        run: What runs the line.
+        reporter: Listener of each run.
+    """
+    trials: list[Trial] = []
+
+    def add(what: str, fraction: float) -> Trial:
+        reporter.step(f"trial of the cancellation: {what}")
+        recording = run(fraction, None, frozenset())
+        felt = [band_passed(each, recording.period_s, _band_hz(bench)) for each in tip_acceleration(recording).T]
+        rms_m_s2 = math.sqrt(float(np.mean(np.sum(np.square(felt)[:, _rows(bench, recording)], axis=0))))
+        made = Trial(what, recording, dict.fromkeys(parts, fraction), rms_m_s2)
+        trials.append(made)
+        return made
+
+    without, part_of = [add("without", 0.0)], add(f"{100.0 * gain:g} % of it", gain)
+    tried = _changes(bench, without, [part_of])
+    if any(each.stands(RISE_SIGMAS) for each in tried):
+        return _judged(bench, gain, trials, parts, tried)
+    whole = [add("the whole of it", 1.0)]
+    while any(each.is_open for each in _changes(bench, without, whole)) and len(whole) < MOST_PAIRS:
+        without.append(add("without, once more", 0.0))
+        whole.append(add("the whole of it, once more", 1.0))
+    return _judged(bench, gain, trials, parts, _changes(bench, without, whole))
+
+
+def refused_by_vector(bench: Bench, found: Verification) -> Verification:
+    """A trial of which nothing is used where what it uses makes the tip's peak larger in any direction.
+
+    Args:
+        bench: The bench file.
+        found: The trial.
+    """
+    used = {verdict.part for verdict in found.verdicts if verdict.verdict == "accepted"}
+    without = [trial for trial in found.trials if not any(trial.gains.values())]
+    whole = [trial for trial in found.trials if all(gain == float(part in used) for part, gain in trial.gains.items())]
+    if not used or not without or not whole:
+        return found
+    rise = _worst(_changes(bench, without, whole))
+    if rise is None:
+        return found
+    verdicts = [replace(each, verdict="refused", rise=rise) if each.part in used else each for each in found.verdicts]
+    return replace(found, verdicts=tuple(verdicts), remainder=None)
+
+
+def _judged(
+    bench: Bench, gain: float, trials: Sequence[Trial], parts: Sequence[Part], changes: Sequence[PeakChange]
+) -> Verification:
+    """The verdict on all parts as one."""
+    size = {
+        fraction: _rms([trial for trial in trials if set(trial.gains.values()) == {fraction}]) for fraction in (0.0, gain, 1.0)
+    }
+    before = size[0.0] or 1e-30
+    tried, left = (size[gain] or before) / before, (size[1.0] or before) / before
+    rise = _worst(changes)
+    falls = rise is None and size[1.0] is not None and (left < 1.0 and not changes[-1].after_mm > changes[-1].before_mm)
+    verdict: Verdict = "accepted" if falls else "refused"
+    words = rise or f"the tip does not become quieter: {WAYS[-1]} {changes[-1].change}"
+    verdicts = [
+        PartVerdict(part, gain, 1.0 - tried, 0.0, left, 0.0, None, None, None, None, verdict, "" if falls else words)
+        for part in parts
+    ]
+    rest = _remainder(bench, changes[-1], [each for each in trials if set(each.gains.values()) == {1.0}]) if falls else None
+    return Verification(gain, tuple(trials), tuple(verdicts), rest)
+
+
+def _remainder(bench: Bench, worst: PeakChange, whole: Sequence[Trial]) -> CancellationRemainder:
+    asked_mm, noise_mm = bench.specification.quiet_mm, NOISE_PEAK * _noise_mm(bench, whole)
+    causes: tuple[RemainderCause, ...] = ()
+    if worst.after_mm > asked_mm:
+        causes = ("sensor noise",) if worst.after_mm - noise_mm <= asked_mm else ("not explained",)
+    words = f"left: {worst.after_mm:.4f} mm in the worst direction, {asked_mm:.4f} mm are asked; the sensor's noise makes up to "
+    words += f"{noise_mm:.4f} mm"
+    return CancellationRemainder(
+        order=None, left_mm=worst.after_mm, asked_mm=asked_mm, jolt_mm=0.0, noise_mm=noise_mm, causes=causes, words=words
+    )
+
+
+def _rms(trials: Sequence[Trial]) -> float | None:
+    return float(np.mean([trial.rms_m_s2 for trial in trials])) if trials else None
+
+
+def _worst(changes: Sequence[PeakChange]) -> str | None:
+    """The rise that counts, in words; None where there is none."""
+    risen = [
+        f"the tip's peak along {way} {each.change}" for way, each in zip(WAYS, changes, strict=True) if each.stands(LAST_SIGMAS)
+    ]
+    return risen[0] if risen else None
+
+
+def _changes(bench: Bench, without: Sequence[Trial], with_it: Sequence[Trial]) -> list[PeakChange]:
+    """What becomes of the tip's peak along x, y and z, and in the worst direction."""
+    before, after = (_peaks_mm(bench, trials) for trials in (without, with_it))
+    error_mm = _noise_mm(bench, without[:1]) * np.sqrt(1.0 / len(without) + 1.0 / len(with_it))
+    return [PeakChange(None, one, other, float(error_mm)) for one, other in zip(before, after, strict=True)]
+
+
+def _peaks_mm(bench: Bench, trials: Sequence[Trial]) -> list[float]:
+    moved = np.mean([_moved_mm(bench, trial.recording) for trial in trials], axis=0)
+    return [*np.max(np.abs(moved), axis=1).tolist(), float(np.max(np.linalg.norm(moved, axis=0)))]
+
+
+def _noise_mm(bench: Bench, trials: Sequence[Trial]) -> float:
+    """Root mean square of the displacement that the sensor's noise shows in the mean of some runs."""
+    recording = trials[0].recording
+    variances = [noise_variance(column) / len(trials) for column in tip_acceleration(recording).T]
+    return noise_rms_mm(variances, recording.period_s, _band_hz(bench))
+
+
+def _moved_mm(bench: Bench, recording: Recording) -> Real:
+    """Displacement of the tip in the judged times; shape (3, rows)."""
+    moved = displacement_mm(tip_acceleration(recording), recording.period_s, _band_hz(bench))
+    return np.asarray(moved[_rows(bench, recording)].T)
+
+
+def _rows(bench: Bench, recording: Recording) -> NDArray[np.bool_]:
+    line = bench.line_motion
+    assert line is not None  # noqa: S101 - it is run
+    begin_s, end_s = (line.dwell_s + each for each in steady_window_s(line.duration_s, line.ramp_s))
+    return np.asarray((recording.time_s >= begin_s) & (recording.time_s <= end_s))
+
+
+def _band_hz(bench: Bench) -> tuple[float, float]:
+    scale = line_scale(bench)
+    assert scale is not None  # noqa: S101 - is_line_of_arm
+    return scale.band_hz

@@ -1,0 +1,1 @@
+"""Learning on a motion itself, by runs of it with small known cancellations."""

@@ -1,0 +1,331 @@
+"""Learning on the motion itself: it runs with small known cancellations, and from what the tip does follows the right one.
+
+Nothing of the arm is needed for that: neither plant nor lever nor the sensor's frame, only each motor's inertia, of which the
+set-points of a cancellation are made. Base runs without any cancellation tell the noise; probing runs, of a design in which all
+orders of all axes change at once, tell what each does to the tip's displacement along x, y and z; some runs more apply what
+follows, and it is kept only where the tip is quieter with it. For the method see docs/cancellation.md and `hil.design.probing`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.analysis import TipScale
+from hil.bench.bench import Bench
+from hil.bench.model import Identified, with_identified
+from hil.design.probing import Effects, ProbedStep, step_to_nothing
+from hil.errors import HilError, NotPossibleError
+from hil.experiments.cancellation.cancellation import given_inertia
+from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.probing.motion import (
+    LEAST_REACH_S,
+    GearReaction,
+    PartOutcome,
+    learnt_part,
+    left_out_part,
+    peak_and_rms,
+    seen_fraction,
+    sigmas,
+)
+from hil.experiments.cancellation.probing.pace import Settled, at_pace, learn_at_pace
+from hil.experiments.cancellation.probing.reaction import shown_reactions
+from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper, keep_no_run
+from hil.experiments.cancellation.probing.runs import Runs
+from hil.experiments.judge import axis_scale, line_scale, missing_words
+from hil.master.motion import Motion
+from hil.master.session import Session
+from hil.reporter import SILENT, Reporter
+from hil.robot_tables import ORDERS
+
+Real = NDArray[np.float64]
+
+PROBE_ARCSEC, PROBE_ARCSEC_PER_MM = (3.0, 15.0), 30.0
+"""Amplitude of a probe, each order of each axis, at least and at most; and for each mm of the tip's peak without cancellation.
+
+So it is of the size of what is looked for: a smaller one would not show what each order does, and a larger one shakes more."""
+LARGEST_PROBE = 6.0
+"""Largest probe of the second round over that of the first: of orders that have hardly shown."""
+MOST_ARCSEC = 180.0
+"""Largest sum of what is cancelled on an axis and its probes: beyond 200″ no gear's error is cancelled."""
+SPREAD_ARCSEC = 30.0
+"""Root mean square of A_k cos φ_k and A_k sin φ_k of gears, before anything is known."""
+LEAST_PART_SEEN = 0.9
+"""Fraction of an order that is seen from which it is said to be."""
+FIRST_RUNS = 2
+"""Most runs with what follows from the first round."""
+APPLIED_RUNS, SETTLED_FRACTION = 4, 0.9
+"""Most runs with what follows, each leading on from the last; fraction of the last one's vibration above which none follows."""
+PROBED_SIGMAS = 2.0
+"""Standard errors from which an order is told from nothing by itself."""
+WEAKEST_SIGMAS = 1.0
+"""The same of those that are kept because the tip is quieter with them."""
+OWN_PACE_WORSE = 1.2
+"""Vibration at the line's own pace, over that before, up to which what another pace has shown is taken."""
+BETTER_SIGMAS = 3.0
+"""Standard errors of the noise by which the tip must be quieter with what is learnt."""
+
+
+class MotionNotLearntError(HilError):
+    """Nothing that was learnt on a motion makes its tip quieter; nothing is kept."""
+
+    exit_code = 9
+
+
+def learn_on_motion(
+    session: Session,
+    motion: Motion,
+    axis: int | None,
+    identified: Identified | None = None,
+    *,
+    orders: Sequence[float] = ORDERS,
+    probe_arcsec: float | None = None,
+    inertias_kg_m2: Mapping[int, float] | None = None,
+    pace: float | None = None,
+    keep: MotionRunKeeper = keep_no_run,
+    read: Callable[[MotionLearning], None] | None = None,
+    reporter: Reporter = SILENT,
+) -> MotionLearning:
+    """Learn the transmission errors of all axes of a motion by running it.
+
+    Args:
+        session: Session that has been brought up.
+        motion: The motion.
+        axis: The axis of a ramp; None for a line of the tip.
+        identified: The model file: the motors' inertias; None: the bench file's models.
+        orders: Orders that are learnt.
+        probe_arcsec: Amplitude of a probe; None: by what the tip does without cancellation.
+        inertias_kg_m2: J_m from data sheets by axis, where neither file has a plant.
+        pace: Multiple of a line's time in which it is learnt as well; None: none.
+        keep: Keeper of every run, a stopped one included, before it is checked.
+        read: Reader of the learning, which is given it before the first run, as it may end early.
+        reporter: Listener of each run.
+
+    Raises:
+        NotPossibleError: An inertia is missing, no band is known, or the motion reaches no order or shows too little.
+        UnsafeRequestError: A probe, or what is learnt, could exceed a limit.
+        MotionNotLearntError: Nothing is told from nothing, or the tip is not quieter with it.
+        SafetyStopError: A run was stopped.
+        HilError: Limits or nodes do not allow a run.
+    """
+    bench = session.bench
+    given = inertias_kg_m2 or {}
+    inertias = {number: given_inertia(bench, identified, number, given.get(number)) for number in motion.axes}
+    known = Identified(robot=bench.name) if identified is None else identified
+    learning = MotionLearning(motion, motion_scale(bench, identified, axis), inertias)
+    learning.reactions = {number: GearReaction() for number in motion.axes}  # until the motors' torque has shown them
+    if read is not None:
+        read(learning)
+    runs = Runs(session, learning, known, keep, reporter)
+    runs.base()
+    parts = _reached_parts(bench, learning, orders)
+    learning.probe_arcsec = probe_arcsec or float(np.clip(PROBE_ARCSEC_PER_MM * learning.runs[0].peak_mm, *PROBE_ARCSEC))
+    led = _two_rounds(bench, known, runs, tuple(parts))
+    if pace is not None:
+        others = Runs(session, at_pace(bench, learning, pace), known, keep, reporter)
+        led = _at_another_pace(runs, others, led, orders)
+    _keep(learning, runs, led)
+    return learning
+
+
+def _two_rounds(bench: Bench, known: Identified, runs: Runs, parts: tuple[Part, ...]) -> "_Led":
+    """Probe without any cancellation, then about what follows from that, and lead on to the quietest run."""
+    learning = runs.learning
+    effects = runs.probe(parts, np.full(len(parts), learning.probe_arcsec))
+    learning.noise_m_s2 = effects.noise_rms
+    first = _lead(runs, _Led(parts, effects, (step := _step(effects)).settings, step), FIRST_RUNS)
+    level = len(learning.runs)
+    runs.applied(parts, first.vector)
+    wanted = _second_probes(parts, effects, first.vector, learning.probe_arcsec)
+    effects = runs.probe(parts, runs.allowed(parts, wanted, first.vector), first.vector)
+    led = replace(first, effects=effects, step=_step(effects))
+    led = _with_reactions(bench, known, learning, led, learning.runs[level:])
+    return _lead(runs, led, APPLIED_RUNS)
+
+
+def motion_scale(bench: Bench, identified: Identified | None, axis: int | None) -> TipScale:
+    """Scale of a motion: from the bench's band, or from what is known of its axes.
+
+    Args:
+        bench: The bench file.
+        identified: The model file; None for the bench file's own models.
+        axis: The axis of a ramp; None for a line of the tip.
+
+    Raises:
+        NotPossibleError: Neither is known.
+    """
+    known = bench if identified is None else with_identified(bench, identified)
+    scale = line_scale(known) if axis is None else axis_scale(known, axis)
+    if scale is None:
+        asked = bench.chain_axes if axis is None else (axis,)
+        band = "; or [specification] band_hz where the bench file has an arm" if axis is None else ""
+        raise NotPossibleError(missing_words(asked) + band)
+    return scale
+
+
+def _reached_parts(bench: Bench, learning: MotionLearning, orders: Sequence[float]) -> list[Part]:
+    """Orders of axes that the motion brings into the band; of the others it is said.
+
+    Raises:
+        NotPossibleError: There is none.
+    """
+    assert learning.probed is not None  # noqa: S101 - of the first base run
+    low, high = learning.scale.band_hz
+    parts = []
+    for part, time_s in learning.probed.reached(bench, learning.motion, orders).items():
+        if time_s >= LEAST_REACH_S:
+            parts.append(part)
+            continue
+        words = f"{part.words}: left at 0: k f_m is in the band, {low:g} to {high:g} Hz, for {time_s:.2f} s only"
+        learning.outcomes[part] = PartOutcome(part, "not reached", words=words)
+    if not parts:
+        raise NotPossibleError("no order comes into the band: the motion is too slow to learn anything on it")
+    return parts
+
+
+@dataclass(frozen=True)
+class _Led:
+    """Settings to which runs have led.
+
+    Attributes:
+        parts: Orders of axes.
+        effects: Effect of each.
+        vector: Settings of all parts.
+        step: The last step to them, and what is known of their errors.
+        run: Run with them; None before one.
+    """
+
+    parts: tuple[Part, ...]
+    effects: Effects
+    vector: Real
+    step: ProbedStep
+    run: MotionRun | None = None
+
+
+def _step(effects: Effects, run: MotionRun | None = None) -> ProbedStep:
+    """Settings that leave least, from the level or from a run.
+
+    Raises:
+        NotPossibleError: The motion is too short for so many orders.
+    """
+    try:
+        return step_to_nothing(effects, None if run is None else run.felt_m_s2, SPREAD_ARCSEC)
+    except ValueError as error:
+        raise NotPossibleError(f"not learnt: {error}: ask for fewer --orders") from error
+
+
+def _lead(runs: Runs, led: _Led, most: int) -> _Led:
+    """Run with what follows, lead on from there as long as the tip becomes quieter, and return the quietest."""
+    tried: list[tuple[_Led, ProbedStep]] = []
+    vector = led.vector
+    for number in range(1, most + 1):
+        runs.say(f"run {number} with what follows, of {most} at most")
+        run = runs.applied(led.parts, vector)
+        onward = _step(led.effects, run)
+        tried.append((replace(led, vector=vector, run=run), onward))
+        if number > 1 and run.rms_mm > SETTLED_FRACTION * _run_of(tried[-2][0]).rms_mm:
+            break
+        vector = vector + onward.settings
+    best, onward = min(tried, key=lambda each: _run_of(each[0]).rms_mm)
+    # by what the run itself would still change the settings, they are not known any better
+    known = onward.covariance + np.outer(onward.settings, onward.settings)
+    return replace(best, step=replace(onward, covariance=known))
+
+
+def _at_another_pace(runs: Runs, others: Runs, led: _Led, orders: Sequence[float]) -> _Led:
+    """The settings after the line was learnt at another pace as well, where at its own the tip stays as quiet."""
+    known = Settled(led.parts, led.vector, led.step.covariance, led.step.seen)
+    found = learn_at_pace(others, known, orders, SPREAD_ARCSEC)
+    if found is known:
+        return led
+    runs.say("at its own pace with what follows")
+    run = runs.applied(found.parts, found.vector)
+    if run.rms_mm > OWN_PACE_WORSE * _run_of(led).rms_mm:
+        return led
+    step = replace(led.step, settings=np.zeros(len(found.vector)), covariance=found.covariance, seen=found.seen)
+    return _Led(found.parts, led.effects, found.vector, step, run)
+
+
+def _with_reactions(bench: Bench, known: Identified, learning: MotionLearning, led: _Led, runs: Sequence[MotionRun]) -> _Led:
+    """The settings after a step, with the reactions of the gears allowed for, where the motors' torque shows them."""
+    shown = shown_reactions(bench, known, learning, led.parts, led.vector, led.step.settings, runs)
+    learning.reactions |= {number: each.believed for number, each in shown.items()}
+    change = sum((each.change for each in shown.values() if each.is_seen), np.zeros(len(led.vector)))
+    return replace(led, vector=led.vector + led.step.settings + change)
+
+
+def _second_probes(parts: Sequence[Part], effects: Effects, vector: Real, size: float) -> Real:
+    """Amplitudes of the second round: larger where an order has shown little, within what an axis may have in all."""
+    shown = np.sqrt(np.mean(effects.effects**2, axis=(1, 2)).reshape(-1, 2).mean(axis=1))
+    wanted = size * np.clip(np.median(shown) / np.maximum(shown, 1e-12), 0.5, LARGEST_PROBE)
+    amplitude = np.hypot(vector[0::2], vector[1::2])
+    for number in {part.axis for part in parts}:
+        own = np.array([part.axis == number for part in parts])
+        room = max(MOST_ARCSEC - float(np.sum(amplitude[own])), float(np.sum(own)) * PROBE_ARCSEC[0])
+        wanted[own] *= min(1.0, room / float(np.sum(wanted[own])))
+    return np.asarray(wanted)
+
+
+def _told(learning: MotionLearning, led: _Led, least: float = PROBED_SIGMAS) -> Real:
+    """Settings of the orders that are told from nothing; of each is said what is learnt of it.
+
+    Args:
+        learning: Record of the learning.
+        led: Settings of all orders.
+        least: Standard errors from which an order is told.
+
+    Raises:
+        MotionNotLearntError: None is.
+    """
+    vector, step = led.vector.copy(), led.step
+    for index, part in enumerate(led.parts):
+        if sigmas(vector, step.covariance, index) >= least:
+            learning.outcomes[part] = learnt_part(part, vector, step, index)
+        else:
+            is_seen = seen_fraction(step, index) >= LEAST_PART_SEEN
+            learning.outcomes[part] = left_out_part(part, replace(step, settings=vector), index, is_seen=is_seen)
+            vector[2 * index : 2 * index + 2] = 0.0
+    if not np.any(vector):
+        said = "; ".join(outcome.words for outcome in learning.outcomes.values())
+        raise MotionNotLearntError(f"nothing is learnt: no order is told from nothing on this motion. {said}")
+    return vector
+
+
+def _keep(learning: MotionLearning, runs: Runs, led: _Led) -> None:
+    """Keep the orders that are told from nothing, or with them those that are not, where a run shows that the tip is quieter so.
+
+    Raises:
+        MotionNotLearntError: It is quieter with neither.
+    """
+    vector, run = _told(learning, led), _run_of(led)
+    if not np.array_equal(vector, led.vector):
+        runs.say("once more with what is told from nothing")
+        without = runs.applied(led.parts, vector)
+        if without.rms_mm > run.rms_mm:
+            vector = _told(learning, led, WEAKEST_SIGMAS)
+            run = run if np.array_equal(vector, led.vector) else runs.applied(led.parts, vector)
+        else:
+            run = without
+    _check_quieter(learning, run)
+    learning.applied, learning.left_m_s2 = run, led.step.left_rms
+
+
+def _run_of(led: _Led) -> MotionRun:
+    assert led.run is not None  # noqa: S101 - it was run
+    return led.run
+
+
+def _check_quieter(learning: MotionLearning, run: MotionRun) -> None:
+    """Refuse what does not make the tip quieter, in its peak and beyond the noise as a whole.
+
+    Raises:
+        MotionNotLearntError: It does not.
+    """
+    (peak, rms), (peak_with, rms_with) = learning.base_mm, peak_and_rms(run.moved_mm)
+    noise = learning.noise_mm
+    if peak_with >= peak or rms**2 - rms_with**2 <= BETTER_SIGMAS * noise.power_error(rms):
+        raise MotionNotLearntError(
+            f"nothing is kept: the tip is not quieter with what was learnt: peak {peak:.4f} mm without and {peak_with:.4f} mm "
+            f"with it, root mean square {rms:.4f} and {rms_with:.4f} mm, noise {noise.rms:.4f} mm"
+        )

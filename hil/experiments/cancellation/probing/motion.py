@@ -1,0 +1,337 @@
+"""A motion that is probed: what of its recordings counts, which orders it reaches, and how good a run of it is."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.analysis import TipScale, band_passed
+from hil.bench.bench import Bench
+from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError
+from hil.design.probing import Effects, ProbedStep
+from hil.experiments.cancellation.effect import Part, sight
+from hil.experiments.cancellation.waves import response_of, seen_rows, waves_of
+from hil.master.motion import Motion
+from hil.recording import Recording
+from hil.robot_tables import TransmissionErrorTable
+from hil.tip_vector import displacement_mm, steady_window_s, tip_acceleration
+
+Real = NDArray[np.float64]
+Outcome = Literal["learnt", "not reached", "not seen", "nothing found"]
+
+LEAST_REACH_S = 0.1
+"""Least time for which k f_m must lie in the band of the vibration: about the period of what swings there."""
+CHANGES_HZ = 3.0
+"""Frequency up to which amplitude and phase of what an order does to the tip change: as the motor passes a resonance."""
+LEAST_KEPT = 0.5
+"""Fraction of the rest of an effect that must be no noise, so that it is kept."""
+REACH = (0.45, 1.2)
+"""Frequencies that count as in the band, in units of its ends: its skirts let through what is large beside it, and sums and
+differences of its orders with others are inside."""
+DAMPING = 0.03
+"""Damping of the one resonance by which a trial reads the orders; the trial refines it on its own runs."""
+GRID, SWEEPS = 24, 2
+"""Resonances that are tried for each axis, from the band's one end to the other; times that all axes are gone through."""
+
+
+@dataclass(frozen=True)
+class ProbedRows:
+    """What counts of every run of one motion: the tip along x, y and z, in the band, in the rows by which the motion is judged.
+
+    Settings are learnt from its acceleration, in which a sensor's noise is alike at all frequencies; a displacement would hardly
+    show orders in the band's upper half. What a run is worth is told by the displacement.
+
+    Attributes:
+        band_hz: Band of the vibration.
+        rows: The rows, in one piece.
+    """
+
+    band_hz: tuple[float, float]
+    rows: slice
+
+    @classmethod
+    def of(cls, bench: Bench, recording: Recording, scale: TipScale) -> "ProbedRows":
+        """The rows of a motion, from one recording of it.
+
+        Raises:
+            NotPossibleError: The motion does not excite the arm.
+        """
+        line = bench.line_motion
+        if len(recording.axes) > 1 and line is not None and bench.arm is not None:
+            begin_s, end_s = (line.dwell_s + each for each in steady_window_s(line.duration_s, line.ramp_s))
+            counted = np.flatnonzero((recording.time_s >= begin_s) & (recording.time_s <= end_s))
+        else:
+            counted = np.flatnonzero(seen_rows(bench, recording, scale.f_al_hz))
+        return cls(scale.band_hz, slice(int(counted[0]), int(counted[-1]) + 1))
+
+    def acceleration_m_s2(self, recording: Recording) -> Real:
+        """Acceleration of the tip along x, y and z; shape (3, rows).
+
+        Raises:
+            ValueError: The sampling period is too long for the band.
+        """
+        felt = tip_acceleration(recording).T
+        return np.stack([band_passed(each, recording.period_s, self.band_hz)[self.rows] for each in felt])
+
+    def displacement_mm(self, recording: Recording) -> Real:
+        """Displacement of the tip along x, y and z; shape (3, rows).
+
+        Raises:
+            ValueError: The sampling period is too long for the band.
+        """
+        moved = displacement_mm(tip_acceleration(recording), recording.period_s, self.band_hz)
+        return np.asarray(moved[self.rows].T)
+
+    def reached(self, bench: Bench, motion: Motion, orders: Sequence[float]) -> dict[Part, float]:
+        """How long each order of each axis lies in the band, s.
+
+        Args:
+            bench: The bench file.
+            motion: The motion.
+            orders: Orders that are asked for.
+        """
+        found = {}
+        for column, number in enumerate(motion.axes):
+            turns = np.gradient(motion.motor_angle_rad[:, column], motion.period_s)[self.rows] / (2.0 * np.pi)
+            for order in orders:
+                frequency = order * np.abs(turns)
+                inside = (frequency >= REACH[0] * self.band_hz[0]) & (frequency <= REACH[1] * self.band_hz[1])
+                found[Part(number, order)] = motion.period_s * float(np.count_nonzero(inside))
+        return found
+
+
+def smoothed(found: Effects, parts: Sequence[Part], recording: Recording, rows: slice) -> Effects:
+    """Effects with less noise: an order shakes the tip by its own sine, whose amplitude and phase change slowly.
+
+        b_cos = Re h(t) e^{j k θ_m}, b_sin = Re j h(t) e^{j k θ_m}
+
+    What else an effect has, such as sums and differences with other orders, is kept as far as it is beyond the noise.
+
+    Args:
+        found: Effects of A_k cos φ_k and A_k sin φ_k of each part in turn.
+        parts: The parts.
+        recording: A recording of the motion.
+        rows: Rows that count.
+    """
+    count = found.effects.shape[2]
+    time_s = np.arange(count) * recording.period_s
+    terms = 2 + math.ceil(2.0 * CHANGES_HZ * time_s[-1])
+    slow = np.cos(np.pi * np.outer(np.arange(terms), (np.arange(count) + 0.5) / count))
+    noise = float(np.sum(found.noise[:, 0])) * count
+    free = min(1.0, terms / max(found.independent / len(found.noise), 1.0))
+    effects, scale = found.effects.copy(), np.ones(2 * len(parts))
+    for at, part in enumerate(parts):
+        own = slice(2 * at, 2 * at + 2)
+        turning = np.exp(1j * part.order * recording.axis(part.axis, "position_rad")[rows])
+        waves = slow.T * turning[:, None]
+        design = np.concatenate([np.hstack([waves.real, waves.imag]), np.hstack([-waves.imag, waves.real])])
+        pair = found.effects[own]
+        fitted = design @ np.linalg.lstsq(design, pair.transpose(0, 2, 1).reshape(2 * count, -1), rcond=None)[0]
+        smooth = fitted.reshape(2, count, -1).transpose(0, 2, 1)
+        rest = pair - smooth
+        expected = noise * (1.0 - free) * np.diag(found.inverse)[1:][own]
+        kept = 1.0 - expected / np.maximum(np.sum(rest**2, axis=(1, 2)), 1e-300)
+        kept = np.where(kept > LEAST_KEPT, kept, 0.0)
+        effects[own] = smooth + kept[:, None, None] * rest
+        scale[own] = np.sqrt(free + kept**2 * (1.0 - free))
+    whole = np.concatenate([[1.0], scale])
+    return replace(found, effects=effects, inverse=found.inverse * np.outer(whole, whole))
+
+
+def peak_and_rms(rows_mm: Real) -> tuple[float, float]:
+    """Largest displacement in any direction, and the root mean square of all directions together.
+
+    >>> peak_and_rms(np.array([[3.0, 0.0], [4.0, 0.0], [0.0, 1.0]]))
+    (5.0, 3.605551275463989)
+    """
+    lengths = np.linalg.norm(rows_mm, axis=0)
+    return float(np.max(lengths)), float(np.sqrt(np.mean(lengths**2)))
+
+
+class GearReaction(NamedTuple):
+    """The reaction of a gear on its motor.
+
+    Attributes:
+        part: Part of τ_g θ_sync′ that loads the motor.
+        friction_nm: Friction of the motor, which is no load of the gear.
+    """
+
+    part: float = 0.0
+    friction_nm: float = 0.0
+
+
+def with_values(
+    known: Identified,
+    motion: Motion,
+    values: Mapping[Part, complex],
+    inertias: Mapping[int, float | None],
+    arm_hz: float,
+    reactions: Mapping[int, GearReaction] | None = None,
+) -> Identified:
+    """A model file in which the axes of a motion have certain transmission errors, and no other.
+
+    Args:
+        known: The model file: plants, and what is known of the delay of set-points and of the gear.
+        motion: The motion.
+        values: A_k e^{jφ_k} in arcsec, by part.
+        inertias: J_m by axis, where no file has a plant.
+        arm_hz: Resonance of the axes, from which the highest frequency of a cancellation follows.
+        reactions: Reactions by axis; of the others that of the model file.
+    """
+    for number in motion.axes:
+        own = {part.order: value for part, value in values.items() if part.axis == number and value != 0.0}
+        before = known.axis.get(number, IdentifiedAxis()).ate
+        reaction = GearReaction() if before is None else GearReaction(before.gear_reaction, before.motor_friction_nm)
+        reaction = (reactions or {}).get(number, reaction)
+        error = IdentifiedError(
+            values=table_of_values(own),
+            arm_hz=arm_hz,
+            damping=DAMPING,
+            accelerometer_delay_s=0.0 if before is None else before.accelerometer_delay_s,
+            set_point_delay_s=0.0 if before is None else before.set_point_delay_s,
+            gear_reaction=reaction.part,
+            motor_friction_nm=reaction.friction_nm,
+            motor_inertia_kg_m2=inertias.get(number),
+        )
+        known = known.with_part(number, error)
+    return known
+
+
+def table_of_values(values: Mapping[float, complex]) -> TransmissionErrorTable:
+    """Amplitudes and phases of complex ones, by order."""
+    sizes = {order: abs(value) for order, value in values.items()}
+    return TransmissionErrorTable.of(
+        sizes, {order: float(np.degrees(np.angle(value))) % 360.0 for order, value in values.items()}
+    )
+
+
+def resonances_hz(
+    bench: Bench, identified: Identified, motion: Motion, recordings: Sequence[Recording], rows: ProbedRows
+) -> dict[int, float]:
+    """The one resonance of each axis with which its orders explain most of some recordings: what a trial reads them by.
+
+    An arm has several; each axis gets that in which it takes part most. What an axis without one would be is not in it.
+
+    Args:
+        bench: The bench file.
+        identified: Model file with the values of the axes.
+        motion: The motion.
+        recordings: Runs in which the orders shake the tip, each with amplitudes of its own.
+        rows: Rows that count.
+    """
+    responses = {number: made for number in motion.axes if (made := response_of(bench, identified, number)) is not None}
+    orders = {number: tuple(part.values.amplitudes_arcsec()) for number in responses if (part := identified.axis[number].ate)}
+    free = [
+        number
+        for number in orders
+        if orders[number] and identified.axis[number].plant is None and bench.axis[number].model is None
+    ]
+    tried = np.geomspace(*rows.band_hz, GRID).tolist()
+    mask = np.zeros(len(recordings[0].time_s), dtype=np.bool_)
+    mask[rows.rows] = True
+    found: dict[int, float] = {}
+
+    def left(hz: Mapping[int, float]) -> float:
+        model = identified
+        for number, value in hz.items():
+            own = model.axis[number].ate
+            model = model if own is None else model.with_part(number, own.model_copy(update={"arm_hz": value}))
+        made = {number: response for number in responses if (response := response_of(bench, model, number)) is not None}
+        waves = waves_of(bench, made, orders, motion, recordings[0])
+        return sum(float(np.sum(sight(each, waves, mask, rows.band_hz).residual ** 2)) for each in recordings)
+
+    for _ in range(SWEEPS):
+        for number in free:
+            found[number] = min(tried, key=lambda hz: left({**found, number: hz}))
+    return found
+
+
+@dataclass(frozen=True)
+class PartOutcome:
+    """What the runs say of one order of one axis.
+
+    Attributes:
+        part: Axis and order.
+        outcome: `learnt`, or why it is left at 0.
+        value: A e^{jφ} in arcsec; 0 where it is left at that.
+        amplitude_error: Standard error of A in arcsec; None where nothing is known.
+        phase_error_deg: Standard error of φ.
+        seen: Fraction of it that the runs show.
+        words: The same as a sentence.
+    """
+
+    part: Part
+    outcome: Outcome
+    value: complex = 0.0
+    amplitude_error: float | None = None
+    phase_error_deg: float | None = None
+    seen: float = 0.0
+    words: str = ""
+
+
+def values_by_part(parts: Sequence[Part], vector: Real) -> dict[Part, complex]:
+    """A e^{jφ} by part, of A cos φ and A sin φ of each in turn."""
+    return {part: complex(vector[2 * index], vector[2 * index + 1]) for index, part in enumerate(parts)}
+
+
+def settings_of(parts: Sequence[Part], values: Mapping[Part, complex]) -> Real:
+    """A cos φ and A sin φ of each part in turn."""
+    pairs = [values.get(part, 0j) for part in parts]
+    return np.array([each for value in pairs for each in (value.real, value.imag)])
+
+
+def seen_fraction(step: ProbedStep, index: int) -> float:
+    """Fraction of a part that is seen, by its position."""
+    return float(np.mean(step.seen[2 * index : 2 * index + 2]))
+
+
+def part_errors(vector: Real, covariance: Real, index: int) -> tuple[complex, float, float]:
+    """A e^{jφ} of a part, and the standard errors along and across it."""
+    own = slice(2 * index, 2 * index + 2)
+    value, block = complex(*vector[own]), covariance[own, own]
+    along = vector[own] / max(abs(value), 1e-300)
+    across = np.array([-along[1], along[0]])
+    sizes = [math.sqrt(max(float(each @ block @ each), 0.0)) for each in (along, across)]
+    return value, sizes[0], sizes[1]
+
+
+def sigmas(vector: Real, covariance: Real, index: int) -> float:
+    """Amplitude of a part in units of its standard error, along it or across it, whichever is more."""
+    value, along, across = part_errors(vector, covariance, index)
+    return abs(value) / max(along, across, 1e-300)
+
+
+def learnt_part(part: Part, vector: Real, step: ProbedStep, index: int) -> PartOutcome:
+    """A part that is learnt.
+
+    Args:
+        part: Axis and order.
+        vector: A cos φ and A sin φ of all parts in turn.
+        step: What is known of their errors.
+        index: Position of the part.
+    """
+    value, along, across = part_errors(vector, step.covariance, index)
+    phase, phase_error = math.degrees(math.atan2(value.imag, value.real)) % 360.0, math.degrees(across / abs(value))
+    words = f"{part.words}: {abs(value):.2f} ± {along:.2f}″ ∠ {phase:.1f}° ± {phase_error:.1f}°"
+    return PartOutcome(part, "learnt", value, along, phase_error, seen_fraction(step, index), words)
+
+
+def left_out_part(part: Part, step: ProbedStep, index: int, *, is_seen: bool) -> PartOutcome:
+    """A part that is left at 0: nothing of it is seen, or what is seen may be nothing.
+
+    Args:
+        part: Axis and order.
+        step: Settings that were found, and what is known of their errors.
+        index: Position of the part.
+        is_seen: False where it is not seen.
+    """
+    seen = seen_fraction(step, index)
+    if not is_seen:
+        words = f"{part.words}: left at 0: it hardly moves the tip, or as another one does; {100.0 * seen:.0f} % of it is seen"
+        return PartOutcome(part, "not seen", seen=seen, words=words)
+    value, along, _ = part_errors(step.settings, step.covariance, index)
+    words = f"{part.words}: left at 0: {abs(value):.2f} ± {along:.2f}″ is not told from nothing"
+    return PartOutcome(part, "nothing found", amplitude_error=along, seen=seen, words=words)

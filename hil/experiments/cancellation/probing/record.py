@@ -1,0 +1,109 @@
+"""Record of learning on a motion: its runs, and what is said of each order."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.analysis import TipScale
+from hil.design.probing import RunScatter, scatter_of
+from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.probing.motion import GearReaction, PartOutcome, ProbedRows, peak_and_rms
+from hil.master.motion import Motion, RunResult
+from hil.recording import Recording
+
+Real = NDArray[np.float64]
+RunKind = Literal["base", "probe", "applied"]
+
+
+@dataclass(frozen=True)
+class MotionRun:
+    """One run of the motion.
+
+    Attributes:
+        kind: Base run, probe, or one with what is learnt.
+        values: Cancelled A e^{jφ} in arcsec, by part.
+        recording: Its recording.
+        felt_m_s2: Acceleration of the tip in the rows that count; shape (3, rows).
+        moved_mm: Displacement of the tip there; shape (3, rows).
+        pace: Multiple of the motion's time in which it was run.
+    """
+
+    kind: RunKind
+    values: Mapping[Part, complex]
+    recording: Recording
+    felt_m_s2: Real
+    moved_mm: Real
+    pace: float = 1.0
+
+    @property
+    def peak_mm(self) -> float:
+        """Largest displacement in any direction."""
+        return peak_and_rms(self.moved_mm)[0]
+
+    @property
+    def rms_mm(self) -> float:
+        """Root mean square of the displacement."""
+        return peak_and_rms(self.moved_mm)[1]
+
+
+class MotionRunKeeper(Protocol):
+    """Keeper of the runs of a motion."""
+
+    def __call__(self, number: int, kind: RunKind, result: RunResult) -> None:
+        """Keep a run, counted from 1; it may have been stopped."""
+
+
+def keep_no_run(number: int, kind: RunKind, result: RunResult) -> None:
+    """Keep nothing: for callers who use only what is learnt."""
+
+
+@dataclass
+class MotionLearning:
+    """What was learnt on a motion.
+
+    Attributes:
+        motion: The motion.
+        scale: Scale by which it is judged.
+        inertias: J_m by axis, as it was given, where no file has a plant.
+        probed: Rows that count; None before the first run.
+        runs: Runs in their order.
+        outcomes: What is said of each order of each axis.
+        reactions: Reactions of the gears, as the motors' torque shows them.
+        applied: Run with what is kept; None where nothing is.
+        probe_arcsec: Amplitude of the probes; 0 before them.
+        noise_m_s2: Root mean square of one run's noise, by which equal runs differ.
+        left_m_s2: Root mean square of what no order explains: the motion's own, and noise.
+        pace: Multiple of the bench file's time in which the motion is run.
+        all_runs: These runs and those of the same line at another pace, in their order.
+    """
+
+    motion: Motion
+    scale: TipScale
+    inertias: Mapping[int, float | None]
+    probed: ProbedRows | None = None
+    runs: list[MotionRun] = field(default_factory=list)
+    outcomes: dict[Part, PartOutcome] = field(default_factory=dict)
+    reactions: dict[int, GearReaction] = field(default_factory=dict)
+    applied: MotionRun | None = None
+    probe_arcsec: float = 0.0
+    noise_m_s2: float = 0.0
+    left_m_s2: float = 0.0
+    pace: float = 1.0
+    all_runs: list[MotionRun] = field(default_factory=list)
+
+    def of_kind(self, kind: RunKind) -> list[MotionRun]:
+        """Runs of a kind."""
+        return [run for run in self.runs if run.kind == kind]
+
+    @property
+    def base_mm(self) -> tuple[float, float]:
+        """Peak and root mean square of the tip without cancellation: of the mean of the base runs."""
+        return peak_and_rms(np.mean([run.moved_mm for run in self.of_kind("base")], axis=0))
+
+    @property
+    def noise_mm(self) -> RunScatter:
+        """What the base runs differ by."""
+        return scatter_of(np.stack([run.moved_mm for run in self.of_kind("base")]))

@@ -1,0 +1,69 @@
+"""The reaction of a gear on its motor, from the passes of a learning: with the error cancelled, little else is in the torque.
+
+Without a cancellation the arm's own part of the motor's torque, which rises towards its resonance, may be taken for a reaction,
+or hide it. A pass with the whole cancellation leaves next to nothing of it, and the torque that is left is the reaction's.
+"""
+
+from dataclasses import dataclass, field
+
+from hil.bench.bench import Bench
+from hil.bench.model import Identified, IdentifiedError
+from hil.design.ate.reaction import MotorSide, Reaction, Turning, gear_reaction
+from hil.design.transmission_error import TransmissionError
+from hil.experiments.ate.request import axis_knowledge
+from hil.recording import Recording
+
+
+@dataclass
+class ReactionWatch:
+    """Passes with the whole cancellation, and the reaction that they show.
+
+    Attributes:
+        axis: Axis number.
+        side: Motor and arm as identified; None without a plant: then what was known stays.
+        value: r as it is believed.
+        standard_error: Its standard error; None where none is known.
+        turnings: Motions of the passes.
+    """
+
+    axis: int
+    side: MotorSide | None
+    value: float = 0.0
+    standard_error: float | None = None
+    turnings: list[Turning] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, bench: Bench, identified: Identified | None, axis: int, known: IdentifiedError | None) -> "ReactionWatch":
+        """A watch that begins with what is known.
+
+        Args:
+            bench: The bench file.
+            identified: The model file; None without one.
+            axis: Axis number.
+            known: Transmission error as it was known before; None where it was not.
+        """
+        side = axis_knowledge(bench, axis, identified, sensorless=False).side
+        if known is None:
+            return cls(axis, side)
+        return cls(axis, side, known.gear_reaction, known.standard_error.get("gear_reaction"))
+
+    def take(self, recording: Recording, error: TransmissionError) -> None:
+        """Take in a pass with the whole cancellation.
+
+        Args:
+            recording: Recording of the pass.
+            error: The error as it is known after it.
+        """
+        if self.side is None:
+            return
+        angle, torque = recording.axis(self.axis, "position_rad"), recording.axis(self.axis, "torque_nm")
+        self.turnings.append(Turning(angle, torque, recording.period_s))
+        found = gear_reaction(self.turnings, self.side, error)
+        if found is not None:
+            self._believe(found)
+
+    def _believe(self, found: Reaction) -> None:
+        if found.is_seen:
+            self.value, self.standard_error = found.believed.value, found.believed.standard_error
+        elif found.is_absent:
+            self.value, self.standard_error = 0.0, found.standard_error

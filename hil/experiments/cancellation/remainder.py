@@ -1,0 +1,310 @@
+"""What a cancellation leaves of the vibration, and why: the causes that the trial's own recordings show, or none.
+
+A cause is named only where its own vibration, reckoned without looking at what is left, is found in it: taken away, it leaves no
+more than was asked, or half of what is above that at most. Where none is, it says so. The causes:
+
+- `speed limit`: what the set-points had no room for, by the tables of the cancellation.
+- `frequency limit`: the same, where it is the highest frequency of the cancellation that binds.
+- `order left out`: an order that is not cancelled: not known, or not passed by the trial.
+- `gear reaction`: the gear's torque moves the motor through its own error, by τ_g dθ_sync/dθ_m.
+- `estimate`: the orders themselves, turned or scaled alike at all speeds: their values are not known well enough.
+- `sensor noise`: more than was asked may hide in it.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from hil.analysis import TipScale, motor_speed_rps
+from hil.control.cancellation_table import CancellationTable
+from hil.design.frequency import Loop
+from hil.experiments.cancellation.effect import AxisWaves, Part, acceleration_of
+from hil.experiments.cancellation.rise import Look, Windows, alike
+from hil.recording import Recording
+from hil.results.runs import CancellationRemainder, RemainderCause
+
+Real = NDArray[np.float64]
+Rows = NDArray[np.bool_]
+
+JOLT_FACTOR = 1.3
+"""What is asked at least, in units of what the motion makes of its own."""
+HALF = 0.5
+"""Part of what is above that a cause takes away at least."""
+NOISE_SIGMAS = 2.5
+"""Largest value of noise in a window, in its standard deviations."""
+REACTION = (0.3, 2.5)
+"""Factors of the reckoned reaction between which it is the gear's: friction and gravity make the torque uncertain."""
+REACTION_TURN = math.radians(50.0)
+"""Largest angle between the reckoned reaction and what is found of it."""
+BINDS = 0.9
+"""Speed of the set-points over the axis' limit from which the limit binds them."""
+COHERENT_SIGMAS = 3.0
+"""Standard errors from which an order is left."""
+
+UNKNOWN: frozenset[RemainderCause] = frozenset({"sensor noise", "not explained"})
+"""Causes that are none of the robot's, and are said of the worst window alone."""
+
+REMEDIES: Mapping[RemainderCause, str] = {
+    "speed limit": "raise limits.speed_rps where the axis allows it, or move more slowly",
+    "frequency limit": "the cancellation ends at a highest frequency: move more slowly, or, where it is that of the bus, at a "
+    "shorter SYNC period",
+    "order left out": "repeat the identification of that order: hil identify ate, hil learn",
+    "gear reaction": "it grows with the gear's torque: a smaller load, or less acceleration",
+    "estimate": "repeat hil identify ate or hil learn with --plant, warm, at the load of the work",
+    "sensor noise": "a better accelerometer, or --repeat",
+    "not explained": "nothing that was measured shows why",
+}
+
+
+@dataclass(frozen=True)
+class TrialView:
+    """All that a trial has seen, for what is left.
+
+    Attributes:
+        looks: All runs.
+        used: Parts that passed, and are used.
+        windows: Windows in which peaks are judged.
+        recording: One recording of the motion.
+        rows: Rows that are read; shape (n,).
+        axes: Axes as they are read.
+        scale: Scale of the vibration.
+        speed_rps: Speed limits by axis.
+    """
+
+    looks: Sequence[Look]
+    used: tuple[Part, ...]
+    windows: Windows
+    recording: Recording
+    rows: Rows
+    axes: tuple[AxisWaves, ...]
+    scale: TipScale
+    speed_rps: Mapping[int, float]
+
+    @property
+    def passed(self) -> float:
+        """Fraction of the sensor's whole band that is read."""
+        return min(1.0, 2.0 * self.recording.period_s * (self.scale.band_hz[1] - self.scale.band_hz[0]))
+
+
+def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float) -> CancellationRemainder | None:
+    """What is left, and why; None where no run has shown it.
+
+    Args:
+        seen: The trial.
+        tables: Tables of the cancellation by axis; empty where the drives cancel.
+        quiet_mm: Tip that is asked for.
+    """
+    with_them, without = alike(seen.looks, seen.used), alike(seen.looks, ())
+    if not with_them or not without:
+        return None
+    return _Account(seen, tables, quiet_mm, with_them, without).entry()
+
+
+class _Account:
+    """Account of what is left in the worst window."""
+
+    def __init__(
+        self, seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float, after: list[Look], before: list[Look]
+    ) -> None:
+        self._seen, self._tables, self._after, self._before = seen, tables, after, before
+        self._count = min(len(look.sighting.vibration) for look in (*after, *before))
+        windows = seen.windows
+        self._left = self._mean([look.sighting.vibration for look in after])
+        self._noise_mm = windows.noise_mm / math.sqrt(len(after))
+        jolt = windows.peaks_mm(self._mean([_without_orders(look) for look in before]))
+        self._jolt_mm = max(jolt.values())
+        self._asked_mm = max(quiet_mm, JOLT_FACTOR * self._jolt_mm)
+        self._peaks = {order: self._peak_mm(order) for order in windows.rows}
+        self._look_at(max(self._peaks, key=lambda order: self._peaks[order]))
+
+    def _look_at(self, order: float | None) -> None:
+        """Take a window for that of which a cause is looked for."""
+        self._order, self._left_mm = order, self._peaks[order]
+        self._is_seen = self._left_mm > self._asked_mm
+        self._rows = self._seen.windows.rows[order][: self._count]
+
+    def _mean(self, values: Sequence[Real]) -> Real:
+        return np.asarray(np.mean([each[: self._count] for each in values], axis=0))
+
+    def _power(self, values: Real) -> float:
+        """Power in the worst window beyond the noise, mm²."""
+        power = float(np.mean((self._seen.windows.to_mm * values[self._rows]) ** 2))
+        return max(power - self._noise_mm**2, 0.0)
+
+    def _peak_mm(self, order: float | None) -> float:
+        """The peak in a window, by the fraction of its power that is no noise."""
+        rows = self._seen.windows.rows[order][: self._count]
+        tip = self._seen.windows.to_mm * self._left[rows]
+        power = float(np.mean(tip**2))
+        part = max(power - self._noise_mm**2, 0.0) / max(power, 1e-30)
+        return float(np.max(np.abs(tip))) * math.sqrt(part)
+
+    def entry(self) -> CancellationRemainder:
+        """What is left, as a result file has it."""
+        hidden_mm = NOISE_SIGMAS * self._noise_mm
+        causes: list[RemainderCause] = []
+        if self._is_seen:
+            worst = self._order
+            for order in sorted(self._peaks, key=lambda each: -self._peaks[each]):
+                self._look_at(order)
+                causes += [self._cause()] if self._is_seen else []
+            self._look_at(worst)
+        elif hidden_mm > self._asked_mm:
+            causes.append(self._hidden_cause())
+        named = tuple(dict.fromkeys([*causes[:1], *(cause for cause in causes if cause not in UNKNOWN)]))
+        return CancellationRemainder(
+            order=self._order,
+            left_mm=self._left_mm,
+            asked_mm=self._asked_mm,
+            jolt_mm=self._jolt_mm,
+            noise_mm=hidden_mm,
+            causes=named,
+            words=self._words(named, hidden_mm),
+        )
+
+    def _words(self, causes: Sequence[RemainderCause], hidden_mm: float) -> str:
+        where = "" if self._order is None else f" in the window of order {self._order:g}"
+        if not causes:
+            return f"left: {self._left_mm:.4f} mm{where}"
+        asked = f"{self._asked_mm:.4f} mm are asked"
+        remedies = "; ".join(f"{cause}: {REMEDIES[cause]}" for cause in causes)
+        if not self._is_seen and causes[0] == "sensor noise":
+            return f"left: up to {hidden_mm:.4f} mm{where} may hide in the noise, {asked}; {remedies}"
+        return f"left: {self._left_mm:.4f} mm{where}, {asked}; {remedies}"
+
+    def _cause(self) -> RemainderCause:
+        """The cause that takes away most, of those that explain what is left."""
+        kept = {name: self._after_removal(vibration) for name, vibration in self._reckoned().items()}
+        best = min(kept, key=lambda name: kept[name])
+        if self._explains(kept[best]):
+            return best
+        if self._explains(self._after_removal(self._waves(self._seen.used, self._after))):
+            return "estimate"
+        if self._left_mm - self._asked_mm < self._noise_mm:
+            return "sensor noise"
+        return "not explained"
+
+    def _hidden_cause(self) -> RemainderCause:
+        """The cause of what the noise hides: one whose own vibration is above what was asked, or the noise itself."""
+        largest: dict[RemainderCause, float] = {}
+        for name, vibration in self._reckoned().items():
+            peaks = self._seen.windows.peaks_mm(vibration)
+            order = max(peaks, key=lambda each: peaks[each])
+            if peaks[order] > self._asked_mm:
+                largest[name] = peaks[order]
+                if peaks[order] > self._left_mm:
+                    self._order, self._left_mm = order, peaks[order]
+        return max(largest, key=lambda name: largest[name], default="sensor noise")
+
+    def _reckoned(self) -> dict[RemainderCause, Real]:
+        """Vibration of each cause that can be reckoned, whatever is left."""
+        fitted, bound = self._after[0].sighting.amplitude, self._bound()
+        return {
+            "order left out": self._waves([part for part in fitted if part not in self._seen.used], self._after),
+            bound: self._given_up(),
+            "gear reaction": self._found_reaction(),
+        }
+
+    def _bound(self) -> RemainderCause:
+        """What binds the set-points: the speed of the axis, or the highest frequency of the cancellation."""
+        for number, table in self._tables.items():
+            peak_rps = float(np.max(np.abs(motor_speed_rps(self._seen.recording, number))))
+            if table.largest_speed_rps(peak_rps) > BINDS * self._seen.speed_rps.get(number, math.inf):
+                return "speed limit"
+        return "frequency limit"
+
+    def _explains(self, fraction: float) -> bool:
+        """Whether what a cause leaves, as a fraction, is little enough."""
+        return self._left_mm * fraction <= self._left_mm - HALF * (self._left_mm - self._asked_mm)
+
+    def _after_removal(self, vibration: Real) -> float:
+        """Fraction of what is left that stays without a vibration."""
+        return math.sqrt(self._power(self._left - vibration) / max(self._power(self._left), 1e-30))
+
+    def _waves(self, parts: Sequence[Part], looks: Sequence[Look]) -> Real:
+        """Vibration of parts in some runs, of those that are there for certain."""
+        total = np.zeros(self._count)
+        for part in parts:
+            size, look = self._amplitude(looks, part), looks[0].sighting
+            variance = look.unit_variance[part] * float(np.mean(look.residual**2))
+            if abs(size) > COHERENT_SIGMAS * math.sqrt(2.0 * variance / len(looks)):
+                total += look.wave(part, size)[: self._count]
+        return total
+
+    def _amplitude(self, looks: Sequence[Look], part: Part) -> complex:
+        return complex(np.mean([look.sighting.amplitude[part] for look in looks]))
+
+    def _given_up(self) -> Real:
+        """Vibration of the parts' fractions for which the set-points have no room."""
+        total, recording = np.zeros(self._count), self._seen.recording
+        for part in self._seen.used:
+            table = self._tables.get(part.axis)
+            if table is None:
+                continue
+            made = np.asarray(table.motion)[[wave.degree == 1 and wave.order == part.order for wave in table.waves]]
+            whole = made.max(initial=0.0)
+            if whole <= 0.0:
+                continue
+            speed = np.abs(motor_speed_rps(recording, part.axis))[self._seen.rows][: self._count]
+            granted = np.interp(speed, table.speeds_rps, made[0] / whole)
+            total += (1.0 - granted) * self._waves([part], self._before)
+        return total
+
+    def _found_reaction(self) -> Real:
+        """Vibration by the gear's reaction, where it is found as it was reckoned; nothing elsewhere."""
+        reckoned, none = np.zeros(self._count), np.zeros(self._count)
+        for axis in self._seen.axes:
+            if axis.number in self._tables and isinstance(axis.response.known, Loop):
+                reckoned += self._reaction(axis, axis.response.known, self._tables[axis.number])
+        if not np.any(reckoned):
+            return none
+        both = np.stack([reckoned, np.imag(scipy.signal.hilbert(reckoned))], axis=1)
+        rows = self._rows if self._is_seen else np.ones(self._count, dtype=np.bool_)
+        found = np.linalg.lstsq(both[rows], self._left[rows], rcond=None)[0]
+        factor, turn = math.hypot(*found), math.atan2(-found[1], found[0])
+        noise = (self._noise_mm / self._seen.windows.to_mm) ** 2 / self._seen.passed
+        error = math.sqrt(noise / max(float(np.sum(reckoned[rows] ** 2)), 1e-30))
+        if not REACTION[0] <= factor <= REACTION[1] or abs(turn) > REACTION_TURN or factor < COHERENT_SIGMAS * error:
+            return none
+        return np.asarray(both @ found)
+
+    def _reaction(self, axis: AxisWaves, loop: Loop, table: CancellationTable) -> Real:
+        """Vibration by the torque −τ_g dθ_sync/dθ_m at the motor, of the whole error."""
+        recording, ratio = self._seen.recording, loop.plant.reduction_ratio
+        angle, period_s = recording.axis(axis.number, "position_rad"), recording.period_s
+        corner = min(0.25 * self._seen.scale.f_al_hz, 0.2 / period_s)
+        slow = scipy.signal.butter(2, corner, fs=1.0 / period_s, output="sos")
+        speed = np.gradient(scipy.signal.sosfiltfilt(slow, angle), period_s)
+        carried = scipy.signal.sosfiltfilt(slow, recording.axis(axis.number, "torque_nm"))
+        carried = carried - loop.plant.motor_inertia_kg_m2 * np.gradient(speed, period_s)
+        slope = np.zeros(len(angle))
+        for index, wave in enumerate(table.waves):
+            if wave.degree == 1:
+                size = float(np.max(table.motion[index])) / ratio
+                slope -= wave.order * size * np.sin(wave.order * angle + wave.phase_rad)
+        torque = -ratio * carried * slope
+        made = acceleration_of(torque, period_s, self._seen.scale.band_hz, lambda hz: _per_torque(axis, loop, hz))
+        lever = axis.lever_m if np.ndim(axis.lever_m) == 0 else axis.lever_m[: len(made)]
+        return np.asarray((lever * made)[self._seen.rows[: len(made)]][: self._count])
+
+
+def _per_torque(axis: AxisWaves, loop: Loop, frequency_hz: Real) -> NDArray[np.complex128]:
+    """θ_l/τ at the motor, X/(N (A + C)), seen by the sensor; 0 where X is."""
+    response = axis.response.at(frequency_hz)
+    inside = response != 0.0
+    motor = loop.plant.terms(2j * math.pi * frequency_hz[inside])[0] + loop.controller(frequency_hz[inside])
+    response[inside] /= loop.plant.reduction_ratio * motor
+    return response
+
+
+def _without_orders(look: Look) -> Real:
+    """What the motion itself makes in a run, without noise and without any order."""
+    seen = look.sighting
+    rest = seen.vibration - seen.residual
+    for part, size in seen.amplitude.items():
+        rest = rest - seen.wave(part, size)
+    return np.asarray(rest)

@@ -1,0 +1,67 @@
+"""Trial of designed filters on the robot: the motion without them and with them, before it is run for its own sake.
+
+A filter is designed on a model, and on an axis that is a little other than it an order may rise. Filters that raise the tip's
+peak in any window are not used, nor are those that lower it in none: what cannot be seen to help is no remedy. At the foot of
+an order whose resonance the ramp does not pass nothing is judged: what switching on and off leaves there is a harm only above
+the motion's own largest peak.
+"""
+
+from collections.abc import Callable, Collection
+
+from hil.analysis import TipScale, judged_orders
+from hil.bench.bench import Bench
+from hil.experiments.cancellation.alternation import Alternation
+from hil.experiments.cancellation.rise import LAST_SIGMAS, RISE_SIGMAS, PeakChange
+from hil.experiments.judge import shown_rps
+from hil.recording import Recording
+from hil.reporter import SILENT, Reporter
+from hil.results.runs import FilterTrial, FilterTrialPeak
+
+MOST_RUNS = 4
+"""Most runs of either kind: where the sensor's noise may hide a rise, the mean of so many may show it."""
+
+
+def try_filters(bench: Bench, scale: TipScale, run: Callable[[bool], Recording], reporter: Reporter = SILENT) -> FilterTrial:
+    """Try filters: the motion without them and with them, and again where the sensor's noise may hide a rise.
+
+    Args:
+        bench: The bench file.
+        scale: Scale of the axes that move.
+        run: Runs the motion, with the filters or without.
+        reporter: Listener of each run.
+
+    Raises:
+        NotPossibleError: The motion does not excite the arm.
+        HilError: As the runs.
+    """
+    runs = Alternation(bench, scale, run, ("trial of the filters: without", "trial of the filters: with them"), reporter)
+    changes: list[PeakChange] = []
+    peaks: list[PeakChange] = []
+    while runs.count < MOST_RUNS:
+        runs.once_more()
+        changes = runs.seen()
+        peaks = _that_count(changes, judged_orders(scale, shown_rps(bench)) if scale.windows_rps else ())
+        if peaks[0].stands(RISE_SIGMAS) or (not peaks[0].is_open and any(peak.is_fall for peak in peaks)):
+            break
+    return _entry(peaks, changes, runs.count)
+
+
+def _that_count(changes: list[PeakChange], judged: Collection[float]) -> list[PeakChange]:
+    """Changes in the windows that are judged, and in others where the tip goes beyond all that it did before."""
+    largest_mm = max(change.before_mm for change in changes)
+    found = [change for change in changes if change.order in judged or change.after_mm > largest_mm]
+    return found if any(change.order in judged for change in found) else changes
+
+
+def _entry(peaks: list[PeakChange], changes: list[PeakChange], runs: int) -> FilterTrial:
+    worst, best, end = peaks[0], peaks[-1], "; the motion is run without them"
+    words = ""
+    if worst.stands(LAST_SIGMAS):
+        words = f"the filters are refused: with them {worst.words}{end}"
+    elif not any(peak.is_fall for peak in peaks):
+        words = f"the filters are refused: they lower the tip's peak in no window, at best it {best.change}{end}"
+    entries = tuple(
+        FilterTrialPeak(order=peak.order, before_mm=peak.before_mm, after_mm=peak.after_mm, error_mm=peak.error_mm)
+        for peak in changes
+    )
+    return FilterTrial(is_good=not words, runs=runs, peaks=entries, words=words)

@@ -1,0 +1,104 @@
+"""Postures of an arm in which a plant is identified: the way there and back, and what a motor has felt in one."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from hil.bench.bench import Bench
+from hil.bench.model import IdentifiedMode, IdentifiedPlant, IdentifiedPosture
+from hil.control.trajectory import Smooth, sample_times
+from hil.errors import NotPossibleError
+from hil.master.motion import Motion
+from hil.master.session import Session
+
+WAY_RAMP_S = 0.3
+"""Ramp at either end of a way."""
+THERE_DEG = 0.01
+"""Turn of a joint that is no way."""
+
+
+def check_posture(bench: Bench, posture_deg: Mapping[int, float]) -> None:
+    """Refuse a posture of a bench without an arm, of axes that move no joint of it, or beyond a joint's range.
+
+    Raises:
+        NotPossibleError: It is one of these.
+    """
+    if not posture_deg:
+        return
+    if bench.arm is None:
+        raise NotPossibleError(f"bench {bench.name!r} has no [arm]: a single axis is the same plant in every posture")
+    for number, angle in posture_deg.items():
+        if number not in bench.axis:
+            raise NotPossibleError(f"bench {bench.name!r} has no axis {number}; it has {', '.join(map(str, bench.axis))}")
+        link = bench.arm.link[bench.arm.axes.index(number)]
+        low, high = link.range_deg or (-math.inf, math.inf)
+        if not low <= angle <= high:
+            raise NotPossibleError(f"{link.label} at {angle:g}° is outside of its range_deg, {low:g} to {high:g}")
+
+
+def joint_deg(bench: Bench, number: int, motor_rad: float) -> float:
+    """Angle of a joint of the arm for an angle of its motor.
+
+    Raises:
+        ValueError: The bench has no arm.
+    """
+    if bench.arm is None:
+        raise ValueError(f"bench {bench.name!r} has no arm")
+    home_rad = float(bench.arm.home_rad()[bench.arm.axes.index(number)])
+    return math.degrees(home_rad + motor_rad / bench.axis[number].reduction_ratio)
+
+
+def standing_deg(session: Session) -> dict[int, float]:
+    """Angles of all joints of the arm as it stands, by axis, from the base on; empty without an arm."""
+    arm = session.bench.arm
+    numbers = () if arm is None else arm.axes
+    return {number: joint_deg(session.bench, number, session.axes[number].position_rad()) for number in numbers}
+
+
+def bring_to(session: Session, posture_deg: Mapping[int, float]) -> None:
+    """Turn joints one after the other to where they are wanted, and leave them there.
+
+    Args:
+        session: The session, with all drives at rest.
+        posture_deg: Angles of joints, by axis; the others stay.
+
+    Raises:
+        UnsafeRequestError: A joint would leave its limits.
+        SafetyStopError: The way was stopped.
+    """
+    bench = session.bench
+    for number, wanted in posture_deg.items():
+        way_deg = wanted - standing_deg(session)[number]
+        if abs(way_deg) < THERE_DEG:
+            continue
+        way_rad = math.radians(way_deg) * bench.axis[number].reduction_ratio
+        duration = abs(way_rad) / (2.0 * math.pi) / bench.approach_rps + WAY_RAMP_S
+        smooth = Smooth(max(duration, 2.0 * WAY_RAMP_S), WAY_RAMP_S)
+        times = sample_times(smooth.duration_s, bench.bus.sync_period_s)
+        angles = np.asarray(smooth.position(times))[:, np.newaxis] * way_rad
+        result = session.run(Motion((number,), times, angles, starts_at_home=False, returns=False), "none", "drive")
+        if result.stopped is not None:
+            raise result.stopped
+
+
+def felt_posture(plant: IdentifiedPlant, joints_deg: Mapping[int, float]) -> IdentifiedPosture:
+    """What a motor has felt in a posture; of a plant with a single mode that one.
+
+    Args:
+        plant: The plant that was identified.
+        joints_deg: Joint angles by axis, from the base on, the own one in the middle of its travel.
+    """
+    modes = plant.modes
+    if not modes:
+        names = ("antiresonance_hz", "resonance_hz", "damping")
+        errors = {name: plant.standard_error[name] for name in names if name in plant.standard_error}
+        errors["inertia_kg_m2"] = plant.standard_error.get("arm_inertia_kg_m2", 0.0)
+        modes = (
+            IdentifiedMode(
+                antiresonance_hz=plant.antiresonance_hz, resonance_hz=plant.resonance_hz, damping=plant.damping,
+                inertia_kg_m2=plant.values.arm_inertia_kg_m2, standard_error=errors,
+            ),
+        )  # fmt: skip
+    joints = tuple(round(angle, 4) for angle in joints_deg.values())
+    return IdentifiedPosture(joints_deg=joints, mode=modes, emulated=plant.emulated)

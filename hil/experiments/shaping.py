@@ -1,0 +1,200 @@
+"""Input shapers of a run: fitted to the modes that ring while the loops hold the motors, and what they cost."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.arm.kinematics import Kinematics
+from hil.bench.bench import Bench
+from hil.bench.model import Identified
+from hil.control.shapers import EI_TOLERANCE, Shaper, SwingingMode, shaper_for
+from hil.control.treatments import ShaperName, treatment
+from hil.design.frequency import CONTROL_PERIOD_S, Complex, Real
+from hil.design.modes.problem import ArmMode
+from hil.design.modes.ring_down import closed_loop_rates, modes_of
+from hil.errors import NotPossibleError
+from hil.master.motion import LoopName, Motion
+from hil.results.runs import ShapedMode, ShaperEntry
+
+MOST_MODES = 2
+"""Modes that a shaper is convolved for: each makes the motion longer."""
+DETUNED = 0.1
+"""Error of the frequency, as a part of it, at which the remaining vibration is stated."""
+
+
+def rates_of(bench: Bench, axis: int, identified: Identified | None) -> Complex:
+    """Rates of an axis whose loop holds the motor; see `closed_loop_rates`.
+
+    Raises:
+        NotPossibleError: Nobody knows its plant or its gains.
+    """
+    loop = bench.axis[axis].loop(CONTROL_PERIOD_S, with_notch=False)
+    if loop is None:
+        raise NotPossibleError(
+            f"axis {axis} has no model or no gains, so what rings after a stop is not known: hil identify plant --bench … "
+            f"--axis {axis} --model model.toml, then --model model.toml"
+        )
+    known = None if identified is None else identified.axis.get(axis)
+    several = () if known is None or known.plant is None else known.plant.modes
+    modes = [ArmMode(each.inertia_kg_m2, each.antiresonance_hz, each.damping, each.tip_part) for each in several]
+    return closed_loop_rates(loop, modes)
+
+
+@dataclass(frozen=True)
+class FittedShaper:
+    """A shaper that is fitted to a robot.
+
+    Attributes:
+        name: Its name.
+        modes: Modes that it is for, the first one's impulses first.
+        shaper: Its impulses.
+        left: Modes that it leaves alone, beyond what EI allows.
+    """
+
+    name: ShaperName
+    modes: tuple[SwingingMode, ...]
+    shaper: Shaper
+    left: tuple[SwingingMode, ...] = ()
+
+    def shaped(self, motion: Motion) -> Motion:
+        """The motion with its set-points shaped; longer by the shaper's duration."""
+        rows = self.shaper.shaped(motion.motor_angle_rad, motion.period_s)
+        times = motion.time_s[0] + (motion.time_s[1] - motion.time_s[0]) * np.arange(len(rows), dtype=np.float64)
+        return replace(motion, time_s=times, motor_angle_rad=rows)
+
+    def remaining(self, factor: float) -> float:
+        """Largest remaining vibration of its modes where all their frequencies are so many times what was believed."""
+        return max(float(self.shaper.remaining(factor * mode.frequency_hz, mode.damping)) for mode in self.modes)
+
+    def entry(self, path_error_mm: float | None) -> ShaperEntry:
+        """The shaper as an entry of the result file."""
+        return ShaperEntry(
+            name=self.name,
+            modes=tuple(ShapedMode(frequency_hz=mode.frequency_hz, damping=mode.damping) for mode in self.modes),
+            left=tuple(ShapedMode(frequency_hz=mode.frequency_hz, damping=mode.damping) for mode in self.left),
+            amplitudes=self.shaper.amplitudes,
+            times_s=self.shaper.times_s,
+            duration_s=self.shaper.duration_s,
+            delay_s=self.shaper.delay_s,
+            remaining_fraction=self.remaining(1.0),
+            remaining_low_fraction=self.remaining(1.0 - DETUNED),
+            remaining_high_fraction=self.remaining(1.0 + DETUNED),
+            path_error_mm=path_error_mm,
+        )
+
+
+def fitted_shaper(name: ShaperName, bench: Bench, axes: Sequence[int], identified: Identified | None) -> FittedShaper:
+    """A shaper for the modes of the axes that move, from the lowest; what takes a lower one away may take a higher one along.
+
+    Args:
+        name: Name of the shaper.
+        bench: The bench file, with identified models where there are any.
+        axes: Axes that move.
+        identified: Model file, for an arm that rings with several modes.
+
+    Raises:
+        NotPossibleError: No axis that moves has a model, or none of them rings.
+    """
+    known = [axis for axis in axes if bench.axis[axis].has_loop]
+    modes: list[SwingingMode] = []
+    for axis in known or axes[:1]:
+        modes += modes_of(rates_of(bench, axis, identified))
+    if not modes:
+        raise NotPossibleError(f"{name}: nothing rings while the loops hold {', '.join(f'axis {axis}' for axis in axes)}")
+    modes.sort(key=lambda mode: mode.frequency_hz)
+    chosen = modes[:1]
+    for mode in modes[1:]:
+        if len(chosen) < MOST_MODES and _leaves(shaper_for(name, chosen), mode):
+            chosen.append(mode)
+    made = shaper_for(name, chosen)
+    return FittedShaper(name, tuple(chosen), made, tuple(mode for mode in modes if mode not in chosen and _leaves(made, mode)))
+
+
+def _leaves(made: Shaper, mode: SwingingMode) -> bool:
+    return float(made.remaining(mode.frequency_hz, mode.damping)) > EI_TOLERANCE
+
+
+def shaper_of(bench: Bench, name: str, axes: Sequence[int], identified: Identified | None) -> FittedShaper | None:
+    """The shaper of a treatment, fitted to the axes that move; None for a treatment without one.
+
+    Args:
+        bench: The bench file, with identified models where there are any.
+        name: Name of the treatment.
+        axes: Axes that move.
+        identified: Model file, for an arm that rings with several modes.
+
+    Raises:
+        NotPossibleError: It cannot be fitted.
+    """
+    kind = treatment(name).shaper
+    return None if kind is None else fitted_shaper(kind, bench, axes, identified)
+
+
+def shaped_motion(bench: Bench, name: str, motion: Motion, identified: Identified | None) -> tuple[Motion, ShaperEntry | None]:
+    """The motion with a treatment's shaper, and what that is and costs; as it is where the treatment has none.
+
+    Args:
+        bench: The bench file, with identified models where there are any.
+        name: Name of the treatment.
+        motion: The motion without it.
+        identified: Model file, for an arm that rings with several modes.
+
+    Raises:
+        NotPossibleError: The shaper cannot be fitted.
+    """
+    made = shaper_of(bench, name, motion.axes, identified)
+    if made is None:
+        return motion, None
+    shaped = made.shaped(motion)
+    return shaped, made.entry(path_error_mm(bench, motion, shaped))
+
+
+def check_stop(is_stop: bool, name: str, loop: LoopName) -> None:
+    """Refuse what has no meaning for a stop.
+
+    Raises:
+        NotPossibleError: The treatment acts on a motor that turns, or the host closes the loop.
+    """
+    if not is_stop:
+        return
+    if name != "none" and treatment(name).shaper is None:
+        raise NotPossibleError(
+            f"{name} acts while a motor turns; after a stop the arm rings all the same, which is a shaper's to prevent, "
+            "alone or beside a cancellation (cancellation+shaper-ei)"
+        )
+    if loop == "host":
+        raise NotPossibleError("a point-to-point move is judged where the drives close the loop (--loop drive)")
+
+
+def path_error_mm(bench: Bench, motion: Motion, shaped: Motion) -> float | None:
+    """Largest distance of a shaped line's tip from the path without; None where a single axis moves, whose path is its own.
+
+    A mean of earlier points of a curved path in the joints lies inside the curve.
+    """
+    if len(motion.axes) == 1:
+        return None
+    plain, found = tip_m(bench, motion), tip_m(bench, shaped)
+    begin, along = plain[0], plain[-1] - plain[0]
+    length = float(np.linalg.norm(along))
+    if length == 0.0:
+        return 1e3 * float(np.max(np.linalg.norm(found - begin, axis=1)))
+    unit = along / length
+    way = np.clip((found - begin) @ unit, 0.0, length)
+    return 1e3 * float(np.max(np.linalg.norm(found - begin - way[:, np.newaxis] * unit, axis=1)))
+
+
+def tip_m(bench: Bench, motion: Motion) -> Real:
+    """Places of the tip on a line motion's set-points; shape (n, 2) of a planar chain, (n, 3) of an arm."""
+    ratios = np.array([bench.axis[axis].reduction_ratio for axis in motion.axes])
+    turned = motion.motor_angle_rad / ratios
+    if bench.arm is not None:
+        angles = np.tile(bench.arm.home_rad(), (len(turned), 1))
+        for column, axis in enumerate(motion.axes):
+            angles[:, bench.arm.axes.index(axis)] += turned[:, column]
+        points, _ = Kinematics.of(bench.arm).pose(angles)
+        return np.asarray(points)
+    assert bench.geometry is not None and bench.line_motion is not None  # noqa: S101, PT018 - the motion was made from them
+    chain = bench.geometry.chain()
+    start = bench.line_motion.line(chain).joints(np.zeros(1))[0]
+    return chain.tip(start + turned)

@@ -1,0 +1,16 @@
+"""Logs that cannot be read."""
+
+from pathlib import Path
+
+from hil.errors import HilError
+
+
+class LogError(HilError):
+    """A file is no log of a bus, or holds nothing that can be looked at."""
+
+    exit_code = 3
+
+    def __init__(self, path: Path, what: str) -> None:
+        """Keep file and reason."""
+        self.path, self.what = path, what
+        super().__init__(f"{path}: {what}")

@@ -1,0 +1,179 @@
+"""The bus itself: how full it is, who fills it, what controllers report, and who speaks where one alone may."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drive_profiles.standard.cia301 import RPDO_BASES, FunctionCode
+from hil.can.bits import NOMINAL_BITS, STANDARD_RATES
+from hil.can.errors_frame import decode
+from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
+from hil.logs.findings.finding import Finding, Said, Severity, Untold, picture_of, stamps_of
+from hil.logs.trace import LEAST_FRAMES, Trace
+
+BUSY, CROWDED = 0.6, 0.85
+"""Loads in a tenth of a second from which on a bus is said to be full: frames wait for each other."""
+WINDOW_NS = 100_000_000
+EXTENDED_BITS = 20
+"""Bits that an identifier of 29 bits adds to a frame."""
+STUFFED = 1.1
+"""Bits of an average frame on the wire to those without stuff bits."""
+MOST_SPEAKERS = 4
+IMPOSSIBLE = 1.15
+"""Load from which on the bit rate cannot be the bus': stuff bits are estimated."""
+TOLERANT = 1.02
+"""Load that a bit rate may show at most: stuff bits are estimated."""
+
+
+def bus_findings(trace: Trace, bitrate: int | None) -> Iterator[Said]:
+    """Damage, load, error frames and masters of a bus.
+
+    Args:
+        trace: The log.
+        bitrate: Bit rate in bit/s; None where nobody says it.
+    """
+    yield from _damage(trace)
+    yield from _load(trace, bitrate)
+    yield from _error_frames(trace)
+    yield from _set_point_senders(trace)
+
+
+def _damage(trace: Trace) -> Iterator[Said]:
+    damage = trace.log.damage
+    if damage.unreadable:
+        yield Finding(
+            "log-damaged", Severity.NOTE,
+            f"{damage.unreadable} lines are no frame, the first is line {damage.first_unreadable}; they are left out",
+            "cut or mixed while it was written; what is missing may look like frames that were not sent", (), damage.unreadable,
+        )  # fmt: skip
+    if damage.ended:
+        yield Finding("log-damaged", Severity.NOTE, f"the log ends before its end: {damage.ended}", "what was read is judged")
+    if damage.backwards:
+        row = damage.first_backwards
+        yield Finding(
+            "log-backwards", Severity.WARNING,
+            f"{damage.backwards} stamps run backwards, the first at frame {row + 1}: rhythms are uncertain around them",
+            "two adapters in one log, or a clock that was set: log with the adapter's own stamps",
+            (), damage.backwards,
+        )  # fmt: skip
+    if damage.elsewhere:
+        yield Untold(
+            "other-interfaces",
+            f"{damage.elsewhere} frames are of other interfaces than the first, and left out: --interface NAME reads them",
+        )
+    if damage.flexible:
+        yield Finding(
+            "can-fd", Severity.NOTE, f"{damage.flexible} frames are CAN FD's and are left out", "CANopen has none of them"
+        )
+
+
+def _bits(trace: Trace) -> NDArray[np.float64]:
+    """Bits on the wire in each window."""
+    windows = trace.log.duration_ns // WINDOW_NS + 1
+    bits = np.zeros(windows)
+    for can_id, stream in trace.log.streams.items():
+        if can_id & CAN_ERR_FLAG:
+            continue
+        octets = np.zeros(1) if can_id & CAN_RTR_FLAG else stream.length
+        own = STUFFED * (NOMINAL_BITS + (EXTENDED_BITS if can_id & CAN_EFF_FLAG else 0) + 8.0 * octets)
+        bits += np.bincount(stream.stamp_ns // WINDOW_NS, weights=np.broadcast_to(own, len(stream)), minlength=windows)
+    return bits[:-1]
+
+
+def _load(trace: Trace, bitrate: int | None) -> Iterator[Said]:
+    log = trace.log
+    if log.duration_s < 2e-9 * WINDOW_NS:
+        yield Untold("bus-load", f"the log lasts {1e3 * log.duration_s:.3g} ms: too short for a load of the bus")
+        return
+    bits = _bits(trace)
+    commanded = [stream for base in RPDO_BASES for stream in log.near(base) if len(stream) >= LEAST_FRAMES]
+    if commanded:  # set-up may fill a bus as it likes: what counts is the time in which something is commanded
+        begin = min(int(stream.stamp_ns[0]) for stream in commanded) // WINDOW_NS + 1
+        end = max(int(stream.stamp_ns[-1]) for stream in commanded) // WINDOW_NS
+        bits[:begin], bits[end:] = 0.0, 0.0
+    peak = float(np.max(bits)) / (WINDOW_NS * 1e-9)
+    if bitrate is None:
+        least = min((rate for rate in STANDARD_RATES if peak <= TOLERANT * rate), default=STANDARD_RATES[-1])
+        yield Untold("bus-load", f"the bit rate is not in a log: {peak / 1e3:.0f} kbit/s at most, so at least {least // 1000} "
+            "kbit/s; --bitrate says it")  # fmt: skip
+        return
+    load = bits / (WINDOW_NS * 1e-9) / bitrate
+    if peak <= BUSY * bitrate:
+        return
+    if peak > IMPOSSIBLE * bitrate:
+        yield Untold("bus-load", f"{peak / 1e3:.0f} kbit/s in a tenth of a second do not fit on a bus of "
+            f"{bitrate // 1000} kbit/s: another bit rate, or stamps that are not of the frames' ends")  # fmt: skip
+        return
+    counts = sorted(((can_id, len(stream)) for can_id, stream in log.streams.items()), key=lambda each: -each[1])[:MOST_SPEAKERS]
+    names = ", ".join(f"{can_id & 0x1FFFFFFF:03X}h {100.0 * count / len(log):.0f} %" for can_id, count in counts)
+    worst = int(np.argmax(load))
+    yield Finding(
+        "bus-load", Severity.FAULT if peak > CROWDED * bitrate else Severity.WARNING,
+        f"the bus is full to {100.0 * peak / bitrate:.0f} % in its worst tenth of a second, "
+        f"{100.0 * float(np.mean(load[load > 0.0])):.0f} % in the mean; "
+        f"most frames: {names}",
+        "frames of low priority wait: a higher bit rate, a longer period, fewer PDOs, or event-driven ones with an inhibit time",
+        (worst * WINDOW_NS * 1e-9,), int(np.count_nonzero(load > BUSY)), None,
+        picture_of(
+            np.arange(len(load)) * WINDOW_NS * 1e-9, 100.0 * load, ("time [s]", "bus load [%]"), (("full", 100.0),), is_line=True
+        ),
+    )  # fmt: skip
+
+
+def _error_frames(trace: Trace) -> Iterator[Said]:
+    streams = trace.log.errors()
+    if not streams:
+        return
+    seen: dict[str, int] = {}
+    for stream in streams:
+        for data, count in zip(*np.unique(stream.data, return_counts=True), strict=True):
+            event = decode(Frame(stream.can_id, int(data).to_bytes(8, "little")))
+            if event is not None:
+                seen[event.words] = seen.get(event.words, 0) + int(count)
+    stamps = np.sort(np.concatenate([stream.stamp_ns for stream in streams]))
+    said = "; ".join(f"{count} × {words}" for words, count in sorted(seen.items(), key=lambda each: -each[1])[:MOST_SPEAKERS])
+    yield Finding(
+        "error-frames", Severity.FAULT, f"{len(stamps)} error frames of the controller: {said or 'without a known class'}",
+        "wires, termination (120 Ω at both ends), ground, bit rate and sample point",
+        stamps_of(stamps, np.arange(len(stamps))), len(stamps),
+    )  # fmt: skip
+
+
+def _set_point_senders(trace: Trace) -> Iterator[Said]:
+    """Two senders of one RPDO show by values of which every second one continues the other's."""
+    for node in trace.nodes.values():
+        placed = node.pdo_with("rpdo", 0x607A)
+        if placed is None:
+            continue
+        stream = trace.of(placed[0])
+        values = placed[1].of(stream)
+        if len(values) < LEAST_FRAMES:
+            continue
+        once, twice = np.abs(np.diff(values).astype(np.float32))[1:], np.abs((values[2:] - values[:-2]).astype(np.float32))
+        torn = np.flatnonzero((once > 1000.0) & (twice < 0.1 * once))
+        if len(torn) > LEAST_FRAMES:
+            yield Finding(
+                "two-masters", Severity.FAULT,
+                f"the target position of node {node.number} goes to and fro between two paths in {len(torn)} frames, by up to "
+                f"{float(np.max(once[torn])):.0f} counts: two masters send it",
+                "stop one of them", stamps_of(stream.stamp_ns, torn), len(torn), node.number,
+                picture_of(stream.stamp_ns * 1e-9, values.astype(float),
+                    ("time [s]", f"target position of node {node.number} [counts]")),
+            )  # fmt: skip
+    masters = [number for number in trace.nodes if _is_master(trace, number)]
+    if len(masters) > 1:
+        yield Finding(
+            "two-masters", Severity.FAULT, f"nodes {', '.join(map(str, masters))} have heartbeats and nothing else: two masters",
+            "let one master alone command NMT", (), len(masters),
+        )  # fmt: skip
+
+
+def _is_master(trace: Trace, number: int) -> bool:
+    """A node that beats, and neither answers SDOs nor sends process data."""
+    log = trace.log
+    if log.count(FunctionCode.HEARTBEAT + number) < LEAST_FRAMES:
+        return False
+    own = (FunctionCode.SDO_RESPONSE, FunctionCode.TPDO1, FunctionCode.TPDO2, FunctionCode.TPDO3, FunctionCode.TPDO4,
+        FunctionCode.SDO_REQUEST, FunctionCode.EMERGENCY)  # fmt: skip
+    return not any(log.count(base + number) for base in own) and not trace.nodes[number].pdos

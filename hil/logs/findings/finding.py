@@ -1,0 +1,116 @@
+"""A finding in a log, in words, with stamps and the numbers of a picture."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+MOST_POINTS = 4000
+"""Points of a picture: no screen shows more."""
+MOST_STAMPS = 5
+
+
+class Severity(IntEnum):
+    """Weight of a finding; the worst come first."""
+
+    NOTE = 0
+    WARNING = 1
+    FAULT = 2
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Numbers of a picture.
+
+    Attributes:
+        x: Numbers along; shape (n,).
+        y: Numbers upwards; shape (n,).
+        x_label: Quantity and unit of x.
+        y_label: Quantity and unit of y.
+        limits: Values of y that are drawn as limits, by what they are.
+        is_line: True where the points are joined.
+    """
+
+    x: Real
+    y: Real
+    x_label: str
+    y_label: str
+    limits: tuple[tuple[str, float], ...] = ()
+    is_line: bool = False
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault, or what may become one.
+
+    Attributes:
+        kind: Its kind, a word or two joined by hyphens.
+        severity: Weight of it.
+        words: What was seen, with the numbers.
+        remedy: The thing to change.
+        stamps_s: First places, in s since the log's first frame.
+        count: Number of places.
+        node: Node-ID; None where it is of the bus.
+        picture: Numbers of its picture.
+    """
+
+    kind: str
+    severity: Severity
+    words: str
+    remedy: str
+    stamps_s: tuple[float, ...] = ()
+    count: int = 1
+    node: int | None = None
+    picture: Picture | None = None
+
+
+@dataclass(frozen=True)
+class Untold:
+    """A matter that a log cannot tell.
+
+    Attributes:
+        kind: What would have been looked for.
+        words: Why it cannot be told, and what would tell it.
+        node: Node-ID; None where it is of the bus.
+    """
+
+    kind: str
+    words: str
+    node: int | None = None
+
+
+Said = Finding | Untold
+
+
+def stamps_of(stamp_ns: NDArray[np.int64], rows: NDArray[np.intp]) -> tuple[float, ...]:
+    """The first few stamps of some rows, in s."""
+    return tuple(round(float(stamp_ns[row]) * 1e-9, 6) for row in rows[:MOST_STAMPS])
+
+
+def picture_of(
+    x: NDArray[np.floating],
+    y: NDArray[np.floating],
+    labels: tuple[str, str],
+    limits: tuple[tuple[str, float], ...] = (),
+    is_line: bool = False,
+) -> Picture:
+    """A picture of many points, of which those that stand out are kept.
+
+    Args:
+        x: Numbers along; shape (n,).
+        y: Numbers upwards; shape (n,).
+        labels: Quantity and unit of each.
+        limits: Limits, by what they are.
+        is_line: True where the points are joined.
+    """
+    if len(x) > MOST_POINTS:
+        width = -(-len(x) // (MOST_POINTS // 2))
+        edges = np.arange(0, len(x), width)
+        low = np.array([edge + int(np.argmin(y[edge : edge + width])) for edge in edges])
+        high = np.array([edge + int(np.argmax(y[edge : edge + width])) for edge in edges])
+        rows = np.unique(np.concatenate([low, high]))
+        x, y = x[rows], y[rows]
+    return Picture(np.asarray(x, float), np.asarray(y, float), *labels, limits, is_line)

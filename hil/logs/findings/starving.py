@@ -1,0 +1,72 @@
+"""Who starves whom: answers that come late in those cycles in which frames of higher priority come before them."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drive_profiles.standard.cia301 import FunctionCode
+from hil.logs.findings.finding import Finding, Said, Severity, picture_of, stamps_of
+from hil.logs.trace import FEW_FRACTION, LEAST_FRAMES, Trace
+
+HELD_UP, HELD_UP_NS = 0.1, 200_000.0
+"""Fraction of the period, and ns, by which an answer is behind its usual place in a cycle in which it was held up."""
+MORE = 1.5
+"""Frames of one identifier that come more in such cycles than usual, from which on it is the one that holds up."""
+MOST_CYCLES = 400_000
+"""Cycles that are looked at: an hour is the same from minute to minute."""
+
+
+def starving_findings(trace: Trace) -> Iterator[Said]:
+    """Answers that wait for frames of higher priority."""
+    cycles = trace.cycles
+    if cycles is None:
+        return
+    sync = cycles.stamp_ns[:MOST_CYCLES]
+    for node in trace.nodes.values():
+        for pdo in node.pdos:
+            stream = trace.of(pdo)
+            rhythm = trace.rhythm(stream) if pdo.direction == "tpdo" else None
+            if rhythm is None:
+                continue
+            late = np.flatnonzero(rhythm.late_ns > max(HELD_UP * cycles.period_ns, HELD_UP_NS))
+            late = late[rhythm.cycle[late] < len(sync) - 1]
+            if len(late) < max(LEAST_FRAMES // 2, FEW_FRACTION * min(len(rhythm.cycle), len(sync))):
+                continue
+            held_up = np.unique(rhythm.cycle[late])
+            culprit, more = _culprit(trace, sync, pdo.can_id, held_up)
+            if culprit is None:
+                continue
+            yield Finding(
+                "starved", Severity.WARNING,
+                f"{pdo.name} comes up to {np.max(rhythm.late_ns[late]) * 1e-6:.3g} ms late in {len(late)} cycles, in which "
+                f"{culprit:03X}h is sent {more:.1f} times more than usual: its priority is higher, and {pdo.can_id:03X}h waits",
+                f"spread what {culprit:03X}h sends (inhibit time, fewer at once), give it an identifier above {pdo.can_id:03X}h, "
+                "or a higher bit rate",
+                stamps_of(stream.stamp_ns, late), len(late), node.number,
+                picture_of(stream.stamp_ns * 1e-9, rhythm.late_ns * 1e-6, ("time [s]", f"{pdo.name} off its place [ms]")),
+            )  # fmt: skip
+
+
+def _culprit(trace: Trace, sync: NDArray[np.int64], own: int, held_up: NDArray[np.int32]) -> tuple[int | None, float]:
+    """The identifier of higher priority that comes more often in some cycles than in all others, and by how many frames.
+
+    Args:
+        trace: The log.
+        sync: Stamps of the SYNCs; shape (n,).
+        own: Identifier that waits.
+        held_up: Cycles in which it does; shape (m,).
+    """
+    worst: int | None = None
+    most = MORE
+    others = np.ones(len(sync), bool)
+    others[held_up] = False
+    for can_id, stream in trace.log.streams.items():
+        if can_id >= own or can_id in {FunctionCode.SYNC} or not len(stream):
+            continue
+        cycle = np.searchsorted(sync, stream.stamp_ns, side="right") - 1
+        counts = np.bincount(cycle[(cycle >= 0) & (cycle < len(sync) - 1)], minlength=len(sync))
+        more = float(np.mean(counts[held_up]) - np.mean(counts[others])) if np.any(others) else 0.0
+        if more > most:
+            worst, most = can_id, more
+    return worst, most

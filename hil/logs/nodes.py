@@ -1,0 +1,273 @@
+"""Nodes of a log, and what their process data are: by the SDO traffic that set them up, or by a device description.
+
+Without either a PDO stays bytes, and only its timing is looked at.
+
+Source: CiA 301, 7.5.2.35 to 7.5.2.38 (PDO communication and mapping parameters); CiA 402-2 for the objects' types.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drive_profiles.standard.cia301 import RPDO_BASES, TPDO_BASES, CobIdBit, DataType, FunctionCode
+from drive_profiles.standard.object_address import ObjectAddress
+from drive_profiles.standard.objects import OBJECTS
+from hil.logs.log import Log, Stream
+from hil.logs.overheard import Event, OverheardValue
+
+if TYPE_CHECKING:
+    from drive_profiles.eds.description import Description
+
+MOST_PDOS = 512
+COMMUNICATION_PARAMETERS = {"rpdo": 0x1400, "tpdo": 0x1800}
+MAPPING_PARAMETERS = {"rpdo": 0x1600, "tpdo": 0x1A00}
+BASES = {"rpdo": RPDO_BASES, "tpdo": TPDO_BASES}
+MOST_ENTRIES = 64
+WITH_SYNC = range(1, 241)
+"""Transmission types of a PDO that is sent or takes effect with every n-th SYNC."""
+SIGNED = {0x6060, 0x6061, 0x6064, 0x6065, 0x606C, 0x6071, 0x6074, 0x6077, 0x6078, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60E4,
+    0x60F4, 0x60FA, 0x60FC, 0x60FF, 0x7130, 0x9130}  # fmt: skip
+"""Indices of signed process data of CiA 402, and of CiA 404 (values that were measured)."""
+
+Direction = Literal["rpdo", "tpdo"]
+
+
+@dataclass(frozen=True)
+class MappedNumber:
+    """A number in a PDO.
+
+    Attributes:
+        address: Index and sub-index.
+        start: First bit.
+        bits: Length in bits.
+        is_signed: True where it has a sign.
+        is_real: True for a floating-point number of 32 or 64 bits.
+    """
+
+    address: ObjectAddress
+    start: int
+    bits: int
+    is_signed: bool
+    is_real: bool = False
+
+    def numbers(self, stream: Stream) -> NDArray[np.float64]:
+        """The number in each frame, also where it is a floating-point one; shape (n,)."""
+        if not self.is_real:
+            return self.of(stream).astype(np.float64)
+        raw = stream.data >> np.uint64(self.start)
+        if self.bits == 64:
+            return raw.view(np.float64)
+        return raw.astype(np.uint32).view(np.float32).astype(np.float64)
+
+    def of(self, stream: Stream) -> NDArray[np.int64]:
+        """The bits in each frame as a whole number; shape (n,)."""
+        mask = np.uint64((1 << self.bits) - 1)
+        raw = (stream.data >> np.uint64(self.start)) & mask
+        if not self.is_signed:
+            return raw.astype(np.int64)
+        sign = np.uint64(1 << (self.bits - 1))
+        return (raw ^ sign).astype(np.int64) - np.int64(1 << (self.bits - 1))
+
+    @property
+    def value(self) -> int:
+        """Value of the mapping parameter."""
+        return self.address[0] << 16 | self.address[1] << 8 | self.bits
+
+    @property
+    def bytes(self) -> int:
+        """Bytes that a frame must have for it."""
+        return -(-(self.start + self.bits) // 8)
+
+
+@dataclass(frozen=True)
+class Pdo:
+    """A PDO of a node.
+
+    Attributes:
+        node: Node-ID.
+        direction: Direction, as the node sees it.
+        number: From 1.
+        can_id: Identifier.
+        transmission_type: Transmission type; None where it is not known.
+        entries: Its numbers; empty where the mapping is not known.
+        is_reconstructed: Whether the identifier alone was seen, of the predefined connection set.
+    """
+
+    node: int
+    direction: Direction
+    number: int
+    can_id: int
+    transmission_type: int | None
+    entries: tuple[MappedNumber, ...]
+    is_reconstructed: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name in words: `RPDO 1 of node 2`."""
+        return f"{self.direction.upper()} {self.number} of node {self.node}"
+
+    def entry(self, index: int, subindex: int = 0) -> MappedNumber | None:
+        """The number of an object in it, None where it is not mapped."""
+        return next((entry for entry in self.entries if entry.address == (index, subindex)), None)
+
+
+@dataclass
+class Node:
+    """A node of a log, as it stands while the log's process data flow: a run that is well brought up puts all back at its end.
+
+    Attributes:
+        number: Node-ID.
+        values: Contents of its objects then, by address: of a description, and over it what was written or read last.
+        heard: Addresses of those that the log itself holds.
+        pdos: Its PDOs.
+        description: Its device description.
+    """
+
+    number: int
+    values: dict[ObjectAddress, int] = field(default_factory=dict)
+    heard: set[ObjectAddress] = field(default_factory=set)
+    pdos: tuple[Pdo, ...] = ()
+    description: Description | None = None
+
+    def value(self, index: int, subindex: int = 0) -> int | None:
+        """Content of an object as a number; None where nothing tells it."""
+        return self.values.get((index, subindex))
+
+    def pdo_with(self, direction: Direction, index: int, subindex: int = 0) -> tuple[Pdo, MappedNumber] | None:
+        """The PDO that holds an object, and where in it."""
+        for pdo in self.pdos:
+            entry = pdo.entry(index, subindex) if pdo.direction == direction else None
+            if entry is not None:
+                return pdo, entry
+        return None
+
+
+def nodes_of(log: Log, events: Iterable[Event], descriptions: Mapping[int, Description]) -> dict[int, Node]:
+    """Nodes of a log, by node-ID.
+
+    Args:
+        log: The log.
+        events: SDO transfers in it.
+        descriptions: Device descriptions by node-ID.
+    """
+    found = {number: Node(number) for number in _node_ids(log)}
+    for number, description in descriptions.items():
+        node = found.setdefault(number, Node(number))
+        node.description = description
+        node.values = dict(_described(description))
+    at_ns = _working_ns(log)
+    written_later: set[tuple[int, ObjectAddress]] = set()
+    for event in events:
+        if not isinstance(event, OverheardValue) or event.node not in found or not 0 < len(event.data) <= 8:
+            continue
+        node = found[event.node]
+        if event.stamp_ns > at_ns:
+            if event.is_write:
+                written_later.add((event.node, event.address))
+            if event.address in node.heard or (event.node, event.address) in written_later:
+                continue  # else what was read later was so all the time
+        node.values[event.address] = int.from_bytes(event.data, "little", signed=_is_signed(node, event.address))
+        node.heard.add(event.address)
+    for node in found.values():
+        node.pdos = tuple(pdo for pdo in _pdos(node) if pdo.can_id in log)
+    return dict(sorted(found.items()))
+
+
+def described_node(number: int, description: Description) -> Node:
+    """A node as its description sets it up, without any log.
+
+    Args:
+        number: Node-ID.
+        description: Its device description.
+    """
+    node = Node(number, dict(_described(description)), description=description)
+    node.pdos = tuple(_pdos(node))
+    return node
+
+
+def _working_ns(log: Log) -> int:
+    """Instant in the middle of the SYNCs, or of the process data where there are none."""
+    stream = log.of(FunctionCode.SYNC)
+    if not len(stream):
+        own = log.near(FunctionCode.TPDO1, range(1, FunctionCode.SDO_RESPONSE - FunctionCode.TPDO1))
+        stream = max(own, key=len, default=stream)
+    return int(stream.stamp_ns[len(stream) // 2]) if len(stream) else log.duration_ns
+
+
+def _node_ids(log: Log) -> set[int]:
+    """Node-IDs that speak: heartbeats, SDO answers, or emergencies; those of PDOs alone by the predefined connection set."""
+    found = set()
+    for can_id in log.streams:
+        base, node = can_id & ~0x7F, can_id & 0x7F
+        if can_id < 0x800 and node and base in {FunctionCode.HEARTBEAT, FunctionCode.SDO_RESPONSE, *TPDO_BASES}:
+            found.add(node)
+    return found
+
+
+def _described(description: Description) -> Iterable[tuple[ObjectAddress, int]]:
+    for index, entry in description.dictionary.items():
+        subindices = [0] if not hasattr(entry, "subindices") else list(entry.subindices)
+        for subindex in subindices:
+            content = description.values.get((index, subindex))
+            variable = description.dictionary.get_variable(index, subindex)
+            if content is None and variable is not None:
+                content = variable.default
+            if isinstance(content, int):
+                yield (index, subindex), int(content)
+
+
+def _is_signed(node: Node, address: ObjectAddress) -> bool:
+    if node.description is not None:
+        from canopen.objectdictionary.datatypes import SIGNED_TYPES  # noqa: PLC0415 - slow to load, and there with a description
+
+        variable = node.description.dictionary.get_variable(*address)
+        if variable is not None:
+            return variable.data_type in SIGNED_TYPES
+    known = OBJECTS.get(address)
+    if known is not None:
+        return known[1] in {DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32, DataType.INTEGER64}
+    return address[0] in SIGNED
+
+
+def _is_real(node: Node, address: ObjectAddress) -> bool:
+    if node.description is not None:
+        from canopen.objectdictionary.datatypes import FLOAT_TYPES  # noqa: PLC0415 - as above
+
+        variable = node.description.dictionary.get_variable(*address)
+        if variable is not None:
+            return variable.data_type in FLOAT_TYPES
+    known = OBJECTS.get(address)
+    return known is not None and known[1] in {DataType.REAL32, DataType.REAL64}
+
+
+def _pdos(node: Node) -> Iterable[Pdo]:
+    for direction in ("rpdo", "tpdo"):
+        for number in range(MOST_PDOS):
+            communication, mapping = COMMUNICATION_PARAMETERS[direction] + number, MAPPING_PARAMETERS[direction] + number
+            cob_id = node.value(communication, 1)
+            is_heard = cob_id is not None
+            if cob_id is None:
+                if number >= 4:
+                    continue
+                cob_id = BASES[direction][number] + node.number
+            can_id = cob_id & 0x7FF
+            if cob_id & CobIdBit.INVALID or not can_id:
+                continue
+            entries = tuple(_entries(node, mapping))
+            yield Pdo(node.number, direction, number + 1, can_id, node.value(communication, 2), entries, not is_heard)
+
+
+def _entries(node: Node, mapping: int) -> Iterable[MappedNumber]:
+    start = 0
+    for place in range(1, min(node.value(mapping) or 0, MOST_ENTRIES) + 1):
+        mapped = node.value(mapping, place)
+        if mapped is None or mapped & 0xFF == 0 or start + (mapped & 0xFF) > 64:
+            return
+        address, bits = (mapped >> 16 & 0xFFFF, mapped >> 8 & 0xFF), mapped & 0xFF
+        yield MappedNumber(address, start, bits, _is_signed(node, address), bits in {32, 64} and _is_real(node, address))
+        start += bits

@@ -1,0 +1,146 @@
+"""Open a log whatever wrote it: candump by the reader of this room; BLF, ASC, TRC and MF4 by python-can.
+
+A log that is damaged is read as far as it goes, and what is missing is counted. Only a file without any frame is refused.
+"""
+
+import itertools
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drive_profiles.python_can import with_mf4
+from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, MAX_DATA_LENGTH
+from hil.logs import candump
+from hil.logs.errors import LogError
+from hil.logs.log import Damage, Log, LogBuilder
+
+if TYPE_CHECKING:
+    import can
+
+MOST_FRAMES = 200_000_000
+"""About seven hours of three axes at 1 kHz."""
+FOREIGN = {".blf": b"LOGG", ".asc": b"", ".trc": b"", ".mf4": b"MDF     "}
+"""Formats that python-can reads, with what such a file begins with where that says it."""
+BATCH = 100_000
+
+
+def open_log(path: Path, progress: Callable[[int], None] = lambda size: None, interface: str | None = None) -> Log:
+    """Read a log.
+
+    Args:
+        path: The file; its format by its suffix, and candump's where that says nothing.
+        progress: Called with the number of bytes that have been read, where that is known.
+        interface: The interface whose frames are read, as the log names it; None: that of its first frame.
+
+    Raises:
+        LogError: The file cannot be read, or holds no frame.
+    """
+    suffix = path.suffix.lower()
+    if not path.is_file():
+        raise LogError(path, "no such file")
+    counters = np.zeros(candump.COUNTED, np.int64)
+    ended: list[str] = []
+    if suffix in FOREIGN:
+        with path.open("rb") as file:
+            if not file.read(len(FOREIGN[suffix])) == FOREIGN[suffix]:
+                raise LogError(path, f"no {suffix[1:].upper()} file: one begins with {FOREIGN[suffix].decode().strip()}")
+        pieces = _foreign(path, counters, ended, interface)
+    else:
+        counters[candump.INTERFACE] = 0 if interface is None else candump.hash_of(interface)
+        pieces = candump.chunks(path, counters, progress)
+    builder, unstamped = LogBuilder(path), 0
+    for stamp, can_id, length, data in pieces:
+        unstamped += int(np.count_nonzero(stamp < 0))
+        builder.add(stamp, can_id, length, data)
+        if builder.frames > MOST_FRAMES:
+            raise LogError(path, f"more than {MOST_FRAMES} frames: cut the log")
+    if not builder.frames and counters[candump.ELSEWHERE]:
+        raise LogError(path, f"no frame of interface {interface}, and {counters[candump.ELSEWHERE]} of others")
+    if not builder.frames:
+        reason = ended[0] if ended else f"none of its {counters[candump.READ_LINES]} lines is one of candump's"
+        raise LogError(path, f"no frame in it: {reason}")
+    if unstamped:
+        raise LogError(
+            path, f"{unstamped} of {builder.frames} frames have no stamp, and without time nothing can be told: candump -ta"
+        )
+    damage = Damage(
+        unreadable=int(counters[candump.UNREADABLE]),
+        first_unreadable=int(counters[candump.FIRST_UNREADABLE]),
+        flexible=int(counters[candump.FLEXIBLE]),
+        elsewhere=int(counters[candump.ELSEWHERE]),
+        backwards=builder.backwards,
+        first_backwards=builder.first_backwards,
+        furthest_back_ns=builder.furthest_back_ns,
+        ended=ended[0] if ended else "",
+    )
+    return builder.log(damage)
+
+
+def _foreign(
+    path: Path, counters: NDArray[np.int64], ended: list[str], interface: str | None
+) -> Iterator[candump.Chunk]:  # fmt: skip
+    """Frames that python-can reads, batch by batch; a file that is damaged ends early.
+
+    Args:
+        path: The file.
+        counters: As of candump's reader.
+        ended: Gets the reason why a file ended early.
+        interface: The interface whose frames are read; None: that of the first.
+    """
+    messages, channel = _messages(path, ended), interface
+    while batch := list(itertools.islice(messages, BATCH)):
+        kept = [message for message in batch if not message.is_fd and len(message.data) <= MAX_DATA_LENGTH]
+        counters[candump.FLEXIBLE] += len(batch) - len(kept)
+        if channel is None and kept:
+            channel = str(kept[0].channel)
+        own = [message for message in kept if str(message.channel) == channel]
+        counters[candump.ELSEWHERE] += len(kept) - len(own)
+        kept = own
+        counters[candump.READ_LINES] += len(batch)
+        yield (
+            np.array([round(message.timestamp * 1e9) for message in kept], np.int64),
+            np.array([_identifier(message) for message in kept], np.uint32),
+            np.array([len(message.data) for message in kept], np.uint8),
+            np.array([int.from_bytes(message.data, "little") for message in kept], np.uint64),
+        )
+
+
+def _messages(path: Path, ended: list[str]) -> Iterator["can.Message"]:
+    import can  # noqa: PLC0415 - slow to load
+    from can.io.blf import BLFParseError  # noqa: PLC0415
+
+    if path.suffix.lower() == ".mf4":
+        with_mf4()
+    known = (
+        OSError,
+        EOFError,
+        ValueError,
+        IndexError,
+        KeyError,
+        TypeError,
+        struct.error,
+        zlib.error,
+        can.CanError,
+        BLFParseError,
+    )
+    try:
+        with can.LogReader(str(path)) as reader:
+            yield from reader
+    except (ImportError, NotImplementedError) as error:  # the latter is python-can's word for an absent asammdf
+        raise LogError(path, f"{error}; pip install 'hil-bench[mf4]'") from error
+    except known as error:
+        ended.append(f"{type(error).__name__}: {error}")
+
+
+def _identifier(message: "can.Message") -> int:
+    return (
+        message.arbitration_id
+        | CAN_EFF_FLAG * message.is_extended_id
+        | CAN_RTR_FLAG * message.is_remote_frame
+        | CAN_ERR_FLAG * message.is_error_frame
+    )

@@ -1,0 +1,143 @@
+"""A log that has been looked through: its frames, the SYNCs that beat its time, its nodes, and what was overheard."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drive_profiles.standard.cia301 import FunctionCode
+from hil.logs.log import Log, Stream
+from hil.logs.nodes import Node, Pdo, nodes_of
+from hil.logs.overheard import Event, overheard
+
+if TYPE_CHECKING:
+    from drive_profiles.eds.description import Description
+
+MISSING_FRACTION, FEW_FRACTION = 0.0005, 0.01
+"""Fractions of the cycles in which a frame may be missing: below the first nothing is said; below the second drives and
+masters bear it, which is a warning."""
+MOVES_COUNTS = 4
+"""Counts per cycle from which on a motor is said to move: below it a position may stand still for a cycle."""
+LEAST_FRAMES = 20
+"""SYNCs, or frames of one identifier, below which nothing is said of a rhythm."""
+
+
+FRAMES_AT_ONCE = 1 << 18
+"""Frames that are calculated with at once."""
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """The cycles that SYNCs begin.
+
+    Attributes:
+        stamp_ns: Stamps of the SYNCs; shape (n,).
+        period_ns: Their median distance.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    period_ns: float
+
+
+@dataclass(frozen=True)
+class Rhythm:
+    """Frames of one identifier against the SYNCs.
+
+    Attributes:
+        cycle: Cycle of each frame, by the SYNC that is nearest to it but for the usual distance; shape (n,).
+        late_ns: Distance of each from where it usually is in its cycle, in ns; shape (n,).
+        usual_ns: Usual distance from the SYNC: negative for frames that come before it.
+        counts: Frames in each cycle from the first of them to the last.
+        first: First of those cycles.
+    """
+
+    cycle: NDArray[np.int32]
+    late_ns: NDArray[np.float32]
+    usual_ns: float
+    counts: NDArray[np.int64]
+    first: int
+
+
+def _blocks(values: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+    """Numbers of an hour, piece by piece: what is calculated from them must not need the memory of the whole."""
+    for begin in range(0, len(values), FRAMES_AT_ONCE):
+        yield values[begin : begin + FRAMES_AT_ONCE]
+
+
+class Trace:
+    """A log that has been looked through.
+
+    Args:
+        log: The log.
+        descriptions: Device descriptions by node-ID.
+
+    Attributes:
+        log: The log.
+        events: SDO transfers in it.
+        nodes: Its nodes, by node-ID.
+    """
+
+    def __init__(self, log: Log, descriptions: Mapping[int, Description]) -> None:
+        self.log = log
+        self.events: list[Event] = overheard(log)
+        self.nodes: dict[int, Node] = nodes_of(log, self.events, descriptions)
+
+    def of(self, pdo: Pdo) -> Stream:
+        """Frames of a PDO that are as long as its mapping."""
+        stream = self.log.of(pdo.can_id)
+        least = max((entry.bytes for entry in pdo.entries), default=0)
+        if not np.any(stream.length < least):
+            return stream
+        rows = stream.length >= least
+        return stream.only(rows)
+
+    @cached_property
+    def sync(self) -> Stream:
+        """The SYNCs."""
+        return self.log.of(FunctionCode.SYNC)
+
+    @cached_property
+    def cycles(self) -> Cycles | None:
+        """Cycles of the log; None where there are too few SYNCs, or most of them have one stamp."""
+        if len(self.sync) < LEAST_FRAMES:
+            return None
+        period_ns = float(np.median(np.diff(self.sync.stamp_ns)))
+        return Cycles(self.sync.stamp_ns, period_ns) if period_ns > 0.0 else None
+
+    def rhythm(self, stream: Stream) -> Rhythm | None:
+        """Frames against the SYNCs; None where there are too few of either.
+
+        Their usual place in a cycle is the angle of the mean of e^{2πj t/T}, so that frames before a SYNC and behind it are told
+        apart wherever they usually are.
+        """
+        cycles = self.cycles
+        if cycles is None or len(stream) < LEAST_FRAMES:
+            return None
+        pointer = 0.0j
+        for stamps in _blocks(stream.stamp_ns):
+            before = np.searchsorted(cycles.stamp_ns, stamps, side="right") - 1
+            since = stamps - cycles.stamp_ns[np.maximum(before, 0)]
+            inside = (before >= 0) & (since < 1.5 * cycles.period_ns)
+            pointer += complex(np.sum(np.exp(2j * np.pi / cycles.period_ns * since[inside])))
+        if not abs(pointer):
+            return None
+        usual = float(np.angle(pointer)) / (2.0 * np.pi) * cycles.period_ns
+        centre = cycles.stamp_ns + usual
+        cycle, late = np.empty(len(stream), np.int32), np.empty(len(stream), np.float32)
+        begin = 0
+        for stamps in _blocks(stream.stamp_ns):
+            after = np.clip(np.searchsorted(centre, stamps), 1, len(centre) - 1)
+            nearer = (stamps - centre[after - 1]) < (centre[after] - stamps)
+            rows = slice(begin, begin + len(stamps))
+            cycle[rows] = np.where(nearer, after - 1, after)
+            late[rows] = stamps - centre[cycle[rows]]
+            begin = rows.stop
+        del centre
+        first, last = int(cycle[0]), int(cycle[-1])
+        counts = np.bincount(np.clip(cycle - first, 0, None), minlength=last - first + 1)
+        return Rhythm(cycle, late, usual, counts, first)

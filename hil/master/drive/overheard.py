@@ -1,0 +1,44 @@
+"""How a drive counts, by what others have asked and told it: the questions of `scale`, answered without asking."""
+
+from drive_profiles.standard.cia301 import DataType, decode
+from drive_profiles.standard.objects import OBJECTS
+from hil.logs.nodes import Node
+from hil.master.drive.needs import Need
+from hil.master.drive.scale import Questions
+
+_USUAL_SIZE = 4
+
+
+class OverheardQuestions(Questions):
+    """Questions to a drive that are answered by what was heard of it.
+
+    The default of an EDS is no answer: it is how the drive was delivered, and not how it counts now. What a DCF states as the
+    parameter's value is one, and what was heard goes before it.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Begin with what was heard."""
+        self._told = node
+        self.node, self.missing = node.number, []
+
+    def number(self, need: Need, kind: DataType | None = None, *, is_optional: bool = False) -> int | None:
+        """The number as the master would have read it; None where nobody has said it.
+
+        Args:
+            need: The object.
+            kind: Its data type; None for an unsigned integer.
+            is_optional: Do not count it as missing.
+        """
+        told = self._told
+        is_stated = told.description is not None and need.address in told.description.values
+        value = told.value(*need.address) if need.address in told.heard or is_stated else None
+        if value is None:
+            if not is_optional:
+                self.missing.append(need)
+            return None
+        known = OBJECTS.get(need.address)
+        size = (kind.size if kind is not None else known[1].size if known is not None else 0) or _USUAL_SIZE
+        if kind is None and value >= 0:
+            return value
+        octets = (value & (1 << 8 * size) - 1).to_bytes(size, "little")
+        return int.from_bytes(octets, "little") if kind is None else int(decode(kind, octets))

@@ -1,0 +1,200 @@
+"""Alarms on a change of a number that is measured again and again, with a false-alarm rate that is stated.
+
+Each run is held against what those before it let one expect of it, its conditions and its own standard error counted in
+(`hil.passport.regression`): a normal score w, independent of all others, where nothing but the conditions has changed. Two tests
+share the rate r of each series in halves:
+
+- a jump: |w_i| beyond the quantile of r/2, both sides together;
+- a creep: the cumulative sums C⁺ = max(0, C⁺ + w − k) and C⁻ likewise (CUSUM: Page, Biometrika 41, 1954) beyond h, from the mean
+  number of runs to a false alarm of each side, (e^{2kb} − 2kb − 1)/(2k²), b = h + 1.166 (Siegmund, Sequential Analysis, 1985).
+
+From its first run on an alarm stands: what follows is no history of the same gear.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from hil.passport.conditions import Design, no_design
+from hil.passport.regression import FEWEST_BEFORE, expected
+
+Real = NDArray[np.float64]
+
+REFERENCE = 0.5
+"""k of the cumulative sums: half of the change in standard deviations that is found quickest."""
+RESERVE = 0.6
+"""Part of the rate that is used: the mean number of runs to a false alarm is an approximation, as the grid of τ and c is."""
+OVERSHOOT = 1.166
+"""Mean by which a sum of normal scores jumps beyond its limit, both ends together."""
+
+
+@dataclass(frozen=True)
+class AlarmLimits:
+    """AlarmLimits of both tests.
+
+    Attributes:
+        rate: False alarms in one run, of all series together.
+        jump: Largest |w|.
+        creep: Largest cumulative sum h.
+    """
+
+    rate: float
+    jump: float
+    creep: float
+
+    @classmethod
+    def of(cls, rate: float, series: int) -> "AlarmLimits":
+        """AlarmLimits for a rate of false alarms.
+
+        Args:
+            rate: False alarms in one run.
+            series: Number of series that are watched at once, of which each has its part.
+
+        Raises:
+            ValueError: No rate, or no series.
+        """
+        if not 0.0 < rate < 0.1 or series < 1:
+            raise ValueError(
+                f"{rate} false alarms in a run, of {series} series: a rate above 0 and below 0.1, of a series at least"
+            )
+        part = RESERVE * 0.5 * rate / series
+        jump = -float(scipy.special.ndtri(0.5 * part))
+
+        def missing(h: float) -> float:
+            b = 2.0 * REFERENCE * (h + OVERSHOOT)
+            return (math.exp(b) - b - 1.0) / (2.0 * REFERENCE**2) - 2.0 / part
+
+        return cls(rate, jump, float(scipy.optimize.brentq(missing, 0.0, 60.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """A series with its scores.
+
+    Attributes:
+        score: w of each run; NaN for the first, which have too few before them.
+        creep: Larger of both cumulative sums after each run.
+        low: Value below which each run would have been a jump; NaN as above.
+        high: Value above which it would.
+        first: Index of the run with the first alarm; None without one.
+        expected: Value that the runs before the alarm let one expect of the last, under its conditions; their mean
+            where they are few.
+        scatter: Standard deviation of those runs, their conditions taken out.
+        explained: Fraction of their variance that each condition explains, beyond what chance would.
+    """
+
+    score: Real
+    creep: Real
+    low: Real
+    high: Real
+    first: int | None
+    expected: float
+    scatter: float
+    explained: dict[str, float]
+
+
+def watched(
+    values: Real, errors: Real, limits: AlarmLimits, design: Design | None = None, size: float | None = None
+) -> Watched:  # fmt: skip
+    """A series held against its own past.
+
+    Args:
+        values: Values of the runs, in the order of their dates; shape (n,).
+        errors: Their own standard errors, 0 where one is not known; shape (n,).
+        limits: AlarmLimits of the alarms.
+        design: Conditions of the runs; None where nothing is noted.
+        size: Size of what is measured, of which conditions change a part; None: that of the first values.
+    """
+    x, own = np.asarray(values, dtype=np.float64), filled(errors)
+    known = no_design(len(x)) if design is None else design
+    found = expected(x, own, known, size)
+    score = found.scores(x)
+    creep = cumulative(score)
+    beyond = np.flatnonzero((np.abs(np.nan_to_num(score)) > limits.jump) | (creep > limits.creep))
+    first = int(beyond[0]) if len(beyond) else None
+    before = x[:first]
+    rest, explained = _without_conditions(before, own[:first], known.of(np.arange(len(before))), size)
+    scatter = float(np.std(rest, ddof=1)) if len(rest) > 1 else math.nan
+    mean = float(np.mean(before)) if len(before) else math.nan
+    return Watched(score, creep, *found.limits(limits.jump), first, _last(x, own, known, first, size, mean), scatter, explained)
+
+
+def _last(x: Real, own: Real, design: Design, first: int | None, size: float | None, mean: float) -> float:
+    """Expected value of the last run.
+
+    Args:
+        x: Values.
+        own: Their standard errors.
+        design: Their conditions.
+        first: Index of the first alarm.
+        size: As in `watched`.
+        mean: What is expected where the runs before are few.
+    """
+    rows = np.append(np.arange(len(x) - 1 if first is None else first), len(x) - 1)
+    if len(rows) <= FEWEST_BEFORE:
+        return mean
+    found = expected(x[rows], own[rows], design.of(rows), size)
+    return float(np.sum(found.weight[-1] * found.middle[-1]))
+
+
+def _without_conditions(x: Real, own: Real, design: Design, size: float | None) -> tuple[Real, dict[str, float]]:
+    """Values with the effects of their conditions taken out, and what each explains.
+
+    Args:
+        x: Values.
+        own: Their standard errors.
+        design: Their conditions.
+        size: As in `watched`.
+    """
+    whole = float(np.var(x)) if len(x) else 0.0
+    if not design.names or len(x) <= FEWEST_BEFORE or whole == 0.0:
+        return x, {}
+    effects = design.effects(expected(x, own, design, size).effects)
+    explained = {}
+    for name, effect in effects.items():
+        free = len(x) - 1 - design.names.count(name)
+        left = float(np.var(x - effect)) / whole * (len(x) - 1) / max(free, 1)
+        if left < 1.0:
+            explained[name] = 1.0 - left
+    return np.asarray(x - sum(effects.values())), explained
+
+
+def filled(errors: Real) -> Real:
+    """Standard errors, those that are not known (0) as the mean of the known ones before them; shape (n,)."""
+    own = np.asarray(errors, dtype=np.float64)
+    is_known = own > 0.0
+    mean = np.cumsum(own) / np.maximum(1, np.cumsum(is_known))
+    return np.where(is_known, own, mean)
+
+
+def scores(values: Real, errors: Real, design: Design | None = None) -> Real:
+    """Normal scores w of runs against those before them.
+
+    Args:
+        values: Values of the runs; shape (..., n).
+        errors: Their own standard errors; the same shape.
+        design: Conditions of the runs, the same for all series.
+    """
+    x = np.asarray(values, dtype=np.float64)
+    return expected(x, np.asarray(errors, dtype=np.float64), no_design(x.shape[-1]) if design is None else design).scores(x)
+
+
+def cumulative(score: Real) -> Real:
+    """Larger of both cumulative sums after each run; shape (..., n) for scores of that shape."""
+    known = np.nan_to_num(score)
+    up, down, made = np.zeros(known.shape[:-1]), np.zeros(known.shape[:-1]), np.zeros(known.shape)
+    for i in range(FEWEST_BEFORE, known.shape[-1]):
+        up = np.maximum(0.0, up + known[..., i] - REFERENCE)
+        down = np.maximum(0.0, down - known[..., i] - REFERENCE)
+        made[..., i] = np.maximum(up, down)
+    return made
+
+
+def unwound_deg(phases_deg: Real) -> Real:
+    """Phases about the mean direction of the first runs, so that none of them jumps by a turn; shape (n,)."""
+    angles = np.radians(np.asarray(phases_deg, dtype=np.float64))
+    middle = np.angle(np.mean(np.exp(1j * angles[:FEWEST_BEFORE]))) % (2.0 * math.pi) if len(angles) else 0.0
+    return np.asarray(np.degrees(middle + np.angle(np.exp(1j * (angles - middle)))))

@@ -1,0 +1,223 @@
+"""Reading of identifications into a passport: results and model files below folders, each run once."""
+
+import datetime
+import hashlib
+import json
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from drive_profiles.errors import FileError
+from hil.bench.bench import Bench
+from hil.bench.model import IdentifiedError, load_identified
+from hil.errors import NotPossibleError
+from hil.passport.sides import sides_of_passes, sides_of_stretches
+from hil.passport.store import MOST_ORDERS, MOST_TEXT, OrderLine, PassportRun
+from hil.results.ate import AteResult
+from hil.results.base import RESULT_FILE
+from hil.results.files import ResultFileError, load_any
+from hil.results.learning import LearningResult, MotionLearningResult
+from hil.results.recorded_ate import RecordedAteResult
+from hil.robot_tables import amplitude_key, phase_key
+
+MOST_FOUND_FILES = 20_000
+"""Most files below the folders that are looked at."""
+MOST_BYTES = 16_000_000
+"""Largest file that is read."""
+KINDS = ("identify-ate", "identify-ate-recording", "learn", "learn-motion")
+"""Kinds of results that have a transmission error."""
+
+EARLIEST = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
+AHEAD = datetime.timedelta(days=1)
+"""How far another computer's clock may be ahead of this one's."""
+
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}T\d{2}:\d{2}:\d{2}(?:\.\d+)?(?:Z|[+-]\d{2}:\d{2})?")
+_TEMPERATURE = re.compile(r"(?<![\w.])([-−]?\d{1,3}(?:\.\d+)?) ?°C")
+_LOAD = re.compile(r"(?<![\w.])(\d{1,4}(?:\.\d+)?) ?kg\b(?!·)")
+_NO_LOAD = re.compile(r"\bno load\b", re.IGNORECASE)
+_DIRECTION = re.compile(r"\b(forward|backward)s?\b", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """Identifications below folders.
+
+    Attributes:
+        runs: Identifications; one that stands in several files is there once.
+        left_out: Files that were not read, with the reason.
+    """
+
+    runs: tuple[PassportRun, ...]
+    left_out: tuple[str, ...]
+
+
+def gather(folders: Iterable[Path], note: str = "") -> Gathered:
+    """All identifications of transmission errors below some folders; symbolic links are not followed.
+
+    Args:
+        folders: The folders.
+        note: Conditions of all of them, where their own notes say nothing: `22 °C, no load`.
+
+    Raises:
+        NotPossibleError: There are too many files.
+    """
+    runs: dict[str, PassportRun] = {}
+    left_out = []
+    for path in _files(folders):
+        if path.stat().st_size > MOST_BYTES:
+            left_out.append(f"{path}: larger than {MOST_BYTES // 1_000_000} MB")
+            continue
+        try:
+            found = list(_of_result(path) if path.name == RESULT_FILE else _of_model(path))
+        except (ResultFileError, FileError, OSError, ValueError) as error:
+            left_out.append(f"{path}: {str(error).removeprefix(f'{path}: ')}")
+            continue
+        for run in found:
+            runs.setdefault(run.content, _with_conditions(run, note))
+    return Gathered(tuple(sorted(runs.values(), key=lambda run: (run.robot, run.axis, run.measured_utc))), tuple(left_out))
+
+
+def _files(folders: Iterable[Path]) -> list[Path]:
+    """Results first, which say more of a run than the model file that it went into."""
+    found: list[Path] = []
+    for folder in folders:
+        for here, below, names in os.walk(folder):
+            below.sort()
+            found += [Path(here) / name for name in sorted(names) if name == RESULT_FILE or name.endswith(".toml")]
+            if len(found) > MOST_FOUND_FILES:
+                raise NotPossibleError(
+                    f"more than {MOST_FOUND_FILES} files below {folder}: name the folders of the identifications"
+                )
+    return sorted((path for path in found if not path.is_symlink()), key=lambda path: (path.name != RESULT_FILE, str(path)))
+
+
+def _of_result(path: Path) -> Iterator[PassportRun]:
+    with path.open("rb") as file:
+        value = json.load(file)
+    if not isinstance(value, dict) or value.get("kind") not in KINDS:
+        return
+    result = load_any(path)
+    if isinstance(result, RecordedAteResult) and result.ate is not None:
+        run = _run(result.robot, result.axis, result.ate, result.started_utc, path)
+        seen = "torque" if result.form == "motor torque" else "motion"
+        yield replace(run, emulated=result.ate.emulated, seen_by=seen, sides=sides_of_stretches(result.stretches))
+    if isinstance(result, AteResult) and result.ate is not None:
+        yield _of_passes(result, result.ate, path)
+    if isinstance(result, LearningResult | MotionLearningResult):
+        top = max((each.end_rps for each in result.runs), default=None) if isinstance(result, LearningResult) else None
+        for learnt in result.learnt:
+            run = _run(result.bench.name, learnt.axis, learnt.ate, result.bench.started_utc, path)
+            yield replace(run, top_rps=top, emulated=result.emulated, **_motor(result.bench.file, learnt.axis))
+
+
+def _of_passes(result: AteResult, part: IdentifiedError, path: Path) -> PassportRun:
+    """An identification by ramps: with the joint's way, its highest speed, and both directions."""
+    run = _run(result.bench.name, result.axis, part, result.bench.started_utc, path)
+    degrees = 360.0 / result.bench.file.axis[result.axis].reduction_ratio
+    return replace(
+        run,
+        emulated=result.emulated,
+        top_rps=max((each.end_rps for each in result.passes), default=None),
+        joint_low_deg=min((degrees * each.low_rev for each in result.passes), default=None),
+        joint_high_deg=max((degrees * each.high_rev for each in result.passes), default=None),
+        seen_by="torque" if result.sensorless else "motion",
+        sides=() if result.fit is None else sides_of_passes(result.fit.agreement),
+        **_motor(result.bench.file, result.axis),
+    )
+
+
+def _motor(bench: Bench, axis: int) -> dict[str, Any]:
+    motor = bench.axis[axis].motor if axis in bench.axis else None
+    return {} if motor is None else {"pole_pairs": motor.pole_pairs, "slots": motor.slots}
+
+
+def _of_model(path: Path) -> Iterator[PassportRun]:
+    with path.open("rb") as file:
+        value: dict[str, Any] = tomllib.load(file)
+    axes = value.get("axis")
+    if not isinstance(value.get("robot"), str) or not isinstance(axes, dict):
+        return
+    if not any(isinstance(axis, dict) and "ate" in axis and "model" not in axis for axis in axes.values()):
+        return
+    identified = load_identified(path)
+    written = datetime.datetime.fromtimestamp(path.stat().st_mtime, datetime.UTC).isoformat(timespec="seconds")
+    for number, known in identified.axis.items():
+        if known.ate is not None:
+            said = _DATE.search(known.ate.note)
+            yield _run(identified.robot, number, known.ate, said[0] if said else written, path)
+
+
+SEEN_BY = {"identify": "motion", "sensorless": "torque"}
+"""In what an error was read, by `learnt_by` of a model file, where that says it."""
+
+
+def _run(robot: str, axis: int, part: IdentifiedError, date: str, path: Path) -> PassportRun:
+    """A run of the passport; its hash is of what was measured, wherever it stands.
+
+    Args:
+        robot: Name of the bench.
+        axis: Axis number.
+        part: What was identified.
+        date: Date of the measurement.
+        path: File from which it is.
+
+    Raises:
+        ValueError: It is too large for a passport, or its date cannot be.
+    """
+    content = json.dumps([robot, axis, part.model_dump(mode="json", exclude={"emulated"})], sort_keys=True)
+    phases, errors = part.values.phases_deg(), part.standard_error
+    lines = tuple(
+        OrderLine(
+            float(order), amplitude, errors.get(amplitude_key(order), 0.0), phases[order], errors.get(phase_key(order), 0.0)
+        )
+        for order, amplitude in part.values.amplitudes_arcsec().items()
+    )
+    longest = max(len(text) for text in (robot, part.note, str(path)))
+    if longest > MOST_TEXT or len(lines) > MOST_ORDERS:
+        raise ValueError(f"{longest} characters in a text and {len(lines)} orders: {MOST_TEXT} and {MOST_ORDERS} are the most")
+    return PassportRun(
+        content=hashlib.sha256(content.encode()).hexdigest(),
+        robot=robot,
+        axis=axis,
+        measured_utc=utc_of(date),
+        learnt_by=part.learnt_by,
+        note=part.note,
+        emulated=part.emulated,
+        source=str(path),
+        lines=lines,
+        seen_by=SEEN_BY.get(part.learnt_by),
+    )
+
+
+def _with_conditions(run: PassportRun, note: str) -> PassportRun:
+    """The run with what its own note says of the conditions, and else the other note."""
+    texts = (run.note, note)
+    temperature, load, way = (
+        next((found for text in texts if (found := pattern.search(text))), None) for pattern in (_TEMPERATURE, _LOAD, _DIRECTION)
+    )
+    is_bare = _NO_LOAD.search(run.note) or (_LOAD.search(run.note) is None and _NO_LOAD.search(note))
+    return replace(
+        run,
+        note=", ".join(text for text in texts if text),
+        temperature_c=None if temperature is None else float(temperature[1].replace("−", "-")),
+        load_kg=0.0 if is_bare else None if load is None else float(load[1]),
+        direction=None if way is None else way[1].lower(),
+    )
+
+
+def utc_of(text: str) -> str:
+    """A date of ISO 8601 in UTC, so that dates sort as text.
+
+    Raises:
+        ValueError: It is no date, or one that a clock which was not set has written: before the year 2000, or in the future.
+    """
+    date = datetime.datetime.fromisoformat(text)
+    utc = date.replace(tzinfo=datetime.UTC) if date.tzinfo is None else date.astimezone(datetime.UTC)
+    if utc < EARLIEST or utc > datetime.datetime.now(datetime.UTC) + AHEAD:
+        when = "before 2000" if utc < EARLIEST else "in the future"
+        raise ValueError(f"dated {utc:%Y-%m-%d}, which is {when}: a clock was not set")
+    return utc.isoformat(timespec="seconds")

@@ -1,0 +1,201 @@
+"""A passport looked at: every order of every gear over its dates, with alarms on change."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.passport.alarm import AlarmLimits, Real, Watched, unwound_deg, watched
+from hil.passport.conditions import RunCondition, design_of
+from hil.passport.origin import Conditions, Motor, OriginName, origin_of_order
+from hil.passport.regression import FEWEST_BEFORE
+from hil.passport.store import OrderLine, PassportRun
+
+FALSE_ALARMS = 1e-3
+"""False alarms in one run of a gear, of all its orders together."""
+DIRECTIONS = {"forward": 1, "backward": -1}
+LEAST_TOLD = 0.05
+"""Fraction of a scatter from which it is said that a condition explains it."""
+PHASE_SIGMAS = 3.0
+"""Standard errors from which an amplitude has a phase that is watched."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """One order of one gear over its dates.
+
+    Attributes:
+        robot: Name of the bench.
+        axis: Axis number.
+        order: Order k.
+        dates: Dates of its runs.
+        values: Amplitudes in arcsec, or phases in degrees, unwound.
+        errors: Their standard errors.
+        is_phase: True for phases.
+        watch: Scores and alarm.
+        origin: Origin of the order.
+        why: Reason for it.
+    """
+
+    robot: str
+    axis: int
+    order: float
+    dates: tuple[str, ...]
+    values: Real
+    errors: Real
+    is_phase: bool
+    watch: Watched
+    origin: OriginName
+    why: str
+
+    @property
+    def is_alarmed(self) -> bool:
+        """True from the run with the first alarm on."""
+        return self.watch.first is not None
+
+    @property
+    def is_watched(self) -> bool:
+        """True where there are enough runs."""
+        return len(self.values) > FEWEST_BEFORE
+
+    @property
+    def symbol(self) -> str:
+        """Its quantity: `A_2` or `φ_2`."""
+        return f"{'φ' if self.is_phase else 'A'}_{self.order:g}"
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return "°" if self.is_phase else "arcsec"
+
+    @property
+    def words(self) -> str:
+        """The alarm as a line; empty without one."""
+        first = self.watch.first
+        if first is None:
+            return ""
+        now, before = float(self.values[-1]), self.watch.expected
+        change = f"{now - before:+.1f}°" if self.is_phase or before <= 0.0 else f"{100.0 * (now / before - 1.0):+.0f} %"
+        return (
+            f"{self.robot}, axis {self.axis}: {self.symbol} = {now:.2f} {self.unit} on {self.dates[-1][:10]}, {before:.2f} ± "
+            f"{self.watch.scatter:.2f} expected from the {first} runs before {self.dates[first][:10]} ({change}), alarmed since"
+        )
+
+    @property
+    def explained_words(self) -> str:
+        """Parts that conditions explain of its scatter: `temperature 82 %`; empty where nothing is told of them."""
+        found = self.watch.explained.items()
+        return ", ".join(f"{name} {100.0 * part:.0f} %" for name, part in found if part >= LEAST_TOLD)
+
+
+@dataclass(frozen=True)
+class OrderOrigin:
+    """Where an order of a gear comes from.
+
+    Attributes:
+        robot: Name of the bench.
+        axis: Axis number.
+        order: Order k.
+        name: Its origin.
+        why: Reason for it.
+    """
+
+    robot: str
+    axis: int
+    order: float
+    name: OriginName
+    why: str
+
+
+def gears_of(runs: Sequence[PassportRun], since: str = "") -> dict[tuple[str, int], list[PassportRun]]:
+    """Runs of each gear, robot and axis, by their dates from one on."""
+    gears: dict[tuple[str, int], list[PassportRun]] = {}
+    for run in sorted(runs, key=lambda each: (each.measured_utc, each.content)):
+        if run.measured_utc >= since:
+            gears.setdefault((run.robot, run.axis), []).append(run)
+    return dict(sorted(gears.items()))
+
+
+def origins(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str = "") -> list[OrderOrigin]:
+    """Origins of all orders: those of the model files, and those that runs in either direction have shown beside them.
+
+    Args:
+        runs: Runs of a passport.
+        motors: Poles and slots by axis; where one is not given, it is what the runs' bench files say.
+        since: Date from which on runs count, ISO 8601.
+    """
+    made = []
+    for (robot, axis), own in gears_of(runs, since).items():
+        motor = _motor(own, motors.get(axis, Motor()))
+        orders = {line.order for run in own for line in run.lines}
+        torques = [run for run in own if run.seen_by == "torque"]
+        for order in sorted(orders | {side.order for run in torques for side in run.sides}):
+            found = [_conditions(run, line) for run in own for line in run.lines if line.order == order]
+            sides = [side for run in torques for side in run.sides if side.order == order]
+            name, why = origin_of_order(order, motor, found, sides)
+            if order in orders or name == "motor":
+                made.append(OrderOrigin(robot, axis, order, name, why))
+    return made
+
+
+def _motor(runs: Sequence[PassportRun], given: Motor) -> Motor:
+    """Poles and slots: as given, else as the last bench file says."""
+    poles = [run.pole_pairs for run in runs if run.pole_pairs is not None]
+    slots = [run.slots for run in runs if run.slots is not None]
+    return Motor(given.pole_pairs or (poles[-1] if poles else None), given.slots or (slots[-1] if slots else None))
+
+
+def trends(runs: Sequence[PassportRun], motors: Mapping[int, Motor], since: str = "", rate: float = FALSE_ALARMS) -> list[Trend]:
+    """Trends of all gears, amplitude and phase of each order.
+
+    Args:
+        runs: Runs of a passport.
+        motors: Poles and slots by axis.
+        since: Date from which on runs count, ISO 8601: that of a new gear, or of a change that is known.
+        rate: False alarms in one run of a gear.
+    """
+    made = []
+    told = {(each.robot, each.axis, each.order): (each.name, each.why) for each in origins(runs, motors, since)}
+    for (robot, axis), own in gears_of(runs, since).items():
+        orders = sorted({line.order for run in own for line in run.lines})
+        limits = AlarmLimits.of(rate, 2 * len(orders)) if orders else None
+        for order in orders if limits is not None else ():
+            found = [(run, line) for run in own for line in run.lines if line.order == order]
+            for is_phase in (False, True):
+                kept = [pair for pair in found if not is_phase or _is_seen(pair[1])]
+                if kept and limits is not None:
+                    made.append(_trend(robot, axis, order, kept, limits, told[robot, axis, order], is_phase=is_phase))
+    return made
+
+
+def _is_seen(line: OrderLine) -> bool:
+    return line.a_arcsec >= PHASE_SIGMAS * line.a_error_arcsec
+
+
+def _conditions(run: PassportRun, line: OrderLine) -> Conditions:
+    largest = max(each.a_arcsec for each in run.lines)
+    over = line.a_arcsec / largest if largest > 0.0 else 0.0
+    return Conditions(line.a_arcsec, line.a_error_arcsec, run.load_kg, run.direction, run.seen_by, over)
+
+
+def _condition(run: PassportRun) -> RunCondition:
+    low, high = run.joint_low_deg, run.joint_high_deg
+    middle = None if low is None or high is None else 0.5 * (low + high)
+    return RunCondition(
+        run.temperature_c, run.load_kg, run.top_rps, DIRECTIONS.get(run.direction or "", 0), middle,
+        run.seen_by == "torque",
+    )  # fmt: skip
+
+
+def _trend(
+    robot: str, axis: int, order: float, found: Sequence[tuple[PassportRun, OrderLine]], limits: AlarmLimits,
+    origin: tuple[OriginName, str], *, is_phase: bool,
+) -> Trend:  # fmt: skip
+    lines = [line for _, line in found]
+    values = unwound_deg(np.array([line.phi_deg for line in lines])) if is_phase else np.array([line.a_arcsec for line in lines])
+    errors = np.array([line.phi_error_deg if is_phase else line.a_error_arcsec for line in lines])
+    dates = tuple(run.measured_utc for run, _ in found)
+    size = math.degrees(1.0) if is_phase else None
+    watch = watched(values, errors, limits, design_of([_condition(run) for run, _ in found]), size)
+    return Trend(robot, axis, order, dates, values, errors, is_phase, watch, *origin)

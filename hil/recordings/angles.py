@@ -1,0 +1,54 @@
+"""Angles that begin anew after a revolution, as angles that do not."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.recordings.errors import RecordingFileError
+from hil.recordings.layout import Column
+
+Real = NDArray[np.float64]
+
+LARGEST_STEP = 0.35
+"""Largest step between two samples, in revolutions, from which the direction is still known where an angle begins anew."""
+JUMP = 0.5
+"""Step between two samples, in revolutions, that no motor makes: the angle has begun anew there."""
+
+
+def angle_rad(path: Path, column: Column, values: Real) -> tuple[Real, int]:
+    """An angle in rad that does not begin anew, and how often it did.
+
+    Args:
+        path: The file, for errors.
+        column: The column.
+        values: Its numbers; shape (n,).
+
+    Raises:
+        RecordingFileError: It jumps by what is no whole revolution, or turns too far from sample to sample to be followed.
+    """
+    unit = column.unit
+    turned = values / unit.per_rev
+    steps = np.diff(turned)
+    jumps = np.flatnonzero(np.abs(steps) > JUMP)
+    if len(jumps):
+        span = float(np.ptp(turned))
+        if span > 1.0 + LARGEST_STEP:
+            row = int(jumps[0])
+            raise RecordingFileError(
+                path,
+                f"{column.name!r} jumps by {steps[row]:.3g} revolutions from row {row + 1} to {row + 2} while it runs "
+                f"over {span:.3g}: it "
+                "does not begin anew after one revolution, so the jump cannot be undone",
+            )
+        turned = np.unwrap(turned, period=1.0)
+    step = float(np.max(np.abs(np.diff(turned)))) if len(turned) > 1 else 0.0
+    if len(jumps) and step > LARGEST_STEP:
+        row = int(np.argmax(np.abs(np.diff(turned))))
+        raise RecordingFileError(
+            path,
+            f"{column.name!r} begins anew each revolution and turns {step:.2f} of one from row {row + 1} to {row + 2}: "
+            f"above {LARGEST_STEP:g} nobody knows which way; record more often, or without the wrap",
+        )
+    return np.asarray(turned * math.copysign(2.0 * math.pi, unit.factor)), len(jumps)

@@ -1,0 +1,28 @@
+"""Errors of recordings that others have made."""
+
+from pathlib import Path
+from typing import ClassVar
+
+from hil.errors import HilError
+
+
+class RecordingFileError(HilError, ValueError):
+    """A recording, or what was said of its columns, cannot be used."""
+
+    exit_code: ClassVar[int] = 3
+
+    def __init__(self, path: Path, problem: str) -> None:
+        """Keep the file and what is wrong."""
+        self.path, self.problem = path, problem
+        super().__init__(f"{path}: {problem}")
+
+
+class MissingPackageError(HilError):
+    """A format needs a package that is not installed."""
+
+    exit_code: ClassVar[int] = 3
+
+    def __init__(self, path: Path, package: str, extra: str) -> None:
+        """Keep the file, the package and the extra that installs it."""
+        self.path, self.package, self.extra = path, package, extra
+        super().__init__(f"{path}: this format needs {package}, which is not installed: pip install 'hil-bench[{extra}]'")

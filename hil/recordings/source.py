@@ -1,0 +1,83 @@
+"""A recording as a file of columns: its names at once, its numbers when they are asked for."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.recordings.errors import RecordingFileError
+
+Real = NDArray[np.float64]
+
+MOST_ROWS = 20_000_000
+LEAST_SAMPLED = 50
+MOST_MISSING = 0.05
+"""Fraction of the rows in which a number may be missing; such rows are left out."""
+
+
+class Source(Protocol):
+    """A file of columns.
+
+    Attributes:
+        path: The file.
+        names: Names of the columns.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+
+    def columns(self, names: Sequence[str]) -> dict[str, Real]:
+        """Numbers of some columns, by name; NaN where there is none; all of shape (n,).
+
+        Raises:
+            RecordingFileError: A column holds what is no number.
+        """
+        ...
+
+
+def complete_rows(path: Path, columns: dict[str, Real]) -> tuple[dict[str, Real], int]:
+    """Rows in which no number is missing, and how many others there were.
+
+    Raises:
+        RecordingFileError: There are too few rows, or too many without a number.
+    """
+    is_there = np.all([np.isfinite(values) for values in columns.values()], axis=0)
+    rows, missing = len(is_there), int(np.count_nonzero(~is_there))
+    if missing > MOST_MISSING * rows:
+        worst = max(columns, key=lambda name: int(np.count_nonzero(~np.isfinite(columns[name]))))
+        count = int(np.count_nonzero(~np.isfinite(columns[worst])))
+        raise RecordingFileError(
+            path,
+            f"a number is missing in {missing} of {rows} rows, {count} times in {worst!r}; {100 * MOST_MISSING:g} % may lack one",
+        )
+    if rows - missing < LEAST_SAMPLED:
+        raise RecordingFileError(path, f"{rows - missing} rows are too few; at least {LEAST_SAMPLED} are needed")
+    return {name: values[is_there] for name, values in columns.items()}, missing
+
+
+def at_stamps(path: Path, name: str, stamps: Real, own: Real, values: Real) -> Real:
+    """Numbers with stamps of their own, at others, on straight lines; NaN beyond their ends; of the shape of `stamps`.
+
+    Args:
+        path: The file, for errors.
+        name: Name of the numbers.
+        stamps: Stamps at which they are wanted; shape (n,).
+        own: Their own stamps; shape (m,).
+        values: The numbers; shape (m,).
+
+    Raises:
+        RecordingFileError: Their stamps go back, so that there are two numbers for one instant.
+    """
+    if len(own) == len(stamps) and bool(np.all(own == stamps)):
+        return values
+    step = np.diff(own)
+    if len(step) and float(np.min(step)) < 0.0:
+        row = int(np.argmin(step))
+        raise RecordingFileError(
+            path,
+            f"the stamps of {name!r} go back by {-step[row]:.3g} s from its number {row + 1} to {row + 2}: are these two "
+            "recordings in one file?",
+        )
+    return np.asarray(np.interp(stamps, own, values, np.nan, np.nan))

@@ -1,0 +1,214 @@
+"""Headline numbers of two results, the old beside the new, and whether their difference exceeds its standard error."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from hil.bench.model import IdentifiedError
+from hil.report.against.alike import RunPair
+from hil.report.material import Material, run_name, treatment_name
+from hil.report.order_names import symbol_of
+from hil.report.tables.paper_runs import NONE, Cell, ReportTable, number, value_and_error
+from hil.results.ate import AteResult
+from hil.results.plant import PlantResult
+from hil.results.runs import RunEntry
+from hil.robot_tables import amplitude_key, phase_key
+
+CERTAIN = 2.0
+"""Standard errors beyond which a difference is told: 5 of 100 that are none lie there."""
+
+
+@dataclass(frozen=True)
+class NumberPair:
+    """A number of both results.
+
+    Attributes:
+        group: Run, axis or model that it is of.
+        name: Its name.
+        unit: Its unit.
+        old: Value of the old result; None where it has none.
+        new: Value of the new result.
+        old_error: Standard error of the old value; None where there is none.
+        new_error: Standard error of the new value.
+        is_angle: True where 360 is the same as 0.
+    """
+
+    group: str
+    name: str
+    unit: str
+    old: float | None
+    new: float | None
+    old_error: float | None = None
+    new_error: float | None = None
+    is_angle: bool = False
+
+    @property
+    def difference(self) -> float | None:
+        """New less old; of an angle the nearest."""
+        if self.old is None or self.new is None or not math.isfinite(self.old) or not math.isfinite(self.new):
+            return None
+        found = self.new - self.old
+        return (found + 180.0) % 360.0 - 180.0 if self.is_angle else found
+
+    @property
+    def error(self) -> float | None:
+        """Standard error of the difference; None unless both values have one."""
+        if self.difference is None or self.old_error is None or self.new_error is None:
+            return None
+        found = math.hypot(self.old_error, self.new_error)
+        return found if found > 0.0 and math.isfinite(found) else None
+
+    @property
+    def is_beyond(self) -> bool | None:
+        """True where the difference exceeds `CERTAIN` standard errors of it; None where it has none."""
+        return None if self.error is None or self.difference is None else abs(self.difference) > CERTAIN * self.error
+
+
+def run_numbers(pairs: tuple[RunPair, ...]) -> Iterator[NumberPair]:
+    """Numbers of runs in their windows; what stands for a whole run stands once, with its first window."""
+    seen = set()
+    for pair in pairs:
+        new, old, group = pair.new, pair.old, pair_name(pair)
+        yield NumberPair(group, "Tip, peak", "mm", old.tip_peak_mm, new.tip_peak_mm)
+        yield NumberPair(group, "Tip, rms", "mm", old.tip_rms_mm, new.tip_rms_mm)
+        errors = old.order_error_mm, new.order_error_mm
+        yield NumberPair(group, "The order itself", "mm", old.order_mm, new.order_mm, *errors)
+        yield NumberPair(group, "Largest line of the spectrum", "m/s²", old.spectrum_peak_m_s2, new.spectrum_peak_m_s2)
+        yield NumberPair(group, "Its frequency", "Hz", old.spectrum_peak_hz, new.spectrum_peak_hz)
+        yield NumberPair(group, "Area of the spectrum", "m/s²·Hz", old.spectrum_area, new.spectrum_area)
+        if new.recording in seen:
+            continue
+        seen.add(new.recording)
+        yield NumberPair(group, "Tip on the whole ramp", "mm", old.ramp_peak_mm, new.ramp_peak_mm)
+        errors = old.f_al_error_hz, new.f_al_error_hz
+        yield NumberPair(group, "f_al", "Hz", old.f_al_hz, new.f_al_hz, *errors)
+        yield NumberPair(group, "Missed cycles", "", old.missed_cycles, new.missed_cycles)
+        for name, own, other in zip(LATENESS, _lateness(new), _lateness(old), strict=True):
+            yield NumberPair(group, name, "µs", other, own)
+
+
+LATENESS = ("SYNC after its deadline, p99", "SYNC after its deadline, largest")
+
+
+def _lateness(run: RunEntry) -> tuple[float | None, float | None]:
+    if run.timing is None:
+        return None, None
+    p99_s, max_s = run.timing.lateness.p99_s, run.timing.lateness.max_s
+    return (None if p99_s is None else 1e6 * p99_s), (None if max_s is None else 1e6 * max_s)
+
+
+def model_numbers(new: Material, old: Material) -> Iterator[NumberPair]:
+    """f_al and the worst margins of the loop by the bench file's model, of axes whose loop both know."""
+    for axis in sorted(set(new.model_axes) & set(old.model_axes)):
+        group = f"axis {axis}: its loop by the bench file's model, with its notch"
+        yield NumberPair(group, "f_al", "Hz", old.f_al_hz[axis], new.f_al_hz[axis])
+        before, after = worst_margins(old, axis), worst_margins(new, axis)
+        for name, unit, own, other in zip(MARGIN_NAMES, ("", "dB", "°"), after, before, strict=True):
+            yield NumberPair(group, name, unit, other, own)
+
+
+MARGIN_NAMES = ("M_s, largest", "Gain margin, least", "Phase margin, least")
+
+
+def worst_margins(material: Material, axis: int) -> tuple[float, float, float]:
+    """Largest M_s, least gain margin in dB and least phase margin in degrees of an axis over all speeds."""
+    found = list(material.margins(axis).values())
+    return (
+        max(each.sensitivity_peak for each in found),
+        min(each.gain_margin_db for each in found),
+        min(each.phase_margin_deg for each in found),
+    )
+
+
+def error_numbers(new: AteResult, old: AteResult) -> Iterator[NumberPair]:
+    """Transmission error and arm of two identifications; none where one has not identified."""
+    if new.ate is None or old.ate is None:
+        return
+    group = f"axis {new.axis}: transmission error"
+    own, other = _values(new.ate), _values(old.ate)
+    for name in dict.fromkeys((*own, *other)):
+        text, _, unit = symbol_of(name).partition(" (")
+        errors = old.ate.standard_error.get(name), new.ate.standard_error.get(name)
+        is_angle = name.endswith("_deg")
+        yield NumberPair(group, text, unit.removesuffix(")"), other.get(name), own.get(name), *errors, is_angle=is_angle)
+    yield NumberPair(group, "Resonance of the arm", "Hz", old.ate.arm_hz, new.ate.arm_hz)
+    yield NumberPair(group, "ζ of the arm", "", old.ate.damping, new.ate.damping)
+
+
+def _values(part: IdentifiedError) -> dict[str, float]:
+    """Amplitudes and phases by the names of the model file, order by order."""
+    phases = part.values.phases_deg()
+    return {
+        name: value
+        for order, amplitude in part.values.amplitudes_arcsec().items()
+        for name, value in ((amplitude_key(order), amplitude), (phase_key(order), phases[order]))
+    }
+
+
+def plant_numbers(new: PlantResult, old: PlantResult, names: tuple[tuple[str, str, str, float], ...]) -> Iterator[NumberPair]:
+    """Parameters of two plants; none where one has not identified.
+
+    Args:
+        new: The new result.
+        old: The old result.
+        names: Name in the result, name on the page, unit there, and how many of those make one of the result's.
+    """
+    own, other = new.parameters or {}, old.parameters or {}
+    for name, title, unit, scale in names:
+        before, after = other.get(name), own.get(name)
+        if before is not None and after is not None:
+            errors = scale * before.standard_error, scale * after.standard_error
+            yield NumberPair(f"axis {new.axis}: plant", title, unit, scale * before.value, scale * after.value, *errors)
+
+
+def numbers_table(pairs: list[NumberPair]) -> ReportTable:
+    """Table of the numbers, grouped by what they are of; numbers that neither result has are left out."""
+    rows: list[list[Cell]] = []
+    groups: dict[int, str] = {}
+    for pair in pairs:
+        if pair.old is None and pair.new is None:
+            continue
+        if not groups or list(groups.values())[-1] != pair.group:
+            groups[len(rows)] = pair.group
+        rows.append([pair.name, _value(pair.old, pair.old_error), _value(pair.new, pair.new_error), pair.unit, *_told(pair)])
+    caption = (
+        f"A difference is told from chance where it exceeds {CERTAIN:g} of its standard errors; where a number has none, nothing "
+        "is said. Of one run in each there is no other measure of how much another run would differ."
+    )
+    header = ("", "old", "new", "unit", "difference", "told from chance")
+    return ReportTable("numbers", "Old and new", "", header, rows, frozenset({0, 3, 5}), caption, groups=groups)
+
+
+def _value(value: float | None, error: float | None) -> str:
+    if value is None:
+        return NONE
+    if error is None or not error > 0.0:
+        return number(value, "{:.4g}")
+    return " ± ".join(value_and_error(value, error))
+
+
+def _told(pair: NumberPair) -> tuple[str, str]:
+    difference, error = pair.difference, pair.error
+    if difference is None:
+        return NONE, NONE
+    if error is None and difference == 0.0:
+        return "0", NONE
+    if error is None:
+        percent = "" if not pair.old or pair.is_angle else f" ({100.0 * difference / abs(pair.old):+.1f} %)"
+        return number(difference, "{:+.4g}") + percent.replace("-", "−"), NONE
+    text = " ± ".join(value_and_error(difference, error))
+    told = f"{'yes' if pair.is_beyond else 'no'}: {abs(difference) / error:.1f} standard errors"
+    return text if difference < 0.0 else f"+{text}", told
+
+
+def pair_name(pair: RunPair) -> str:
+    """Name of a window of two runs, and what was changed between them."""
+    changed = [
+        f"{before} → {after}"
+        for before, after in (
+            (treatment_name(pair.old.treatment), treatment_name(pair.new.treatment)),
+            (f"{pair.old.loop}-closed", f"{pair.new.loop}-closed"),
+        )
+        if before != after
+    ]
+    return run_name(pair.new) + (f" ({'; '.join(changed)})" if changed else "")

@@ -1,0 +1,183 @@
+"""The page of two results side by side: one self-contained HTML file in the directory of the new one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hil.errors import NotPossibleError
+from hil.report import style
+from hil.report.against import figures
+from hil.report.against.alike import PairedRuns, RunPair, check_robot, paired_runs
+from hil.report.against.numbers import (
+    NumberPair,
+    error_numbers,
+    model_numbers,
+    numbers_table,
+    pair_name,
+    plant_numbers,
+    run_numbers,
+)
+from hil.report.against.settings import Setting, differing, settings_table
+from hil.report.figures.plant import PARAMETERS
+from hil.report.material import Material, run_name
+from hil.report.origin import origin_of
+from hil.report.pages.page import Card, PageHead, PageVerdict, Section, moment_text, render
+from hil.report.style import Drawing
+from hil.report.tables.paper_runs import Mark, number
+from hil.results.ate import AteResult
+from hil.results.base import RESULT_FILE, MeasuredResult
+from hil.results.files import load_any
+from hil.results.plant import PlantResult
+from hil.results.runs import ExperimentsResult
+
+AGAINST_FILE = "against.html"
+
+
+@dataclass(frozen=True)
+class _Content:
+    """What two results of a kind have: numbers, figures, cards and sentences on what has no counterpart."""
+
+    numbers: list[NumberPair]
+    drawings: list[Drawing]
+    cards: list[Card]
+    notes: tuple[str, ...] = ()
+
+
+def write_against(directory: Path, old_directory: Path, *, is_interactive: bool = False) -> Path:
+    """Write `against.html` into the directory of the new result, and return its path.
+
+    Args:
+        directory: Directory of the new result.
+        old_directory: Directory of the old one.
+        is_interactive: True where its figures can be zoomed.
+
+    Raises:
+        NotPossibleError: The two are unlike: another kind, robot, axis or motion. Or Bokeh is needed, and is not installed.
+        OSError: A result or a recording cannot be read, or the page cannot be written.
+        ValueError: A result.json is no readable result.
+    """
+    new, old = _measured(directory), _measured(old_directory)
+    check_robot(new, old)
+    settings = differing(new, old)
+    with style.styled():
+        content = _content(new, old, directory, old_directory)
+    sections = [Section("old-and-new", "Old and new", (numbers_table(content.numbers),))]
+    if content.drawings:
+        sections.append(Section("figures", "In one diagram", tuple(content.drawings)))
+    sections.append(Section("settings-chapter", "Settings", (settings_table(settings),)))
+    head = PageHead(
+        new.bench.name,
+        new.bench.started_utc,
+        content.notes + _origin_notes(new, old),
+        heading="Two results side by side",
+        subtitle="New beside old",
+        aftermath=(*new.aftermath, *(f"Of the old result: {text}" for text in old.aftermath)),
+        origin=origin_of(new),
+    )
+    return render(
+        directory / AGAINST_FILE,
+        head,
+        verdict(content.numbers, settings),
+        sections,
+        cards=content.cards,
+        provenance=[
+            ("New", f"{directory}, {moment_text(new.bench.started_utc)}"),
+            ("Old", f"{old_directory}, {moment_text(old.bench.started_utc)}"),
+        ],
+        is_interactive=is_interactive,
+    )
+
+
+def _measured(directory: Path) -> MeasuredResult:
+    result = load_any(directory / RESULT_FILE)
+    if isinstance(result, ExperimentsResult | AteResult | PlantResult):
+        return result
+    command = result.kind.replace("-", " ")
+    raise NotPossibleError(
+        f"{directory}: this is a result of hil {command}; those of hil run, identify ate and identify plant are held against "
+        "each other"
+    )
+
+
+def _content(new: MeasuredResult, old: MeasuredResult, directory: Path, old_directory: Path) -> _Content:
+    """What results of one kind have in common.
+
+    Args:
+        new: The new result.
+        old: The old result, of the same kind.
+        directory: Directory of the new one.
+        old_directory: Directory of the old one.
+    """
+    if isinstance(new, AteResult) and isinstance(old, AteResult):
+        drawings = [each for each in (figures.error_figure(new, old),) if each is not None]
+        return _Content(list(error_numbers(new, old)), drawings, [], _not_identified(new.ate, old.ate))
+    if isinstance(new, PlantResult) and isinstance(old, PlantResult):
+        drawings = [each for each in (figures.response_figure(new, old),) if each is not None]
+        return _Content(list(plant_numbers(new, old, PARAMETERS)), drawings, [], _not_identified(new.parameters, old.parameters))
+    return _of_runs(Material(directory), Material(old_directory))
+
+
+def _of_runs(new: Material, old: Material) -> _Content:
+    paired = paired_runs(new.result, old.result)
+    drawings, seen = [], set()
+    for pair in paired.pairs:
+        if pair.new.recording not in seen:
+            seen.add(pair.new.recording)
+            drawings.append(figures.tip_figure(new, old, pair, len(seen)))
+    numbers = [*run_numbers(paired.pairs), *model_numbers(new, old)]
+    notes = (*new.notes, *(f"Old: {note}" for note in old.notes), *_left(paired), *_early(paired.pairs))
+    cards = [_card(pair, new.bench.specification.tip_mm) for pair in paired.pairs]
+    return _Content(numbers, [each for each in drawings if each is not None], cards, notes)
+
+
+def _card(pair: RunPair, tip_mm: float) -> Card:
+    before, after = pair.old.tip_peak_mm, pair.new.tip_peak_mm
+    change = f"{100.0 * (after / before - 1.0):+.0f} % peak".replace("-", "−") if before and after is not None else ""
+    name = pair_name(pair)
+    numbers = number(before, "{:.3f}"), number(after, "{:.3f}")
+    return Card(f"{name[0].upper()}{name[1:]}", *numbers, "mm", change, Mark(pair.new.within_spec, f"asked: ±{tip_mm:g} mm"))
+
+
+def _left(paired: PairedRuns) -> list[str]:
+    """Windows without a counterpart."""
+    return [
+        f"Only in the {which} result: {run_name(run)}."
+        for which, runs in (("new", paired.only_new), ("old", paired.only_old))
+        for run in runs
+    ]
+
+
+def _early(pairs: Sequence[RunPair]) -> list[str]:
+    """Runs that ended early or could not be judged."""
+    told = [
+        f"{which}, {run_name(run)}: {run.stopped or run.invalid}"
+        for pair in pairs
+        for which, run in (("New", pair.new), ("Old", pair.old))
+        if run.stopped or run.invalid
+    ]
+    return list(dict.fromkeys(told))
+
+
+def _not_identified(new: object, old: object) -> tuple[str, ...]:
+    return tuple(f"The {name} result has identified nothing." for name, part in (("new", new), ("old", old)) if part is None)
+
+
+def _origin_notes(new: MeasuredResult, old: MeasuredResult) -> tuple[str, ...]:
+    unknown = [name for name, each in (("new", new), ("old", old)) if each.emulated is None]
+    if not unknown or len({new.emulated, old.emulated}) == 1:
+        return ()
+    return (f"Of the {unknown[0]} result it is not recorded whether its robot was emulated.",)
+
+
+def verdict(numbers: Sequence[NumberPair], settings: Sequence[Setting]) -> PageVerdict:
+    """What differs, in a sentence, with the differences that exceed their standard errors."""
+    certain = [each for each in numbers if each.is_beyond]
+    details = [
+        f"{each.group}: {each.name} {number(each.old, '{:.4g}')} → {number(each.new, '{:.4g}')} {each.unit}".rstrip()
+        for each in certain
+    ]
+    with_error = [each for each in numbers if each.error is not None]
+    count = "No setting differs" if not settings else f"Settings that differ: {len(settings)}"
+    told = f"{len(certain)} of {len(with_error)} numbers that have a standard error differ by more than chance"
+    headline = f"{count}; {told if with_error else 'no number has a standard error in both'}"
+    return PageVerdict("open", "▲", headline, tuple(details))

@@ -1,0 +1,83 @@
+"""The tip as a vector: its displacement along x, y and z over the time, on a bench with an arm."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from hil.analysis import Direction
+from hil.report import style
+from hil.report.drawn_run import DrawnRun, line_words, number_or_nothing, pair, shade_line, shade_speeds, window_words
+from hil.report.material import Material
+from hil.report.style import Drawing
+from hil.tip_vector import displacement_mm, tip_acceleration
+
+SHOWN: tuple[Direction, ...] = ("x", "y", "z")
+
+
+def directions(material: Material, experiment: str, axis: int | None) -> Drawing | None:
+    """Displacement of the tip along x, y and z, without and with the notch; None where runs have no vector.
+
+    Args:
+        material: Result and recordings.
+        experiment: Name of the experiment.
+        axis: Axis of a constant-acceleration run, else None.
+    """
+    what = "Line motion" if axis is None else f"Axis {axis}"
+    key = f"directions-{experiment if axis is None else axis}"
+    return directions_of(material, pair(material, experiment, axis), axis, key, f"{what}: the tip along x, y and z")
+
+
+def directions_of(material: Material, drawn: list[DrawnRun], axis: int | None, key: str, title: str) -> Drawing | None:
+    """Displacement of the tip along x, y and z in some runs of one motion; None where none has a vector.
+
+    Args:
+        material: Result and recordings.
+        drawn: The runs.
+        axis: Axis of a constant-acceleration run, else None.
+        key: Key of the figure.
+        title: Title of the figure.
+    """
+    runs, scale = [run for run in drawn if run.entry.directions is not None], material.scale(axis)
+    if not runs or scale is None:
+        return None
+    figure, panels = style.panels(3, 1, 6.0, sharex=True, sharey=True)
+    limit = material.bench.specification.tip_mm
+    for panel, name in zip(panels[:, 0], SHOWN, strict=True):
+        for run in runs:
+            _draw(panel, run, SHOWN.index(name), scale.band_hz)
+        for sign in (1.0, -1.0):
+            panel.axhline(sign * limit, **style.LIMIT)
+        if axis is None:
+            shade_line(material, panel, runs[-1].recording)
+        else:
+            shade_speeds(material, axis, runs[-1].recording, panel, with_names=False)
+        panel.set_ylabel(f"Tip along {name} (mm)")
+        panel.legend(loc="upper right")
+    panels[-1, 0].set_xlabel("Time (s)")
+    shaded = f"Shaded: {line_words(material)}, in which it is judged." if axis is None else window_words(material, axis)
+    return Drawing(
+        key,
+        title,
+        "",
+        "measured",
+        f"Displacement of the tip in the base frame: its acceleration from {scale.band_hz[0]:.3g} to {scale.band_hz[1]:.3g} Hz, "
+        f"integrated twice. Dotted: the specification of ±{limit:g} mm, which every direction has to keep. "
+        f"{shaded}{_worst(runs)}",
+        style.to_svg(figure, key, is_zoomable=True),
+    )
+
+
+def _draw(panel: Axes, run: DrawnRun, column: int, band_hz: tuple[float, float]) -> None:
+    recording, found = run.recording, run.entry.directions or {}
+    moved = displacement_mm(tip_acceleration(recording)[:, [column]], recording.period_s, band_hz)[:, 0]
+    label = run.label + number_or_nothing(found[SHOWN[column]].tip_peak_mm, ": peak {:.4f} mm")
+    style.plot_thin(panel, recording.time_s, np.asarray(moved), label=label, **run.look)
+
+
+def _worst(runs: list[DrawnRun]) -> str:
+    words = []
+    for run in runs:
+        worst = (run.entry.directions or {})["worst"]
+        if worst.unit is not None and worst.tip_peak_mm is not None:
+            x, y, z = worst.unit
+            words.append(f"{run.label}: {worst.tip_peak_mm:.4f} mm along ({x:.2f}, {y:.2f}, {z:.2f})".replace("-", "−"))
+    return f" Worst, {'; '.join(words)}." if words else ""

@@ -1,0 +1,35 @@
+"""Figure of a cancellation that follows: amplitude and phase of each order over the motion."""
+
+import itertools
+
+from hil.report import style
+from hil.report.material import Material, run_name
+from hil.report.style import Drawing
+
+
+def following(material: Material) -> Drawing | None:
+    """Factor of the amplitude and turn of the phase of each order over the motion; None where nothing followed."""
+    runs = {run.recording: run for run in material.result.runs if run.following is not None and run.following.orders}
+    if not runs:
+        return None
+    run = next(iter(runs.values()))
+    orders = () if run.following is None else run.following.orders
+    figure, panels = style.panels(2, 1, 3.2, sharex=True)
+    top, bottom = panels[:, 0]
+    for each, look in zip(orders, itertools.cycle(style.AXIS_LINES)):
+        name = f"axis {each.axis}, order {each.order:g}"
+        top.plot(each.time_s, [size / each.amplitude_start_arcsec for size in each.amplitude_arcsec], label=name, **look)
+        bottom.plot(each.time_s, [phase - each.phase_deg[0] for phase in each.phase_deg], label=name, **look)
+    top.set_ylabel("Factor of A")
+    bottom.set(xlabel="Time (s)", ylabel="Turn of φ (°)")
+    style.legend_above(figure, top)
+    return Drawing(
+        "following",
+        f"{run_name(run, with_window=False)}: what the cancellation has followed",
+        "",
+        "measured",
+        "Amplitude and phase of each cancelled order, over what was identified. They stand still where an order cannot be told "
+        "from the sensor's noise, at rest, and where the motion's own jolts shake the tip. "
+        + " ".join(f"{each.words}." for each in orders),
+        style.to_svg(figure, "following"),
+    )

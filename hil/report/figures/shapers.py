@@ -1,0 +1,115 @@
+"""Figures of input shapers: the tip after a stop, and what a shaper leaves where the frequency is another."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.control.shapers import EI_TOLERANCE, Shaper
+from hil.experiments.treatment import TITLES
+from hil.experiments.window import stop_row
+from hil.recording import Recording
+from hil.report import style
+from hil.report.material import Material
+from hil.report.style import Drawing
+from hil.report.tables.shapers import change_db, mode_words
+from hil.results.runs import RunEntry, ShaperEntry
+
+SHOWN_S = 0.5
+"""Time after a stop that is drawn."""
+BEFORE_S = 0.08
+"""Time before it."""
+RATIOS = np.linspace(0.5, 1.6, 441)
+"""Frequencies, in parts of the believed one."""
+LINES: tuple[style.Line, ...] = (
+    {"color": style.BLUE, "linestyle": "-", "linewidth": 1.3},
+    {"color": style.VERMILLION, "linestyle": (0, (5, 1.5)), "linewidth": 1.3},
+    {"color": style.GREEN, "linestyle": (0, (5, 1.5, 1, 1.5)), "linewidth": 1.3},
+    {"color": style.PURPLE, "linestyle": (0, (1, 1)), "linewidth": 1.5},
+    {"color": style.BLACK, "linestyle": (0, (8, 1.5)), "linewidth": 1.2},
+)
+"""Lines of the shapers, in the order of the table of treatments."""
+
+
+def after_stop(material: Material, axis: int, experiment: str, key: str, title: str) -> Drawing | None:
+    """The tip after the stop of an axis: each treatment over that without; None where fewer than two were recorded.
+
+    Args:
+        material: Result and recordings.
+        axis: The axis.
+        experiment: Name of the experiment.
+        key: Anchor of the figure.
+        title: Title of the figure.
+    """
+    runs = [run for run in material.result.runs if (run.experiment, run.axis) == (experiment, axis)]
+    found = [(run, recording) for run in runs if (recording := material.recording(run)) is not None and run.stopped is None]
+    plain = next((pair for pair in found if pair[0].treatment == "none"), None)
+    treated = [pair for pair in found if pair[0].treatment != "none"]
+    if plain is None or not treated:
+        return None
+    count = -(-len(treated) // 2)
+    figure, panels = style.panels(count, 2, 0.6 + 1.6 * count, sharex=True, sharey=True)
+    for number, (run, recording) in enumerate(treated):
+        panel = panels[number // 2, number % 2]
+        panel.plot(*_after(plain[1], axis), label="nothing", **style.WITHOUT)
+        panel.plot(*_after(recording, axis), label="with the shaper", **style.WITH)
+        panel.axvline(0.0, **style.MARK)
+        panel.set_title(_label(run, plain[0].tip_peak_mm))
+    for number in range(len(treated), 2 * count):
+        panels[number // 2, number % 2].set_visible(False)
+    for panel in panels[-1]:
+        panel.set_xlabel("Time from where the set-points stand still (s)")
+    figure.supylabel("Tip acceleration (m/s²)", fontsize=8.5)
+    style.legend_above(figure, panels[0, 0], columns=2)
+    return Drawing(
+        key, title, "", material.word,
+        "As recorded, its mean at rest taken off. The dotted line is where the set-points stand still. "
+        "What falls off smoothly behind it is the motor following; what swings is the arm. In millimetres: what swings at that "
+        "instant, as the closed loop's poles tell it from the rest.",
+        style.to_svg(figure, key),
+    )  # fmt: skip
+
+
+def _after(recording: Recording, axis: int) -> tuple[style.Real, ...]:
+    """Time and acceleration around a stop; shapes (m,)."""
+    row, period = stop_row(recording, axis), recording.period_s
+    first, last = max(0, row - round(BEFORE_S / period)), min(len(recording.time_s), row + round(SHOWN_S / period))
+    tip = recording.felt_m_s2 - np.mean(recording.felt_m_s2[-(len(recording.time_s) - row) // 4 :])
+    time: style.Real = period * np.arange(first - row, last - row, dtype=np.float64)
+    return style.thin(time, tip[first:last])
+
+
+def _label(run: RunEntry, before_mm: float | None) -> str:
+    if run.tip_peak_mm is None:
+        return f"{TITLES[run.treatment]}: not judged"
+    return f"{TITLES[run.treatment]}: {run.tip_peak_mm:.4f} mm, {change_db(before_mm, run.tip_peak_mm)}"
+
+
+def residuals(runs: Sequence[RunEntry], key: str, title: str) -> Drawing | None:
+    """What shapers leave over the true frequency, by their formula; None where no run has one.
+
+    Args:
+        runs: Entries of runs of one motion.
+        key: Anchor of the figure.
+        title: Title of the figure.
+    """
+    found: dict[str, ShaperEntry] = {TITLES[run.treatment]: run.shaper for run in runs if run.shaper is not None}
+    if not found:
+        return None
+    figure, panels = style.panels(1, 1, 3.2)
+    panel = panels[0, 0]
+    for (name, made), look in zip(found.items(), LINES, strict=False):
+        mode = made.modes[0]
+        left = Shaper(made.amplitudes, made.times_s).remaining(RATIOS * mode.frequency_hz, mode.damping)
+        panel.plot(RATIOS, 100.0 * left, label=name, **look)
+    panel.axhline(100.0 * EI_TOLERANCE, **style.LIMIT)
+    panel.axvspan(0.9, 1.1, color=style.SHADE, zorder=0)
+    panel.set(xlabel="True frequency over the believed one", ylabel="Remaining vibration (%)", ylim=(0.0, 60.0))
+    panel.set_xlim(float(RATIOS[0]), float(RATIOS[-1]))
+    style.legend_above(figure, panel, columns=5)
+    modes = {mode_words(made.modes[0]) for made in found.values()}
+    return Drawing(
+        key, title, "", "computed",
+        f"V of the mode of {'; '.join(sorted(modes))}, in % of what the motion would leave without a shaper. Shaded: ±10 %. "
+        f"Dotted: {100.0 * EI_TOLERANCE:g} %. A shaper for two modes has the impulses of both, and is lower still between them.",
+        style.to_svg(figure, key),
+    )  # fmt: skip

@@ -1,0 +1,88 @@
+"""A text that a copy of this process makes, while this one goes on: pictures are drawn on the processors that stand idle."""
+
+import os
+import sys
+import tempfile
+import threading
+import warnings
+from collections.abc import Callable
+from typing import IO
+
+_BEGUN: list["LaterText"] = []
+"""Texts whose processes have not been waited for."""
+
+
+class LaterText:
+    """A text that is made beside this process where that can be, else at once.
+
+    A copy is made by fork, so it has all that this process has, and nothing has to be packed for it. It can be made on Linux, by
+    a process with one thread: a lock that another thread holds would be held in the copy for ever. A copy that fails says
+    nothing; the text is then made here, and what it raises is raised here.
+    """
+
+    def __init__(self, make: Callable[[], str]) -> None:
+        """Begin to make it.
+
+        Args:
+            make: Function that gives the text; what else it does is lost with the copy.
+        """
+        self._make: Callable[[], str] | None = make
+        self._text = ""
+        self._process = 0
+        self._file: IO[bytes] | None = None
+        processors = _processors()
+        if processors < 2:
+            self._finish()
+            return
+        for each in [*_BEGUN]:
+            each._end(is_patient=False)
+        while len(_BEGUN) >= processors:
+            _BEGUN[0]._end(is_patient=True)
+        self._begin(make)
+
+    def __str__(self) -> str:
+        """Wait for the text."""
+        self._end(is_patient=True)
+        return self._text
+
+    def _begin(self, make: Callable[[], str]) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed where it is read
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # threads of linear algebra, which end for the fork by themselves
+            self._process = os.fork()
+        if self._process == 0:
+            status = 1
+            try:
+                self._file.write(make().encode())
+                self._file.flush()
+                status = 0
+            finally:
+                os._exit(status)
+        _BEGUN.append(self)
+
+    def _end(self, *, is_patient: bool) -> None:
+        """Take the text if its process has ended, or wait for that."""
+        if self._file is None:
+            return
+        ended, status = os.waitpid(self._process, 0 if is_patient else os.WNOHANG)
+        if ended == 0:
+            return
+        _BEGUN.remove(self)
+        with self._file as file:
+            self._file = None
+            if status == 0:
+                file.seek(0)
+                self._text, self._make = file.read().decode(), None
+                return
+        self._finish()
+
+    def _finish(self) -> None:
+        if self._make is not None:
+            self._text, self._make = self._make(), None
+
+
+def _processors() -> int:
+    """Processors on which copies of this process can run."""
+    if sys.platform != "linux" or threading.active_count() > 1:
+        return 1
+    return len(os.sched_getaffinity(0))

@@ -1,0 +1,73 @@
+"""The page of an arm's masses: one self-contained HTML file."""
+
+from pathlib import Path
+
+from hil.report import style
+from hil.report.figures import arm as figures_arm
+from hil.report.origin import origin_of_arm
+from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.tables.paper_runs import Cell, ReportTable, number, value_and_error
+from hil.results.arm import ArmResult
+from hil.results.files import load_result
+
+
+def write_arm_report(directory: Path, *, is_interactive: bool = False) -> Path:
+    """Write `report.html` into a directory that `hil identify arm` has filled.
+
+    Raises:
+        NotPossibleError: It shall be interactive, and Bokeh is not installed.
+        OSError: result.json cannot be read, or the page cannot be written.
+        ValueError: result.json is not that of an arm's masses.
+    """
+    result = load_result(directory, ArmResult, "the masses of an arm")
+    with style.styled():
+        drawings = [each for each in (figures_arm.line_dips(result), figures_arm.fitted_dips(result)) if each is not None]
+    chapters = [Section("line", "Resonances", tuple(drawings)), Section("dips", "Dips", (dips(result), gears(result)))]
+    head = PageHead(
+        result.bench,
+        result.started_utc,
+        heading="Masses of the arm",
+        subtitle="From the plants of its axes in several postures",
+        origin=origin_of_arm(result),
+    )
+    return render(
+        directory / "report.html",
+        head,
+        verdict(result),
+        chapters,
+        provenance=[("Bench", result.bench)],
+        is_interactive=is_interactive,
+    )
+
+
+def verdict(result: ArmResult) -> PageVerdict:
+    """Verdict at the top of the page."""
+    known = result.arm
+    found = f"from {known.postures} postures, misfit {known.misfit:.2f} standard errors"
+    headline = f"Dips are predicted to {100.0 * known.dip_error:.1f} %, {found}"
+    return PageVerdict("good", "✔", headline, result.notes)
+
+
+def dips(result: ArmResult) -> ReportTable:
+    """Measured dips beside those of the fit, and of the bench file's bodies."""
+    rows: list[list[Cell]] = []
+    for row in result.measured:
+        posture = ", ".join(f"{angle:.0f}" for angle in row.joints_deg).replace("-", "−")
+        measured = " ± ".join(value_and_error(row.measured_hz, row.standard_error_hz))
+        off = 100.0 * (row.measured_hz / row.fitted_hz - 1.0)
+        by_bodies = None if row.bodies_hz is None else 100.0 * (row.measured_hz / row.bodies_hz - 1.0)
+        numbers = (number(row.fitted_hz, "{:.2f}"), number(off, "{:+.2f}"), number(by_bodies, "{:+.2f}"))
+        rows.append([f"axis {row.axis}", posture, measured, *numbers])
+    header = ("axis", "joints (°)", "measured (Hz)", "fitted (Hz)", "off the fit (%)", "off the bench file's bodies (%)")
+    caption = "The last column is empty where the bench file's links have no bodies; those swing on the gears that were fitted."
+    return ReportTable("dips", "Measured and fitted dips", "", header, rows, frozenset({0, 1}), caption)
+
+
+def gears(result: ArmResult) -> ReportTable:
+    """Stiffness of each gear."""
+    known = result.arm
+    rows: list[list[Cell]] = [
+        [f"axis {axis}", " ± ".join(value_and_error(1e-3 * stiffness, 1e-3 * error))]
+        for axis, stiffness, error in zip(known.axes, known.stiffness_nm_rad, known.standard_error_nm_rad, strict=True)
+    ]
+    return ReportTable("gears", "Gears", "", ("axis", "K_g (kN·m/rad)"), rows)

@@ -1,0 +1,148 @@
+"""The page of learning on a motion: one self-contained HTML file."""
+
+from pathlib import Path
+
+from hil.report import style
+from hil.report.figures import ate as figures_ate
+from hil.report.origin import origin_of
+from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
+from hil.report.style import Drawing
+from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
+from hil.results.files import load_result
+from hil.results.learning import MotionLearningResult, ProbedPart, ProbingRun
+
+RUN_WORDS = {"base": "without", "probe": "probing", "applied": "with what follows"}
+
+
+def write_motion_learning_report(directory: Path, *, is_interactive: bool = False) -> Path:
+    """Write `report.html` into a directory that `hil learn --motion` has filled, whether it has learnt or not.
+
+    Raises:
+        NotPossibleError: It shall be interactive, and Bokeh is not installed.
+        OSError: result.json cannot be read, or the page cannot be written.
+        ValueError: result.json is not that of learning on a motion.
+    """
+    result = load_result(directory, MotionLearningResult, "learning on a motion")
+    with style.styled():
+        chapters = sections(result)
+    head = PageHead(
+        result.bench.name,
+        result.bench.started_utc,
+        heading=f"Learning on the {result.motion.replace('-', ' ')}",
+        aftermath=result.aftermath,
+        origin=origin_of(result),
+        is_paper=result.bench.file.is_paper,
+    )
+    return render(
+        directory / "report.html",
+        head,
+        verdict(result),
+        chapters,
+        cards=cards(result),
+        provenance=provenance(result),
+        is_interactive=is_interactive,
+    )
+
+
+def sections(result: MotionLearningResult) -> list[Section]:
+    """All chapters for which there is data."""
+    drawn: list[Drawing | ReportTable | None] = [parts(result)]
+    drawn += [figures_ate.errors(each.axis, each.ate, is_paper=result.bench.file.is_paper) for each in result.learnt]
+    table: list[Drawing | ReportTable | None] = [runs(result)]
+    chapters = [("result", "Transmission error", drawn), ("runs", "Runs", table)]
+    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
+    return [section for section in filled if section.items]
+
+
+def parts(result: MotionLearningResult) -> ReportTable | None:
+    """Table of what the runs say of each order of each axis."""
+    if not result.parts:
+        return None
+    header = ("", "Order", "A (arcsec)", "±", "φ (°)", "±", "Seen (%)", "")
+    caption = (
+        "Standard errors count the noise by which equal runs differ, and the motion's own content, which is the same in every "
+        "run. Seen: how much of the order these runs show. What is not reached, not seen or not told from nothing is left at 0."
+    )
+    return ReportTable(
+        "parts", "Each order of each axis", "", header, [_part(each) for each in result.parts], frozenset({0, 7}), caption
+    )
+
+
+def _part(part: ProbedPart) -> list[Cell]:
+    return [
+        f"axis {part.axis}",
+        f"{part.order:g}",
+        number(part.a_arcsec, "{:.2f}"),
+        number(part.a_error_arcsec, "{:.2f}"),
+        number(part.phi_deg, "{:.1f}"),
+        number(part.phi_error_deg, "{:.1f}"),
+        number(100.0 * part.seen_fraction, "{:.0f}"),
+        part.outcome,
+    ]
+
+
+def runs(result: MotionLearningResult) -> ReportTable | None:
+    """Table of every run: what was cancelled in it, and what the tip did."""
+    if not result.runs:
+        return None
+    header = ("Run", "", "Tip's peak (mm)", "Root mean square (mm)", "Cycles", "Missed", "Recording")
+    probe = "some arcsec" if result.probe_arcsec is None else f"{result.probe_arcsec:.1f} arcsec"
+    caption = (
+        f"In a probing run every order of every axis is cancelled by {probe} at one of four phases, which the design changes "
+        "from run to run. The tip is that of its vector, in the band, while the motion is judged."
+    )
+    rows = [_run(each) for each in result.runs]
+    return ReportTable("probing", "Runs of the motion", "", header, rows, frozenset({1, 6}), caption)
+
+
+def _run(run: ProbingRun) -> list[Cell]:
+    return [
+        str(run.number),
+        RUN_WORDS[run.what] + ("" if run.pace == 1.0 else f", {run.pace:g} × the time") + (", kept" if run.is_kept else ""),
+        number(run.tip_peak_mm, "{:.4f}"),
+        number(run.tip_rms_mm, "{:.4f}"),
+        str(run.cycles),
+        str(run.missed_cycles),
+        run.recording if run.stopped is None else "stopped",
+    ]
+
+
+def verdict(result: MotionLearningResult) -> PageVerdict:
+    """Verdict at the top of the page."""
+    left = [f"{each.words}." for each in result.parts if each.outcome != "learnt"]
+    if result.stopped is not None:
+        return PageVerdict("bad", "■", "A run was stopped", (result.stopped,))
+    if result.not_learnt is not None:
+        return PageVerdict("bad", "✘", "Nothing is learnt", (result.not_learnt,))
+    names = " and ".join(str(each.axis) for each in result.learnt)
+    return PageVerdict(
+        "good",
+        "✔",
+        f"What cancels the transmission error of axis {names} is learnt",
+        (f"In the model file {result.model}.", *left),
+    )
+
+
+def cards(result: MotionLearningResult) -> list[Card]:
+    """The tip's peak without cancellation, and with what is kept."""
+    kept = next((run for run in result.runs if run.is_kept), None)
+    if kept is None or kept.tip_peak_mm is None or result.base_peak_mm is None:
+        return []
+    before, after = result.base_peak_mm, kept.tip_peak_mm
+    change = f"{100.0 * (after / before - 1.0):+.0f} % peak".replace("-", "−")
+    mark = Mark(after < before, f"after {len(result.runs)} runs")
+    return [Card(f"{result.motion}, worst direction", f"{before:.4f}", f"{after:.4f}", "mm", change, mark)]
+
+
+def provenance(result: MotionLearningResult) -> list[tuple[str, str]]:
+    """Bench, instant and versions of the runs."""
+    bench = result.bench
+    noise = [] if result.noise_mm is None else [("Equal runs differ by", f"{result.noise_mm:.4f} mm (root mean square)")]
+    return [
+        ("Bench", bench.name),
+        ("Bus", bench.bus),
+        ("Clock", bench.clock),
+        ("Model file", result.model),
+        *noise,
+        ("Versions", ", ".join(f"{name} {version}" for name, version in bench.versions.items())),
+    ]

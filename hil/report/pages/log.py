@@ -1,0 +1,82 @@
+"""The page of a log that was explained."""
+
+from pathlib import Path
+
+from hil.logs.explain import Explanation
+from hil.logs.findings.finding import Finding, Severity
+from hil.report import style
+from hil.report.figures.log import finding_picture
+from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable
+
+MOST_PICTURES = 40
+_MARKS = {Severity.FAULT: Mark(False, "fault"), Severity.WARNING: Mark(None, "warning"), Severity.NOTE: Mark(None, "note")}
+
+
+def write_explanation(path: Path, found: Explanation, made_utc: str) -> Path:
+    """Write the page.
+
+    Args:
+        path: The page.
+        found: What the log tells.
+        made_utc: Date of the page.
+
+    Raises:
+        OSError: The page cannot be written.
+    """
+    log = found.trace.log
+    with style.styled():
+        pictures = [finding_picture(each, number) for number, each in enumerate(found.findings[:MOST_PICTURES], start=1)]
+    drawn = tuple(each for each in pictures if each is not None)
+    sections = [Section("findings", "What was found", (_table(found.findings),))] if found.findings else []
+    if drawn:
+        sections.append(Section("pictures", "What it was seen by", drawn))
+    if found.unknown:
+        sections.append(Section("unknown", "What this log cannot tell", (_unknown(found),)))
+    sections.append(Section("nodes", "Nodes and process data", (_nodes(found),)))
+    head = PageHead(
+        log.path.name, made_utc, heading="A log explained", is_bench=False,
+        subtitle=f"{len(log)} frames in {log.duration_s:.3f} s, of {len(found.trace.nodes)} nodes",
+    )  # fmt: skip
+    return render(path, head, verdict(found), sections, provenance=[("Log", str(log.path))])
+
+
+def verdict(found: Explanation) -> PageVerdict:
+    """Verdict at the top of the page."""
+    faults = [each for each in found.findings if each.severity is Severity.FAULT]
+    if faults:
+        return PageVerdict("bad", "✘", faults[0].words, tuple(each.words for each in faults[1:4]))
+    if found.findings:
+        return PageVerdict("open", "▲", "No fault, and what may become one", tuple(each.words for each in found.findings[:3]))
+    missing = tuple(each.words for each in found.unknown[:3])
+    return PageVerdict("open" if missing else "good", "▲" if missing else "✔", "Nothing wrong is seen", missing)
+
+
+def _table(findings: tuple[Finding, ...]) -> ReportTable:
+    rows: list[list[Cell]] = []
+    for number, each in enumerate(findings, start=1):
+        stamps = ", ".join(f"{stamp:.3f}" for stamp in each.stamps_s) + (" …" if each.count > len(each.stamps_s) else "")
+        node = NONE if each.node is None else str(each.node)
+        rows.append([str(number), _MARKS[each.severity], node, each.kind, each.words, each.remedy, stamps])
+    header = ("", "", "node", "kind", "seen", "to do", "at [s]")
+    return ReportTable("found", "Findings", "", header, rows, frozenset({1, 3, 4, 5, 6}), "Worst first.", is_prose=True)
+
+
+def _unknown(found: Explanation) -> ReportTable:
+    rows: list[list[Cell]] = [[NONE if each.node is None else str(each.node), each.kind, each.words] for each in found.unknown]
+    return ReportTable("not-told", "Not told", "", ("node", "kind", "why"), rows, frozenset({1, 2}), is_prose=True)
+
+
+def _nodes(found: Explanation) -> ReportTable:
+    rows: list[list[Cell]] = []
+    for number, node in found.trace.nodes.items():
+        for pdo in node.pdos:
+            held = ", ".join(
+                f"{entry.address[0]:04X}h" + (f":{entry.address[1]:02X}h" if entry.address[1] else "") for entry in pdo.entries
+            )
+            kind = NONE if pdo.transmission_type is None else str(pdo.transmission_type)
+            rows.append(
+                [str(number), pdo.name, f"{pdo.can_id:03X}h", kind, held or "not known", str(found.trace.log.count(pdo.can_id))]
+            )
+    header = ("node", "PDO", "identifier", "transmission type", "objects", "frames")
+    return ReportTable("process-data", "Process data", "", header, rows, frozenset({1, 2, 4}))

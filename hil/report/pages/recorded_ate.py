@@ -1,0 +1,85 @@
+"""The page of a transmission error from recordings: one self-contained HTML file."""
+
+from pathlib import Path
+
+from hil.bench.model import values_in_words
+from hil.report import style
+from hil.report.figures import recorded_ate as figures
+from hil.report.figures.recorded_ate import RecordedMaterial
+from hil.report.pages.page import PageHead, PageVerdict, Section, render
+from hil.report.style import Drawing
+from hil.report.tables.paper_runs import ReportTable
+
+
+def write_recorded_ate_report(directory: Path, *, is_interactive: bool = False) -> Path:
+    """Write `report.html` into a directory that `hil identify ate --recording` has filled.
+
+    Raises:
+        NotPossibleError: It shall be interactive, and Bokeh is not installed.
+        OSError: result.json or a curve cannot be read, or the page cannot be written.
+        ValueError: result.json is not that of an identification from recordings.
+    """
+    material = RecordedMaterial(directory)
+    with style.styled():
+        chapters = sections(material)
+    result = material.result
+    head = PageHead(
+        f"{result.robot}, from recordings",
+        result.started_utc,
+        heading=f"Transmission error of axis {result.axis}",
+        subtitle=f"From {_count(len(result.files), 'recording')} by {result.form}",
+        is_bench=False,
+    )
+    return render(
+        directory / "report.html",
+        head,
+        verdict(material),
+        chapters,
+        provenance=provenance(material),
+        is_interactive=is_interactive,
+    )
+
+
+def sections(material: RecordedMaterial) -> list[Section]:
+    """All chapters for which there is data."""
+    chapters: tuple[tuple[str, str, tuple[Drawing | ReportTable | None, ...]], ...] = (
+        ("result", "Transmission error", (figures.spectrum(material), figures.orders(material))),
+        ("evidence", "Signal and fit", (figures.fit(material), figures.speed_map(material))),
+        ("change", "From part to part", (figures.change(material), figures.stretches(material))),
+    )
+    filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
+    return [section for section in filled if section.items]
+
+
+def verdict(material: RecordedMaterial) -> PageVerdict:
+    """Verdict at the top of the page."""
+    result = material.result
+    if result.ate is None or not result.is_identified:
+        return PageVerdict("bad", "✘", "No order stands above its noise", (result.not_identified or "", *result.notes))
+    numbers = ", ".join(values_in_words(result.ate))
+    if any(each.is_seen for each in result.changes):
+        return PageVerdict("open", "▲", "The transmission error is identified, and it changes", (numbers, *result.notes))
+    return PageVerdict("good", "✔", "The transmission error is identified", (numbers, *result.notes))
+
+
+def provenance(material: RecordedMaterial) -> list[tuple[str, str]]:
+    """Recordings and versions."""
+    result = material.result
+    lines = [("Robot", result.robot), ("Reduction ratio", f"{result.reduction_ratio:g}")]
+    lines += [
+        (
+            "Recording",
+            f"`{each.path}`: {each.rows} rows, {each.duration_s:.1f} s, every {1e3 * each.period_s:.2f} ms, steps of the stamps "
+            f"within {1e3 * each.jitter_s:.2f} ms{'' if each.clock is None else f'; time: {each.clock}'}; "
+            f"{'; '.join(f'`{words}`' for words in each.columns)}",
+        )
+        for each in result.files
+    ]
+    if result.plant is not None:
+        lines.append(("Plant", result.plant))
+    lines.append(("Versions", ", ".join(f"{name} {version}" for name, version in result.versions.items())))
+    return lines
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

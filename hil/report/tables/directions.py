@@ -1,0 +1,77 @@
+"""Table of the tip as a vector: every run along x, y, z and the worst direction, on a bench with an arm."""
+
+from collections.abc import Sequence
+
+from markupsafe import Markup
+
+from hil.analysis import DIRECTIONS, Direction, DirectionMetrics
+from hil.experiments.treatment import TITLES
+from hil.report.material import Material, run_name
+from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
+from hil.results.runs import RunEntry
+
+ALONG: tuple[Direction, ...] = ("x", "y", "z")
+
+
+def peaks_mm(entries: Sequence[RunEntry], treatment: str) -> dict[Direction, float]:
+    """Peak of the tip by direction in a judged run with a treatment; empty where it was not made, or refused.
+
+    Args:
+        entries: Runs of one motion.
+        treatment: Name of the treatment.
+    """
+    for run in entries:
+        if run.treatment == treatment and run.invalid is None and run.directions is not None:
+            return {name: each.tip_peak_mm for name, each in run.directions.items() if each.tip_peak_mm is not None}
+    return {}
+
+
+def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportTable | None:
+    """The tip's peaks along x, y, z and the worst direction, a column for each treatment; None where no run has a vector."""
+    runs, limit_mm = material.result.runs, material.bench.specification.tip_mm
+    names = [name for name in dict.fromkeys(run.treatment for run in runs) if peaks_mm(runs, name)]
+    if not names:
+        return None
+    peaks = {name: peaks_mm(runs, name) for name in names}
+    rows: list[list[Cell]] = []
+    for direction in DIRECTIONS:
+        own = [peaks[name].get(direction) for name in names]
+        cells = [Mark(None) if peak is None else Mark(peak <= limit_mm, f"{peak:.4f}") for peak in own]
+        rows.append(["worst" if direction == "worst" else f"along {direction}", *cells])
+    header = ("Tip peak (mm)", *(TITLES.get(name, name) for name in names))
+    title = "The tip along x, y and z, side by side"
+    return ReportTable(key, title, "", header, rows, frozenset(range(len(header))), caption)
+
+
+def directions(material: Material, key: str = "directions") -> ReportTable | None:
+    """Peaks, root mean squares and areas of every window that has them; None where none has."""
+    entries = [(run, run.directions) for run in material.result.runs if run.directions is not None]
+    if not entries:
+        return None
+    rows: list[list[Cell]] = []
+    for run, found in entries:
+        rows += [[run_name(run) if name == "x" else "", *_cells(name, found[name])] for name in DIRECTIONS]
+    header = ("Run", "Direction", "Tip peak (mm)", "Tip rms (mm)", "Spectrum peak (m/s²)", "at (Hz)", "Spectrum area (m/s²·Hz)")
+    return ReportTable(
+        key,
+        "The tip along x, y and z",
+        "",
+        header,
+        rows,
+        frozenset({0, 1}),
+        "Displacement of the tip in the base frame, its acceleration in the band of the vibration integrated twice. The worst "
+        "direction is that of the largest displacement, and its area and root mean square are those of all directions together; "
+        "by it a run is judged. Areas: from 0.2 f_al to 50 Hz.",
+    )
+
+
+def _cells(name: str, metrics: DirectionMetrics) -> list[Cell]:
+    unit = "" if metrics.unit is None else " ({:.2f}, {:.2f}, {:.2f})".format(*metrics.unit).replace("-", "−")
+    return [
+        f"worst{unit}" if name == "worst" else name,
+        number(metrics.tip_peak_mm, "{:.4f}"),
+        number(metrics.tip_rms_mm, "{:.4f}"),
+        number(metrics.spectrum_peak_m_s2, "{:.4f}"),
+        number(metrics.spectrum_peak_hz, "{:.2f}"),
+        number(metrics.spectrum_area, "{:.3f}"),
+    ]

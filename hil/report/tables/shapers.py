@@ -1,0 +1,59 @@
+"""Table of input shapers: what each is fitted to, what it leaves by its formula and on the robot, and what it costs."""
+
+import math
+from collections.abc import Sequence
+
+from hil.experiments.treatment import TITLES
+from hil.report.tables.paper_runs import NONE, Cell, ReportTable, number
+from hil.results.runs import RunEntry, ShapedMode
+
+
+def shapers(runs: Sequence[RunEntry], key: str = "shapers", title: str = "What the shapers leave and cost") -> ReportTable | None:
+    """Table of the runs with a shaper, each beside the run of the same motion without; None where none has one.
+
+    Args:
+        runs: Entries of runs on one robot.
+        key: Anchor of the table.
+        title: Title of the table.
+    """
+    plain = {(run.experiment, run.axis, run.loop): run.tip_peak_mm for run in runs if run.treatment == "none"}
+    rows: list[list[Cell]] = []
+    for run in runs:
+        made = run.shaper
+        if made is None:
+            continue
+        where = run.experiment.replace("-", " ") if run.axis is None else f"axis {run.axis}, {run.experiment.replace('-', ' ')}"
+        error = NONE if made.path_error_mm is None else f"{made.path_error_mm:.3f}"
+        parts = (made.remaining_low_fraction, made.remaining_fraction, made.remaining_high_fraction)
+        rows.append([
+            TITLES[run.treatment], where, "; ".join(map(mode_words, made.modes)), f"{1e3 * made.duration_s:.0f}",
+            f"{1e3 * made.delay_s:.0f}", *(f"{100.0 * part:.1f}" for part in parts), error, number(run.tip_peak_mm, "{:.4f}"),
+            change_db(plain.get((run.experiment, run.axis, run.loop)), run.tip_peak_mm),
+        ])  # fmt: skip
+    if not rows:
+        return None
+    header = (
+        "shaper", "motion", "fitted to", "longer by (ms)", "late by (ms)", "left at −10 % (%)", "as fitted (%)", "at +10 % (%)",
+        "path error (mm)", "tip (mm)", "against nothing",
+    )  # fmt: skip
+    caption = (
+        "Fitted to the modes that ring while the loop holds the motor: frequency and damping ratio of the closed loop's poles. "
+        "Left: remaining vibration by the formula, at frequencies 10 % lower and higher than believed too. A shaped motion of "
+        "one axis keeps its path and is late; a line's tip leaves its straight line by the path error."
+    )
+    left = [mode_words(mode) for run in runs if run.shaper is not None for mode in run.shaper.left]
+    if left:
+        caption += f" Left alone, since two modes are shaped for at most: {'; '.join(dict.fromkeys(left))}."
+    return ReportTable(key, title, "", header, rows, frozenset({0, 1, 2}), caption)
+
+
+def mode_words(mode: ShapedMode) -> str:
+    """A mode in words: `11.63 Hz, ζ 0.129`."""
+    return f"{mode.frequency_hz:.2f} Hz, ζ {mode.damping:.3f}"
+
+
+def change_db(before: float | None, after: float | None) -> str:
+    """A change in dB with its sign."""
+    if not before or not after:
+        return NONE
+    return f"{20.0 * math.log10(after / before):+.1f} dB".replace("-", "−")

@@ -1,0 +1,69 @@
+"""Result of `hil identify arm`: masses of an arm from several postures, and the dips that they predict."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from hil.bench.model import IdentifiedArm
+from hil.results.base import Result, ResultPart
+
+
+class MeasuredDip(ResultPart):
+    """A dip that an axis has felt in a posture, and what the fit has for it.
+
+    Attributes:
+        axis: Axis number.
+        joints_deg: The posture, from the base on.
+        measured_hz: The dip.
+        standard_error_hz: Its standard error.
+        fitted_hz: The nearest dip of the fit.
+        bodies_hz: The nearest dip of the bench file's bodies on the same gears; None where it has none.
+        way_fraction: Fraction of the line's way to which the posture is near; None where it is near to none.
+    """
+
+    axis: int
+    joints_deg: tuple[float, ...]
+    measured_hz: float
+    standard_error_hz: float
+    fitted_hz: float
+    bodies_hz: float | None = None
+    way_fraction: float | None = None
+
+
+class LineDips(ResultPart):
+    """Dips that are predicted at a place of the line motion.
+
+    Attributes:
+        way_fraction: Fraction of the way.
+        dips_hz: The dips, from the lowest.
+        standard_error_hz: Their standard errors.
+        bodies_hz: The same by the bench file's bodies on the same gears; empty where it has none.
+    """
+
+    way_fraction: float
+    dips_hz: tuple[float, ...]
+    standard_error_hz: tuple[float, ...]
+    bodies_hz: tuple[float, ...] = ()
+
+
+class ArmResult(Result):
+    """Masses of an arm from several postures.
+
+    Attributes:
+        bench: Name of the bench.
+        started_utc: Instant of the evaluation, ISO 8601.
+        arm: Entry of the model file.
+        measured: Every dip that was felt.
+        line: Dips along the line motion; empty where they are not known.
+        next_posture_deg: Joint angles, by axis, of the posture that would tell most beside those measured.
+        notes: Sentences for the engineer.
+    """
+
+    kind: Literal["identify-arm"] = "identify-arm"
+    bench: str
+    started_utc: str
+    arm: IdentifiedArm
+    measured: tuple[MeasuredDip, ...]
+    line: tuple[LineDips, ...] = ()
+    next_posture_deg: dict[int, float] = Field(default_factory=dict)
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,56 @@
+"""Result of `hil check`: what was seen of each axis before its first motion."""
+
+from typing import Final, Literal
+
+from pydantic import Field
+
+from hil.results.base import MeasuredResult, ResultPart
+
+CHECK_FILE: Final = "check.json"
+
+Verdict = Literal["PASS", "FAIL", "NOT TOLD"]
+"""`NOT TOLD`: nothing was seen from which it could be told."""
+
+
+class CheckEntry(ResultPart):
+    """One check of one axis.
+
+    Attributes:
+        axis: Number of the axis.
+        name: Name of the check.
+        verdict: Its outcome.
+        seen: What was seen, in words; of a check that was not made, why.
+        is_made: False for a check that could not be made, because another failed, or the axis could not be moved.
+        recording: Recording from which it was told, relative to the file; None without one.
+    """
+
+    axis: int
+    name: str
+    verdict: Verdict
+    seen: str
+    is_made: bool = True
+    recording: str | None = None
+
+
+class CheckResult(MeasuredResult):
+    """Content of `check.json`.
+
+    Attributes:
+        kind: `check`.
+        axes: Numbers of the axes that were to be checked.
+        checks: All checks, in the order in which they were made.
+    """
+
+    kind: Literal["check"] = "check"
+    axes: tuple[int, ...]
+    checks: tuple[CheckEntry, ...] = Field(default=())
+
+    @property
+    def failed(self) -> tuple[CheckEntry, ...]:
+        """The checks that failed."""
+        return tuple(check for check in self.checks if check.verdict == "FAIL")
+
+    @property
+    def not_made(self) -> tuple[CheckEntry, ...]:
+        """The checks that could not be made."""
+        return tuple(check for check in self.checks if not check.is_made)

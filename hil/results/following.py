@@ -1,0 +1,95 @@
+"""What a cancellation that follows has made of each order, as a part of `result.json`."""
+
+from hil.results.base import ResultPart
+
+
+class FollowedOrder(ResultPart):
+    """An order of an axis over a motion.
+
+    Attributes:
+        axis: Axis number.
+        order: Order k.
+        amplitude_start_arcsec: A_k at the start, as identified.
+        amplitude_end_arcsec: A_k at the end.
+        phase_start_deg: φ_k at the start, as identified.
+        phase_end_deg: φ_k at the end.
+        turned_deg: How far φ_k was turned at the end.
+        was_taken_back: True where it wanted to leave its bounds, and was taken back to what was identified.
+        time_s: Instants of the track; shape (n,).
+        amplitude_arcsec: A_k then.
+        phase_deg: φ_k then, not wrapped.
+    """
+
+    axis: int
+    order: float
+    amplitude_start_arcsec: float
+    amplitude_end_arcsec: float
+    phase_start_deg: float
+    phase_end_deg: float
+    turned_deg: float
+    was_taken_back: bool
+    time_s: tuple[float, ...]
+    amplitude_arcsec: tuple[float, ...]
+    phase_deg: tuple[float, ...]
+
+    @property
+    def words(self) -> str:
+        """Start and end as a line."""
+        back = "; it wanted to leave its bounds and was taken back" if self.was_taken_back else ""
+        return (
+            f"axis {self.axis}, order {self.order:g}: A {self.amplitude_start_arcsec:.2f} to {self.amplitude_end_arcsec:.2f} "
+            f"arcsec, φ {self.phase_start_deg:.1f} to {self.phase_end_deg:.1f}° (turned by {self.turned_deg:+.1f}°){back}"
+        )
+
+
+class FollowingPeak(ResultPart):
+    """The tip's peak in one window with the cancellation alone, and with one that follows.
+
+    Attributes:
+        order: Order of the window; None for the whole motion.
+        alone_mm: Peak with the cancellation alone.
+        following_mm: Peak where it follows.
+        error_mm: Standard error of their difference.
+    """
+
+    order: float | None
+    alone_mm: float
+    following_mm: float
+    error_mm: float
+
+
+class FollowingBegin(ResultPart):
+    """An order that is followed only where much is left of it: less was there in the trial, and was not the gear's.
+
+    Attributes:
+        axis: Axis number.
+        order: Order k.
+        part: Part of it that has to be left.
+    """
+
+    axis: int
+    order: float
+    part: float
+
+    @property
+    def words(self) -> str:
+        """The same as a clause."""
+        return f"axis {self.axis}, order {self.order:g} is followed where more than {100.0 * self.part:.0f} % of it is left"
+
+
+class FollowingEntry(ResultPart):
+    """A cancellation that follows, in a run and in the trial before it.
+
+    Attributes:
+        is_used: True where it was used; else the cancellation alone was.
+        peaks: The tip's peaks in its trial.
+        words: Why it was not used; empty where it was.
+        orders: What it made of each order; empty where it was not used.
+        begins: Orders that are followed from more on than the others.
+    """
+
+    is_used: bool
+    peaks: tuple[FollowingPeak, ...]
+    words: str = ""
+    orders: tuple[FollowedOrder, ...] = ()
+    begins: tuple[FollowingBegin, ...] = ()

@@ -1,0 +1,172 @@
+"""Result of hil identify ate --recording: a transmission error from recordings that others have made."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from hil.bench.model import IdentifiedError
+from hil.results.base import Result, ResultPart
+
+Form = Literal["two encoders", "tip acceleration", "motor torque"]
+"""Signals from which an error was identified, beside the motor angle."""
+SIGNAL_UNIT: dict[Form, str] = {"two encoders": "arcsec", "tip acceleration": "m/s²", "motor torque": "N·m"}
+"""Unit of map.csv and fit.csv."""
+
+
+class RecordedFile(ResultPart):
+    """A recording as it was read.
+
+    Attributes:
+        path: The file.
+        columns: Columns in words, with their units.
+        rows: Number of rows.
+        duration_s: Duration.
+        period_s: Mean sampling period.
+        jitter_s: Range of the steps between time stamps, from the 1st to the 99th percentile.
+        clock: Time that was taken: the stamps, even sampling, or that which the motor's angle shows; None where none was needed.
+    """
+
+    path: str
+    columns: tuple[str, ...]
+    rows: int
+    duration_s: float
+    period_s: float
+    jitter_s: float
+    clock: str | None = None
+
+
+class OrderEntry(ResultPart):
+    """One order in one stretch; errors are standard errors."""
+
+    order: float
+    a_arcsec: float
+    phi_deg: float
+    a_error_arcsec: float
+    phi_error_deg: float
+
+
+class RecordedStretch(ResultPart):
+    """A stretch of a recording, or a part of one.
+
+    Attributes:
+        file: Number of its file, from 0.
+        direction: +1 forwards, −1 backwards.
+        turns: Revolutions of the motor.
+        speed_rps: Median of its speed.
+        from_s: Its beginning, from the first row.
+        to_s: Its end.
+        degree: Degree of the slow part that was chosen.
+        values: Its orders.
+    """
+
+    file: int
+    direction: int
+    turns: float
+    speed_rps: float
+    from_s: float
+    to_s: float
+    degree: int
+    values: tuple[OrderEntry, ...]
+
+
+class OrderChange(ResultPart):
+    """An order against itself in several stretches or parts.
+
+    Attributes:
+        order: Order.
+        probability: Probability of the differences, were they noise alone.
+        widened: Factor by which they widen its standard errors.
+        phi_span_deg: Largest difference of two of its phases.
+        is_seen: True where noise does not explain them.
+    """
+
+    order: float
+    probability: float
+    widened: float
+    phi_span_deg: float
+    is_seen: bool
+
+
+class ScanPeak(ResultPart):
+    """An order that stands above the false-alarm level of the scan; amplitudes in arcsec of the joint."""
+
+    order: float
+    amplitude: float
+    level: float
+
+
+class FixedLine(ResultPart):
+    """A line that keeps its frequency while the speed changes: of the sampling or another machine, not of the gear.
+
+    Attributes:
+        hz: Its frequency.
+        order: Order at which it stands at most of the speeds.
+        amplitude: Amplitude, in the unit of the signal.
+    """
+
+    hz: float
+    order: float
+    amplitude: float
+
+
+class ScanEntry(ResultPart):
+    """Blind scan of the orders; the curve is in scan.csv, that over the speed in map.csv.
+
+    Attributes:
+        unit: Unit of the amplitudes: of the joint, through the arm where a sensor sits behind one.
+        false_alarm: Probability with which noise alone reaches the level anywhere in the scan.
+        highest: Highest order, above the level or not.
+        peaks: Orders above the level, the highest first.
+        lines: Lines at a fixed frequency that were taken out before.
+    """
+
+    unit: str
+    false_alarm: float
+    highest: ScanPeak
+    peaks: tuple[ScanPeak, ...] = ()
+    lines: tuple[FixedLine, ...] = ()
+
+
+class RecordedAteResult(Result):
+    """Result of an identification of the transmission error from recordings.
+
+    Attributes:
+        robot: Name of the robot.
+        axis: Axis number.
+        started_utc: Instant of the command, ISO 8601.
+        versions: Versions by package.
+        form: Signals that were used beside the motor angle.
+        reduction_ratio: Reduction ratio N.
+        ratio_found: N as two encoders show it; None without them.
+        orders: Orders that were asked for.
+        files: The recordings.
+        stretches: Their stretches.
+        parts: Parts of the stretches, in which a change is looked for.
+        changes: Each order against itself in these parts.
+        scan: Blind scan; None where nothing could be scanned.
+        ate: Entry of the model file; None where nothing was identified.
+        is_identified: True where an order stands above its noise.
+        notes: Sentences for the engineer.
+        not_identified: Reason why nothing was identified.
+        plant: Plant that made an angle of the signal, in words; None for two encoders.
+    """
+
+    kind: Literal["identify-ate-recording"] = "identify-ate-recording"
+    robot: str
+    axis: int
+    started_utc: str
+    versions: dict[str, str]
+    form: Form
+    reduction_ratio: float
+    ratio_found: float | None = None
+    orders: tuple[float, ...]
+    files: tuple[RecordedFile, ...]
+    stretches: tuple[RecordedStretch, ...] = ()
+    parts: tuple[RecordedStretch, ...] = ()
+    changes: tuple[OrderChange, ...] = ()
+    scan: ScanEntry | None = None
+    ate: IdentifiedError | None = None
+    is_identified: bool = False
+    notes: tuple[str, ...] = Field(default=())
+    not_identified: str | None = None
+    plant: str | None = None

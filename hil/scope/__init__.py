@@ -1,0 +1,12 @@
+"""The live page: signals of a bus that is listened to, their last seconds, triggers and spectra, and the server that shows them.
+
+Pure but for `sources`, `server`, `asking` and `process`; time is an argument everywhere.
+
+>>> import numpy as np
+>>> from hil.can.listening import HEARD
+>>> from hil.scope.decoder import SignalDecoder
+>>> frames = np.array([(1_000_000 * k, 0x80, 0, 0) for k in range(6)], HEARD)
+>>> rows = SignalDecoder(bench=None, descriptions={}, bitrate=1_000_000).feed(frames)
+>>> [signal.name for signal in rows.signals], rows.time_s.tolist()
+(['bus load', 'misses', 'SYNC distance'], [0.0, 0.001, 0.002, 0.003, 0.004])
+"""

@@ -1,0 +1,83 @@
+"""The last seconds of all signals, so that a viewer who comes late sees what was."""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+KEPT_S = 10.0
+"""Time that is kept."""
+MOST_ROWS_KEPT = 200_000
+"""Rows that are kept at most: 10 s at 20 kHz."""
+
+
+class Past:
+    """Rows of the last seconds; a row has a time and a value of each signal, NaN where none came.
+
+    Attributes:
+        first: Number of the first row that is kept, counted from the beginning of time.
+        end: Number of the row that will come next.
+    """
+
+    def __init__(self, kept_s: float = KEPT_S) -> None:
+        """Begin with nothing.
+
+        Args:
+            kept_s: Time that is kept, s.
+        """
+        self._kept_s = kept_s
+        self._blocks: deque[tuple[Real, Real]] = deque()
+        self.first = self.end = 0
+
+    def add(self, time_s: Real, values: Real) -> None:
+        """Add rows. Where time runs backwards, or signals have been added, the older rows have NaN, or are forgotten.
+
+        Args:
+            time_s: Their times, rising; shape (n,).
+            values: Their values; shape (n, m), m never less than before.
+        """
+        if not len(time_s):
+            return
+        if self._blocks and time_s[0] <= self._blocks[-1][0][-1]:
+            self._blocks.clear()
+            self.first = self.end
+        width = values.shape[1]
+        if self._blocks and self._blocks[-1][1].shape[1] < width:
+            self._blocks = deque((times, widened(block, width)) for times, block in self._blocks)
+        self._blocks.append((time_s, values))
+        self.end += len(time_s)
+        while self._blocks[0][0][-1] < time_s[-1] - self._kept_s or self.end - self.first > MOST_ROWS_KEPT:
+            self.first += len(self._blocks.popleft()[0])
+
+    def since(self, row: int) -> tuple[int, Real, Real]:
+        """Rows from a number on.
+
+        Args:
+            row: Number of the first row that is wanted; rows that are not kept any more are left out.
+
+        Returns:
+            Number of the first row, times and values; shapes (n,), (n, m).
+        """
+        begin = max(row, self.first)
+        number, times, values = self.end, [], []
+        for time_s, block in reversed(self._blocks):
+            number -= len(time_s)
+            skipped = max(0, begin - number)
+            if skipped >= len(time_s):
+                break
+            times.append(time_s[skipped:])
+            values.append(block[skipped:])
+            if skipped:
+                break
+        if not times:
+            return self.end, np.empty(0), np.empty((0, self._blocks[-1][1].shape[1] if self._blocks else 0))
+        return begin, np.concatenate(times[::-1]), np.concatenate(values[::-1])
+
+
+def widened(block: Real, width: int) -> Real:
+    """Rows with NaN for the signals that have been added; shape (n, width)."""
+    wide = np.full((len(block), width), np.nan)
+    wide[:, : block.shape[1]] = block
+    return wide

@@ -1,0 +1,76 @@
+"""The scope as a process beside a run, which listens to the same bus by itself: the run's own cycle knows nothing of it."""
+
+import select
+import subprocess
+import sys
+import tempfile
+from types import TracebackType
+from typing import Self
+
+from hil.errors import NotPossibleError
+
+SCOPE_START_S = 60.0
+SCOPE_END_S = 10.0
+
+
+class ScopeProcess:
+    """A process of `hil scope` on the bus of a run; it ends when our end of its standard input closes.
+
+    Attributes:
+        url: Address of its page.
+    """
+
+    def __init__(self, address: str, bench_file: str, port: int) -> None:
+        """Name the bus, the bench file and the port; 0 for a free one."""
+        self.url = ""
+        self._command = [
+            sys.executable, "-m", "hil", "scope", "--bus", address, "--bench", bench_file, "--port", str(port),
+            "--until-stdin-closes",
+        ]  # fmt: skip
+        self._process: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> Self:
+        """Start the process and wait until it listens.
+
+        Raises:
+            NotPossibleError: It has ended, or does not listen in time; its output is in the message.
+        """
+        with tempfile.TemporaryFile("w+") as errors:
+            process = subprocess.Popen(  # noqa: S603 - our own interpreter and module, no shell
+                self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True, start_new_session=True
+            )
+            self._process = process
+            stdout = process.stdout
+            is_ready = stdout is not None and bool(select.select([stdout], [], [], SCOPE_START_S)[0])
+            self.url = stdout.readline().strip() if stdout is not None and is_ready else ""
+            if not self.url:
+                self.__exit__(None, None, None)
+                errors.seek(0)
+                said = errors.read().strip() or f"it does not listen within {SCOPE_START_S:g} s"
+                raise NotPossibleError(f"nothing can be shown live, and nothing has moved: {said}")
+        return self
+
+    @property
+    def pid(self) -> int:
+        """Number of the process.
+
+        Raises:
+            ValueError: It does not run.
+        """
+        if self._process is None:
+            raise ValueError("the scope does not run")
+        return self._process.pid
+
+    def __exit__(self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None) -> None:
+        """End the process."""
+        if self._process is None:
+            return
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+        try:
+            self._process.wait(SCOPE_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._process = None

@@ -1,0 +1,88 @@
+"""Spectra of what a window shows: amplitude by frequency, and by order of a motor's angle."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.design.order_map import order_map
+
+Real = NDArray[np.float64]
+
+LEAST_WINDOW, MOST_WINDOW = 16, 400_000
+MISSING_FRACTION_BORNE = 0.05
+"""Fraction of the samples that may be missing; they are filled by straight lines."""
+SHOWN_ORDERS = np.arange(0.1, 20.05, 0.1)
+"""Orders that are shown."""
+
+
+class SpectrumError(ValueError):
+    """A window from which no spectrum can be made; the message says why."""
+
+
+def amplitude_spectrum(time_s: Real, values: Real) -> tuple[Real, Real]:
+    """Amplitude by frequency, of a signal whose mean is taken away, in a Hann window w.
+
+        A(f) = 2 |Σ w_n x_n e^{−2πj f n T}| / Σ w_n,
+
+    which is the amplitude of a sine whose frequency lies on a line.
+
+    Args:
+        time_s: Times, rising; shape (n,).
+        values: The signal, NaN where a sample is missing; shape (n,).
+
+    Returns:
+        Frequencies in Hz and amplitudes in the signal's unit; shape (n // 2 + 1,).
+
+    Raises:
+        SpectrumError: There are too few samples, or too many are missing.
+    """
+    period_s, (signal,) = _even(time_s, values)
+    window = np.hanning(len(signal) + 1)[:-1]
+    spectrum = np.fft.rfft(window * (signal - np.mean(signal)))
+    frequency = np.arange(len(spectrum), dtype=np.float64) / (len(signal) * period_s)
+    return frequency, 2.0 * np.abs(spectrum) / np.sum(window)
+
+
+def order_spectrum(time_s: Real, values: Real, angle_rev: Real) -> tuple[Real, Real]:
+    """Amplitude at k θ_m by order k: the mean over windows of two turns of the motor (`hil.design.order_map`).
+
+    Args:
+        time_s: Times, rising; shape (n,).
+        values: The signal; shape (n,).
+        angle_rev: Angle of the motor in revolutions; shape (n,).
+
+    Returns:
+        Orders that the samples show, and amplitudes in the signal's unit.
+
+    Raises:
+        SpectrumError: There are too few samples, too many are missing, or the motor does not turn far enough.
+    """
+    period_s, (signal, turns) = _even(time_s, values, angle_rev)
+    try:
+        found = order_map(2.0 * np.pi * turns, signal, period_s, SHOWN_ORDERS)
+    except ValueError as error:
+        raise SpectrumError(str(error)) from error
+    shown = np.any(~np.isnan(found.amplitude), axis=0)
+    if not shown.any():
+        raise SpectrumError("the motor turns too fast for these samples: no order has four of them in a cycle")
+    return found.orders[shown], np.nanmean(found.amplitude[:, shown], axis=0)
+
+
+def _even(time_s: Real, *signals: Real) -> tuple[float, list[Real]]:
+    """Period, and signals at even times with what is missing filled."""
+    if not LEAST_WINDOW <= len(time_s) <= MOST_WINDOW or any(len(each) != len(time_s) for each in signals):
+        raise SpectrumError(f"{len(time_s)} samples: {LEAST_WINDOW} to {MOST_WINDOW} can be looked at")
+    steps = np.diff(time_s)
+    if not np.all(np.isfinite(time_s)) or np.any(steps <= 0.0):
+        raise SpectrumError("the times do not rise")
+    period_s = float(np.median(steps))
+    count = round((time_s[-1] - time_s[0]) / period_s) + 1
+    if count > MOST_WINDOW:
+        raise SpectrumError("the times have gaps that are longer than the window")
+    even = time_s[0] + period_s * np.arange(count)
+    filled = []
+    for signal in signals:
+        there = np.isfinite(signal)
+        if np.count_nonzero(there) < (1.0 - MISSING_FRACTION_BORNE) * count:
+            raise SpectrumError(f"{count - np.count_nonzero(there)} of {count} samples are missing")
+        filled.append(np.interp(even, time_s[there], signal[there]))
+    return period_s, filled

@@ -1,0 +1,75 @@
+"""plant-emulator following: what cancellations that follow make of robots that are drawn, beside the feed-forward alone."""
+
+# ruff: noqa: PLC0415 - numpy, scipy and the compiler are imported inside the command, so that --help stays quick
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drive_profiles.cli.console import epilog, fail, print_json, progress, table
+from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error
+
+if TYPE_CHECKING:
+    from plant_emulator.rehearsal.following.study import Outcome
+
+FOLLOWING_EPILOG = epilog(
+    (EmulatorExitStatus.DONE, EmulatorExitStatus.USAGE, EmulatorExitStatus.FILE, EmulatorExitStatus.INTERRUPTED),
+    {EmulatorExitStatus.DONE: "done, whatever they make of the robots", EmulatorExitStatus.FILE: "a path that cannot be written"},
+)
+MOST_ROBOTS = 10_000
+
+
+def mount(app: typer.Typer) -> None:
+    """Make it `plant-emulator following`."""
+    app.command("following", epilog=FOLLOWING_EPILOG)(following)
+
+
+def following(
+    first: Annotated[int, typer.Option("--seed", min=0, help="Seed of the first robot.")] = 1,
+    robots: Annotated[
+        int, typer.Option("--robots", min=1, max=MOST_ROBOTS, help="Robots, one for each seed from there on.")
+    ] = 10,
+    law: Annotated[list[str] | None, typer.Option("--law", help="observer, filtered-x LMS or repetition; left out: all.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="CSV file for every law on every motion of every robot.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run cancellations that follow on drawn robots, and compare them with the feed-forward alone.
+
+    Example: plant-emulator following --seed 1 --robots 100 --law observer --out following.csv
+    """
+    with exit_on_error():
+        from plant_emulator.rehearsal.following.study import LAWS, outcomes, summary
+
+        laws = tuple(law or LAWS)
+        unknown = [name for name in laws if name not in LAWS]
+        if unknown:
+            raise fail(f"no law {unknown[0]!r}; there are {', '.join(LAWS)}", EmulatorExitStatus.USAGE)
+        found: list[Outcome] = []
+        with progress("robots", robots) as step:
+            for seed in range(first, first + robots):
+                found += outcomes([seed], laws)
+                step(1)
+        if out is not None:
+            _write(out, found)
+        rows = list(summary(found))
+        if as_json:
+            print_json([row._asdict() for row in rows])
+            return
+        table("", tuple(name.replace("_", " ") for name in rows[0]._fields), [tuple(_cells(row)) for row in rows])
+
+
+def _cells(row: tuple[object, ...]) -> Iterator[str]:
+    for cell in row:
+        yield f"{cell:.4f}" if isinstance(cell, float) else "–" if cell is None else str(cell)
+
+
+def _write(path: Path, found: "list[Outcome]") -> None:
+    from dataclasses import astuple, fields
+
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([field.name for field in fields(found[0])])
+        writer.writerows(astuple(each) for each in found)

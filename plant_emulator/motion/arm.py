@@ -1,0 +1,103 @@
+"""The arm of a robot as `Axes` moves it: the arrays of `advance_coupled`, and its tip."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.arm.mounting import Mounting
+from hil.arm.tables import ArmTable
+from plant_emulator.motion.coupled import advance_coupled
+from plant_emulator.physics.articulated import holding_torques, link_rows
+from plant_emulator.physics.axis import synchronous_error
+from plant_emulator.physics.flexible import JOINT, NEAR, STATES, joint_row
+from plant_emulator.physics.mounted import sensor_rows
+from plant_emulator.physics.tool import ACCELERATION, POSITION, SPECIFIC_FORCE, VELOCITY, tool_rows
+
+Real = NDArray[np.float64]
+
+MOST_ROUNDS = 200
+"""Rounds in which the arm sinks into its gears; each takes away what the gears are softer than gravity, some hundredth."""
+STILL_RAD = 1e-15
+
+
+class CoupledArm:
+    """Axes whose arms are the links of one arm.
+
+    Attributes:
+        rows: `AXIS` array of the robot, by axis number.
+        joints: `JOINT` array, from the base on.
+        links: `LINK` array, the base first.
+        moved: Position, velocity, acceleration of the tip and specific force as `tool_motion` writes them.
+    """
+
+    def __init__(self, arm: ArmTable, numbers: tuple[int, ...], rows: NDArray[np.void], mounting: Mounting | None = None) -> None:
+        """Lay out the arrays for the axes of `rows`; the arm hangs at rest at home, all brakes closed."""
+        count = len(arm.link)
+        self.rows, self.order = rows, [numbers.index(number) for number in arm.axes]
+        self.links = link_rows(arm, numbers)
+        self.joints = np.array([joint_row(rows["plant"][row]) for row in self.order], JOINT)
+        self._near, self._drive = np.full((count, NEAR), np.inf), np.zeros((2, count))
+        self._turning, self._stages = np.zeros((4, count)), np.zeros((4, count, STATES))
+        self._tool, self.moved = tool_rows(arm), np.zeros((4, 3))
+        self._sensor, self._room, self._felt = sensor_rows(arm, mounting), np.zeros((4, 3)), np.zeros((1, 3))
+        self.settle()
+
+    def settle(self) -> None:
+        """Put the arm at rest under gravity: the gears carry the links, which hang below θ_m/N + θ_sync."""
+        plants, states = [self.rows["plant"][row] for row in self.order], [self.rows["plant_state"][row] for row in self.order]
+        angles = [float(state["motor_angle_rad"]) for state in states]
+        rigid = np.array(
+            [
+                angle / plant["reduction_ratio"] + synchronous_error(plant, angle)[0]
+                for plant, angle in zip(plants, angles, strict=True)
+            ]
+        )
+        stiffness = np.array([plant["gear_stiffness_nm_rad"] for plant in plants])
+        soft = np.array([plant["wind_up_softness"] for plant in plants])
+        reach = np.array([plant["wind_up_torsion_rad"] for plant in plants])
+        wound = np.array([state["hysteresis_nm"] for state in states])
+        home, arm = self.links["home_rad"][1:], rigid.copy()
+        for _ in range(MOST_ROUNDS):
+            self._turning[0] = home + arm
+            holding_torques(self.links, self._turning)
+            stiff = stiffness * (1.0 - soft * np.exp(-(((rigid - arm) / reach) ** 2)))
+            before, arm = arm, rigid - (self._turning[2] - wound) / stiff
+            if np.max(np.abs(arm - before)) < STILL_RAD:
+                break
+        for state, angle in zip(states, arm, strict=True):
+            state["arm_angle_rad"], state["motor_speed_rad_s"], state["arm_speed_rad_s"] = angle, 0.0, 0.0
+            state["arm_acceleration_rad_s2"], state["torque_nm"] = 0.0, 0.0
+        last = self.links[-1]
+        self.moved[POSITION] = last["position"] + last["frame"] @ self._tool[0]
+        self.moved[VELOCITY], self.moved[ACCELERATION] = 0.0, 0.0
+        self.moved[SPECIFIC_FORCE] = self._tool[1:].T @ last["frame"].T @ self.links[0]["acceleration"][3:]
+        carrier, weight = self.links[int(self._sensor[4, 0])], self._sensor[4, 1]
+        self._felt[0] = weight * self._sensor[1:4].T @ carrier["frame"].T @ self.links[0]["acceleration"][3:]
+
+    def advance(self, periods: int, period_s: float, substeps: int, tips: Real | None = None) -> None:
+        """Advance drives and arm by some control periods.
+
+        Args:
+            periods: Number of control periods.
+            period_s: The control period.
+            substeps: Runge-Kutta steps per period.
+            tips: What the sensor feels after each period, written; shape (periods, 3). None: only the last is worked out.
+        """
+        room = self._near, self._drive, self._turning, self._stages, self._tool, self.moved, self._sensor, self._room
+        advance_coupled(
+            periods, period_s, substeps, self.rows, self.joints, self.links, *room, self._felt if tips is None else tips
+        )
+
+    def acceleration(self) -> tuple[float, float, float]:
+        """Acceleration (X, Y, Z) of the tip in m/s² in the frame of the base, gravity left out, after the last period."""
+        x, y, z = self.moved[ACCELERATION].tolist()
+        return x, y, z
+
+    def felt(self) -> tuple[float, float, float]:
+        """What the accelerometer feels in m/s² after the last period, `tips` not given: without noise, steps and filters."""
+        x, y, z = self._felt[0].tolist()
+        return x, y, z
+
+    def specific_force(self) -> tuple[float, float, float]:
+        """Specific force a − g at the tip in m/s² along the axes of the tool, as a real accelerometer feels it."""
+        x, y, z = self.moved[SPECIFIC_FORCE].tolist()
+        return x, y, z

@@ -1,0 +1,171 @@
+"""The documented path of an arm, docs/arm.md as a function: learnt on its line, run with that, looked at elsewhere."""
+
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TypeVar
+
+from drive_profiles.files.toml import loads
+from drive_profiles.version import version_text
+from hil.arm.straight_line import LineError
+from hil.bench.bench import Bench, load_bench
+from hil.bench.model import Identified, load_identified
+from hil.errors import HilError, InterruptedRunError, UnsafeRequestError
+from hil.experiments.cancellation.effect import Part
+from hil.experiments.cancellation.probing.on_bus import MotionLearningOutcome, MotionLearnRequest, learn_motion_on_bus
+from hil.experiments.cancellation.probing.pace import paced_line
+from hil.experiments.motions import LINE_MOTION
+from hil.experiments.plan import Experiment
+from hil.experiments.runner import run_experiments
+from hil.experiments.treatment import Knowledge
+from plant_emulator.rehearsal.arms.conditions import LEARNT, conditions_of
+from plant_emulator.rehearsal.arms.survey import true_line
+from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.rehearsal.many.rows import BROKEN, WALKED, Row, Value, plain
+from plant_emulator.rehearsal.record import MAX_WORDS
+from plant_emulator.rehearsal.steps import RunNote, TrialRefusedError, note_of_run
+from plant_emulator.robots.blank_bench import blank_bench
+from plant_emulator.robots.drawn_arms import arm_facts, draw_arm
+from plant_emulator.robots.robot import ArmRobot, load_robot
+from plant_emulator.world import World
+
+Made = TypeVar("Made")
+
+QUICKER = (0.75, 0.8, 0.85, 0.9)
+"""Multiples of the line's time in which it is learnt as well: the first in which the arm can follow it."""
+REFERENCE_SEED = 0
+"""Seed that stands for the reference arm, which is not drawn."""
+
+
+def arm_of(seed: int) -> tuple[ArmRobot, Bench]:
+    """A seed's arm, and its blank bench file."""
+    if seed == REFERENCE_SEED:
+        robot = load_robot("reference-arm")
+        assert isinstance(robot, ArmRobot)  # noqa: S101 - its file has an arm
+        return robot, load_bench("reference-arm")
+    robot = draw_arm(seed)
+    return robot, loads(blank_bench(robot), Bench, "blank bench")
+
+
+def walk_arm_seed(seed: int, keep: str | None = None) -> Row:
+    """Walk the documented path on a seed's arm.
+
+    Args:
+        seed: Seed of the arm; 0 is the reference arm.
+        keep: Folder in which a folder named by the seed keeps all files of the walk; None: they go when it is over.
+
+    Returns:
+        The arm's row; an error that nobody expected is in it, and ends nothing else.
+    """
+    cells: dict[str, object]
+    begin = time.process_time()
+    try:
+        robot, bench = arm_of(seed)
+        with tempfile.TemporaryDirectory(prefix="rehearsal") if keep is None else nullcontext(f"{keep}/{seed}") as folder:
+            cells = {"walk": WALKED, "walk_words": "", **walk_arm(robot, bench, Path(folder))}
+    except Exception as error:  # noqa: BLE001 - of a hundred arms one that breaks is a row, and no end
+        cells = {"walk": BROKEN, "walk_words": f"{type(error).__name__}: {error}"[:MAX_WORDS]}
+    cells |= {"cpu_s": time.process_time() - begin, "version": version_text()}
+    row: dict[str, Value] = {"seed": seed, "kind": "arm"}
+    return row | {name: plain(value) for name, value in cells.items()}
+
+
+def walk_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
+    """Walk the documented path on one arm: learn on its line, run with that, and measure the true tip in all conditions.
+
+    Args:
+        robot: The arm.
+        bench: The bench file, which knows nothing of it.
+        folder: Directory of all files.
+    """
+    row: dict[str, Value] = dict(arm_facts(robot))
+    if bench.line_motion is None:
+        return row | {"learn_ended": "refused", "learn_words": "the arm can follow no line", "is_quiet": False, "is_worse": False}
+    channel, model = DirectChannel(World(robot), robot.bus.bitrate), folder / "learnt.toml"
+    row |= _learnt(bench, folder, model, channel)
+    learnt = load_identified(model) if model.exists() else None
+    left_out: tuple[Part, ...] = ()
+    if learnt is not None:
+        ended, note = _step(lambda: _run(bench, learnt, folder, channel), "run")
+        row |= ended
+        left_out = () if note is None else note.left_out
+    used = learnt if row.get("run_ended") == "done" else None
+    row["left_out"] = ", ".join(part.words for part in left_out)
+    return row | _surveyed(robot, bench, used, left_out)
+
+
+def quicker_pace(bench: Bench) -> float | None:
+    """A pace at which the line is learnt as well; None where the arm can follow it at none."""
+    for pace in QUICKER:
+        try:
+            paced_line(bench, pace)
+        except (LineError, UnsafeRequestError):
+            continue
+        return pace
+    return None
+
+
+def _learnt(bench: Bench, folder: Path, model: Path, channel: DirectChannel) -> dict[str, Value]:
+    request = MotionLearnRequest(LINE_MOTION, pace=quicker_pace(bench))
+
+    def learn() -> MotionLearningOutcome:
+        outcome = learn_motion_on_bus(bench, request, folder / "learn", model, channel=channel)
+        if outcome.failure is not None:
+            raise outcome.failure
+        return outcome
+
+    ended, outcome = _step(learn, "learn")
+    if outcome is not None:
+        kept = next(run for run in outcome.result.runs if run.is_kept)
+        ended |= {"learn_runs": len(outcome.result.runs), "learn_peak_mm": kept.tip_peak_mm}
+        ended["learnt_parts"] = sum(part.outcome == "learnt" for part in outcome.result.parts)
+        ended["left_at_0"] = sum(part.outcome != "learnt" for part in outcome.result.parts)
+    return ended
+
+
+def _run(bench: Bench, learnt: Identified, folder: Path, channel: DirectChannel) -> RunNote:
+    experiment = Experiment(LINE_MOTION, None, "cancellation-learnt")
+    outcome = run_experiments(bench, [experiment], folder / "run", knowledge=Knowledge(learnt=learnt), channel=channel)
+    if outcome.failure is not None:
+        raise outcome.failure
+    return note_of_run(outcome.result)
+
+
+def _step(act: Callable[[], Made], name: str) -> tuple[dict[str, Value], Made | None]:
+    """A step of the path: how it ended, in words, and what it made.
+
+    Raises:
+        KeyboardInterrupt: A signal ended a motion.
+    """
+    try:
+        made = act()
+    except InterruptedRunError:
+        raise KeyboardInterrupt from None
+    except TrialRefusedError as error:
+        return {f"{name}_ended": "refused", f"{name}_words": str(error)[:MAX_WORDS]}, None
+    except HilError as error:
+        return {f"{name}_ended": "refused", f"{name}_words": f"{type(error).__name__}: {error}"[:MAX_WORDS]}, None
+    return {f"{name}_ended": "done", f"{name}_words": ""}, made
+
+
+def _surveyed(robot: ArmRobot, bench: Bench, learnt: Identified | None, left_out: tuple[Part, ...]) -> dict[str, Value]:
+    """True tip in all conditions, and whether it is quiet or worse."""
+    row: dict[str, Value] = {}
+    quiet, worse = [], []
+    for condition in conditions_of(robot, bench):
+        found = true_line(condition, learnt, left_out)
+        for treatment, tip in zip(found._fields, found, strict=True):
+            row |= {f"tip_{condition.name}_{treatment}_{way}_mm": value for way, value in tip._asdict().items()} if tip else {}
+        row |= {f"{condition.name}_is_quiet": found.is_quiet}
+        quiet += [condition.name] if found.is_quiet else []
+        worse += [condition.name] if found.is_worse else []
+    names = [name for name in row if name.endswith("_is_quiet")]
+    row |= {
+        "line_quiet": LEARNT in quiet,
+        "is_quiet": len(quiet) == len(names),
+        "is_worse": bool(worse),
+        "worse": ", ".join(worse),
+    }
+    return row

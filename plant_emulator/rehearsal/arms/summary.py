@@ -1,0 +1,74 @@
+"""What a rehearsal of arms shows: the numbers that must be reached, and the true tip in each condition."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.report.tables.paper_runs import Cell, ReportTable
+from plant_emulator.rehearsal.arms.conditions import NAMES
+from plant_emulator.rehearsal.many.claims import RehearsalClaim
+from plant_emulator.rehearsal.many.reading import is_quiet, numbers, text
+from plant_emulator.rehearsal.many.rows import WALKED, Row
+from plant_emulator.rehearsal.many.summary import fraction_text
+
+QUIET_FRACTION = 0.9
+"""Smallest part of the arms whose tip becomes quiet in all conditions."""
+WORDS = {
+    "line": "the line on which it is learnt",
+    "beside": "a line beside it",
+    "elsewhere": "a line from the same start elsewhere",
+    "no_payload": "without the payload",
+    "half_payload": "with half of the payload",
+    "quick": "in 0.8 × the time",
+    "slow": "in 1.4 × the time",
+}
+
+
+def arm_claims(rows: Sequence[Row]) -> list[RehearsalClaim]:
+    """All claims, judged on these rows.
+
+    Args:
+        rows: Rows of arms.
+    """
+    worse = [row for row in rows if row.get("is_worse") is True]
+    quiet, on_line = sum(map(is_quiet, rows)), sum(row.get("line_quiet") is True for row in rows)
+    broken = [row for row in rows if row.get("walk") != WALKED]
+    asked = "at most 0.010 mm along x, y and z, or 1.3 × that without transmission errors, whichever is more"
+    return [
+        RehearsalClaim(
+            "never_worse", "never worse", "Never worse: in no condition the true tip rises in any direction, by more than 5 % or "
+            "0.002 mm, whichever is more", "0", f"{len(worse)} of {len(rows)} arms", not worse,
+        ),
+        RehearsalClaim(
+            "quiet_line", "quiet on the learnt line", f"On the line on which it is learnt: {asked}",
+            f"{100.0 * QUIET_FRACTION:g} %", fraction_text(on_line, len(rows)), on_line >= QUIET_FRACTION * len(rows),
+        ),
+        RehearsalClaim(
+            "quiet_all", "quiet in all conditions", f"There and, unchanged, in all other conditions: {asked}",
+            f"{100.0 * QUIET_FRACTION:g} %", fraction_text(quiet, len(rows)), quiet >= QUIET_FRACTION * len(rows),
+        ),
+        RehearsalClaim(
+            "whole", "walks that break", "Every walk comes to its end", "0", f"{len(broken)} of {len(rows)}", not broken,
+        ),
+    ]  # fmt: skip
+
+
+def arm_tips(rows: Sequence[Row]) -> ReportTable:
+    """True tip in its worst direction by condition, in mm: medians, and the largest with what was learnt."""
+    cells: list[list[Cell]] = []
+    for name in NAMES:
+        own = [row for row in rows if f"tip_{name}_none_worst_mm" in row]
+        if not own:
+            continue
+        middle = {
+            treatment: float(np.median(numbers(own, f"tip_{name}_{treatment}_worst_mm") or [np.nan]))
+            for treatment in ("none", "learnt", "floor")
+        }
+        most = max(numbers(own, f"tip_{name}_learnt_worst_mm"), default=float("nan"))
+        quiet = sum(row.get(f"{name}_is_quiet") is True for row in own)
+        worse = sum(name in text(row, "worse").split(", ") for row in own)
+        shown = [f"{value:.4f}" for value in (middle["none"], middle["learnt"], most, middle["floor"])]
+        cells.append([WORDS[name], *shown, f"{quiet} of {len(own)}", str(worse)])
+    header = ("Condition", "Nothing, median", "Learnt, median", "Learnt, largest", "No error, median", "Quiet", "Worse")
+    caption = "Largest displacement of the tip in its worst direction, mm, in the judged band and times, on a quiet sensor."
+    return ReportTable("arms-table", "True tip of arms (mm)", "", header, cells, frozenset({0}), caption)

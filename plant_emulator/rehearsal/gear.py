@@ -1,0 +1,110 @@
+"""The true gear at an amplitude: stiffness and loss that a vibration of its torsion meets, by harmonic balance.
+
+With hysteresis or a soft wind-up there is no plant but one for each amplitude. What is identified at a torsion is to be compared
+with the gear at that torsion, not with the robot file's constants, which hold for no motion of such a gear.
+
+Source: A. Gelb, W. E. Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design (1968), section 2.2;
+P. R. Dahl, A solid friction model, Aerospace Corporation TOR-158(3107-18) (1968).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.control.angles import ARCSEC
+from plant_emulator.robots.robot import RobotAxis
+
+Real = NDArray[np.float64]
+
+STEPS = 720
+"""Instants of a period at which the gear's torque is reckoned; the loss is right to 0.2 %."""
+ARM_ANGLES = 60
+"""Arm angles, all around, over which the torsion by gravity is averaged."""
+
+
+@dataclass(frozen=True)
+class GearPlant:
+    """The plant of an axis at an amplitude of its gear's torsion.
+
+    Attributes:
+        stiffness_nm_rad: K_g.
+        antiresonance_hz: f_a = √(K_g/J_l)/2π.
+        resonance_hz: f_r of the free motor on the gear: √(K_g (1/J_l + 1/(N² J_m)))/2π.
+        damping: ζ of the arm on its gear, (D_g + D_l + L/ω_a)/(2 J_l ω_a) with the loss L.
+    """
+
+    stiffness_nm_rad: float
+    antiresonance_hz: float
+    resonance_hz: float
+    damping: float
+
+
+def gear_plant(axis: RobotAxis, torsion_arcsec: float | None) -> GearPlant:
+    """The plant that a vibration of the gear meets.
+
+    Args:
+        axis: The axis.
+        torsion_arcsec: Amplitude of the torsion; None for the robot file's constants.
+    """
+    stiffness, loss = axis.gear_stiffness_nm_rad, 0.0
+    if torsion_arcsec is not None and (axis.hysteresis_torque_nm or axis.wind_up_softness):
+        stiffness, loss = gear_at(axis, torsion_arcsec * ARCSEC)
+    arm, motor = axis.arm_inertia_kg_m2, axis.reduction_ratio**2 * axis.motor_inertia_kg_m2
+    omega = math.sqrt(stiffness / arm)
+    damping = axis.gear_damping_nm_s_rad + axis.arm_damping_nm_s_rad + loss / omega
+    per_turn = 2.0 * math.pi
+    return GearPlant(
+        stiffness, omega / per_turn, math.sqrt(stiffness * (1.0 / arm + 1.0 / motor)) / per_turn, damping / (2.0 * arm * omega)
+    )
+
+
+def gear_at(axis: RobotAxis, torsion_rad: float) -> tuple[float, float]:
+    """Stiffness and loss in N·m/rad of a gear under a sine of torsion, about the torsions by which gravity winds it up.
+
+    The torque of ψ = ψ_g + a sin φ is K a sin φ + L a cos φ and harmonics; D_g is not in L.
+
+    Args:
+        axis: The axis.
+        torsion_rad: Amplitude a.
+
+    Raises:
+        ValueError: The amplitude is not above 0.
+    """
+    if not torsion_rad > 0.0:
+        raise ValueError(f"a torsion of {torsion_rad} rad has no amplitude")
+    phase = (np.arange(STEPS) + 0.5) * (2.0 * math.pi / STEPS)
+    sine, rising = np.sin(phase), np.cos(phase) > 0.0
+    torsion = torsion_rad * sine
+    spring = _spring_nm(axis, _wound_up(axis)[:, np.newaxis] + torsion).mean(axis=0)
+    torque = spring + _hysteresis_nm(axis, torsion, torsion_rad, rising)
+    per_amplitude = 2.0 / (STEPS * torsion_rad)
+    return float(per_amplitude * torque @ sine), float(per_amplitude * torque @ np.cos(phase))
+
+
+def _hysteresis_nm(axis: RobotAxis, torsion: Real, amplitude: float, rising: NDArray[np.bool_]) -> Real:
+    """Dahl torque of a torsion that has gone to and fro for long: ±F (1 − 2 e^{−(a ± ψ)/ψ_h}/(1 + e^{−2a/ψ_h}))."""
+    if not axis.hysteresis_torque_nm:
+        return np.zeros_like(torsion)
+    own = axis.hysteresis_torsion_arcsec * ARCSEC
+    sign = np.where(rising, 1.0, -1.0)
+    far = 2.0 / (1.0 + math.exp(-2.0 * amplitude / own))
+    return np.asarray(sign * axis.hysteresis_torque_nm * (1.0 - far * np.exp(-(amplitude + sign * torsion) / own)))
+
+
+def _spring_nm(axis: RobotAxis, torsion: Real) -> Real:
+    """Torque of the soft wind-up: K_g ψ (1 − r exp(−(ψ/ψ_s)²))."""
+    soft = axis.wind_up_softness * np.exp(-((torsion / (axis.wind_up_torsion_arcsec * ARCSEC)) ** 2))
+    return np.asarray(axis.gear_stiffness_nm_rad * torsion * (1.0 - soft))
+
+
+def _wound_up(axis: RobotAxis) -> Real:
+    """Torsion under gravity at arm angles all around; shape (angles,)."""
+    moment = axis.gravity_moment_nm * np.cos(np.linspace(0.0, 2.0 * math.pi, ARM_ANGLES, endpoint=False))
+    low, high = np.zeros_like(moment), np.abs(moment) / (axis.gear_stiffness_nm_rad * (1.0 - axis.wind_up_softness))
+    for _ in range(50):  # the torque rises with the torsion, r being below 1
+        middle = 0.5 * (low + high)
+        is_low = _spring_nm(axis, middle) < np.abs(moment)
+        low, high = np.where(is_low, middle, low), np.where(is_low, high, middle)
+    return np.asarray(np.copysign(0.5 * (low + high), moment))

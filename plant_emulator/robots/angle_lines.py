@@ -1,0 +1,84 @@
+"""Tables of the robot file for what recurs with an angle beside the transmission error: eccentricity of the joint, cogging."""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from drive_profiles.files.toml import Table
+from hil.control.angles import ARCSEC
+from hil.robot_tables import NotNegative
+
+HIGHEST_COGGING_ORDER = 200
+"""Periods of cogging in a revolution: the least common multiple of poles and slots; 20 poles in 24 slots have 120."""
+
+
+class EccentricityLine(Table):
+    """One order of the transmission error that turns with the joint: parts on the arm side that are off centre.
+
+    Attributes:
+        order: Periods in one revolution of the joint.
+        a_arcsec: Amplitude, on the arm side.
+        phi_deg: Phase where the motor angle is zero.
+    """
+
+    order: Annotated[int, Field(ge=1, le=20)]
+    a_arcsec: NotNegative
+    phi_deg: float = 0.0
+
+
+class CoggingLine(Table):
+    """One order of the torque with which the motor's magnets pull it from tooth to tooth.
+
+    Attributes:
+        order: Periods in one revolution of the motor.
+        torque_nm: Amplitude, on the motor side.
+        phi_deg: Phase.
+    """
+
+    order: Annotated[int, Field(ge=1, le=HIGHEST_COGGING_ORDER)]
+    torque_nm: NotNegative
+    phi_deg: float = 0.0
+
+
+def check_lines(eccentricity: Sequence[EccentricityLine], cogging: Sequence[CoggingLine], torque_limit_nm: float) -> None:
+    """Refuse orders that stand twice, and a cogging that its motor cannot turn over.
+
+    Args:
+        eccentricity: Orders of the joint.
+        cogging: Orders of the motor's torque.
+        torque_limit_nm: The most that the motor has.
+
+    Raises:
+        ValueError: The message names the order, or the torques.
+    """
+    for name, lines in (("eccentricity", [line.order for line in eccentricity]), ("cogging", [line.order for line in cogging])):
+        twice = sorted({order for order in lines if lines.count(order) > 1})
+        if twice:
+            raise ValueError(f"{name}: order {twice[0]} stands twice")
+    most = math.fsum(line.torque_nm for line in cogging)
+    if most >= torque_limit_nm:
+        raise ValueError(f"cogging: {most:g} N·m hold a motor that has {torque_limit_nm:g} N·m")
+
+
+def write_lines(
+    eccentricity: Sequence[EccentricityLine], cogging: Sequence[CoggingLine], reduction_ratio: float, row: Any
+) -> None:
+    """Put them into one record of a `PLANT` array; orders of the joint as orders m/N of the motor.
+
+    Args:
+        eccentricity: Orders of the joint.
+        cogging: Orders of the motor's torque.
+        reduction_ratio: N.
+        row: The record, changed in place.
+    """
+    row["is_eccentric"], row["is_cogging"] = float(bool(eccentricity)), float(bool(cogging))
+    for name in ("joint_orders", "joint_rad", "joint_phi_rad", "cogging_orders", "cogging_nm", "cogging_phi_rad"):
+        row[name] = 0.0
+    for i, line in enumerate(eccentricity):
+        row["joint_orders"][i], row["joint_rad"][i] = line.order / reduction_ratio, line.a_arcsec * ARCSEC
+        row["joint_phi_rad"][i] = math.radians(line.phi_deg)
+    for i, each in enumerate(cogging):
+        row["cogging_orders"][i], row["cogging_nm"][i] = each.order, each.torque_nm
+        row["cogging_phi_rad"][i] = math.radians(each.phi_deg)

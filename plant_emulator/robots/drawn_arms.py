@@ -1,0 +1,221 @@
+"""Arms drawn by seed: the reference arm with other lengths, masses, loads, postures, gears, motors and errors.
+
+Or the links of a URDF file, to which motors, gears and errors are drawn: what such a file has not.
+
+>>> from plant_emulator.robots.drawn_arms import draw_arm
+>>> robot = draw_arm(7)
+>>> robot == draw_arm(7), len(robot.arm.link)
+(True, 6)
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.arm.bodies import Body, Inertia
+from hil.arm.masses import mass_matrix
+from hil.arm.tables import ArmLink, ArmTable
+from hil.arm.urdf import turning_joints, with_links
+from plant_emulator.robots.robot import SHIPPED, ArmAxis, ArmRobot, BusFacts, load_robot
+from plant_emulator.robots.stable import CONTROL_PERIOD_S, RANGES, Draws, Range, accelerometer, rounded, transmission_error
+
+Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ArmRanges:
+    """Ranges of the drawn quantities; those of a factor are drawn evenly in its logarithm.
+
+    Attributes:
+        length: Factor of each length of the reference arm.
+        mass: Factor of the mass of each link, beside the cube root of which its inertia grows with the lengths.
+        payload_kg: Mass of the load.
+        load_offset_m: Distance of the load's centre from the flange's axis.
+        lean_deg: q_2 at home.
+        bend_deg: q_3 at home.
+        turn_deg: q_1, q_4 and q_6 at home; the tool points down, give or take as much.
+        antiresonance_hz: √(H_ii/K_g)/2π at home, of axes 1 to 3.
+        wrist_hz: The same of axes 4 to 6.
+        inertia_ratio: H_ii/(N² J_m).
+        motor_inertia_kg_m2: Limits of J_m, to which that ratio yields.
+    """
+
+    length: Range = (0.75, 1.35)
+    mass: Range = (0.6, 1.6)
+    payload_kg: Range = (0.0, 10.0)
+    load_offset_m: Range = (0.0, 0.05)
+    lean_deg: Range = (-20.0, 30.0)
+    bend_deg: Range = (-130.0, -80.0)
+    turn_deg: Range = (-15.0, 15.0)
+    antiresonance_hz: Range = (8.0, 20.0)
+    wrist_hz: Range = (25.0, 60.0)
+    inertia_ratio: Range = (0.5, 5.0)
+    motor_inertia_kg_m2: Range = (0.1e-4, 5e-4)
+
+
+ARM_RANGES = ArmRanges()
+WRIST = (4, 5, 6)
+
+
+def draw_arm(seed: int, ranges: ArmRanges = ARM_RANGES) -> ArmRobot:
+    """An arm of six axes with linear gears; equal arguments give equal arms.
+
+    Args:
+        seed: Seed of all draws, and of the robot's own noise.
+        ranges: Ranges of the quantities.
+
+    Raises:
+        ValueError: The seed is negative.
+    """
+    if seed < 0:
+        raise ValueError(f"seed {seed} is negative")
+    draws = Draws(seed, "arm ")
+    arm = _links(draws, ranges)
+    robot = _robot(f"arm-{seed}", seed, draws, _axes(seed, ranges, arm), arm)
+    return robot.with_links_read(SHIPPED["reference-arm"].parent)
+
+
+def draw_drives(
+    urdf: str, folder: Path, home_deg: tuple[float, ...], seed: int, tip_link: str | None = None, ranges: ArmRanges = ARM_RANGES
+) -> ArmRobot:
+    """The arm of a URDF file with motors, linear gears and transmission errors drawn for it.
+
+    Its joints are axes 1, 2, … from the base on. The robot is as its file would say it: `with_links_read` of it has the links.
+
+    Args:
+        urdf: Path of the file.
+        folder: Folder from which the path counts.
+        home_deg: Joint angles where the motors stand at zero, one each, or none: all 0.
+        seed: Seed of all draws, and of the robot's own noise.
+        tip_link: Link whose frame is that of the tip; None: the only one at the arm's end.
+        ranges: Ranges of the quantities.
+
+    Raises:
+        FileError: The file describes no arm; with line and element.
+        ValueError: The seed is negative, or the home is not one of this arm.
+    """
+    if seed < 0:
+        raise ValueError(f"seed {seed} is negative")
+    table = ArmTable(urdf=urdf, home_deg=home_deg, tip_link=tip_link)
+    joints = {name: number for number, name in enumerate(turning_joints(folder / urdf), 1)}
+    arm, ratios = with_links(table, folder, joints)
+    axes = _axes(seed, ranges, arm, ratios)
+    named = {number: axes[number].model_copy(update={"joint": name}) for name, number in joints.items()}
+    return _robot(f"{Path(urdf).stem}-{seed}", seed, Draws(seed, "arm "), named, table)
+
+
+def _axes(seed: int, ranges: ArmRanges, arm: ArmTable, ratios: Mapping[int, float] = MappingProxyType({})) -> dict[int, ArmAxis]:
+    """Motor and gear of each joint; `ratios` are those that are known."""
+    inertias = np.diag(mass_matrix(arm, arm.home_rad())).tolist()
+    return {
+        link.axis: _axis(Draws(seed, f"arm axis {link.axis} "), ranges, link.axis, inertia, weight, ratios.get(link.axis))
+        for link, inertia, weight in zip(arm.link, inertias, _weights(arm), strict=True)
+    }
+
+
+def _robot(name: str, seed: int, draws: Draws, axes: dict[int, ArmAxis], arm: ArmTable) -> ArmRobot:
+    return ArmRobot(
+        name=name,
+        seed=seed,
+        control_period_s=CONTROL_PERIOD_S,
+        sync_period_s=0.002,
+        bus=BusFacts(bitrate=1_000_000),
+        axis=axes,
+        accelerometer=accelerometer(draws, RANGES),
+        arm=arm,
+    )
+
+
+def arm_facts(robot: ArmRobot) -> dict[str, float]:
+    """What an arm weighs, how far it reaches from its shoulder, and the frequencies at which it rings at home, brakes closed."""
+    arm, home = robot.arm, robot.arm.home_rad()
+    gears = np.diag([robot.axis[number].gear_stiffness_nm_rad for number in arm.axes])
+    modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass_matrix(arm, home), gears)).real) / (2.0 * math.pi)
+    load = 0.0 if arm.payload is None else arm.payload.mass_kg
+    facts = {"mass_kg": sum(body.mass_kg for body in arm.bodies()) - load, "payload_kg": load}
+    facts["reach_m"] = sum(math.hypot(*link.origin_m) for link in arm.link[2:]) + math.hypot(*arm.tip_m)
+    return facts | {f"mode_{number}_hz": float(mode) for number, mode in enumerate(sorted(modes), 1)}
+
+
+def _links(draws: Draws, ranges: ArmRanges) -> ArmTable:
+    """The links of the reference arm, stretched and weighed anew."""
+    model = load_robot("reference-arm").links
+    assert model is not None  # noqa: S101 - it is an arm
+    links, stretch = [], 1.0
+    for link in model.link:
+        before, stretch = stretch, draws.logarithmic(f"length {link.axis}", ranges.length)
+        links.append(_stretched(link, before, stretch, draws.logarithmic(f"mass {link.axis}", ranges.mass)))
+    lean, bend = draws.even("lean", ranges.lean_deg), draws.even("bend", ranges.bend_deg)
+    turns = [draws.even(f"turn {axis}", ranges.turn_deg) for axis in (1, 4, 5, 6)]
+    # the tool points down where q₃ + q₅ − q₂ = −180°
+    home = (turns[0], lean, bend, turns[1], rounded(lean - bend - 180.0 + turns[2]), turns[3])
+    reach = rounded(stretch * model.tip_m[2])
+    mass, away = draws.even("payload", ranges.payload_kg), draws.even("load offset", ranges.load_offset_m)
+    load = Body(mass_kg=mass, centre_m=(away, 0.0, reach), inertia_kg_m2=_box(mass, 0.2)) if mass > 0.0 else None
+    return model.model_copy(update={"link": tuple(links), "home_deg": home, "tip_m": (0.0, 0.0, reach), "payload": load})
+
+
+def _stretched(link: ArmLink, before: float, own: float, heavier: float) -> ArmLink:
+    """A link on one that is longer by a factor, longer itself, and heavier."""
+    body = link.body or Body(mass_kg=0.0)
+    mass, inertia = rounded(heavier * body.mass_kg), body.inertia_kg_m2
+    size = heavier * own**2
+    scaled = Inertia(xx=rounded(size * inertia.xx), yy=rounded(size * inertia.yy), zz=rounded(size * inertia.zz))
+    centre = tuple(rounded(own * value) for value in body.centre_m)
+    origin = tuple(rounded(before * value) for value in link.origin_m)
+    whole = Body(mass_kg=mass, centre_m=(centre[0], centre[1], centre[2]), inertia_kg_m2=scaled)
+    return link.model_copy(update={"origin_m": origin, "body": whole})
+
+
+def _box(mass_kg: float, size_m: float) -> Inertia:
+    """Inertia of a cube."""
+    moment = rounded(mass_kg * size_m**2 / 6.0)
+    return Inertia(xx=moment, yy=moment, zz=moment)
+
+
+def _weights(arm: ArmTable) -> list[float]:
+    """Greatest moment of gravity that each axis could meet: all behind it stretched out level."""
+    found, moment, mass = [], 0.0, 0.0
+    for link, body in zip(reversed(arm.link), reversed(arm.bodies()), strict=True):
+        moment += body.mass_kg * math.hypot(*body.centre_m)
+        mass += body.mass_kg
+        found.append(moment * math.hypot(*arm.gravity_m_s2))
+        moment += mass * math.hypot(*link.origin_m)
+    return found[::-1]
+
+
+def _axis(
+    draws: Draws, ranges: ArmRanges, number: int, inertia: float, weight_nm: float, known_ratio: float | None = None
+) -> ArmAxis:
+    """Motor and gear for the inertia that the axis turns at home; all else in proportion to that."""
+    ratio = known_ratio or float(draws.whole("reduction_ratio", RANGES.reduction_ratio))
+    hz = draws.logarithmic("antiresonance_hz", ranges.wrist_hz if number in WRIST else ranges.antiresonance_hz)
+    omega = 2.0 * math.pi * hz
+    low, high = ranges.motor_inertia_kg_m2
+    wanted = inertia / ratio**2 / draws.logarithmic("inertia_ratio", ranges.inertia_ratio)
+    motor = rounded(min(high, max(low, wanted)))
+    bearing = rounded(draws.even("arm_damping", (0.01, 0.018)) * inertia * omega)
+    damping = max(0.1 * bearing, 2.0 * draws.even("damping", RANGES.damping) * inertia * omega - bearing)
+    coulomb = rounded(400.0 * motor * draws.logarithmic("friction", RANGES.friction))
+    static = rounded(coulomb * draws.even("stribeck", RANGES.stribeck))
+    return ArmAxis(
+        node_id=number,
+        reduction_ratio=ratio,
+        motor_inertia_kg_m2=motor,
+        motor_damping_nm_s_rad=rounded(motor * draws.even("motor_damping", (2.5, 4.5))),
+        arm_damping_nm_s_rad=bearing,
+        gear_stiffness_nm_rad=rounded(inertia * omega**2),
+        gear_damping_nm_s_rad=rounded(damping),
+        coulomb_friction_nm=coulomb,
+        static_friction_nm=static,
+        stribeck_velocity_rad_s=draws.even("stribeck_velocity", RANGES.stribeck_velocity_rad_s),
+        torque_limit_nm=rounded(9000.0 * (motor + 1.5 * inertia / ratio**2) + 1.2 * weight_nm / ratio + 3.0 * static),
+        encoder_counts_per_rev=2 ** draws.whole("encoder_bits", RANGES.encoder_bits),
+        ate=transmission_error(draws, RANGES),
+        gear_reaction=draws.chance("gear_reaction"),
+    )

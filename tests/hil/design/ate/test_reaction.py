@@ -1,0 +1,93 @@
+"""The reaction of a gear on its motor, told from ramps of robots that have it and of such that have not."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drive_profiles.files.toml import loads
+from hil.bench.bench import Bench
+from hil.design.ate.reaction import Reaction, Turning, gear_reaction
+from hil.design.transmission_error import TransmissionError
+from hil.experiments.ate.motion import ramps
+from hil.experiments.ate.request import AteRequest, axis_knowledge, first_acceleration, first_end_speed
+from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.rehearsal.many.one import drawn
+from plant_emulator.rehearsal.probes import model_of
+from plant_emulator.world import World
+
+
+def told(seed: int, kind: str, *, reacts: bool) -> Reaction | None:
+    """Reaction of a drawn robot's gear, by one pass of ramps."""
+    robot, text = drawn(seed, kind)
+    bench = loads(text, Bench, "bench")
+    axis = min(bench.axis)
+    drawn_axis = robot.axis[axis].model_copy(update={"gear_reaction": reacts})
+    robot = robot.model_copy(update={"axis": {**robot.axis, axis: drawn_axis}})
+    knowledge, request = (
+        axis_knowledge(bench, axis, model_of(robot, bench, axis, drawn_axis.ate), sensorless=False),
+        AteRequest(axis),
+    )
+    assert knowledge.side is not None
+    with DirectChannel(World(robot), robot.bus.bitrate).session(bench) as session:
+        session.bring_up()
+        rate, end = first_acceleration(bench, request, knowledge), first_end_speed(bench, request, knowledge)
+        start_rev = session.axes[axis].position_rad() / (2.0 * math.pi)
+        motion = ramps(bench, axis, start_rev, rate, end, bench.bus.sync_period_s)
+        recording = session.run(motion.motion, "none", "drive").recording
+    turned = Turning(recording.axis(axis, "position_rad"), recording.axis(axis, "torque_nm"), recording.period_s)
+    error = TransmissionError(drawn_axis.ate.amplitudes_arcsec(), drawn_axis.ate.phases_deg())
+    return gear_reaction([turned], knowledge.side, error)
+
+
+@pytest.mark.parametrize(("seed", "kind"), [(109, "linear"), (110, "real"), (113, "linear"), (123, "linear")])
+def test_a_gear_that_reacts_on_its_motor_is_told_from_one_that_does_not(seed: int, kind: str) -> None:
+    with_it, without = told(seed, kind, reacts=True), told(seed, kind, reacts=False)
+    assert with_it is not None
+    assert with_it.is_seen
+    assert with_it.value == pytest.approx(1.0, abs=max(0.05, 4.0 * with_it.standard_error))
+    assert without is not None
+    assert not without.is_seen
+    assert abs(without.value) < max(0.05, 4.0 * without.standard_error)
+
+
+def test_a_reaction_is_absent_only_where_a_gears_own_cannot_be() -> None:
+    assert Reaction(-0.01, 0.08).is_absent
+    assert Reaction(0.2, 0.08).is_absent
+    assert not Reaction(0.1, 0.2).is_absent, "1 is not excluded by as much"
+    assert not Reaction(0.41, 0.09).is_absent, "neither of both"
+    assert not Reaction(-9.8, 2.3).is_absent, "no reaction of a gear, nor none"
+    assert not Reaction(0.98, 0.01).is_absent
+
+
+def test_an_arm_without_a_load_shows_no_reaction_and_none_is_claimed() -> None:
+    seen = told(111, "linear", reacts=True)
+    assert seen is not None
+    assert not seen.is_seen
+    assert seen.standard_error > 0.2
+
+
+def test_what_is_no_reaction_of_a_gear_is_not_believed() -> None:
+    assert not Reaction(3.0, 0.1).is_seen
+    assert not Reaction(-1.0, 0.1).is_seen
+    assert not Reaction(1.0, 0.3).is_seen
+    assert not Reaction(0.4, 0.02).is_seen
+    assert Reaction(1.0, 0.1).is_seen
+    assert Reaction(1.4, 0.25).is_seen
+
+
+def test_a_reaction_that_is_hardly_measured_is_taken_for_that_of_a_gear_without_losses() -> None:
+    assert Reaction(1.4, 0.3).believed.value == pytest.approx(1.04, abs=0.01)
+    assert Reaction(0.9, 0.001).believed.value == pytest.approx(0.9, abs=0.001)
+    assert Reaction(1.2, 0.1).believed.standard_error == pytest.approx(0.1 / math.sqrt(2.0))
+
+
+def test_a_motor_that_never_turns_tells_nothing() -> None:
+    robot, text = drawn(109, "linear")
+    bench = loads(text, Bench, "bench")
+    axis = min(bench.axis)
+    knowledge = axis_knowledge(bench, axis, model_of(robot, bench, axis, robot.axis[axis].ate), sensorless=False)
+    assert knowledge.side is not None
+    still = Turning(np.zeros(1000), np.zeros(1000), 0.001)
+    assert gear_reaction([still], knowledge.side, TransmissionError({2: 5.0}, {2: 0.0})) is None
+    assert gear_reaction([still], knowledge.side, TransmissionError({}, {})) is None

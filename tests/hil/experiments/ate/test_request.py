@@ -1,0 +1,43 @@
+"""What is known of an axis before its transmission error is identified: where the accelerometer's delay is searched."""
+
+import pytest
+
+from hil.bench.model import Identified, IdentifiedPlant
+from hil.design.ate.model import DELAY_S
+from hil.experiments.ate.request import axis_knowledge, searched_delay_s, sensing_of
+from hil.robot_tables import PlantTable
+from tests.hil.experiments.ate.ate_rig import AXIS, blank_bench, built
+
+PLANT = IdentifiedPlant(
+    values=PlantTable(
+        motor_inertia_kg_m2=2.6e-4, motor_damping_nm_s_rad=0.0, arm_inertia_kg_m2=1.1, arm_damping_nm_s_rad=6.0,
+        gear_stiffness_nm_rad=43000.0, gear_damping_nm_s_rad=40.0,
+    ),
+    standard_error={"accelerometer_delay_s": 5e-5}, antiresonance_hz=31.25, resonance_hz=40.0, damping=0.04,
+    accelerometer_delay_s=0.007,
+)  # fmt: skip
+
+
+def plant(**changes):
+    return PLANT.model_copy(update=changes)
+
+
+def test_a_plant_leaves_one_branch_of_the_delay_to_be_searched():
+    assert searched_delay_s(PLANT) == pytest.approx((-0.001, 0.015)), "a quarter of a period to either side"
+    assert searched_delay_s(plant(antiresonance_hz=5.0)) == pytest.approx((-0.003, 0.017)), "and 10 ms at most"
+
+
+def test_a_plant_that_does_not_tell_the_delay_bounds_no_search():
+    assert searched_delay_s(None) == DELAY_S
+    assert searched_delay_s(plant(accelerometer_delay_s=None)) == DELAY_S
+    assert searched_delay_s(plant(standard_error={})) == DELAY_S
+    assert searched_delay_s(plant(standard_error={"accelerometer_delay_s": 2e-3})) == DELAY_S
+    assert searched_delay_s(plant(accelerometer_delay_s=0.045)) == DELAY_S, "beyond what is believed of a sensor"
+
+
+def test_the_delay_of_the_model_file_reaches_the_fit_of_the_tip_and_not_that_of_the_torque():
+    bench = blank_bench(built())
+    known = axis_knowledge(bench, AXIS, Identified(robot=bench.name).with_part(AXIS, PLANT), sensorless=False)
+    tip, torque = (sensing_of(bench, AXIS, known, sensorless=sensorless) for sensorless in (False, True))
+    assert (tip.delay_from_s, tip.delay_to_s) == pytest.approx((-0.001, 0.015))
+    assert (torque.delay_from_s, torque.delay_to_s) == DELAY_S

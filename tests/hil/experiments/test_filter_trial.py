@@ -1,0 +1,64 @@
+"""Trial of designed filters: what raises the tip's peak in a window, or lowers it in none, is not used."""
+
+import numpy as np
+import pytest
+
+from hil.analysis import tip_scale
+from hil.bench.bench import load_bench
+from hil.experiments.filter_trial import MOST_RUNS, try_filters
+from hil.recording import Recording
+from hil.results.runs import FilterTrial
+
+PERIOD_S, F_AL_HZ = 0.002, 11.8
+
+
+def ramp(sizes: dict[int, float], noise: float, seed: int) -> Recording:
+    """A ramp on which each order rings at its resonance, in m/s², and the sensor's noise."""
+    time = np.arange(1500) * PERIOD_S
+    angle = 2.0 * np.pi * 0.5 * 4.0 * time**2
+    tip = noise * np.random.default_rng(seed).standard_normal(len(time))
+    for order, size in sizes.items():
+        tip += size * np.exp(-((4.0 * time - F_AL_HZ / order) ** 2)) * np.cos(order * angle)
+    return Recording({"time_s": time, "axis2_position_rad": angle, "tip_z_m_s2": tip})
+
+
+def tried(without: dict[int, float], with_it: dict[int, float], noise: float = 0.001) -> FilterTrial:
+    runs = iter(range(100))
+    scale = tip_scale(F_AL_HZ)
+    return try_filters(load_bench("reference"), scale, lambda acts: ramp(with_it if acts else without, noise, next(runs)))
+
+
+def test_filters_that_lower_an_order_are_used() -> None:
+    trial = tried({2: 1.0, 4: 0.3}, {2: 0.5, 4: 0.3})
+    assert (trial.is_good, trial.words, trial.runs) == (True, "", 1)
+
+
+def test_filters_that_raise_an_order_are_refused_though_another_falls() -> None:
+    trial = tried({2: 1.0, 4: 0.3}, {2: 0.5, 4: 0.4})
+    assert not trial.is_good
+    assert "in the window of order 4 rises" in trial.words
+    assert trial.peaks[0].order == 4
+
+
+def test_filters_that_do_nothing_are_refused() -> None:
+    trial = tried({2: 1.0, 4: 0.3}, {2: 0.99, 4: 0.3})
+    assert not trial.is_good
+    assert "in no window" in trial.words
+
+
+def test_what_the_noise_may_hide_is_run_again_for_the_mean() -> None:
+    assert 1 < tried({2: 1.0, 4: 0.3}, {2: 1.0, 4: 0.33}, noise=0.1).runs <= MOST_RUNS
+
+
+@pytest.mark.parametrize("raised", [1.0, 1.04])
+def test_a_rise_of_less_than_a_twentieth_is_no_harm(raised: float) -> None:
+    assert tried({2: 1.0, 4: 0.3}, {2: 0.5, 4: 0.3 * raised}).is_good
+
+
+def test_a_rise_at_the_foot_of_an_order_that_the_ramp_does_not_pass_is_a_harm_only_above_all_that_was_there() -> None:
+    # a ramp to 10 rev/s, where order 1 would meet f_al at 11.8: its window begins at 9, where order 2 has long been through
+    low, high = ({2: 1.0, 4: 0.3, 1.25: foot} for foot in (0.2, 0.3))
+    assert tried(low, {**high, 2: 0.5}).is_good
+    refused = tried(low, {**low, 2: 0.5, 1.25: 1.4})
+    assert not refused.is_good
+    assert "in the window of order 1 rises" in refused.words

@@ -1,0 +1,125 @@
+"""Mishaps of a passport: older and newer files, an interrupt, a full disk, clocks that were not set, places that are none."""
+
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hil.bench.model import Identified
+from hil.passport.store import APPLICATION_ID, VERSION, OrderLine, OrderSides, PassportRun, add, read
+from hil.passport.watch import trends
+from tests.hil.passport.test_passport import called, error, model
+
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
+FIRST_VERSION = """
+CREATE TABLE run (
+    hash TEXT PRIMARY KEY, robot TEXT NOT NULL, axis INTEGER NOT NULL, measured_utc TEXT NOT NULL, learnt_by TEXT NOT NULL,
+    note TEXT NOT NULL, temperature_c REAL, load_kg REAL, direction TEXT, top_rps REAL, posture_deg TEXT, emulated INTEGER,
+    source TEXT NOT NULL
+) STRICT;
+CREATE TABLE line (
+    hash TEXT NOT NULL REFERENCES run(hash), motor_order REAL NOT NULL, a_arcsec REAL NOT NULL, a_error_arcsec REAL NOT NULL,
+    phi_deg REAL NOT NULL, phi_error_deg REAL NOT NULL, PRIMARY KEY (hash, motor_order)
+) STRICT;
+INSERT INTO run VALUES ('h', 'arm', 2, '2026-01-01T00:00:00+00:00', 'identify', '', 22.0, 3.0, NULL, 30.0, NULL, 1, 'a');
+INSERT INTO line VALUES ('h', 2.0, 5.0, 0.1, 30.0, 1.0);
+PRAGMA user_version = 1;
+"""
+
+
+def run(name: str) -> PassportRun:
+    return PassportRun(name, "arm", 2, "2026-01-01T00:00:00+00:00", "identify", "")
+
+
+def test_a_passport_of_the_first_version_is_brought_up_and_keeps_its_runs(tmp_path: Path):
+    path = tmp_path / "p.sqlite"
+    old = sqlite3.connect(path)
+    old.executescript(FIRST_VERSION)
+    old.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    old.close()
+    side = OrderSides(2.0, 5.0, 5.1, 0.5, 3.0, 1.0)
+    again = PassportRun("h", "arm", 2, "2026-01-01T00:00:00+00:00", "identify", "", sides=(side,))
+    assert add(path, [again]) == 0, "the run is there; what the old version did not keep is added"
+    [kept] = read(path)
+    assert (kept.temperature_c, kept.load_kg, kept.emulated, kept.joint_low_deg, kept.seen_by) == (22.0, 3.0, True, None, None)
+    assert kept.lines == (OrderLine(2.0, 5.0, 0.1, 30.0, 1.0),)
+    assert kept.sides == (side,)
+
+
+def test_a_passport_of_a_newer_version_is_refused(tmp_path: Path):
+    add(tmp_path / "p.sqlite", [])
+    newer = sqlite3.connect(tmp_path / "p.sqlite")
+    newer.execute(f"PRAGMA user_version = {VERSION + 1}")
+    newer.close()
+    done = called(tmp_path, "--file", tmp_path / "p.sqlite")
+    assert done.exit_code == 3, done.output
+    assert f"a passport of version {VERSION + 1}" in done.stderr
+
+
+def test_an_interrupt_while_writing_loses_nothing_and_adds_nothing(tmp_path: Path):
+    add(tmp_path / "p.sqlite", [run("h0")])
+
+    def interrupted():
+        yield from (run("h1"), run("h2"))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        add(tmp_path / "p.sqlite", interrupted())
+    assert [each.content for each in read(tmp_path / "p.sqlite")] == ["h0"]
+    assert add(tmp_path / "p.sqlite", [run("h1"), run("h2")]) == 2, "and it can be written again"
+
+
+def test_a_disk_that_is_full_is_said_and_the_passport_is_as_before(tmp_path: Path):
+    """The kernel refuses to let files grow beyond a limit, as a full disk does."""
+    model(tmp_path / "runs", *(error(note="x" * 3000, day=day) for day in range(1, 28)))
+    add(tmp_path / "p.sqlite", [run("h")])
+    command = (
+        "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (60000, 60000)); from hil.cli.main import main; main()"
+    )
+    words = [sys.executable, "-c", command, "passport", str(tmp_path / "runs"), "--file", str(tmp_path / "p.sqlite")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 3, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "p.sqlite" in done.stderr
+    assert [each.content for each in read(tmp_path / "p.sqlite")] == ["h"]
+
+
+def test_a_run_with_a_date_that_cannot_be_is_left_out_and_named(tmp_path: Path):
+    dates = ("2026-01-01", "2199-01-01", "1970-01-01")
+    model(tmp_path, *(error().model_copy(update={"note": f"identified {date}T00:00:00+00:00"}) for date in dates))
+    done = called(tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "1 new runs, 1 in all" in done.stderr
+    assert "dated 2199-01-01, which is in the future: a clock was not set" in done.stderr
+    assert "dated 1970-01-01, which is before 2000" in done.stderr
+
+
+def test_texts_of_a_run_are_bounded(tmp_path: Path):
+    model(tmp_path, error(note="x" * 5000))
+    done = called(tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "4000 and 200 are the most" in done.stderr
+    assert "0 new runs" in done.stderr
+
+
+def test_two_robots_in_one_file_are_two_gears(tmp_path: Path):
+    model(tmp_path / "a", *(error(5.0 + 0.02 * (-1) ** day, day) for day in range(1, 10)))
+    for day in range(1, 10):
+        Identified(robot="other").with_part(2, error(9.0 + 0.02 * (-1) ** day, day)).save(tmp_path / f"other-{day}.toml")
+    assert called(tmp_path).exit_code == 0
+    found = trends(read(tmp_path / "passport.sqlite"), {})
+    assert {(trend.robot, len(trend.values)) for trend in found} == {("arm", 9), ("other", 9)}
+
+
+def test_a_folder_that_is_none_and_a_page_that_cannot_be_written_end_with_3(tmp_path: Path):
+    assert called(tmp_path / "nowhere").exit_code == 3
+    model(tmp_path, error())
+    (tmp_path / "passport.html").mkdir()
+    done = called(tmp_path)
+    assert done.exit_code == 3, done.output
+    assert "passport.html" in done.stderr
+    assert len(read(tmp_path / "passport.sqlite")) == 1, "the run is kept all the same"

@@ -1,0 +1,32 @@
+"""The true tip: windows in which treatments are compared are those of the motion, whatever a treatment adds to the speed."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hil.recording import Recording
+from plant_emulator.rehearsal.truth import tip_by_order_mm
+
+PERIOD_S, AXIS, F_AL_HZ = 0.001, 2, 4.0
+RISE_S, RATE = 2.0, 4.0
+
+
+def ramp(added_rev: float = 0.0) -> Recording:
+    """Ramp of 4 rev/s² whose start makes the arm ring down, with a second order added to the motor's motion."""
+    time_s = np.arange(round(2.2 * RISE_S / PERIOD_S)) * PERIOD_S
+    speed = RATE * np.minimum(time_s, np.maximum(2.0 * RISE_S - time_s, 0.0))
+    turned = np.cumsum(speed) * PERIOD_S
+    angle = 2.0 * math.pi * (turned + added_rev * np.cos(4.0 * math.pi * turned))
+    ringing = np.exp(-1.5 * time_s) * np.sin(2.0 * math.pi * F_AL_HZ * time_s)
+    return Recording({"time_s": time_s, f"axis{AXIS}_position_rad": angle, "tip_z_m_s2": ringing})
+
+
+def test_what_a_cancellation_adds_to_the_speed_moves_no_window() -> None:
+    plain, added = ramp(), ramp(added_rev=0.01)
+    speed_rps = np.abs(np.gradient(plain.axis(AXIS, "position_rad"), PERIOD_S)) / (2.0 * math.pi)
+    before = tip_by_order_mm(plain, AXIS, F_AL_HZ, speed_rps)
+    after = tip_by_order_mm(added, AXIS, F_AL_HZ, speed_rps)
+    assert set(before) == {1, 2, 4}
+    assert after == pytest.approx(before)
+    assert tip_by_order_mm(added, AXIS, F_AL_HZ)[4] != pytest.approx(before[4], rel=0.01), "its own speed moves them"

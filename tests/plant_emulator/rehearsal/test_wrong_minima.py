@@ -1,0 +1,42 @@
+"""Drawn robots on which a fit ended in a wrong minimum: another delay with every phase turned by 180°, another resonance."""
+
+import pytest
+
+from drive_profiles.files.toml import loads
+from hil.bench.bench import Bench
+from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.rehearsal.many.one import BOTH, drawn
+from plant_emulator.rehearsal.path import SMALL_EFFORT
+from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess
+from plant_emulator.world import World
+
+pytestmark = pytest.mark.slow
+
+
+def begun(seed, folder):
+    """The first axis of a seed's robot, the steps on it, and the files that they write."""
+    robot, text = drawn(seed, BOTH)
+    bench, files = loads(text, Bench, "blank bench"), PathFiles(folder)
+    number = min(bench.axis)
+    channel = DirectChannel(World(robot), robot.bus.bitrate)
+    return (
+        robot.axis[number],
+        StepsInProcess(bench, number, files, channel, SMALL_EFFORT),
+        lambda: files.identified().axis[number],
+    )
+
+
+def test_the_plants_delay_keeps_the_phases_from_being_turned(tmp_path):
+    axis, steps, identified = begun(310, tmp_path)
+    steps.plant()
+    steps.ate()
+    found, truth = identified().ate.values.phases_deg(), axis.ate.phases_deg()
+    for order in (2, 4):
+        assert abs((found[order] - truth[order] + 180.0) % 360.0 - 180.0) < 10.0, order
+
+
+@pytest.mark.parametrize("seed", [316, 6012])
+def test_a_resonance_under_a_slow_syncs_images_is_not_taken_for_another(seed, tmp_path):
+    axis, steps, identified = begun(seed, tmp_path)
+    steps.plant()
+    assert identified().plant.values.motor_inertia_kg_m2 == pytest.approx(axis.motor_inertia_kg_m2, rel=0.12)
