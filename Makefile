@@ -1,12 +1,13 @@
 # `make demo`, `make test` and `make live` need nothing but Python 3.11 or newer and make: what else they need is put into .venv.
 
 BIN := .venv/bin
-PIP := $(BIN)/python -m pip install --disable-pip-version-check -q
+# The locks are complete, so pip resolves nothing: a release of anybody else's changes no installation, and any pip from 23.0 will do.
 # Byte code is written when a module is first imported, of those that are: writing it all at installation costs seconds for nothing.
-PIP += --no-compile
+PIP := $(BIN)/python -m pip install --disable-pip-version-check -q --no-compile --no-deps --no-build-isolation
 # Not writing it at all, as some environments ask, makes every process compile numpy and scipy again: a fifth of the test run.
 unexport PYTHONDONTWRITEBYTECODE
 INSTALLED := .venv/installed
+TESTABLE := .venv/testable
 
 # The first of these that is new enough and can make virtual environments.
 PYTHONS := python3 python3.14 python3.13 python3.12 python3.11
@@ -19,10 +20,17 @@ if [ -z "$$python" ]; then \
 fi
 endef
 
-# The slow tests take minutes: always in CI, elsewhere by `make test CI=1`.
-SELECT := $(if $(CI),-m "not vm",-m "not slow")
+# A .venv that is there is used, whoever made it; it is never deleted.
+define FIND_VENV
+if [ ! -e .venv ]; then $(FIND_PYTHON); "$$python" -m venv .venv && touch .venv/made; fi; \
+if ! $(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
+  echo ".venv has no Python 3.11 or newer that starts; move it away or remove it, then run make again" >&2; exit 1; \
+fi; \
+$(BIN)/python -m pip --version >/dev/null 2>&1 || $(BIN)/python -m ensurepip >/dev/null || \
+  { echo ".venv has no pip, and its Python cannot install one (ensurepip); install pip into it, or move it away" >&2; exit 1; }
+endef
 
-.PHONY: demo live test bench lint format lock clean
+.PHONY: demo live test test-all bench lint format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/hil demo --out demo
@@ -30,44 +38,52 @@ demo: $(INSTALLED)
 live: $(INSTALLED)
 	$(BIN)/hil demo --out demo --live
 
-# Two workers share the processors: more threads of linear algebra in each would be in each other's way.
-test: lint
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal $(SELECT)
-ifdef CI
-	$(BIN)/python -m pytest tests/vcan -m vm
-endif
+test: $(TESTABLE)
+	$(BIN)/python -m tests.stages $(if $(CI),ci,everyday)
+
+test-all: $(TESTABLE)
+	$(BIN)/python -m tests.stages all
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks --out docs/performance.md
 
-lint: $(INSTALLED)
-	$(BIN)/ruff check
-	$(BIN)/ruff format --check
-	$(BIN)/mypy
-	$(BIN)/lint-imports --no-logo
+lint: $(TESTABLE)
+	$(BIN)/python -m tests.stages lint
 
-format: $(INSTALLED)
+format: $(TESTABLE)
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-# Two stamps, so that an edit in pyproject.toml costs two seconds and not a new environment.
+# Two stamps, so that an edit in pyproject.toml costs two seconds and not an installation.
 .venv/locked: requirements.lock
-	@$(FIND_PYTHON); $(BIN)/python -m pip --version >/dev/null 2>&1 || "$$python" -m venv --clear .venv
-	@echo "Installing requirements.lock into .venv (about half a minute, once)"
+	@$(FIND_VENV)
+	@echo "Installing requirements.lock into .venv (about 20 seconds, once)"
 	@$(PIP) --require-hashes -r requirements.lock
 	@touch $@
 
 $(INSTALLED): .venv/locked pyproject.toml
-	@$(PIP) --no-deps --no-build-isolation --editable .
+	@$(PIP) --editable .
 	@touch $@
 
-# One lock for every supported Python. Pins stay as they are unless pyproject.toml forces them: `make lock UPGRADE=--upgrade` renews all.
+$(TESTABLE): $(INSTALLED) requirements-test.lock
+	@echo "Installing requirements-test.lock into .venv (about 40 seconds, once)"
+	@$(PIP) --require-hashes -r requirements-test.lock
+	@touch $@
+
+# One lock for the demo and one for the tests, each for every supported Python; both hold the same version of what is in both.
+# Pins stay as they are unless pyproject.toml forces them: `make lock UPGRADE=--upgrade` renews all.
+UV_VERSION := 0.13.9
+COMPILE = .venv-lock/bin/uv pip compile -q --universal --python-version 3.11 --fork-strategy fewest --generate-hashes --no-annotate \
+  --custom-compile-command "make lock" --group build
 lock:
 	@$(FIND_PYTHON); "$$python" -m venv .venv-lock
-	.venv-lock/bin/python -m pip install --disable-pip-version-check -q uv
-	.venv-lock/bin/uv pip compile -q --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
-	  --extra test --group build --custom-compile-command "make lock" $(UPGRADE) --output-file requirements.lock pyproject.toml
+	.venv-lock/bin/python -m pip install --disable-pip-version-check -q uv==$(UV_VERSION)
+	$(COMPILE) --group test --extra cluster --extra dbc --extra live --extra mcap --extra mf4 --extra parquet $(UPGRADE) \
+	  --output-file requirements-test.lock pyproject.toml
+	$(COMPILE) --extra live --constraint requirements-test.lock $(UPGRADE) --output-file requirements.lock pyproject.toml
 
+# A .venv that something else made stays.
 clean:
-	rm -rf .venv .venv-lock .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build demo *.egg-info
+	if [ -e .venv/made ]; then rm -rf .venv; fi
+	rm -rf .venv-lock .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build demo *.egg-info
 	find drive_profiles hil plant_emulator tests -name __pycache__ -prune -exec rm -rf {} +

@@ -2,10 +2,11 @@
 
 import hashlib
 import inspect
+import re
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cached_property, update_wrapper
+from functools import cache, cached_property, update_wrapper
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
@@ -14,23 +15,44 @@ from hil.control import machine_code
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_CONTROL = Path(__file__).parent
+_ROOT = Path(__file__).resolve().parents[2]
+_IMPORT = re.compile(r"^(?:from ([\w.]+) )?import (?:\(([^)]*)\)|([^\n]*))", re.MULTILINE)
 
 
-def _digest(*folders: Path) -> str:
-    """A short hash of every source in the folders and below them.
+@cache
+def _imports(source: Path, roots: tuple[Path, ...]) -> tuple[Path, ...]:
+    """Sources below the roots that a source imports for all of its functions."""
+    names = []
+    for module, several, one in _IMPORT.findall(source.read_text(encoding="utf-8")):
+        imported = re.findall(r"[\w.]+", several or one)
+        names += [module, *(f"{module}.{name}" for name in imported)] if module else imported
+    places = [root.joinpath(*name.split(".")) for name in names for root in roots]
+    files = [file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")]
+    return tuple(file for file in dict.fromkeys(files) if file.is_file())
 
-    numba looks at the file of the compiled function alone; what it inlines from another file may change unseen. A cache
-    folder named after all the sources that can be inlined cannot be stale.
+
+@cache
+def _digest(source: Path, root: Path) -> str:
+    """Short hash of a source, and of all others that it imports directly or through another.
+
+    numba looks at the file of the compiled function alone; code and constants that it inlines come from these too, so a cache
+    folder of this name cannot be stale.
+
+    Args:
+        source: The file of the compiled function.
+        root: The folder that holds its top-level package.
     """
+    roots, found, waiting = tuple(dict.fromkeys((_ROOT, root))), {source, Path(__file__).resolve()}, [source]
+    while waiting:
+        new = set(_imports(waiting.pop(), roots)) - found
+        found |= new
+        waiting += new
     digest = hashlib.sha256()
-    for folder in dict.fromkeys(folders):
-        for source in sorted(folder.rglob("*.py")):
-            digest.update(source.read_bytes())
+    for file in sorted(found):
+        digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
 
 
-_digests: dict[Path, str] = {}
 _watchers: list[Callable[[str], None]] = []
 
 
@@ -66,10 +88,9 @@ class Compiled(Generic[P, R]):
         self._latest: Callable[..., R] | None = None
 
     def _folder(self) -> Path:
-        folder = Path(inspect.getfile(self.py_func)).resolve().parent
-        if folder not in _digests:
-            _digests[folder] = _digest(_CONTROL, folder)
-        return folder / "__pycache__" / f"compiled-{_digests[folder]}"
+        source = Path(inspect.getfile(self.py_func)).resolve()
+        root = source.parents[self.py_func.__module__.count(".")]
+        return source.parent / "__pycache__" / f"compiled-{_digest(source, root)}"
 
     @cached_property
     def dispatcher(self) -> Any:

@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -18,18 +19,19 @@ from hil.control.notch import notch_coefficients
 
 ROOT = Path(__file__).parents[3]
 
-INNER = "from hil.control.compiled import compiled\n\n\n@compiled\ndef inner(x):\n    return x + {constant}\n"
-OUTER = """
-from hil.control.compiled import compiled
-from gadget.deep.inner import inner
+FORTY_PERIODS = """
+from hil.control.cascade import Cascade
+from plant_emulator.motion.axes import Axes
+from plant_emulator.motion.period import advance
+from plant_emulator.motion.record import POSITION
+from plant_emulator.robots.robot import load_robot
 
-
-@compiled
-def outer(x):
-    return 10.0 * inner(x)
-
-
-print(outer(1.0), outer.loaded)
+axes = Axes(load_robot("reference"))
+Cascade(25.0, 0.2, 4.0).write(axes.cascade_config[0])
+axes.open_brake(0, POSITION, 1)
+axes.set_point(0, axes.counts(0) + 100)
+axes.advance(40)
+print(float(axes.plant_state["motor_angle_rad"][0]).hex(), advance.loaded)
 """
 
 
@@ -52,28 +54,51 @@ print("numba" in sys.modules, *found)
 """
 
 
-def run(folder, module):
+def run(folder, *arguments):
     path = os.pathsep.join([str(folder), str(ROOT)])
-    command, environment = [sys.executable, "-m", module], {**os.environ, "PYTHONPATH": path}
-    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    command, environment = [sys.executable, *arguments], {**os.environ, "PYTHONPATH": path}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True).stdout
 
 
-def run_gadget(folder):
-    value, hits = run(folder, "gadget.outer").split()
-    return float(value), int(hits)
+SOURCES = ("plant_emulator/physics/integration.py", "plant_emulator/physics/angle_grid.py", "plant_emulator/physics/sensing.py",
+           "plant_emulator/motion/references.py", "hil/control/notch.py", "hil/control/servo.py")  # fmt: skip
 
 
-@pytest.mark.slow
-def test_code_inlined_from_a_folder_below_is_compiled_anew_when_its_source_changes(tmp_path):
-    """The compiled period of the emulated drive inlines the plant of `physics/`: an edit there must reach it."""
-    deep = tmp_path / "gadget" / "deep"
-    deep.mkdir(parents=True)
-    (tmp_path / "gadget" / "outer.py").write_text(OUTER, encoding="utf-8")
-    (deep / "inner.py").write_text(INNER.format(constant=1.0), encoding="utf-8")
-    assert run_gadget(tmp_path) == (20.0, 0)
-    assert run_gadget(tmp_path) == (20.0, 1)  # unchanged: from the disk
-    (deep / "inner.py").write_text(INNER.format(constant=2.0), encoding="utf-8")
-    assert run_gadget(tmp_path) == (30.0, 0)
+@pytest.fixture
+def copied(tmp_path):
+    """A folder of their own for the packages, whose sources a test may edit."""
+    for package in ("drive_profiles", "hil", "plant_emulator"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path
+
+
+def folder_of_the_control_period(folder):
+    program = "from plant_emulator.motion.period import advance; print(advance._folder())"
+    return run(folder, "-c", program).strip()
+
+
+def test_the_control_period_is_compiled_anew_after_an_edit_of_any_source_that_it_inlines(copied):
+    before = {folder_of_the_control_period(copied)}
+    for source in SOURCES:
+        path = copied / source
+        path.write_text(f"{path.read_text(encoding='utf-8')}\nEDITED = True\n", encoding="utf-8")
+        after = folder_of_the_control_period(copied)
+        assert Path(after).parent == copied / "plant_emulator" / "motion" / "__pycache__"
+        assert after not in before, source
+        before.add(after)
+
+
+@pytest.mark.slow  # the control period is compiled twice
+def test_a_robot_moves_otherwise_after_an_edit_of_the_physics(copied):
+    first, loaded = run(copied, "-c", FORTY_PERIODS).split()
+    assert loaded == "0"
+    assert run(copied, "-c", FORTY_PERIODS).split() == [first, "1"]  # unchanged: from the disk
+    path = copied / "plant_emulator" / "physics" / "integration.py"
+    text = path.read_text(encoding="utf-8")
+    assert text.count("h = period_s / substeps") == 1
+    path.write_text(text.replace("h = period_s / substeps", "h = 0.5 * period_s / substeps"), encoding="utf-8")
+    other, loaded = run(copied, "-c", FORTY_PERIODS).split()
+    assert (other != first, loaded) == (True, "0")
 
 
 def test_the_compiler_keeps_ieee_arithmetic_bit_for_bit():
@@ -90,7 +115,7 @@ def test_a_division_by_zero_is_a_number_of_ieee_and_no_exception():
 def test_what_lies_on_disk_runs_without_numba_and_gives_the_same_bits(tmp_path):
     (tmp_path / "gadget").mkdir()
     (tmp_path / "gadget" / "sums.py").write_text(SUMS, encoding="utf-8")
-    said = [run(tmp_path, "gadget.sums") for _ in range(2)]
+    said = [run(tmp_path, "-m", "gadget.sums") for _ in range(2)]
     assert [line.split()[0] for line in said] == ["True", "False"]  # numba imported?
     assert said[0].split()[1:] == said[1].split()[1:]
 
@@ -184,7 +209,7 @@ print(squares(4).sum(), sum(squares.dispatcher.stats.cache_hits.values()))
 def test_what_needs_numba_is_kept_by_numba(tmp_path):
     (tmp_path / "gadget").mkdir()
     (tmp_path / "gadget" / "squares.py").write_text(ALLOCATING, encoding="utf-8")
-    assert [run(tmp_path, "gadget.squares").split() for _ in range(3)] == [["14", "0"], ["14", "1"], ["14", "1"]]
+    assert [run(tmp_path, "-m", "gadget.squares").split() for _ in range(3)] == [["14", "0"], ["14", "1"], ["14", "1"]]
 
 
 def test_a_numba_with_other_insides_only_starts_more_slowly(tmp_path, monkeypatch):

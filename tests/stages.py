@@ -1,0 +1,144 @@
+"""Run the stages of a test tier, one after the other, and say at the end what failed and what each took.
+
+    python -m tests.stages lint | everyday | ci | all
+
+A stage that fails stops none of the others. CONTRIBUTING.md says what belongs to which tier. The `all` tier draws new random
+examples in each run; its seed is printed, and `--seed` repeats it.
+"""
+
+import argparse
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).parents[1]
+BIN = Path(sys.executable).parent
+RANDOM_FRAMES = 1_000_000
+SIDE_BY_SIDE = ("-n", "2", "--dist", "worksteal")
+ALONE = ("-p", "no:xdist")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A command, and whether it is pytest.
+
+    Attributes:
+        name: Word for it in the summary.
+        command: Program and arguments.
+        is_pytest: It is told to leave its results as JUnit XML.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    is_pytest: bool = False
+
+
+@dataclass
+class Result:
+    """What a stage took, and which of its tests failed."""
+
+    stage: Stage
+    seconds: float
+    status: int
+    failed: list[str] = field(default_factory=list)
+    passed: int = 0
+    skipped: int = 0
+
+
+def linters() -> Iterator[Stage]:
+    yield Stage("ruff check", (str(BIN / "ruff"), "check"))
+    yield Stage("ruff format", (str(BIN / "ruff"), "format", "--check"))
+    yield Stage("mypy", (str(BIN / "mypy"),))
+    yield Stage("imports", (str(BIN / "lint-imports"), "--no-logo"))
+
+
+def tests(name: str, *arguments: str) -> Stage:
+    return Stage(name, (sys.executable, "-m", "pytest", "-q", *arguments), is_pytest=True)
+
+
+def stages(tier: str, seed: int) -> Iterator[Stage]:
+    """The stages of a tier.
+
+    Args:
+        tier: lint, everyday, ci or all.
+        seed: Seed of the random examples, of which only `all` draws new ones.
+    """
+    yield from linters()
+    if tier == "everyday":
+        yield tests("tests", *SIDE_BY_SIDE, "-m", "not (slow or smoke or wall or vm)")
+    elif tier == "ci":
+        yield tests("tests", *SIDE_BY_SIDE, "-m", "not (slow or wall or vm)")
+        yield tests("wall clock", *ALONE, "-m", "wall and not slow")
+        yield tests("virtual machine", *ALONE, "tests/vcan", "-m", "vm and not slow")
+    elif tier == "all":
+        new = ("--hypothesis-profile=random", f"--hypothesis-seed={seed}")
+        yield tests("tests", *SIDE_BY_SIDE, *new, "-m", "not (smoke or wall or vm)")
+        yield tests("wall clock", *ALONE, *new, "-m", "wall and not smoke")
+        yield tests("virtual machine", *ALONE, "tests/vcan", "-m", "vm and not smoke")
+
+
+def run(stage: Stage, folder: Path) -> Result:
+    """Run a stage to its end."""
+    print(f"\n== {stage.name}: {' '.join(stage.command)}", flush=True)
+    results = folder / f"{stage.name.replace(' ', '-')}.xml"
+    command = [*stage.command, *([f"--junitxml={results}"] if stage.is_pytest else [])]
+    # more threads of linear algebra in each of two workers would be in each other's way
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    begin = time.monotonic()
+    status = subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
+    result = Result(stage, time.monotonic() - begin, status)
+    if results.exists():
+        read(results, result)
+    if status != 0 and not result.failed:
+        result.failed.append(f"{stage.name} ended with {status}")
+    return result
+
+
+def read(results: Path, result: Result) -> None:
+    """Count what pytest wrote of its tests; one that fails twice, in itself and behind it, counts once."""
+    for case in ElementTree.parse(results).iter("testcase"):  # noqa: S314 - written by our own pytest
+        if case.find("failure") is not None or case.find("error") is not None:
+            name = f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}"
+            if name not in result.failed:
+                result.failed.append(name)
+        elif case.find("skipped") is not None:
+            result.skipped += 1
+        else:
+            result.passed += 1
+
+
+def main() -> int:
+    """Run a tier; 0 if all of it passed."""
+    parser = argparse.ArgumentParser(description="Run the stages of a test tier.")
+    parser.add_argument("tier", choices=["lint", "everyday", "ci", "all"])
+    parser.add_argument("--seed", type=int, default=None, help="of the random examples of `all` (default: a new one)")
+    given = parser.parse_args()
+    seed = random.SystemRandom().randrange(2**32) if given.seed is None else given.seed
+    if given.tier == "all":
+        os.environ.setdefault("HIL_RANDOM_FRAMES", str(RANDOM_FRAMES))
+        print(f"seed of the random examples: {seed}; to repeat them: python -m tests.stages all --seed {seed}")
+    with tempfile.TemporaryDirectory(prefix="stages-") as folder:
+        results = [run(stage, Path(folder)) for stage in stages(given.tier, seed)]
+    print()
+    for result in results:
+        for name in result.failed:
+            print(f"FAILED {name}")
+    for result in results:
+        print(f"{result.stage.name:16} {result.seconds:7.1f} s  {'failed' if result.failed else 'passed'}")
+    print(f"{'all stages':16} {sum(result.seconds for result in results):7.1f} s")
+    counted = [result for result in results if result.stage.is_pytest]
+    if counted:
+        failed, skipped = sum(len(each.failed) for each in counted), sum(each.skipped for each in counted)
+        print(f"{sum(each.passed for each in counted)} passed, {failed} failed, {skipped} skipped")
+    return 1 if any(result.failed for result in results) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
