@@ -12,7 +12,7 @@ from pathlib import Path
 from benchmarks import demo_runs, plant, whole_bench
 from benchmarks.arm import arm, arm_over_bus
 from benchmarks.master_path import master_path
-from benchmarks.measure import DisagreementError, machine, progress
+from benchmarks.measure import DisagreementError, machine, measure_once, progress
 from benchmarks.memory import memory
 from benchmarks.node_frames import node_frames
 from benchmarks.robustness import robustness
@@ -103,7 +103,10 @@ def main() -> None:
     parser.add_argument("group", nargs="*", help="what to measure; all unless named")
     parser.add_argument("--out", type=Path, help="Markdown file to write")
     parser.add_argument("--hour", action="store_true", help="an hour of bus time for the memory, instead of ten minutes")
+    parser.add_argument("--once", action="store_true", help="everything once, to see that it runs; the figures are worth nothing")
     arguments = parser.parse_args()
+    if arguments.once:
+        measure_once()
     known = groups(60 if arguments.hour else 10)
     unknown = [name for name in arguments.group if name not in known]
     if unknown:

@@ -60,6 +60,20 @@ def progress(text: str) -> None:
     print(f"{time.strftime('%H:%M:%S')}  {text}", file=sys.stderr, flush=True)  # noqa: T201 - a program's own word
 
 
+_once = False
+
+
+def measure_once() -> None:
+    """Measure everything once from now on, to see that it runs; the figures are worth nothing then."""
+    global _once  # noqa: PLW0603 - the one setting of a program
+    _once = True
+
+
+def turns(count: int, least: int = 1) -> int:
+    """Number of turns, or the least one where everything is measured once."""
+    return least if _once else count
+
+
 def in_turn(contenders: Mapping[str, Callable[[], float]], rounds: int = 5) -> dict[str, float]:
     """The median rate of each contender, measured A, B, A, B, … so that all of them meet the same moods of the machine.
 
@@ -68,7 +82,7 @@ def in_turn(contenders: Mapping[str, Callable[[], float]], rounds: int = 5) -> d
         rounds: How often each has its turn; one more, the first, is not counted.
     """
     found: dict[str, list[float]] = {name: [] for name in contenders}
-    for turn in range(rounds + 1):
+    for turn in range(turns(rounds) + 1):
         for name, measure in contenders.items():
             rate = measure()
             if turn:
@@ -85,7 +99,7 @@ def seconds(function: Callable[[], object]) -> float:
 
 def best_of(function: Callable[[], object], repeats: int = 5) -> float:
     """Seconds of the fastest of some calls: the one that the rest of the machine disturbed least."""
-    return min(seconds(function) for _ in range(repeats))
+    return min(seconds(function) for _ in range(turns(repeats)))
 
 
 def table(heads: Iterable[str], rows: Iterable[Row]) -> list[str]:

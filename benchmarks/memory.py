@@ -4,7 +4,7 @@ import os
 import time
 from pathlib import Path
 
-from benchmarks.measure import Row, progress, table
+from benchmarks.measure import Row, progress, table, turns
 from benchmarks.robots import bench_of, robot_of, swing
 from hil.master.session import Session
 from hil.recording import BusLog
@@ -27,6 +27,7 @@ def resident_mib() -> float | None:
 
 def memory(minutes: int = 10, *, bit_times: bool = True) -> list[str]:
     """Runs of a minute on one bus and one session: resident memory and frames lost after each."""
+    minutes = turns(minutes)
     world = World(robot_of(AXES, PERIOD_S))
     medium = medium_for(world, BITRATE if bit_times else None)
     channel = InProcessChannel(world, medium)

@@ -2,7 +2,7 @@
 
 import os
 
-from benchmarks.measure import Row, agreed, progress, seconds, table
+from benchmarks.measure import Row, agreed, progress, seconds, table, turns
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.robots.tuning import load_tuning
 from plant_emulator.studies.robustness import PlantRunResult, Study
@@ -25,6 +25,7 @@ def robustness(runs: int = RUNS) -> list[str]:
     Raises:
         DisagreementError: The number of processes has changed what came out.
     """
+    runs = turns(runs, least=4)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     rows: list[Row] = []
     for name, study in studies().items():

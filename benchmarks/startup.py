@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.measure import Row, progress, seconds, table
+from benchmarks.measure import Row, progress, seconds, table, turns
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("hil", "plant_emulator", "drive_profiles")
@@ -90,13 +90,13 @@ def _copy(folder: Path) -> Path:
 def startup(repeats: int = 5) -> list[str]:
     """A fresh process each time; cold is a copy of our packages without any cache, Python's own included."""
     progress("start-up: help, and compiled parts cold and warm")
-    bare = statistics.median(_python("-c", "pass") for _ in range(repeats))
-    numba = statistics.median(_python("-c", "import numba, numpy") for _ in range(3))
-    assisted = statistics.median(_python("-m", "hil", "--help") for _ in range(repeats))
+    bare = statistics.median(_python("-c", "pass") for _ in range(turns(repeats)))
+    numba = statistics.median(_python("-c", "import numba, numpy") for _ in range(turns(3)))
+    assisted = statistics.median(_python("-m", "hil", "--help") for _ in range(turns(repeats)))
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         _copy(Path(folder))
         cold = _python("-c", COMPILED, path=Path(folder))
-        warm = statistics.median(_python("-c", COMPILED, path=Path(folder)) for _ in range(3))
+        warm = statistics.median(_python("-c", COMPILED, path=Path(folder)) for _ in range(turns(3)))
     progress("start-up: demo")
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         demo = _python("-m", "hil", "demo", "--no-story", "--out", str(Path(folder) / "demo"), cwd=folder)
@@ -123,12 +123,12 @@ def doors(repeats: int = 7) -> list[str]:
         rows: list[Row] = []
         for name, start in starts.items():
             progress(f"doors: {name}")
-            turns = [[_waited_and_worked(start, path) for path in (ours, own)] for _ in range(repeats + 1)][1:]
+            waits = [[_waited_and_worked(start, path) for path in (ours, own)] for _ in range(turns(repeats) + 1)][1:]
             for place, what in enumerate(("s", "s of processor")):
-                here, there = (statistics.median(turn[path][place] for turn in turns) for path in (0, 1))
+                here, there = (statistics.median(turn[path][place] for turn in waits) for path in (0, 1))
                 rows.append((f"{name}, {what}", here, there, there - here, there / here))
         progress("doors: calls")
-        calls = [[_calls(path) for path in (ours, own)] for _ in range(4)][1:]
+        calls = [[_calls(path) for path in (ours, own)] for _ in range(turns(3) + 1)][1:]
         for name in calls[0][0]:
             here, there = (statistics.median(turn[path][name] for turn in calls) for path in (0, 1))
             rows.append((f"{name}, µs per call", here, there, there - here, there / here))
@@ -145,7 +145,7 @@ def _waited_and_worked(start: Callable[[Path], float], path: Path) -> tuple[floa
 
 def _served(path: Path) -> float:
     """Until the emulator says that it serves; then it ends."""
-    command = [sys.executable, "-m", "plant_emulator.cli", "serve", "--bus", f"local:{path}/robot.sock", "--until-stdin-closes"]
+    command = [sys.executable, "-m", "plant_emulator", "serve", "--bus", f"local:{path}/robot.sock", "--until-stdin-closes"]
     begin = time.perf_counter()
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     process = subprocess.Popen(command, cwd=path, env=_environment(path), **pipes)  # noqa: S603
