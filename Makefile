@@ -39,7 +39,7 @@ live: $(INSTALLED)
 	$(BIN)/hil demo --out demo --live
 
 test: $(TESTABLE)
-	$(BIN)/python -m tests.stages $(if $(CI),ci,everyday)
+	$(BIN)/python -m tests.stages $(if $(CI),ci,everyday) $(if $(SINCE),--since $(SINCE))
 
 test-all: $(TESTABLE)
 	$(BIN)/python -m tests.stages all

@@ -22,6 +22,9 @@ PROGRAMS = re.compile(
 SERVER = "plant-emulator serve "
 STATUS = re.compile(r"\bends with (\d+)")
 PORT = "18000"
+LINKED = ("benchmarks", "drive_profiles", "hil", "plant_emulator", "tests", "Makefile", "README.md", "pyproject.toml")
+COPIED = ("docs", "examples")
+"""Parts of the project that lie beside a reader; what readers write to, or read from, is a copy."""
 SHARED = "/tmp/"  # noqa: S108 - where the pages have the robot's socket
 BASH = shutil.which("bash")
 MARK = "-- status of the command above:"
@@ -105,7 +108,7 @@ def free_port():
 
 
 class Shell:
-    """One shell in a fresh folder, in which the project's own files and its `.venv` lie as beside a reader.
+    """One shell in a fresh folder, in which the project's own parts and its `.venv` lie as beside a reader.
 
     Two things are another's on a machine that many share, and are replaced in what is typed: `/tmp/` by a folder of this shell,
     and the TCP port of the pages by a free one. Servers run behind the page, as in a terminal of their own, until another takes
@@ -119,9 +122,10 @@ class Shell:
     def __init__(self, folder, place):
         self.folder, self.place, self._port = folder, place, str(free_port())
         self._servers = {}
-        for each in ROOT.iterdir():
-            if not each.name.startswith(".") and each.name not in {"demo", "bench-out", "drive-journals"}:
-                (folder / each.name).symlink_to(each)
+        for name in LINKED:
+            (folder / name).symlink_to(ROOT / name)
+        for name in COPIED:
+            shutil.copytree(ROOT / name, folder / name)
         (folder / ".venv").symlink_to(sys.prefix)
         environment = {key: value for key, value in os.environ.items() if not key.startswith(("HIL_", "PYTEST_", "VIRTUAL_ENV"))}
         self._bash = subprocess.Popen(

@@ -13,6 +13,7 @@ import typer
 
 from hil.bench.bench import load_bench
 from hil.bench.design import DesignedAxis, Designs
+from tests.docs import pages
 from tests.docs.pages import PAGES, PROGRAMS, ROOT, blocks_in, commands_of, name_of
 
 LIMIT_S = 420
@@ -33,6 +34,7 @@ NOT_RUN = {
     ("README.md", "pytest tests/conformance"): SUITE,
     ("CONTRIBUTING.md", "make test"): SUITE,
     ("CONTRIBUTING.md", "make test CI=1"): SUITE,
+    ("CONTRIBUTING.md", "make test-all"): SUITE,
     ("CONTRIBUTING.md", "make demo"): "installs first; tests/hil/cli runs the demo itself",
     ("CONTRIBUTING.md", "make bench"): "measures for many minutes, and overwrites docs/performance.md",
     ("docs/arm.md", "plant-emulator rehearse --arms --seeds 0 --out arms"): ARMS,
@@ -208,6 +210,21 @@ def type_in(shell, text, status, where):
     ended, said = shell.run(text, LIMIT_S)
     assert ended == status, f"{where}: {text}\nended with {ended} instead of {status}:\n{said}"
     assert "Traceback (most recent call last)" not in said, f"{where}: {text}\n{said}"
+
+
+def test_a_reader_of_a_page_writes_to_no_file_of_the_project_or_of_its_user(tmp_path, monkeypatch):
+    root, folder, place = (tmp_path / name for name in ("root", "folder", "place"))
+    for path in (root / "hil", root / "docs", folder, place):
+        path.mkdir(parents=True)
+    mine = [root / "bench.toml", root / "docs" / "performance.md"]
+    for path in mine:
+        path.write_text("mine", encoding="utf-8")
+    monkeypatch.setattr(pages, "ROOT", root)
+    monkeypatch.setattr(pages, "LINKED", ("hil",))
+    monkeypatch.setattr(pages, "COPIED", ("docs",))
+    with pages.Shell(folder, place) as shell:
+        assert shell.run("test -e hil && echo other > bench.toml && echo other > docs/performance.md", LIMIT_S)[0] == 0
+    assert [path.read_text(encoding="utf-8") for path in mine] == ["mine", "mine"]
 
 
 # -- the tables --------------------------------------------------------------------------------------------------------

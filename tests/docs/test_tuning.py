@@ -12,7 +12,7 @@ from tests.docs.pages import ROOT, commands_of
 
 PAGE = ROOT / "docs" / "tuning.md"
 LIMIT_S = 900
-SEEDS = (77, 301, 363)
+SEEDS = (pytest.param(77, marks=pytest.mark.smoke), *(pytest.param(seed, marks=pytest.mark.slow) for seed in (301, 363)))
 QUICKLY = {
     "hil design notch": "--quick",
     "hil learn": "--passes 3",
@@ -43,8 +43,6 @@ def beginning(text, table):
     return next((begin for begin in table if text.startswith(begin)), None)
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_page_quiets_a_robot_that_nobody_has_tuned_for(seed, shell):
     drawn = "plant-emulator stable --seeds 77 --kind real --out stable"

@@ -1,0 +1,92 @@
+"""The installation needs nothing that is not in the lock, with any supported pip and any .venv that is there."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("drive_profiles", "hil", "plant_emulator")
+FILES = ("Makefile", "pyproject.toml", "setup.py", "requirements.lock", "LICENSE", "README.md")
+OLDEST_PIP = "23.0.1"
+WINDOWS_ONLY = {"colorama": ""}
+FOR_TESTS = {"pytest", "mypy", "ruff", "distributed", "hypothesis"}
+
+
+def run(folder, *command):
+    environment = {key: value for key, value in os.environ.items() if key not in {"VIRTUAL_ENV", "PYTHONPATH", "MAKEFLAGS", "CI"}}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{command} ended with {done.returncode}:\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture
+def project(tmp_path):
+    """A copy of what the installation needs, without a .venv."""
+    for name in FILES:
+        shutil.copy(ROOT / name, tmp_path)
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path
+
+
+def venv(project, *options):
+    run(project, sys._base_executable, "-m", "venv", *options, ".venv")
+    return project / ".venv" / "bin" / "python"
+
+
+def installed(project):
+    """Versions by name, as pip lists them."""
+    lines = run(project, ".venv/bin/python", "-m", "pip", "list", "--format=freeze").splitlines()
+    return {re.sub(r"[-_.]+", "-", name).lower(): version for name, _, version in (line.partition("==") for line in lines)}
+
+
+def locked(path):
+    return dict(re.findall(r"^([a-z0-9-]+)==(\S+)", path.read_text(encoding="utf-8"), re.MULTILINE))
+
+
+@pytest.mark.parametrize(
+    "pip",
+    [
+        pytest.param(OLDEST_PIP, marks=pytest.mark.smoke),
+        *(pytest.param(pip, marks=pytest.mark.slow) for pip in ("23.2.1", "24.0", "")),
+    ],
+)
+def test_the_demo_installs_with_this_pip_exactly_what_its_lock_says(project, pip):
+    python = venv(project)
+    run(project, python, "-m", "pip", "install", "-q", "--upgrade", f"pip=={pip}" if pip else "pip")
+    run(project, "make", ".venv/installed")
+    found = installed(project)
+    wanted = locked(project / "requirements.lock")
+    assert {name: found.get(name) for name in wanted} | WINDOWS_ONLY == wanted | WINDOWS_ONLY
+    assert not FOR_TESTS & found.keys()
+    assert "hil" in run(project, ".venv/bin/hil", "--version")
+
+
+@pytest.mark.slow
+def test_a_venv_that_has_no_pip_is_used_and_nothing_of_it_deleted(project):
+    """As uv makes them."""
+    mine = venv(project, "--without-pip").parents[1] / "mine"
+    mine.touch()
+    run(project, "make", ".venv/installed")
+    assert mine.exists()
+    run(project, "make", "clean")
+    assert mine.exists()
+
+
+def test_a_venv_that_does_not_start_is_left_alone_and_said(project):
+    (project / ".venv" / "bin").mkdir(parents=True)
+    done = subprocess.run(["make", ".venv/installed"], cwd=project, capture_output=True, text=True, check=False)  # noqa: S607
+    assert done.returncode != 0
+    assert ".venv has no Python 3.11 or newer that starts; move it away or remove it" in done.stderr
+    assert (project / ".venv" / "bin").is_dir()
+
+
+def test_both_locks_hold_the_same_version_of_what_is_in_both():
+    demo, tests = (locked(ROOT / name) for name in ("requirements.lock", "requirements-test.lock"))
+    assert demo.items() <= tests.items()
+    assert not FOR_TESTS & demo.keys()
