@@ -85,7 +85,7 @@ def stages(tier: str, seed: int) -> Iterator[Stage]:
         new = ("--hypothesis-profile=random", f"--hypothesis-seed={seed}")
         yield tests("tests", *SIDE_BY_SIDE, *new, "-m", "not (wall or vm)")
         yield tests("wall clock", *ALONE, *new, "-m", "wall")
-        yield tests("virtual machine", *ALONE, "tests/vcan", "-m", "vm")
+        yield tests("virtual machine", *ALONE, "tests/vcan", "-m", "vm and slow")
 
 
 def files() -> dict[str, tuple[int, int]]:

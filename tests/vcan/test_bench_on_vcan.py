@@ -30,7 +30,7 @@ def is_enabled(bus, node=2):
     return state_of(int.from_bytes(bus.upload(node, 0x6041)[:2], "little")) is State.OPERATION_ENABLED
 
 
-@pytest.mark.timeout(900)  # up to eight runs of a minute in a virtual machine, the first of which compiles
+@pytest.mark.slow  # up to eight runs of a minute in a virtual machine
 def test_the_notch_works_over_socketcan_and_candump_sees_every_frame(robot, tmp_path, start_run):
     bench, peaks = bench_file(tmp_path, *TOLERANT, ROOM, FAR), {"none": [], "notch": []}
     for attempt in range(TRIES):
@@ -56,6 +56,7 @@ def test_the_notch_works_over_socketcan_and_candump_sees_every_frame(robot, tmp_
     assert min(peaks["notch"]) < 0.8 * min(peaks["none"]), peaks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("disturbance", ["loss 5%", "delay 4ms 3ms", "duplicate 20%"])
 def test_a_run_bears_what_its_limits_allow(robot, tmp_path, netem, disturbance, start_run):
     """Lost, late, reordered and doubled frames for a second of the motion: counted, not stopped for."""
@@ -93,6 +94,7 @@ def test_silence_beyond_the_limit_is_a_safe_stop_and_the_drives_stop_by_themselv
     assert len(Recording.load(out / run_of(out)["recording"]).time_s) == run_of(out)["cycles"] > 0
 
 
+@pytest.mark.slow
 def test_answers_that_come_after_their_cycle_stop_the_run_and_disable_the_drives(robot, tmp_path, netem, start_run):
     out = tmp_path / "out"
     with Listener() as bus:
@@ -127,6 +129,7 @@ def test_ctrl_c_ramps_down_and_disables(robot, tmp_path, start_run):
         assert not is_enabled(bus)
 
 
+@pytest.mark.slow
 def test_an_interface_that_goes_down_in_motion_is_latched_at_both_ends(own_robot, tmp_path, start_run):
     out, address = tmp_path / "out", own_robot.address
     with Listener(address, 0x202) as bus:
