@@ -8,10 +8,16 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from drive_profiles.address import BUS_VARIABLE
 
-SLOW_TIMEOUT_S = 900
+ANY_PACE = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+"""How long an example takes depends on what else the machine does."""
+settings.register_profile("same", derandomize=True, **ANY_PACE)
+settings.register_profile("random", derandomize=False, print_blob=True, **ANY_PACE)
+settings.load_profile("same")
+"""The same examples in each run; the whole tier asks for `random`, which draws others."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -29,13 +35,6 @@ def pytest_configure(config: pytest.Config) -> None:
     if workers > 1 and not hasattr(config, "workerinput") and not config.option.collectonly:
         # in a process of its own, so that pytest's coverage and filters see nothing of it; who cannot make it, makes it later
         subprocess.run([sys.executable, "-m", "tests.machine_code"], cwd=Path(__file__).parents[1], check=False)
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A study takes its minutes: a test that is marked slow has a time-out of its own, longer than the others'."""
-    for item in items:
-        if item.get_closest_marker("slow") is not None and item.get_closest_marker("timeout") is None:
-            item.add_marker(pytest.mark.timeout(SLOW_TIMEOUT_S))
 
 
 class _YoungGarbage:

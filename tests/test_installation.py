@@ -31,6 +31,7 @@ def project(tmp_path):
         shutil.copy(ROOT / name, tmp_path)
     for name in PACKAGES:
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "tests").mkdir()
     return tmp_path
 
 

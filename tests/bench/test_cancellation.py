@@ -160,7 +160,6 @@ def test_a_trial_accepts_what_is_right_and_refuses_one_wrong_order_alone() -> No
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_in_a_line_motion_the_wrong_order_of_the_wrong_axis_is_found() -> None:
     session = session_of(robot_of(NOISY), 0.002)
     motion = line_motion(session.bench, 0.002)
@@ -187,7 +186,6 @@ def test_what_is_refused_leaves_the_notch() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_learning_leaves_out_the_order_that_makes_it_worse(monkeypatch: pytest.MonkeyPatch) -> None:
     """A drive that turns one order's additions round: the other is learnt, and that one is in no file."""
     session = session_of(robot_of(NOISY), 0.002)
@@ -225,7 +223,6 @@ def test_learning_asks_for_the_motors_inertia_before_it_moves(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_learning_takes_the_motors_inertia_from_another_model_file_or_a_data_sheet(tmp_path: Path) -> None:
     known = with_bus(load_bench("reference"), sync_period_s=0.002)
     blank, model = blank_of(known), known.axis[3].model
@@ -314,7 +311,6 @@ def test_two_passes_learn_what_cancels(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_identified_cancellation_at_1_ms_and_1_mbit() -> None:
     """A single run shows 86 to 88 %: the sensor's own noise is 0.07 of 0.89 m/s²·Hz. Three runs' mean shows it."""
     session = session_of(robot_of(NOISY), 0.001, MBIT)
@@ -332,7 +328,6 @@ def test_identified_cancellation_at_1_ms_and_1_mbit() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_after_five_passes_at_1_ms_and_1_mbit(tmp_path: Path) -> None:
     session = session_of(robot_of(NOISY, seed=2), 0.001, MBIT)
     session.bench = without_ate(session.bench)
@@ -351,7 +346,6 @@ def test_after_five_passes_at_1_ms_and_1_mbit(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize(("scale", "turn_deg"), [(1.1, 10.0), (0.9, -10.0), (1.1, -10.0), (0.9, 10.0)])
 def test_with_the_error_changed_since_it_is_still_better_than_the_notch_alone(scale: float, turn_deg: float) -> None:
     robot = robot_of(NOISY, scale=scale, turn_deg=turn_deg)
@@ -363,7 +357,6 @@ def test_with_the_error_changed_since_it_is_still_better_than_the_notch_alone(sc
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("way", ["reference", "torque"])
 def test_with_the_notch_in_the_loop_it_helps_as_well(way: str) -> None:
     session = session_of(robot_of(QUIET), 0.002)
@@ -375,7 +368,6 @@ def test_with_the_notch_in_the_loop_it_helps_as_well(way: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_by_torque_offsets_it_is_as_good() -> None:
     session = session_of(robot_of(QUIET), 0.002, MBIT)
     motion = line_motion(session.bench, 0.002)
@@ -384,7 +376,6 @@ def test_by_torque_offsets_it_is_as_good() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_drive_that_is_later_than_it_says_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
     session = session_of(robot_of(QUIET), 0.002)
     run = session.run

@@ -14,8 +14,6 @@ import pytest
 
 from hil.recording import Recording
 
-pytestmark = pytest.mark.timeout(600)  # a minute on a machine that does nothing else
-
 RUN_KEYS = {
     "experiment", "axis", "treatment", "loop", "sync_period_s", "control_period_s", "order", "tip_peak_mm", "tip_rms_mm",
     "spectrum_peak_m_s2", "spectrum_peak_hz", "spectrum_area", "within_spec", "cycles", "missed_cycles", "wall_s", "motion_s",

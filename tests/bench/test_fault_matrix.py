@@ -42,8 +42,6 @@ from tests.bench.fault_rig import (
     undisturbed,
 )
 
-pytestmark = pytest.mark.timeout(900)  # minutes on a machine that does other things as well
-
 HEARTBEAT_S = 0.3
 """A drive stops by itself when the master's heartbeat has been missing so long."""
 RAMP_S = 12.0 / 50.0

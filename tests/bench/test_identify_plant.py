@@ -97,7 +97,6 @@ def test_the_limits_of_the_bench_file_hold_before_anything_is_sent(tmp_path: Pat
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("sync_s", [0.001, 0.002])
 @pytest.mark.parametrize("axis", [2, 3])
 def test_the_figures_asked_for_over_can(axis: int, sync_s: float, tmp_path: Path) -> None:

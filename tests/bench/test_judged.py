@@ -12,8 +12,6 @@ from hil.report import style
 from hil.story import bench_without_model
 from plant_emulator.pytest_plugin.served import ServedBus
 
-pytestmark = pytest.mark.timeout(900)
-
 
 @pytest.fixture(autouse=True)
 def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -129,7 +129,6 @@ def test_a_pace_without_room_is_refused_before_anything_moves(
 
 
 @pytest.mark.slow  # two dozen runs of an arm, and a page
-@pytest.mark.timeout(300)
 def test_an_arm_of_which_nothing_but_its_motors_is_known_learns_its_line(tmp_path: Path) -> None:
     """Quiet along x, y and z, with errors as large as said; what is kept passes the trial of a run afterwards."""
     robot, bench, model = load_robot("reference-arm"), load_bench("reference-arm"), tmp_path / "learnt.toml"

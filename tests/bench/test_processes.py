@@ -31,8 +31,6 @@ from hil.recording import Recording
 from hil.robot_tables import Control
 from plant_emulator.pytest_plugin.served import LocalBusServers, ServedBus
 
-pytestmark = pytest.mark.timeout(900)  # what is waited for here is that it comes to an end at all
-
 REFERENCE = (Path(__file__).parents[2] / "hil" / "bench" / "reference.toml").read_text()
 # 50 s of motion, over more turns than the reference bench allows: time to interfere
 SLOW = (("acceleration_rps_s = 4.0", "acceleration_rps_s = 0.2"), ("position_max_rev = 22.0", "position_max_rev = 2200.0"))

@@ -137,7 +137,6 @@ def test_a_set_that_is_not_the_design_is_not_uploaded(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_the_whole_demo_ends_with_the_story_and_a_whole_arm(tmp_path: Path) -> None:
     out = tmp_path / "demo"
     done = subprocess.run(

@@ -13,8 +13,6 @@ from _pytest.pytester import SysModulesSnapshot
 
 from plant_emulator.pytest_plugin.served import ServedBus
 
-pytestmark = pytest.mark.timeout(900)  # minutes on a machine that does other things as well
-
 pytest_plugins = ["pytester"]
 
 Run = Callable[..., pytest.RunResult]

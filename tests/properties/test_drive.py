@@ -171,7 +171,7 @@ def play(watched, steps):
                 watched.wait(ticks)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(STEPS, min_size=1, max_size=40))
 def test_no_sequence_of_frames_breaks_a_promise(sequence):
     watched = Watched()
@@ -185,7 +185,7 @@ def test_no_sequence_of_frames_breaks_a_promise(sequence):
     assert watched.world.now == before + 2 * MS
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.sampled_from(list(Mode)),
     st.integers(0, 65535),

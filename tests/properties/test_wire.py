@@ -14,7 +14,7 @@ from plant_emulator.bus.wire import QUEUE_FRAMES, EmulatedWire
 
 MEGABIT = 1_000_000
 BIT = 1_000
-relaxed = settings(deadline=None, max_examples=150)
+relaxed = settings(max_examples=150)
 
 identifiers = st.one_of(
     st.integers(0, 0x7FF),
@@ -245,13 +245,13 @@ short_traffic = st.lists(st.tuples(st.integers(0, 400), st.integers(0, 2), frame
 )
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(short_traffic)
 def test_instants_are_those_of_controllers_simulated_bit_by_bit(offers):
     agree(3, offers, 1500)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(identifiers, st.binary(max_size=8), st.binary(max_size=8), st.integers(2, 3))
 def test_collisions_end_and_go_on_as_bit_by_bit(can_id, one, other, ports):
     agree(ports, [(0, 0, Frame(can_id, one)), (0, 1, Frame(can_id, other))], 3_000)

@@ -388,5 +388,5 @@ class WatchedWorld:
 
 def run_for(machine, *, examples, steps):
     """Play a machine's rules, so many runs of so many steps."""
-    options = settings(max_examples=examples, stateful_step_count=steps, deadline=None, suppress_health_check=list(HealthCheck))
+    options = settings(max_examples=examples, stateful_step_count=steps, suppress_health_check=list(HealthCheck))
     run_state_machine_as_test(machine, settings=options)

@@ -11,8 +11,6 @@ from drive_profiles.family.profile import VENDORS
 from drive_profiles.parameter_set.parameters import ParameterSet
 from tests.drive_profiles.cli.test_on_a_bus import serving
 
-pytestmark = pytest.mark.timeout(900)  # minutes on a machine that does other things as well
-
 EDS = VENDORS / "emulated_drive.eds"
 runner = CliRunner()
 

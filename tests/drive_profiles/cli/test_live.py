@@ -16,8 +16,6 @@ from drive_profiles.parameter_set.parameters import ParameterSet
 from drive_profiles.standard.cia301 import FunctionCode
 from tests.drive_profiles.cli.test_on_a_bus import serving
 
-pytestmark = pytest.mark.timeout(900)
-
 MASTER = 100
 EDS = Path(drive_profiles.__file__).parent / "vendors" / "emulated_drive.eds"
 

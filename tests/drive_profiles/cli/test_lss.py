@@ -10,7 +10,6 @@ import plant_emulator
 from drive_profiles.cli.main import app
 from tests.drive_profiles.cli.test_on_a_bus import serving
 
-pytestmark = pytest.mark.timeout(900)
 PATIENT = ("--timeout-s", "0.6")  # on a machine that has other work: who is late does not answer
 REFERENCE = Path(plant_emulator.__file__).parent / "robots" / "reference.toml"
 

@@ -26,8 +26,6 @@ from drive_profiles.parameter_set.parameters import ParameterSet
 from drive_profiles.standard.cia301 import abort_text
 from drive_profiles.upload import journal
 
-pytestmark = pytest.mark.timeout(900)  # minutes on a machine that does other things as well
-
 runner = CliRunner()
 START_TIMEOUT_S = 120.0
 

@@ -102,7 +102,7 @@ def test_ten_thousand_damaged_files_are_read_or_refused():
     assert survives(real or QUIRKS, 2_000, seed=3) < LONGEST_S
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(st.lists(st.sampled_from(LINES), max_size=40))
 def test_any_order_of_sensible_lines_is_read_or_refused(lines):
     try:

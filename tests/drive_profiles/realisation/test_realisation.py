@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 from typer.testing import CliRunner
@@ -290,7 +290,6 @@ class TestWordLength:
         with pytest.raises(NotRealisableError, match="no stable notch"):
             realise(coefficient_drive(16e3, 8), NotchTarget.at_speed(2, 4.0, *AXIS_2), allow_approximate=True)
 
-    @settings(deadline=None)
     @given(st.floats(4.0, 9.0), rates, st.sampled_from([18, 20, 22, 24, 26, 28]))
     def test_the_error_halves_with_every_bit(self, rps, rate, bits):
         """One bit of Σa is 2⁻ᶠ/(ωT)² of the squared frequency, one of a₂ is 2⁻ᶠ/(2ωT) of the damping."""

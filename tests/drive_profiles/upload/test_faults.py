@@ -11,8 +11,6 @@ from drive_profiles.standard.object_address import object_address
 from drive_profiles.upload import journal
 from tests.drive_profiles import upload_rig as rig
 
-pytestmark = pytest.mark.timeout(900)  # minutes on a machine that does other things as well
-
 CLEAN = rig.node()
 BEFORE = rig.contents(CLEAN)
 

@@ -114,7 +114,7 @@ acts = st.lists(
 
 
 @given(acts)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_what_a_journal_says_is_true_wherever_it_ends(tmp_path_factory, drawn):
     path = tmp_path_factory.mktemp("journal") / "node2.jsonl"
     with Journal(path, SNAPSHOT) as journal:
@@ -318,7 +318,6 @@ events = st.sampled_from(["write", "written", "read", "lost", "storing", "stored
         ),
     )
 )
-@settings(deadline=None)
 def test_no_file_makes_the_reading_raise_anything_but_an_error_of_the_file(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("hostile") / "journal"
     path.write_bytes(data)

@@ -32,7 +32,7 @@ def there_and_back(period_s=PERIOD_S):
     slow=st.tuples(*[st.floats(-3.0, 3.0)] * 2),
     forwards=st.booleans(),
 )
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 def test_each_order_comes_out_as_it_was_put_in(amplitude, phase, slow, forwards):
     angle = ramp(direction=1.0 if forwards else -1.0)
     turned = np.abs(angle) / np.max(np.abs(angle))

@@ -186,7 +186,6 @@ def test_a_drive_without_a_notch_that_follows_the_speed_gets_no_set():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 @pytest.mark.parametrize(("number", "stiffness", "inertia"), [(2, 0.97, 1.02), (3, 1.03, 0.99)])
 def test_designed_from_a_plant_that_is_1_to_3_percent_off_it_still_beats_table_3_by_15_percent(number, stiffness, inertia):
     outcome = design(BENCH, NotchDesignRequest(number, effort=Effort.quick(), jobs=2), off(stiffness, inertia))
@@ -203,7 +202,6 @@ def test_designed_from_a_plant_that_is_1_to_3_percent_off_it_still_beats_table_3
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_a_filter_of_either_order_lowers_both_peaks():
     outcome = design(BENCH, NotchDesignRequest(3, orders=(2, 4), effort=Effort.quick(), jobs=2))
     assert outcome.failure is None

@@ -50,7 +50,7 @@ RHYTHM = st.integers(20, 60).flatmap(
 )  # fmt: skip
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(LINE, max_size=40), st.one_of(st.just([]), RHYTHM), st.sampled_from([b"\n", b"\r\n"]))
 def test_lines_of_any_kind_are_read_or_refused(lines, rhythm, end):
     with tempfile.TemporaryDirectory() as folder:
@@ -66,7 +66,7 @@ def test_lines_of_any_kind_are_read_or_refused(lines, rhythm, end):
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # python-can leaves open what it cannot read
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.sampled_from([(".blf", b"LOGG"), (".asc", b""), (".trc", b"")]), st.binary(max_size=400))
 def test_bytes_of_any_kind_in_a_foreign_format_are_read_or_refused(kind, content):
     suffix, begin = kind

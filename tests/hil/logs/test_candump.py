@@ -44,7 +44,7 @@ def rows(log):
 
 
 @given(FRAMES)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_what_python_can_writes_is_read(tmp_path_factory, frames):
     path = tmp_path_factory.mktemp("log") / "bus.log"
     written = messages(frames)
@@ -104,7 +104,7 @@ def test_a_line_that_is_no_frame_is_counted_with_its_place(tmp_path, line):
 
 
 @given(st.binary(max_size=400))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_no_bytes_make_the_reader_fail(tmp_path_factory, junk):
     path = tmp_path_factory.mktemp("log") / "junk.log"
     path.write_bytes(b"(1.0) can0 080#\n" + junk)

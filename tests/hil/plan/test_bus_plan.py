@@ -150,7 +150,7 @@ def simulated_worst(messages, rounds, draw):
 
 
 @given(st.lists(st.tuples(st.integers(1, 9), st.integers(10, 90)), min_size=2, max_size=5), st.integers(0, 999))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_no_simulated_bus_is_later_than_the_bound(drawn, seed):
     messages = [Message(f"m{i}", i, length, period, period) for i, (length, period) in enumerate(drawn)]
     bounds = {m.name: response_ns(m, [other for other in messages if other is not m], 1) for m in messages}
@@ -166,7 +166,7 @@ cycles = st.builds(cycle_of, st.integers(1, 6), sizes, sizes, sensor=st.sampled_
 
 
 @given(cycles)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_bits_are_nominal_typical_worst_in_that_order(cycle):
     assert cycle.nominal_bits <= cycle.typical_bits <= cycle.worst_bits
     contents = {frame.can_id: b"\x00" * frame.length for frame in cycle.frames}
@@ -174,21 +174,21 @@ def test_bits_are_nominal_typical_worst_in_that_order(cycle):
 
 
 @given(cycles, st.sampled_from((125_000, 250_000, 500_000)))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_load_scales_with_bit_rate_and_period(cycle, bitrate):
     assert cycle.load(WireTiming(2 * bitrate)) == pytest.approx(cycle.load(WireTiming(bitrate)) / 2, rel=1e-4)
     assert cycle.at(2 * cycle.period_s).load(MEGABIT) == pytest.approx(cycle.load(MEGABIT) / 2)
 
 
 @given(sizes, sizes, st.integers(1, 5))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_another_axis_never_shortens_the_period(command, feedback, axes):
     fewer, more = (cycle_of(count, command, feedback).shortest_period_s(MEGABIT) for count in (axes, axes + 1))
     assert fewer < more
 
 
 @given(cycles)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_the_shortest_period_is_one_and_a_nanosecond_less_is_none(cycle):
     shortest = cycle.shortest_period_s(MEGABIT)
     assert cycle.at(shortest).delay_periods(MEGABIT) == 1
@@ -198,7 +198,7 @@ def test_the_shortest_period_is_one_and_a_nanosecond_less_is_none(cycle):
 
 
 @given(cycles, st.sampled_from((500_000, 1_000_000)))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_nothing_arrives_sooner_than_it_lasts_and_company_makes_nothing_faster(cycle, bitrate):
     wire = WireTiming(bitrate)
     lengths = {frame.name: wire.worst_ns(frame.length) for frame in cycle.frames}
@@ -368,7 +368,7 @@ def test_a_slow_bus_is_told_to_be_faster_or_to_ask_less_often():
 
 
 @given(st.integers(1, 6))
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 def test_no_change_of_frames_loses_an_axis(axes):
     cycle = torque_cycle(axes)
     for change in (bus_advice.position_only, bus_advice.without_control_word, bus_advice.shared_commands, bus_advice.packed):

@@ -112,7 +112,7 @@ def test_results_of_two_orders_with_fields_of_their_own_are_read(tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(data=st.data())
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_what_is_written_is_read_again_by_the_same_class(kind, data, tmp_path):
     result = data.draw(values_of(kind))
     path = tmp_path / "result.json"

@@ -123,7 +123,7 @@ def test_fault_reset_is_the_rising_edge_and_clears_the_faults():
     st.lists(st.integers(0, 0xFFFF), max_size=8),
     st.builds(Options, st.integers(-2, 8), st.integers(0, 1), st.integers(0, 1), st.integers(-2, 4), st.booleans()),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_only_enable_operation_energises_and_only_in_switched_on_or_a_quick_stop_that_stays(state, words, options):
     power = Power(state)
     for word in words:

@@ -192,7 +192,7 @@ def test_switches_change_nothing_of_the_motion():
     assert plain.plant_state.tobytes() == watched.plant_state.tobytes()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.integers(-200_000, 200_000), min_size=2, max_size=12))
 def test_what_is_latched_lies_on_the_way(places):
     """However far the motor goes in a period: a latch lies between the counts before and after, at a switch's end or a pulse."""

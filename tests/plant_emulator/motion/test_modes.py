@@ -231,7 +231,7 @@ def test_profile_torque_rises_with_its_slope():
     assert torques[-1] == -0.1
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_no_set_point_breaks_the_torque_limits_the_slope_or_the_numbers(data):
     wild = st.floats(-1e9, 1e9) | st.sampled_from([0.0, 2.0**31 - 1, -(2.0**31)])

@@ -46,7 +46,7 @@ speeds, torques = st.one_of(st.just(0.0), st.floats(-80.0, 80.0)), st.floats(-5.
 states = st.tuples(st.floats(-1e3, 1e3), speeds, st.floats(-3.0, 3.0), speeds, torques, torques)
 
 
-@settings(deadline=None, max_examples=300)  # the first call compiles
+@settings(max_examples=300)  # the first call compiles
 @given(
     st.sampled_from([2, 3, 5]),
     states,

@@ -115,7 +115,6 @@ def test_with_its_true_errors_a_drawn_arm_is_as_quiet_on_another_line_as_without
 
 
 @pytest.mark.slow  # the documented path of an arm: seventy runs
-@pytest.mark.timeout(600)
 def test_the_reference_arm_is_quiet_where_it_learnt_and_elsewhere(tmp_path: Path) -> None:
     """Along x, y and z, nothing known but the motors: on its line, and unchanged on others, with other payloads and paces."""
     command = ["rehearse", "--arms", "--seeds", str(REFERENCE_SEED), "--jobs", "1", "--out", str(tmp_path), "--json"]

@@ -104,7 +104,6 @@ def rehearsed(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_rehearsal_leaves_row_table_claims_and_page(rehearsed):
     folder, done = rehearsed
     [found] = Kept(folder).rows()
@@ -116,14 +115,12 @@ def test_a_rehearsal_leaves_row_table_claims_and_page(rehearsed):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_robot_walked_again_in_another_process_gives_the_same_row(rehearsed):
     folder, _ = rehearsed
     assert steady(walk_seed(CHEAP, "linear", False)) == steady(Kept(folder).rows()[0])
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_rehearsal_that_is_complete_walks_nobody_again(rehearsed):
     folder, _ = rehearsed
     before = (folder / "robots" / f"seed-{CHEAP}.json").stat().st_mtime_ns

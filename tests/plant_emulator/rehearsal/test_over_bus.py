@@ -59,7 +59,6 @@ def test_a_bench_file_and_a_robot_file_are_written_as_they_were_read(bench):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_the_steps_over_a_served_bus_find_what_they_find_in_one_process(tmp_path):
     """Not to the bit: between two commands a served robot's noise goes on, and what differs is told by the standard errors."""
     bench = loads(blank_bench(ROBOT), Bench)

@@ -384,7 +384,7 @@ requests = st.builds(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from([NODE, UNCONFIGURED]), st.lists(requests | st.binary(max_size=8), max_size=60))
 def test_any_requests_get_at_most_one_answer_and_the_node_ids_stay_possible(make_bench, node_id, datas):
     bench = make_bench(node_id=node_id, entries=communication_entries(device_type=0, name="x", vendor_id=1))

@@ -67,7 +67,7 @@ wild_steps = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(steps)
 @example([(Frame(0x605, b"\x20\x04\x20\x00\x00\x00\x00\x00"), 0)] + [(Frame(0x605, bytes(8)), 0)] * 3)
 def test_any_frames_at_any_times_make_no_exception_and_each_sdo_request_gets_its_answer(make_bench, steps):
@@ -93,7 +93,7 @@ def test_any_frames_at_any_times_make_no_exception_and_each_sdo_request_gets_its
         assert bench.slave.take_frames() == []
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(wild_steps)
 def test_whatever_happens_each_reset_has_one_boot_up_message_and_no_queue_grows(make_bench, steps):
     bench = make_bench(**PDOS)
@@ -123,7 +123,7 @@ def test_whatever_happens_each_reset_has_one_boot_up_message_and_no_queue_grows(
         assert due is None or due > bench.now
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(steps)
 def test_equal_inputs_give_equal_outputs(make_bench, steps):
     def run():

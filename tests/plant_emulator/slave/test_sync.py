@@ -179,7 +179,7 @@ def test_the_start_value_changes_only_while_the_pdo_does_not_exist(bench):
     assert (bench.read(0x1400), bench.read(0x1800)) == (b"\5", b"\6")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(1, 5), st.integers(0, 5), st.lists(st.none() | st.integers(0, 6), max_size=25))
 def test_any_row_of_counters_lets_the_pdo_go_as_often_as_a_clerk_would(make_bench, every, start_value, counters):
     bench = make_bench(tpdos=[PdoDefault(STATUS, every, is_valid=False)])

@@ -97,7 +97,7 @@ def test_a_kept_cob_id_that_could_not_be_written_is_not_in_force(bench):
     assert bench.slave.listens(TIME)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.binary(max_size=8))
 def test_any_bytes_leave_a_time_or_none(make_bench, data):
     bench = make_bench()

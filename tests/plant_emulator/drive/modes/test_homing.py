@@ -184,7 +184,7 @@ def test_a_method_ends_where_its_switch_says_from_all_other_places_and_at_other_
     left=st.floats(-2.2, 1.5),
     width=st.floats(0.02, 1.0),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_home_switch_anywhere_is_found_from_anywhere(method, start, left, width):
     right = left + width
     switches = SWITCHES.model_copy(update={"home_deg": (left / RATIO * 360.0, right / RATIO * 360.0)})

@@ -39,7 +39,7 @@ def as_text(chosen, values):
     return bytes(int(text[i : i + 8], 2) for i in range(len(text) - 8, -1, -8))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(layouts())
 def test_any_layout_is_packed_as_a_string_of_bits_would_be_and_comes_back(layout):
     chosen, values = layout
@@ -51,7 +51,7 @@ def test_any_layout_is_packed_as_a_string_of_bits_would_be_and_comes_back(layout
     assert [repr(value) for value in again] == [repr(value) for value in values]  # NaN is not equal to itself
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.sampled_from([kind for kind in TYPES if kind is not DataType.BOOLEAN]), max_size=8), st.data())
 def test_whole_bytes_are_packed_as_struct_does(kinds, data):
     packer = struct.Struct("<" + "".join(kind.struct_format for kind in kinds))

@@ -196,7 +196,7 @@ def test_what_was_wrong_with_a_frame_is_over_with_operational_too(watching):
     assert watching.nmt(NmtCommand.ENTER_PRE_OPERATIONAL) == [NO_ERROR]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.integers(0, 30), max_size=20))
 def test_an_emergency_comes_after_each_pause_that_is_too_long_and_no_other(make_bench, pauses):
     bench = make_bench(rpdos=[PdoDefault(CONTROL, event_timer_ms=10)])

@@ -319,7 +319,7 @@ procedures = st.tuples(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(writes | frames | procedures | st.integers(1, 3), max_size=40))
 def test_any_writes_and_frames_in_any_order_make_no_exception_and_no_long_frame(make_bench, synchronous, steps):
     bench = make_bench(**synchronous)
@@ -338,7 +338,7 @@ def test_any_writes_and_frames_in_any_order_make_no_exception_and_no_long_frame(
         assert bench.slave.due is None or bench.slave.due >= bench.now
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.sampled_from(PLACE_HOLDERS), min_size=1, max_size=8), st.binary(min_size=8, max_size=8))
 def test_place_holders_write_nothing_whatever_comes(make_bench, synchronous, dummies, data):
     bench = make_bench(**synchronous)
@@ -353,7 +353,7 @@ def test_place_holders_write_nothing_whatever_comes(make_bench, synchronous, dum
     assert [bench.dictionary.get(*address) for address in addresses] == before
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 255)), min_size=1, max_size=8), st.data())
 def test_what_one_node_sends_another_one_takes_bit_by_bit(make_bench, make_entries, objects, data):
     # As text: the first object rightmost, as the standard draws a byte.

@@ -347,7 +347,7 @@ def test_equal_segments_are_both_meant_where_sub_blocks_are_of_one():
     assert dictionary.get(0x2004) == bytes(21)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(
     data=st.integers(0, 1000).flatmap(lambda n: st.binary(min_size=n, max_size=n)),
     block_size=st.integers(1, 127),
@@ -478,7 +478,7 @@ requests = st.builds(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.lists(st.tuples(requests | st.binary(max_size=9), st.sampled_from([0, 1, 300 * MS, 6 * SECOND])), max_size=60),
     st.sampled_from([1, 31, 127]),
@@ -505,7 +505,7 @@ def test_any_frames_at_any_times_are_answered_as_promised(steps, block_size):
         assert (server.due is None) == (server.state is SdoState.IDLE)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.integers(0, 255), max_size=200), st.integers(1, 127), st.none() | st.integers(0, 300))
 def test_a_download_keeps_no_more_than_its_limit_and_a_sub_block(numbers, block_size, announced):
     download = BlockDownload(announced, 300, block_size, has_crc=False)

@@ -151,7 +151,7 @@ def test_the_client_is_a_node(bench, node_id, code):
     assert bench.write_value(0x1201, 3, node_id) is code
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.tuples(st.sampled_from([1, 2]), st.integers(0, 0x7FF), st.sampled_from([0, INVALID, DYNAMIC])), max_size=12))
 def test_no_order_of_writes_locks_the_master_out(make_bench, writes):
     bench = make_bench()

@@ -1,0 +1,59 @@
+"""The summary of a test tier: what failed, what each stage took, and whether anything of a user's was written."""
+
+import sys
+
+import pytest
+
+from tests import stages
+
+FAILING = "import pytest\n\n\ndef test_good():\n    pass\n\n\ndef test_bad():\n    assert False\n"
+
+
+@pytest.fixture
+def tier(tmp_path, monkeypatch):
+    """Run stages of a test's own, in a project of its own, as a tier."""
+    monkeypatch.setattr(stages, "ROOT", tmp_path)
+    (tmp_path / "pytest.ini").write_text("[pytest]\n", encoding="utf-8")
+
+    def run(name, *of_tier, options=()):
+        monkeypatch.setattr(stages, "stages", lambda tier, seed: iter(of_tier))
+        monkeypatch.setattr(sys, "argv", ["stages", name, *options])
+        return stages.main()
+
+    return run
+
+
+def python(text):
+    return (sys.executable, "-c", text)
+
+
+def test_a_stage_that_fails_stops_no_other_and_the_last_lines_name_what_failed(tier, tmp_path, capsys):
+    (tmp_path / "test_one.py").write_text(FAILING, encoding="utf-8")
+    first = stages.Stage("linter", python("raise SystemExit(3)"))
+    second = stages.tests("tests", *stages.ALONE, "-p", "no:cacheprovider")
+    assert tier("everyday", first, second, options=("--since", "0")) == 1
+    said = capsys.readouterr().out.splitlines()
+    end = said[said.index("FAILED linter ended with 3") :]
+    assert end[1] == "FAILED test_one.py::test_bad"
+    assert [line.split()[0] for line in end[2:-1]] == ["before", "linter", "tests", "in"]
+    assert end[-1] == "1 passed, 1 failed, 0 skipped"
+
+
+def test_a_tier_that_passes_ends_with_0(tier, tmp_path, capsys):
+    (tmp_path / "test_one.py").write_text("def test_good():\n    pass\n", encoding="utf-8")
+    assert tier("ci", stages.tests("tests", *stages.ALONE, "-p", "no:cacheprovider")) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "1 passed, 0 failed, 0 skipped"
+    assert sorted(path.name for path in tmp_path.iterdir() if path.name != "__pycache__") == ["pytest.ini", "test_one.py"]
+
+
+@pytest.mark.parametrize("name", ["bench.toml", "new.txt", "design/design.toml"])
+def test_a_test_that_writes_beside_a_users_files_fails_the_tier(tier, tmp_path, capsys, name):
+    writer = stages.Stage("writer", python(f"import pathlib; pathlib.Path({str(tmp_path / name)!r}).write_text('other')"))
+    assert tier("ci", writer) == 1
+    assert f"FAILED the tests have written {name}" in capsys.readouterr().out
+
+
+def test_only_the_whole_tier_draws_new_examples():
+    assert not any("random" in word for tier in ("everyday", "ci") for each in stages.stages(tier, 7) for word in each.command)
+    drawn = [each.command for each in stages.stages("all", 7) if each.name == "tests"]
+    assert {"--hypothesis-profile=random", "--hypothesis-seed=7"} <= set(*drawn)
