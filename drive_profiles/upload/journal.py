@@ -107,21 +107,20 @@ class Journal:
             ],
         }
         write_atomically(path, _line(head))
-        self._file = os.open(path, os.O_WRONLY | os.O_APPEND)
+        self._file = path.open("ab", buffering=0)
 
     def note(self, event: str, address: ObjectAddress | None = None, **more: Any) -> None:
         """Add a line, at once and whole."""
         where = {} if address is None else {"object": address_text(address)}
         line = _line({"event": event, **where, **more})
         while line:
-            line = line[os.write(self._file, line) :]
+            line = line[self._file.write(line) :]
 
     def close(self) -> None:
         """Close the journal; it is on disk when this returns. Closing it again does nothing."""
-        if self._file >= 0:
-            os.fsync(self._file)
-            os.close(self._file)
-            self._file = -1
+        if not self._file.closed:
+            os.fsync(self._file.fileno())
+            self._file.close()
 
     def __enter__(self) -> Self:
         """Return the journal."""
