@@ -127,7 +127,7 @@ class Drive:
         )
         self._options = OptionCodes(self.family, self.behaviour)  # 605Ah to 605Eh
         self._bind()
-        # the family's write hooks go around those of the parts above, and its values are wanted by `restart`
+        # the family wraps write hooks of the parts above (a hook that comes after it is an error); `restart` wants its values
         self.family.bind(axes, self.row, self._is_powered)
         self.data.restart()
 
