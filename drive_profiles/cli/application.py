@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import inspect
+import io
 import os
 import re
+import sys
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
@@ -129,6 +131,8 @@ class Tool(typer.Typer):
     def run(self, arguments: Sequence[str] | None = None) -> None:
         """Run the tool with the arguments of the process, or with these; never returns."""
         postpone_mf4()
+        if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+            sys.stdout.reconfigure(errors="backslashreplace")  # a code page, as of a file on Windows, lacks most characters
         try:
             with bash_words():
                 self(None if arguments is None else [*arguments])

@@ -110,7 +110,8 @@ def fail(message: str, code: int) -> typer.Exit:
 
 def print_json(document: Any) -> None:
     """Print one document on standard output."""
-    typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+    is_unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+    typer.echo(json.dumps(document, indent=2, ensure_ascii=not is_unicode, allow_nan=False))
 
 
 def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, err: bool = False) -> None:
@@ -167,13 +168,16 @@ def confirm(question: str, *, yes: bool) -> None:
 
 
 class Interrupts:
-    """Ctrl-C, SIGTERM and SIGHUP while a drive is written to: from `hold` on they are remembered, and do not end the program.
+    """Signals to end while a drive is written to: remembered from `hold` on.
+
+    Ctrl-C, SIGTERM, SIGHUP (the terminal has closed), and on Windows Ctrl-Break; there a console that closes may end the program
+    at once, whatever it remembers, and the journal tells the rest.
 
     Attributes:
         event: Set when one of them has come.
     """
 
-    SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
 
     def __init__(self) -> None:
         self.event = threading.Event()

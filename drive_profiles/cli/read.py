@@ -199,6 +199,7 @@ def pull(
         pulled = pulled.model_copy(update={"header": header})
         if out is not None:
             pulled.save(out, force=force)
+        text = "" if out is not None or as_json else pulled.dumps()
     for line in pulled.header.not_read:
         typer.echo(f"not read: {line}", err=True)
     count = sum(1 for _ in pulled.items())
@@ -207,7 +208,7 @@ def pull(
     if as_json:
         print_json(pulled.model_dump())
     elif out is None:
-        typer.echo(pulled.dumps(), nl=False)
+        typer.echo(text, nl=False)
     else:
         typer.echo(f"{count} values of node {node} in {out}")
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from drive_profiles.errors import FileError, Problem
 
+_OPENING = os.O_RDONLY | sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY"))
+"""Flags of the opening: it neither waits nor takes a terminal. Windows has neither flag, nor FIFOs in its folders."""
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a FIFO",
@@ -33,7 +35,7 @@ def read_file(path: Path, expected: str, *, max_bytes: int) -> bytes:
     try:
         _refuse_all_but_files(path, path.stat().st_mode, expected)
         # what stood there may have been replaced meanwhile: even then the opening does not wait
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        descriptor = os.open(path, _OPENING)
         with os.fdopen(descriptor, "rb") as file:
             _refuse_all_but_files(path, os.fstat(descriptor).st_mode, expected)
             data = file.read(max_bytes + 1)

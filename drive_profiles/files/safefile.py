@@ -11,7 +11,9 @@ from drive_profiles.errors import FileError, Problem, RefusedError
 
 
 def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
-    """Write a file atomically, through a temporary file: fsync, rename, fsync of the folder.
+    """Write a file atomically, through a temporary file that is renamed.
+
+    The bytes are on disk before the file has its name, and the name when this returns, where the system can say so.
 
     Args:
         path: The file. Its folder is made; a link is followed.
@@ -42,12 +44,20 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
             with contextlib.suppress(OSError):
                 temporary.unlink()
             raise
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        _sync_folder(path.parent)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = error.strerror if isinstance(error, OSError) else str(error)
         problem = Problem(0, "", f"cannot be written ({reason})", "a place that can be written")
         raise FileError(path, (problem,)) from error
+
+
+def _sync_folder(path: Path) -> None:
+    """Bring the names in a folder to disk, where the system can."""
+    try:
+        folder = os.open(path, os.O_RDONLY)
+    except PermissionError:  # Windows opens no folder; elsewhere a folder may be one that its user may not list
+        return
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

@@ -94,18 +94,19 @@ def split_unit(key: str) -> tuple[str, str]:
     return key, ""
 
 
-def load(path: str | Path, model: type[M]) -> M:
-    """Read a TOML file (UTF-8, at most 1 MiB) and validate it.
+def load(path: str | Path, model: type[M], *, max_bytes: int = MAX_BYTES) -> M:
+    """Read a TOML file (UTF-8) and validate it.
 
     Args:
         path: The file.
         model: What it has to be, best derived from `Table`. Tables keyed by number are ``dict[int, …]``.
+        max_bytes: Size of the largest file that is read.
 
     Raises:
         FileError: With every problem found, by line.
     """
     path = Path(path)
-    data = read_file(path, "a TOML file of at most 1 MiB", max_bytes=MAX_BYTES)
+    data = read_file(path, f"a TOML file of at most {max_bytes >> 20} MiB", max_bytes=max_bytes)
     try:
         text = data.decode("utf-8-sig")  # editors on Windows still write the mark
     except UnicodeDecodeError as error:

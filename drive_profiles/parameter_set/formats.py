@@ -14,12 +14,14 @@ from pathlib import Path
 from typing import Any
 
 from drive_profiles import eds
+from drive_profiles.eds.description import MAX_BYTES as MAX_DESCRIPTION_BYTES
 from drive_profiles.eds.values import text_of
 from drive_profiles.errors import RefusedError
 from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.files.toml import loads, toml_value
+from drive_profiles.parameter_set import size
 from drive_profiles.parameter_set.concise import from_concise, to_concise
 from drive_profiles.parameter_set.parameters import Header, ParameterSet, Write, from_values
 from drive_profiles.standard.cia301 import DataType, Value, decode, type_of_length
@@ -27,7 +29,6 @@ from drive_profiles.standard.object_address import ObjectAddress, address_text, 
 
 DEVICE_FILES = frozenset({".eds", ".dcf", ".xdd", ".xdc"})
 CONCISE = frozenset({".cdcf", ".bin"})
-MAX_BYTES = 4 << 20
 _OURS = "drive-profiles:"
 _COMMENT = re.compile(rf"\s*;\s*{_OURS}\s*([a-z_]+)\s*=\s*(.*?)\s*")
 _VALUE = re.compile(rf"\s*;\s*{_OURS}\s*([0-9A-Fa-f]{{4}}:[0-9A-Fa-f]{{1,2}})\s*=\s*\(([0-9A-Fa-f ]*)\)\s*")
@@ -78,7 +79,7 @@ def read(
     given = {key: value for key, value in (facts or {}).items() if value is not None}
     own = {"profile": catalogue.profile.label} if catalogue.profile else {}
     if suffix in CONCISE:
-        values = _typed(from_concise(read_file(path, "a concise DCF", max_bytes=MAX_BYTES)), catalogue)
+        values = _typed(from_concise(read_file(path, "a concise DCF", max_bytes=size.MAX_BYTES)), catalogue)
         header = Header(**own, **given)  # type: ignore[arg-type]  # by its names
         return _with_header(from_values(catalogue, values, header.scaling_of, undescribed=True), header)
     if suffix not in DEVICE_FILES:
@@ -118,11 +119,13 @@ def write(
         Values that stand in comments only, where no other tool finds them.
 
     Raises:
-        RefusedError: A DCF lacks its EDS, the suffix is none of the three, or the file exists.
+        RefusedError: A DCF lacks its EDS, the suffix is none of the three, the file exists, or it would be too long to be read.
         FileError: A file cannot be read or written.
     """
     if path.suffix.lower() in CONCISE:
-        write_atomically(path, to_concise(writes), force=force)
+        data = to_concise(writes)
+        size.check(data)
+        write_atomically(path, data, force=force)
         return []
     if path.suffix.lower() != ".dcf":
         raise RefusedError(f"{path} has none of the suffixes .toml, .dcf, .cdcf, .bin")
@@ -130,12 +133,13 @@ def write(
         raise RefusedError("a DCF is made from the device's EDS; give it with --eds")
     hidden = [each for each in writes if not _stands(each)]
     values = {each.address: _value(each) for each in writes if each not in hidden}
-    data = read_file(device_file, "an EDS, DCF or XDD file", max_bytes=MAX_BYTES)
+    data = read_file(device_file, "an EDS, DCF or XDD file", max_bytes=MAX_DESCRIPTION_BYTES)
     commissioning, comments = ({}, []) if header is None else _commissioning(header)
     comments += [f"{_OURS} {address_text(each.address)} = ({each.data.hex(' ')})" for each in hidden]
     if comments:
         data = _COMMENT_LINES.sub(b"", data)  # those of an earlier set
     text = eds.loads(data, device_file, node_id=node_id).rewrite(values, commissioning, comments)
+    size.check(text)
     write_atomically(path, text, force=force)
     return hidden
 

@@ -24,18 +24,18 @@ from typing import Literal, NamedTuple, Self, get_args
 import pydantic
 
 from drive_profiles.eds.variables import ObjectFlag
-from drive_profiles.errors import DriveProfileError, FileError, Problem, RefusedError
+from drive_profiles.errors import DriveProfileError, RefusedError
 from drive_profiles.family.catalogue import Catalogue, CatalogueEntry, address_from
 from drive_profiles.family.parameter import ParameterClass
 from drive_profiles.files import toml as files
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.files.toml import Table, toml_value
+from drive_profiles.parameter_set import size
 from drive_profiles.standard.cia301 import DataType, Value, encode, type_of_length
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 from drive_profiles.standard.units import Scaling
 
 CLASSES: tuple[ParameterClass, ...] = get_args(ParameterClass)
-MAX_OBJECTS = 8192
 
 _COMMANDS = frozenset({
     0x1003, 0x100C, 0x100D, 0x1010, 0x1011, 0x1014, 0x1015, 0x1020, 0x1021, 0x1023, 0x1024, 0x1025, 0x1026,
@@ -175,11 +175,7 @@ class ParameterSet(Table):
         Raises:
             FileError: The file has problems; the error has all of them, by line.
         """
-        loaded = files.load(path, cls)
-        if sum(1 for _ in loaded.items()) > MAX_OBJECTS:
-            problem = Problem(0, "", f"holds more than {MAX_OBJECTS} objects", f"at most {MAX_OBJECTS}")
-            raise FileError(Path(path), (problem,))
-        return loaded
+        return files.load(path, cls, max_bytes=size.MAX_BYTES)
 
     def items(self) -> Iterator[tuple[ParameterClass, str, Item]]:
         """Iterate over class, key and line of every object."""
@@ -198,7 +194,7 @@ class ParameterSet(Table):
         return bool(self.header.hash) and self.header.hash != self.digest()
 
     def dumps(self) -> str:
-        """Text of the file."""
+        """Text of the file; `RefusedError` where it is longer than `load` reads."""
         lines = ["# Parameter set: one object per line. See docs/parameters.md.", "", "[header]"]
         header = self.header.model_copy(update={"hash": self.digest()})
         for key, value in header.model_dump(exclude_none=True, exclude_defaults=True, exclude={"format"}).items():
@@ -210,13 +206,15 @@ class ParameterSet(Table):
                 parts = [f"value = {toml_value(item.value)}"]
                 parts += [f"{part} = {toml_value(text)}" for part in ("unit", "type", "name") if (text := getattr(item, part))]
                 lines.append(f"{toml_value(key)} = {{ {', '.join(parts)} }}")
-        return "\n".join(lines) + "\n"
+        text = "\n".join(lines) + "\n"
+        size.check(text.encode())
+        return text
 
     def save(self, path: Path, *, force: bool = False) -> None:
         """Write the file atomically.
 
         Raises:
-            RefusedError: The file exists already, and ``force`` is not given.
+            RefusedError: The file exists already, and ``force`` is not given; or it would be longer than `load` reads.
             FileError: The file cannot be written.
         """
         write_atomically(path, self.dumps().encode(), force=force)

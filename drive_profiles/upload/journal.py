@@ -18,7 +18,10 @@ from drive_profiles.files.reading import read_file
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.standard.object_address import ObjectAddress, address_text, object_address
 
-MAX_BYTES = 16 << 20
+MAX_SNAPSHOT_BYTES = 8 << 20
+"""Longest first line: of a set's bytes, which its file holds in 4 MiB at most, it has the old ones and the new ones."""
+MAX_BYTES = 8 * MAX_SNAPSHOT_BYTES
+"""Longest journal that is read. The notes of an object, written and put back, are up to four times its part of the first line."""
 Answer = Literal["yes", "no", "unknown"]
 
 
@@ -87,7 +90,7 @@ class Journal:
         """Write the snapshot to disk.
 
         Raises:
-            FileError: The journal cannot be written; then nothing may be sent.
+            FileError: The journal cannot be written, or could not be read again; then nothing may be sent.
         """
         self.path = path
         head = {
@@ -106,22 +109,25 @@ class Journal:
                 for address, old in snapshot.old.items()
             ],
         }
-        write_atomically(path, _line(head))
-        self._file = os.open(path, os.O_WRONLY | os.O_APPEND)
+        line = _line(head)
+        if len(line) > MAX_SNAPSHOT_BYTES:
+            wanted = f"at most {MAX_SNAPSHOT_BYTES >> 20} MiB; split the upload by --classes"
+            raise FileError(path, (Problem(0, "", f"its first line would have {len(line)} bytes", wanted),))
+        write_atomically(path, line)
+        self._file = path.open("ab", buffering=0)
 
     def note(self, event: str, address: ObjectAddress | None = None, **more: Any) -> None:
         """Add a line, at once and whole."""
         where = {} if address is None else {"object": address_text(address)}
         line = _line({"event": event, **where, **more})
         while line:
-            line = line[os.write(self._file, line) :]
+            line = line[self._file.write(line) :]
 
     def close(self) -> None:
         """Close the journal; it is on disk when this returns. Closing it again does nothing."""
-        if self._file >= 0:
-            os.fsync(self._file)
-            os.close(self._file)
-            self._file = -1
+        if not self._file.closed:
+            os.fsync(self._file.fileno())
+            self._file.close()
 
     def __enter__(self) -> Self:
         """Return the journal."""

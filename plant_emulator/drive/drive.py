@@ -18,7 +18,7 @@ from hil.can.frame import Frame
 from plant_emulator.drive.binding.process_data import DriveData
 from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.drive.family.choice import family_of
-from plant_emulator.drive.faults import FAULTS, RPDO_TIMEOUT, TORQUE_OFF, TORQUE_OFF_FAULT, DriveFaults
+from plant_emulator.drive.faults import FAULTS, NOT_OPERATIONAL, RPDO_TIMEOUT, TORQUE_OFF, TORQUE_OFF_FAULT, DriveFaults
 from plant_emulator.drive.inputs import DigitalInputs
 from plant_emulator.drive.modes.limit_switches import LimitSwitches
 from plant_emulator.drive.modes.selection import ModeSelection
@@ -127,7 +127,7 @@ class Drive:
         )
         self._options = OptionCodes(self.family, self.behaviour)  # 605Ah to 605Eh
         self._bind()
-        # the family's write hooks go around those of the parts above, and its values are wanted by `restart`
+        # the family wraps write hooks of the parts above (a hook that comes after it is an error); `restart` wants its values
         self.family.bind(axes, self.row, self._is_powered)
         self.data.restart()
 
@@ -293,7 +293,10 @@ class Drive:
 
     def _may_take(self, step: Step) -> bool:
         if step.action is Action.ENERGISE:
-            return self.slave.nmt_state is NmtState.OPERATIONAL and self._modes.is_ready()
+            if self.slave.nmt_state is NmtState.OPERATIONAL:
+                return self._modes.is_ready()
+            self._faults.report_lack(NOT_OPERATIONAL)
+            return False
         # without voltage nothing becomes ready; a fault may be reset
         return not (self.inputs.is_sto_active and step.power.state is State.READY_TO_SWITCH_ON)
 
@@ -385,6 +388,8 @@ class Drive:
             self._connection_lost()
         else:
             self._forget_words()
+        if new is NmtState.OPERATIONAL:
+            self._faults.end_lack(NOT_OPERATIONAL)
 
     def _on_heartbeat_lost(self, *_: object) -> None:
         self._connection_lost()

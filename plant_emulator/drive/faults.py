@@ -27,8 +27,9 @@ RPDO_TIMEOUT = 0x8250
 
 CONNECTION, TORQUE_OFF = "connection", "safe torque off"
 NO_MODE, NO_INTERPOLATION, NO_GAINS = "no mode of operation", "interpolation period", "no gains"
-LACKS = (NO_MODE, NO_INTERPOLATION, NO_GAINS)
-"""Cause of the emergency when a mode cannot act, or does not exist: no fault; the status word shows a warning."""
+NOT_OPERATIONAL = "NMT state is not operational"
+LACKS = (NOT_OPERATIONAL, NO_MODE, NO_INTERPOLATION, NO_GAINS)
+"""Causes of the emergency when a drive is not enabled, or does not take a mode: no fault; the status word shows a warning."""
 
 _CAUSES = (*(cause for _, cause, _ in FAULTS), CONNECTION, TORQUE_OFF)
 
@@ -40,7 +41,7 @@ class DriveFaults:
     them. A fault reset leaves it, as it leaves the history; it is 0 when 1003h:00h is cleared, or the node reset.
 
     Attributes:
-        on_lack: Called when a mode may lack something, or no longer.
+        on_lack: Called when something may be lacking, or no longer.
     """
 
     def __init__(self, slave: Slave) -> None:
@@ -69,7 +70,7 @@ class DriveFaults:
         self._connection = None
 
     def report_lack(self, lack: str | None) -> None:
-        """Report the lack of a mode that was to act; a lack that is over is withdrawn."""
+        """Report what a drive lacks that was to be enabled, or to take a mode; a lack that is over is withdrawn."""
         for cause in LACKS:
             if cause == lack:
                 self._slave.raise_emergency(cause, PARAMETER_FAULT, ErrorRegister.PROFILE)
@@ -77,9 +78,14 @@ class DriveFaults:
             self._slave.clear_emergency(cause)
         self.on_lack()
 
+    def end_lack(self, lack: str) -> None:
+        """Withdraw a lack that is over."""
+        self._slave.clear_emergency(lack)
+        self.on_lack()
+
     @property
     def is_lacking(self) -> bool:
-        """True where a mode has been kept from acting, and nothing has changed since."""
+        """True where something has been lacking, and nothing has changed since."""
         return any(cause in LACKS for cause in self._slave.emergency_causes)
 
     def clear(self) -> None:

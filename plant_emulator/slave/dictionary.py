@@ -336,8 +336,30 @@ class Dictionary:
         self.cell(index, subindex).read_hook = hook
 
     def on_write(self, index: int, subindex: int, hook: WriteHook) -> None:
-        """Let the owner check and apply what the bus writes; a code that it returns refuses it, and nothing changes."""
-        self.cell(index, subindex).write_hook = hook
+        """Let the owner check and apply what the bus writes; a code that it returns refuses it, and nothing changes.
+
+        Raises:
+            KeyError: There is no such entry.
+            ValueError: The entry has a write hook already.
+        """
+        cell = self.cell(index, subindex)
+        if cell.write_hook is not None:
+            raise ValueError(f"{cell.entry} has a write hook already; expected one owner; wrap_write puts another hook around it")
+        cell.write_hook = hook
+
+    def wrap_write(self, index: int, subindex: int, wrap: Callable[[WriteHook | None], WriteHook]) -> None:
+        """Put another write hook around the one that an entry has.
+
+        Args:
+            index: Index of the entry.
+            subindex: Its sub-index.
+            wrap: Gives the hook from that which is there; None where there is none. It calls that one, or takes its place.
+
+        Raises:
+            KeyError: There is no such entry.
+        """
+        cell = self.cell(index, subindex)
+        cell.write_hook = wrap(cell.write_hook)
 
     def renumber(self, node_id: int) -> None:
         """Take another node-ID, in force with the next reset.

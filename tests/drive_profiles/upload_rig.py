@@ -2,7 +2,7 @@
 
 import random
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,8 +74,9 @@ def profile() -> Profile:
 PROFILE = profile()
 
 
-def node(status_word: int = SWITCH_ON_DISABLED) -> Slave:
+def node(status_word: int = SWITCH_ON_DISABLED, more: Iterable[Entry] = ()) -> Slave:
     entries = [
+        *more,
         *communication_entries(device_type=0x192, name="Rig", vendor_id=0x1234, product_code=0x402, revision=1, serial_number=7),
         *store_entries(),
         *pdo_entries(),

@@ -165,11 +165,13 @@ class DescribedFamily(DriveFamily):
             if address in commands or not cell.entry.access.is_writable:
                 continue
             if address in fixed:
-                cell.write_hook = _only(motor[address])
+                self.dictionary.on_write(*address, _only(motor[address]))
             elif address in gains | filters:
-                cell.write_hook = self._writer(address, self._apply_gains if address in gains else self._apply_filters)
+                self.dictionary.on_write(
+                    *address, self._writer(address, self._apply_gains if address in gains else self._apply_filters)
+                )
             if parameter.effective == "disabled":
-                cell.write_hook = self._guarded(cell.write_hook)
+                self.dictionary.wrap_write(*address, self._guarded)
         hold_units(self.dictionary, set(self._parameters))
 
     def _writer(self, address: ObjectAddress, apply: Callable[[], None]) -> WriteHook:

@@ -8,6 +8,8 @@ from drive_profiles.device.sdo import SdoPort
 from drive_profiles.errors import BusError, NoAnswerError
 from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.parameter_set.parameters import Item, ParameterSet
+from drive_profiles.standard.cia301 import DataType
+from plant_emulator.slave.dictionary import Access, Entry
 from tests.drive_profiles import upload_rig as rig
 from tests.drive_profiles.profiles import DRIVES
 from tests.drive_profiles.world_bus import WorldBus, robot_with
@@ -141,3 +143,21 @@ def test_a_header_says_how_the_drive_counts_where_values_count_in_it():
     header = WorldBus(robot_with()).device(2, "emulated_drive").pull().header
     assert (header.counts_per_rev, round(header.rated_torque_nm, 6)) == (131072, 2.367)
     assert WorldBus(robot_with(axis2={"profile": "nanotec_cl4e"})).device(2, "nanotec_cl4e").pull().header.counts_per_rev is None
+
+
+def test_a_device_of_very_many_objects_is_pulled_into_a_file_that_every_reader_takes(tmp_path):
+    addresses = [(0x3000 + n // 250, 1 + n % 250) for n in range(11_782)]
+    entries = [Entry(i, sub, f"P {i:X} {sub}", DataType.UNSIGNED32, Access.RW, 0xFFFFFFFF - sub) for i, sub in addresses]
+    name = "Value of an object with a name of a usual length"
+    text = "".join(f"[{i:X}]\nParameterName={name}\nObjectType=8\nSubNumber=251\n" for i, sub in addresses if sub == 1)
+    text += "".join(f"[{i:X}sub{sub:X}]\nParameterName={name}\nDataType=7\nAccessType=rw\n" for i, sub in addresses)
+    described = device(rig.Line(rig.node(more=entries)), eds.loads(text.encode(), "a.eds"))
+    path = tmp_path / "all.toml"
+    described.pull().save(path)
+    assert path.stat().st_size > 1 << 20
+    pulled = ParameterSet.load(path)
+    assert not pulled.is_edited
+    assert sum(1 for _ in pulled.items()) > len(addresses)
+    upload = rig.Upload(described, pulled, rig.UploadOptions(journals=tmp_path))
+    rig.fleet.prepare([upload])
+    assert upload.changes == []

@@ -13,10 +13,10 @@ from drive_profiles.errors import DriveProfileError, FileError, OutOfRangeError,
 from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
 from drive_profiles.family.profile import Profile
 from drive_profiles.files import toml as files
+from drive_profiles.parameter_set import size
 from drive_profiles.parameter_set.concise import from_concise, to_concise
 from drive_profiles.parameter_set.parameters import (
     CLASSES,
-    MAX_OBJECTS,
     Header,
     Item,
     ParameterSet,
@@ -240,13 +240,19 @@ def test_a_set_is_loaded_from_and_saved_to_a_file(tmp_path):
     assert ParameterSet.load(path).tuning == {}
 
 
-def test_a_file_with_more_objects_than_any_device_has_is_refused(tmp_path):
-    path = tmp_path / "many.toml"
-    path.write_text("[tuning]\n" + "".join(f"a{n} = {{value=1}}\n" for n in range(MAX_OBJECTS)))
-    assert len(list(ParameterSet.load(path).items())) == MAX_OBJECTS
-    path.write_text(path.read_text() + "[limits]\nb = { value = 1 }\n")
-    with pytest.raises(FileError, match=f"holds more than {MAX_OBJECTS} objects"):
-        ParameterSet.load(path)
+def test_what_is_written_can_be_read_up_to_the_bound_and_is_refused_beyond_it(tmp_path, monkeypatch):
+    held = lines(tuning={f"0x2000:{n}": (n, "") for n in range(9)})
+    length = len(held.dumps().encode())
+    monkeypatch.setattr(size, "MAX_BYTES", length)
+    held.save(tmp_path / "a.toml")
+    assert ParameterSet.load(tmp_path / "a.toml").tuning == held.tuning
+    monkeypatch.setattr(size, "MAX_BYTES", length - 1)
+    for refused in (held.dumps, lambda: held.save(tmp_path / "b.toml")):
+        with pytest.raises(RefusedError, match=rf"would be a file of {length} bytes; expected at most .* \(--classes\)"):
+            refused()
+    assert not (tmp_path / "b.toml").exists()
+    with pytest.raises(FileError, match="is larger than"):
+        ParameterSet.load(tmp_path / "a.toml")
 
 
 # What the lines mean

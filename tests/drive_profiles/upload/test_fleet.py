@@ -94,7 +94,7 @@ def test_a_drive_that_is_enabled_meanwhile_is_not_written_to_on_the_way_back(tmp
 
 def test_a_mistake_on_the_way_back_does_not_lose_the_other_outcomes(bus, tmp_path):
     uploads = prepared(bus, (2, 3, 5), tmp_path)
-    bus.world.drives[5].slave.dictionary.on_write(0x2100, 1, lambda v: REFUSED)
+    bus.world.drives[5].slave.dictionary.wrap_write(0x2100, 1, lambda own: lambda v: REFUSED)
     broken = uploads[0]
 
     def mistake():

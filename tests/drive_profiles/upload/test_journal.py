@@ -337,3 +337,27 @@ def test_what_is_too_large_or_not_there_is_refused(tmp_path, monkeypatch):
     (tmp_path / "large").write_bytes(b" " * 101)
     with pytest.raises(FileError, match="is larger than 100 bytes"):
         read(tmp_path / "large")
+
+
+def test_a_journal_that_could_not_be_read_again_is_not_begun(path, monkeypatch):
+    """The longest first line, with each object written and put back, is read; one byte more, and nothing is sent."""
+    with Journal(path, SNAPSHOT):
+        first = len(path.read_bytes())
+    monkeypatch.setattr(module, "MAX_SNAPSHOT_BYTES", first - 1)
+    with pytest.raises(FileError, match=f"its first line would have {first} bytes; expected at most .*--classes"):
+        Journal(path.with_name("other"), SNAPSHOT)
+    assert not path.with_name("other").exists()
+
+
+@pytest.mark.parametrize("length", [1, 4, 65536])
+def test_the_notes_of_an_object_are_within_the_journal_s_bound(path, length):
+    old, new = bytes(length), bytes([1]) * length
+    one = UploadSnapshot(2, "b", {}, "p", {A: old}, {A: new})
+    with Journal(path, one) as journal:
+        first = path.stat().st_size
+        for data in (new, old):
+            journal.note("write", A, data=data.hex())
+            journal.note("written", A, data=data.hex())
+            journal.note("read", A, data=data.hex())
+    own = first - len(module._line({**HEAD, "objects": []}))
+    assert path.stat().st_size - first <= (module.MAX_BYTES / module.MAX_SNAPSHOT_BYTES - 1) * own

@@ -96,7 +96,7 @@ def test_a_second_upload_writes_nothing_and_leaves_no_journal(bus, tmp_path):
     first = upload(device, wanted, tmp_path)
     assert (first.kind, first.written) == ("done", 3)
     dictionary = bus.world.drives[2].slave.dictionary
-    dictionary.on_write(0x2100, 1, lambda value: pytest.fail("written again"))
+    dictionary.wrap_write(0x2100, 1, lambda own: lambda value: pytest.fail("written again"))
     second = upload(device, wanted, tmp_path)
     assert (second.kind, second.written, second.journal) == ("done", 0, None)
 
@@ -247,7 +247,7 @@ def test_several_drives_all_or_none(bus, tmp_path):
         for device, pulled in zip(devices, before, strict=True)
     ]
     fleet.prepare(uploads)
-    bus.world.drives[3].slave.dictionary.on_write(0x2110, 3, lambda value: 0x0609_0030)
+    bus.world.drives[3].slave.dictionary.wrap_write(0x2110, 3, lambda own: lambda value: 0x0609_0030)
     outcomes = fleet.run(uploads)
     assert [outcome.kind for outcome in outcomes] == ["rolled back"] * 3
     assert all(outcome.exit_code == 6 for outcome in outcomes)
@@ -299,7 +299,7 @@ def test_an_interrupted_upload_puts_everything_back(bus, tmp_path):
 def test_without_rollback_what_was_touched_is_said_to_be_unknown(bus, tmp_path):
     device = bus.device(2, "emulated_drive")
     wanted = changed(device.pull(), **NOTCH)
-    bus.world.drives[2].slave.dictionary.on_write(0x2110, 3, lambda value: 0x0609_0030)
+    bus.world.drives[2].slave.dictionary.wrap_write(0x2110, 3, lambda own: lambda value: 0x0609_0030)
     outcome = upload(device, wanted, tmp_path, rollback=False)
     assert outcome.kind == "unknown"
     assert any("notch_1.start_rps" in text for text in outcome.unknown)

@@ -107,8 +107,25 @@ def test_it_is_not_enabled_while_nmt_is_not_operational(rig, command):
         rig.start()
         rig.nmt(command)
         rig.nmt(PRE_OPERATIONAL)  # a stopped node hears no SDO
-    assert rig.word(0x06, 0x07, 0x0F) is State.SWITCHED_ON
+    assert rig.word(0x06, 0x07) is State.SWITCHED_ON
+    assert rig.emergencies() == []
+    assert rig.word(0x0F, 0x0F) is State.SWITCHED_ON
     assert is_braked(rig)
+    assert rig.emergencies() == [0x6320]
+    assert rig.status & WARNING
+
+
+def test_the_start_of_the_node_ends_that_warning_and_a_word_from_before_does_not_enable(rig):
+    rig.set(Object.MODES_OF_OPERATION, 0, CSP)
+    assert rig.word(0x06, 0x07, 0x0F) is State.SWITCHED_ON
+    rig.start()
+    assert rig.emergencies() == [0x6320, 0]
+    assert rig.read(0x1001) == 0
+    assert not rig.status & WARNING
+    rig.wait(2)
+    assert rig.state is State.SWITCHED_ON
+    assert rig.word(0x0F) is ENABLED
+    assert rig.emergencies() == [0x6320, 0]
 
 
 @pytest.mark.parametrize("mode", [None, *Mode])

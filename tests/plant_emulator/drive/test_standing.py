@@ -6,6 +6,7 @@ from dataclasses import FrozenInstanceError
 import pytest
 
 from drive_profiles.standard.cia402 import REMOTE, VOLTAGE_ENABLED, WARNING, State, state_of
+from plant_emulator.drive.faults import LACKS
 from plant_emulator.drive.standing import Standing
 from plant_emulator.drive.state_machine import Power
 from tests.plant_emulator.rig import Rig
@@ -49,11 +50,11 @@ def test_a_drive_stands_after_everything_as_its_state_and_inputs_say():
     drive = rig.drive
 
     def derived():
-        lacks = bool({"no mode of operation", "interpolation period", "no gains"} & set(drive.slave.emergency_causes))
+        lacks = bool(set(LACKS) & set(drive.slave.emergency_causes))
         return Standing.of(drive._standing.power, torque_off=drive.inputs.is_sto_active, lack=lacks)
 
     for act in (
-        lambda: rig.word(0x06, 0x07, 0x0F),  # no mode: it lacks one
+        lambda: rig.word(0x06, 0x07, 0x0F),  # the node is not started: it lacks that
         lambda: rig.enable(8),
         lambda: rig.word(0x02),
         lambda: rig.wait(500),

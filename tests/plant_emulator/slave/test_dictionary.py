@@ -203,6 +203,23 @@ def test_a_write_hook_refuses_and_nothing_changes(dictionary):
     assert dictionary.get(0x2000) == 10
 
 
+def test_an_object_takes_one_write_hook_and_a_second_is_an_error_that_names_it(dictionary):
+    seen = []
+    dictionary.on_write(0x2000, 0, seen.append)
+    with pytest.raises(ValueError, match=r"2000h:00h '.*' has a write hook already; .*wrap_write"):
+        dictionary.on_write(0x2000, 0, lambda value: SdoAbortCode.LOCAL_CONTROL)
+    dictionary.write(0x2000, 0, b"\1\0\0\0"[: len(dictionary.read(0x2000, 0))])
+    assert len(seen) == 1
+
+
+def test_a_write_hook_is_wrapped_where_that_is_asked_for(dictionary):
+    seen = []
+    dictionary.wrap_write(0x2000, 0, lambda inner: lambda value: seen.append(inner))
+    dictionary.wrap_write(0x2000, 0, lambda inner: lambda value: seen.append("outer") or inner(value))
+    dictionary.write(0x2000, 0, b"\1\0\0\0"[: len(dictionary.read(0x2000, 0))])
+    assert seen == ["outer", None]
+
+
 def test_a_write_hook_is_not_asked_about_what_the_limits_refuse(dictionary):
     dictionary.on_write(0x2000, 0, lambda value: pytest.fail("asked"))
     assert code_of(dictionary.write, 0x2000, 0, struct.pack("<h", 101)) is SdoAbortCode.VALUE_TOO_HIGH
