@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
 PROJECT = Path(__file__).parents[1]
 TOOLS = {"hil": "hil", "drive-profiles": "drive_profiles", "plant-emulator": "plant_emulator"}
@@ -95,22 +96,17 @@ def test_brackets_are_text(monkeypatch):
     assert "local:PATH[@BITRATE]" in text
 
 
-def run(*command, **settings):
-    return subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True, check=True, cwd=PROJECT, **settings)
+def called(package, *arguments):
+    """What comes of a command line, in this process."""
+    return CliRunner().invoke(importlib.import_module(f"{package}.cli.main").app, arguments)
 
 
 @pytest.mark.parametrize("package", TOOLS.values())
-def test_every_tool_says_the_version_that_reports_say(package):
+def test_every_tool_says_the_version_that_reports_say_and_waits_for_no_numbers(package):
+    """numpy, scipy and the compiler cost seconds, and neither help nor completion calculates."""
     from drive_profiles.version import DISTRIBUTION, version_text  # noqa: PLC0415
     from hil.results.base import versions  # noqa: PLC0415
 
-    assert run(package, "--version").stdout == f"{DISTRIBUTION} {version_text()}\n"
-    assert versions()[DISTRIBUTION] == version_text()
-
-
-@pytest.mark.parametrize("package", TOOLS.values())
-def test_help_and_version_wait_for_no_numbers(package):
-    """numpy, scipy and the compiler cost seconds, and neither help nor completion calculates."""
     code = (
         "import sys; from importlib import import_module as load\n"
         f"app = load('{package}.cli.main').app\n"
@@ -118,7 +114,8 @@ def test_help_and_version_wait_for_no_numbers(package):
         "print(sorted({'numpy', 'scipy', 'numba', 'matplotlib', 'canopen', 'pydantic', 'rich'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=PROJECT)
-    assert done.stdout.splitlines()[-1] == "[]"
+    assert done.stdout == f"{DISTRIBUTION} {version_text()}\n[]\n"
+    assert versions()[DISTRIBUTION] == version_text()
 
 
 def test_what_a_run_needs_before_it_moves_loads_no_part_of_scipy():
@@ -134,9 +131,25 @@ def test_what_a_run_needs_before_it_moves_loads_no_part_of_scipy():
 
 @pytest.mark.parametrize("package", TOOLS.values())
 def test_without_a_command_the_help_is_shown(package):
-    done = subprocess.run([sys.executable, "-m", package], capture_output=True, text=True, check=False, cwd=PROJECT)
-    assert done.returncode == 2
-    assert "Commands:" in done.stdout + done.stderr
+    done = called(package)
+    assert done.exit_code == 2
+    assert "Commands:" in done.output
+
+
+def test_a_package_that_is_started_is_its_tool():
+    """Each in one way of its own: with nothing, for its help, for its version."""
+    from drive_profiles.version import DISTRIBUTION, version_text  # noqa: PLC0415
+
+    for package, arguments, status, words in (
+        ("hil", [], 2, "Commands:"),
+        ("drive_profiles", ["--help"], 0, "Commands:"),
+        ("plant_emulator", ["--version"], 0, f"{DISTRIBUTION} {version_text()}\n"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", package, *arguments], capture_output=True, text=True, check=False, cwd=PROJECT
+        )
+        assert done.returncode == status
+        assert words in done.stdout + done.stderr
 
 
 # -- tables on a terminal ----------------------------------------------------------------------------------------------
@@ -179,9 +192,10 @@ def test_list_is_a_line_for_each_profile_at_80_columns():
         (80, ("hil", "plan", "--bench", "reference", "--bitrate", "1M")),
     ],
 )
-def test_tables_fit_and_break_no_word(columns, command):
+def test_tables_fit_and_break_no_word(columns, command, monkeypatch):
     lines = on_a_terminal(columns, *command)
-    piped = subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True, check=False, cwd=PROJECT).stdout
+    monkeypatch.chdir(PROJECT)
+    piped = called(*command).stdout
     tables = [line for line in lines if not line.startswith("Fits")]  # the sentence at the end is the terminal's to wrap
     assert max(map(len, tables)) <= columns
     assert set(piped.split()) <= set(re.sub(r" · |: ", " ", "\n".join(lines)).split()) | set("\n".join(lines).split())

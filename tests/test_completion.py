@@ -1,5 +1,6 @@
 """The shell completes what a user would have to look up: commands, options, profiles, objects, axes, nodes, robots; and files."""
 
+import importlib
 import os
 import pty
 import select
@@ -8,7 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
@@ -30,19 +31,40 @@ def folder(tmp_path):
     return tmp_path
 
 
-def offered(where, *words, shell="bash"):
-    """What a tool offers for the last of these words, as the shell's script asks for it."""
-    tool = words[0]
-    variable = f"_{tool.upper().replace('-', '_')}_COMPLETE"
-    environment = {**os.environ, variable: f"complete_{shell}", "COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1)}
-    environment["_TYPER_COMPLETE_ARGS"] = " ".join(words)
-    code = f"import sys; sys.argv = [{tool!r}]; from {PACKAGES[tool]}.cli.main import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, cwd=where, capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return done.stdout.split()
+def asked(words, shell="bash"):
+    """What the environment of a tool holds that a shell's script asks for offers."""
+    variable = f"_{words[0].upper().replace('-', '_')}_COMPLETE"
+    return {
+        variable: f"complete_{shell}", "COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1),
+        "_TYPER_COMPLETE_ARGS": " ".join(words),
+    }  # fmt: skip
+
+
+def entry_point(tool):
+    return importlib.import_module(f"{PACKAGES[tool]}.cli.main").main
+
+
+@pytest.fixture
+def offered(folder, monkeypatch, capfd):
+    """Gives what a tool offers for the last of some words; by its entry point, in this process and in the folder."""
+
+    def ask(*words, shell="bash"):
+        main = entry_point(words[0])
+        with monkeypatch.context() as here:
+            here.chdir(folder)
+            here.setattr(sys, "argv", [words[0]])
+            here.setitem(sys.modules, "__main__", ModuleType("__main__"))  # a tool has its name from there
+            here.setattr(sys, "meta_path", [*sys.meta_path])  # a tool postpones what it may not need
+            for name, value in asked(words, shell).items():
+                here.setenv(name, value)
+            with pytest.raises(SystemExit) as left:
+                main()
+        shown = capfd.readouterr()
+        assert left.value.code in {None, 0}, shown.err
+        assert shown.err == ""
+        return shown.out.split()
+
+    return ask
 
 
 @pytest.mark.parametrize(
@@ -80,8 +102,8 @@ def offered(where, *words, shell="bash"):
     ],
     ids=" ".join,
 )
-def test_a_tool_offers(words, wanted, folder):
-    assert sorted(offered(folder, *words)) == sorted(wanted)
+def test_a_tool_offers(words, wanted, offered):
+    assert sorted(offered(*words)) == sorted(wanted)
 
 
 @pytest.mark.parametrize(
@@ -89,22 +111,22 @@ def test_a_tool_offers(words, wanted, folder):
     [("hil", "run", "--model", "b"), ("hil", "run", "--bench", "b"), ("drive-profiles", "upload", "b"), ("hil", "report", "")],
     ids=" ".join,
 )
-def test_where_a_file_is_wanted_the_shell_completes_it(words, folder):
-    assert offered(folder, *words) == []
+def test_where_a_file_is_wanted_the_shell_completes_it(words, offered):
+    assert offered(*words) == []
 
 
 @pytest.mark.parametrize("file", ["broken.toml", "pipe.toml", "absent.toml"])
-def test_a_file_that_cannot_be_read_offers_nothing_and_says_nothing(file, folder):
-    assert offered(folder, "hil", "run", "--bench", file, "--axis", "") == []
-    assert offered(folder, "drive-profiles", "get", "--profile", file, "--eds", file, "30") == []
+def test_a_file_that_cannot_be_read_offers_nothing_and_says_nothing(file, offered):
+    assert offered("hil", "run", "--bench", file, "--axis", "") == []
+    assert offered("drive-profiles", "get", "--profile", file, "--eds", file, "30") == []
 
 
-def test_the_objects_of_an_eds_are_offered_by_address(folder):
+def test_the_objects_of_an_eds_are_offered_by_address(folder, offered):
     shutil.copy(VENDORS / "emulated_drive.eds", folder / "drive.eds")
     words = ("drive-profiles", "get", "--profile", "emulated_accelerometer")
-    assert offered(folder, *words, "1A00") == []
-    assert "1A00:1" in offered(folder, *words, "--eds", "drive.eds", "1A00")
-    assert "1" in offered(folder, *words, "--eds", "drive.eds", "1A00", ":", "")
+    assert offered(*words, "1A00") == []
+    assert "1A00:1" in offered(*words, "--eds", "drive.eds", "1A00")
+    assert "1" in offered(*words, "--eds", "drive.eds", "1A00", ":", "")
 
 
 @pytest.mark.parametrize("profile", [*available(), *PRODUCTS])
@@ -116,27 +138,35 @@ def test_every_parameter_of_a_profile_is_offered_by_name_and_by_address(profile)
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish"])
-def test_other_shells_ask_in_their_own_way(shell, folder, monkeypatch):
+def test_other_shells_ask_in_their_own_way(shell, offered, monkeypatch):
     monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
-    assert "maxon_epos4" in " ".join(offered(folder, "drive-profiles", "show", "max", shell=shell))
+    assert "maxon_epos4" in " ".join(offered("drive-profiles", "show", "max", shell=shell))
 
 
-@pytest.mark.parametrize("package", PACKAGES.values())
-def test_completion_waits_for_no_numbers(package, folder):
-    words = {
-        "hil": "hil\nrun\n--bench\nreference\n--axis\n",
-        "drive_profiles": "drive-profiles\nget\nnotch",
-        "plant_emulator": "plant-emulator\nserve\n--drive\n2=m",
-    }[package]
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("hil", "run", "--bench", "reference", "--axis", ""),
+        ("drive-profiles", "get", "notch"),
+        ("plant-emulator", "serve", "--drive", "2", "=", "m"),
+    ],
+    ids=" ".join,
+)
+def test_the_process_that_a_shell_starts_offers_the_same_and_waits_for_no_numbers(words, folder, offered):
     code = (
-        f"import sys; sys.argv = ['x']; from {package}.cli.main import app\n"
-        "try: app.run()\nexcept SystemExit: pass\n"
+        f"import sys; sys.argv = [{words[0]!r}]; from {PACKAGES[words[0]]}.cli.main import main\n"
+        "try: main()\nexcept SystemExit as left: assert not left.code\n"
         "print(sorted({'numpy', 'scipy', 'numba', 'matplotlib', 'canopen', 'can', 'rich'} & set(sys.modules)))"
     )
-    environment = {**os.environ, "_X_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count("\n"))}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, cwd=folder, capture_output=True, text=True, check=True)
-    assert len(done.stdout.splitlines()) > 1
-    assert done.stdout.splitlines()[-1] == "[]"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | asked(words), cwd=folder, capture_output=True, text=True, check=True,
+        timeout=60,
+    )  # fmt: skip
+    *offers, loaded = done.stdout.splitlines()
+    assert offers == offered(*words)
+    assert offers
+    assert loaded == "[]"
+    assert done.stderr == ""
 
 
 @pytest.mark.parametrize(

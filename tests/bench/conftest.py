@@ -1,9 +1,16 @@
 """Benches of all sizes, beside the fixtures of plant_emulator.pytest_plugin."""
 
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
 import pytest
 
 from hil.bench.bench import Bench, load_bench
+from plant_emulator.pytest_plugin.served import ServedBus
 from plant_emulator.robots.robot import Robot, load_robot
+from tests.bench.shared_demo import DemoRun, common_root, shared_demo
+from tests.bench.warm_server import IS_POSSIBLE, WarmServers
 
 
 @pytest.fixture(scope="session")
@@ -21,6 +28,38 @@ def quiet_robot(reference_robot: Robot) -> Robot:
     """The reference robot with an accelerometer that has neither noise nor a coarse step."""
     sensor = reference_robot.accelerometer.model_copy(update={"noise_m_s2": 0.0, "resolution_m_s2": 0.0})
     return reference_robot.model_copy(update={"accelerometer": sensor})
+
+
+@pytest.fixture(scope="session")
+def warm_servers() -> Iterator[WarmServers]:
+    with tempfile.TemporaryDirectory(prefix="hil-") as folder:
+        servers = WarmServers(Path(folder))
+        yield servers
+        servers.close()
+
+
+@pytest.fixture
+def local_bus(request: pytest.FixtureRequest) -> Iterator[ServedBus]:
+    """The plug-in's, from a process that has loaded everything, where that is possible."""
+    config = request.config
+    if not IS_POSSIBLE or config.getoption("hil_robot") or config.getoption("hil_bitrate"):
+        yield request.getfixturevalue("serve_local_bus")()
+        return
+    with request.getfixturevalue("warm_servers").serving() as bus:
+        yield bus
+
+
+@pytest.fixture(scope="session")
+def demo_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
+    """`hil demo --json`, once: whole where a test of this run asks for that, else its first part."""
+    is_whole = any("whole_demo_run" in getattr(item, "fixturenames", ()) for item in request.session.items)
+    return shared_demo(common_root(tmp_path_factory), is_whole=is_whole)
+
+
+@pytest.fixture(scope="session")
+def whole_demo_run(demo_run: DemoRun) -> DemoRun:
+    """The same with the story and the whole arm."""
+    return demo_run
 
 
 def with_bus(bench: Bench, **changes: object) -> Bench:

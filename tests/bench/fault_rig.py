@@ -35,6 +35,11 @@ _MOVING |= {0x6062, 0x6063, 0x6069, 0x606B, 0x6074, 0x6078, 0x60FA, 0x60FC}
 """Objects that are measured, commanded, or tell of faults: nobody puts them back."""
 
 
+reference_robot = cache(lambda: load_robot("reference"))
+"""The robot of every rig that has none of its own: frozen, so one is enough."""
+
+
+@cache
 def bench() -> Bench:
     """The reference bench with a tenth of a metre of line in 0.8 s."""
     whole = load_bench("reference")
@@ -129,7 +134,7 @@ class Rig:
         robot: Robot | None = None,
         clock: Any = None,
     ) -> None:
-        self.world = World(robot or load_robot("reference"))
+        self.world = World(robot or reference_robot())
         self.channel = InProcessChannel(self.world, medium_for(self.world, bitrate, faults=faults))
         self.tape, self.at, self._act = Tape(), at, act
         self.bench = bench()

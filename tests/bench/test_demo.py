@@ -3,8 +3,6 @@
 import json
 import math
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ import numpy as np
 import pytest
 
 from hil.recording import Recording
+from tests.bench.shared_demo import DemoRun
 
 RUN_KEYS = {
     "experiment", "axis", "treatment", "loop", "sync_period_s", "control_period_s", "order", "tip_peak_mm", "tip_rms_mm",
@@ -23,16 +22,10 @@ RAMP_KEYS = {"ramp_peak_mm", "window_rps", "order_mm", "order_error_mm", "noise_
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    out = tmp_path_factory.mktemp("demo") / "out"
-    done = subprocess.run(
-        [sys.executable, "-m", "hil", "demo", "--no-story", "--out", str(out), "--json"],
-        capture_output=True, text=True, timeout=580, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
-    assert result == json.loads((out / "result.json").read_text())
-    return out, result
+def demo(demo_run: DemoRun) -> tuple[Path, dict[str, Any]]:
+    result = json.loads((demo_run.out / "result.json").read_text())
+    assert result == json.loads(demo_run.stdout)
+    return demo_run.out, result
 
 
 def runs(demo: tuple[Path, dict[str, Any]], **wanted: object) -> list[dict[str, Any]]:

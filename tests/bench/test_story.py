@@ -1,8 +1,6 @@
 """The demo's second part: a robot of which nothing is known, identified, designed for, uploaded to, and run side by side."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from hil.report.pages.compare import write_compare_report
 from hil.reporter import SILENT
 from plant_emulator.pytest_plugin.served import ServedBus
 from plant_emulator.robots.robot import load_robot
+from tests.bench.shared_demo import DemoRun
 
 
 def test_the_bench_of_the_story_knows_nothing(tmp_path: Path) -> None:
@@ -136,13 +135,9 @@ def test_a_set_that_is_not_the_design_is_not_uploaded(
     assert not (tmp_path / "drive-journals").exists()
 
 
-@pytest.mark.slow
-def test_the_whole_demo_ends_with_the_story_and_a_whole_arm(tmp_path: Path) -> None:
-    out = tmp_path / "demo"
-    done = subprocess.run(
-        [sys.executable, "-m", "hil", "demo", "--out", str(out)], capture_output=True, text=True, timeout=580, check=False
-    )
-    assert done.returncode == 0, done.stderr
+@pytest.mark.smoke
+def test_the_whole_demo_ends_with_the_story_and_a_whole_arm(whole_demo_run: DemoRun) -> None:
+    out = whole_demo_run.out
     told = json.loads((out / "story" / "result.json").read_text())
     assert told["story"]["failure"] is None
     assert told["emulated"] is True
@@ -183,4 +178,4 @@ def test_the_whole_demo_ends_with_the_story_and_a_whole_arm(tmp_path: Path) -> N
     assert 'id="whole-arm-line"' in page
     for key in ("arm-line-reference-arm", "arm-resonances-reference-arm", "story-claims"):
         assert f'id="{key}"' in (out / "arm" / "report.html").read_text()
-    assert "holds: learnt: within ±0.05 mm along x" in done.stdout
+    assert "holds: learnt: within ±0.05 mm along x" in whole_demo_run.stderr, "standard output is the result's"

@@ -26,6 +26,7 @@ def eds(tmp_path):
     return path
 
 
+@pytest.mark.wall
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [(), EVERYTHING], ids=["nothing allowed", "everything allowed"])
 def test_the_whole_suite_passes_on_a_served_bus(serve_local_bus, eds, options):

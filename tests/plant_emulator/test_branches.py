@@ -1,4 +1,7 @@
-"""Every branch of the slave engine and of the CiA 402 state machine is taken by their tests."""
+"""Every branch of the slave engine and of the CiA 402 state machine is taken by their tests.
+
+It plays those tests a second time, under coverage: so it is for the whole run alone, and neither for every day nor for CI.
+"""
 
 import os
 import subprocess

@@ -99,6 +99,7 @@ def test_the_same_file_runs_on_another_bus_and_says_what_it_cannot_do_there(
     result.stdout.fnmatch_lines(["*looks inside the emulated robot*", "*delayed set-points would reach a real robot*"])
 
 
+@pytest.mark.wall
 def test_by_the_wall_clock_the_drive_is_held_while_the_test_thinks(
     run: Run, pytester: pytest.Pytester, serve_local_bus: Callable[..., ServedBus]
 ) -> None:

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import queue
 import select
 import socket
 import struct
@@ -13,7 +14,7 @@ from pathlib import Path
 
 from drive_profiles.address import Address
 from drive_profiles.standard.cia402 import Mode, Object, State
-from hil.can.frame import RECORD, Frame
+from hil.can.frame import RECORD, Frame, pack, unpack
 from hil.can.raw import RawChannel, connect_local
 from plant_emulator.bus.clients import SO_TIMESTAMPNS
 from plant_emulator.drive.dictionary.cia402_objects import HOMING_METHODS
@@ -48,6 +49,18 @@ def robot_file(folder):
     """The reference robot, its axis 3 with gains and switches."""
     path = folder / "robot.toml"
     path.write_text(REFERENCE.read_text(encoding="utf-8") + SWITCHED, encoding="utf-8")
+    return path
+
+
+def file_of_drives(folder, count):
+    """A robot whose axes 1 to `count` are each that axis 3, and no arm."""
+    lines = REFERENCE.read_text(encoding="utf-8").splitlines()
+    begin = lines.index("[axis.3]")
+    end = next(number for number in range(begin + 1, len(lines)) if lines[number].startswith("["))
+    axis = "\n".join(line for line in lines[begin:end] if not line.startswith("node_id")) + SWITCHED
+    axes = [axis.replace("[axis.3", f"[axis.{number}") for number in range(1, count + 1)]
+    path = folder / "robot.toml"
+    path.write_text("\n".join((*lines[: lines.index("[axis.2]")], *axes)), encoding="utf-8")
     return path
 
 
@@ -106,23 +119,110 @@ class Watch:
             self.beats += len(arrivals)
             last, looked, worked = arrivals[-1], now, work
 
+    def wait_for_beats(self, count):
+        """Wait until so many have been heard, or for as long as patience lasts."""
+        end = time.monotonic() + PATIENCE_S
+        while self.beats < count and time.monotonic() < end:
+            time.sleep(1e-3 * BEAT_MS)
+
     def close(self):
         self._is_on = False
         self._thread.join()
         self._socket.close()
 
 
+class Line:
+    """One socket of many guests: each hears the frames of its own node and those of none, and one SYNC is for all who ask.
+
+    A drive takes a SYNC for its period, so those of fifteen masters would be fifteen times too many.
+    """
+
+    PERIOD_S = 0.004
+
+    def __init__(self, path):
+        self._socket = connect_local(Address("local", str(path)))
+        self._seats = {}
+        self._asked, self._syncs, self._turn = False, 0, threading.Condition()
+        self._is_on = True
+        self._threads = [threading.Thread(target=run) for run in (self._hear, self._beat)]
+
+    def seat(self, node):
+        """The channel of the guest of a node."""
+        self._seats[node] = Seat(self, node)
+        return self._seats[node]
+
+    def open(self):
+        """All have their seats: let them hear."""
+        for thread in self._threads:
+            thread.start()
+
+    def send(self, frame):
+        self._socket.send(pack(frame))
+
+    def sync(self):
+        """Wait until the next SYNC has been sent."""
+        with self._turn:
+            self._asked, wanted = True, self._syncs + 1
+            assert self._turn.wait_for(lambda: self._syncs >= wanted, PATIENCE_S)
+
+    def _hear(self):
+        while self._is_on:
+            if not select.select([self._socket], [], [], 0.1)[0]:
+                continue
+            frame = unpack(self._socket.recv(RECORD.size))
+            node = frame.can_id & 0x7F
+            if node == SENSOR:
+                continue
+            for seat in [self._seats[node]] if node in self._seats else self._seats.values():
+                seat.frames.put(frame)
+
+    def _beat(self):
+        while self._is_on:
+            time.sleep(self.PERIOD_S)
+            with self._turn:
+                if self._asked:
+                    self._asked = False
+                    self.send(Frame(0x080, b""))
+                    self._syncs += 1
+                    self._turn.notify_all()
+
+    def close(self):
+        self._is_on = False
+        for thread in self._threads:
+            thread.join()
+        self._socket.close()
+
+
+class Seat:
+    """What a guest has of a line: as much of a channel as it needs."""
+
+    def __init__(self, line, node):
+        self._line, self._node = line, node
+        self.send, self.sync = line.send, line.sync
+        self.frames = queue.SimpleQueue()
+
+    def receive(self, timeout_s):
+        with contextlib.suppress(queue.Empty):
+            return self.frames.get(timeout=timeout_s) if timeout_s > 0.0 else self.frames.get_nowait()
+        return None
+
+    def close(self):
+        """The line is closed by whom it belongs to."""
+
+
 class Guest(Rig):
-    """The rig's master, on a socket instead of in the robot's process.
+    """The rig's master, on a channel instead of in the robot's process.
 
     Attributes:
         twin: The drive as it left the factory, for its types and units.
+        sides: Each motion goes the other way than the one before.
     """
 
-    def __init__(self, path, robot):
-        super().__init__(robot)
+    def __init__(self, channel, robot, axis=AXIS):
+        super().__init__(robot, axis)
         self.twin, self.seen = self.drive, []
-        self._channel = RawChannel(Address("local", str(path)))
+        self.sides = itertools.cycle((1.0, -1.0))
+        self._channel = channel
 
     def _drained(self, timeout_s):
         frames = []
@@ -152,7 +252,11 @@ class Guest(Rig):
     def sync(self, count=1):
         frames = []
         for _ in range(count):
-            frames = self.send(0x080) + self.wait(4)
+            if isinstance(self._channel, Seat):
+                self._channel.sync()
+                frames = self.wait(3)  # the next one comes after the fourth
+            else:
+                frames = self.send(0x080) + self.wait(4)
         return frames
 
     def wait_for(self, happened, seconds=3.0):
@@ -161,7 +265,7 @@ class Guest(Rig):
         while not happened():
             if time.monotonic() > end:
                 return False
-            self.wait(5)
+            self.wait(30)
         return True
 
     def offer(self, index, subindex, value):
@@ -205,12 +309,12 @@ class Guest(Rig):
             return False
         match mode:
             case Mode.PP:
-                self.offer(Object.TARGET_POSITION, 0, self.units(next(_SIDES)))
+                self.offer(Object.TARGET_POSITION, 0, self.units(next(self.sides)))
                 self.offer(Object.CONTROL_WORD, 0, 0x1F)
             case Mode.PV | Mode.CSV:
-                self.offer(Object.TARGET_VELOCITY, 0, self.speed(4.0 * next(_SIDES)))
+                self.offer(Object.TARGET_VELOCITY, 0, self.speed(4.0 * next(self.sides)))
             case Mode.TQ | Mode.CST:
-                self.offer(Object.TARGET_TORQUE, 0, round(200 * next(_SIDES)))
+                self.offer(Object.TARGET_TORQUE, 0, round(200 * next(self.sides)))
             case Mode.HM:
                 self.offer(Object.HOMING_METHOD, 0, 33)
                 self.offer(Object.CONTROL_WORD, 0, 0x1F)
@@ -228,11 +332,11 @@ class Guest(Rig):
         self.wait(30)
         return True
 
+    def meet(self):
+        """Wait for the other guests, of whom here are none."""
+
     def close(self):
         self._channel.close()
-
-
-_SIDES = itertools.cycle((1.0, -1.0))
 
 
 def prepare(guest):
@@ -303,7 +407,7 @@ def reactions(guest):
         if guest.enabled(Mode.PP):
             guest.offer(Object.FOLLOWING_ERROR_WINDOW, 0, 1)
             guest.offer(Object.FOLLOWING_ERROR_TIMEOUT, 0, 0)
-            guest.offer(Object.TARGET_POSITION, 0, guest.units(next(_SIDES)))
+            guest.offer(Object.TARGET_POSITION, 0, guest.units(next(guest.sides)))
             guest.offer(Object.CONTROL_WORD, 0, 0x1F)
             yield f"8611h with fault reaction {option}", guest.wait_for(lambda: 0x8611 in guest.codes())
         guest.offer(Object.FOLLOWING_ERROR_WINDOW, 0, window)
@@ -335,6 +439,7 @@ def faults(guest):
         guest.rest()
         guest.start()
         guest.seen.clear()
+        guest.meet()
         provoke(guest)
         yield f"{code:04X}h by {name}", guest.wait_for(lambda code=code: code in guest.codes(), 1.0)
         for index, subindex, value in ((SET_POINT_TIMEOUT, 0, 0), (0x1400, 5, 0), (0x100C, 0, 0), (0x6080, 0, None)):
@@ -356,7 +461,7 @@ def _outside(guest):
 
 def _too_fast(guest):
     guest.enabled(Mode.CSP)
-    guest.offer(Object.TARGET_POSITION, 0, guest.read(Object.POSITION_ACTUAL) + guest.units(1.5 * next(_SIDES)))
+    guest.offer(Object.TARGET_POSITION, 0, guest.read(Object.POSITION_ACTUAL) + guest.units(1.5 * next(guest.sides)))
     guest.sync(3)
 
 
@@ -364,7 +469,7 @@ def _overspeed(guest):
     fastest = guest.read(Object.MAX_MOTOR_SPEED)
     guest.enabled(Mode.CST)
     guest.offer(Object.MAX_MOTOR_SPEED, 0, 60)
-    guest.offer(Object.TARGET_TORQUE, 0, round(600 * next(_SIDES)))
+    guest.offer(Object.TARGET_TORQUE, 0, round(600 * next(guest.sides)))
     guest.sync(3)
     guest.wait_for(lambda: 0x8400 in guest.codes(), 1.0)
     guest.rest()
@@ -426,22 +531,26 @@ def parameters(guest):
 EVERYTHING = (modes, stops, homing, reactions, faults, parameters, services)
 
 
-def start(folder, *options, drive=None, rate=""):
-    """A server process on the robot with switches, its socket, and the robot as it serves it."""
-    path, file = folder / "robot.sock", robot_file(folder)
-    chosen = [] if drive is None else ["--drive", f"{AXIS}={drive}"]
+def start(folder, *options, drives=(), rate=""):
+    """A server process on the robot with switches, its socket, and the robot as it serves it.
+
+    With drives it has an axis for each of them, from 1 on, and nothing else.
+    """
+    path, file = folder / "robot.sock", file_of_drives(folder, len(drives)) if drives else robot_file(folder)
+    profiles = dict(enumerate(drives, 1))
+    chosen = [word for axis, drive in profiles.items() for word in ("--drive", f"{axis}={drive}")]
     process = subprocess.Popen(
         [sys.executable, "-m", "plant_emulator", "serve", "--wall", "--robot", str(file), "--bus", f"local:{path}{rate}",
          "--until-stdin-closes", "--store-time-s", "0.05", *chosen, *options],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stdout.readline().startswith("serving"), process.communicate()[1]
-    return process, path, with_drives(load_robot(file), {} if drive is None else {AXIS: drive})
+    return process, path, with_drives(load_robot(file), profiles)
 
 
 def visit(process, path, robot, stations):
     """Go through the stations under the eyes of a `Watch`; who watched, and what the drive did not take part in."""
-    watch, guest, idle = Watch(path, process.pid), Guest(path, robot), []
+    watch, guest, idle = Watch(path, process.pid), Guest(RawChannel(Address("local", str(path))), robot), []
     try:
         prepare(guest)
         for station in stations:
@@ -452,6 +561,48 @@ def visit(process, path, robot, stations):
     finally:
         guest.close()
         watch.close()
+    return watch, idle
+
+
+def visit_all(process, path, robot, stations):
+    """All axes at the same time, each with a guest of its own; who watched, and by axis what it did not take part in.
+
+    The guests bring about each fault together: a SYNC with data, or none any more, befalls the whole bus.
+    """
+    watch, line, idle, failed = Watch(path, process.pid), Line(path), {axis: [] for axis in robot.axis}, []
+    guests = {axis: Guest(line.seat(robot.node_ids[axis]), robot, axis) for axis in robot.axis}
+    together = threading.Barrier(len(guests), timeout=120.0)
+
+    def tour(axis, guest):
+        try:
+            guest.meet = together.wait
+            prepare(guest)
+            for station in stations:
+                for name, took_part in station(guest):
+                    watch.at = f"{name} of {robot.axis[axis].profile}"
+                    idle[axis] += [] if took_part else [name]
+        except threading.BrokenBarrierError:
+            pass  # another one has failed, and says why
+        except Exception as error:  # noqa: BLE001 - a thread of its own: the test says it
+            failed.append(f"{robot.axis[axis].profile}: {error!r}")
+            together.abort()
+
+    threads = [threading.Thread(target=tour, args=each) for each in guests.items()]
+    switch_s = sys.getswitchinterval()
+    sys.setswitchinterval(0.1 * switch_s)  # the one who watches waits for the guests' threads, and must not look late
+    line.open()
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        time.sleep(10e-3 * BEAT_MS)
+    finally:
+        sys.setswitchinterval(switch_s)
+        line.close()
+        watch.close()
+    assert failed == []
+    assert not together.broken, "one has kept the others waiting"
     return watch, idle
 
 

@@ -309,6 +309,13 @@ def test_a_drive_keeps_its_promises_whatever_happens(machine):
     run_for(machine, examples=_EXAMPLES[machine], steps=30)
 
 
+@pytest.mark.smoke
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
+def test_a_drive_keeps_its_promises_for_a_tenth_of_a_long_time(machine):
+    run_for(machine, examples=60, steps=100)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)

@@ -323,6 +323,13 @@ def test_a_node_answers_each_request_once_whatever_happens(machine):
     run_for(machine, examples=_EXAMPLES[machine], steps=30)
 
 
+@pytest.mark.smoke
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
+def test_a_node_answers_each_request_once_for_a_tenth_of_a_long_time(machine):
+    run_for(machine, examples=100, steps=100)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)

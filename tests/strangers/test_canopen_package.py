@@ -340,6 +340,7 @@ def test_a_fault_is_seen_and_reset(drive402, network, served):
     assert served.drive.state is State.OPERATION_ENABLED
 
 
+@pytest.mark.wall
 def test_its_homing_is_carried_out(drive402):
     drive402.op_mode = "PROFILED POSITION"
     drive402.sdo[0x6098].raw = 37  # where it stands
@@ -349,6 +350,7 @@ def test_its_homing_is_carried_out(drive402):
     wait_for(lambda: abs(drive402.tpdo[2][0x6064].raw - 50_000) < 2_000)
 
 
+@pytest.mark.wall
 def test_a_velocity_is_reached_in_profile_velocity(drive402):
     drive402.op_mode = "PROFILED VELOCITY"
     drive402.state = "OPERATION ENABLED"

@@ -53,6 +53,15 @@ def enable(channel):
         time.sleep(0.002)
 
 
+def passed_on(channel, other):
+    """Return when what is sent on one bus arrives on the other."""
+    end = time.monotonic() + 30.0
+    while other.receive(0.05) is None:
+        assert time.monotonic() < end
+        channel.send(Frame(0x7A0, b""))
+
+
+@pytest.mark.wall
 @pytest.mark.parametrize("suffix", [".log", *(pytest.param(each, marks=pytest.mark.slow) for each in (".asc", ".blf", ".trc"))])
 def test_a_logged_run_is_whole_and_played_to_another_robot_it_does_the_same(start_served, tmp_path, suffix):
     first, second = start_served(), start_served()
@@ -60,7 +69,7 @@ def test_a_logged_run_is_whole_and_played_to_another_robot_it_does_the_same(star
     master, witness = first.join_local(), first.join_local()
     with tool("logger", *on(first), "-f", str(log)):
         wait_for(lambda: len(first.server._clients) == 3, 30.0)
-        time.sleep(0.2)  # the logger opens its file behind its bus
+        wait_for(log.exists, 30.0)  # the logger opens its file behind its bus
         enable(master)
         seen = []
         while (frame := witness.receive(0.3)) is not None:
@@ -80,8 +89,8 @@ def test_a_bridge_makes_two_robots_one_bus(start_served):
     first, second = start_served(), start_served(robot=AXIS_2)
     with tool("bridge", *on(first, "bus1-"), *on(second, "bus2-")):
         wait_for(lambda: first.server._clients and second.server._clients, 30.0)
-        time.sleep(0.2)  # its listeners start behind its buses
         channel = first.join_local()
+        passed_on(channel, second.join_local())  # its listeners start behind its buses
         channel.send(Frame(0x602, bytes.fromhex("4041600000000000")))
         assert frames_until(channel, 0x582)[-1].data[:4] == bytes.fromhex("4b416000")
         tcp = first.join()

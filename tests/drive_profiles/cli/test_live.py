@@ -14,6 +14,7 @@ from drive_profiles.cli.main import app
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.parameter_set.parameters import ParameterSet
 from drive_profiles.standard.cia301 import FunctionCode
+from drive_profiles.standard.cia402 import State, state_of
 from tests.drive_profiles.cli.test_on_a_bus import serving
 
 MASTER = 100
@@ -54,12 +55,20 @@ def test_a_plot_line_is_as_high_as_its_values_and_keeps_gaps():
     assert plot_line(deque()) == ""
 
 
+def wait_for(happened):
+    deadline = time.monotonic() + 10.0
+    while not happened():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.005)
+
+
 def lose_the_master(robot: str, node: int) -> None:
     """Let a node watch a master, which speaks once and never again."""
     run("set", f"0x1016:1={MASTER << 16 | 50}", "--type", "UNSIGNED32", "--node", node, "--yes")
     with SdoBus(robot) as bus:
+        before = bus.port(node).read((0x1003, 0))
         bus.send(FunctionCode.HEARTBEAT + MASTER, b"\x05")
-        time.sleep(0.4)
+        wait_for(lambda: bus.port(node).read((0x1003, 0)) != before)
     run("set", "0x1016:1=0", "--type", "UNSIGNED32", "--node", node, "--yes")
 
 
@@ -98,9 +107,9 @@ def test_nmt_does_not_take_torque_away_unawares(robot):
     run("nmt", "start", "--node", 5, "--yes")
     with SdoBus(robot) as bus:
         bus.port(5).write((0x6060, 0), b"\x08")
-        for word in (0x06, 0x07, 0x0F):
+        for word, state in ((0x06, State.READY_TO_SWITCH_ON), (0x07, State.SWITCHED_ON), (0x0F, State.OPERATION_ENABLED)):
             bus.port(5).write((0x6040, 0), word.to_bytes(2, "little"))
-            time.sleep(0.2)
+            wait_for(lambda state=state: state_of(int.from_bytes(bus.port(5).read((0x6041, 0)), "little")) is state)
         refused = run("nmt", "stop", "--all", code=2).output
         assert "UNDER TORQUE: node 5; without process data" in refused
         assert "operation enabled" in refused

@@ -427,24 +427,28 @@ def test_a_file_that_is_there_is_not_replaced_in_silence(folder):
     run("pull", "--node", "2", "--out", "axis2.toml", "--force")
 
 
-SLOW = """
-import time
+HELD = """
+import pathlib, time
 from drive_profiles.cli import main as cli
 from drive_profiles.device import sdo
-write = sdo.SdoPort.write
-def slowly(*arguments, **named):
+write, written = sdo.SdoPort.write, []
+def held(*arguments, **named):
+    end = time.monotonic() + 60.0
+    while written and not pathlib.Path("signalled").exists() and time.monotonic() < end:
+        time.sleep(0.001)
     write(*arguments, **named)
-    time.sleep(0.2)
-sdo.SdoPort.write = slowly
+    written.append(True)
+sdo.SdoPort.write = held
 cli.main()
 """
+"""The tool, which stands still before its second write until it has been signalled."""
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_in_the_middle_puts_everything_back(number, folder):
     before = {name: held(name) for name in ("notch_1.mode", "notch_1.start_rps", "position_gain_per_s", "velocity_gain_nm_s_rad")}
     values = [f"{name}={value + 1}" for name, value in before.items()]
-    command = [sys.executable, "-c", SLOW, "set", *values, "--node", "2", "--yes", "--store"]
+    command = [sys.executable, "-c", HELD, "set", *values, "--node", "2", "--yes", "--store"]
     with subprocess.Popen(
         command, cwd=folder, env=os.environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -455,6 +459,7 @@ def test_ctrl_c_in_the_middle_puts_everything_back(number, folder):
             time.sleep(0.001)
         process.send_signal(number)
         process.send_signal(number)  # impatience changes nothing
+        (folder / "signalled").touch()
         out, err = process.communicate(timeout=60)
     assert process.returncode == 130, (out, err)
     assert "rolled back, everything is as it was" in err

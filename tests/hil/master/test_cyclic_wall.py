@@ -330,6 +330,7 @@ def live_run(live: tuple[LiveWorld, AdapterChannel], interfere: Callable[[int], 
         return result
 
 
+@pytest.mark.wall
 def test_a_real_run_tells_how_late_it_was(live: tuple[LiveWorld, AdapterChannel]) -> None:
     """Nothing is said here about how fast this machine is: what it did is in the result, and the robot is at rest after it."""
     tolerant = bench_of(missing_limit=100, heartbeat_s=1.0)
@@ -347,6 +348,7 @@ def test_a_real_run_tells_how_late_it_was(live: tuple[LiveWorld, AdapterChannel]
     assert all(drive.state is not State.OPERATION_ENABLED for drive in live[0].world.drives.values())
 
 
+@pytest.mark.wall
 def test_a_real_pause_of_a_second_stops_the_run(live: tuple[LiveWorld, AdapterChannel]) -> None:
     result = live_run(live, lambda number: time.sleep(1.0) if number == 12 else None, bench_of(heartbeat_s=1.0, missing_limit=10))
     assert result.stopped is not None

@@ -86,9 +86,12 @@ def test_it_is_on_loopback_only(scope):
 
 def test_one_who_comes_late_sees_what_was_and_a_trigger_and_spectra_are_answered(scope, channel, bus):
     listener = open_listener(parse_address(bus))
-    played(channel, Traffic(NODES).set_up().run(400).emergency(41, 0x3310).run(400).heard(), 60.0)
-    time.sleep(0.5)  # the last frames are on their way
-    sent = len(listener.take())
+    traffic = Traffic(NODES).set_up().run(400).emergency(41, 0x3310).run(400).heard()
+    played(channel, traffic, 60.0)
+    sent, end = 0, time.monotonic() + 10.0
+    while sent < len(traffic) and time.monotonic() < end:  # the last frames are on their way
+        sent += len(listener.take())
+        time.sleep(0.01)
 
     async def talk(viewer, connection):
         await viewer.until(lambda one: sum(rows[1].size for rows in one.rows) >= 795)
@@ -120,7 +123,8 @@ def test_a_trigger_tells_when_it_fires(scope, channel):
     async def talk(viewer, connection):
         await viewer.until(lambda one: one.rows)
         await connection.write_message(json.dumps({"trigger": {"kind": "edge", "signal": "node 41 position", "level": 0.0605}}))
-        await asyncio.sleep(0.3)
+        await connection.write_message("{")
+        await viewer.until(lambda one: "refused" in one.kinds())  # what came before it has been heard
         played(channel, traffic.run(50).heard(), 60.0)
         await viewer.until(lambda one: "trigger" in one.kinds())
         time_s = next(each for each in viewer.said if each["kind"] == "trigger")["time_s"]

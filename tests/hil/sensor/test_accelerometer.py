@@ -408,6 +408,7 @@ def test_the_value_at_a_sync_is_the_one_of_that_instant(monkeypatch, late_s):
     assert (reader.lost, reader.errors, reader.overruns) == (0, 0, 0)
 
 
+@pytest.mark.wall
 def test_losses_and_errors_are_counted(sensor, terminal):
     with reading(BINARY_TOML, terminal) as reader:
         sensor.skip = 7
@@ -419,6 +420,7 @@ def test_losses_and_errors_are_counted(sensor, terminal):
         assert reader.value_at_sync(time.monotonic()) is not None
 
 
+@pytest.mark.wall
 def test_a_sensor_that_falls_silent_has_no_value(sensor, terminal):
     with reading(BINARY_TOML, terminal) as reader:
         assert reader.value_at_sync(time.monotonic()) is not None
@@ -437,6 +439,7 @@ def test_a_port_that_goes_is_told(terminal):
     terminal._device = os.open("/dev/null", os.O_RDONLY)  # for its own close
 
 
+@pytest.mark.wall
 @pytest.mark.parametrize(
     ("port", "written", "says"),
     [
@@ -469,6 +472,7 @@ def test_two_do_not_read_the_same_port(sensor, terminal):
         pass
 
 
+@pytest.mark.wall
 @pytest.mark.parametrize(("toml", "framing"), [(LINE_TOML, "line"), (BINARY_TOML, "binary")])
 def test_the_emulated_sensor_is_read_as_the_page_describes_it(tmp_path, toml, framing):
     with served(tmp_path, "--framing", framing) as path, reading(toml, str(path), max_age_s=60.0) as reader:

@@ -156,6 +156,7 @@ def test_a_notifier_hears_everything(bus, either):
         notifier.stop()
 
 
+@pytest.mark.wall
 def test_can_logger_joins_and_writes_what_passes(running, tmp_path):
     log = tmp_path / "bus.log"
     logger = subprocess.Popen(

@@ -161,6 +161,7 @@ def numbers(records):
     return [struct.unpack_from("<I", data, 8)[0] for data in records if data[:4] == struct.pack("<I", 0x123)]
 
 
+@pytest.mark.wall
 def test_a_client_that_does_not_read_loses_frames_and_hurts_nobody(start_server, monkeypatch):
     monkeypatch.setattr(clients_module, "SEND_BUFFER_BYTES", 1 << 16)
     running = start_server()
@@ -177,6 +178,7 @@ def test_a_client_that_does_not_read_loses_frames_and_hurts_nobody(start_server,
     assert numbers([slow.recv(64)]) == [9999]  # it hears again
 
 
+@pytest.mark.wall
 def test_a_stream_that_does_not_read_loses_whole_records_and_recovers(start_server, monkeypatch):
     monkeypatch.setattr(clients_module, "STREAM_BACKLOG_BYTES", 4096)
     running = start_server(stream=True)
@@ -442,7 +444,9 @@ def test_it_lives_as_long_as_its_standard_input_is_open(serve):
     process, path = serve("--until-stdin-closes", stdin=subprocess.PIPE)
     process.stdin.write("anything\n")
     process.stdin.flush()
-    time.sleep(0.2)
+    channel = RawChannel(Address("local", str(path)))
+    exchange(channel, 1)  # so it has looked at both
+    channel.close()
     assert process.poll() is None
     process.stdin.close()
     assert process.wait(timeout=10) == 0

@@ -130,6 +130,7 @@ def test_a_rehearsal_that_is_complete_walks_nobody_again(rehearsed):
     assert (folder / "robots" / f"seed-{CHEAP}.json").stat().st_mtime_ns == before
 
 
+@pytest.mark.wall
 @pytest.mark.slow
 def test_ctrl_c_ends_a_rehearsal_with_its_processes_and_says_how_to_go_on(tmp_path):
     words = ("rehearse", "--seeds", "1-40", "--jobs", "2", "--out", str(tmp_path / "r"))

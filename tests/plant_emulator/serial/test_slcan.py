@@ -218,6 +218,7 @@ def test_python_can_reads_an_object(stranger):
     assert bytes(sdo(stranger, READ_STATUS_WORD).data[:6]) == bytes.fromhex("4b4160005002")
 
 
+@pytest.mark.wall
 def test_python_can_reads_version_and_serial_number(stranger):
     assert stranger.get_version(2.0) == (10, 13)
     assert stranger.get_serial_number(2.0) == "HILB"

@@ -491,6 +491,7 @@ def test_no_runs_and_no_processes_are_refused(runs, jobs):
         run_all([study()], runs, jobs)
 
 
+@pytest.mark.wall
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="process groups are POSIX")
 def test_ctrl_c_ends_the_command_and_its_workers(tmp_path):
