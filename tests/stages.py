@@ -76,7 +76,7 @@ def stages(tier: str, seed: int) -> Iterator[Stage]:
     """
     yield from linters()
     if tier == "everyday":
-        yield tests("tests", *SIDE_BY_SIDE, "-m", "not (slow or smoke or wall or vm)")
+        yield tests("tests", *SIDE_BY_SIDE, "-m", "not (ci or slow or wall or vm)")
     elif tier == "ci":
         yield tests("tests", *SIDE_BY_SIDE, "-m", "not (slow or wall or vm)")
         yield tests("wall clock", *ALONE, "-m", "wall and not slow")

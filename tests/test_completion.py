@@ -67,6 +67,7 @@ def offered(folder, monkeypatch, capfd):
     return ask
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("words", "wanted"),
     [
@@ -115,6 +116,7 @@ def test_where_a_file_is_wanted_the_shell_completes_it(words, offered):
     assert offered(*words) == []
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("file", ["broken.toml", "pipe.toml", "absent.toml"])
 def test_a_file_that_cannot_be_read_offers_nothing_and_says_nothing(file, offered):
     assert offered("hil", "run", "--bench", file, "--axis", "") == []
@@ -227,6 +229,7 @@ def terminal(folder):
     bash.close()
 
 
+@pytest.mark.ci
 def test_a_real_bash_completes_names_values_and_files(terminal):
     for tool in PACKAGES:
         terminal.type(f'eval "$({tool} --show-completion)"; echo loaded-{len(tool)}\n', until=f"\r\nloaded-{len(tool)}")

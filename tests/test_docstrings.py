@@ -95,6 +95,7 @@ def without_args(path, tree):
             yield f"{module}:{name}"
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("room", ROOMS)
 def test_no_short_docstring_begins_with_a_relative_word(room):
     lines = [line for path, tree in modules(room) for line in short_and_relative(tree)]

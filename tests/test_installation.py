@@ -53,7 +53,7 @@ def locked(path):
 @pytest.mark.parametrize(
     "pip",
     [
-        pytest.param(OLDEST_PIP, marks=pytest.mark.smoke),
+        pytest.param(OLDEST_PIP, marks=pytest.mark.ci),
         *(pytest.param(pip, marks=pytest.mark.slow) for pip in ("23.2.1", "24.0", "")),
     ],
 )

@@ -35,6 +35,7 @@ def session_of(bench: Bench, robot: Robot) -> Session:
     return Session(with_bus(bench, answer_timeout_s=0.05), InProcessChannel(World(robot)), BusLog(None))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("has_error", "treatment", "x_mm", "z_mm"),
     [(True, "none", 0.095, 0.0562), (True, "notch", 0.073, 0.0401), (False, "none", 0.005, 0.0029)],

@@ -141,6 +141,7 @@ def verdicts(session: Session, cancellation: Cancellation, motion: Motion) -> di
     return {verdict.part: verdict.verdict for verdict in verify(session, cancellation, motion).verdicts}
 
 
+@pytest.mark.ci
 def test_a_trial_accepts_what_is_right_and_refuses_one_wrong_order_alone() -> None:
     """Of φ_4 turned by 180° the vibration as a whole still falls: by 18 % on axis 2, by 23 % on axis 3."""
     session = session_of(robot_of(NOISY), 0.002)
@@ -392,6 +393,7 @@ def test_a_drive_that_is_later_than_it_says_is_found_out(monkeypatch: pytest.Mon
     assert found.tables[3].orders == (2, 4)
 
 
+@pytest.mark.ci
 def test_learning_goes_through_the_resonance_of_order_1_where_the_motion_meets_it() -> None:
     """The first two passes do not: there its whole vibration would hide the higher orders."""
     robot, text = drawn(137, "linear")

@@ -34,6 +34,7 @@ def runs(demo: tuple[Path, dict[str, Any]], **wanted: object) -> list[dict[str, 
     return found
 
 
+@pytest.mark.ci
 def test_result_has_the_promised_shape(demo: tuple[Path, dict[str, Any]]) -> None:
     out, result = demo
     assert result["schema"] == 2

@@ -89,6 +89,7 @@ def working(frames):
     return syncs[len(syncs) // 3 : 2 * len(syncs) // 3]
 
 
+@pytest.mark.ci
 def test_a_clean_log_has_nothing_wrong(clean):
     found = explain(open_log(clean), {}, RATE)
     assert [each.words for each in found.findings] == []
@@ -346,6 +347,7 @@ def beats(frames):
     return [each for each in frames if each.can_id == HEARTBEAT]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("kind", FAULTS)
 def test_a_fault_is_found_and_named(tmp_path, frames, kind):
     found = found_in(tmp_path / "faulty.log", FAULTS[kind](frames))

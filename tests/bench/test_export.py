@@ -77,6 +77,7 @@ def place_of(numbers, recorded):
     return found[-1]
 
 
+@pytest.mark.ci
 def test_cantools_decodes_a_log_with_our_dbc_to_the_numbers_of_the_recording(folder, recording, tmp_path):
     dbc = tmp_path / "line.dbc"
     export(folder, "--to", dbc, "--bench", "reference")
@@ -133,6 +134,7 @@ def test_a_table_in_every_format_holds_the_recordings_numbers(folder, recording,
     assert set(schema["properties"]) == set(rows[0][2])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("suffix", ["mcap", "parquet"])
 def test_a_recording_loads_nothing_that_it_does_not_need(folder, tmp_path, suffix):
     """What reads logs, results and other formats takes several times as long to load as the file to write."""

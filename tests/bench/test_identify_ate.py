@@ -82,6 +82,7 @@ def late_by(channel: InProcessChannel, cycles: float) -> None:
 # -- what is reached ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_everything_is_kept_of_an_identification(reference_bench: Bench, reference_robot: Robot, tmp_path: Path) -> None:
     bench = ignorant(reference_bench)
     channel = InProcessChannel(World(noisy(reference_robot, 0.002, 5)))
@@ -107,6 +108,7 @@ def test_everything_is_kept_of_an_identification(reference_bench: Bench, referen
         assert words in text
 
 
+@pytest.mark.ci
 def test_a_late_accelerometer_is_stated_and_does_no_harm(reference_bench: Bench, reference_robot: Robot) -> None:
     bench, request = ignorant(reference_bench, 0.001), AteRequest(2, goal=ONE_PASS)
     found = identified(bench, noisy(reference_robot, 0.001, 4), request, lambda channel: late_by(channel, 3.7))
@@ -172,6 +174,7 @@ def test_a_saturated_accelerometer(reference_bench: Bench, reference_robot: Robo
         identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, range_m_s2=0.25), AteRequest(2))
 
 
+@pytest.mark.ci
 def test_another_axis_moves(reference_bench: Bench, reference_robot: Robot) -> None:
     bench = ignorant(reference_bench)
     # the drive at axis 2's place is that of axis 3
@@ -181,6 +184,7 @@ def test_another_axis_moves(reference_bench: Bench, reference_robot: Robot) -> N
         identified(bench, noisy(reference_robot, 0.002, 1), AteRequest(2))
 
 
+@pytest.mark.ci
 def test_noise_that_hides_everything(reference_bench: Bench, reference_robot: Robot) -> None:
     with pytest.raises(AteNotIdentifiedError, match="at least"):
         identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, noise_m_s2=5.0), AteRequest(2))

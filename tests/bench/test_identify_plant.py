@@ -38,6 +38,7 @@ def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.ci
 def test_over_can_the_plant_is_found_from_nothing(directory: Path) -> None:
     result = json.loads((directory / "result.json").read_text(encoding="utf-8"))
     truth = true_values(3)
@@ -74,6 +75,7 @@ def test_the_report_shows_fit_confidence_and_friction(directory: Path) -> None:
     assert "Plant of axis 3" in page
 
 
+@pytest.mark.ci
 def test_what_is_not_identified_leaves_reasons_and_no_model_file(tmp_path: Path) -> None:
     request = PlantRequest(3, amplitude_nm=2.5, periods=6)
     bench, model = unknown_bench(3, **SHORT), tmp_path / "model.toml"

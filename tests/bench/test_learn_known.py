@@ -40,6 +40,7 @@ def learnt_from(
     return true, part, end
 
 
+@pytest.mark.ci
 def test_learning_keeps_the_order_that_its_ramps_do_not_reach(tmp_path: Path) -> None:
     true, part, end = learnt_from(tmp_path, passes=2)
     values = part.values
@@ -54,6 +55,7 @@ def test_learning_keeps_the_order_that_its_ramps_do_not_reach(tmp_path: Path) ->
     assert end.learnt[AXIS].reduction_fraction > 0.3
 
 
+@pytest.mark.ci
 def test_learning_goes_on_through_the_order_that_the_motion_meets(tmp_path: Path) -> None:
     true, part, end = learnt_from(tmp_path, passes=3, a1_factor=0.95)
     assert part.values.a1_arcsec == pytest.approx(true.a1_arcsec, rel=0.015), "known 5 % too small"
@@ -62,6 +64,7 @@ def test_learning_goes_on_through_the_order_that_the_motion_meets(tmp_path: Path
     assert end.learnt[AXIS].reduction_fraction > 0.5
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("seed", "true", "believed"), [(701, 1.0, 0.0), (703, 0.0, 1.0)])
 def test_learning_mends_a_reaction_of_the_gear_that_was_told_wrongly(
     tmp_path: Path, seed: int, true: float, believed: float

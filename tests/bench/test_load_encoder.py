@@ -58,6 +58,7 @@ def run(of, bench, channel=InProcessChannel, filters="none"):
         return session.run(constant_acceleration(bench, 2, 0.002), filters, "drive")
 
 
+@pytest.mark.ci
 def test_a_run_records_the_joint_to_the_last_bit_of_its_encoder():
     recording = run(ROBOT, load_bench(EXAMPLE)).recording
     joint, motor = recording.axis(2, "load_rad"), recording.axis(2, "position_rad") / 120.0
@@ -164,6 +165,7 @@ def test_lost_answers_of_the_encoder_are_counted_and_shake_no_tip():
     assert lossy.recording.doubt is None
 
 
+@pytest.mark.ci
 def test_a_run_that_lacks_too_much_of_its_encoder_is_not_judged(tmp_path, without_pictures):
     bench = load_bench(EXAMPLE)
     channel = faulty(Fault("drop", can_id=LOAD_TPDO, every=50))
@@ -197,6 +199,7 @@ def short_line(bench):
 ARM = with_drives(load_robot("reference-arm"), load_encoder_bits=20)
 
 
+@pytest.mark.ci
 def test_on_an_arm_all_joints_tell_what_an_accelerometer_feels_at_the_tip():
     felt = []
     with_sensor = load_bench("reference-arm")

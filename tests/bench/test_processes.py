@@ -161,6 +161,7 @@ def start_run(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> subpr
 # -- a run on a real socket --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, local_bus: ServedBus) -> None:
     out = tmp_path / "out"
     done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, out, "--treatment", "notch", "--json"), command=HIL)
@@ -177,6 +178,7 @@ def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, local_bus:
     assert sum(message.arbitration_id == 0x80 for message in log) > run["cycles"]
 
 
+@pytest.mark.ci
 def test_a_run_without_its_report_has_all_that_the_report_is_made_of(tmp_path: Path, local_bus: ServedBus) -> None:
     out = tmp_path / "out"
     done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, out, "--no-report"))
@@ -233,6 +235,7 @@ def sniffed_bus(pytestconfig: pytest.Config) -> Iterator[tuple[ServedBus, Sniffe
         sniffer.close()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -366,6 +369,7 @@ def assert_kept(out: Path, words: str) -> None:
     assert (out / "bus.log").stat().st_size > 0
 
 
+@pytest.mark.ci
 def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, local_bus: ServedBus) -> None:
     sniffer, out = Sniffer(local_bus), tmp_path / "out"
     try:
@@ -381,6 +385,7 @@ def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, loca
         sniffer.close()
 
 
+@pytest.mark.ci
 def test_ctrl_c_without_an_answer_is_no_safe_stop_and_the_report_says_so(tmp_path: Path, local_bus: ServedBus) -> None:
     sniffer, out = Sniffer(local_bus), tmp_path / "out"
     try:
@@ -403,6 +408,7 @@ def test_ctrl_c_without_an_answer_is_no_safe_stop_and_the_report_says_so(tmp_pat
         assert not_put_back(what) in html.unescape(page)
 
 
+@pytest.mark.ci
 def test_an_emulator_killed_in_motion_is_a_lost_bus(tmp_path: Path, local_bus: ServedBus) -> None:
     sniffer, out = Sniffer(local_bus), tmp_path / "out"
     try:
@@ -436,6 +442,7 @@ def test_a_master_killed_in_motion_leaves_drives_that_stop_by_themselves(tmp_pat
         sniffer.close()
 
 
+@pytest.mark.ci
 def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, local_bus: ServedBus) -> None:
     sniffer, out = Sniffer(local_bus), tmp_path / "out"
     try:
@@ -450,6 +457,7 @@ def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, local_bus: Ser
         sniffer.close()
 
 
+@pytest.mark.ci
 def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, local_bus: ServedBus) -> None:
     sniffer = Sniffer(local_bus)
     try:
@@ -494,6 +502,7 @@ def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, lo
     assert abs(recording.axis(2, "position_rad")[0]) < 0.1
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core: there is nothing to share")
 def test_both_ends_of_a_lock_step_bus_share_a_core_while_it_lasts(local_bus: ServedBus) -> None:
     mine, its = os.sched_getaffinity(0), os.sched_getaffinity(local_bus.process.pid)

@@ -80,6 +80,7 @@ def notch_table(bench: Bench, axis: int) -> tuple[NotchShape, ...]:
     return tuple(NotchShape(**{k: v for k, v in table.model_dump().items() if k in names}) for table in bench.axis[axis].notch)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("axis", [2, 3, None])
 @pytest.mark.parametrize("compensation", ["none", "notch"])
 def test_what_went_over_can_equals_the_simulation_without_can(
@@ -119,6 +120,7 @@ def test_what_went_over_can_equals_the_simulation_without_can(
 # -- nothing is left behind --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("loop", ["drive", "host"])
 def test_the_bus_is_left_as_it_was_found(short_bench: Bench, reference_robot: Robot, loop: str) -> None:
     session, channel = session_of(short_bench, reference_robot)
@@ -286,6 +288,7 @@ def run_with(
     return result.stopped, channel, result.cycles
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("interfere", "words"),
     [

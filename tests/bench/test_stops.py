@@ -52,6 +52,7 @@ def test_a_stop_of_the_reference_robot_rings_25_db_less(tmp_path: Path, axis: in
     assert "two-hump EI shaper" in page
 
 
+@pytest.mark.ci
 def test_a_stop_of_the_reference_arm_rings_25_db_less(tmp_path: Path) -> None:
     model = tmp_path / "model.toml"
     arm_model().save(model)

@@ -59,6 +59,7 @@ def test_a_step_that_is_refused_is_linked_to_the_report_that_it_left(tmp_path: P
     ]
 
 
+@pytest.mark.ci
 def test_a_drawn_robots_story_begins_with_its_blank_bench_and_ends_with_its_truth(tmp_path: Path) -> None:
     """Here nothing is served: the first step fails, and what the robot was is told all the same."""
     robot = draw_robot(3, tmp_path / "drawn")
@@ -79,6 +80,7 @@ def test_a_drawn_robots_story_begins_with_its_blank_bench_and_ends_with_its_trut
     assert "bench “stable-real-3”" in page, "no robot was run, and its bench has a name all the same"
 
 
+@pytest.mark.ci
 def test_a_robot_that_is_not_drawn_says_why(tmp_path: Path) -> None:
     draw_robot(3, tmp_path)
     with pytest.raises(NotPossibleError, match="there already"):
@@ -108,6 +110,7 @@ def prepared(local_bus: ServedBus, out: Path, monkeypatch: pytest.MonkeyPatch) -
     return teller
 
 
+@pytest.mark.ci
 def test_what_is_uploaded_is_in_the_drives_and_found_there_again(
     local_bus: ServedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,6 +127,7 @@ def test_what_is_uploaded_is_in_the_drives_and_found_there_again(
     assert len(list((tmp_path / "drive-journals").iterdir())) == 2
 
 
+@pytest.mark.ci
 def test_a_set_that_is_not_the_design_is_not_uploaded(
     local_bus: ServedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -135,7 +139,7 @@ def test_a_set_that_is_not_the_design_is_not_uploaded(
     assert not (tmp_path / "drive-journals").exists()
 
 
-@pytest.mark.smoke
+@pytest.mark.ci
 def test_the_whole_demo_ends_with_the_story_and_a_whole_arm(whole_demo_run: DemoRun) -> None:
     out = whole_demo_run.out
     told = json.loads((out / "story" / "result.json").read_text())

@@ -21,6 +21,7 @@ def _same_cores_after():
     os.sched_setaffinity(0, cores)
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("_same_cores_after")
 def test_a_master_that_sends_another_set_point(monkeypatch):
     monkeypatch.setattr(master_path, "SHARE_S", 1e-3)
@@ -46,6 +47,7 @@ def test_a_node_that_refuses(monkeypatch):
         node_frames.node_frames()
 
 
+@pytest.mark.ci
 def test_a_client_that_reads_another_value(monkeypatch):
     monkeypatch.setattr(sdo, "SHARE_S", 1e-3)
     monkeypatch.setattr(sdo, "dictionary", lambda vendor_id=1: stranger.dictionary(vendor_id + 1))
@@ -53,6 +55,7 @@ def test_a_client_that_reads_another_value(monkeypatch):
         sdo.sdo()
 
 
+@pytest.mark.ci
 def test_processes_that_judge_otherwise(monkeypatch):
     right = robustness.run_all
     # other plants than those of the first turn

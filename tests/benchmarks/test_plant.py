@@ -18,11 +18,13 @@ WRONG = header(constants=CONSTANTS | {"FRICTION_WIDTH_RAD_S": CONSTANTS["FRICTIO
 
 @pytest.mark.usefixtures("compiler")
 class TestC:
+    @pytest.mark.ci
     @pytest.mark.parametrize("count", [1, 3])
     def test_strict_c_gives_our_bits_in_every_field(self, count):
         # to the last bit where the C library's functions are those that our compiled parts call
         assert plant.agreement(plant.compiled_c(plant.STRICT), count) <= 1e-11
 
+    @pytest.mark.ci
     def test_fast_c_is_within_its_bound(self):
         agreed("C", plant.agreement(plant.compiled_c()), plant.SAME_STEPS)
 
@@ -48,6 +50,7 @@ class TestC:
         with pytest.raises(RuntimeError, match="row 1"):
             in_c(axes, 1)
 
+    @pytest.mark.ci
     def test_a_wrong_contender_ends_the_program_without_a_page(self, monkeypatch, tmp_path, capsys):
         wrong, page = plant.compiled_c(declarations=WRONG), tmp_path / "page.md"
         monkeypatch.setattr(plant, "compiled_c", lambda *_: wrong)

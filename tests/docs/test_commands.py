@@ -151,20 +151,37 @@ MADE = {"docs/robustness.md": {"design/design.toml": designed}}
 
 SLOW = {
     "docs/arm.md",
+    "docs/explain.md",
+    "docs/reports.md",
     "docs/load-encoder.md",
     "docs/real-drive.md",
     "docs/scope.md",
     "docs/serial.md",
     "docs/shapers.md",
     "docs/passport.md",
-    "README.md",
     "docs/tuning.md",
     "docs/robustness.md",
     "docs/design.md",
     "docs/other-programs.md",
     "docs/testing.md",
 }
-"""Pages that take longer than a few seconds; of all together the everyday run takes the others."""
+"""Pages that take longer than a few seconds."""
+
+IN_CI = {
+    "README.md",
+    "docs/emulated-drive.md",
+    "docs/export.md",
+    "docs/first-motion.md",
+    "docs/live.md",
+    "docs/planning.md",
+    "docs/recordings.md",
+}
+"""Pages that take seconds; the everyday run takes the others, and CI these as well."""
+
+
+def marks_of(page):
+    return [pytest.mark.slow] if page in SLOW else [pytest.mark.ci] if page in IN_CI else []
+
 
 COMMANDS = {name_of(path): commands_of(path) for path in PAGES}
 WITH_COMMANDS = [path for path in PAGES if COMMANDS[name_of(path)]]
@@ -181,7 +198,7 @@ RUN = [
 ]
 
 
-@pytest.mark.parametrize("page", [pytest.param(page, marks=[pytest.mark.slow] if page in SLOW else []) for page in RUN])
+@pytest.mark.parametrize("page", [pytest.param(page, marks=marks_of(page)) for page in RUN])
 def test_every_command_of_a_page_runs_as_it_stands_there(page, shell):
     for name, language in FILES.get(page, {}).items():
         first = next(block for block in blocks_in(ROOT / page) if block.language == language)
@@ -249,7 +266,7 @@ def test_no_command_is_in_two_tables():
 
 
 def test_what_is_prepared_or_shown_belongs_to_a_page_that_runs():
-    assert {*BEFORE, *FILES, *MADE, *SLOW} <= set(RUN)
+    assert {*BEFORE, *FILES, *MADE, *SLOW, *IN_CI} <= set(RUN)
     for page, steps in BEFORE.items():
         for begin in steps:
             assert any(command.text.startswith(begin) for command in COMMANDS[page] if is_run(command)), (page, begin)

@@ -12,7 +12,7 @@ from tests.docs.pages import ROOT, commands_of
 
 PAGE = ROOT / "docs" / "tuning.md"
 LIMIT_S = 900
-SEEDS = (pytest.param(77, marks=pytest.mark.smoke), *(pytest.param(seed, marks=pytest.mark.slow) for seed in (301, 363)))
+SEEDS = (pytest.param(77, marks=pytest.mark.ci), *(pytest.param(seed, marks=pytest.mark.slow) for seed in (301, 363)))
 QUICKLY = {
     "hil design notch": "--quick",
     "hil learn": "--passes 3",

@@ -156,7 +156,7 @@ def test_no_stop_in_any_mode_and_no_homing_method_silences_the_bus(serve):
 
 
 @pytest.mark.wall
-@pytest.mark.smoke
+@pytest.mark.ci
 def test_nothing_that_any_vendors_drive_does_silences_the_bus(serve):
     """Each is an axis of one robot, and all are on tour at the same time."""
     process, path, robot = serve(drives=VENDORS)

@@ -3,6 +3,7 @@
 import math
 import struct
 
+import pytest
 from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
@@ -171,6 +172,7 @@ def play(watched, steps):
                 watched.wait(ticks)
 
 
+@pytest.mark.ci
 @settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(STEPS, min_size=1, max_size=40))
 def test_no_sequence_of_frames_breaks_a_promise(sequence):

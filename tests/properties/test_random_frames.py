@@ -138,6 +138,7 @@ class Bus:
         return all(math.isfinite(value) for name in state.dtype.names for value in state[name])
 
 
+@pytest.mark.ci
 @pytest.mark.timeout(120 + FRAMES // 2000)
 def test_no_frame_of_a_hundred_thousand_breaks_anything():
     bus = Bus(seed=1)

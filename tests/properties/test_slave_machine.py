@@ -318,12 +318,13 @@ MACHINES = [SlaveMachine, UnconfiguredSlave]
 _EXAMPLES = {SlaveMachine: 45, UnconfiguredSlave: 15}
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
 def test_a_node_answers_each_request_once_whatever_happens(machine):
     run_for(machine, examples=_EXAMPLES[machine], steps=30)
 
 
-@pytest.mark.smoke
+@pytest.mark.ci
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
 def test_a_node_answers_each_request_once_for_a_tenth_of_a_long_time(machine):

@@ -3,6 +3,7 @@
 import itertools
 from collections import deque
 
+import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
@@ -245,6 +246,7 @@ short_traffic = st.lists(st.tuples(st.integers(0, 400), st.integers(0, 2), frame
 )
 
 
+@pytest.mark.ci
 @settings(max_examples=200)
 @given(short_traffic)
 def test_instants_are_those_of_controllers_simulated_bit_by_bit(offers):
@@ -294,6 +296,7 @@ def run(offers, bitrate=MEGABIT, until=10**9, stops=(), **options):
     return wire, delivered
 
 
+@pytest.mark.ci
 @relaxed
 @given(traffic.map(without_collisions), bit_rates)
 def test_without_faults_nothing_is_lost_and_nothing_overlaps(offers, bitrate):

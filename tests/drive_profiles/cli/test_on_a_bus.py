@@ -84,6 +84,7 @@ def cells(text):
     return [line.split() for line in text.splitlines()]
 
 
+@pytest.mark.ci
 def test_scan_finds_every_node_with_its_profile():
     rows = [line.split() for line in run("scan").stdout.splitlines()]
     assert [row[0] for row in rows[1:]] == ["2", "3", "5", "16"]
@@ -127,6 +128,7 @@ def test_info_says_who_a_node_is_and_in_which_state():
     assert "-" in run("info", "--node", "16").stdout
 
 
+@pytest.mark.ci
 def test_the_page_of_the_readme_from_scan_to_a_stored_notch(folder):
     run("pull", "--node", "2", "--out", "axis2.toml")
     before = ParameterSet.load(folder / "axis2.toml")
@@ -169,6 +171,7 @@ def test_two_drives_are_written_together(folder):
     assert [outcome["kind"] for outcome in json.loads(result.stdout)] == ["done", "done"]
 
 
+@pytest.mark.ci
 def test_get_and_set_take_addresses_and_names_and_say_units():
     assert "1/s" in run("set", "position_gain_per_s=17.5", "--node", "2", "--yes").stdout
     row = json.loads(run("get", "0x2100:1", "--node", "2", "--json").stdout)[0]
@@ -231,6 +234,7 @@ def held(name, node=2):
     return json.loads(run("get", name, "--node", node, "--json").stdout)[0]["value"]
 
 
+@pytest.mark.ci
 def test_store_and_factory_defaults():
     factory = held("position_gain_per_s")
     run("set", "position_gain_per_s=9", "--node", "2", "--yes")
@@ -267,6 +271,7 @@ def aborting(place, code):
     return instead
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("code", "status", "words"), [
     (0x0800_0022, 6, "present device state"), (0x0606_0000, 8, "not known"), (0, 8, "store again"),
 ])  # fmt: skip
@@ -444,6 +449,7 @@ cli.main()
 """The tool, which stands still before its second write until it has been signalled."""
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_in_the_middle_puts_everything_back(number, folder):
     before = {name: held(name) for name in ("notch_1.mode", "notch_1.start_rps", "position_gain_per_s", "velocity_gain_nm_s_rad")}

@@ -122,6 +122,7 @@ def test_an_upload_leaves_out_what_the_eds_keeps_out_of_downloads_and_says_so(tm
     assert [slave.dictionary.get(0x2000 + n, 1) for n in (0, 1, 3)] == [150, rig.old_value(1), 150]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", sorted(DRIVES))
 def test_a_set_that_was_just_pulled_is_taken_for_a_comparison_whatever_the_drive_holds(name, tmp_path):
     bus = WorldBus(robot_with(axis2={"profile": name}))

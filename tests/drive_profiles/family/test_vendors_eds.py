@@ -132,6 +132,7 @@ def test_every_profile_that_rests_on_an_eds_names_its_file():
     assert not any(ALL_DRIVES[name].identity.is_verified for name in no_file)
 
 
+@pytest.mark.ci
 @each_file
 def test_parameters_are_as_the_vendor_states_them(name):
     descriptions = described(name)

@@ -273,6 +273,7 @@ def possible(draw):
     return goal
 
 
+@pytest.mark.ci
 @given(possible(), possible())
 def test_the_emulated_slave_accepts_every_step_forth_and_back(first, second):
     dictionary = slave().dictionary

@@ -87,6 +87,7 @@ def faults(kind, number):
 EVERY = [pytest.param(1, marks=pytest.mark.slow, id="every frame"), pytest.param(9, id="every ninth frame")]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("step", EVERY)
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_disturbed_frame_leaves_the_node_as_is_stated(kind, step, after, tmp_path):
@@ -99,6 +100,7 @@ def test_one_disturbed_frame_leaves_the_node_as_is_stated(kind, step, after, tmp
     assert seen <= {"refused", "done", "rolled back", "unknown"}
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("step", EVERY)
 @pytest.mark.parametrize("kind", ["killed before", "killed after"])
 def test_of_a_tool_that_is_killed_at_any_frame_the_journal_states_what_the_node_holds(kind, step, after, tmp_path):

@@ -178,6 +178,7 @@ DEFECTS = {
 }
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("defect", DEFECTS)
 def test_each_defect_fails_the_check_that_is_made_for_it_and_ends_what_depends_on_it(defect, tmp_path):
     tamper, name, words = DEFECTS[defect]
@@ -199,6 +200,7 @@ def test_a_brake_that_does_not_open_is_found_by_the_first_turn(tmp_path):
     assert "is the brake open" in found["brake opens"][1]
 
 
+@pytest.mark.ci
 def test_the_reference_robot_passes_every_check_of_every_axis_and_is_left_as_it_was(tmp_path):
     bench = quick(load_bench("reference"))
     outcome = check_axes(bench, (), tmp_path, channel=InProcessChannel(World(load_robot("reference"))))
@@ -212,6 +214,7 @@ def test_the_reference_robot_passes_every_check_of_every_axis_and_is_left_as_it_
     assert all((tmp_path / each["recording"]).exists() for each in written["checks"] if "recording" in each)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", [7, 40])
 def test_drawn_robots_pass_all_that_can_be_told_of_them(seed, tmp_path):
     robot, text = drawn(seed, "real")
@@ -220,6 +223,7 @@ def test_drawn_robots_pass_all_that_can_be_told_of_them(seed, tmp_path):
     assert [each.name for each in outcome.result.checks if each.verdict != "PASS"] == []
 
 
+@pytest.mark.ci
 def test_no_check_moves_the_motor_further_than_it_says(tmp_path):
     world, seen = World(load_robot("reference")), []
     channel = InProcessChannel(world)
@@ -270,6 +274,7 @@ def test_a_drive_that_falls_silent_is_not_taken_for_one_that_has_stopped(tmp_pat
     assert [each.name for each in outcome.result.failed] == ["heartbeat loss"]
 
 
+@pytest.mark.ci
 def test_a_drive_that_falls_silent_because_it_has_stopped_has_noticed(tmp_path):
     """Its node falls back to pre-operational with it: few cycles without an answer, and no status word that would tell."""
     bench = load_bench("reference")

@@ -112,6 +112,7 @@ def test_a_division_by_zero_is_a_number_of_ieee_and_no_exception():
     assert not all(math.isfinite(value) for value in notch_coefficients(0.0, 0.0, 0.1, 0.1, 250e-6))
 
 
+@pytest.mark.ci
 def test_what_lies_on_disk_runs_without_numba_and_gives_the_same_bits(tmp_path):
     (tmp_path / "gadget").mkdir()
     (tmp_path / "gadget" / "sums.py").write_text(SUMS, encoding="utf-8")

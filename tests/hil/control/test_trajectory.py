@@ -102,6 +102,7 @@ def test_the_inverse_kinematics_gives_back_the_joints_of_every_elbow_up_posture(
     assert np.exp(1j * again) == pytest.approx(np.exp(1j * joints), abs=1e-7)
 
 
+@pytest.mark.ci
 @relaxed
 @given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.5))
 def test_a_point_is_either_reached_exactly_or_refused_with_its_values(x, z):

@@ -70,6 +70,7 @@ def test_a_ramp_keeps_the_speed_limit_and_turns_without_a_jolt():
     assert np.abs(np.diff(turning)).max() < 0.01, "no step of the acceleration, which would ring at f_al"
 
 
+@pytest.mark.ci
 def test_what_breaks_a_limit_is_worse_than_anything_that_keeps_all(axis_2):
     problem, _ = axis_2
     judge = Judge(problem, 2)

@@ -58,6 +58,7 @@ def test_the_command_has_the_bytes_of_its_frames(commands):
     assert whole.command() == b"".join(pack(frame) for frame in (*(slot.command() for slot in slots), SYNC))
 
 
+@pytest.mark.ci
 @given(st.lists(st.tuples(WORD, LARGE, SMALL), min_size=1, max_size=6), st.binary(min_size=5, max_size=5))
 def test_the_answers_are_those_of_their_frames(values, more):
     slots = slots_of([POSITION_COMMAND] * len(values))

@@ -114,6 +114,7 @@ def test_an_archive_with_a_wrong_byte_is_refused(tmp_path):
         read_recording(path, Said(), 1)
 
 
+@pytest.mark.ci
 def test_a_number_with_stamps_that_go_back_is_refused(tmp_path):
     with asammdf.MDF() as file:
         file.append([asammdf.Signal(MOTOR, TIME, name="motor_rad")])

@@ -93,6 +93,7 @@ noise = st.lists(st.sampled_from([b"\xaa", b"\x55", b"\xaa\x55", b"\0", b"$", b"
 )
 
 
+@pytest.mark.ci
 @settings(max_examples=300)
 @given(st.lists(st.tuples(noise, accelerations), max_size=6), noise, st.integers(1, 30))
 def test_no_binary_frame_is_lost_in_garbage(parts, tail, step):

@@ -111,6 +111,7 @@ def test_the_linear_plant_is_the_state_space_of_the_design_discretised_by_scipy(
     np.testing.assert_allclose(got, want, atol=1e-6 * np.max(np.abs(want)), rtol=1e-5)
 
 
+@pytest.mark.ci
 def test_the_transmission_error_shakes_the_arm_as_scipys_lsim_says():
     """The motor turns at a constant speed, so the arm is a linear system behind θ_m/N + θ_sync."""
     axis = Axis(2, **LINEAR, motor_inertia_kg_m2=1e7)  # nothing slows this motor down
@@ -214,6 +215,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_substep():
     assert (end(2) - exact) / (end(4) - exact) == pytest.approx(16.0, rel=0.25)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("softness", [0.0, 0.5])
 @pytest.mark.parametrize("seed", range(3))
 def test_energy_never_grows_without_input_when_the_gear_loads_the_motor_too(seed, softness):
@@ -243,6 +245,7 @@ def balance(axis, commands, dt=40e-6):
     return (work - (axis.energy() - energy) - lost) / abs(work)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("number", [2, 3])
 @pytest.mark.parametrize("softness", [0.0, 0.5])
 def test_the_work_put_in_is_stored_or_lost_when_the_gear_loads_the_motor_too(number, softness):

@@ -187,6 +187,7 @@ def kept(tmp_path):
     return found
 
 
+@pytest.mark.ci
 def test_a_summary_makes_table_and_page_again_and_prints_markdown(kept):
     done = invoke("rehearse", "--summary", kept.folder)
     assert done.exit_code == 0, done.output
@@ -196,6 +197,7 @@ def test_a_summary_makes_table_and_page_again_and_prints_markdown(kept):
     assert len((kept.folder / "robots.csv").read_text().splitlines()) == 11
 
 
+@pytest.mark.ci
 def test_a_number_that_is_not_reached_is_said_and_with_check_is_a_status(kept):
     plain, checked = invoke("rehearse", "--summary", kept.folder), invoke("rehearse", "--summary", kept.folder, "--check")
     assert (plain.exit_code, checked.exit_code) == (0, 9)
@@ -203,17 +205,20 @@ def test_a_number_that_is_not_reached_is_said_and_with_check_is_a_status(kept):
         assert "not reached: The other robots are refused, with the cause that is the true one; asked 90 %" in each.output
 
 
+@pytest.mark.ci
 def test_numbers_that_are_reached_pass_the_check(kept):
     (kept.folder / "robots" / "seed-10.json").unlink()
     assert invoke("rehearse", "--summary", kept.folder, "--check").exit_code == 0
 
 
+@pytest.mark.ci
 def test_json_is_one_document(kept):
     done = invoke("rehearse", "--summary", kept.folder, "--json")
     found = {each["key"]: each["holds"] for each in json.loads(done.stdout)["claims"]}
     assert (found["quiet_linear"], found["true_cause"], found["rms_z"]) == (True, False, None)
 
 
+@pytest.mark.ci
 def test_resuming_only_adds_what_is_missing(kept):
     done = invoke("rehearse", "--seeds", "1-10", "--out", kept.folder, "--resume")
     assert done.exit_code == 0

@@ -29,6 +29,7 @@ def page(robots, tmp_path_factory):
     return write_page(tmp_path_factory.mktemp("page") / "report.html", robots).read_text(encoding="utf-8")
 
 
+@pytest.mark.ci
 def test_every_figure_and_every_table_stands_in_one_file(page):
     for key in ("claims", "tips", "tip-table", "before-after", "steps-figure", "steps-table", "causes", "facts", "errors",
                 "estimates", "worse", "probes", "cost-figure", "cost", "robots"):  # fmt: skip
@@ -72,6 +73,7 @@ def test_no_robot_makes_no_page(tmp_path):
         write_page(tmp_path / "report.html", [])
 
 
+@pytest.mark.ci
 def test_a_thousand_robots_make_a_page_that_a_browser_likes(tmp_path):
     """A figure has percentiles instead of the deviations of all, and the lists of robots end."""
     rows = [row(seed, "linear" if seed % 2 else "real", quantities=QUANTITIES, cpu_s=0.01 * seed) for seed in range(1000)]
@@ -79,6 +81,7 @@ def test_a_thousand_robots_make_a_page_that_a_browser_likes(tmp_path):
     assert write_page(tmp_path / "report.html", rows).stat().st_size < 1_000_000
 
 
+@pytest.mark.ci
 def test_the_same_robots_make_the_same_page(robots, tmp_path):
     first, second = (write_page(tmp_path / name, robots).read_bytes() for name in ("a.html", "b.html"))
     assert first == second

@@ -32,7 +32,7 @@ FEW = range(10_044, 10_046)
 @pytest.mark.parametrize(
     "seeds",
     [
-        pytest.param(FEW, marks=pytest.mark.smoke, id="few"),
+        pytest.param(FEW, marks=pytest.mark.ci, id="few"),
         pytest.param(range(FIRST, FIRST + ROBOTS), marks=pytest.mark.slow, id="all"),
     ],
 )

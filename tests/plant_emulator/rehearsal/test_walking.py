@@ -178,6 +178,7 @@ def cluster(tmp_path):
     started.close()
 
 
+@pytest.mark.ci
 def test_a_dask_scheduler_with_a_worker_that_is_killed_on_the_way_gives_the_table_of_one_process(cluster, tmp_path):
     cluster.add()
     cluster.add()
@@ -201,6 +202,7 @@ def test_a_dask_scheduler_with_a_worker_that_is_killed_on_the_way_gives_the_tabl
     assert csv_text(steady(found)) == csv_text(steady(local))
 
 
+@pytest.mark.ci
 def test_a_scheduler_that_is_lost_ends_the_run_in_words_and_what_was_walked_is_kept(cluster, tmp_path):
     cluster.add()
     found = []

@@ -54,6 +54,7 @@ def test_an_arm_is_written_as_a_robot_file_and_read_again(tmp_path):
     assert again == robot
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", SEEDS)
 def test_its_bench_knows_its_joints_and_no_masses_and_has_a_line_that_it_can_follow(seed):
     robot = draw_arm(seed)

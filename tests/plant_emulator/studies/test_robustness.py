@@ -384,6 +384,7 @@ def command(*arguments):
     return CliRunner().invoke(app, ["robustness", *map(str, arguments)])
 
 
+@pytest.mark.ci
 def test_equal_seeds_give_equal_runs_whatever_the_number_of_processes():
     studies = [study(axis, seed=5) for axis in (2, 3)]
     told = []
@@ -394,6 +395,7 @@ def test_equal_seeds_give_equal_runs_whatever_the_number_of_processes():
     assert spread_out[0] != run_all([study(seed=6)], 7)[0]
 
 
+@pytest.mark.ci
 def test_the_command_leaves_json_draws_and_a_figure_and_the_worst_plant_can_be_run_again(tmp_path):
     found = command("--axis", "2,3", "--runs", 20, "--jobs", 1, "--seed", 5, "--out", tmp_path, "--json")
     assert found.exit_code == 0, found.output

@@ -79,6 +79,7 @@ def test_closed_loops_that_are_unstable_are_seen_by_their_poles(factor, is_stabl
     assert (arm.pole_radius(laws, 250e-6) < 1.0) == is_stable
 
 
+@pytest.mark.ci
 def test_a_filter_that_unstables_the_arm_turns_the_nyquist_curve_and_has_poles_outside():
     """Table 3's filter in a loop at 1 ms with a sample of delay."""
     arm, notch = Structure.of_arm(COUPLED, JOINTS), BENCH.axis[2].notch[0].notch()

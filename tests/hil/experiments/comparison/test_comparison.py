@@ -63,6 +63,7 @@ def test_a_cancellation_that_follows_is_run_where_it_is_named():
     assert [each.treatment for each in made.experiments] == ["none", "cancellation", "cancellation-following"]
 
 
+@pytest.mark.ci
 def test_what_the_host_closes_comes_last():
     places = [each.loop for each in plan(KnownRobot(BENCH), ComparisonRequest(), channel=IDEAL).experiments]
     assert places == sorted(places)

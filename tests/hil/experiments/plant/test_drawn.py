@@ -37,6 +37,7 @@ LINEAR = (
 )  # fmt: skip
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("lag_s", [1e-4, 5e-4])
 def test_the_lag_of_the_current_loop_does_not_become_motor_inertia(lag_s: float) -> None:
     robot = robot_of(axis_of(100.0, 12.0, 2.0, 2.6e-4, current_time_constant_s=lag_s))
@@ -47,6 +48,7 @@ def test_the_lag_of_the_current_loop_does_not_become_motor_inertia(lag_s: float)
     assert max(map(abs, scores(evaluated, robot, *LINEAR).values())) < HONEST
 
 
+@pytest.mark.ci
 def test_a_sync_of_eight_milliseconds_and_thirteen_bits_will_do() -> None:
     robot = robot_of(axis_of(100.0, 10.0, 1.5, 1e-4, encoder_counts_per_rev=2**13), delay_s=0.006)
     evaluated = identification(robot, 0.008).perform()
@@ -56,6 +58,7 @@ def test_a_sync_of_eight_milliseconds_and_thirteen_bits_will_do() -> None:
     assert evaluated.estimate.plant.arm_damping_nm_s_rad >= 0.0
 
 
+@pytest.mark.ci
 def test_hysteresis_is_said_with_the_amplitudes_that_its_values_hold_for() -> None:
     robot = robot_of(axis_of(100.0, 12.0, 2.0, 2.6e-4, hysteresis_torque_nm=2.0))
     evaluated = identification(robot, 0.004).perform()
@@ -66,6 +69,7 @@ def test_hysteresis_is_said_with_the_amplitudes_that_its_values_hold_for() -> No
     assert max(map(abs, scores(evaluated, robot, *LINEAR).values())) < HONEST
 
 
+@pytest.mark.ci
 def test_static_friction_that_falls_off_is_not_taken_for_coulomb_friction() -> None:
     robot = robot_of(axis_of(100.0, 12.0, 2.0, 2.6e-4, rise=0.6, stribeck_velocity_rad_s=2.0))
     friction = identification(robot, 0.004).perform().friction.coulomb_nm
@@ -104,6 +108,7 @@ def test_an_arm_that_never_resonates_is_said_before_the_long_runs() -> None:
     assert set(identified.recordings) == {"probe", "pilot"}
 
 
+@pytest.mark.ci
 def test_a_dead_accelerometer_is_said_and_left_out() -> None:
     robot = robot_of(axis_of(100.0, 12.0, 2.0, 2.6e-4), noise_m_s2=0.0)
     evaluated = identification(robot, 0.004, tip_gain=0.0).perform()

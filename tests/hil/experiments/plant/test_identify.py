@@ -38,6 +38,7 @@ def found() -> PlantEvaluation:
     return identify(PlantRequest(3, periods=6))[1]
 
 
+@pytest.mark.ci
 def test_from_nothing_to_a_plant(found: PlantEvaluation) -> None:
     truth = true_values(3)
     for name, within in (("antiresonance_hz", 5e-3), ("gear_stiffness_nm_rad", 0.03), ("resonance_hz", 0.01)):
@@ -72,6 +73,7 @@ def test_the_result_is_plain_data(found: PlantEvaluation) -> None:
     assert kept["parameters"]["gear_stiffness_nm_rad"]["standard_error"] > 0.0
 
 
+@pytest.mark.ci
 def test_a_chirp_on_the_reference_does_as_well() -> None:
     identification, evaluated = identify(brief(shape="chirp", excitation="reference"))
     assert evaluated.excited == "reference"
@@ -80,6 +82,7 @@ def test_a_chirp_on_the_reference_does_as_well() -> None:
     assert evaluated.estimate.plant.gear_stiffness_nm_rad == pytest.approx(true_values(3)["gear_stiffness_nm_rad"], rel=0.05)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("gain", "words"),
     [

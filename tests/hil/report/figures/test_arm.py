@@ -175,6 +175,7 @@ def test_the_tip_is_seen_to_draw_its_line_at_each_resonance_before_and_after(kno
     assert drawing.origin == "measured"
 
 
+@pytest.mark.ci
 def test_where_masses_and_stiffness_are_known_the_modes_are_drawn_and_said_to_be_computed(tmp_path):
     drawing, figure = drawn(arm_swinging.arm_swinging, material(tmp_path, with_masses()))
     titles = [axes.get_title(loc="left") for axes in figure.axes]
@@ -190,6 +191,7 @@ def test_where_masses_and_stiffness_are_known_the_modes_are_drawn_and_said_to_be
         assert arm_swinging.known_modes(bench, None, BENCH.arm.home_rad(), (2, 3, 5)) is None
 
 
+@pytest.mark.ci
 def test_modes_are_drawn_by_masses_that_were_identified_and_said_to_be(tmp_path):
     """θ of the true bodies, as a model file has it: the same modes as by the bodies themselves."""
     robot, moving = load_robot("reference-arm"), (2, 3, 5)
@@ -221,6 +223,7 @@ def test_of_several_treatments_the_one_that_leaves_least_stands_beside_nothing(t
     assert [moved.run.entry.treatment for moved in moved_arms(made)] == ["none", "cancellation-learnt"]
 
 
+@pytest.mark.ci
 def test_a_single_run_is_drawn_alone(tmp_path):
     made = material(tmp_path, treatments=(("notch", 0.6),))
     drawing, figure = drawn(arm_along_line.arm_along_line, made)
@@ -229,6 +232,7 @@ def test_a_single_run_is_drawn_alone(tmp_path):
     assert drawing is not None
 
 
+@pytest.mark.ci
 def test_of_a_line_upwards_both_directions_across_it_are_shown_and_named(tmp_path):
     start = BENCH.line_motion.start_m
     motion = BENCH.line_motion.model_copy(update={"end_m": start.model_copy(update={"z": start.z + 0.15})})
@@ -241,6 +245,7 @@ def test_of_a_line_upwards_both_directions_across_it_are_shown_and_named(tmp_pat
         np.testing.assert_allclose(np.abs(shown), np.abs(inside[:, column]), atol=1e-6)
 
 
+@pytest.mark.ci
 def test_a_line_that_goes_nowhere_has_no_path_along_which_an_error_could_be_drawn(tmp_path):
     motion = BENCH.line_motion.model_copy(
         update={"end_m": BENCH.line_motion.start_m.model_copy(update={"x": 0.51}), "duration_s": 2.2}
@@ -250,6 +255,7 @@ def test_a_line_that_goes_nowhere_has_no_path_along_which_an_error_could_be_draw
     assert len(figure.axes) == 3
 
 
+@pytest.mark.ci
 def test_an_arm_that_is_not_judged_is_drawn_along_its_line_all_the_same(tmp_path):
     """Nobody knows at which frequencies it rings: where it was is known."""
     unknown = BENCH.model_copy(update={"specification": BENCH.specification.model_copy(update={"band_hz": None})})

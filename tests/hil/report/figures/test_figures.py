@@ -18,6 +18,7 @@ def figures(full_report):
     return drawn
 
 
+@pytest.mark.ci
 def test_every_axis_is_named_with_its_unit(figures):
     for key, (figure, _) in figures.items():
         for axes in figure.axes:

@@ -60,6 +60,7 @@ def test_the_same_numbers_give_the_same_bytes(tmp_path):
     assert small(tmp_path / "a.html", is_interactive=True) == small(tmp_path / "b.html", is_interactive=True)
 
 
+@pytest.mark.ci
 def test_the_plain_page_has_no_script_and_the_interactive_one_keeps_its_picture(tmp_path):
     plain, shown = (small(tmp_path / "page.html", is_interactive=each) for each in (False, True))
     assert "<script" not in plain

@@ -39,6 +39,7 @@ def directory(full_directory, tmp_path_factory):
     return out
 
 
+@pytest.mark.ci
 def test_tables_and_figures_of_each_experiment_stand_in_one_file(directory):
     text = (directory / "report.html").read_text()
     for key in ("overview", "peaks-reference", "table-line-motion", "table-constant-acceleration-axis2", "compliance", "left-out",
@@ -88,6 +89,7 @@ def test_a_refused_cancellation_is_said():
     assert "Refused by its trial: reference, axis 2, constant acceleration, cancellation." in found.details
 
 
+@pytest.mark.ci
 def test_several_robots_stand_in_the_same_table(directory, tmp_path):
     shutil.copytree(directory / "reference", tmp_path / "reference")
     shutil.copytree(directory / "reference", tmp_path / "other")

@@ -173,6 +173,7 @@ def test_it_is_small(full):
     assert sum(map(len, re.findall(r"<svg.*?</svg>", full, flags=re.DOTALL))) < 2_500_000
 
 
+@pytest.mark.ci
 def test_equal_data_give_equal_bytes(full, full_directory):
     assert write_report(full_directory).read_text(encoding="utf-8") == full
 
@@ -232,6 +233,7 @@ def test_an_axis_without_amplitudes_has_no_constraint(full_directory, tmp_path):
     assert set(altered(full_directory, tmp_path, change).figures) == ALL_FIGURES
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("without_pictures")
 def test_missing_recordings_are_said(full_directory, tmp_path):
     page = altered(full_directory, tmp_path, lambda result: None, with_recordings=False)

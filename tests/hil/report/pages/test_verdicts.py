@@ -49,6 +49,7 @@ def test_an_emulated_robots_page_says_so_first_and_calls_nothing_measured(full_r
     assert re.search(r">\s*emulated\s*<", page)
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(("emulated", "band"), [(False, None), (None, "Not recorded whether the robot was emulated")])
 def test_a_real_robot_has_no_band_and_an_older_result_says_not_recorded(

@@ -98,6 +98,7 @@ def test_it_serves_every_parameter_with_the_profiles_type_and_access(rig, profil
             assert parameter.type.size in {None, len(held) if isinstance(held, bytes) else parameter.type.size}, name
 
 
+@pytest.mark.ci
 def test_a_parameter_holds_the_profiles_default_but_for_the_motors_own(rig, profile):
     checked = 0
     if rig.drive.family.profile == "emulated_drive":
