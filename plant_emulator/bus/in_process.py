@@ -49,11 +49,6 @@ class InProcessChannel:
         self._has_clock = False
         self._has_stranger = False
 
-    @property
-    def lag_ns(self) -> int:
-        """Delay of the cycles by a bus that is too full, in ns."""
-        return self.medium.lag_ns
-
     def inject(self, frame: Frame) -> None:
         """Put a frame on the bus as a stranger would: the nodes and the client both hear it.
 
