@@ -226,7 +226,7 @@ class _ExperimentRuns:
                     reporter=self._reporter,
                 )  # fmt: skip
             except NotPossibleError as error:
-                raise NotPossibleError(f"{self._experiment.treatment}: {error}") from None
+                raise NotPossibleError(f"{self._experiment.treatment}: {error}", error.causes) from None
             self._accept(choice)
             self._cancellation = choice.cancellation
             if setup.follows and choice.cancellation is not None:
@@ -363,4 +363,4 @@ def check_band(bench: Bench, experiment: Experiment, motion: Motion) -> None:
         shown_band(motion.period_s, scale.band_hz)
     except ValueError as error:
         what = f"{experiment.title} at a SYNC period of {1e3 * motion.period_s:g} ms"
-        raise NotPossibleError(f"{what}: {error}: shorten sync_period_s in the bench file") from error
+        raise NotPossibleError(f"{what}: {error}: shorten sync_period_s in the bench file", ("cycle",)) from error
