@@ -274,7 +274,9 @@ class _ExperimentRuns:
         scale = line_scale(bench) if axis is None else axis_scale(bench, axis)
         if scale is None:
             return
-        trial = try_filters(bench, scale, run, self._reporter)
+        model = None if axis is None else bench.axis[axis].model
+        orders = () if model is None else tuple(model.ate.amplitudes_arcsec())
+        trial = try_filters(bench, scale, run, orders, self._reporter)
         self._filters = self._filters if trial.is_good else "none"
         self.trial = TrialVerdict(refusal=trial.words or None, filters=trial)
 
