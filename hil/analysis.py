@@ -67,8 +67,13 @@ class TipScale:
 
 def tip_scale(f_al_hz: float) -> TipScale:
     """Scale of an axis: every window and band in units of its f_al."""
-    windows = {order: _times(f_al_hz / order, WINDOW_FACTORS) for order in ORDERS}
+    windows = {order: order_window_rps(f_al_hz, order) for order in ORDERS}
     return TipScale(f_al_hz, _times(f_al_hz, BAND_FACTORS), _times(f_al_hz, PEAK_BAND_FACTORS), windows)
+
+
+def order_window_rps(f_al_hz: float, order: float) -> tuple[float, float]:
+    """Motor speeds in which an order is judged."""
+    return _times(f_al_hz / order, WINDOW_FACTORS)
 
 
 def last_rps(end_rps: float, acceleration_rps_s: float) -> float:

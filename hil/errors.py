@@ -1,20 +1,31 @@
 """Errors of the bench: one root, attributes first, the message made from them, and an exit status."""
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from drive_profiles import errors
 
+RefusalCause = Literal[
+    "limits", "bus load", "cycle", "noise", "encoder", "nothing to cancel", "another source of vibration", "wrong axis or wiring"
+]
+"""What of robot or bench lets a refusal happen, as far as the place that refuses can tell."""
+
 
 class HilError(Exception):
-    """Root of the bench's errors."""
+    """Root of the bench's errors.
+
+    Attributes:
+        causes: Causes that the refusal names, any of which may be the true one; empty where it names none.
+    """
 
     exit_code: ClassVar[int] = 1
+    causes: tuple[RefusalCause, ...] = ()
 
 
 class UnsafeRequestError(HilError):
     """A request would leave a limit of the bench file; nothing has been sent."""
 
     exit_code = 3
+    causes = ("limits",)
 
     def __init__(self, what: str, value: float, limit: float, unit: str, remedy: str = "") -> None:
         """Keep the quantity, its value and its limit."""
@@ -28,9 +39,9 @@ class NotPossibleError(HilError):
 
     exit_code = 3
 
-    def __init__(self, what: str) -> None:
-        """Keep the text."""
-        self.what = what
+    def __init__(self, what: str, causes: tuple[RefusalCause, ...] = ()) -> None:
+        """Keep the text and its causes."""
+        self.what, self.causes = what, causes
         super().__init__(what)
 
 

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -75,6 +75,11 @@ class IdentifiedPlant(Table):
     modes: tuple[IdentifiedMode, ...] = ()
 
 
+LearntBy = Literal["identify", "sensorless", "recording", "adaptive", "probing"]
+"""Source of a transmission error: ramps with a sensor at the tip or the joint, or by motor torque and encoder alone; recordings
+of others; passes of ramps with a cancellation; a motion itself."""
+
+
 class IdentifiedError(Table):
     """The transmission error of one axis, eq. (2).
 
@@ -88,7 +93,7 @@ class IdentifiedError(Table):
         gear_reaction: Part of τ_g dθ_sync/dθ_m with which the gear's torque τ_g loads the motor, as the motor's torque showed it;
             0 where it did not.
         motor_friction_nm: Friction of the motor beside which that reaction was told: no load of the gear. A plant's goes first.
-        learnt_by: Source of the values: `identify`, `sensorless`, `adaptive` (passes of ramps) or `probing` (on a motion itself).
+        learnt_by: Source of the values, one of `LearntBy`.
         motor_inertia_kg_m2: J_m with which it was learnt, as it was given; None where a plant was known.
         note: Notes of the engineer: date, load, temperature.
         emulated: True where it was identified on an emulated robot; None where that was not recorded.
@@ -102,7 +107,7 @@ class IdentifiedError(Table):
     set_point_delay_s: float = 0.0
     gear_reaction: NotNegative = 0.0
     motor_friction_nm: NotNegative = 0.0
-    learnt_by: str = "identify"
+    learnt_by: LearntBy = "identify"
     motor_inertia_kg_m2: Positive | None = None
     note: str = ""
     emulated: bool | None = None

@@ -12,8 +12,7 @@ byte 0  content
         SYNC shall not move the bus' clock, and bit 2 where it understands messages of several records.
         From the bus: the answer; byte 1 is 0 for lock-step and 1 for the wall clock, bytes 2 to 5 the bit rate, 0 for none,
         byte 6 is 1 where it understands messages of several records.
-1       the period of a SYNC is over: bytes 2 to 5 count the SYNCs of this client, bytes 6 to 7 by how much the bus
-        lags behind its schedule, in units of 10 µs.
+1       the period of a SYNC is over: bytes 2 to 5 count the SYNCs of this client.
 2       the next record's frame ended at this time of the bus, in ns, bytes 1 to 7.
 ======  ======================================================================
 """
@@ -30,9 +29,7 @@ LOCK_STEP, WALL = 0, 1
 MAX_RECORDS = 64
 _STAMPS, _FOLLOWS, _SEVERAL = 1, 2, 4
 _ANSWER = struct.Struct("<BBIBx")
-_PERIOD = struct.Struct("<BxIH")
-LAG_STEP_NS = 10_000
-_MAX_LAG = 0xFFFF
+_PERIOD = struct.Struct("<BxI2x")
 
 
 class Question(NamedTuple):
@@ -89,17 +86,17 @@ def read_question(data: bytes) -> Question | None:
     return Question(bool(flags & _STAMPS), bool(flags & _FOLLOWS), bool(flags & _SEVERAL))
 
 
-def period_over(count: int, lag_ns: int) -> Frame:
+def period_over(count: int) -> Frame:
     """The frame that says that the period of the count-th SYNC of a client is over."""
-    return Frame(CLOCK_ID, _PERIOD.pack(PERIOD_OVER, count & 0xFFFF_FFFF, min(_MAX_LAG, lag_ns // LAG_STEP_NS)))
+    return Frame(CLOCK_ID, _PERIOD.pack(PERIOD_OVER, count & 0xFFFF_FFFF))
 
 
-def read_period_over(data: bytes) -> tuple[int, int] | None:
-    """Read count and lag in ns of such a frame; None where it is another."""
+def read_period_over(data: bytes) -> int | None:
+    """Read the count of such a frame; None where it is another."""
     if len(data) != _PERIOD.size or data[0] != PERIOD_OVER:
         return None
-    _, count, lag = _PERIOD.unpack(data)
-    return count, lag * LAG_STEP_NS
+    count: int = _PERIOD.unpack(data)[1]
+    return count
 
 
 def stamp(time_ns: int) -> Frame:

@@ -166,7 +166,6 @@ class RawChannel:
     Attributes:
         address: Address of the bus; the local bus adds its bit rate.
         is_lock_step: True where time is counted in SYNCs, as the local bus reports.
-        lag_ns: Delay of our SYNCs by a bus that is too full, as the emulated bus reports it.
         overflows: Received frames that were lost before they could be read: by the kernel, or (each time, not each frame) by the
             controller.
         error_warnings: Number of error frames in which the controller was error-warning or error-passive.
@@ -178,7 +177,6 @@ class RawChannel:
         self.address = address
         self._is_local = address.interface == LOCAL
         self.is_lock_step = self._is_local
-        self.lag_ns = 0
         self._syncs = 0
         self._takes_several = False
         self._early: deque[Frame] = deque()  # bounded by a message
@@ -383,11 +381,7 @@ class RawChannel:
 
     def _is_period_over(self, data: bytes) -> bool:
         """True where the record says that the period of our last SYNC is over, so that no more frames will come in it."""
-        said = clock.read_period_over(data)
-        if said is None:
-            return False
-        count, self.lag_ns = said
-        return count == self._syncs & 0xFFFF_FFFF
+        return clock.read_period_over(data) == self._syncs & 0xFFFF_FFFF
 
     def _read_can(self, timeout_s: float) -> Frame | None:
         """The next frame of a CAN interface; frames lost before it are counted. None where none comes in time."""

@@ -171,7 +171,7 @@ def _summary(outcome: "AteOutcome") -> None:
     for order, amplitude in part.values.amplitudes_arcsec().items():
         rows.append((amplitude_key(order), f"A_{order:g}", amplitude, "arcsec"))
         rows.append((phase_key(order), f"φ_{order:g}", phases[order], "°"))
-    for name, symbol, value, unit in (*rows, ("arm_hz", "f_al", part.arm_hz, "Hz"), ("damping", "ζ", part.damping, "")):
+    for name, symbol, value, unit in (*rows, ("arm_hz", "f_a", part.arm_hz, "Hz"), ("damping", "ζ", part.damping, "")):
         if value is not None:
             typer.echo(f"  {symbol:<6}{measured(value, errors[name])} {unit}".rstrip())
     late = "torque" if result.sensorless else result.bench.file.accelerometer.title

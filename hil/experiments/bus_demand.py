@@ -51,7 +51,9 @@ def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
         )  # fmt: skip
         if verdict.fits is not False:
             return shows_filter
-    raise NotPossibleError(f"{demand.title} at a SYNC period of {1e3 * demand.period_s:g} ms: {verdict.sentence} (--overload)")
+    raise NotPossibleError(
+        f"{demand.title} at a SYNC period of {1e3 * demand.period_s:g} ms: {verdict.sentence} (--overload)", ("bus load",)
+    )
 
 
 def takes_torque_offset(profile: Profile) -> bool:

@@ -1,17 +1,20 @@
 """Trial of designed filters on the robot: the motion without them and with them, before it is run for its own sake.
 
-A filter is designed on a model, and on an axis that is a little other than it an order may rise. Filters that raise the tip's
-peak in any window are not used, nor are those that lower it in none: what cannot be seen to help is no remedy. At the foot of
-an order whose resonance the ramp does not pass nothing is judged: what switching on and off leaves there is a harm only above
-the motion's own largest peak.
+A filter is designed on a model, and on an axis that is a little other than it an order may rise, most of all where the gear is
+no spring. Every order that the gear has is looked at, each at the speeds at which it meets f_al. Filters that raise the tip's
+peak in any window are not used, nor are those that lower it in none: what cannot be seen to help is no remedy. Runs are repeated
+until every rise stands out of the sensor's noise or is excluded beyond it; where the most runs do not tell, their mean decides.
+At the foot of an order whose resonance the ramp does not pass nothing is judged: what switching on and off leaves there is a
+harm only above the motion's own largest peak.
 """
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 
-from hil.analysis import TipScale, judged_orders
+from hil.analysis import TipScale, judged_orders, order_window_rps
 from hil.bench.bench import Bench
 from hil.experiments.cancellation.alternation import Alternation
-from hil.experiments.cancellation.rise import LAST_SIGMAS, RISE_SIGMAS, PeakChange
+from hil.experiments.cancellation.rise import RISE_SIGMAS, PeakChange
 from hil.experiments.judge import shown_rps
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
@@ -21,19 +24,29 @@ MOST_RUNS = 4
 """Most runs of either kind: where the sensor's noise may hide a rise, the mean of so many may show it."""
 
 
-def try_filters(bench: Bench, scale: TipScale, run: Callable[[bool], Recording], reporter: Reporter = SILENT) -> FilterTrial:
-    """Try filters: the motion without them and with them, and again where the sensor's noise may hide a rise.
+def with_orders(scale: TipScale, orders: Collection[float]) -> TipScale:
+    """Scale of an axis with windows of whole orders beside its own."""
+    more = {int(k): order_window_rps(scale.f_al_hz, k) for k in orders if k == int(k) and int(k) not in scale.windows_rps}
+    return replace(scale, windows_rps={**scale.windows_rps, **more}) if scale.windows_rps else scale
+
+
+def try_filters(
+    bench: Bench, scale: TipScale, run: Callable[[bool], Recording], orders: Collection[float] = (), reporter: Reporter = SILENT
+) -> FilterTrial:
+    """Try filters: the motion without them and with them, and again until every rise is seen or excluded.
 
     Args:
         bench: The bench file.
         scale: Scale of the axes that move.
         run: Runs the motion, with the filters or without.
+        orders: Orders that the gear of a single axis is known to have, beside those of the scale.
         reporter: Listener of each run.
 
     Raises:
         NotPossibleError: The motion does not excite the arm.
         HilError: As the runs.
     """
+    scale = with_orders(scale, orders)
     runs = Alternation(bench, scale, run, ("trial of the filters: without", "trial of the filters: with them"), reporter)
     changes: list[PeakChange] = []
     peaks: list[PeakChange] = []
@@ -41,7 +54,7 @@ def try_filters(bench: Bench, scale: TipScale, run: Callable[[bool], Recording],
         runs.once_more()
         changes = runs.seen()
         peaks = _that_count(changes, judged_orders(scale, shown_rps(bench)) if scale.windows_rps else ())
-        if peaks[0].stands(RISE_SIGMAS) or (not peaks[0].is_open and any(peak.is_fall for peak in peaks)):
+        if peaks[0].stands(RISE_SIGMAS) or (peaks[0].is_excluded and any(peak.is_fall for peak in peaks)):
             break
     return _entry(peaks, changes, runs.count)
 
@@ -56,7 +69,7 @@ def _that_count(changes: list[PeakChange], judged: Collection[float]) -> list[Pe
 def _entry(peaks: list[PeakChange], changes: list[PeakChange], runs: int) -> FilterTrial:
     worst, best, end = peaks[0], peaks[-1], "; the motion is run without them"
     words = ""
-    if worst.stands(LAST_SIGMAS):
+    if worst.beyond_mm > 0.0:
         words = f"the filters are refused: with them {worst.words}{end}"
     elif not any(peak.is_fall for peak in peaks):
         words = f"the filters are refused: they lower the tip's peak in no window, at best it {best.change}{end}"

@@ -185,8 +185,8 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
     ramp, limits = bench.constant_acceleration, bench.axis[axis].limits
     if ramp is None:
         return (), ()
-    room_rev = limits.position_max_rev
-    travel_rps = math.sqrt(2.0 * max(room_rev, 0.0) / (1.0 / ramp.acceleration_rps_s + 1.0 / ramp.deceleration_rps_s))
+    room_rev = 0.5 * (limits.position_max_rev - limits.position_min_rev)
+    travel_rps = math.sqrt(2.0 * room_rev / (1.0 / ramp.acceleration_rps_s + 1.0 / ramp.deceleration_rps_s))
     most_rps = min(limits.speed_rps, travel_rps)
     within, beyond = [], []
     for order in scale.windows_rps:
@@ -195,12 +195,12 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
             continue
         text = (
             f"axis {axis}: order {order} is not judged: it meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s, the "
-            f"ramp ends at {ramp.end_rps:g} rev/s"
+            f"ramp ends at {ramp.end_rps:g} rev/s, and from the middle of the travel the limits allow"
         )
         if last_rps(most_rps, ramp.acceleration_rps_s) >= resonant_rps:
-            within.append(f"{text}, and the limits allow {most_rps:.3g}: raise end_rps of constant_acceleration")
+            within.append(f"{text} {most_rps:.3g}: raise end_rps of constant_acceleration")
         else:
-            beyond.append(f"{text}, and the limits allow no more than {most_rps:.3g}")
+            beyond.append(f"{text} no more than {most_rps:.3g}")
     return tuple(within), tuple(beyond)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drive_profiles.family.profile import Profile
-from hil.analysis import WINDOW_FACTORS, TipScale, tip_displacement_mm
+from hil.analysis import TipScale, order_window_rps, tip_displacement_mm
 from hil.bench.bench import AxisTable, Bench
 from hil.bench.model import IdentifiedAxis
 from hil.control.notch import NOTCHES
@@ -176,7 +176,7 @@ def _ramps(
         raise NotPossibleError(f"bench {bench.name!r} has no constant_acceleration table: a filter is judged at its rate")
     limits, rate = bench.axis[request.axis].limits, bench.constant_acceleration.acceleration_rps_s
     windows = {k: scale.windows_rps.get(round(k), ()) if k == round(k) else () for k in orders}
-    made = {k: window or (WINDOW_FACTORS[0] * f_al_hz / k, WINDOW_FACTORS[1] * f_al_hz / k) for k, window in windows.items()}
+    made = {k: window or order_window_rps(f_al_hz, k) for k, window in windows.items()}
     low = LOWEST_WATCHED * f_al_hz / max(orders)
     wanted = WATCHED * f_al_hz / min(request.orders)
 

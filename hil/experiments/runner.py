@@ -226,7 +226,7 @@ class _ExperimentRuns:
                     reporter=self._reporter,
                 )  # fmt: skip
             except NotPossibleError as error:
-                raise NotPossibleError(f"{self._experiment.treatment}: {error}") from None
+                raise NotPossibleError(f"{self._experiment.treatment}: {error}", error.causes) from None
             self._accept(choice)
             self._cancellation = choice.cancellation
             if setup.follows and choice.cancellation is not None:
@@ -274,7 +274,9 @@ class _ExperimentRuns:
         scale = line_scale(bench) if axis is None else axis_scale(bench, axis)
         if scale is None:
             return
-        trial = try_filters(bench, scale, run, self._reporter)
+        model = None if axis is None else bench.axis[axis].model
+        orders = () if model is None else tuple(model.ate.amplitudes_arcsec())
+        trial = try_filters(bench, scale, run, orders, self._reporter)
         self._filters = self._filters if trial.is_good else "none"
         self.trial = TrialVerdict(refusal=trial.words or None, filters=trial)
 
@@ -363,4 +365,4 @@ def check_band(bench: Bench, experiment: Experiment, motion: Motion) -> None:
         shown_band(motion.period_s, scale.band_hz)
     except ValueError as error:
         what = f"{experiment.title} at a SYNC period of {1e3 * motion.period_s:g} ms"
-        raise NotPossibleError(f"{what}: {error}: shorten sync_period_s in the bench file") from error
+        raise NotPossibleError(f"{what}: {error}: shorten sync_period_s in the bench file", ("cycle",)) from error

@@ -13,7 +13,7 @@ from typing import Any
 
 from drive_profiles.errors import FileError
 from hil.bench.bench import Bench
-from hil.bench.model import IdentifiedError, load_identified
+from hil.bench.model import IdentifiedError, LearntBy, load_identified
 from hil.errors import NotPossibleError
 from hil.passport.sides import sides_of_passes, sides_of_stretches
 from hil.passport.store import MOST_ORDERS, MOST_TEXT, OrderLine, PassportRun
@@ -151,7 +151,7 @@ def _of_model(path: Path) -> Iterator[PassportRun]:
             yield _run(identified.robot, number, known.ate, said[0] if said else written, path)
 
 
-SEEN_BY = {"identify": "motion", "sensorless": "torque"}
+SEEN_BY: dict[LearntBy, str] = {"identify": "motion", "sensorless": "torque"}
 """In what an error was read, by `learnt_by` of a model file, where that says it."""
 
 

@@ -115,7 +115,9 @@ class AteResult(MeasuredResult):
         ate: Entry of the model file; None, like all below, where nothing was identified.
         fit: Fit of all passes.
         history: Standard errors after each pass.
-        is_within_goal: True where the standard errors reach the goal, or miss it by no more than half; the notes say which.
+        is_within_goal: True where the standard errors reach the goal, or are at most 3 times what is asked (more of a gear
+            that is no spring: `hil.experiments.ate.request.Miss.is_usable`); orders out of the ramps' reach do not count.
+            The notes say which are larger than asked.
         notes: Sentences for the engineer.
         not_identified: Reason why nothing was identified.
     """

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler
 
 from drive_profiles.version import DISTRIBUTION, version_text
 from hil.bench.bench import Bench
-from hil.errors import NOT_DISABLED, SafetyStopError, not_put_back
+from hil.errors import NOT_DISABLED, HilError, RefusalCause, SafetyStopError, not_put_back
 
 SCHEMA: Literal[2] = 2
 
@@ -130,6 +130,7 @@ class MeasuredResult(Result):
     Attributes:
         bench: Bench of the measurement.
         stopped: Reason why the measurement was stopped.
+        causes: Causes that the error names with which it ended early; none where it names none.
         all_disabled: After a stop, True where every drive has confirmed that it is disabled; None without a stop.
         not_restored: Objects that could not be put back in the nodes.
         emulated: True where any node is emulated: then this is no measurement; None where that is not known.
@@ -140,6 +141,7 @@ class MeasuredResult(Result):
     emulated: bool | None = None
     emulated_parts: tuple[str, ...] | None = None
     stopped: str | None = None
+    causes: tuple[RefusalCause, ...] | None = None
     all_disabled: bool | None = None
     not_restored: tuple[str, ...] | None = None
 
@@ -161,6 +163,7 @@ class MeasuredResult(Result):
 
     def note_failure(self, error: BaseException) -> None:
         """Note why the measurement ended early."""
+        self.causes = (error.causes if isinstance(error, HilError) else ()) or None
         text = str(error) or type(error).__name__
         if isinstance(error, SafetyStopError):
             self.stopped, self.all_disabled = text, error.all_disabled

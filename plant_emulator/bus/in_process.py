@@ -11,6 +11,9 @@ from plant_emulator.bus.medium import Instant, Medium
 from plant_emulator.bus.timed import FIRST_CLIENT, HeardFrame
 from plant_emulator.world import World
 
+STRANGER = FIRST_CLIENT + 1
+"""Port from which frames are injected."""
+
 
 class InProcessChannel:
     """A lock-step bus with one client, as `hil.can.channel.Channel` has it; bit-identical for equal seeds.
@@ -44,18 +47,17 @@ class InProcessChannel:
         self.lost = False
         self._queue: deque[Frame] = deque(world.power_on())
         self._has_clock = False
-
-    @property
-    def lag_ns(self) -> int:
-        """Delay of the cycles by a bus that is too full, in ns."""
-        return self.medium.lag_ns
+        self._has_stranger = False
 
     def inject(self, frame: Frame) -> None:
-        """Put a frame on the bus as a stranger would: the nodes and the client both hear it."""
-        self.medium.join(FIRST_CLIENT + 1)
-        heard = self.medium.frame(FIRST_CLIENT + 1, frame)
-        self.medium.leave(FIRST_CLIENT + 1)
-        self._deliver(heard)
+        """Put a frame on the bus as a stranger would: the nodes and the client both hear it.
+
+        The stranger stays on the bus: on one with bit times a frame that nobody answers waits in its queue for the next SYNC.
+        """
+        if not self._has_stranger:
+            self._has_stranger = True
+            self.medium.join(STRANGER)
+        self._deliver(self.medium.frame(STRANGER, frame))
 
     def hand_over(self, *frames: Frame) -> None:
         """Let the client alone receive frames, such as a late or a doubled answer; the nodes do not hear them."""

@@ -27,11 +27,6 @@ class Medium(Protocol):
     clock: int
     bitrate: int | None
 
-    @property
-    def lag_ns(self) -> int:
-        """Time that the oldest SYNC of the client that holds the clock waits for a bus that is too full."""
-        ...
-
     def join(self, port: int) -> None:
         """Add a client."""
         ...
@@ -71,7 +66,6 @@ class Instant:
 
     clock = clock.LOCK_STEP
     bitrate: int | None = None
-    lag_ns = 0
 
     def __init__(self, world: World) -> None:
         """Join a world."""
@@ -133,11 +127,6 @@ class Timed:
         self.clock = clock.WALL if wall else clock.LOCK_STEP
         self.bitrate = bus.wire.bitrate
         self._is_idle = True
-
-    @property
-    def lag_ns(self) -> int:
-        """Time that the client's oldest SYNC had been waiting for the bus at the last cycle."""
-        return self._bus.lag_ns
 
     def join(self, port: int) -> None:
         """Attach a controller."""

@@ -248,7 +248,7 @@ class Server:
         sender.syncs += 1
         for heard in self.medium.cycle(sender.port, frame):
             has_time = sender.knows_clock and self.medium.bitrate is not None
-            over = pack(clock.period_over(sender.syncs, self.medium.lag_ns)) if has_time else b""
+            over = pack(clock.period_over(sender.syncs)) if has_time else b""
             self._deliver(heard, sender, over)
 
     def _on_question(self, frame: Frame, sender: Client) -> None:

@@ -1,7 +1,6 @@
 """A world and its clients on one wire: every frame takes its time there, and is heard when it has ended."""
 
 import contextlib
-from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -36,17 +35,11 @@ class TimedBus:
         world: Its nodes hear each frame at its end, and send from there.
         wire: The model of the bus.
         host_latency_ns: Time that a client's frame takes from its program to its controller.
-
-    Attributes:
-        lag_ns: Waiting time of the oldest SYNC of the client that holds the clock, at the last cycle: above
-            0 the bus carries less than it is given.
     """
 
     def __init__(self, world: World, wire: EmulatedWire, host_latency_ns: int = 0) -> None:
         """Join world and wire; no time passes."""
         self.world, self.wire = world, wire
-        self.lag_ns = 0
-        self._waiting: deque[int] = deque()
         for node in world.node_ids:
             wire.attach(node)
         self._nodes = frozenset(world.node_ids)
@@ -133,8 +126,7 @@ class TimedBus:
 
     def begin_cycles(self) -> None:
         """The next SYNC of the client that holds the clock begins a cycle of its own."""
-        self._cycle_end_ns, self.lag_ns = None, 0
-        self._waiting.clear()
+        self._cycle_end_ns = None
 
     def cycle(self, port: int, sync: Frame, period_ns: int) -> list[HeardFrame]:
         """A SYNC of the client that holds the clock: it is queued behind what the client has queued, and a period passes.
@@ -144,11 +136,5 @@ class TimedBus:
         """
         begin = self.world.now if self._cycle_end_ns is None else max(self._cycle_end_ns, self.world.now)
         self.offer(port, sync)
-        self._waiting.append(begin)
         self._cycle_end_ns = begin + period_ns
-        heard = self.run(self._cycle_end_ns)
-        for frame, sender, _ in heard:
-            if sender == port and frame.can_id == sync.can_id and self._waiting:
-                self._waiting.popleft()
-        self.lag_ns = self._cycle_end_ns - self._waiting[0] if self._waiting else 0
-        return heard
+        return self.run(self._cycle_end_ns)

@@ -8,9 +8,10 @@ from pathlib import Path
 from drive_profiles.address import Address
 from hil.bench.bench import Bench
 from hil.control.treatments import TreatmentName
-from hil.errors import HilError
+from hil.errors import HilError, RefusalCause
 from hil.results.ate import AteResult
-from hil.results.files import load_result
+from hil.results.base import RESULT_FILE, MeasuredResult
+from hil.results.files import load_any, load_result
 from hil.results.runs import ExperimentsResult
 from plant_emulator.rehearsal.steps import Note, PathFiles, RunNote, note_of_error, note_of_run
 from plant_emulator.robots.writing import file_text
@@ -24,9 +25,9 @@ NOT_MET = 9
 class CommandError(HilError):
     """A command has ended with another status than 0."""
 
-    def __init__(self, arguments: Sequence[str], status: int, words: str) -> None:
-        """Keep the command, its exit status and the last of what it said."""
-        self.arguments, self.status, self.words = tuple(arguments), status, words
+    def __init__(self, arguments: Sequence[str], status: int, words: str, causes: tuple[RefusalCause, ...] = ()) -> None:
+        """Keep the command, its exit status, the last of what it said, and the causes in its result."""
+        self.arguments, self.status, self.words, self.causes = tuple(arguments), status, words, causes
         super().__init__(f"{words} (exit status {status})")
 
 
@@ -97,9 +98,11 @@ class StepsOverBus:
             )
         except subprocess.TimeoutExpired as error:
             raise CommandError(whole, -1, f"not done within {COMMAND_S:g} s") from error
-        has_result = (self._out(out) / "result.json").exists()
+        has_result = (self._out(out) / RESULT_FILE).exists()
         if ended.returncode and not (may_miss and ended.returncode == NOT_MET and has_result):
-            raise CommandError(whole, ended.returncode, _last_words(ended.stderr))
+            result = load_any(self._out(out) / RESULT_FILE) if has_result else None
+            causes = result.causes if isinstance(result, MeasuredResult) else None
+            raise CommandError(whole, ended.returncode, _last_words(ended.stderr), causes or ())
 
 
 def _last_words(text: str) -> str:

@@ -162,7 +162,7 @@ class _Walk:
         self.reporter.step(name)
         began = time.process_time()
         step = _ended(act)
-        self.result.steps[name] = StepRecord(step.ended, step.error, step.words, time.process_time() - began)
+        self.result.steps[name] = replace(step, cpu_s=time.process_time() - began)
 
     # -- what is known -------------------------------------------------------------------------------------------------
 
@@ -211,9 +211,10 @@ def _ended(act: Callable[[], Note]) -> StepRecord:
     except InterruptedRunError as error:
         raise KeyboardInterrupt from error
     except SafetyStopError as error:
-        return StepRecord("stopped", type(error).__name__, str(error))
+        return StepRecord("stopped", type(error).__name__, str(error), causes=error.causes)
     except (HilError, ValueError, OSError) as error:
-        return StepRecord("refused", type(error).__name__, str(error))
+        causes = error.causes if isinstance(error, HilError) else ()
+        return StepRecord("refused", type(error).__name__, str(error), causes=causes)
     except Exception as error:  # noqa: BLE001 - a walk tells of every robot what happened, and goes on with the next
         return StepRecord("crashed", type(error).__name__, str(error))
     return StepRecord("noted" if note else "done", "", note or "")

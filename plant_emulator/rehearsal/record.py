@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from hil.errors import RefusalCause
 from hil.robot_tables import ORDERS
 
 Cell = str | float | int | bool | None
@@ -55,6 +56,7 @@ class StepRecord:
         ended: Kind of the end.
         error: Class of the error that ended it.
         words: The error's words, or the note of a step that is done.
+        causes: Causes that the error names.
         cpu_s: Processor time.
     """
 
@@ -62,6 +64,7 @@ class StepRecord:
     error: str = ""
     words: str = ""
     cpu_s: float = 0.0
+    causes: tuple[RefusalCause, ...] = ()
 
     @property
     def is_done(self) -> bool:
@@ -217,7 +220,7 @@ class PathRecord:
         for name in STEPS:
             step = self.steps.get(name, StepRecord())
             cells |= {f"{name}_ended": step.ended, f"{name}_error": step.error, f"{name}_words": step.words[:MAX_WORDS]}
-            cells[f"{name}_cpu_s"] = step.cpu_s
+            cells |= {f"{name}_cpu_s": step.cpu_s, f"{name}_causes": ", ".join(step.causes)}
         for name in QUANTITIES:
             quantity = self.quantities.get(name, QuantityRecord())
             cells |= {f"{name}_true": quantity.true, f"{name}_estimate": quantity.estimate, f"{name}_error": quantity.error}

@@ -23,7 +23,7 @@ from hil.experiments.plant.on_bus import run_identify_plant
 from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import Knowledge
 from hil.results.ate import AteResult
-from hil.results.runs import ExperimentsResult
+from hil.results.runs import CancellationTrial, ExperimentsResult
 
 Note = str | None
 """Words of a step that is done, with less than was asked."""
@@ -53,6 +53,11 @@ class TrialRefusedError(HilError):
     """The trial refused a cancellation or filters, in the run's own words."""
 
     exit_code: ClassVar[int] = 9
+
+    def __init__(self, words: str, trial: CancellationTrial | None = None) -> None:
+        """Keep the words; an order that cannot be judged is hidden by the sensor's noise."""
+        self.causes = ("noise",) if trial is not None and any(part.verdict == "not judged" for part in trial.parts) else ()
+        super().__init__(words)
 
 
 @dataclass(frozen=True)
@@ -192,7 +197,7 @@ def note_of_run(result: ExperimentsResult) -> RunNote:
     if run.trial is None:
         return RunNote("; ".join(notes) or None)
     if not run.trial.is_good:
-        raise TrialRefusedError(str(run.invalid))
+        raise TrialRefusedError(str(run.invalid), run.trial)
     notes += [part.words for part in run.trial.left_out]
     left_out = tuple(Part(part.axis, part.order) for part in run.trial.left_out)
     fall, rest = run.trial.trials[-1].reduction_fraction if run.trial.trials else None, run.trial.remainder

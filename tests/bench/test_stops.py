@@ -97,7 +97,7 @@ def knowing(phi4_deg: float, phi2_deg: float = 222.3) -> Knowledge:
     """What was identified of the reference arm's axis 2, with these phases."""
     values = TransmissionErrorTable(a2_arcsec=4.98, phi2_deg=phi2_deg, a4_arcsec=2.97, phi4_deg=phi4_deg)
     errors = {"a2_arcsec": 0.04, "phi2_deg": 0.2, "a4_arcsec": 0.03, "phi4_deg": 0.4}
-    part = IdentifiedError(values=values, standard_error=errors, arm_hz=10.49, damping=0.03, learnt_by="ramps")
+    part = IdentifiedError(values=values, standard_error=errors, arm_hz=10.49, damping=0.03, learnt_by="identify")
     known: Identified = arm_model().with_part(2, part)
     return Knowledge(identified=known)
 

@@ -9,7 +9,7 @@ from hil.bench.bench import Limits
 from hil.bench.model import SIGNIFICANT_SIGMAS
 from hil.design.ate.identification import JointEstimate
 from hil.design.ate.model import DELAY_S
-from hil.errors import HilError
+from hil.errors import HilError, RefusalCause
 from hil.experiments.ate.motion import Ramps
 from hil.master.motion import RunResult
 
@@ -39,6 +39,8 @@ FLAT_STRETCHES, FLAT_STEPS, PILE = 4, 20.0, 4.0
 """Signs of a saturated signal: stretches at its largest value, distance of that value from the median in resolution steps,
 and its count over that of the neighbouring values (a sine in steps: 2.4)."""
 
+MISWIRED: tuple[RefusalCause, ...] = ("wrong axis or wiring",)
+
 
 class AteNotIdentifiedError(HilError):
     """The runs do not identify the transmission error."""
@@ -55,6 +57,7 @@ class AteNotIdentifiedError(HilError):
         *,
         at_most: bool = False,
         is_of_orders: bool = False,
+        causes: tuple[RefusalCause, ...] = (),
     ) -> None:
         """Keep the quantity, its value, and the value that it must have.
 
@@ -66,8 +69,9 @@ class AteNotIdentifiedError(HilError):
             remedy: Advice, in words; empty for none.
             at_most: True where `needed` is an upper bound.
             is_of_orders: True where an order that is not in the set may be the cause.
+            causes: Causes that it names.
         """
-        self.is_of_orders = is_of_orders
+        self.is_of_orders, self.causes = is_of_orders, causes
         self.what, self.value, self.needed, self.unit, self.remedy, self.at_most = what, value, needed, unit, remedy, at_most
         suffix, tail = f" {unit}" if unit else "", f"; {remedy}" if remedy else ""
         bound = f"at most {needed:.4g}{suffix} is allowed" if at_most else f"at least {needed:.4g}{suffix} is needed"
@@ -88,13 +92,15 @@ def check_run(result: RunResult, *, sensorless: bool, sensor: str = "acceleromet
     allowed = MAX_MISSED * result.cycles
     if not sensorless and result.sensor_missed > allowed:
         what = f"the number of cycles without the {sensor} (of {result.cycles})"
-        raise AteNotIdentifiedError(what, result.sensor_missed, allowed, "", "check it, or use --sensorless", at_most=True)
+        remedy = "check it, or use --sensorless"
+        raise AteNotIdentifiedError(what, result.sensor_missed, allowed, "", remedy, at_most=True, causes=MISWIRED)
     if result.missed_cycles + result.dropped_cycles > allowed:
         lost = result.missed_cycles + result.dropped_cycles
         remedy = "see docs/realtime.md"
         raise AteNotIdentifiedError(
-            "the number of cycles without an answer, or with a set-point too late,", lost, allowed, "", remedy, at_most=True
-        )
+            "the number of cycles without an answer, or with a set-point too late,", lost, allowed, "", remedy, at_most=True,
+            causes=("cycle",),
+        )  # fmt: skip
 
 
 def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
@@ -107,7 +113,7 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
     if len(levels) < 8:
         what = f"the number of different values of the {sensor} in {len(tip)} samples"
         raise AteNotIdentifiedError(
-            what, len(levels), 8, "", "is it powered, does it sit on the arm, is its resolution fine enough?"
+            what, len(levels), 8, "", "is it powered, does it sit on the arm, is its resolution fine enough?", causes=MISWIRED
         )
     step = float(np.min(np.diff(levels)))
     for end, count, beside in ((levels[0], counts[0], counts[1:4]), (levels[-1], counts[-1], counts[-4:-1])):
@@ -146,7 +152,9 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
             f"the fraction of the {signal} vibration, noise left out, that a transmission error of the orders {orders} explains"
         )
         remedy = "does another order ring (the order map of a run shows it), another axis, or a loose sensor?"
-        raise AteNotIdentifiedError(what, of_vibration, LEAST_EXPLAINED, "", remedy, is_of_orders=True)
+        raise AteNotIdentifiedError(
+            what, of_vibration, LEAST_EXPLAINED, "", remedy, is_of_orders=True, causes=("another source of vibration",)
+        )
     delay = estimate.arm.delay_s
     if not DELAY_S[0] + 1e-3 < delay < DELAY_S[1] - 1e-3:
         bound = DELAY_S[1] - 1e-3 if delay > 0.0 else -DELAY_S[0] - 1e-3
@@ -170,7 +178,7 @@ def _check_factor(estimate: JointEstimate) -> None:
     else:
         remedy = "is this the axis that moved, and are its reduction ratio and lever right?"
     remedy += f" The factor is {factor:.3f} ± {error:.3f}"
-    raise AteNotIdentifiedError(what, off, allowed, "", remedy, at_most=True)
+    raise AteNotIdentifiedError(what, off, allowed, "", remedy, at_most=True, causes=MISWIRED)
 
 
 def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_left: int) -> None:
@@ -185,7 +193,7 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
     remedy = f"no A_k is seen, and none is above {most:.2g}″: if that is too much, a slower ramp or a better sensor shows more"
     what = f"the largest amplitude over its standard error (A_{order:g})"
     is_of_orders = estimate.structured > VIBRATES
-    raise AteNotIdentifiedError(what, ratios[order], LEAST_SIGMAS, "", remedy, is_of_orders=is_of_orders)
+    raise AteNotIdentifiedError(what, ratios[order], LEAST_SIGMAS, "", remedy, is_of_orders=is_of_orders, causes=("noise",))
 
 
 def factor_remark(estimate: JointEstimate) -> str | None:
@@ -228,7 +236,7 @@ def check_moved(motion: Ramps, result: RunResult, axis: int, limits: Limits) -> 
         else f"its torque was {torque_nm:.3g} N·m: is the motor coupled, does its encoder count, are the gains this axis'?"
     )
     what = f"the distance that the motor of axis {axis} turned, of {asked_rev:.2f} rev asked,"
-    raise AteNotIdentifiedError(what, made_rev, HELD_TRAVEL_FRACTION * asked_rev, "rev", remedy)
+    raise AteNotIdentifiedError(what, made_rev, HELD_TRAVEL_FRACTION * asked_rev, "rev", remedy, causes=MISWIRED)
 
 
 def reached_rps(angle_rad: Real, period_s: float, end_row: int, over_s: float = 0.05) -> float:

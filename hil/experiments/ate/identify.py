@@ -236,7 +236,8 @@ def _fitted(
             is_near=len(before) >= SEARCHED_PASSES,
         )
     except ValueError as error:
-        raise NotPossibleError(f"not identified: {error}{binding_limit_of(bench, request.axis, motion)}") from error
+        binding = binding_limit_of(bench, request.axis, motion)
+        raise NotPossibleError(f"not identified: {error}{binding}", ("limits",)) from error
     return Pass(motion, recording, sweep, _with_inertia_error(estimate, knowledge.arm_inertia_fraction))
 
 
@@ -258,7 +259,7 @@ def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool
     if sensorless:
         return Sweep(angle, recording.axis(axis, "torque_nm"), recording.period_s, motion.direction(SKIP_TORQUE))
     if recording.doubt is not None:
-        raise NotPossibleError(f"not identified: {recording.doubt}")
+        raise NotPossibleError(f"not identified: {recording.doubt}", ("wrong axis or wiring",))
     tip = recording.felt_m_s2
     check_accelerometer(tip, sensor)
     return Sweep(angle, tip, recording.period_s, motion.direction())
@@ -281,10 +282,12 @@ def _is_through(bench: Bench, axis: int, made: Pass, passes_left: int) -> bool:
     try:
         further = end_speed(bench, axis, with_room(bench, axis, acceleration, needed), arm_hz)
     except NotPossibleError as error:
-        raise AteNotIdentifiedError("the speed that the ramps reached", reached, needed, "rev/s", str(error)) from error
+        raise AteNotIdentifiedError(
+            "the speed that the ramps reached", reached, needed, "rev/s", str(error), causes=error.causes
+        ) from error
     if not passes_left or further < FURTHER * made.ramps.trajectory.end_rps:
         why = too_short(bench, axis, acceleration, arm_hz, reached)
-        raise AteNotIdentifiedError("the speed that the ramps reached", reached, needed, "rev/s", why)
+        raise AteNotIdentifiedError("the speed that the ramps reached", reached, needed, "rev/s", why, causes=("limits",))
     return False
 
 

@@ -202,12 +202,13 @@ def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float 
     by_room = math.sqrt(2.0 * room / (1.0 / acceleration_rps_s + 1.0 / braking))
     reached = min(wanted, SPEED_FRACTION * table.limits.speed_rps, by_room)
     if arm_hz is not None and reached < BEYOND_RESONANCE * arm_hz / 2.0:
-        raise NotPossibleError(too_short(bench, axis, acceleration_rps_s, arm_hz, reached))
+        raise NotPossibleError(too_short(bench, axis, acceleration_rps_s, arm_hz, reached), ("limits",))
     if reached < 0.5:
         wider = "a wider identification_travel_deg is" if _is_held_by_arm(bench, axis) else "wider position limits are"
         raise NotPossibleError(
             f"axis {axis} has {room:.2f} rev to move in, which at {acceleration_rps_s:g} rev/s² ends at {reached:.2f} rev/s: "
-            f"{wider} needed"
+            f"{wider} needed",
+            ("limits",),
         )
     return reached
 
@@ -284,7 +285,8 @@ def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, 
     room = room_rev(bench, axis)
     if travel > room + 1e-6:
         raise NotPossibleError(
-            f"a ramp to {end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² takes {travel:.1f} rev; axis {axis} has {room:.1f}"
+            f"a ramp to {end_rps:.2f} rev/s at {acceleration_rps_s:g} rev/s² takes {travel:.1f} rev; axis {axis} has {room:.1f}",
+            ("limits",),
         )
     lowest = table.limits.position_min_rev + MARGIN_REV
     low = min(max(start_rev - 0.5 * travel, lowest), table.limits.position_max_rev - MARGIN_REV - travel)

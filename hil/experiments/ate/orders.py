@@ -100,4 +100,6 @@ def checked(
         if not words:
             raise
         remedy = "; ".join(filter(None, (*words, error.remedy)))
-        raise AteNotIdentifiedError(error.what, error.value, error.needed, error.unit, remedy, at_most=error.at_most) from error
+        raise AteNotIdentifiedError(
+            error.what, error.value, error.needed, error.unit, remedy, at_most=error.at_most, causes=error.causes
+        ) from error

@@ -408,7 +408,7 @@ def _fitted(
     try:
         return identify_orders(watch.sweeps, table.reduction_ratio, watch.sensing, start, orders, is_near=is_near)
     except ValueError as error:
-        raise NotPossibleError(f"not learnt: {error}") from error
+        raise NotPossibleError(f"not learnt: {error}", ("limits",)) from error
 
 
 def _with_estimate(session: Session, identified: Identified | None, learning: AxisLearning, delay_s: float) -> Identified:

@@ -66,6 +66,11 @@ class PeakChange(NamedTuple):
         return self.stands(LAST_SIGMAS) and not self.stands(RISE_SIGMAS)
 
     @property
+    def is_excluded(self) -> bool:
+        """Whether the noise leaves no room for one that is a harm."""
+        return self.beyond_mm + LAST_SIGMAS * self.error_mm <= 0.0
+
+    @property
     def words(self) -> str:
         """The rise as a part of a sentence."""
         where = "" if self.order is None else f" in the window of order {self.order:g}"

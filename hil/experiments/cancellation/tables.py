@@ -89,7 +89,7 @@ def table_of(
         try:
             return cancellation_table(loop, *error, timing, limits.speed_rps, way, highest_hz, chirp, torque_lag_s, load)
         except ValueError as error_of:
-            raise NotPossibleError(f"axis {number}: {error_of}") from error_of
+            raise NotPossibleError(f"axis {number}: {error_of}", ("nothing to cancel",)) from error_of
 
     kept_hz = KEPT_OVER_RESONANCE * scale.f_al_hz
     alone, room_nm = by("torque alone") if by_torque else None, TORQUE_USED * MAX_TORQUE_FRACTION * limits.torque_nm

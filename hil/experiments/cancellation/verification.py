@@ -20,6 +20,7 @@ class CancellationRefusedError(HilError):
     def __init__(self, what: str, verdicts: Sequence[PartVerdict], stays: str = "the notch") -> None:
         """Keep the cancellation in words, the verdicts on its orders, and what acts instead."""
         self.what, self.verdicts = what, tuple(verdicts)
+        self.causes = ("noise",) if any(verdict.verdict == "not judged" for verdict in self.verdicts) else ()
         told = "; ".join(verdict.words for verdict in self.verdicts[:PARTS_TOLD])
         more = "" if len(self.verdicts) <= PARTS_TOLD else f"; and {len(self.verdicts) - PARTS_TOLD} more"
         super().__init__(f"cancellation refused: of {what} no order passes; {stays} stays. {told}{more}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.design.plant_identification import PlantEstimate, ResponseEstimate
-from hil.errors import HilError
+from hil.errors import HilError, RefusalCause
 from hil.experiments.plant.motion import PlantRequest
 from hil.master.motion import Real
 
@@ -35,9 +35,9 @@ class PlantNotIdentifiedError(HilError):
 
     exit_code = 9
 
-    def __init__(self, axis: int, reasons: tuple[str, ...]) -> None:
-        """Keep the reasons, one sentence each."""
-        self.axis, self.reasons = axis, reasons
+    def __init__(self, axis: int, reasons: tuple[str, ...], causes: tuple[RefusalCause, ...] = ()) -> None:
+        """Keep the reasons, one sentence each, and their causes."""
+        self.axis, self.reasons, self.causes = axis, reasons, causes
         super().__init__(f"axis {axis} is not identified: {'; '.join(reasons)}")
 
 
@@ -52,6 +52,7 @@ class DataCheck:
         unit: Unit of both values.
         holds: True where the value is sufficient.
         remedy: Advice where it is not.
+        causes: Causes where it is not.
     """
 
     name: str
@@ -60,6 +61,7 @@ class DataCheck:
     unit: str
     holds: bool
     remedy: str = ""
+    causes: tuple[RefusalCause, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -76,8 +78,9 @@ def torque_check(torque_nm: Real, limit_nm: float, amplitude_nm: float) -> DataC
         f"the torque reached {np.max(np.abs(torque_nm)):.3g} of {limit_nm:.3g} N·m; try --amplitude-nm {0.6 * amplitude_nm:.2g}"
     )
     return DataCheck(
-        "fraction of the time at the torque limit", fraction, SATURATED_FRACTION, "", fraction <= SATURATED_FRACTION, remedy
-    )
+        "fraction of the time at the torque limit", fraction, SATURATED_FRACTION, "", fraction <= SATURATED_FRACTION, remedy,
+        ("limits",),
+    )  # fmt: skip
 
 
 def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> DataCheck:
@@ -100,7 +103,9 @@ def travel_check(angle_rad: Real, bias_rad: Real) -> DataCheck:
     """Check that the requested axis has moved."""
     fraction = float(np.ptp(angle_rad)) / max(float(np.ptp(bias_rad)), 1e-9)
     remedy = "is the encoder the axis' own, and its brake open?"
-    return DataCheck("fraction of the travel that the motor angle shows", fraction, 0.8, "", 0.8 <= fraction <= 1.25, remedy)
+    is_whole = 0.8 <= fraction <= 1.25
+    what = "fraction of the travel that the motor angle shows"
+    return DataCheck(what, fraction, 0.8, "", is_whole, remedy, ("wrong axis or wiring",))
 
 
 def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accelerometer") -> str | None:
@@ -186,21 +191,24 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
     f_r = estimate.parameters["resonance_hz"].value
     wider = "raise --high-hz" if request.high_hz is not None else "a shorter SYNC period carries more"
     over, reach = f_r / high, f"f_r, {f_r:.3g} Hz, over the end of the band, {high:.3g} Hz,"
-    checks = [] if over <= BEYOND_BAND else [DataCheck(reach, over, BEYOND_BAND, "", False, wider)]
+    checks = [] if over <= BEYOND_BAND else [DataCheck(reach, over, BEYOND_BAND, "", False, wider, ("cycle",))]
     for name, parameter, allowed in (
         ("standard error of f_a", estimate.parameters["antiresonance_hz"], ANTIRESONANCE_PCT),
         ("standard error of K_g", estimate.parameters["gear_stiffness_nm_rad"], STIFFNESS_PCT),
     ):
         percent = 100.0 * parameter.relative
         times = percent / allowed
+        causes: tuple[RefusalCause, ...] = ("noise",)
         if f_r > high:
+            causes = ("noise", "cycle")
             more = f"the band ends at {high:.3g} Hz, below f_r = {f_r:.3g} Hz: {wider}"
         elif request.amplitude_nm is not None:
             more = f"leave out --amplitude-nm, or raise --periods by {times**2:.2g} times"
         else:
+            causes = ("noise", "encoder")
             more = (
                 f"the {limited_by} allows no amplitude above {amplitude_nm:.2g} N·m: raise --periods by {times**2:.2g} times, or "
                 "take a finer encoder or a shorter SYNC period"
             )
-        checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed, more))
+        checks.append(DataCheck(name, percent, allowed, "%", percent <= allowed, more, causes))
     return checks

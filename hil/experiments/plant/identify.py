@@ -13,6 +13,7 @@ from hil.design.modes.fit import fit_modes
 from hil.design.plant_identification import PlantEstimate, fit_plant
 from hil.design.plant_problem import SamplingTiming
 from hil.design.plant_spectra import Spectra, Stretch, spectra
+from hil.errors import RefusalCause
 from hil.experiments.bus_demand import takes_torque_offset
 from hil.experiments.plant.amplitude import with_amplitude_dependence
 from hil.experiments.plant.bands import fast_speed, highest_hz, main_band, pilot_band
@@ -147,8 +148,8 @@ class PlantIdentification:
             tuple(self.checks), tuple(self.remarks), cannot_tell(estimate, friction),
         )  # fmt: skip
 
-    def _refused(self, *reasons: str) -> PlantNotIdentifiedError:
-        return PlantNotIdentifiedError(self.request.axis, reasons)
+    def _refused(self, *reasons: str, causes: tuple[RefusalCause, ...] = ()) -> PlantNotIdentifiedError:
+        return PlantNotIdentifiedError(self.request.axis, reasons, causes)
 
     # -- runs ----------------------------------------------------------------------------------------------------------
 
@@ -185,7 +186,7 @@ class PlantIdentification:
         limit, ratio = self.table.limits.torque_nm, self.table.reduction_ratio
         trouble = probe_trouble(planned, result.recording, self.request.axis, limit, ratio)
         if trouble is not None:
-            raise self._refused(trouble.sentence) from result.stopped
+            raise self._refused(trouble.sentence, causes=("wrong axis or wiring",)) from result.stopped
         if result.stopped is not None:
             raise result.stopped
         self._require([travel_check(result.recording.axis(self.request.axis, "position_rad"), planned.bias_rad)])
@@ -225,7 +226,8 @@ class PlantIdentification:
                 small *= min(PILOT_RISE, largest / small)
                 continue
             break
-        raise self._refused(self._unseen(data, estimate, band, small, largest))
+        causes: tuple[RefusalCause, ...] = ("limits", "cycle") if self._is_cut_by_sync(band) else ("limits",)
+        raise self._refused(self._unseen(data, estimate, band, small, largest), causes=causes)
 
     def _pilot_spectra(self, travel: Travel, planned: PlannedMotion, recording: Recording) -> Spectra:
         try:
@@ -250,9 +252,13 @@ class PlantIdentification:
             return f"{why}; the limits allow {largest:.2g} N·m: leave out --amplitude-nm"
         return f"{why}, and the {self._limited_by} allows no more than {largest:.2g} N·m; {self._reach_words(band)}"
 
+    def _is_cut_by_sync(self, band: Band) -> bool:
+        """True where the band ends where the SYNC period lets it."""
+        return self.request.high_hz is None and band.high_hz >= 0.9 * highest_hz(self.bench.bus.sync_period_s)
+
     def _reach_words(self, band: Band) -> str:
         sync = self.bench.bus.sync_period_s
-        if self.request.high_hz is not None or band.high_hz < 0.9 * highest_hz(sync):
+        if not self._is_cut_by_sync(band):
             return "a wider band (--low-hz, --high-hz) or a brace that is taken off may show it"
         return f"a SYNC period of {1e3 * sync:g} ms carries no more than {highest_hz(sync):.3g} Hz, a shorter one carries more"
 
@@ -293,7 +299,8 @@ class PlantIdentification:
             raise self._refused(
                 f"no amplitude fits: without any excitation the {self._limited_by} already is at its limit (transmission "
                 f"error at {self.travel.bias_rps:.2g} rev/s: {rest.speed_rps:.2g} rev/s, {rest.tip_m_s2:.2g} m/s²); another "
-                "--bias-rps moves it away from the resonance"
+                "--bias-rps moves it away from the resonance",
+                causes=("limits",),
             )
         self.remarks.append(f"the amplitude of {amplitude:.3g} N·m was chosen from a pilot ({self._limited_by})")
         return amplitude
@@ -418,7 +425,8 @@ class PlantIdentification:
         self.checks += checks
         reasons = tuple(check.sentence for check in checks if not check.holds)
         if reasons:
-            raise self._refused(*more, *reasons)
+            causes = (cause for check in checks if not check.holds for cause in check.causes)
+            raise self._refused(*more, *reasons, causes=tuple(dict.fromkeys(causes)))
 
 
 def _longest(whole: np.ndarray[Any, np.dtype[np.bool_]], rows: slice, samples: int) -> slice:

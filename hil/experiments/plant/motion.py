@@ -239,7 +239,7 @@ def _wave(
     try:
         lines = band_lines(band.low_hz, band.high_hz, period_s, sync_s)
     except ValueError as error:
-        raise NotPossibleError(f"{error} (--low-hz, --high-hz, bus.sync_period_s)") from error
+        raise NotPossibleError(f"{error} (--low-hz, --high-hz, bus.sync_period_s)", ("cycle",)) from error
     law = table.gains(f"the plant of axis {request.axis}")
     jw = 2j * math.pi * lines / period_s
     gain: Complex = np.ones(len(lines), dtype=np.complex128)

@@ -104,7 +104,9 @@ def _perform(
         result.not_identified = error.reasons
         raise
     finally:
-        result.checks = tuple(PlantCheck(**vars(check)) for check in identification.checks)
+        result.checks = tuple(
+            PlantCheck(**{name: getattr(check, name) for name in PlantCheck.model_fields}) for check in identification.checks
+        )
         result.remarks = tuple(identification.remarks)
         for name, recording in identification.recordings.items():
             result.recordings[name] = measurement.keep(recording, f"identify-plant-axis{request.axis}-{name}")

@@ -26,7 +26,7 @@ from hil.report.drawn_run import (
 from hil.report.figures.arm_along_line import arm_along_line
 from hil.report.figures.arm_swinging import arm_swinging
 from hil.report.figures.directions import directions_of
-from hil.report.figures.order_map import order_maps
+from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.material import LINE_MOTION, Material
 from hil.report.style import Drawing, Real, SvgPicture
 from hil.report.tables.compare import case_name, cases, change, key_of, treatment_words
@@ -107,7 +107,9 @@ def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: in
     runs = [(run.label, run.recording) for run in drawn]
     title = f"{robot.name}, axis" if several else "Axis"
     key = f"orders-{robot.directory}-{key_of(experiment, axis)}"
-    return order_maps(key, f"{title} {axis}: which order shakes the tip", runs[:MAPPED], axis, material.f_al(axis))
+    return order_maps(
+        key, f"{title} {axis}: which order shakes the tip", runs[:MAPPED], axis, MarkedResonance(material.f_al(axis))
+    )
 
 
 def directions(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:

@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,7 +32,22 @@ RAYS = (1, 2, 4)
 """Orders that are drawn as rays over frequency."""
 
 
-def order_maps(key: str, title: str, runs: Sequence[tuple[str, Recording]], axis: int, f_al: float | None) -> Drawing | None:
+@dataclass(frozen=True)
+class MarkedResonance:
+    """Frequency at which the tip rings.
+
+    Attributes:
+        hz: The frequency; None where it is not known.
+        symbol: `f_al`, the peak of |G_al| of the closed loop, or `f_a`, the arm on its gear with the motor held.
+    """
+
+    hz: float | None
+    symbol: Literal["f_al", "f_a"] = "f_al"
+
+
+def order_maps(
+    key: str, title: str, runs: Sequence[tuple[str, Recording]], axis: int, resonance: MarkedResonance
+) -> Drawing | None:
     """Figure of the tip's vibration over motor speed and order, a panel for each run, all in one scale of colours.
 
     Args:
@@ -38,7 +55,7 @@ def order_maps(key: str, title: str, runs: Sequence[tuple[str, Recording]], axis
         title: Title of the figure.
         runs: Recordings of ramps, each with its name.
         axis: Axis that moved.
-        f_al: Peak of |G_al| in Hz; None where it is not known.
+        resonance: MarkedResonance of the axis.
     """
     maps = [(name, found) for name, recording in runs if (found := ramp_map(recording, axis)) is not None]
     top = max((float(np.nanmax(found.amplitude)) for _, found in maps), default=0.0)
@@ -58,19 +75,19 @@ def order_maps(key: str, title: str, runs: Sequence[tuple[str, Recording]], axis
                 panel.set_visible(False)
             continue
         name, found = maps[number]
-        _draw(shown[0], found, levels, f_al)
+        _draw(shown[0], found, levels, resonance)
         shown[0].set_title(name)
         if has_frequencies:
-            _draw_frequencies(shown[1], found, levels, f_al)
+            _draw_frequencies(shown[1], found, levels, resonance)
     for panel in panels[-1, :]:
         panel.set_xlabel("Motor speed (rev/s)")
     for row, panel in enumerate(panels[:, 0]):
         panel.set_ylabel("Frequency (Hz)" if has_frequencies and row % 2 else "Order k (per turn)")
     _scale(figure, panels, levels)
-    resonance = (
-        "No f_al is known of this axis, so its resonance is not drawn."
-        if f_al is None
-        else f"Dashed: k f_m = f_al = {f_al:.2f} Hz, the resonance."
+    dashed = (
+        f"No {resonance.symbol} is known of this axis, so its resonance is not drawn."
+        if resonance.hz is None
+        else f"Dashed: k f_m = {resonance.symbol} = {resonance.hz:.2f} Hz, the resonance."
     )
     below = (
         "Below the same over frequency: orders are rays, what does not turn with the motor is level. " if has_frequencies else ""
@@ -81,7 +98,7 @@ def order_maps(key: str, title: str, runs: Sequence[tuple[str, Recording]], axis
         "",
         "measured",
         "Amplitude of the vertical tip acceleration at k times the motor's angle, in windows of two turns. An error of "
-        f"order k stands at that height and swells where it crosses the resonance. {resonance} Dotted: other frequencies. "
+        f"order k stands at that height and swells where it crosses the resonance. {dashed} Dotted: other frequencies. "
         f"{below}"
         "An order is as wide as a window of two turns lets it be: about ±1.",
         style.to_svg(figure, key, is_zoomable=True),
@@ -104,23 +121,23 @@ def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
     return found if len(found.speed_rps) > 1 else None
 
 
-def _draw(panel: Axes, found: OrderMap, levels: Real, f_al: float | None) -> None:
+def _draw(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance) -> None:
     amplitude = np.ma.masked_invalid(found.amplitude.T)
     panel.contourf(found.speed_rps, found.orders, amplitude, levels=levels, colors=_colours())
     keep_map(panel, found.speed_rps, found.orders, found.amplitude, float(levels[-1]), tuple(_colours()))
     low, high = float(found.speed_rps[0]), float(found.speed_rps[-1])
     speeds = np.linspace(low, high, 200)
     for frequency in FREQUENCIES_HZ:
-        if f_al is not None and abs(math.log(frequency / f_al)) < NEAR:
+        if resonance.hz is not None and abs(math.log(frequency / resonance.hz)) < NEAR:
             continue
         _hyperbola(panel, speeds, frequency, f"{frequency:g} Hz", style.MARK)
-    if f_al is not None:
-        _hyperbola(panel, speeds, f_al, "$f_{al}$", {**style.CONSTRAINT, "color": style.VERMILLION})
+    if resonance.hz is not None:
+        _hyperbola(panel, speeds, resonance.hz, _printed(resonance), {**style.CONSTRAINT, "color": style.VERMILLION})
     panel.set(xlim=(low, high), ylim=(float(ORDERS[0]), float(ORDERS[-1])))
     panel.set_yticks(np.arange(1, math.floor(ORDERS[-1]) + 1))
 
 
-def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, f_al: float | None) -> None:
+def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance) -> None:
     """The same map over frequency k f_m: the resonance is level, an order a ray."""
     speeds, orders = np.meshgrid(found.speed_rps, found.orders, indexing="ij")
     amplitude = np.ma.masked_invalid(found.amplitude)
@@ -135,10 +152,19 @@ def _draw_frequencies(panel: Axes, found: OrderMap, levels: Real, f_al: float | 
             f"k = {order}", (float(ends[1]), order * float(ends[1])), xytext=(-2, -8), textcoords="offset points", ha="right",
             va="top", fontsize=7.5, bbox=style.NAME_GROUND,
         )  # fmt: skip
-    if f_al is not None:
-        panel.axhline(f_al, **{**style.CONSTRAINT, "color": style.VERMILLION})
-        panel.annotate("$f_{al}$", (low, f_al), xytext=(3, 2), textcoords="offset points", ha="left", va="bottom", fontsize=7.5)
+    if resonance.hz is not None:
+        panel.axhline(resonance.hz, **{**style.CONSTRAINT, "color": style.VERMILLION})
+        panel.annotate(
+            _printed(resonance), (low, resonance.hz), xytext=(3, 2), textcoords="offset points", ha="left", va="bottom",
+            fontsize=7.5,
+        )  # fmt: skip
     panel.set(xlim=(low, high), ylim=(0.0, top))
+
+
+def _printed(resonance: MarkedResonance) -> str:
+    """The symbol with its index, for matplotlib."""
+    name, index = resonance.symbol.split("_")
+    return f"${name}_{{{index}}}$"
 
 
 def _hyperbola(panel: Axes, speeds: Real, frequency_hz: float, name: str, look: style.Line) -> None:

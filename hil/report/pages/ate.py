@@ -8,7 +8,7 @@ from hil.recording import Recording
 from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.figures.ate import AteMaterial
-from hil.report.figures.order_map import order_maps
+from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.origin import origin_of
 from hil.report.pages.page import PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
@@ -87,9 +87,9 @@ def _order_maps(material: AteMaterial) -> Drawing | None:
         (f"ramps of {each.acceleration_rps_s:.3g} rev/s²", Recording.load(material.directory / each.recording))
         for each in chosen.values()
     ]
-    f_al = None if material.part is None else material.part.arm_hz
+    resonance = MarkedResonance(None if material.part is None else material.part.arm_hz, "f_a")
     title = f"Axis {material.axis}: which order shakes the tip"
-    return order_maps(f"orders-{material.axis}", title, runs, material.axis, f_al)
+    return order_maps(f"orders-{material.axis}", title, runs, material.axis, resonance)
 
 
 def _result(material: AteMaterial) -> tuple[Drawing | ReportTable | None, ...]:

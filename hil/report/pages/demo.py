@@ -165,7 +165,9 @@ def _trials(material: Material) -> ReportTable | None:
 def _order_maps(material: Material, axis: int) -> Drawing | None:
     """Order maps of the ramps of an axis, without and with the notch."""
     runs = [(run.label, run.recording) for run in pair(material, CONSTANT_ACCELERATION, axis)]
-    return order_map.order_maps(f"orders-{axis}", f"Axis {axis}: which order shakes the tip", runs, axis, material.f_al(axis))
+    return order_map.order_maps(
+        f"orders-{axis}", f"Axis {axis}: which order shakes the tip", runs, axis, order_map.MarkedResonance(material.f_al(axis))
+    )
 
 
 def _part(material: Material, folder: str) -> StoryResult | None:

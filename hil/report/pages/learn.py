@@ -7,7 +7,7 @@ from markupsafe import Markup
 from hil.recording import Recording
 from hil.report import style
 from hil.report.figures import ate as figures_ate
-from hil.report.figures.order_map import order_maps
+from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.order_names import symbol
 from hil.report.origin import origin_of
 from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
@@ -83,7 +83,7 @@ def _order_maps(result: LearningResult, directory: Path) -> list[Drawing | Repor
             if (directory / run.recording).is_file()
         ]
         title = f"Axis {axis.axis}: which order shakes the tip"
-        made.append(order_maps(f"orders-{axis.axis}", title, shown, axis.axis, axis.ate.arm_hz))
+        made.append(order_maps(f"orders-{axis.axis}", title, shown, axis.axis, MarkedResonance(axis.ate.arm_hz, "f_a")))
     return made
 
 

@@ -1,9 +1,9 @@
-"""Causes of refusals, as the refusals' words name them, and whether the robot has them."""
+"""Causes that refusals name, and whether the robot has them."""
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from hil.errors import RefusalCause
 from plant_emulator.rehearsal.many.reading import number, text, worst_tip_mm
 from plant_emulator.rehearsal.many.rows import Row
 from plant_emulator.rehearsal.without import SHORT_SYNC_S, is_true
@@ -18,19 +18,17 @@ class Cause:
     """A cause that a refusal can name.
 
     Attributes:
-        name: Name for readers.
-        pattern: Words that name it.
+        name: Name, as the error has it.
         condition: The robots that have it, in words.
         is_true: True for a robot that has it.
     """
 
-    name: str
-    pattern: re.Pattern[str]
+    name: RefusalCause
     condition: str
     is_true: Callable[[Row], bool]
 
 
-HYSTERESIS_NM, SOFT_FRACTION, LAG_S, NOISY_M_S2, COARSE_BITS, LONG_SYNC_S = 0.2, 0.1, 0.1e-3, 0.04, 15.0, 0.004
+NOISY_M_S2, COARSE_BITS, LONG_SYNC_S = 0.04, 15.0, 0.004
 """From here on (down to here, of bits) a robot counts as one that has the cause."""
 SLOW_BIT_S = 500_000
 """Bit rate down to which a bus may be full at the short SYNC period."""
@@ -67,26 +65,17 @@ NOT_EXPLAINED = "not explained"
 """What a run says of what it leaves where it knows no cause."""
 NOBODY = "no robot of the stable"
 
-CAUSES = (
-    Cause("hysteresis", re.compile(r"hysteresis|stiffens|lost motion", re.IGNORECASE),
-          f"hysteresis of {HYSTERESIS_NM:g} N·m or more", _at_least("robot_hysteresis_nm", HYSTERESIS_NM)),
-    Cause("soft wind-up", re.compile(r"wind-up|softer|softness"),
-          f"softness of {100 * SOFT_FRACTION:g} % or more", _at_least("robot_softness", SOFT_FRACTION)),
-    Cause("current loop", re.compile(r"current.loop|torque (?:that is )?felt|lag between"),
-          f"current lag of {1e3 * LAG_S:g} ms or more", _at_least("robot_current_lag_s", LAG_S)),
-    Cause("nothing to cancel", re.compile(r"nothing to cancel|no transmission error to|already (?:quiet|within)"),
-          "tip within the goal without a treatment", _is_quiet_already),
-    Cause("noise", re.compile(r"noise|noisy|coherence|standard error of|over its standard error|better sensor"),
-          f"accelerometer noise of {NOISY_M_S2:g} m/s² or more, or an encoder of {COARSE_BITS:g} bits or fewer", _is_noisy),
-    Cause("encoder", re.compile(r"encoder"), f"encoder of {COARSE_BITS:g} bits or fewer", _is_coarse),
-    Cause("bus load", re.compile(r"[Dd]oes not fit|worst-case load"),
-          f"SYNC period of {1e3 * SHORT_SYNC_S:g} ms at {SLOW_BIT_S // 1000} kbit/s", _is_loaded),
-    Cause("cycle", re.compile(r"a SYNC period of|late answer|missed|highest frequency of the band"),
-          f"SYNC period of {1e3 * LONG_SYNC_S:g} ms or more, or late answers", _is_slow),
-    Cause("limits", re.compile(r"the limit is|s are needed|end_rps|position limit|speed limit|allows no more"),
-          NOBODY, lambda row: False),
-    Cause("another source of vibration", re.compile(r"explains"), NOBODY, lambda row: False),
-    Cause("wrong axis or wiring", re.compile(r"is this the axis|does this axis move|wiring|wired"), NOBODY, lambda row: False),
+CAUSES: tuple[Cause, ...] = (
+    Cause("nothing to cancel", "tip within the goal without a treatment", _is_quiet_already),
+    Cause(
+        "noise", f"accelerometer noise of {NOISY_M_S2:g} m/s² or more, or an encoder of {COARSE_BITS:g} bits or fewer", _is_noisy
+    ),
+    Cause("encoder", f"encoder of {COARSE_BITS:g} bits or fewer", _is_coarse),
+    Cause("bus load", f"SYNC period of {1e3 * SHORT_SYNC_S:g} ms at {SLOW_BIT_S // 1000} kbit/s", _is_loaded),
+    Cause("cycle", f"SYNC period of {1e3 * LONG_SYNC_S:g} ms or more, or late answers", _is_slow),
+    Cause("limits", NOBODY, lambda row: False),
+    Cause("another source of vibration", NOBODY, lambda row: False),
+    Cause("wrong axis or wiring", NOBODY, lambda row: False),
 )  # fmt: skip
 
 
@@ -98,7 +87,7 @@ class Refusal:
         seed: Seed of the robot.
         step: The step that refused.
         words: Its words.
-        named: Names of the causes in them.
+        named: Names of the causes that it names.
         is_true: True where the robot has one of these causes.
     """
 
@@ -139,9 +128,9 @@ def _told(row: Row) -> Refusal | None:
 
 def _refusal(row: Row, step: str) -> Refusal:
     words, seed = text(row, f"{step}_words"), row.get("seed")
-    named = [cause for cause in CAUSES if cause.pattern.search(words)]
-    names = tuple(cause.name for cause in named)
-    return Refusal(seed if isinstance(seed, int) else -1, step, words, names, any(cause.is_true(row) for cause in named))
+    names = tuple(name for name in text(row, f"{step}_causes").split(", ") if name)
+    holds = any(cause.is_true(row) for cause in CAUSES if cause.name in names)
+    return Refusal(seed if isinstance(seed, int) else -1, step, words, names, holds)
 
 
 def refusals(rows: Sequence[Row]) -> list[Refusal]:

@@ -70,6 +70,21 @@ def test_a_part_that_is_identified_anew_replaces_only_itself(tmp_path: Path) -> 
     assert again.axis[2].ate.learnt_by == "adaptive"
 
 
+@pytest.mark.parametrize("source", ["identify", "sensorless", "recording", "adaptive", "probing"])
+def test_every_source_of_an_error_is_read_again(tmp_path: Path, source: str) -> None:
+    part = ERROR.model_validate(ERROR.model_dump() | {"learnt_by": source})
+    update_file(tmp_path / "model.toml", "reference", 2, part)
+    assert load_identified(tmp_path / "model.toml").axis[2].ate == part
+
+
+def test_a_source_that_nobody_knows_is_refused_with_those_that_there_are(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    update_file(path, "reference", 2, ERROR)
+    path.write_text(path.read_text().replace('"identify"', '"sensor-less"'))
+    with pytest.raises(FileError, match="sensorless"):
+        load_identified(path)
+
+
 def test_another_robots_file_is_not_written_to(tmp_path: Path) -> None:
     path = tmp_path / "model.toml"
     update_file(path, "reference", 2, PLANT)

@@ -1,5 +1,8 @@
 """Trial of designed filters: what raises the tip's peak in a window, or lowers it in none, is not used."""
 
+import itertools
+import re
+
 import numpy as np
 import pytest
 
@@ -22,10 +25,16 @@ def ramp(sizes: dict[int, float], noise: float, seed: int) -> Recording:
     return Recording({"time_s": time, "axis2_position_rad": angle, "tip_z_m_s2": tip})
 
 
-def tried(without: dict[int, float], with_it: dict[int, float], noise: float = 0.001) -> FilterTrial:
-    runs = iter(range(100))
+def tried(
+    without: dict[int, float],
+    with_it: dict[int, float],
+    noise: float = 0.001,
+    first_seed: int = 0,
+    orders: tuple[float, ...] = (),
+) -> FilterTrial:
+    runs = itertools.count(first_seed)
     scale = tip_scale(F_AL_HZ)
-    return try_filters(load_bench("reference"), scale, lambda acts: ramp(with_it if acts else without, noise, next(runs)))
+    return try_filters(load_bench("reference"), scale, lambda acts: ramp(with_it if acts else without, noise, next(runs)), orders)
 
 
 def test_filters_that_lower_an_order_are_used() -> None:
@@ -62,3 +71,21 @@ def test_a_rise_at_the_foot_of_an_order_that_the_ramp_does_not_pass_is_a_harm_on
     refused = tried(low, {**low, 2: 0.5, 1.25: 1.4})
     assert not refused.is_good
     assert "in the window of order 1 rises" in refused.words
+
+
+def test_a_rise_that_the_noise_hides_in_one_run_is_not_accepted() -> None:
+    """The standard error of one pair of runs is as large as the rise beyond what is no harm."""
+    trials = [tried({2: 1.0, 4: 0.3}, {2: 0.5, 4: 0.37}, noise=0.13, first_seed=10 * seed) for seed in range(40)]
+    errors = [trial.peaks[0].error_mm * np.sqrt(trial.runs) * (2.0 * np.pi * F_AL_HZ) ** 2 / 1e3 for trial in trials]
+    assert np.median(errors) == pytest.approx(0.055, rel=0.2), "m/s²: a rise of 0.07, of which 0.015 would be no harm"
+    assert sum(trial.is_good for trial in trials) <= 2
+
+
+def test_every_order_that_the_gear_has_is_looked_at_where_it_meets_f_al() -> None:
+    without, with_it = {2: 0.3, 3: 1.0, 4: 0.1}, {2: 0.15, 3: 1.5, 4: 0.1}
+    trial = tried(without, with_it, orders=(2.0, 3.0, 4.0))
+    assert not trial.is_good
+    found = re.search(r"window of order 3 rises from (\S+) to (\S+) ± \S+ mm", trial.words)
+    assert found is not None
+    to_mm = 1e3 / (2.0 * np.pi * F_AL_HZ) ** 2
+    assert [float(each) for each in found.groups()] == pytest.approx([1.0 * to_mm, 1.5 * to_mm], rel=0.1)

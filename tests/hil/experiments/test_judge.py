@@ -189,6 +189,16 @@ def test_an_order_that_the_ramp_does_not_reach_is_named(
     assert all("raise end_rps" in text for text in found[0])
 
 
+@pytest.mark.parametrize(("low_rev", "high_rev"), [(-50.0, 50.0), (-99.0, 1.0), (0.0, 100.0), (20.0, 120.0)])
+def test_the_travel_counts_wherever_its_zero_is(low_rev: float, high_rev: float) -> None:
+    axis = OWN.axis[2]
+    update = {"speed_rps": 40.0, "position_min_rev": low_rev, "position_max_rev": high_rev}
+    bench = with_axis(OWN, 2, axis.model_copy(update={"limits": axis.limits.model_copy(update=update)}))
+    within, beyond = unreached(bench, 2, tip_scale(22.0))
+    assert ([text.split("order ")[1][0] for text in within], [text.split("order ")[1][0] for text in beyond]) == (["2"], ["1"])
+    assert "from the middle of the travel the limits allow no more than 18.3" in beyond[0]
+
+
 def judged(peak_mm: float, found: FoundScale, noise_mm: float | None = None) -> JudgedWindow:
     return _verdict(Metrics(peak_mm, 0.0, 0.0, 12.0, 0.0, noise_mm=noise_mm), peak_mm, 0.05, found)
 

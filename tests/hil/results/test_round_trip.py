@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedArm, IdentifiedError, IdentifiedPlant
 from hil.design.notch_problem import Requirements
+from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.results.ate import AteResult
 from hil.results.base import SCHEMA, MeasuredBench, Result
 from hil.results.comparison import ComparisonResult, StoryResult
@@ -123,6 +124,22 @@ def test_what_is_written_is_read_again_by_the_same_class(kind, data, tmp_path):
     assert again == result
     assert again.dumps() == result.dumps()
     assert list(json.loads(again.dumps()))[:2] == ["schema", "kind"]
+
+
+@pytest.mark.parametrize(
+    ("error", "causes"),
+    [
+        (NotPossibleError("does not fit", ("bus load",)), ("bus load",)),
+        (UnsafeRequestError("the speed", 12.0, 10.0, "rev/s"), ("limits",)),
+        (NotPossibleError("no axis 4"), None),
+        (KeyboardInterrupt(), None),
+    ],
+)
+def test_a_failure_is_kept_with_its_causes(tmp_path, error, causes):
+    result = ExperimentsResult(bench=measured_bench())
+    result.note_failure(error)
+    result.write(tmp_path / "result.json")
+    assert load_any(tmp_path / "result.json").causes == causes
 
 
 def test_the_kinds_have_names_of_one_spelling():

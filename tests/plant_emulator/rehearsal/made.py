@@ -19,7 +19,9 @@ CURED = {
 FLOOR = {1: 0.001, 2: 0.002, 4: 0.001}
 
 
-def row(seed, kind="linear", *, ended=None, words=None, tips=None, facts=None, quantities=None, probes=None, cpu_s=10.0):
+def row(
+    seed, kind="linear", *, ended=None, words=None, causes=None, tips=None, facts=None, quantities=None, probes=None, cpu_s=10.0
+):
     """A row of a robot that is cured, but for what is given.
 
     Args:
@@ -27,6 +29,7 @@ def row(seed, kind="linear", *, ended=None, words=None, tips=None, facts=None, q
         kind: Kind of the robot.
         ended: End of a step, by its name; the others are done.
         words: Words of a step, by its name.
+        causes: Causes that a step's error names, by the step's name.
         tips: True tips of a treatment, by its name; the others are `CURED`'s.
         facts: Facts that differ.
         quantities: Truth, estimate and standard error, by the quantity's name.
@@ -38,7 +41,9 @@ def row(seed, kind="linear", *, ended=None, words=None, tips=None, facts=None, q
     assert set(record.facts) >= set(FACTS)
     for step in STEPS:
         end = (ended or {}).get(step, "done")
-        record.steps[step] = StepRecord(end, "" if end == "done" else "HilError", (words or {}).get(step, ""), 0.1)
+        record.steps[step] = StepRecord(
+            end, "" if end == "done" else "HilError", (words or {}).get(step, ""), 0.1, (causes or {}).get(step, ())
+        )
     record.tips = CURED | (tips or {})
     record.floor = dict(FLOOR)
     record.quantities = {name: QuantityRecord(*values) for name, values in (quantities or {}).items()}
@@ -51,7 +56,7 @@ def row(seed, kind="linear", *, ended=None, words=None, tips=None, facts=None, q
 REFUSED = dict.fromkeys(("ate", "learn"), "refused") | dict.fromkeys(("cancellation", "cancellation_learnt"), "skipped")
 
 
-def refused(seed, words, kind="linear", **differs):
-    """A row of a robot whose error was not identified: with these words, by both steps that could."""
+def refused(seed, words, kind="linear", causes=(), **differs):
+    """A row of a robot whose error was not identified: with these words and causes, by both steps that could."""
     ended = {**REFUSED, "design": "refused", "notch_designed": "skipped"}
-    return row(seed, kind, ended=ended, words={"ate": words, "learn": words}, **differs)
+    return row(seed, kind, ended=ended, words={"ate": words, "learn": words}, causes={"ate": causes, "learn": causes}, **differs)

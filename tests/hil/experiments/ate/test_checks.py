@@ -121,3 +121,18 @@ def test_an_error_whose_cancellation_has_acted_is_there_though_both_directions_d
     with pytest.raises(AteNotIdentifiedError, match="largest amplitude over its standard error"):
         check_estimate(wide, sensorless=False)
     check_estimate(wide, sensorless=False, has_acted=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "causes"),
+    [
+        ({"motion_scale": 0.1}, ("wrong axis or wiring",)),
+        ({"amplitude_error_arcsec": {2: 3.0, 4: 3.0}}, ("noise",)),
+        ({"explained_by_error": 0.1, "structured": 0.9}, ("another source of vibration",)),
+        ({"arm": replace(GOOD.arm, delay_s=0.2)}, ()),
+    ],
+)
+def test_a_refusal_carries_its_cause(changes, causes):
+    with pytest.raises(AteNotIdentifiedError) as error:
+        check_estimate(replace(GOOD, **changes), sensorless=False)
+    assert error.value.causes == causes

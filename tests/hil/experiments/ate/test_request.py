@@ -1,12 +1,16 @@
 """What is known of an axis before its transmission error is identified: where the accelerometer's delay is searched."""
 
+from dataclasses import replace
+
 import pytest
 
 from hil.bench.model import Identified, IdentifiedPlant
 from hil.design.ate.model import DELAY_S
-from hil.experiments.ate.request import axis_knowledge, searched_delay_s, sensing_of
+from hil.experiments.ate.request import NEARLY, Goal, axis_knowledge, searched_delay_s, sensing_of
+from hil.results.ate import AteResult
 from hil.robot_tables import PlantTable
 from tests.hil.experiments.ate.ate_rig import AXIS, blank_bench, built
+from tests.hil.experiments.ate.test_checks import GOOD
 
 PLANT = IdentifiedPlant(
     values=PlantTable(
@@ -41,3 +45,14 @@ def test_the_delay_of_the_model_file_reaches_the_fit_of_the_tip_and_not_that_of_
     tip, torque = (sensing_of(bench, AXIS, known, sensorless=sensorless) for sensorless in (False, True))
     assert (tip.delay_from_s, tip.delay_to_s) == pytest.approx((-0.001, 0.015))
     assert (torque.delay_from_s, torque.delay_to_s) == DELAY_S
+
+
+@pytest.mark.parametrize(("times", "is_usable"), [(1.5, True), (2.9, True), (3.1, False)])
+def test_standard_errors_are_a_result_up_to_three_times_what_is_asked(times, is_usable):
+    amplitude, goal = GOOD.error.amplitude_arcsec[2], Goal({2: 0.01}, {2: 90.0})
+    found = goal.missed(replace(GOOD, amplitude_error_arcsec={**GOOD.amplitude_error_arcsec, 2: times * 0.01 * amplitude}))
+    assert [miss.is_usable for miss in found if miss.name == "A_2"] == [is_usable]
+
+
+def test_the_result_says_how_far_the_goal_may_be_missed():
+    assert f"at most {NEARLY:g} times what is asked" in " ".join((AteResult.__doc__ or "").split())

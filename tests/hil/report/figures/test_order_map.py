@@ -7,7 +7,7 @@ import pytest
 
 from hil.recording import Recording
 from hil.report import style
-from hil.report.figures.order_map import order_maps, ramp_map
+from hil.report.figures.order_map import MarkedResonance, order_maps, ramp_map
 
 
 def recording(order, top_rps=10.0, period_s=0.002):
@@ -41,7 +41,18 @@ def test_a_ray_s_name_has_the_page_s_ground_below_it(monkeypatch):
     drawn = []
     monkeypatch.setattr(style, "to_svg", lambda figure, _, **options: drawn.append(figure) or "<svg/>")
     with style.styled():
-        order_maps("map", "Map", [("run", recording(2.0))], 2, 12.0)
+        order_maps("map", "Map", [("run", recording(2.0))], 2, MarkedResonance(12.0))
     names = [text for panel in drawn[0].axes for text in panel.texts if text.get_text().startswith("k = ")]
     assert [name.get_text() for name in names] == ["k = 1", "k = 2", "k = 4"]
     assert all(name.get_bbox_patch() is not None for name in names)
+
+
+@pytest.mark.parametrize(("symbol", "printed"), [("f_al", "$f_{al}$"), ("f_a", "$f_{a}$")])
+def test_a_resonance_stands_under_its_own_name(monkeypatch, symbol, printed):
+    drawn = []
+    monkeypatch.setattr(style, "to_svg", lambda figure, _, **options: drawn.append(figure) or "<svg/>")
+    with style.styled():
+        made = order_maps("map", "Map", [("run", recording(2.0))], 2, MarkedResonance(12.0, symbol))
+    names = [text.get_text() for panel in drawn[0].axes for text in panel.texts]
+    assert [name for name in names if name.startswith("$f")] == [printed, printed]
+    assert f"k f_m = {symbol} = 12.00 Hz" in made.caption
