@@ -26,8 +26,8 @@ def _imports(source: Path, roots: tuple[Path, ...]) -> tuple[Path, ...]:
     for module, several, one in _IMPORT.findall(source.read_text(encoding="utf-8")):
         imported = re.findall(r"[\w.]+", several or one)
         names += [module, *(f"{module}.{name}" for name in imported)] if module else imported
-    places = [root.joinpath(*name.split(".")) for name in names for root in roots]
-    files = [file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")]
+    stems = [root.joinpath(*name.split(".")) for name in names for root in roots]
+    files = [file for stem in stems for file in (stem.with_suffix(".py"), stem / "__init__.py")]
     return tuple(file for file in dict.fromkeys(files) if file.is_file())
 
 

@@ -306,7 +306,10 @@ def test_a_host_that_reopens_is_not_shown_what_the_last_one_left(running, port):
         assert host.read(2) == b"\r\r"
         other = running.join()
         while not port.terminal.dropped:
-            other.send(Frame(0x123, bytes(8)))
+            for _ in range(20):
+                other.send(Frame(0x123, bytes(8)))
+            other.send(READ_STATUS_WORD)  # its answer says that the bus has taken what was sent before
+            frames_until(other, 0x583)
         host.write(b"C\r")
         wait_for(lambda: not port._adapter.is_open)
         assert port.terminal.backlog <= 32

@@ -9,6 +9,7 @@ from hil.can.frame import Frame
 from plant_emulator.robots.behaviour import Behaviour
 from plant_emulator.slave import delays
 from plant_emulator.slave.delays import DelayedSlave, slave_with
+from plant_emulator.slave.dictionary import Dictionary
 from plant_emulator.slave.node import Slave
 from plant_emulator.world import World
 from tests.plant_emulator.drive.test_inputs import robot_with
@@ -43,8 +44,8 @@ def mapped(rig):
     return rig
 
 
-def test_a_drive_without_delays_is_an_ordinary_one():
-    assert type(slave_with(Behaviour(), 1, 3, Rig().drive.family.dictionary)) is Slave
+def test_a_drive_without_delays_is_an_ordinary_one(make_entries):
+    assert type(slave_with(Behaviour(), 1, 3, Dictionary(make_entries()))) is Slave
     assert type(Rig().drive.slave) is Slave
 
 
