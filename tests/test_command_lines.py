@@ -118,6 +118,7 @@ def test_every_tool_says_the_version_that_reports_say_and_waits_for_no_numbers(p
     assert versions()[DISTRIBUTION] == version_text()
 
 
+@pytest.mark.ci
 def test_what_a_run_needs_before_it_moves_loads_no_part_of_scipy():
     """`import scipy` loads a part of it where the part is first used; its filters alone take longer than all that a run needs."""
     code = (
@@ -173,6 +174,7 @@ def on_a_terminal(columns, *command):
     return shown.decode().replace("\r\n", "\n").splitlines()
 
 
+@pytest.mark.ci
 def test_list_is_a_line_for_each_profile_at_80_columns():
     from drive_profiles.family.profile import available  # noqa: PLC0415
 

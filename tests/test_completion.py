@@ -107,6 +107,7 @@ def test_a_tool_offers(words, wanted, offered):
     assert sorted(offered(*words)) == sorted(wanted)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "words",
     [("hil", "run", "--model", "b"), ("hil", "run", "--bench", "b"), ("drive-profiles", "upload", "b"), ("hil", "report", "")],
@@ -145,6 +146,7 @@ def test_other_shells_ask_in_their_own_way(shell, offered, monkeypatch):
     assert "maxon_epos4" in " ".join(offered("drive-profiles", "show", "max", shell=shell))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "words",
     [

@@ -102,6 +102,7 @@ def test_no_short_docstring_begins_with_a_relative_word(room):
     assert lines == []
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("room", ROOMS)
 def test_public_functions_of_four_parameters_explain_them(room):
     names = {name for path, tree in modules(room) for name in without_args(path, tree)}

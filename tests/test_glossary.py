@@ -51,6 +51,7 @@ def test_the_page_says_which_words_are_not_used():
     assert {"compensation", "corrector", "beat", "tick", "share", "personality", "place"} <= NEVER
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("word", sorted(NEVER))
 def test_a_word_that_is_never_used_names_nothing(word):
     found = {(where, name) for where, name in NAMES if word in words(name) and name not in ALLOWED.get(word, set())}
@@ -72,6 +73,7 @@ def commands(group: typer.main.TyperGroup, path: str) -> Iterator[tuple[str, str
         yield f"{path} {name}", " ".join([command.help or "", *(str(getattr(each, "help", "") or "") for each in options)])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("tool", ["hil.cli.main", "drive_profiles.cli.main", "plant_emulator.cli.main"])
 def test_the_help_has_none_of_them(tool):
     import importlib  # noqa: PLC0415 - the tools' own start-up is looked at elsewhere
@@ -89,6 +91,7 @@ SAME_IDEA = {"ExitStatus", "NodeError", "NoAnswerError", "SdoAbortedError"}
 """Classes of one name in two packages: the same idea, of each tool its own, or derived from one another."""
 
 
+@pytest.mark.ci
 def test_a_class_name_stands_for_one_class():
     places: dict[str, set[str]] = {}
     for package in PACKAGES:

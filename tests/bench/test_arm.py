@@ -58,6 +58,7 @@ def test_the_tip_shakes_on_the_line_as_much_as_that_of_a_planar_arm_calculated_i
     assert found[2] == pytest.approx(z_mm, abs=1e-3)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("axis", [2, None])
 def test_what_went_over_can_equals_the_simulation_of_the_arm_without_can(quiet_arm: Robot, axis: int | None) -> None:
     bench, period = load_bench("reference-arm"), 0.002

@@ -34,6 +34,7 @@ from plant_emulator.world import World
 from tests.hil.arm.reference import bench_with_arm
 
 
+@pytest.mark.ci
 def test_the_worst_direction_of_a_line_decides_and_all_directions_are_told(quiet_robot: Robot, tmp_path: Path) -> None:
     bench, out = bench_with_arm(tmp_path), tmp_path / "run"
     outcome = run_experiments(
@@ -65,6 +66,7 @@ def test_a_bench_without_an_arm_is_judged_as_before(reference_bench, quiet_robot
     assert "noise_mm" not in entry
 
 
+@pytest.mark.ci
 def test_an_arm_of_which_nothing_is_known_is_judged_in_the_band_that_its_bench_gives(tmp_path: Path) -> None:
     bench = load_bench("reference-arm")
     assert {axis.model for axis in bench.axis.values()} == {None}
@@ -88,6 +90,7 @@ def test_an_arm_of_which_nothing_is_known_is_judged_in_the_band_that_its_bench_g
     assert without.directions is not None  # areas, which need no f_al
 
 
+@pytest.mark.ci
 def test_masses_of_the_model_file_are_kept_beside_the_runs_for_the_modes_of_the_report(tmp_path: Path) -> None:
     robot, bench = load_robot("reference-arm"), load_bench("reference-arm")
     known = IdentifiedArm(
@@ -165,6 +168,7 @@ def test_a_comparison_shows_all_directions_with_every_treatment(tmp_path: Path) 
     assert "each run's worst direction" in page.replace("&#39;", "'")
 
 
+@pytest.mark.ci
 def test_the_displacement_that_is_judged_is_that_of_the_tip_itself(tmp_path: Path) -> None:
     """The emulated tip's own position, through the same band, beside the accelerometer's signal integrated twice."""
     robot, bench = load_robot("reference-arm"), load_bench("reference-arm")

@@ -49,6 +49,7 @@ def run_line(bench: Bench, robot: Robot) -> np.ndarray:
     return np.column_stack(list(result.recording.columns.values()))
 
 
+@pytest.mark.ci
 def test_a_run_by_the_arm_is_the_run_by_the_planar_chain(reference_bench: Bench, reference_robot: Robot, tmp_path: Path) -> None:
     by_chain, by_arm = run_line(reference_bench, reference_robot), run_line(bench_with_arm(tmp_path), reference_robot)
     np.testing.assert_allclose(by_arm, by_chain, rtol=0.0, atol=1e-9)
@@ -68,6 +69,7 @@ def test_a_line_that_does_not_start_at_home_is_begun_where_it_starts(reference_r
     assert max(abs(channel.world.axes.plant_state["motor_angle_rad"])) < 0.05  # and everything went home again
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("line", "words"),
     [

@@ -106,6 +106,7 @@ def turned(cancellation: Cancellation, degrees: float) -> Cancellation:
     return replace(cancellation, tables=changed)
 
 
+@pytest.mark.ci
 def test_the_line_motion_loses_its_vibration() -> None:
     session = session_of(robot_of(QUIET), 0.002)
     motion = line_motion(session.bench, 0.002)
@@ -114,6 +115,7 @@ def test_the_line_motion_loses_its_vibration() -> None:
     assert after.spectrum_area < 0.07 * before.spectrum_area
 
 
+@pytest.mark.ci
 def test_drives_that_cancel_by_themselves_need_nothing_over_the_bus() -> None:
     session = session_of(robot_of(QUIET), 0.002)
     before = line(session, None)
@@ -172,6 +174,7 @@ def test_in_a_line_motion_the_wrong_order_of_the_wrong_axis_is_found() -> None:
     assert choose(session, tables, motion).refusal is not None
 
 
+@pytest.mark.ci
 def test_what_is_refused_leaves_the_notch() -> None:
     session = session_of(robot_of(NOISY), 0.002)
     session.bench = with_motion(session.bench, acceleration_rps_s=8.0, end_rps=8.0, tail_s=0.1)
@@ -247,6 +250,7 @@ def test_learning_takes_the_motors_inertia_from_another_model_file_or_a_data_she
     assert cancellation_for(blank, sheet, (3,), 0.002).parts == (Part(3, 2), Part(3, 4))
 
 
+@pytest.mark.ci
 def test_learning_keeps_its_passes_and_stores_each_axis(tmp_path: Path) -> None:
     world = World(robot_of(QUIET))
     bench = without_ate(with_bus(load_bench("reference"), sync_period_s=0.002))
@@ -270,6 +274,7 @@ def test_learning_keeps_its_passes_and_stores_each_axis(tmp_path: Path) -> None:
             learn_on_bus(of, asked, tmp_path / "again", tmp_path / "model.toml", channel=InProcessChannel(world))
 
 
+@pytest.mark.ci
 def test_what_has_learnt_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A drive that turns its additions round: the second pass, with half of it, is worse than the first."""
     session = session_of(robot_of(QUIET), 0.002)
@@ -293,6 +298,7 @@ class Late:
         return old
 
 
+@pytest.mark.ci
 def test_two_passes_learn_what_cancels(tmp_path: Path) -> None:
     session = session_of(robot_of(QUIET), 0.002)
     session.bench = without_ate(session.bench)

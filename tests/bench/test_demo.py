@@ -64,6 +64,7 @@ def test_result_has_the_promised_shape(demo: tuple[Path, dict[str, Any]]) -> Non
         assert set(claim) == {"claim", "source", "paper", "bench", "unit", "holds"}
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("axis", [2, 3])
 def test_the_notch_brings_each_axis_within_the_specification(demo: tuple[Path, dict[str, Any]], axis: int) -> None:
     (without,) = runs(demo, axis=axis, loop="drive", treatment="none", order=2)
@@ -132,6 +133,7 @@ def test_recordings_name_their_units(demo: tuple[Path, dict[str, Any]]) -> None:
         assert all(re.search(r"_(s|rad|nm|hz|m_s2)$", name) or name == "missing" for name in header)
 
 
+@pytest.mark.ci
 def test_the_bus_log_is_a_candump_log_that_python_can_reads(demo: tuple[Path, dict[str, Any]]) -> None:
     out, result = demo
     counts: dict[int, int] = {}

@@ -359,6 +359,7 @@ def test_a_fault_is_found_and_named(tmp_path, frames, kind):
         assert np.all(np.isfinite(first.picture.y))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("swing", "words"),
     [

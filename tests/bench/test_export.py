@@ -159,6 +159,7 @@ def test_a_log_becomes_the_same_numbers_each_pdo_with_its_own_stamps(folder, rec
     place_of(column.drop_null().to_numpy(), recording.axis(3, "position_rad"))
 
 
+@pytest.mark.ci
 def test_without_a_bench_file_the_scale_is_that_of_the_overheard_objects(folder):
     known = mapping_of(folder, Known(bench(), {}))
     alone = mapping_of(folder, Known(None, {}))

@@ -190,6 +190,7 @@ def test_noise_that_hides_everything(reference_bench: Bench, reference_robot: Ro
         identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, noise_m_s2=5.0), AteRequest(2))
 
 
+@pytest.mark.ci
 def test_a_ramp_that_ends_before_the_resonance(reference_bench: Bench, reference_robot: Robot) -> None:
     bench = ignorant(reference_bench)
     table = bench.axis[2]

@@ -51,6 +51,7 @@ def test_over_can_the_plant_is_found_from_nothing(directory: Path) -> None:
     assert "not_restored" not in result
 
 
+@pytest.mark.ci
 def test_the_model_file_has_the_plant(directory: Path) -> None:
     plant = load_identified(directory / "model.toml").axis[3].plant
     assert plant is not None
@@ -67,6 +68,7 @@ def test_the_recordings_are_kept(directory: Path) -> None:
     assert recording.axes == (3,)
 
 
+@pytest.mark.ci
 def test_the_report_shows_fit_confidence_and_friction(directory: Path) -> None:
     page = write_plant_report(directory).read_text(encoding="utf-8")
     for key in ("frequency-response", "tip-response", "friction", "parameters", "checks", "What these data cannot tell"):

@@ -81,6 +81,7 @@ def without_feed(monkeypatch: pytest.MonkeyPatch, session: Session) -> None:
     monkeypatch.setattr(axis, "profile", axis.profile.model_copy(update={"encoder": encoder}))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("hidden", OPTIONAL.values(), ids=OPTIONAL)
 @pytest.mark.parametrize("code", [SdoAbortCode.NO_OBJECT, SdoAbortCode.NO_SUBINDEX])
 def test_a_drive_without_an_optional_object_runs(
@@ -121,6 +122,7 @@ def test_a_bench_file_that_contradicts_the_drive_is_refused(
 MISSING = (Object.ABORT_CONNECTION_OPTION, Object.MAX_TORQUE, Object.INTERPOLATION_PERIOD)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("hidden", "at_once"),
     [

@@ -28,6 +28,7 @@ class TestC:
     def test_fast_c_is_within_its_bound(self):
         agreed("C", plant.agreement(plant.compiled_c()), plant.SAME_STEPS)
 
+    @pytest.mark.ci
     def test_a_constant_wrong_in_its_seventh_digit_breaks_the_bound(self):
         with pytest.raises(DisagreementError, match=r"^C: its result differs by .*, the bound is 1e-09$"):
             agreed("C", plant.agreement(plant.compiled_c(declarations=WRONG), duration_s=1.0), plant.SAME_STEPS)

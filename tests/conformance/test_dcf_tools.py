@@ -90,6 +90,7 @@ def test_dcfchk_is_strict(tmp_path):
     assert "0.5" in said
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", NAMES)
 def test_dcfchk_has_nothing_to_say_of_the_eds_of_an_emulated_node(tmp_path, name):
     device = emulated_device(name)

@@ -1,5 +1,7 @@
 """The example of docs/other-programs.md for the `canopen` package, letter by letter, on the robot that the page serves."""
 
+import pytest
+
 from tests.docs.pages import ROOT, blocks_in, commands_of
 
 PAGE = ROOT / "docs" / "other-programs.md"
@@ -15,6 +17,7 @@ exec(compile(open("example.py").read(), "example.py", "exec"))
 """
 
 
+@pytest.mark.ci
 def test_the_example_of_the_canopen_package_enables_and_homes_a_drive(shell):
     [example] = [block.body for block in blocks_in(PAGE) if block.language == "python"]
     serve, sheets = (

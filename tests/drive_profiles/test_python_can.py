@@ -37,6 +37,7 @@ def python(*arguments):
     return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=60, check=False)
 
 
+@pytest.mark.ci
 def test_a_program_loads_what_mf4_files_need_when_it_opens_one(tmp_path):
     log_of(tmp_path / "log.mf4", [(0x181, b"\1\2\3"), (0x80, b"")])
     done = python("-c", PROGRAM, str(tmp_path / "log.mf4"))
@@ -44,11 +45,13 @@ def test_a_program_loads_what_mf4_files_need_when_it_opens_one(tmp_path):
     assert done.stdout.strip() == "[(385, '010203'), (128, '')]"
 
 
+@pytest.mark.ci
 def test_asammdf_itself_is_imported_as_ever():
     done = python("-c", "from drive_profiles.python_can import postpone_mf4; postpone_mf4(); import can, asammdf; asammdf.MDF")
     assert (done.stderr, done.returncode) == ("", 0)
 
 
+@pytest.mark.ci
 def test_the_trace_doctor_reads_an_mf4_log(tmp_path):
     log_of(tmp_path / "log.mf4", [(0x80, b""), (0x181, bytes(8))] * 500)
     done = python("-m", "hil", "explain", str(tmp_path / "log.mf4"))

@@ -427,6 +427,7 @@ def test_the_canopen_packages_402_profile_enables_the_drive_and_disables_it(stra
     assert rig.drive.state is State.SWITCH_ON_DISABLED
 
 
+@pytest.mark.ci
 def test_the_canopen_package_is_told_of_a_fault_and_resets_it(stranger):
     rig, node = stranger
     node.setup_402_state_machine()

@@ -61,6 +61,7 @@ def test_the_example_of_the_page_holds_as_it_stands(run: Run, pytester: pytest.P
     assert not (pytester.path / ".hil-traces").exists(), "what passes leaves nothing"
 
 
+@pytest.mark.ci
 def test_the_example_holds_on_a_bus_with_bit_times(run: Run) -> None:
     (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "testing.md").read_text(), re.DOTALL)
     run(example, "--bitrate", "1M", "--axis", "3").assert_outcomes(passed=3)
@@ -130,6 +131,7 @@ def test_a_bus_that_is_not_there_skips_or_fails_as_asked(
     result.stdout.fnmatch_lines(["*no bus at local:/nowhere/robot.sock*"])
 
 
+@pytest.mark.ci
 def test_a_real_robot_does_not_move_unless_that_is_allowed(
     run, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -221,6 +223,7 @@ def test_bench_and_robot_can_be_changed_by_their_user(run: Run, pytester: pytest
     ).assert_outcomes(passed=1)
 
 
+@pytest.mark.ci
 def test_a_test_leaves_its_drive_disabled_and_as_it_was(run: Run, pytester: pytest.Pytester) -> None:
     pytester.makeconftest(
         "import pytest\n"
@@ -383,6 +386,7 @@ def test_equal_tests_leave_equal_traces(run: Run) -> None:
     assert len(logs[0]) > 1000
 
 
+@pytest.mark.ci
 def test_a_run_is_kept_with_its_recording(run: Run) -> None:
     result = run(
         "from hil.experiments.motions import constant_acceleration\n"

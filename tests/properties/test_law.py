@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
@@ -37,6 +38,7 @@ def notches(draw):
 cascades = st.builds(Cascade, st.floats(0.0, 1e3), st.floats(0.0, 1e2), st.floats(0.0, 1e4), st.floats(0.1, 1e4))
 
 
+@pytest.mark.ci
 @relaxed
 @given(st.floats(0.1, 400.0), st.floats(0.0, 50.0), dampings, dampings, periods)
 def test_every_frozen_filter_is_stable_with_its_zeros_inside_and_passes_dc_as_it_is(zero, offset, rn, rd, period):

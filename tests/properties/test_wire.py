@@ -358,6 +358,7 @@ def outcome(offers, stops, seed, look=False):
     return delivered, wire.take_reports(), wire.statistics, accepted
 
 
+@pytest.mark.ci
 @relaxed
 @given(traffic, st.lists(st.integers(0, 4_000_000), max_size=20), st.integers(0, 3))
 def test_equal_seeds_give_equal_results_however_time_is_cut_and_looked_at(offers, stops, seed):
@@ -365,6 +366,7 @@ def test_equal_seeds_give_equal_results_however_time_is_cut_and_looked_at(offers
     assert outcome(offers, (), seed) == outcome(offers, stops, seed, look=True)
 
 
+@pytest.mark.ci
 @relaxed
 @given(traffic, st.integers(0, 3))
 def test_faults_never_make_frames_overlap_nor_the_bus_busier_than_time(offers, seed):

@@ -114,6 +114,7 @@ def test_what_cannot_be_written_is_aborted_with_the_standards_code(node):
         assert refused.value.code == code
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("size", [1, 7, 889, 1000])
 def test_block_transfers_go_both_ways(node, size):
     text = b"0123456789abcdef" * 64
@@ -230,6 +231,7 @@ def test_a_dcf_of_ours_is_loaded_and_every_value_is_there(network, sheet, tmp_pa
         assert served.drive.slave.dictionary.read(*write.address) == write.data
 
 
+@pytest.mark.ci
 def test_a_counted_sync_and_a_time_stamp_are_taken(node, network, served):
     node.sdo[0x1019].raw = 4
     node.nmt.state = "OPERATIONAL"

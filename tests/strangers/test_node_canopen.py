@@ -49,6 +49,7 @@ def test_it_reads_and_writes_by_blocks_of_every_kind_of_length(master):
     assert values(found, "small") == [sizes[-1]]
 
 
+@pytest.mark.ci
 def test_it_commands_every_state_sees_the_heartbeats_and_their_end(master):
     found = master("nmt")
     [states] = values(found, "states")

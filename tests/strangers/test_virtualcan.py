@@ -193,6 +193,7 @@ def test_a_master_in_lock_step_leads_and_the_client_follows(served):
 # -- bounds ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_who_does_not_read_is_dropped_and_the_others_go_on(served, monkeypatch):
     monkeypatch.setattr(virtualcan, "MAX_BACKLOG_BYTES", 1 << 12)
     silent, busy, reader = served.join(), served.join(), served.join()
@@ -250,6 +251,7 @@ def start(tmp_path, *options):
     )  # fmt: skip
 
 
+@pytest.mark.ci
 def test_the_command_prints_the_port_answers_there_and_ends(tmp_path):
     process = start(tmp_path, "--virtualcan", "0", "--wall", "--until-stdin-closes")
     line = ""

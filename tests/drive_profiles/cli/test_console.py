@@ -42,6 +42,7 @@ def test_every_error_has_an_exit_status_of_the_table():
         assert ExitStatus(one.exit_code).sentence, one
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("words", [[], *READING, *WRITING, *ELSE], ids=" ".join)
 def test_help_lists_exit_statuses_of_the_table_in_their_order(words):
     found = listed(words)
@@ -50,6 +51,7 @@ def test_help_lists_exit_statuses_of_the_table_in_their_order(words):
     assert set(found) <= set(ExitStatus)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("words", [*READING, *WRITING], ids=" ".join)
 def test_help_of_a_command_on_a_bus_lists_the_status_of_every_error_but_of_realising(words):
     expected = {one.exit_code for one in error_classes()} - {ExitStatus.INTERNAL, ExitStatus.NOT_REALISABLE}

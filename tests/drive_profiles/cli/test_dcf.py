@@ -42,6 +42,7 @@ def pulled(folder):
     return ParameterSet.load(folder / "a.toml")
 
 
+@pytest.mark.ci
 def test_a_dcf_of_a_pulled_set_says_whose_it_is(pulled, folder):
     description = eds.load(folder / "a.dcf")
     assert (description.own_node_id, description.serial_number) == (2, pulled.header.serial_number)
@@ -66,6 +67,7 @@ def test_a_set_goes_to_a_dcf_and_back_without_loss(pulled, folder):
         assert run("diff", *pair).stdout == "no difference\n"
 
 
+@pytest.mark.ci
 def test_lines_in_units_and_raw_lines_of_the_same_bytes_are_no_difference(pulled, folder):
     run("convert", "a.toml", "--eds", EDS, "--out", "a.cdcf")
     run("convert", "a.cdcf", "--out", "raw.toml", "--profile", "emulated_drive", "--eds", EDS)

@@ -40,6 +40,7 @@ def run(*arguments, code=0):
     return result
 
 
+@pytest.mark.ci
 def test_watch_gives_a_line_a_reading_and_ends_by_itself():
     lines = run("watch", "0x6064", "0x6041", "--node", 2, "--count", 3, "--every-s", 0.01, "--json").stdout.splitlines()
     documents = [json.loads(line) for line in lines]
@@ -121,6 +122,7 @@ def test_nmt_does_not_take_torque_away_unawares(robot):
         bus.port(5).write((0x6040, 0), b"\0\0")
 
 
+@pytest.mark.ci
 def test_a_backup_of_all_nodes_is_a_file_each_that_the_drive_verifies(folder):
     index = json.loads(run("backup", "--out", "kept", "--json").stdout)
     assert [each["node"] for each in index["nodes"]] == [2, 3, 5, 16]
@@ -139,6 +141,7 @@ def test_a_node_that_is_silent_is_said_and_nothing_is_written(folder):
     assert not (folder / "kept").exists()
 
 
+@pytest.mark.ci
 def test_what_is_not_as_delivered_is_shown_with_both_values():
     before = json.loads(run("diff", "--default", "--eds", EDS, "--node", 2, "--json", code=7).stdout)
     run("set", "following_error_timeout_s=0.123", "--node", 2, "--yes")

@@ -101,6 +101,7 @@ def test_scan_finds_every_node_with_its_profile():
         run("scan", "--nodes", wrong, code=2)
 
 
+@pytest.mark.ci
 def test_the_first_line_says_which_bus_is_taken_and_who_names_it(robot, monkeypatch):
     assert run("info", "--node", "5").stderr.splitlines()[0] == f"bus {robot}, from HIL_BUS"
     monkeypatch.setenv("HIL_BUS", "local:/nowhere/else.sock")
@@ -322,6 +323,7 @@ def test_a_snapshot_goes_to_another_device_only_if_that_is_forced(folder):
     assert held("position_gain_per_s") != 5.5
 
 
+@pytest.mark.ci
 def test_the_newest_journal_of_a_folder_is_the_snapshot(folder):
     before = held("position_gain_per_s")
     first = run("set", "position_gain_per_s=5.5", "--node", "2", "--yes")
@@ -342,6 +344,7 @@ def test_what_is_no_parameter_set_or_no_file_is_refused(folder):
     assert not (folder / "-").exists()
 
 
+@pytest.mark.ci
 def test_a_set_of_another_device_is_refused_whatever_is_answered(folder):
     run("pull", "--node", "2", "--out", "pulled.toml")
     text = (folder / "pulled.toml").read_text()
@@ -404,6 +407,7 @@ def test_an_interrupt_before_anything_is_written_says_only_that(monkeypatch):
     assert result.stderr.splitlines()[-1] == "interrupted"
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [

@@ -130,6 +130,7 @@ def test_text_with_some_nuls_is_not_taken_for_utf_16():
     assert eds.loads(file() + b"\0\0\0\0", "a.eds").warnings == ()
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(not CORPUS.is_dir(), reason=f"no folder of vendors' files at {CORPUS}")
 @pytest.mark.parametrize(
     ("name", "wanted"),

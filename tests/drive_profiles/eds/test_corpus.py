@@ -137,6 +137,7 @@ def test_values_are_written_without_touching_anything_else(path):
     }
 
 
+@pytest.mark.ci
 @each_file
 def test_the_sync_period_s_exponent_is_small_and_negative(path):
     dictionary = description_of(path, None).dictionary

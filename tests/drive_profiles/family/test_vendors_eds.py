@@ -145,6 +145,7 @@ def test_parameters_are_as_the_vendor_states_them(name):
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.ci
 @each_file
 def test_limits_are_no_tighter_than_the_products_own(name):
     """Else what the drive holds may not go back; what the first product's file does not decide is no limit of a file."""

@@ -75,6 +75,7 @@ def test_hostile_concise_dcfs_are_refused(tmp_path, data):
         formats.read(path, CATALOGUE)
 
 
+@pytest.mark.ci
 def test_convert_names_what_it_needs_to_know_of_the_drive_and_never_assumes_it(tmp_path):
     source, out = tmp_path / "set.toml", tmp_path / "set.cdcf"
     SET.save(source)

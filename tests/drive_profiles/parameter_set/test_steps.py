@@ -143,6 +143,7 @@ def test_where_everything_is_there_already_nothing_is_written(held):
     assert steps(held, held) == []
 
 
+@pytest.mark.ci
 @given(pdos(), pdos())
 def test_what_is_no_pdo_comes_first_once_each_and_in_the_order_of_the_set(old, new):
     found = [place for place, _ in steps(new, old)]
@@ -151,6 +152,7 @@ def test_what_is_no_pdo_comes_first_once_each_and_in_the_order_of_the_set(old, n
     assert all(pdo_of(place) is not None for place in found[len(others) :])
 
 
+@pytest.mark.ci
 @given(pdos(), pdos(), st.integers(0))
 def test_a_pdo_does_not_exist_while_it_is_changed_and_a_run_that_is_cut_can_be_gone_back_from(old, new, at):
     forth = steps(new, old)
@@ -162,6 +164,7 @@ def test_a_pdo_does_not_exist_while_it_is_changed_and_a_run_that_is_cut_can_be_g
     assert model.held == old
 
 
+@pytest.mark.ci
 @given(pdos(), pdos())
 def test_a_pdo_that_is_as_it_shall_be_is_not_touched(old, new):
     written = {pdo_of(place) for place, _ in steps(new, old)}

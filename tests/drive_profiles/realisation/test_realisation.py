@@ -275,6 +275,7 @@ class TestWordLength:
         assert nearest.reasons == error.reasons
         assert max(abs(nearest.deviations.zero_hz), abs(nearest.deviations.pole_hz)) > 0.05
 
+    @pytest.mark.ci
     @pytest.mark.parametrize(
         ("rate_hz", "bits", "passing"), [(1e3, 15, 26), (4e3, 15, 11), (16e3, 15, 1), (4e3, 18, 26), (16e3, 24, 26)]
     )

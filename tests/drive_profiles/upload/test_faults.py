@@ -29,6 +29,7 @@ def changed(after):
     return {place for place in BEFORE if BEFORE[place] != after[place]}
 
 
+@pytest.mark.ci
 def test_a_clean_upload_writes_sixty_objects_and_nothing_else(after):
     contents, _ = after
     differing = changed(contents)

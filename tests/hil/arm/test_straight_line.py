@@ -48,6 +48,7 @@ def test_a_line_in_the_arms_plane_is_that_of_the_planar_chain():
     assert float(np.max(np.abs(found - in_six(planar.joints(times))))) < 1e-12
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("is_free", [False, True])
 def test_the_tip_stays_on_the_line_and_its_axes_as_they_were(is_free):
     wanted = line((0.55, 0.22, 0.38), is_free=is_free)
@@ -75,6 +76,7 @@ def test_a_tool_turns_at_the_pace_of_the_way():
     assert np.allclose(frames[2], turned, rtol=0.0, atol=1e-7)
 
 
+@pytest.mark.ci
 def test_a_line_out_of_the_workspace_is_refused_where_it_leaves_it():
     with pytest.raises(LineError, match=r"does not bring its tip to x = 0\.87") as caught:
         line((1.2, 0.0, 0.45)).joints(np.zeros(1))

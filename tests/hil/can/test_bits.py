@@ -224,6 +224,7 @@ LINUX_HEADER = {False: 22, True: 41}
 LINUX_CRC_FIELD = {17: 28, 21: 33}
 
 
+@pytest.mark.ci
 @given(st.integers(0, 0x7FF), st.sampled_from(FD_LENGTHS), st.booleans(), st.booleans(), st.data())
 def test_a_can_fd_frame_lies_between_the_least_and_the_most_that_linux_counts(can_id, length, is_extended, brs, draw):
     data = draw.draw(st.binary(min_size=length, max_size=length) | st.just(bytes(length)))
@@ -268,6 +269,7 @@ def sent_by_fd(can_id, data, is_extended, brs):
     return sent
 
 
+@pytest.mark.ci
 def test_5_000_random_can_fd_frames_are_what_a_second_implementation_sends():
     chance = random.Random(2015)
     for _ in range(5_000):

@@ -32,6 +32,7 @@ def test_off_a_terminal_tables_have_a_title_each_and_a_line_for_each_row():
     assert not any("─" in line for line in lines)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("options", "status"),
     [

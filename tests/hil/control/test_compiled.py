@@ -77,6 +77,7 @@ def folder_of_the_control_period(folder):
     return run(folder, "-c", program).strip()
 
 
+@pytest.mark.ci
 def test_the_control_period_is_compiled_anew_after_an_edit_of_any_source_that_it_inlines(copied):
     before = {folder_of_the_control_period(copied)}
     for source in SOURCES:

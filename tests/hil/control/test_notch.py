@@ -137,6 +137,7 @@ def test_a_notch_that_is_off_passes_everything(speed_rps):
     assert Bank(NO_NOTCH).at(speed_rps, 0.0).run(np.full(u.shape, speed_rps), u).tolist() == u.tolist()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("mode", [NOTCH_SWITCHED, NOTCH_TRAPEZOID])
 @pytest.mark.parametrize("speed_rps", [4.0, 4.3, 5.92, 9.0])
 def test_a_constant_torque_passes_unchanged_through_a_filter_that_starts(speed_rps, mode):

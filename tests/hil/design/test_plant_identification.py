@@ -55,6 +55,7 @@ def test_the_plant_comes_back_from_a_closed_loop_with_noise() -> None:
     assert found.misfit == pytest.approx(1.0, abs=0.25)
 
 
+@pytest.mark.ci
 def test_standard_errors_are_what_the_scatter_over_seeds_is() -> None:
     truth = {
         "gear_stiffness_nm_rad": PLANT.gear_stiffness_nm_rad,
@@ -94,6 +95,7 @@ def test_more_noise_means_less_coherence_and_larger_errors() -> None:
     assert loud.parameters["resonance_hz"].standard_error > 3.0 * quiet.parameters["resonance_hz"].standard_error
 
 
+@pytest.mark.ci
 def test_the_circle_of_confidence_holds_the_true_response() -> None:
     inside = []
     for seed in range(8):

@@ -62,6 +62,7 @@ def worst(loops, notches, words, speeds):
     return float(found.sensitivity_peak[rows].max()), float(found.phase_margin_deg[rows].min())
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("number", "words", "m_s", "phase_deg"),
     [
@@ -135,6 +136,7 @@ def test_the_emulated_arm_shows_the_sensitivity_that_is_reckoned(notch, speed, o
     np.testing.assert_allclose(measured, reckoned, rtol=0.02)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("percent", [0.0, 3.0])
 def test_the_designed_filter_keeps_1_7_in_every_posture_of_the_line_and_table_3_does_not(percent):
     loops = loops_of(believed(), 2, percent).loops
@@ -143,6 +145,7 @@ def test_the_designed_filter_keeps_1_7_in_every_posture_of_the_line_and_table_3_
     assert worst(loops, (TABLE_3[2],), (), speeds)[0] > 2.1
 
 
+@pytest.mark.ci
 def test_a_given_filter_that_breaks_a_margin_on_the_line_is_refused_with_the_place(tmp_path):
     outcome = design(believed(), NotchDesignRequest(2, is_given=True, uncertainty_percent=0.0))
     assert outcome.failure is not None
@@ -208,6 +211,7 @@ def test_the_gear_of_several_modes_is_their_sum():
     assert damping == pytest.approx(lost, rel=0.1)  # the modes do not diagonalise it
 
 
+@pytest.mark.ci
 def test_masses_identified_from_three_postures_do_instead_of_bodies():
     known = model_file()
     identified = known.with_arm(identify_arm(BENCH, known).arm)

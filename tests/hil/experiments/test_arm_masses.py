@@ -49,6 +49,7 @@ def model_file(postures=OTHERS, seed=1, axes=AXES, beside_deg=2.0):
     return Identified(robot=BENCH.name, axis=found)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_three_postures_predict_the_dips_along_the_line_within_two_per_cent_and_within_their_errors(seed):
     result = identify_arm(BENCH, model_file(seed=seed))
@@ -64,6 +65,7 @@ def test_three_postures_predict_the_dips_along_the_line_within_two_per_cent_and_
         assert stiffness == pytest.approx(load_robot("reference-arm").axis[axis].gear_stiffness_nm_rad, rel=0.03)
 
 
+@pytest.mark.ci
 def test_the_bench_files_bodies_are_held_against_what_was_measured():
     arm = load_robot("reference-arm").arm
     right = identify_arm(BENCH.model_copy(update={"arm": arm}), model_file())
@@ -86,6 +88,7 @@ def test_too_few_postures_are_refused_and_those_that_do_not_do_name_one_more():
     assert any(re.search("dips along the line are known to .* % only: .*" + added, note) for note in nearly.notes)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("alike", [((0, 0, 0), (0, 20, 0), (0, 40, 0)), ((0, 0, 0), (0, 5, 5), (0, 10, 10))])
 def test_postures_that_lie_close_end_in_the_right_masses_all_the_same(alike, seed):
@@ -99,6 +102,7 @@ def test_postures_that_lie_close_end_in_the_right_masses_all_the_same(alike, see
         assert np.all(off < 4.0 * np.array(row.standard_error_hz) + 1e-3 * true)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("factor", "is_refused"), [(1.06, False), (1.2, True)])
 def test_postures_that_contradict_each_other_are_said_to_and_refused_where_no_masses_explain_them(factor, is_refused):
     known = model_file()
@@ -159,6 +163,7 @@ def test_a_posture_that_is_no_list_of_angles_is_a_wrong_option():
     assert "--posture-deg '2:30': give joint angles like 2=30,3=-90" in done.output
 
 
+@pytest.mark.ci
 def test_the_command_writes_the_masses_into_the_model_file_and_a_page(tmp_path):
     model = tmp_path / "model.toml"
     model_file().save(model)

@@ -165,6 +165,7 @@ sizes = st.integers(0, 8)
 cycles = st.builds(cycle_of, st.integers(1, 6), sizes, sizes, sensor=st.sampled_from((0, 6)))
 
 
+@pytest.mark.ci
 @given(cycles)
 @settings(max_examples=50)
 def test_bits_are_nominal_typical_worst_in_that_order(cycle):

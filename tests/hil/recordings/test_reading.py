@@ -124,6 +124,7 @@ def test_a_number_with_stamps_that_go_back_is_refused(tmp_path):
         read_recording(tmp_path / "a.mf4", Said(), 1)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("left", [0.3, 0.6, 0.99])
 def test_an_mf4_file_that_was_cut_off_is_refused_and_prints_nothing_else(tmp_path, capsys, left):
     with asammdf.MDF() as file:
@@ -184,6 +185,7 @@ def test_increments_are_a_unit_with_a_sign(text, factor):
     assert unit_of("load", text).factor == pytest.approx(2.0 * np.pi / factor)
 
 
+@pytest.mark.ci
 def test_channels_of_an_mf4_file_are_read_at_the_stamps_of_the_motor(tmp_path):
     with asammdf.MDF() as file:
         file.append([asammdf.Signal(MOTOR, TIME, name="motor_rad")])

@@ -64,6 +64,7 @@ def test_a_time_out_gives_none(bus, monkeypatch):
     assert bus.recv(0) is None
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "message",
     [
@@ -139,6 +140,7 @@ def test_where_nobody_serves_python_can_is_told_what_to_do(tmp_path):
         can.Bus(interface="hil_local", channel=str(tmp_path / "nobody.sock"))
 
 
+@pytest.mark.ci
 def test_a_notifier_hears_everything(bus, either):
     heard = can.BufferedReader()
     notifier = can.Notifier(bus, [heard])
@@ -194,6 +196,7 @@ def network(running):
     network.disconnect()
 
 
+@pytest.mark.ci
 def test_a_canopen_network_reads_and_writes_the_drives_objects(network, running):
     node = network.add_node(3, str(EDS))
     assert node.sdo["Manufacturer device name"].raw == "Emulated servo drive"
@@ -215,12 +218,14 @@ def test_a_canopen_network_hears_heartbeats_and_starts_the_node(network, running
     assert node.nmt.wait_for_heartbeat(5.0) == "OPERATIONAL"
 
 
+@pytest.mark.ci
 def test_a_canopen_network_finds_the_nodes_by_scanning(network):
     network.scanner.search(20)
     wait_for(lambda: {3, 16} <= set(network.scanner.nodes))
     assert sorted(network.scanner.nodes) == [3, 16]
 
 
+@pytest.mark.ci
 def test_a_canopen_network_enables_the_drive_by_its_402_profile(network, running):
     node = canopen.BaseNode402(3, str(EDS))
     network.add_node(node)

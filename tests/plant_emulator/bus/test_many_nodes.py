@@ -48,6 +48,7 @@ def test_127_nodes_boot_on_the_ideal_bus_lowest_identifier_first(world):
     assert all(drive.slave.nmt_state is NmtState.PRE_OPERATIONAL for drive in world.drives.values())
 
 
+@pytest.mark.ci
 def test_on_a_bus_with_bit_times_127_boot_ups_arbitrate_and_none_is_lost(world):
     made = TimedBus(world, EmulatedWire(1_000_000, now_ns=world.now))
     made.wire.attach(CLIENT)
@@ -69,6 +70,7 @@ def test_every_one_of_127_nodes_answers_who_it_is_and_each_has_an_identity_of_it
     assert len(set(serials)) == len(NODES)
 
 
+@pytest.mark.ci
 def test_127_nodes_sample_at_one_sync_and_their_tpdos_leave_in_order(world):
     channel = InProcessChannel(world, medium_for(world, 1_000_000))
     channel.send(RESET)

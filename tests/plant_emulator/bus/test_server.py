@@ -456,6 +456,7 @@ def test_it_lives_as_long_as_its_standard_input_is_open(serve):
     process.stdin = None  # communicate must not flush it again
 
 
+@pytest.mark.ci
 def test_it_ends_at_once_where_nobody_holds_its_standard_input(serve):
     process, path = serve("--until-stdin-closes", wait=False)
     output, errors = process.communicate(timeout=60)

@@ -147,6 +147,7 @@ def test_the_simplest_medium_that_does_what_is_asked_for():
     assert medium_for(world, None, wall=True).bitrate is None
 
 
+@pytest.mark.ci
 def test_equal_worlds_behind_equal_wires_hear_equal_frames_at_equal_instants():
     def history():
         made = bus(

@@ -46,6 +46,7 @@ def run(tmp_path_factory):
     return made
 
 
+@pytest.mark.ci
 def test_without_faults_either_way_gives_the_same_bytes_and_instants(run):
     quick, general = run(), run(is_quick=False)
     assert len(quick[0]) > 100_000
@@ -61,6 +62,7 @@ def test_with_faults_equal_seeds_give_equal_bytes_and_others_do_not(run):
     assert first[0] != run(FAULTS, seed=2)[0]
 
 
+@pytest.mark.ci
 def test_a_fd_bus_carries_the_same_run_in_less_time(run):
     classic, fd = run(), run(data_bitrate=5_000_000)
     assert fd[2].frames == pytest.approx(classic[2].frames, rel=0.01)

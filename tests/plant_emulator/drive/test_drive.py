@@ -128,6 +128,7 @@ def test_the_start_of_the_node_ends_that_warning_and_a_word_from_before_does_not
     assert rig.emergencies() == [0x6320, 0]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("mode", [None, *Mode])
 def test_enabled_without_a_mode_it_holds_its_position_and_takes_the_one_that_comes(rig, mode):
     """Masters exist that enable first: 6061h is 0 until the mode is chosen, and no set-point from before moves the motor."""

@@ -3,6 +3,8 @@
 import ast
 from pathlib import Path
 
+import pytest
+
 import plant_emulator.drive
 
 ROOM = Path(plant_emulator.drive.__file__).parent
@@ -45,6 +47,7 @@ def born(definition, known):
     return names
 
 
+@pytest.mark.ci
 def test_no_attribute_is_born_outside_a_constructor():
     known = classes()
     late = {

@@ -68,6 +68,7 @@ def reference(state, previous, quick_stop_option):
     return after
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("state", "previous", "option"), [*((state, 0x00, 2) for state in STATES), (QUICK, 0, 6), (FAULT, 0x8F, 2)]
 )

@@ -97,6 +97,7 @@ def torques(count, seed=1, size=0.5):
     return size * np.random.default_rng(seed).standard_normal(count)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("number", [2, 3, 5])
 def test_the_linear_plant_is_the_state_space_of_the_design_discretised_by_scipy(number):
     axis = Axis(number, **LINEAR, **NO_ATE)
@@ -296,6 +297,7 @@ def test_the_hysteresis_torque_follows_dahls_exponential():
     assert z == pytest.approx(3.0 * (1.0 - math.exp(-0.2 * rate / (20 * ARCSEC))), rel=1e-3)
 
 
+@pytest.mark.ci
 def test_a_hysteresis_loop_dissipates_and_stays_within_its_torque():
     def swing(hysteresis):
         axis = Axis(2, **LINEAR, **NO_ATE, **UNDAMPED, hysteresis_torque_nm=hysteresis, hysteresis_torsion_rad=20 * ARCSEC)
@@ -314,6 +316,7 @@ def test_a_hysteresis_loop_dissipates_and_stays_within_its_torque():
     assert 0.5 * before < lost <= 1.02 * before
 
 
+@pytest.mark.ci
 def test_the_gear_is_softer_around_zero_torsion():
     """Small swings with the motor held: √(1 − r) of the frequency; large ones: the full stiffness."""
     for size, share in ((1e-6, 0.6), (0.05, 1.0)):
@@ -332,6 +335,7 @@ def test_the_current_loop_lags_by_its_time_constant():
     assert Axis(2).step(1.2).torque_nm == 1.2
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("number", [2, 3, 5])
 def test_the_brake_holds_the_motor_whatever_the_torque_while_the_arm_swings_on_the_gear(number):
     axis = Axis(number, **NO_ATE, gravity_moment_nm=0.0, arm_damping_nm_s_rad=0.0, gear_damping_nm_s_rad=0.0)

@@ -27,6 +27,7 @@ def peak(run, begin_s: float, end_s: float) -> float:
     return float(np.max(np.abs(run.tip_mm[inside])))
 
 
+@pytest.mark.ci
 def test_a_step_of_thirty_degrees_at_resonance_is_followed_within_five_revolutions():
     rig = reference()
     run = rig.run(constant(rig), rig.follower(), lambda now: 30.0 if now >= STEP_S else 0.0, only=2)
@@ -64,6 +65,7 @@ def test_a_model_that_is_thirty_degrees_off_is_put_right_on_a_ramp():
     assert np.max(np.abs(follows.tip_mm[rows])) < 0.6 * np.max(np.abs(alone.tip_mm[rows]))
 
 
+@pytest.mark.ci
 def test_the_laws_it_is_compared_with_follow_a_step_as_well():
     rig = rig_of(5, Believed())
     for name in LAWS:

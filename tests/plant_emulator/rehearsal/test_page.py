@@ -39,6 +39,7 @@ def test_every_figure_and_every_table_stands_in_one_file(page):
     assert palette.css(":root").splitlines()[1] in page  # by night too
 
 
+@pytest.mark.ci
 def test_the_page_says_that_its_robots_are_emulated_and_which_they_are(page):
     assert "nothing on this page was measured on a real one" in page
     assert "The documented path, rehearsed: 7 robots drawn by seed" in page

@@ -55,6 +55,7 @@ def test_f_al_of_a_robot_is_a_little_below_its_antiresonance():
         assert 0.8 * f_a_hz < f_al_hz < 1.02 * f_a_hz
 
 
+@pytest.mark.ci
 def test_a_robot_without_an_error_is_at_its_floor_and_the_error_is_seen_in_each_order():
     robot = draw(2, kind="linear")
     survey = Survey(robot, bench_of(robot), 2)
@@ -99,6 +100,7 @@ def test_wrong_corrections_are_wrong_in_the_order_that_they_name():
 # -- the walk
 
 
+@pytest.mark.ci
 def test_a_walk_in_which_everything_is_refused_is_told_step_by_step_and_raises_nothing(tmp_path, monkeypatch):
     robot, heard = draw(3, kind="linear"), Heard()
     monkeypatch.setattr(path, "StepsInProcess", lambda *_: Refusing(HilError("not today")))
@@ -116,6 +118,7 @@ def test_a_walk_in_which_everything_is_refused_is_told_step_by_step_and_raises_n
     assert tuple(record.row()) == COLUMNS
 
 
+@pytest.mark.ci
 def test_an_error_that_nobody_expected_is_a_crash_in_the_record(tmp_path, monkeypatch):
     robot = draw(3, kind="linear")
     monkeypatch.setattr(path, "StepsInProcess", lambda *_: Refusing(ZeroDivisionError("by zero")))

@@ -216,6 +216,7 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_words_and_what_was_walked_is_k
     assert [row["seed"] for row in found] == [1]
 
 
+@pytest.mark.ci
 def test_workers_that_would_walk_two_robots_in_one_process_are_refused(cluster, tmp_path):
     cluster.add(threads=2)
     done = CliRunner().invoke(app, ["rehearse", "--seeds", "1", "--on", f"dask:{cluster.address}", "--out", str(tmp_path / "r")])
@@ -223,6 +224,7 @@ def test_workers_that_would_walk_two_robots_in_one_process_are_refused(cluster, 
     assert "has 2 threads; a robot needs a process of its own: dask worker" in done.output
 
 
+@pytest.mark.ci
 def test_a_scheduler_without_workers_is_refused(cluster):
     with pytest.raises(WalkersRefusedError, match=r"has no workers; start some: dask worker"):
         DaskWorkers(cluster.address, patience_s=0.5).__enter__()

@@ -224,6 +224,7 @@ def test_python_can_reads_version_and_serial_number(stranger):
     assert stranger.get_serial_number(2.0) == "HILB"
 
 
+@pytest.mark.ci
 def test_our_own_channel_reads_an_object(port):
     channel = AdapterChannel(parse_address(f"slcan:{port.terminal.path}@1M"))
     try:
@@ -300,6 +301,7 @@ def test_a_host_that_does_not_read_loses_frames_and_nobody_waits(running, port):
         host.write(b"C\r")
 
 
+@pytest.mark.ci
 def test_a_host_that_reopens_is_not_shown_what_the_last_one_left(running, port):
     with serial.Serial(port.terminal.path, timeout=2.0) as host:
         host.write(b"S8\rO\r")
@@ -353,6 +355,7 @@ def test_a_user_scans_through_the_adapter(serve, tmp_path):
     assert not tty.is_symlink()
 
 
+@pytest.mark.ci
 def test_a_path_that_is_taken_is_refused(serve, tmp_path):
     (tmp_path / "taken").write_text("mine")
     process, _ = serve("--slcan", str(tmp_path / "taken"), wait=False)

@@ -40,6 +40,7 @@ def test_a_stranger_finds_every_entry_with_its_type_access_default_and_mapping(b
         assert found.relative == entry.node_relative
 
 
+@pytest.mark.ci
 def test_a_stranger_finds_no_entry_that_is_not_there(bench, imported):
     addresses = {(entry.index, entry.subindex) for entry in bench.dictionary}
     found = set()

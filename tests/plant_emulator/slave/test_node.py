@@ -67,6 +67,7 @@ wild_steps = st.lists(
 )
 
 
+@pytest.mark.ci
 @settings(max_examples=150)
 @given(steps)
 @example([(Frame(0x605, b"\x20\x04\x20\x00\x00\x00\x00\x00"), 0)] + [(Frame(0x605, bytes(8)), 0)] * 3)
@@ -93,6 +94,7 @@ def test_any_frames_at_any_times_make_no_exception_and_each_sdo_request_gets_its
         assert bench.slave.take_frames() == []
 
 
+@pytest.mark.ci
 @settings(max_examples=100)
 @given(wild_steps)
 def test_whatever_happens_each_reset_has_one_boot_up_message_and_no_queue_grows(make_bench, steps):

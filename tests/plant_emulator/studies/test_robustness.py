@@ -294,6 +294,7 @@ def test_the_strongest_unknown_comes_first_and_what_is_unrelated_is_not_beyond_c
     )
 
 
+@pytest.mark.ci
 def test_runs_that_cannot_be_measured_are_the_worst_and_json_still_takes_them():
     made, source = study(), np.random.default_rng(3)
     values = [drawn(made.unknowns, made.spread, source) for _ in range(100)]

@@ -22,6 +22,7 @@ def with_order_3(amplitude_arcsec: float) -> Robot:
     return robot.model_copy(update={"axis": {AXIS: axis.model_copy(update={"ate": table})}})
 
 
+@pytest.mark.ci
 def test_an_order_that_is_seen_and_not_in_the_set_is_named_with_what_to_do() -> None:
     request = AteRequest(AXIS, passes=1)
     found = identify_on(RigSession(with_order_3(3.0)), request, AxisKnowledge())  # type: ignore[arg-type]

@@ -201,6 +201,7 @@ def test_a_scan_through_the_arm_names_the_orders_and_takes_no_resonance_for_a_li
     assert "torque less that of the motor&#39;s own motion" in page
 
 
+@pytest.mark.ci
 def test_the_page_shows_the_path_of_a_recording_as_it_is(tmp_path):
     time, angle = motion(turns=4.0)
     path = written(tmp_path / "p_joint.csv", time, angle, joint(angle))

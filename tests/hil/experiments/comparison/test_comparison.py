@@ -42,6 +42,7 @@ def reasons(made):
     return {(left.experiment.axis, left.experiment.treatment): left.reason for left in made.left_out}
 
 
+@pytest.mark.ci
 def test_all_that_the_files_allow_is_planned_and_the_rest_has_its_reason():
     made = plan(KnownRobot(BENCH), ComparisonRequest(), channel=IDEAL)
     drive = {each.treatment for each in made.experiments if each.loop == "drive"}
@@ -252,6 +253,7 @@ def test_after_a_stop_nothing_else_is_moved(runner, tmp_path):
     assert done.result.robots[1].not_restored == ()
 
 
+@pytest.mark.ci
 def test_on_an_arm_filters_beside_a_cancellation_are_run_only_where_they_are_named():
     arm = load_bench("reference-arm")
     axes = {n: t.model_copy(update={"model": BENCH.axis[n].model}) if n in (2, 3) else t for n, t in arm.axis.items()}

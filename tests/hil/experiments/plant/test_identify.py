@@ -49,6 +49,7 @@ def test_from_nothing_to_a_plant(found: PlantEvaluation) -> None:
     assert all(check.holds for check in found.checks)
 
 
+@pytest.mark.ci
 def test_the_entry_of_the_model_file_has_its_errors_and_what_it_cannot_tell(found: PlantEvaluation) -> None:
     entry = found.identified("a note")
     assert set(entry.standard_error) >= {"gear_stiffness_nm_rad", "antiresonance_hz", "damping", "coulomb_friction_nm"}
@@ -97,6 +98,7 @@ def test_a_tip_that_is_not_this_axis_is_said_and_left_out(gain: float, words: st
     assert evaluated.estimate.plant.antiresonance_hz == pytest.approx(true_values(3)["antiresonance_hz"], rel=0.01)
 
 
+@pytest.mark.ci
 def test_a_saturated_accelerometer_is_left_out_and_said() -> None:
     _, evaluated = identify(brief(), sensor_range=1.0)
     assert evaluated.estimate.tip is None
@@ -104,11 +106,13 @@ def test_a_saturated_accelerometer_is_left_out_and_said() -> None:
     assert any("tip lever" in line for line in evaluated.cannot_tell)
 
 
+@pytest.mark.ci
 def test_a_missing_accelerometer_is_left_out_and_said() -> None:
     _, evaluated = identify(brief(), sensor_missed=900)
     assert any("missing in 900 of" in remark for remark in evaluated.remarks)
 
 
+@pytest.mark.ci
 def test_periods_with_missing_answers_are_left_out() -> None:
     identification = PlantIdentification(
         FakeSession(unknown_bench(3, **SHORT), 3),  # type: ignore[arg-type]
@@ -121,6 +125,7 @@ def test_periods_with_missing_answers_are_left_out() -> None:
     assert any("1 of 6 periods were left out" in remark for remark in evaluated.remarks)
 
 
+@pytest.mark.ci
 def test_a_motor_that_turns_back_is_said_with_the_amplitude_that_would_do() -> None:
     with pytest.raises(
         PlantNotIdentifiedError, match=r"motor turned back is .* needed: 0.005: raise --bias-rps .* lower --amplitude-nm"
@@ -128,6 +133,7 @@ def test_a_motor_that_turns_back_is_said_with_the_amplitude_that_would_do() -> N
         identify(brief(amplitude_nm=2.5))
 
 
+@pytest.mark.ci
 def test_too_little_excitation_is_said_with_the_amplitude_that_the_limits_allow() -> None:
     with pytest.raises(PlantNotIdentifiedError, match=r"the limits allow .* N·m: leave out --amplitude-nm"):
         identify(brief(amplitude_nm=0.002, with_accelerometer=False))

@@ -114,6 +114,7 @@ def lines(axes, label: str):
     return [line for line in axes.get_lines() if line.get_color() == first.get_color() and line.get_lw() == first.get_lw()]
 
 
+@pytest.mark.ci
 def test_the_arm_stands_where_its_motors_were_and_its_tip_on_the_line(known, along):
     _, figure = along
     run = known.result.runs[0]

@@ -99,6 +99,7 @@ def test_several_robots_stand_in_the_same_table(directory, tmp_path):
     assert "in all 4 experiments" in text
 
 
+@pytest.mark.ci
 def test_many_treatments_have_a_diagram_each(directory, tmp_path):
     """More than can be told apart in one: the title of each has its number."""
     shutil.copytree(directory / "reference", tmp_path / "reference")

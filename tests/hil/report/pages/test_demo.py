@@ -281,6 +281,7 @@ def test_holes_in_a_recording_are_bridged_and_said(full_directory, tmp_path):
     assert "suppression-3" in page.figures
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("without_pictures")
 def test_failed_claims_and_markup_in_names(full_directory, tmp_path):
     def change(result):

@@ -142,6 +142,7 @@ def test_profiles_other_than_the_linear_one_are_refused(rig, index, value):
 # -- position ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("mode", [Mode.PV, Mode.TQ, Mode.CST])
 def test_607d_stops_a_motor_in_velocity_and_torque_modes_with_8612(rig, mode):
     rig.set(Object.SOFTWARE_POSITION_LIMIT, 1, revolutions(-1.0))

@@ -42,6 +42,7 @@ def serve(tmp_path, *arguments):
     return process.returncode, lines, said
 
 
+@pytest.mark.ci
 def test_serving_says_which_node_is_which_profile(tmp_path):
     status, lines, said = serve(tmp_path, "--drive", "2=kollmorgen_akd", "--drive", f"3={VENDORS / 'elmo_gold.toml'}")
     assert (status, said) == (0, "")

@@ -74,6 +74,7 @@ def limits_of(parameter, scaling):
 # -- who it is and what it holds ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_it_says_who_it_is(rig, profile):
     identity = profile.identity
     assert rig.read(0x1018, 1) == identity.vendor_id
@@ -245,6 +246,7 @@ def test_an_enabled_drive_refuses_what_may_only_be_written_while_disabled_and_do
 # -- gains and filters -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", VENDORS)
 def test_the_robot_files_gains_are_in_the_objects_whose_scaling_is_known_and_act(name):
     rig, loop = rig_of(name, control=GAINS), ALL_DRIVES[name].loop

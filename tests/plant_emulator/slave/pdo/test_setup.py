@@ -319,6 +319,7 @@ procedures = st.tuples(
 )
 
 
+@pytest.mark.ci
 @settings(max_examples=100)
 @given(st.lists(writes | frames | procedures | st.integers(1, 3), max_size=40))
 def test_any_writes_and_frames_in_any_order_make_no_exception_and_no_long_frame(make_bench, synchronous, steps):
@@ -353,6 +354,7 @@ def test_place_holders_write_nothing_whatever_comes(make_bench, synchronous, dum
     assert [bench.dictionary.get(*address) for address in addresses] == before
 
 
+@pytest.mark.ci
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 255)), min_size=1, max_size=8), st.data())
 def test_what_one_node_sends_another_one_takes_bit_by_bit(make_bench, make_entries, objects, data):

@@ -83,6 +83,7 @@ def test_a_bound_that_is_none_is_refused(tmp_path, wrong):
         load_robot(path)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("transfers", [("segments", "segments"), ("segments", "block"), ("block", "block")])
 def test_all_channels_together_keep_no_more_than_a_bound_for_each(transfers):
     """Both channels are flooded in turn by clients that never end: sum of the buffers, and the process' own memory."""
