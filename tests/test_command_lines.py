@@ -183,7 +183,7 @@ def test_list_is_a_line_for_each_profile_at_80_columns():
     assert max(map(len, lines)) <= 80
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("columns", "command"),
     [

@@ -67,7 +67,7 @@ def offered(folder, monkeypatch, capfd):
     return ask
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "wanted"),
     [
@@ -117,7 +117,7 @@ def test_where_a_file_is_wanted_the_shell_completes_it(words, offered):
     assert offered(*words) == []
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("file", ["broken.toml", "pipe.toml", "absent.toml"])
 def test_a_file_that_cannot_be_read_offers_nothing_and_says_nothing(file, offered):
     assert offered("hil", "run", "--bench", file, "--axis", "") == []

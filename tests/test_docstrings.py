@@ -95,14 +95,14 @@ def without_args(path, tree):
             yield f"{module}:{name}"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ROOMS)
 def test_no_short_docstring_begins_with_a_relative_word(room):
     lines = [line for path, tree in modules(room) for line in short_and_relative(tree)]
     assert lines == []
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ROOMS)
 def test_public_functions_of_four_parameters_explain_them(room):
     names = {name for path, tree in modules(room) for name in without_args(path, tree)}

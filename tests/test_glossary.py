@@ -106,7 +106,7 @@ SPELLINGS = {r"\brps\b": "rev/s", r"\brps/s\b": "rev/s²", r"(?<=\d )deg\b|^deg$
 """Spellings of units that people never read, and those that they do; names and keys of files end in _rps, _deg, _us."""
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("spelling", SPELLINGS)
 def test_a_unit_has_one_spelling_in_what_people_read(spelling):
     found = []

@@ -87,7 +87,7 @@ def test_every_toml_file_of_the_project_is_of_a_kind():
     assert there == {path for paths in FILES.values() for path in paths}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "path"), [(kind, path) for kind, paths in FILES.items() for path in paths],
                          ids=lambda each: getattr(each, "stem", each))  # fmt: skip
 def test_the_schema_knows_every_key_of_the_file(kind, path):

@@ -35,7 +35,7 @@ def session_of(bench: Bench, robot: Robot) -> Session:
     return Session(with_bus(bench, answer_timeout_s=0.05), InProcessChannel(World(robot)), BusLog(None))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("has_error", "treatment", "x_mm", "z_mm"),
     [(True, "none", 0.095, 0.0562), (True, "notch", 0.073, 0.0401), (False, "none", 0.005, 0.0029)],
@@ -58,7 +58,7 @@ def test_the_tip_shakes_on_the_line_as_much_as_that_of_a_planar_arm_calculated_i
     assert found[2] == pytest.approx(z_mm, abs=1e-3)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [2, None])
 def test_what_went_over_can_equals_the_simulation_of_the_arm_without_can(quiet_arm: Robot, axis: int | None) -> None:
     bench, period = load_bench("reference-arm"), 0.002

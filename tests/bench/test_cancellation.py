@@ -106,7 +106,7 @@ def turned(cancellation: Cancellation, degrees: float) -> Cancellation:
     return replace(cancellation, tables=changed)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_line_motion_loses_its_vibration() -> None:
     session = session_of(robot_of(QUIET), 0.002)
     motion = line_motion(session.bench, 0.002)
@@ -399,7 +399,7 @@ def test_a_drive_that_is_later_than_it_says_is_found_out(monkeypatch: pytest.Mon
     assert found.tables[3].orders == (2, 4)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_learning_goes_through_the_resonance_of_order_1_where_the_motion_meets_it() -> None:
     """The first two passes do not: there its whole vibration would hide the higher orders."""
     robot, text = drawn(137, "linear")

@@ -347,7 +347,7 @@ def beats(frames):
     return [each for each in frames if each.can_id == HEARTBEAT]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FAULTS)
 def test_a_fault_is_found_and_named(tmp_path, frames, kind):
     found = found_in(tmp_path / "faulty.log", FAULTS[kind](frames))

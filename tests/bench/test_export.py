@@ -77,7 +77,7 @@ def place_of(numbers, recorded):
     return found[-1]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_cantools_decodes_a_log_with_our_dbc_to_the_numbers_of_the_recording(folder, recording, tmp_path):
     dbc = tmp_path / "line.dbc"
     export(folder, "--to", dbc, "--bench", "reference")

@@ -184,7 +184,7 @@ def test_another_axis_moves(reference_bench: Bench, reference_robot: Robot) -> N
         identified(bench, noisy(reference_robot, 0.002, 1), AteRequest(2))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_noise_that_hides_everything(reference_bench: Bench, reference_robot: Robot) -> None:
     with pytest.raises(AteNotIdentifiedError, match="at least"):
         identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, noise_m_s2=5.0), AteRequest(2))

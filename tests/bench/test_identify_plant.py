@@ -51,7 +51,7 @@ def test_over_can_the_plant_is_found_from_nothing(directory: Path) -> None:
     assert "not_restored" not in result
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_model_file_has_the_plant(directory: Path) -> None:
     plant = load_identified(directory / "model.toml").axis[3].plant
     assert plant is not None
@@ -77,7 +77,7 @@ def test_the_report_shows_fit_confidence_and_friction(directory: Path) -> None:
     assert "Plant of axis 3" in page
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_is_not_identified_leaves_reasons_and_no_model_file(tmp_path: Path) -> None:
     request = PlantRequest(3, amplitude_nm=2.5, periods=6)
     bench, model = unknown_bench(3, **SHORT), tmp_path / "model.toml"

@@ -30,7 +30,7 @@ def run(tmp_path: Path, local_bus: ServedBus, text: str, treatment: str, *more: 
     return done.exit_code, done.output, (out / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_without_a_model_a_run_has_no_millimetre_and_says_what_is_missing(tmp_path: Path, local_bus: ServedBus) -> None:
     status, output, page = run(tmp_path, local_bus, bench_without_model(), "notch")
     assert status == 9
@@ -64,7 +64,7 @@ def test_without_a_model_a_ramp_on_which_nothing_acts_is_judged_by_its_own_reson
     assert 0.0 < entries[0]["order_error_mm"] < 0.1 * entries[0]["order_mm"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_model_that_the_ramp_contradicts_judges_nothing(tmp_path: Path, local_bus: ServedBus) -> None:
     """By the stiffer model the tip would move less than asked: a wrong yes."""
     text = (
@@ -98,7 +98,7 @@ def test_another_robots_headline_is_its_own(tmp_path: Path, local_bus: ServedBus
     assert (low, high) == pytest.approx((0.76 * 5.92, 1.27 * 5.92), rel=1e-3)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_tip_that_leaves_what_was_asked_ends_with_9(tmp_path: Path, local_bus: ServedBus) -> None:
     text = REFERENCE.read_text(encoding="utf-8").replace("tip_mm = 0.05 ", "tip_mm = 0.02 ")
     assert run(tmp_path, local_bus, text, "notch")[0] == 9

@@ -64,7 +64,7 @@ def test_learning_goes_on_through_the_order_that_the_motion_meets(tmp_path: Path
     assert end.learnt[AXIS].reduction_fraction > 0.5
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "true", "believed"), [(701, 1.0, 0.0), (703, 0.0, 1.0)])
 def test_learning_mends_a_reaction_of_the_gear_that_was_told_wrongly(
     tmp_path: Path, seed: int, true: float, believed: float

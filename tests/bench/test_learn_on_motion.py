@@ -46,7 +46,7 @@ def without_error(robot: Robot, *axes: int) -> Robot:
 RAMP = MotionLearnRequest(CONSTANT_ACCELERATION, 3, orders=(2,), note="no load")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_ramp_is_learnt_on_itself_and_the_tip_is_quieter_with_it(tmp_path: Path) -> None:
     robot, model = load_robot("reference"), tmp_path / "learnt.toml"
     outcome = learn_motion_on_bus(ramp_bench(), RAMP, tmp_path, model, channel=DirectChannel(World(robot)))
@@ -71,7 +71,7 @@ def test_a_ramp_is_learnt_on_itself_and_the_tip_is_quieter_with_it(tmp_path: Pat
     assert any("with what is learnt" in line for line in motion_summary(outcome))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_where_there_is_no_error_nothing_is_kept(tmp_path: Path) -> None:
     robot, model = without_error(load_robot("reference"), 3), tmp_path / "learnt.toml"
     outcome = learn_motion_on_bus(ramp_bench(), RAMP, tmp_path, model, channel=DirectChannel(World(robot)))
@@ -114,7 +114,7 @@ def test_a_probe_beyond_a_limit_is_refused_with_what_to_do(tmp_path: Path) -> No
     assert not (tmp_path / "m.toml").exists()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pace", "error", "words"),
     [

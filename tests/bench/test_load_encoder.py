@@ -165,7 +165,7 @@ def test_lost_answers_of_the_encoder_are_counted_and_shake_no_tip():
     assert lossy.recording.doubt is None
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_run_that_lacks_too_much_of_its_encoder_is_not_judged(tmp_path, without_pictures):
     bench = load_bench(EXAMPLE)
     channel = faulty(Fault("drop", can_id=LOAD_TPDO, every=50))
@@ -199,7 +199,7 @@ def short_line(bench):
 ARM = with_drives(load_robot("reference-arm"), load_encoder_bits=20)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_on_an_arm_all_joints_tell_what_an_accelerometer_feels_at_the_tip():
     felt = []
     with_sensor = load_bench("reference-arm")

@@ -92,7 +92,7 @@ def rig(kind: str, monkeypatch: pytest.MonkeyPatch) -> MeasurementRig:
     return made
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_log_record_result_report_and_the_nodes_as_they_were(kind: str, rig: MeasurementRig, tmp_path: Path) -> None:
     rig.channel.address = parse_address("socketcan:can0")
     before = everything(rig.channel.world)
@@ -141,7 +141,7 @@ def deaf(channel: InProcessChannel) -> None:
     channel.passes = lambda frame: frame.can_id != FEEDBACK
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_is_stopped_keeps_its_recording_and_returns_why(kind: str, rig: MeasurementRig, tmp_path: Path) -> None:
     outcome = rig.measure(tmp_path, Disturber(lambda: deaf(rig.channel)))
     assert isinstance(outcome.failure, SafetyStopError)

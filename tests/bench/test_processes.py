@@ -161,7 +161,7 @@ def start_run(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> subpr
 # -- a run on a real socket --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, local_bus: ServedBus) -> None:
     out = tmp_path / "out"
     done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, out, "--treatment", "notch", "--json"), command=HIL)
@@ -178,7 +178,7 @@ def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, local_bus:
     assert sum(message.arbitration_id == 0x80 for message in log) > run["cycles"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_run_without_its_report_has_all_that_the_report_is_made_of(tmp_path: Path, local_bus: ServedBus) -> None:
     out = tmp_path / "out"
     done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, out, "--no-report"))
@@ -387,7 +387,7 @@ def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, loca
         sniffer.close()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_ctrl_c_without_an_answer_is_no_safe_stop_and_the_report_says_so(tmp_path: Path, local_bus: ServedBus) -> None:
     sniffer, out = Sniffer(local_bus), tmp_path / "out"
     try:
@@ -459,7 +459,7 @@ def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, local_bus: Ser
         sniffer.close()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, local_bus: ServedBus) -> None:
     sniffer = Sniffer(local_bus)
     try:

@@ -80,7 +80,7 @@ def notch_table(bench: Bench, axis: int) -> tuple[NotchShape, ...]:
     return tuple(NotchShape(**{k: v for k, v in table.model_dump().items() if k in names}) for table in bench.axis[axis].notch)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [2, 3, None])
 @pytest.mark.parametrize("compensation", ["none", "notch"])
 def test_what_went_over_can_equals_the_simulation_without_can(
@@ -288,7 +288,7 @@ def run_with(
     return result.stopped, channel, result.cycles
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("interfere", "words"),
     [

@@ -21,7 +21,7 @@ def _same_cores_after():
     os.sched_setaffinity(0, cores)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.usefixtures("_same_cores_after")
 def test_a_master_that_sends_another_set_point(monkeypatch):
     monkeypatch.setattr(master_path, "SHARE_S", 1e-3)
@@ -47,7 +47,7 @@ def test_a_node_that_refuses(monkeypatch):
         node_frames.node_frames()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_client_that_reads_another_value(monkeypatch):
     monkeypatch.setattr(sdo, "SHARE_S", 1e-3)
     monkeypatch.setattr(sdo, "dictionary", lambda vendor_id=1: stranger.dictionary(vendor_id + 1))

@@ -18,13 +18,13 @@ WRONG = header(constants=CONSTANTS | {"FRICTION_WIDTH_RAD_S": CONSTANTS["FRICTIO
 
 @pytest.mark.usefixtures("compiler")
 class TestC:
-    @pytest.mark.ci
+    @pytest.mark.slow
     @pytest.mark.parametrize("count", [1, 3])
     def test_strict_c_gives_our_bits_in_every_field(self, count):
         # to the last bit where the C library's functions are those that our compiled parts call
         assert plant.agreement(plant.compiled_c(plant.STRICT), count) <= 1e-11
 
-    @pytest.mark.ci
+    @pytest.mark.slow
     def test_fast_c_is_within_its_bound(self):
         agreed("C", plant.agreement(plant.compiled_c()), plant.SAME_STEPS)
 

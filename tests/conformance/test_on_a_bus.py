@@ -36,7 +36,7 @@ def test_the_whole_suite_passes_on_a_served_bus(serve_local_bus, eds, options):
     assert "not put back" not in done.stdout
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_bus_without_a_node_or_an_eds_is_a_mistake_of_the_caller(eds):
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist",

@@ -222,7 +222,7 @@ def test_a_request_of_a_wrong_length_is_ignored(device, sdo, text, producer, len
     assert is_free(device, text)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("state", [UPLOADING, DOWNLOADING])
 def test_a_client_that_falls_silent_is_given_up(device, sdo, text, producer, state):
     if not device.is_emulated:

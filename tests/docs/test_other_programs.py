@@ -17,7 +17,7 @@ exec(compile(open("example.py").read(), "example.py", "exec"))
 """
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_example_of_the_canopen_package_enables_and_homes_a_drive(shell):
     [example] = [block.body for block in blocks_in(PAGE) if block.language == "python"]
     serve, sheets = (

@@ -101,7 +101,7 @@ def run(tmp_path):
     return ran
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_help_profiles_and_a_description_need_no_posix(run, tmp_path):
     (tmp_path / "a.eds").write_text(EDS, encoding="ascii")
     assert "Exit status" in run("--help")
@@ -123,13 +123,13 @@ def test_the_emulators_own_bus_is_refused_in_words(run):
     assert "no Unix sockets on this system" in run("scan", "--bus", "local:C:/robot.sock", code=4)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_nodes_are_found_on_a_bus_of_python_can(run, daemon):
     found = json.loads(run("scan", "--timeout-s", "5", "--json", daemon=daemon))
     assert [node["node"] for node in found] == [2, 3, 5, 16]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_set_is_pulled_uploaded_and_put_back(run, daemon, tmp_path):
     run("pull", "--node", "2", "--out", "axis2.toml", daemon=daemon)
     text = (tmp_path / "axis2.toml").read_text(encoding="utf-8")

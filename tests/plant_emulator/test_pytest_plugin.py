@@ -79,7 +79,7 @@ def test_the_page_names_every_option_and_every_fixture(run: Run) -> None:
     assert [name for name in fixtures if f"`{name}" not in page] == []
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_same_file_runs_on_another_bus_and_says_what_it_cannot_do_there(
     run: Run, pytester: pytest.Pytester, local_bus: ServedBus
 ) -> None:
@@ -343,7 +343,7 @@ def assert_all_passed(result: pytest.RunResult, skipped: int) -> None:
     result.assert_outcomes(passed=collected - deselected - skipped, skipped=skipped, deselected=deselected)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_every_fault_does_what_it_says(run: Run) -> None:
     result = run(FAULTS)
     assert_all_passed(result, skipped=1)
@@ -458,7 +458,7 @@ def test_the_options_of_pytest_benchmark_stand_beside_it(run: Run, pytester: pyt
     run(PASSES, "-p", "neighbour", "--benchmark-only", "--bench", "reference").assert_outcomes(passed=1)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_in_a_motion_ends_it_by_a_ramp_and_then_the_tests(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(

@@ -296,7 +296,7 @@ def run(offers, bitrate=MEGABIT, until=10**9, stops=(), **options):
     return wire, delivered
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @relaxed
 @given(traffic.map(without_collisions), bit_rates)
 def test_without_faults_nothing_is_lost_and_nothing_overlaps(offers, bitrate):

@@ -315,7 +315,7 @@ def test_its_quick_stop_ends_on_the_ramp_that_the_drive_is_told(drive402, served
     assert states[-2:] == list(itertools.pairwise(ramp))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mode",
     ["PROFILED POSITION", "PROFILED VELOCITY", "PROFILED TORQUE", "HOMING", "INTERPOLATED POSITION",

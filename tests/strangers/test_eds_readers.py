@@ -116,7 +116,7 @@ def test_a_bit_pattern_as_a_default_would_refuse_the_whole_file():
             gocanopen(text, version=version)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("name", TEXTS)
 def test_gocanopen_takes_every_file_of_ours(name, version):
@@ -166,7 +166,7 @@ def converted():
     return [path for path in (*sorted(VENDORS.glob("*.eds")), *sorted(QUIRKS.glob("*.*")), *makers) if has_reals(path)]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("path", converted(), ids=lambda path: path.name)
 @pytest.mark.parametrize("kind", ["eds", "dcf"])
 def test_a_real_number_that_a_converted_file_states_is_a_decimal(path, kind):

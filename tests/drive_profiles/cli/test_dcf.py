@@ -83,7 +83,7 @@ def test_lines_in_units_and_raw_lines_of_the_same_bytes_are_no_difference(pulled
     assert shown[0].split() == ["following_error_window_rad", "25.13", "1", "rad"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_verify_diff_and_upload_take_a_dcf_and_a_concise_one(pulled, folder):
     run("convert", "a.toml", "--eds", EDS, "--out", "a.cdcf")
     for name in ("a.dcf", "a.cdcf"):

@@ -73,7 +73,7 @@ def lose_the_master(robot: str, node: int) -> None:
     run("set", "0x1016:1=0", "--type", "UNSIGNED32", "--node", node, "--yes")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_faults_are_in_words_and_are_cleared_when_the_user_says_so(robot):
     assert "nothing is wrong" in run("faults", "--node", 2).stdout
     lose_the_master(robot, 2)
@@ -89,7 +89,7 @@ def test_faults_are_in_words_and_are_cleared_when_the_user_says_so(robot):
     assert json.loads(run("faults", "--node", 2, "--json").stdout)[0]["history"] == []
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_nmt_says_the_states_asks_and_tells_what_came_of_it():
     refused = run("nmt", "start", "--node", 2, code=2)
     assert "switch on disabled" in refused.output

@@ -33,7 +33,7 @@ def run(*arguments, code=0):
     return result.output
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_node_without_a_node_id_is_found_and_given_one_that_acts_after_a_reset():
     assert re.findall(r"^(\d+) ", run("scan"), re.MULTILINE) == ["2", "5", "16"]
     found = run("lss", "show", "--unconfigured", *PATIENT)

@@ -272,7 +272,7 @@ def aborting(place, code):
     return instead
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(("code", "status", "words"), [
     (0x0800_0022, 6, "present device state"), (0x0606_0000, 8, "not known"), (0, 8, "store again"),
 ])  # fmt: skip

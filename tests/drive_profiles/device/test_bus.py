@@ -200,7 +200,7 @@ def wait_until_shared(port):
         time.sleep(0.01)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_two_clients_at_one_node_are_called_that(channel, bus, served):
     """One asks; another one's transfers are on the bus; the node's answers do not come."""
     port = bus.port(rig.NODE)

@@ -146,7 +146,7 @@ def test_a_header_says_how_the_drive_counts_where_values_count_in_it():
     assert WorldBus(robot_with(axis2={"profile": "nanotec_cl4e"})).device(2, "nanotec_cl4e").pull().header.counts_per_rev is None
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_device_of_very_many_objects_is_pulled_into_a_file_that_every_reader_takes(tmp_path):
     addresses = [(0x3000 + n // 250, 1 + n % 250) for n in range(11_782)]
     entries = [Entry(i, sub, f"P {i:X} {sub}", DataType.UNSIGNED32, Access.RW, 0xFFFFFFFF - sub) for i, sub in addresses]

@@ -44,7 +44,7 @@ def variables(dictionary: canopen.ObjectDictionary) -> dict[tuple[int, int], ODV
     return {(variable.index, variable.subindex): variable for _, variable in entries(dictionary)}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @each_file
 def test_every_file_is_read_to_its_end(path):
     start = time.process_time()
@@ -54,7 +54,7 @@ def test_every_file_is_read_to_its_end(path):
     assert not description.refused
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @each_file
 def test_no_number_is_outside_its_type(path):
     for variable in variables(description_of(path).dictionary).values():
@@ -64,7 +64,7 @@ def test_no_number_is_outside_its_type(path):
                 assert limits[0] <= number <= limits[1]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @each_file
 def test_canopen_s_reader_sees_the_same_but_for_its_silent_faults(path):
     logging.getLogger("canopen").setLevel(logging.CRITICAL)
@@ -101,7 +101,7 @@ def is_silent_fault(name: str, ours: object, theirs: object, warned: set[str], v
     )
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @each_file
 @pytest.mark.parametrize("kind", ["eds", "dcf"])
 def test_a_clean_copy_has_no_faults_and_says_the_same(path, kind):
@@ -118,7 +118,7 @@ def test_a_clean_copy_has_no_faults_and_says_the_same(path, kind):
         assert {name: fact for name, fact in facts(theirs[key]).items() if name not in left_out} == expected
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @each_file
 def test_values_are_written_without_touching_anything_else(path):
     description = description_of(path)
@@ -137,7 +137,7 @@ def test_values_are_written_without_touching_anything_else(path):
     }
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @each_file
 def test_the_sync_period_s_exponent_is_small_and_negative(path):
     dictionary = description_of(path, None).dictionary

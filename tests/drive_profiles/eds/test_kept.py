@@ -177,7 +177,7 @@ def test_a_text_that_cannot_stand_on_a_line_is_named_as_lost():
     assert [problem.key for problem in lost(description, "eds")] == ["2000:00"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.skipif(not CORPUS.is_dir(), reason=f"no folder of vendors' files at {CORPUS}")
 @pytest.mark.parametrize("path", sorted(CORPUS.glob("*.[eEdD][dDcC][sSfF]")), ids=lambda path: path.name)
 def test_no_key_of_cia_306_is_lost_from_a_vendor_s_file(path):

@@ -132,7 +132,7 @@ def test_every_profile_that_rests_on_an_eds_names_its_file():
     assert not any(ALL_DRIVES[name].identity.is_verified for name in no_file)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @each_file
 def test_parameters_are_as_the_vendor_states_them(name):
     descriptions = described(name)
@@ -145,7 +145,7 @@ def test_parameters_are_as_the_vendor_states_them(name):
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @each_file
 def test_limits_are_no_tighter_than_the_products_own(name):
     """Else what the drive holds may not go back; what the first product's file does not decide is no limit of a file."""

@@ -77,7 +77,7 @@ def test_every_reader_of_a_user_s_file_takes_this_door(load, tmp_path):
         load(tmp_path / "f")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

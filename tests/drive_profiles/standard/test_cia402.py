@@ -60,7 +60,7 @@ def reference_next(state, word, previous, option):  # noqa: PLR0912 - one branch
     return State.OPERATION_ENABLED if all_on and bit3 and option in (5, 6, 7, 8) else state
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("state", State)
 @pytest.mark.parametrize(("previous", "option"), [(0x0000, 2), (0x0080, 2), (0x000F, 6)])
 def test_every_control_word_in_every_state_does_what_the_diagram_says(state, previous, option):

@@ -41,7 +41,7 @@ def bus():
 NOTCH = {"notch_1__mode": 1, "notch_1__start_rps": 4.5, "position_gain_per_s": 25.0}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL_DRIVES)
 def test_pull_change_upload_back_leaves_no_difference(name, tmp_path):
     bus = WorldBus(robot_with(axis2={"profile": name}))

@@ -75,7 +75,7 @@ def test_a_real_robot_is_asked_for_once_for_all_motions(monkeypatch, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
 def test_a_small_comparison_over_can(local_bus, short, tmp_path):
     out = tmp_path / "out"

@@ -32,7 +32,7 @@ def run(app, *arguments):
     return CliRunner().invoke(app, ["design", "notch", *map(str, arguments)])
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_design_leaves_a_report_a_design_file_a_parameter_set_and_json(app, quick, tmp_path):
     found = run(app, "--bench", "reference", "--axis", 2, "--quick", "--shape", "switched", "--uncertainty-percent", 0,
                 "--out", tmp_path, "--json")  # fmt: skip

@@ -31,7 +31,7 @@ def on_the_emulator(monkeypatch: pytest.MonkeyPatch) -> InProcessChannel:
     return channel
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.usefixtures("on_the_emulator")
 def test_it_writes_the_model_file_and_a_report(tmp_path: Path) -> None:
     out, model = tmp_path / "out", tmp_path / "model.toml"

@@ -45,7 +45,7 @@ def test_it_writes_model_file_curves_and_report(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))["kind"] == "identify-ate-recording"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_second_axis_joins_the_model_file_of_the_same_robot_and_no_other(tmp_path: Path) -> None:
     model = str(tmp_path / "lara.toml")
     for axis in ("1", "6"):
@@ -157,7 +157,7 @@ def stored(path: Path) -> Path:
     return path
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind"), [("a.mf4", ""), ("a.log", "eds"), ("a.blf", "eds"), ("a.asc", "dbc"), ("a.log", "dbc"), ("a.blf", "dbc")]
 )

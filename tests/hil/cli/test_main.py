@@ -32,7 +32,7 @@ HEAVY = {"canopen", "can", "numba", "matplotlib", "jinja2", *SCIPY}
 """What takes a tenth of a second or more to load; scipy itself, without its parts, takes a fiftieth."""
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
 def test_a_bench_file_with_a_mistake_is_refused_before_anything_heavy_is_loaded(command, tmp_path):
     bench = tmp_path / "bench.toml"

@@ -68,7 +68,7 @@ def test_every_page_says_of_the_drives_what_standard_error_said(tmp_path, result
     assert page.index(NOT_DISABLED) < page.index('role="status"'), "it comes before the verdict"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_page_of_drives_that_were_left_well_has_no_such_words(tmp_path):
     code, _ = report(written(tmp_path, ExperimentsResult(bench=measured_bench(), stopped="stopped: SIGINT", all_disabled=True)))
     assert code == 0

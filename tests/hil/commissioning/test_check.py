@@ -178,7 +178,7 @@ DEFECTS = {
 }
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("defect", DEFECTS)
 def test_each_defect_fails_the_check_that_is_made_for_it_and_ends_what_depends_on_it(defect, tmp_path):
     tamper, name, words = DEFECTS[defect]
@@ -200,7 +200,7 @@ def test_a_brake_that_does_not_open_is_found_by_the_first_turn(tmp_path):
     assert "is the brake open" in found["brake opens"][1]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_reference_robot_passes_every_check_of_every_axis_and_is_left_as_it_was(tmp_path):
     bench = quick(load_bench("reference"))
     outcome = check_axes(bench, (), tmp_path, channel=InProcessChannel(World(load_robot("reference"))))
@@ -214,7 +214,7 @@ def test_the_reference_robot_passes_every_check_of_every_axis_and_is_left_as_it_
     assert all((tmp_path / each["recording"]).exists() for each in written["checks"] if "recording" in each)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7, 40])
 def test_drawn_robots_pass_all_that_can_be_told_of_them(seed, tmp_path):
     robot, text = drawn(seed, "real")

@@ -38,7 +38,7 @@ def run(filters, values, speed=0.0, mean=0.0):
     return np.array(out)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("filters", [(section(),), (LOW_PASS,), (LEAD,), (section(), section(40.0)), (LOW_PASS, section())])
 @pytest.mark.parametrize("speed", [0.0, 2.0 * math.pi * 6.0])
 def test_it_is_scipys_filter_at_every_speed(filters, speed):

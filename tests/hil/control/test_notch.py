@@ -188,7 +188,7 @@ def test_the_speed_of_a_coarse_encoder_switches_the_filter_at_most_twice_per_cro
         assert 1 <= switches(Notch(), speeds[400:]) <= 2
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_noisy_speed_switches_the_filter_at_most_twice_per_crossing(seed):
     ramp = np.arange(3.5, 4.5, 0.5 * T)

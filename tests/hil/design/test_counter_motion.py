@@ -27,7 +27,7 @@ def waves_sum(amplitude: dict[float, float], phase: dict[float, float]) -> np.nd
 orders = st.lists(st.sampled_from([0.5, 1, 1.7, 2, 3, 4, 6]), min_size=1, max_size=4, unique=True)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @given(orders, st.floats(0.01, 0.15), st.integers(0, 2**32 - 1))
 def test_the_waves_are_the_motion_but_for_terms_of_fourth_degree(chosen: list[float], bend: float, seed: int) -> None:
     """`bend` is Σ k N A_k: how much faster or slower the motor turns."""

@@ -55,7 +55,7 @@ def test_the_plant_comes_back_from_a_closed_loop_with_noise() -> None:
     assert found.misfit == pytest.approx(1.0, abs=0.25)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_standard_errors_are_what_the_scatter_over_seeds_is() -> None:
     truth = {
         "gear_stiffness_nm_rad": PLANT.gear_stiffness_nm_rad,

@@ -33,7 +33,7 @@ def constant_speed(speed_rps, period_s, seconds=7.0):
     return 2.0 * math.pi * speed_rps * turns
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [2, 3])
 @pytest.mark.parametrize("notch", [False, True])
 @pytest.mark.parametrize(("period_s", "delay"), [(T, 0), (T, 3), (1e-3, 0)])

@@ -26,7 +26,7 @@ def coloured(random, count, mean_of):
     return np.convolve(white, np.ones(mean_of) / math.sqrt(mean_of), "valid")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(("turns", "mean_of"), [((6.0,), 1), ((6.0,), 5), ((4.0, 4.0), 1)])
 def test_noise_alone_seldom_reaches_the_false_alarm_level(turns, mean_of):
     random = np.random.default_rng(11)

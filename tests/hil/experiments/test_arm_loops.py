@@ -145,7 +145,7 @@ def test_the_designed_filter_keeps_1_7_in_every_posture_of_the_line_and_table_3_
     assert worst(loops, (TABLE_3[2],), (), speeds)[0] > 2.1
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_given_filter_that_breaks_a_margin_on_the_line_is_refused_with_the_place(tmp_path):
     outcome = design(believed(), NotchDesignRequest(2, is_given=True, uncertainty_percent=0.0))
     assert outcome.failure is not None

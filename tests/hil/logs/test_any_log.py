@@ -66,7 +66,7 @@ def test_lines_of_any_kind_are_read_or_refused(lines, rhythm, end):
         assert all(each.words and each.remedy for each in found.findings)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # python-can leaves open what it cannot read
 @settings(max_examples=25)
 @given(st.sampled_from([(".blf", b"LOGG"), (".asc", b""), (".trc", b"")]), st.binary(max_size=400))

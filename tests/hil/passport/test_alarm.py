@@ -66,7 +66,7 @@ def conditions(rng, runs):
     return design_of(made), 0.003 * (warmth - 20.0) + 0.03 * load + 0.05 * way
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_changes_that_temperature_load_and_direction_explain_are_no_alarms_and_the_same_unexplained_are():
     rng, limits = np.random.default_rng(4), AlarmLimits.of(RATE, SERIES)
     design, effect = conditions(rng, RUNS)
@@ -106,7 +106,7 @@ def test_a_run_added_later_changes_no_score_before_it():
     assert whole[FEWEST_BEFORE:9] == pytest.approx(part[FEWEST_BEFORE:], abs=1e-6)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_without_a_change_scores_are_normal_and_independent():
     score = scores(np.random.default_rng(5).normal(2.0, 0.3, (4000, 12)), np.zeros((4000, 12)))[:, FEWEST_BEFORE:]
     assert stats.kstest(score.ravel(), "norm").pvalue > 1e-3
@@ -136,7 +136,7 @@ def test_errors_that_are_the_same_in_every_run_hide_no_wear():
     assert max(grown) < 0.1
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_wear_of_a_fifth_is_alarmed_on_its_way_where_runs_scatter_by_four_per_cent():
     """As a real robot's do; A grows by 1 % a run after 20 runs."""
     rng, limits = np.random.default_rng(11), AlarmLimits.of(RATE, SERIES)

@@ -72,7 +72,7 @@ def test_an_interrupt_while_writing_loses_nothing_and_adds_nothing(tmp_path: Pat
     assert add(tmp_path / "p.sqlite", [run("h1"), run("h2")]) == 2, "and it can be written again"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_disk_that_is_full_is_said_and_the_passport_is_as_before(tmp_path: Path):
     """The kernel refuses to let files grow beyond a limit, as a full disk does."""
     model(tmp_path / "runs", *(error(note="x" * 3000, day=day) for day in range(1, 28)))

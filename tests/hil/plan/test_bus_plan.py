@@ -232,7 +232,7 @@ def test_worst_contents_of_an_fd_frame_come_close():
 # -- the bench -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(("loop", "compensation"), [("drive", "none"), ("drive", "notch"), ("host", "none")])
 def test_the_plan_is_what_the_master_sends(loop, compensation):
     """Every cyclic frame of a run, by identifier and length."""

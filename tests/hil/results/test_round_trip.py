@@ -111,7 +111,7 @@ def test_results_of_two_orders_with_fields_of_their_own_are_read(tmp_path):
     assert history[0].standard_error["phi4_deg"] == 0.4
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @given(data=st.data())
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])

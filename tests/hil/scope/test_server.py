@@ -43,7 +43,7 @@ def status(scope, path="/", method="GET", **headers):
         return answer.status
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["/", "/scope.js", "/bokeh.min.js", "/stream"])
 def test_a_request_for_another_host_or_from_another_page_is_refused(scope, path):
     port = urlsplit(scope.url).port

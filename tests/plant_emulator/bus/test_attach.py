@@ -205,7 +205,7 @@ def test_a_parent_that_goes_ends_it(attachment, bus, tmp_path):
         attachment.run()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "status", "words"),
     [

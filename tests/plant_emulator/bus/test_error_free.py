@@ -113,7 +113,7 @@ class Traffic:
             self.advance(self.pair[0].now + self.draw.randrange(300_000))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("collisions", [0.0, 0.1])
 @pytest.mark.parametrize("rates", RATES)
 def test_random_traffic_passes_both_ways_alike(rates, collisions):

@@ -40,7 +40,7 @@ def world(robot):
     return made
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_127_nodes_boot_on_the_ideal_bus_lowest_identifier_first(world):
     assert world.node_ids == NODES
     assert world.power_on() == BOOT_UPS

@@ -53,7 +53,7 @@ def test_without_faults_either_way_gives_the_same_bytes_and_instants(run):
     assert quick == general
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_with_faults_equal_seeds_give_equal_bytes_and_others_do_not(run):
     first = run(FAULTS, seed=1)
     assert first[2].errors > 10

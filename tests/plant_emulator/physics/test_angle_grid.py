@@ -47,7 +47,7 @@ speeds, torques = st.one_of(st.just(0.0), st.floats(-80.0, 80.0)), st.floats(-5.
 states = st.tuples(st.floats(-1e3, 1e3), speeds, st.floats(-3.0, 3.0), speeds, torques, torques)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @settings(max_examples=300)  # the first call compiles
 @given(
     st.sampled_from([2, 3, 5]),

@@ -97,7 +97,7 @@ def torques(count, seed=1, size=0.5):
     return size * np.random.default_rng(seed).standard_normal(count)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [2, 3, 5])
 def test_the_linear_plant_is_the_state_space_of_the_design_discretised_by_scipy(number):
     axis = Axis(number, **LINEAR, **NO_ATE)
@@ -216,7 +216,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_substep():
     assert (end(2) - exact) / (end(4) - exact) == pytest.approx(16.0, rel=0.25)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("softness", [0.0, 0.5])
 @pytest.mark.parametrize("seed", range(3))
 def test_energy_never_grows_without_input_when_the_gear_loads_the_motor_too(seed, softness):
@@ -246,7 +246,7 @@ def balance(axis, commands, dt=40e-6):
     return (work - (axis.energy() - energy) - lost) / abs(work)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [2, 3])
 @pytest.mark.parametrize("softness", [0.0, 0.5])
 def test_the_work_put_in_is_stored_or_lost_when_the_gear_loads_the_motor_too(number, softness):
@@ -335,7 +335,7 @@ def test_the_current_loop_lags_by_its_time_constant():
     assert Axis(2).step(1.2).torque_nm == 1.2
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [2, 3, 5])
 def test_the_brake_holds_the_motor_whatever_the_torque_while_the_arm_swings_on_the_gear(number):
     axis = Axis(number, **NO_ATE, gravity_moment_nm=0.0, arm_damping_nm_s_rad=0.0, gear_damping_nm_s_rad=0.0)

@@ -112,7 +112,7 @@ CASES = {
 }
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_a_changing_error_moves_the_arm_as_scipy_says(case):
     """Held values are half a control period late: what that leaves is far below what the change does."""

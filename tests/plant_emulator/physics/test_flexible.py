@@ -51,7 +51,7 @@ def test_so_it_is_with_one_axis_braked_whose_motor_stands_while_its_link_swings(
     assert abs(got[2, 3]) > 0.01
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_so_it_is_with_friction_hysteresis_reaction_soft_gears_and_a_slow_current():
     """Friction turns round within 0.1 rad/s: only small steps follow it there to so many digits."""
     robot = six_axes(**EVERYTHING).model_copy(update={"plant_substeps": 64})
@@ -102,7 +102,7 @@ def linear(robot, angles, with_motors):
     )
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("with_motors", [False, True])
 @pytest.mark.parametrize("make", [planar, six_axes])
 def test_it_rings_at_the_frequencies_of_its_linearised_model(make, with_motors):

@@ -21,7 +21,7 @@ from plant_emulator.rehearsal.many import tables
 from plant_emulator.rehearsal.many.rows import WALKED, Row
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [REFERENCE_SEED, 4])
 def test_an_arm_can_follow_the_lines_on_which_it_is_looked_at(seed: int) -> None:
     robot, bench = arm_of(seed)

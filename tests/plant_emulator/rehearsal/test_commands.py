@@ -197,7 +197,7 @@ def test_a_summary_makes_table_and_page_again_and_prints_markdown(kept):
     assert len((kept.folder / "robots.csv").read_text().splitlines()) == 11
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_number_that_is_not_reached_is_said_and_with_check_is_a_status(kept):
     plain, checked = invoke("rehearse", "--summary", kept.folder), invoke("rehearse", "--summary", kept.folder, "--check")
     assert (plain.exit_code, checked.exit_code) == (0, 9)
@@ -218,7 +218,7 @@ def test_json_is_one_document(kept):
     assert (found["quiet_linear"], found["true_cause"], found["rms_z"]) == (True, False, None)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_resuming_only_adds_what_is_missing(kept):
     done = invoke("rehearse", "--seeds", "1-10", "--out", kept.folder, "--resume")
     assert done.exit_code == 0

@@ -27,7 +27,7 @@ def peak(run, begin_s: float, end_s: float) -> float:
     return float(np.max(np.abs(run.tip_mm[inside])))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_step_of_thirty_degrees_at_resonance_is_followed_within_five_revolutions():
     rig = reference()
     run = rig.run(constant(rig), rig.follower(), lambda now: 30.0 if now >= STEP_S else 0.0, only=2)

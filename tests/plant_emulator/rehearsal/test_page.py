@@ -74,7 +74,7 @@ def test_no_robot_makes_no_page(tmp_path):
         write_page(tmp_path / "report.html", [])
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_thousand_robots_make_a_page_that_a_browser_likes(tmp_path):
     """A figure has percentiles instead of the deviations of all, and the lists of robots end."""
     rows = [row(seed, "linear" if seed % 2 else "real", quantities=QUANTITIES, cpu_s=0.01 * seed) for seed in range(1000)]
@@ -82,7 +82,7 @@ def test_a_thousand_robots_make_a_page_that_a_browser_likes(tmp_path):
     assert write_page(tmp_path / "report.html", rows).stat().st_size < 1_000_000
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_same_robots_make_the_same_page(robots, tmp_path):
     first, second = (write_page(tmp_path / name, robots).read_bytes() for name in ("a.html", "b.html"))
     assert first == second

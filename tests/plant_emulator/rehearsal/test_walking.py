@@ -178,7 +178,7 @@ def cluster(tmp_path):
     started.close()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_dask_scheduler_with_a_worker_that_is_killed_on_the_way_gives_the_table_of_one_process(cluster, tmp_path):
     cluster.add()
     cluster.add()

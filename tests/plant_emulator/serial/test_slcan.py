@@ -341,7 +341,7 @@ def test_the_link_is_made_replaced_and_removed(tmp_path):
 # -- as processes ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_user_scans_through_the_adapter(serve, tmp_path):
     tty = tmp_path / "robot.tty"
     process, _ = serve("--slcan", str(tty))

@@ -385,7 +385,7 @@ def command(*arguments):
     return CliRunner().invoke(app, ["robustness", *map(str, arguments)])
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_equal_seeds_give_equal_runs_whatever_the_number_of_processes():
     studies = [study(axis, seed=5) for axis in (2, 3)]
     told = []

@@ -185,7 +185,7 @@ FOURTH = Notch(order=4, start_rps=2.0, end_rps=3.9, offset_hz=0.5, zeta_rn=0.03,
 IN_BAND = [*[(2, f) for f in (4.5, 5.0, 5.5, 5.92, 6.5, 7.5)], *[(4, f) for f in (2.3, 2.5, 2.75, 2.96, 3.2, 3.5)]]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [2, 3])
 @pytest.mark.parametrize(("order", "speed_rps"), IN_BAND)
 def test_at_constant_speed_the_arm_vibrates_as_the_closed_form_says(number, order, speed_rps):

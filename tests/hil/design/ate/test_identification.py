@@ -131,7 +131,7 @@ def test_an_amplitude_too_small_for_an_arm_of_its_own_has_the_error_of_an_arm_th
     assert found.amplitude_error_arcsec[4] < 0.03 * 10.0
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_standard_errors_are_those_of_the_noise() -> None:
     found = [identify([sweep(seed=seed)], RATIO, Sensing(LEVER), Arm(12.4, 0.04)) for seed in range(12)]
     for order in (2, 4):

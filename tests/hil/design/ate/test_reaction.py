@@ -40,7 +40,7 @@ def told(seed: int, kind: str, *, reacts: bool) -> Reaction | None:
     return gear_reaction([turned], knowledge.side, error)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "kind"), [(109, "linear"), (110, "real"), (113, "linear"), (123, "linear")])
 def test_a_gear_that_reacts_on_its_motor_is_told_from_one_that_does_not(seed: int, kind: str) -> None:
     with_it, without = told(seed, kind, reacts=True), told(seed, kind, reacts=False)

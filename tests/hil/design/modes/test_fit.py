@@ -59,7 +59,7 @@ def fitted(data: Spectra) -> tuple[PlantEstimate, PlantEstimate]:
     return single, fit_modes(data, timing, RATIO, LEVER_M, 0.0, single)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_three_links_ring_with_the_modes_of_their_mass_matrix_and_the_motor_is_known() -> None:
     single, found = fitted(measured())
     clamped_hz = np.sort(1.0 / np.sqrt(np.linalg.eigvalsh(MASSES / np.sqrt(np.outer(GEARS, GEARS))))) / (2.0 * math.pi)
@@ -77,7 +77,7 @@ def test_three_links_ring_with_the_modes_of_their_mass_matrix_and_the_motor_is_k
     assert found.plant.antiresonance_hz == pytest.approx(clamped_hz[0], rel=3e-3)  # the leading one, as a plant of its own
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_one_link_has_one_mode_and_the_very_same_plant() -> None:
     alone = np.diag(np.diag(MASSES))
     single, found = fitted(measured(alone))

@@ -129,7 +129,7 @@ def test_without_an_accelerometer_the_joint_s_encoder_is_followed(tmp_path):
     assert window[2].following_mm < window[2].alone_mm
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_adder_listens_and_begins_with_what_was_identified():
     motion = constant_acceleration(BENCH, 2, 0.002)
     cancellation = cancellation_for(BENCH, None, (2,), 0.002)

@@ -42,7 +42,7 @@ def reasons(made):
     return {(left.experiment.axis, left.experiment.treatment): left.reason for left in made.left_out}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_all_that_the_files_allow_is_planned_and_the_rest_has_its_reason():
     made = plan(KnownRobot(BENCH), ComparisonRequest(), channel=IDEAL)
     drive = {each.treatment for each in made.experiments if each.loop == "drive"}
@@ -64,7 +64,7 @@ def test_a_cancellation_that_follows_is_run_where_it_is_named():
     assert [each.treatment for each in made.experiments] == ["none", "cancellation", "cancellation-following"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_the_host_closes_comes_last():
     places = [each.loop for each in plan(KnownRobot(BENCH), ComparisonRequest(), channel=IDEAL).experiments]
     assert places == sorted(places)

@@ -37,7 +37,7 @@ LINEAR = (
 )  # fmt: skip
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("lag_s", [1e-4, 5e-4])
 def test_the_lag_of_the_current_loop_does_not_become_motor_inertia(lag_s: float) -> None:
     robot = robot_of(axis_of(100.0, 12.0, 2.0, 2.6e-4, current_time_constant_s=lag_s))
@@ -48,7 +48,7 @@ def test_the_lag_of_the_current_loop_does_not_become_motor_inertia(lag_s: float)
     assert max(map(abs, scores(evaluated, robot, *LINEAR).values())) < HONEST
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_sync_of_eight_milliseconds_and_thirteen_bits_will_do() -> None:
     robot = robot_of(axis_of(100.0, 10.0, 1.5, 1e-4, encoder_counts_per_rev=2**13), delay_s=0.006)
     evaluated = identification(robot, 0.008).perform()
@@ -58,7 +58,7 @@ def test_a_sync_of_eight_milliseconds_and_thirteen_bits_will_do() -> None:
     assert evaluated.estimate.plant.arm_damping_nm_s_rad >= 0.0
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_hysteresis_is_said_with_the_amplitudes_that_its_values_hold_for() -> None:
     robot = robot_of(axis_of(100.0, 12.0, 2.0, 2.6e-4, hysteresis_torque_nm=2.0))
     evaluated = identification(robot, 0.004).perform()
@@ -69,7 +69,7 @@ def test_hysteresis_is_said_with_the_amplitudes_that_its_values_hold_for() -> No
     assert max(map(abs, scores(evaluated, robot, *LINEAR).values())) < HONEST
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_static_friction_that_falls_off_is_not_taken_for_coulomb_friction() -> None:
     robot = robot_of(axis_of(100.0, 12.0, 2.0, 2.6e-4, rise=0.6, stribeck_velocity_rad_s=2.0))
     friction = identification(robot, 0.004).perform().friction.coulomb_nm

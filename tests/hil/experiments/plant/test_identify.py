@@ -83,7 +83,7 @@ def test_a_chirp_on_the_reference_does_as_well() -> None:
     assert evaluated.estimate.plant.gear_stiffness_nm_rad == pytest.approx(true_values(3)["gear_stiffness_nm_rad"], rel=0.05)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gain", "words"),
     [

@@ -165,7 +165,7 @@ def test_identifications_are_compared_with_their_errors(tmp_path):
     assert 'id="errors-by-order"' in text
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_page_has_both_tips_in_one_figure_that_can_be_zoomed(full_directory, tmp_path):
     new, old = (shutil.copytree(full_directory, tmp_path / name) for name in ("new", "old"))
     value = json.loads((old / "result.json").read_text(encoding="utf-8"))

@@ -18,7 +18,7 @@ def figures(full_report):
     return drawn
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_every_axis_is_named_with_its_unit(figures):
     for key, (figure, _) in figures.items():
         for axes in figure.axes:
@@ -28,7 +28,7 @@ def test_every_axis_is_named_with_its_unit(figures):
                 assert not shown or re.search(r"\([^()]+\)$", name), f"{key}: {name!r}"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_every_line_holds_finite_numbers(figures):
     for key, (figure, _) in figures.items():
         for axes in figure.axes:

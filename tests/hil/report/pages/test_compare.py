@@ -89,7 +89,7 @@ def test_a_refused_cancellation_is_said():
     assert "Refused by its trial: reference, axis 2, constant acceleration, cancellation." in found.details
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_several_robots_stand_in_the_same_table(directory, tmp_path):
     shutil.copytree(directory / "reference", tmp_path / "reference")
     shutil.copytree(directory / "reference", tmp_path / "other")

@@ -173,7 +173,7 @@ def test_it_is_small(full):
     assert sum(map(len, re.findall(r"<svg.*?</svg>", full, flags=re.DOTALL))) < 2_500_000
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_equal_data_give_equal_bytes(full, full_directory):
     assert write_report(full_directory).read_text(encoding="utf-8") == full
 

@@ -51,7 +51,7 @@ def test_runs_come_by_date_and_each_once(folder):
     assert found.runs[1].margins.sensitivity_peak != found.runs[0].margins.sensitivity_peak  # with the notch
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_cannot_be_read_is_named_and_the_rest_goes_on(folder):
     done = CliRunner().invoke(app, ["report", str(folder), "--trend"])
     assert done.exit_code == 0, done.output
@@ -68,7 +68,7 @@ def test_what_cannot_be_read_is_named_and_the_rest_goes_on(folder):
     assert "<script" not in text
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_same_folder_gives_the_same_bytes(folder):
     pages = [write_trend(folder, gather_runs(folder)).read_bytes() for _ in range(2)]
     assert pages[0] == pages[1]
