@@ -118,7 +118,7 @@ def test_every_tool_says_the_version_that_reports_say_and_waits_for_no_numbers(p
     assert versions()[DISTRIBUTION] == version_text()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_a_run_needs_before_it_moves_loads_no_part_of_scipy():
     """`import scipy` loads a part of it where the part is first used; its filters alone take longer than all that a run needs."""
     code = (

@@ -146,7 +146,7 @@ def test_other_shells_ask_in_their_own_way(shell, offered, monkeypatch):
     assert "maxon_epos4" in " ".join(offered("drive-profiles", "show", "max", shell=shell))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [
@@ -231,7 +231,7 @@ def terminal(folder):
     bash.close()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_real_bash_completes_names_values_and_files(terminal):
     for tool in PACKAGES:
         terminal.type(f'eval "$({tool} --show-completion)"; echo loaded-{len(tool)}\n', until=f"\r\nloaded-{len(tool)}")

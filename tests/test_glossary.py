@@ -91,7 +91,7 @@ SAME_IDEA = {"ExitStatus", "NodeError", "NoAnswerError", "SdoAbortedError"}
 """Classes of one name in two packages: the same idea, of each tool its own, or derived from one another."""
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_class_name_stands_for_one_class():
     places: dict[str, set[str]] = {}
     for package in PACKAGES:

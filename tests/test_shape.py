@@ -28,7 +28,7 @@ def test_no_module_is_too_long():
     assert {name: length for name, length in lengths.items() if length > LONGEST_MODULE} == {}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_no_function_is_too_long():
     lengths = {
         f"{name_of(path)}: {node.name}": node.end_lineno - node.lineno + 1

@@ -34,7 +34,7 @@ from plant_emulator.world import World
 from tests.hil.arm.reference import bench_with_arm
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_worst_direction_of_a_line_decides_and_all_directions_are_told(quiet_robot: Robot, tmp_path: Path) -> None:
     bench, out = bench_with_arm(tmp_path), tmp_path / "run"
     outcome = run_experiments(

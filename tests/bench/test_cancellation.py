@@ -143,7 +143,7 @@ def verdicts(session: Session, cancellation: Cancellation, motion: Motion) -> di
     return {verdict.part: verdict.verdict for verdict in verify(session, cancellation, motion).verdicts}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_trial_accepts_what_is_right_and_refuses_one_wrong_order_alone() -> None:
     """Of φ_4 turned by 180° the vibration as a whole still falls: by 18 % on axis 2, by 23 % on axis 3."""
     session = session_of(robot_of(NOISY), 0.002)
@@ -250,7 +250,7 @@ def test_learning_takes_the_motors_inertia_from_another_model_file_or_a_data_she
     assert cancellation_for(blank, sheet, (3,), 0.002).parts == (Part(3, 2), Part(3, 4))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_learning_keeps_its_passes_and_stores_each_axis(tmp_path: Path) -> None:
     world = World(robot_of(QUIET))
     bench = without_ate(with_bus(load_bench("reference"), sync_period_s=0.002))
@@ -274,7 +274,7 @@ def test_learning_keeps_its_passes_and_stores_each_axis(tmp_path: Path) -> None:
             learn_on_bus(of, asked, tmp_path / "again", tmp_path / "model.toml", channel=InProcessChannel(world))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_has_learnt_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A drive that turns its additions round: the second pass, with half of it, is worse than the first."""
     session = session_of(robot_of(QUIET), 0.002)
@@ -298,7 +298,7 @@ class Late:
         return old
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_two_passes_learn_what_cancels(tmp_path: Path) -> None:
     session = session_of(robot_of(QUIET), 0.002)
     session.bench = without_ate(session.bench)

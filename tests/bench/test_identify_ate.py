@@ -108,7 +108,7 @@ def test_everything_is_kept_of_an_identification(reference_bench: Bench, referen
         assert words in text
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_late_accelerometer_is_stated_and_does_no_harm(reference_bench: Bench, reference_robot: Robot) -> None:
     bench, request = ignorant(reference_bench, 0.001), AteRequest(2, goal=ONE_PASS)
     found = identified(bench, noisy(reference_robot, 0.001, 4), request, lambda channel: late_by(channel, 3.7))
@@ -174,7 +174,7 @@ def test_a_saturated_accelerometer(reference_bench: Bench, reference_robot: Robo
         identified(ignorant(reference_bench), noisy(reference_robot, 0.002, 1, range_m_s2=0.25), AteRequest(2))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_another_axis_moves(reference_bench: Bench, reference_robot: Robot) -> None:
     bench = ignorant(reference_bench)
     # the drive at axis 2's place is that of axis 3

@@ -42,7 +42,7 @@ def test_without_a_model_a_run_has_no_millimetre_and_says_what_is_missing(tmp_pa
         assert "f_al_hz" not in entry
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_without_a_model_a_ramp_on_which_nothing_acts_is_judged_by_its_own_resonance(
     tmp_path: Path, local_bus: ServedBus
 ) -> None:
@@ -81,7 +81,7 @@ def test_a_model_that_the_ramp_contradicts_judges_nothing(tmp_path: Path, local_
         assert "hil identify plant" in entry["invalid"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_another_robots_headline_is_its_own(tmp_path: Path, local_bus: ServedBus) -> None:
     text = REFERENCE.read_text(encoding="utf-8").replace('reference = "paper"', 'name_of_the_paper = ""', 1)
     text = "\n".join(line for line in text.splitlines() if "name_of_the_paper" not in line)

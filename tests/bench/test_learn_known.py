@@ -40,7 +40,7 @@ def learnt_from(
     return true, part, end
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_learning_keeps_the_order_that_its_ramps_do_not_reach(tmp_path: Path) -> None:
     true, part, end = learnt_from(tmp_path, passes=2)
     values = part.values
@@ -55,7 +55,7 @@ def test_learning_keeps_the_order_that_its_ramps_do_not_reach(tmp_path: Path) ->
     assert end.learnt[AXIS].reduction_fraction > 0.3
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_learning_goes_on_through_the_order_that_the_motion_meets(tmp_path: Path) -> None:
     true, part, end = learnt_from(tmp_path, passes=3, a1_factor=0.95)
     assert part.values.a1_arcsec == pytest.approx(true.a1_arcsec, rel=0.015), "known 5 % too small"

@@ -155,7 +155,7 @@ def test_what_is_stopped_keeps_its_recording_and_returns_why(kind: str, rig: Mea
     assert "stopped" in (tmp_path / "report.html").read_text(encoding="utf-8"), kind
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_nodes_that_do_not_answer_leave_no_result(kind: str, rig: MeasurementRig, tmp_path: Path) -> None:
     rig.channel.passes = lambda frame: False
     with pytest.raises(Exception, match=r"no answer|node") as error:

@@ -83,7 +83,7 @@ def line_of(robot: Robot, mounting: Mounting | None) -> Recording:
     return result.recording
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_sensor_turned_anyhow_at_the_tip_shows_the_line_as_an_ideal_one_does() -> None:
     robot = load_robot("reference-arm")
     ideal, real = line_of(robot, None), line_of(robot, Mounting(origin_m=(0.0, 0.0, 0.05), **FRAME))

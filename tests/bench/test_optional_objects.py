@@ -81,7 +81,7 @@ def without_feed(monkeypatch: pytest.MonkeyPatch, session: Session) -> None:
     monkeypatch.setattr(axis, "profile", axis.profile.model_copy(update={"encoder": encoder}))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", OPTIONAL.values(), ids=OPTIONAL)
 @pytest.mark.parametrize("code", [SdoAbortCode.NO_OBJECT, SdoAbortCode.NO_SUBINDEX])
 def test_a_drive_without_an_optional_object_runs(

@@ -235,7 +235,7 @@ def sniffed_bus(pytestconfig: pytest.Config) -> Iterator[tuple[ServedBus, Sniffe
         sniffer.close()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -262,7 +262,7 @@ def test_a_bad_bench_file_is_located_and_no_frame_is_sent(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
@@ -291,7 +291,7 @@ def test_wrong_calls_say_what_is_wrong_and_have_their_exit_status(
     assert isinstance(done.exception, SystemExit), "no traceback"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [

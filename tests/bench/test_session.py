@@ -438,7 +438,7 @@ def test_set_points_stop_when_the_loop_does(short_bench: Bench, reference_robot:
 # -- the shape of a run ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_host_closed_commands_torque_and_drive_closed_positions(short_bench: Bench, reference_robot: Robot) -> None:
     lengths = {}
     for loop, period in (("drive", 0.002), ("host", 250e-6)):
@@ -549,7 +549,7 @@ def test_no_axis_is_enabled_before_all_can_be(reference_bench: Bench, reference_
     assert first == {State.OPERATION_ENABLED}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_host_loop_holds_each_axis_from_its_first_enabled_cycle(
     session: BenchSession, robot: EmulatedRobot, bench: Bench
 ) -> None:
@@ -566,7 +566,7 @@ def test_a_host_loop_holds_each_axis_from_its_first_enabled_cycle(
     assert largest[0] < 0.2, "rad at the motor, while the brake opens under gravity"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_run_without_its_accelerometer_is_never_a_pass(reference_bench: Bench, reference_robot: Robot) -> None:
     session, channel = session_of(reference_bench, reference_robot)
     channel.passes = lambda frame: frame.can_id != 0x190

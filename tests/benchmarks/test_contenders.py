@@ -55,7 +55,7 @@ def test_a_client_that_reads_another_value(monkeypatch):
         sdo.sdo()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_processes_that_judge_otherwise(monkeypatch):
     right = robustness.run_all
     # other plants than those of the first turn

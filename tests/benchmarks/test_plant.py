@@ -51,7 +51,7 @@ class TestC:
         with pytest.raises(RuntimeError, match="row 1"):
             in_c(axes, 1)
 
-    @pytest.mark.ci
+    @pytest.mark.slow
     def test_a_wrong_contender_ends_the_program_without_a_page(self, monkeypatch, tmp_path, capsys):
         wrong, page = plant.compiled_c(declarations=WRONG), tmp_path / "page.md"
         monkeypatch.setattr(plant, "compiled_c", lambda *_: wrong)

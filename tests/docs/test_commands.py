@@ -152,6 +152,10 @@ MADE = {"docs/robustness.md": {"design/design.toml": designed}}
 SLOW = {
     "docs/arm.md",
     "docs/explain.md",
+    "docs/export.md",
+    "docs/first-motion.md",
+    "docs/live.md",
+    "docs/recordings.md",
     "docs/reports.md",
     "docs/load-encoder.md",
     "docs/real-drive.md",
@@ -167,15 +171,7 @@ SLOW = {
 }
 """Pages that take longer than a few seconds."""
 
-IN_CI = {
-    "README.md",
-    "docs/emulated-drive.md",
-    "docs/export.md",
-    "docs/first-motion.md",
-    "docs/live.md",
-    "docs/planning.md",
-    "docs/recordings.md",
-}
+IN_CI = {"README.md", "docs/emulated-drive.md", "docs/planning.md"}
 """Pages that take seconds; the everyday run takes the others, and CI these as well."""
 
 

@@ -112,7 +112,7 @@ def test_help_profiles_and_a_description_need_no_posix(run, tmp_path):
     run("eds", "check", "b.eds")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_a_code_page_lacks_is_escaped(run, tmp_path):
     (tmp_path / "a.eds").write_text(EDS.replace("NAME", "Widerstand, Ω"), encoding="utf-8")
     assert r"Widerstand, \u03a9" in run("eds", "show", "a.eds")

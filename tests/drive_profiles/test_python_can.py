@@ -51,7 +51,7 @@ def test_asammdf_itself_is_imported_as_ever():
     assert (done.stderr, done.returncode) == ("", 0)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_trace_doctor_reads_an_mf4_log(tmp_path):
     log_of(tmp_path / "log.mf4", [(0x80, b""), (0x181, bytes(8))] * 500)
     done = python("-m", "hil", "explain", str(tmp_path / "log.mf4"))

@@ -261,4 +261,9 @@ def transfer(
     """One upload; None where it was refused before anything was written, or killed."""
     line = Line(slave, fault)
     made = upload(slave, folder, wanted() if parameter_set is None else parameter_set, line, store=store)
-    return line, fleet.run([made])[0]
+    try:
+        return line, fleet.run([made])[0]
+    except KilledError:
+        if made._journal is not None:
+            made._journal._file.close()  # as the kernel does with the files of a process that was killed
+        raise

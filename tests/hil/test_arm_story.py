@@ -70,7 +70,7 @@ def test_an_arm_that_keeps_the_specification_by_itself_shows_nothing():
     assert verdicts(entry("none", 0.02, 0.003, 0.02, 0.03), AFTER)[0] is False
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_an_arm_that_is_not_there_is_said_on_its_own_page_and_on_the_demos(tmp_path: Path):
     bench = load_bench("reference-arm")
     described = MeasuredBench(

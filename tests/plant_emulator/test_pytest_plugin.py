@@ -131,7 +131,7 @@ def test_a_bus_that_is_not_there_skips_or_fails_as_asked(
     result.stdout.fnmatch_lines(["*no bus at local:/nowhere/robot.sock*"])
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_real_robot_does_not_move_unless_that_is_allowed(
     run, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -349,7 +349,7 @@ def test_every_fault_does_what_it_says(run: Run) -> None:
     assert_all_passed(result, skipped=1)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_crc_is_noticed_where_bits_have_times(run: Run) -> None:
     result = run(FAULTS, "--bitrate", "1M", "-k", "test_noticed or test_it_goes_on or bus_off")
     assert_all_passed(result, skipped=0)

@@ -259,7 +259,7 @@ def test_a_drive_that_ends_its_stop_during_a_free_run_says_so_then_and_not_at_it
     assert [f.can_id for f in frames[:said]].count(0x703) < 10
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("can_id", [0x000, 0x080, 0x203, 0x603, 0x7FF, 0x8000_0603, 0x2000_0004, 0xFFFF_FFFF])
 @pytest.mark.parametrize("data", [b"", b"\xff" * 8, b"\x81\x00", b"\x2f" + b"\0" * 7])
 def test_no_frame_makes_the_world_raise(can_id, data):
@@ -362,7 +362,7 @@ def test_identifiers_that_nobody_listens_to_leave_nothing_behind():
     assert left < 10_000
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_world_in_which_every_node_is_given_every_frame_is_no_other(seed, monkeypatch):
     rng = random.Random(seed)

@@ -50,7 +50,7 @@ def energy(plant, state):
     ) + p["gravity_moment_nm"] * math.sin(s["arm_angle_rad"] + p["home_angle_rad"])
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @relaxed
 @given(numbers, states, st.booleans(), st.floats(0.0, 300.0), st.floats(0.0, 7.0))
 def test_energy_never_grows_without_input(number, start, gravity, arcsec, phase):

@@ -246,7 +246,7 @@ short_traffic = st.lists(st.tuples(st.integers(0, 400), st.integers(0, 2), frame
 )
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(short_traffic)
 def test_instants_are_those_of_controllers_simulated_bit_by_bit(offers):

@@ -85,7 +85,7 @@ def test_a_logged_run_is_whole_and_played_to_another_robot_it_does_the_same(star
     assert second.drive.slave.nmt_state == first.drive.slave.nmt_state
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_bridge_makes_two_robots_one_bus(start_served):
     first, second = start_served(), start_served(robot=AXIS_2)
     with tool("bridge", *on(first, "bus1-"), *on(second, "bus2-")):

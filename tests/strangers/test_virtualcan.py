@@ -193,7 +193,7 @@ def test_a_master_in_lock_step_leads_and_the_client_follows(served):
 # -- bounds ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_who_does_not_read_is_dropped_and_the_others_go_on(served, monkeypatch):
     monkeypatch.setattr(virtualcan, "MAX_BACKLOG_BYTES", 1 << 12)
     silent, busy, reader = served.join(), served.join(), served.join()

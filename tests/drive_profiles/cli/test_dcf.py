@@ -42,7 +42,7 @@ def pulled(folder):
     return ParameterSet.load(folder / "a.toml")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_dcf_of_a_pulled_set_says_whose_it_is(pulled, folder):
     description = eds.load(folder / "a.dcf")
     assert (description.own_node_id, description.serial_number) == (2, pulled.header.serial_number)
@@ -55,7 +55,7 @@ def test_a_dcf_of_a_pulled_set_says_whose_it_is(pulled, folder):
     assert [line for line in source if line not in made] == []
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_set_goes_to_a_dcf_and_back_without_loss(pulled, folder):
     run("convert", "a.dcf", "--out", "b.toml")
     back = ParameterSet.load(folder / "b.toml")
@@ -102,7 +102,7 @@ def test_verify_diff_and_upload_take_a_dcf_and_a_concise_one(pulled, folder):
     run("verify", "a.toml", "--node", "2")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_doubt_about_a_set_is_not_lost_in_a_dcf(pulled, folder):
     text = (folder / "a.toml").read_text().replace("[header]", '[header]\nunverified = "a forum says so, in °"', 1)
     (folder / "u.toml").write_text(text)
@@ -120,7 +120,7 @@ def test_a_comment_that_is_none_of_ours_is_named(pulled, folder):
     assert "counts" in run("verify", "a.dcf", "--node", "2", code=3).stderr
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_vendor_s_eds_becomes_the_dcf_of_one_drive_with_its_commissioning_values(folder):
     source = Path(__file__).parents[4] / "shared" / "eds" / "maxon_EPOS4-Module-50-5.eds"
     if not source.exists():

@@ -104,7 +104,7 @@ def test_nmt_says_the_states_asks_and_tells_what_came_of_it():
     run("nmt", "start", "--node", 77, "--yes", code=5)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_nmt_does_not_take_torque_away_unawares(robot):
     gains = ("position_gain_per_s=25", "velocity_gain_nm_s_rad=0.196", "velocity_integral_gain_nm_rad=3.9")
     run("set", *gains, "--node", 5, "--yes")

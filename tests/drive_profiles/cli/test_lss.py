@@ -53,7 +53,7 @@ def test_a_node_without_a_node_id_is_found_and_given_one_that_acts_after_a_reset
     run("lss", "bit-rate", "123456", "--identity", identity, "--yes", *PATIENT, code=3)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_would_mean_several_nodes_or_none_is_refused():
     assert "would mean all of them" in run("lss", "show", "--only", code=2)
     run("lss", "show", code=2)

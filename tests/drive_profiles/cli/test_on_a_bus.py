@@ -84,7 +84,7 @@ def cells(text):
     return [line.split() for line in text.splitlines()]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_scan_finds_every_node_with_its_profile():
     rows = [line.split() for line in run("scan").stdout.splitlines()]
     assert [row[0] for row in rows[1:]] == ["2", "3", "5", "16"]
@@ -129,7 +129,7 @@ def test_info_says_who_a_node_is_and_in_which_state():
     assert "-" in run("info", "--node", "16").stdout
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_page_of_the_readme_from_scan_to_a_stored_notch(folder):
     run("pull", "--node", "2", "--out", "axis2.toml")
     before = ParameterSet.load(folder / "axis2.toml")
@@ -172,7 +172,7 @@ def test_two_drives_are_written_together(folder):
     assert [outcome["kind"] for outcome in json.loads(result.stdout)] == ["done", "done"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_get_and_set_take_addresses_and_names_and_say_units():
     assert "1/s" in run("set", "position_gain_per_s=17.5", "--node", "2", "--yes").stdout
     row = json.loads(run("get", "0x2100:1", "--node", "2", "--json").stdout)[0]
@@ -235,7 +235,7 @@ def held(name, node=2):
     return json.loads(run("get", name, "--node", node, "--json").stdout)[0]["value"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_store_and_factory_defaults():
     factory = held("position_gain_per_s")
     run("set", "position_gain_per_s=9", "--node", "2", "--yes")
@@ -344,7 +344,7 @@ def test_what_is_no_parameter_set_or_no_file_is_refused(folder):
     assert not (folder / "-").exists()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_set_of_another_device_is_refused_whatever_is_answered(folder):
     run("pull", "--node", "2", "--out", "pulled.toml")
     text = (folder / "pulled.toml").read_text()
@@ -407,7 +407,7 @@ def test_an_interrupt_before_anything_is_written_says_only_that(monkeypatch):
     assert result.stderr.splitlines()[-1] == "interrupted"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [

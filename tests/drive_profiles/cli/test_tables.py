@@ -52,7 +52,7 @@ def test_what_no_column_can_hold_becomes_a_block():
     ]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @given(tables, st.integers(8, 120))
 def test_no_word_is_broken_or_lost_and_no_line_too_wide(table, width):
     header, rows = table

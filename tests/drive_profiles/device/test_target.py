@@ -50,7 +50,7 @@ def test_of_products_without_a_code_each_may_be_meant(label):
     assert found == [member.label for member in PROFILES[label.partition("/")[0]].members]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("label", CODED)
 @pytest.mark.parametrize("named", ["", "family", "product"])
 def test_a_device_is_taken_for_its_product_whichever_way_the_profile_is_given(label, named):

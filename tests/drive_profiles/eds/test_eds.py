@@ -249,7 +249,7 @@ def test_a_wrong_node_id_is_the_caller_s_mistake(node_id):
         eds.loads(MINIMAL.encode(), node_id=node_id)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_compact_notations_do_not_explode():
     text = "".join(
         f"[{index:04X}]\nParameterName=x\nObjectType=8\nDataType=7\nAccessType=rw\nCompactSubObj=0xFE\n"

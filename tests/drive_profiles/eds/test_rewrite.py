@@ -43,7 +43,7 @@ def some_value(data_type: int) -> st.SearchStrategy:
     return TEXTS.filter(lambda text: text == text.strip()) if data_type == 0x09 else st.binary(min_size=1, max_size=20)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.data())
 def test_the_values_are_read_back_and_every_other_line_is_as_it_was(data):

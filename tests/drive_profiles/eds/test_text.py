@@ -88,7 +88,7 @@ def test_a_value_is_replaced_and_all_around_it_stays():
     assert new == b"[1000]\r\nParameterValue =  66 # five\r\n[1001]\nName=\tc \n[1002]\r\nX=1\r\n"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "words"),
     [

@@ -82,7 +82,7 @@ def test_declarations_are_refused(declaration):
         eds.loads(f"{head}{declaration}\n{rest}".encode(), "x.xdd")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "words"),
     [

@@ -133,7 +133,7 @@ def test_a_file_that_is_written_again_is_the_same_text(held, is_raw):
     assert read(text).dumps() == text
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", TYPES)
 @pytest.mark.parametrize("is_raw", [False, True])
 @given(st.data())

@@ -276,7 +276,7 @@ def possible(draw):
     return goal
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @given(possible(), possible())
 def test_the_emulated_slave_accepts_every_step_forth_and_back(first, second):
     dictionary = slave().dictionary

@@ -113,7 +113,7 @@ acts = st.lists(
 )
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @given(acts)
 @settings(max_examples=30)
 def test_what_a_journal_says_is_true_wherever_it_ends(tmp_path_factory, drawn):

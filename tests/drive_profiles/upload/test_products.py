@@ -24,7 +24,7 @@ def upload(device, parameter_set, tmp_path, **options):
     return fleet.run([made])[0]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("label", WITH_A_FILE)
 def test_a_product_goes_round_with_its_own_file(label, tmp_path):
     described(label)  # skips where the file is not at hand

@@ -76,7 +76,7 @@ def test_a_tool_turns_at_the_pace_of_the_way():
     assert np.allclose(frames[2], turned, rtol=0.0, atol=1e-7)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_line_out_of_the_workspace_is_refused_where_it_leaves_it():
     with pytest.raises(LineError, match=r"does not bring its tip to x = 0\.87") as caught:
         line((1.2, 0.0, 0.45)).joints(np.zeros(1))
@@ -86,7 +86,7 @@ def test_a_line_out_of_the_workspace_is_refused_where_it_leaves_it():
     assert "mm" in str(caught.value)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_line_through_a_singular_posture_is_refused_with_the_joints_that_would_whirl():
     with pytest.raises(LineError, match="axis 1 and axis 6 would turn without moving the tip") as caught:
         line((-0.5, 0.0, 0.45)).joints(np.zeros(1))  # through the axis of the base

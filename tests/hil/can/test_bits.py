@@ -269,7 +269,7 @@ def sent_by_fd(can_id, data, is_extended, brs):
     return sent
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_5_000_random_can_fd_frames_are_what_a_second_implementation_sends():
     chance = random.Random(2015)
     for _ in range(5_000):

@@ -46,7 +46,7 @@ def test_it_writes_the_model_file_and_a_report(tmp_path: Path) -> None:
     assert "pass 1 of at most 6: axis 2 to 10.00 rev/s at 4.00 rev/s² and back" in found.stderr
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.usefixtures("on_the_emulator", "without_pictures")
 def test_a_goal_that_is_missed_is_said_and_ends_with_9(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     goal = Goal({2: 1e-6, 4: 1.0}, {2: 90.0, 4: 90.0})

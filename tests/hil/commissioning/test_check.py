@@ -223,7 +223,7 @@ def test_drawn_robots_pass_all_that_can_be_told_of_them(seed, tmp_path):
     assert [each.name for each in outcome.result.checks if each.verdict != "PASS"] == []
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_no_check_moves_the_motor_further_than_it_says(tmp_path):
     world, seen = World(load_robot("reference")), []
     channel = InProcessChannel(world)
@@ -274,7 +274,7 @@ def test_a_drive_that_falls_silent_is_not_taken_for_one_that_has_stopped(tmp_pat
     assert [each.name for each in outcome.result.failed] == ["heartbeat loss"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_drive_that_falls_silent_because_it_has_stopped_has_noticed(tmp_path):
     """Its node falls back to pre-operational with it: few cycles without an answer, and no status word that would tell."""
     bench = load_bench("reference")

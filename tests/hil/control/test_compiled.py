@@ -77,7 +77,7 @@ def folder_of_the_control_period(folder):
     return run(folder, "-c", program).strip()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_control_period_is_compiled_anew_after_an_edit_of_any_source_that_it_inlines(copied):
     before = {folder_of_the_control_period(copied)}
     for source in SOURCES:
@@ -113,7 +113,7 @@ def test_a_division_by_zero_is_a_number_of_ieee_and_no_exception():
     assert not all(math.isfinite(value) for value in notch_coefficients(0.0, 0.0, 0.1, 0.1, 250e-6))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_lies_on_disk_runs_without_numba_and_gives_the_same_bits(tmp_path):
     (tmp_path / "gadget").mkdir()
     (tmp_path / "gadget" / "sums.py").write_text(SUMS, encoding="utf-8")

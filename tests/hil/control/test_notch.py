@@ -137,7 +137,7 @@ def test_a_notch_that_is_off_passes_everything(speed_rps):
     assert Bank(NO_NOTCH).at(speed_rps, 0.0).run(np.full(u.shape, speed_rps), u).tolist() == u.tolist()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [NOTCH_SWITCHED, NOTCH_TRAPEZOID])
 @pytest.mark.parametrize("speed_rps", [4.0, 4.3, 5.92, 9.0])
 def test_a_constant_torque_passes_unchanged_through_a_filter_that_starts(speed_rps, mode):
@@ -145,7 +145,7 @@ def test_a_constant_torque_passes_unchanged_through_a_filter_that_starts(speed_r
     np.testing.assert_allclose(out, 0.7, atol=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "bound"), [(NOTCH_SWITCHED, 0.006), (NOTCH_TRAPEZOID, 0.03)])
 def test_retuning_at_4_rps_per_s_disturbs_a_constant_torque_by_less_than_a_hundredth_or_three(mode, bound):
     """The delays hold what the coefficients of a moment ago left: 0.5 % at 4 rps/s, 2.4 % on the trapezoid's slope."""
@@ -179,7 +179,7 @@ def coarse_speed(bits, speeds_rps):
     return signal.lfilter(b, a, shown, zi=settled)[0]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("bits", [13, 11])
 @pytest.mark.parametrize("foot_rps", [4.0, 9.0])
 def test_the_speed_of_a_coarse_encoder_switches_the_filter_at_most_twice_per_crossing(foot_rps, bits):

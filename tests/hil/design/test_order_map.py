@@ -86,7 +86,7 @@ def test_a_component_is_followed_as_it_swells_and_falls():
     assert np.max(track.amplitude[:, (0, 2)]) < 0.05
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", ["white", "low-passed"])
 def test_standard_errors_hold(colour):
     rng = np.random.default_rng(20261122)

@@ -95,7 +95,7 @@ def test_more_noise_means_less_coherence_and_larger_errors() -> None:
     assert loud.parameters["resonance_hz"].standard_error > 3.0 * quiet.parameters["resonance_hz"].standard_error
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_circle_of_confidence_holds_the_true_response() -> None:
     inside = []
     for seed in range(8):

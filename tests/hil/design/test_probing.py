@@ -180,7 +180,7 @@ def test_a_setting_that_is_known_before_stays_as_it_is_known() -> None:
     assert abs(found.settings[0] - world.right[0]) < 1.0
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [0, 2])
 def test_two_rounds_know_each_setting_by_the_one_that_shows_it(hidden: int) -> None:
     """The second begins where the first has ended, and is as sure of each as that was."""

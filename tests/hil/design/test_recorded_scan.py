@@ -66,7 +66,7 @@ def ringing_waves(angle, speed, resonance_hz=12.0, damping=0.05):
     return waves
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_noise_behind_an_arm_reaches_the_level_no_more_often():
     """An order shows within few of the revolutions, so that its neighbours are few independent ones."""
     random = np.random.default_rng(7)

@@ -54,7 +54,7 @@ def on_mounting(ramp, resonance_hz, damping=0.03):
     return replace(ramp, tip_m_s2=rung[: len(ramp.tip_m_s2)])
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stiffness", "acceleration_rps_s", "axis", "a2_arcsec", "order"),
     [(0.15, 2.0, 2, 20.0, 2), (0.4, 2.0, 2, 5.0, 2), (1.0, 4.0, 2, 5.0, 2), (1.0, 4.0, 3, 10.0, 2), (2.0, 4.0, 2, 5.0, 4)],
@@ -81,7 +81,7 @@ def test_a_sensor_that_rings_on_its_mounting_is_not_the_arm():
         ringing(on_mounting(ramp, 28.0), ORDERS)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_tone_of_the_floor_is_not_the_arm():
     ramp, _ = recorded(error={"a2_arcsec": 0.0, "a4_arcsec": 0.0})
     time = PERIOD_S * np.arange(len(ramp.tip_m_s2))

@@ -28,7 +28,7 @@ def loops(period_s=250e-6, delay=0):
     return [base, dataclasses.replace(base, plant=soft)]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILTERS)
 @pytest.mark.parametrize(("period_s", "delay"), [(250e-6, 0), (250e-6, 2), (500e-6, 0)])
 def test_they_are_those_of_the_slow_way(name, period_s, delay):

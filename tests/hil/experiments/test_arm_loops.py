@@ -136,7 +136,7 @@ def test_the_emulated_arm_shows_the_sensitivity_that_is_reckoned(notch, speed, o
     np.testing.assert_allclose(measured, reckoned, rtol=0.02)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("percent", [0.0, 3.0])
 def test_the_designed_filter_keeps_1_7_in_every_posture_of_the_line_and_table_3_does_not(percent):
     loops = loops_of(believed(), 2, percent).loops
@@ -211,7 +211,7 @@ def test_the_gear_of_several_modes_is_their_sum():
     assert damping == pytest.approx(lost, rel=0.1)  # the modes do not diagonalise it
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_masses_identified_from_three_postures_do_instead_of_bodies():
     known = model_file()
     identified = known.with_arm(identify_arm(BENCH, known).arm)

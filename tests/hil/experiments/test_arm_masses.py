@@ -49,7 +49,7 @@ def model_file(postures=OTHERS, seed=1, axes=AXES, beside_deg=2.0):
     return Identified(robot=BENCH.name, axis=found)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_three_postures_predict_the_dips_along_the_line_within_two_per_cent_and_within_their_errors(seed):
     result = identify_arm(BENCH, model_file(seed=seed))
@@ -65,7 +65,7 @@ def test_three_postures_predict_the_dips_along_the_line_within_two_per_cent_and_
         assert stiffness == pytest.approx(load_robot("reference-arm").axis[axis].gear_stiffness_nm_rad, rel=0.03)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_bench_files_bodies_are_held_against_what_was_measured():
     arm = load_robot("reference-arm").arm
     right = identify_arm(BENCH.model_copy(update={"arm": arm}), model_file())
@@ -88,7 +88,7 @@ def test_too_few_postures_are_refused_and_those_that_do_not_do_name_one_more():
     assert any(re.search("dips along the line are known to .* % only: .*" + added, note) for note in nearly.notes)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("alike", [((0, 0, 0), (0, 20, 0), (0, 40, 0)), ((0, 0, 0), (0, 5, 5), (0, 10, 10))])
 def test_postures_that_lie_close_end_in_the_right_masses_all_the_same(alike, seed):

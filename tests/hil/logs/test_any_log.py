@@ -50,7 +50,7 @@ RHYTHM = st.integers(20, 60).flatmap(
 )  # fmt: skip
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.lists(LINE, max_size=40), st.one_of(st.just([]), RHYTHM), st.sampled_from([b"\n", b"\r\n"]))
 def test_lines_of_any_kind_are_read_or_refused(lines, rhythm, end):

@@ -114,7 +114,7 @@ def test_without_a_change_scores_are_normal_and_independent():
     assert np.max(np.abs(together)) < 5.0 / math.sqrt(len(score))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_jump_beyond_the_scatter_is_alarmed_at_once():
     rng, limits = np.random.default_rng(9), AlarmLimits.of(RATE, SERIES)
     values = rng.normal(10.0, 0.2, (2000, 20))

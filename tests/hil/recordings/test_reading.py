@@ -114,7 +114,7 @@ def test_an_archive_with_a_wrong_byte_is_refused(tmp_path):
         read_recording(path, Said(), 1)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_number_with_stamps_that_go_back_is_refused(tmp_path):
     with asammdf.MDF() as file:
         file.append([asammdf.Signal(MOTOR, TIME, name="motor_rad")])
@@ -124,7 +124,7 @@ def test_a_number_with_stamps_that_go_back_is_refused(tmp_path):
         read_recording(tmp_path / "a.mf4", Said(), 1)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("left", [0.3, 0.6, 0.99])
 def test_an_mf4_file_that_was_cut_off_is_refused_and_prints_nothing_else(tmp_path, capsys, left):
     with asammdf.MDF() as file:

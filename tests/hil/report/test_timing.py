@@ -26,7 +26,7 @@ def directory(tmp_path: Path) -> Path:
     return written(tmp_path, ExperimentsResult(bench=measured_bench(), runs=[run]))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
 def test_the_table_says_how_late_it_was_and_what_was_refused(directory: Path) -> None:
     table = timing_table(Material(directory))

@@ -30,7 +30,7 @@ def udp():
     return address
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_scope_joins_a_bus_of_python_can_and_shows_every_row(udp):
     try:
         channel = AdapterChannel(udp)

@@ -56,7 +56,7 @@ def test_a_request_for_another_host_or_from_another_page_is_refused(scope, path)
         assert status(scope, path, Host=f"localhost:{port}", Origin=f"http://localhost:{port}") == 200
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_stream_for_another_page_is_refused(scope):
     async def join(origin):
         url = scope.url.replace("http", "ws") + "stream"
@@ -138,7 +138,7 @@ def test_a_trigger_tells_when_it_fires(scope, channel):
     look(scope, talk)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_recorded_run_is_shown_whole_in_the_same_page(tmp_path):
     (tmp_path / "runs").mkdir()
     time_s = np.arange(30_000) * 0.001

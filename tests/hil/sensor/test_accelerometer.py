@@ -386,7 +386,7 @@ class ScriptedPort:
     close = set_low_latency_mode = lambda self, *_: None
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("late_s", [0.0, 0.003])
 def test_the_value_at_a_sync_is_the_one_of_that_instant(monkeypatch, late_s):
     """A frame a millisecond, handed over up to so late; x is the time at which it was written."""

@@ -140,7 +140,7 @@ def test_where_nobody_serves_python_can_is_told_what_to_do(tmp_path):
         can.Bus(interface="hil_local", channel=str(tmp_path / "nobody.sock"))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_notifier_hears_everything(bus, either):
     heard = can.BufferedReader()
     notifier = can.Notifier(bus, [heard])

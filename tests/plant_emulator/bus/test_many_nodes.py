@@ -48,7 +48,7 @@ def test_127_nodes_boot_on_the_ideal_bus_lowest_identifier_first(world):
     assert all(drive.slave.nmt_state is NmtState.PRE_OPERATIONAL for drive in world.drives.values())
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_on_a_bus_with_bit_times_127_boot_ups_arbitrate_and_none_is_lost(world):
     made = TimedBus(world, EmulatedWire(1_000_000, now_ns=world.now))
     made.wire.attach(CLIENT)

@@ -412,7 +412,7 @@ def test_at_its_end_it_leaves_a_path_that_is_another_servers_now(start_server, t
 # -- the process -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "state"), [(signal.SIGINT, "free"), (signal.SIGTERM, "lock-step")])
 def test_a_signal_ends_it_and_removes_the_socket(serve, number, state):
     process, path = serve()
@@ -430,7 +430,7 @@ def test_a_signal_ends_it_and_removes_the_socket(serve, number, state):
         channel.close()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_second_server_at_the_same_path_ends_with_status_4(serve):
     first, path = serve()
     second, _ = serve(wait=False)

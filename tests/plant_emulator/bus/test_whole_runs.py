@@ -46,7 +46,7 @@ def run(tmp_path_factory):
     return made
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_without_faults_either_way_gives_the_same_bytes_and_instants(run):
     quick, general = run(), run(is_quick=False)
     assert len(quick[0]) > 100_000

@@ -19,7 +19,7 @@ def served(*options: str, **environment: str) -> tuple[str, str]:
     return done.stdout.splitlines()[0], done.stderr
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_environment_names_the_bus_and_the_option_comes_before_it(tmp_path: Path) -> None:
     one, other = f"local:{tmp_path}/one.sock", f"local:{tmp_path}/other.sock"
     line, said = served(HIL_BUS=one)
@@ -30,7 +30,7 @@ def test_the_environment_names_the_bus_and_the_option_comes_before_it(tmp_path: 
     assert said.startswith(f"bus {other}, from --bus; not {one}, as HIL_BUS says")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_reference_arm_is_served_with_six_drives_and_nothing_is_loaded_meanwhile(tmp_path: Path) -> None:
     line, said = served("--robot", "reference-arm", "--bus", f"local:{tmp_path}/arm.sock")
     drives = ", ".join(f"axis {number} at node {number}" for number in range(1, 7))

@@ -47,7 +47,7 @@ def born(definition, known):
     return names
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_no_attribute_is_born_outside_a_constructor():
     known = classes()
     late = {

@@ -395,7 +395,7 @@ print("numba" in sys.modules)
 """
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_from_the_second_process_on_the_first_stop_waits_for_no_compiler():
     """The stop is part of the control period and has a door of its own: what is kept of the one must not stand for the other."""
     said = [subprocess.run([sys.executable, "-c", STOPPED], capture_output=True, text=True, check=True).stdout for _ in range(2)]

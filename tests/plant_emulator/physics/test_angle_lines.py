@@ -80,7 +80,7 @@ def test_the_eccentricity_comes_once_a_revolution_of_the_joint():
     np.testing.assert_allclose(quarter, want, atol=1e-4 * ARCSEC)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_cogging_is_a_torque_and_no_error_of_the_gear():
     """A motor at rest on its own magnets: K_c = j T_j against its inertia, and θ_sync as without."""
     keys = {"cogging": (CoggingLine(order=8, torque_nm=0.1, phi_deg=90.0),), "arm_damping_nm_s_rad": 0.0}

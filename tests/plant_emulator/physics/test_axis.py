@@ -112,7 +112,7 @@ def test_the_linear_plant_is_the_state_space_of_the_design_discretised_by_scipy(
     np.testing.assert_allclose(got, want, atol=1e-6 * np.max(np.abs(want)), rtol=1e-5)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_transmission_error_shakes_the_arm_as_scipys_lsim_says():
     """The motor turns at a constant speed, so the arm is a linear system behind θ_m/N + θ_sync."""
     axis = Axis(2, **LINEAR, motor_inertia_kg_m2=1e7)  # nothing slows this motor down
@@ -297,7 +297,7 @@ def test_the_hysteresis_torque_follows_dahls_exponential():
     assert z == pytest.approx(3.0 * (1.0 - math.exp(-0.2 * rate / (20 * ARCSEC))), rel=1e-3)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_hysteresis_loop_dissipates_and_stays_within_its_torque():
     def swing(hysteresis):
         axis = Axis(2, **LINEAR, **NO_ATE, **UNDAMPED, hysteresis_torque_nm=hysteresis, hysteresis_torsion_rad=20 * ARCSEC)
@@ -316,7 +316,7 @@ def test_a_hysteresis_loop_dissipates_and_stays_within_its_torque():
     assert 0.5 * before < lost <= 1.02 * before
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_gear_is_softer_around_zero_torsion():
     """Small swings with the motor held: √(1 − r) of the frequency; large ones: the full stiffness."""
     for size, share in ((1e-6, 0.6), (0.05, 1.0)):

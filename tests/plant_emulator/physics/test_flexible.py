@@ -34,7 +34,7 @@ def run_beside_scipy(robot, speeds=0.0, periods=400, braked=()):
     return arm.run(torques, periods), oracle.run(start, torques, periods * T)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("make", MAKES.values(), ids=MAKES)
 def test_the_whole_arm_is_what_an_adaptive_integrator_finds(make):
     got, want = run_beside_scipy(make(**FREE))

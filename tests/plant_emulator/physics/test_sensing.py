@@ -34,7 +34,7 @@ def test_the_low_pass_is_scipys_butterworth_of_order_2() -> None:
     np.testing.assert_allclose(passed(SensorResponse(T, lowpass_hz=150.0), values), expected, atol=1e-12)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_mounting_resonates_as_a_mass_on_a_spring_does() -> None:
     resonance, damping = 90.0, 0.06
     impulse = np.zeros(40_000)

@@ -85,7 +85,7 @@ def test_claims_and_table_count_arms_that_are_quiet_and_worse() -> None:
     assert "a line beside it" in tables.markdown(arm_tips(rows))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_signal_ends_the_walk_of_an_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     """And is no refusal of a step."""
 

@@ -187,7 +187,7 @@ def kept(tmp_path):
     return found
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_summary_makes_table_and_page_again_and_prints_markdown(kept):
     done = invoke("rehearse", "--summary", kept.folder)
     assert done.exit_code == 0, done.output
@@ -205,13 +205,13 @@ def test_a_number_that_is_not_reached_is_said_and_with_check_is_a_status(kept):
         assert "not reached: The other robots are refused, with the cause that is the true one; asked 90 %" in each.output
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_numbers_that_are_reached_pass_the_check(kept):
     (kept.folder / "robots" / "seed-10.json").unlink()
     assert invoke("rehearse", "--summary", kept.folder, "--check").exit_code == 0
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_json_is_one_document(kept):
     done = invoke("rehearse", "--summary", kept.folder, "--json")
     found = {each["key"]: each["holds"] for each in json.loads(done.stdout)["claims"]}

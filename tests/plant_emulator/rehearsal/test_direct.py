@@ -64,7 +64,7 @@ def assert_same(results):
     assert replace(direct, recording=None, wall_s=0.0) == replace(over_bus, recording=None, wall_s=0.0)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options", [{}, {"filters": "notch"}, {"cancels": True}, {"runs": 2}], ids=["plain", "notch", "cancellation", "second run"]
 )
@@ -91,7 +91,7 @@ def test_several_axes_move_without_frames_as_they_do_over_the_bus():
     assert_same(recorded(load_robot("reference"), bench, part))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 9])
 def test_a_drawn_robot_with_a_slow_sensor_and_late_answers_is_the_same_without_frames(seed):
     robot = draw(seed)
@@ -138,7 +138,7 @@ def test_a_bus_without_room_for_torque_offsets_gets_a_cancellation_without_them(
     assert cancellation_of(bench, strong, motion, channel).uses_torque is has_room
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_robot_whose_speed_limit_leaves_no_room_is_quiet_all_the_same():
     """By set-points alone, order 2 is left out where order 1 resonates: 0.034 mm of 0.529 mm stay."""
     robot, text = drawn(117, "linear")
@@ -149,7 +149,7 @@ def test_a_robot_whose_speed_limit_leaves_no_room_is_quiet_all_the_same():
     assert max(left.peak_mm.values()) < 0.01
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_gear_that_reacts_on_its_motor_is_held_up_against():
     """Gravity of 52 N·m on the slope of the error is a torque of each order, 0.04 mm of 0.57 mm."""
     robot, text = drawn(123, "linear")

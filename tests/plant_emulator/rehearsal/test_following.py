@@ -65,7 +65,7 @@ def test_a_model_that_is_thirty_degrees_off_is_put_right_on_a_ramp():
     assert np.max(np.abs(follows.tip_mm[rows])) < 0.6 * np.max(np.abs(alone.tip_mm[rows]))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_laws_it_is_compared_with_follow_a_step_as_well():
     rig = rig_of(5, Believed())
     for name in LAWS:

@@ -29,7 +29,7 @@ def page(robots, tmp_path_factory):
     return write_page(tmp_path_factory.mktemp("page") / "report.html", robots).read_text(encoding="utf-8")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_every_figure_and_every_table_stands_in_one_file(page):
     for key in ("claims", "tips", "tip-table", "before-after", "steps-figure", "steps-table", "causes", "facts", "errors",
                 "estimates", "worse", "probes", "cost-figure", "cost", "robots"):  # fmt: skip

@@ -118,7 +118,7 @@ def test_a_walk_in_which_everything_is_refused_is_told_step_by_step_and_raises_n
     assert tuple(record.row()) == COLUMNS
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_an_error_that_nobody_expected_is_a_crash_in_the_record(tmp_path, monkeypatch):
     robot = draw(3, kind="linear")
     monkeypatch.setattr(path, "StepsInProcess", lambda *_: Refusing(ZeroDivisionError("by zero")))

@@ -202,7 +202,7 @@ def test_a_dask_scheduler_with_a_worker_that_is_killed_on_the_way_gives_the_tabl
     assert csv_text(steady(found)) == csv_text(steady(local))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_scheduler_that_is_lost_ends_the_run_in_words_and_what_was_walked_is_kept(cluster, tmp_path):
     cluster.add()
     found = []
@@ -216,7 +216,7 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_words_and_what_was_walked_is_k
     assert [row["seed"] for row in found] == [1]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_workers_that_would_walk_two_robots_in_one_process_are_refused(cluster, tmp_path):
     cluster.add(threads=2)
     done = CliRunner().invoke(app, ["rehearse", "--seeds", "1", "--on", f"dask:{cluster.address}", "--out", str(tmp_path / "r")])

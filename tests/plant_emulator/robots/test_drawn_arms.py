@@ -54,7 +54,7 @@ def test_an_arm_is_written_as_a_robot_file_and_read_again(tmp_path):
     assert again == robot
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_its_bench_knows_its_joints_and_no_masses_and_has_a_line_that_it_can_follow(seed):
     robot = draw_arm(seed)
@@ -68,7 +68,7 @@ def test_its_bench_knows_its_joints_and_no_masses_and_has_a_line_that_it_can_fol
     assert turned / min(robot.axis[number].reduction_ratio for number in (1, 2, 3)) < 15.5 or ramp.acceleration_rps_s == 20.0
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_drawn_arm_follows_its_line_behind_the_master():
     robot = draw_arm(5)
     bench = loads(blank_bench(robot), Bench)

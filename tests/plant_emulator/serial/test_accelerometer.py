@@ -114,7 +114,7 @@ def test_the_bus_does_not_notice_it():
     assert frames(measured_world) == frames(World(ONE_AXIS))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("framing", FRAMES)
 def test_a_user_reads_a_thousand_samples_a_second(tmp_path, framing):
     with served(tmp_path, "--framing", framing) as path, serial.Serial(str(path), timeout=5.0) as port:

@@ -224,7 +224,7 @@ def test_python_can_reads_version_and_serial_number(stranger):
     assert stranger.get_serial_number(2.0) == "HILB"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_our_own_channel_reads_an_object(port):
     channel = AdapterChannel(parse_address(f"slcan:{port.terminal.path}@1M"))
     try:

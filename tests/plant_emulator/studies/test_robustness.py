@@ -396,7 +396,7 @@ def test_equal_seeds_give_equal_runs_whatever_the_number_of_processes():
     assert spread_out[0] != run_all([study(seed=6)], 7)[0]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_command_leaves_json_draws_and_a_figure_and_the_worst_plant_can_be_run_again(tmp_path):
     found = command("--axis", "2,3", "--runs", 20, "--jobs", 1, "--seed", 5, "--out", tmp_path, "--json")
     assert found.exit_code == 0, found.output

@@ -62,7 +62,7 @@ def apart(first_deg: float, second_deg: float) -> float:
     return abs((first_deg - second_deg + 180.0) % 360.0 - 180.0)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("period_s", [0.001, 0.002])
 @pytest.mark.parametrize("delay_s", [0.0037, 0.015])
 def test_everything_comes_back_with_nothing_known(period_s: float, delay_s: float) -> None:
@@ -116,7 +116,7 @@ def test_a_delay_with_a_damping_beyond_the_plants_is_open_by_the_lead_that_is_no
     assert delay_of(clear, 0.01, zeta) == delay_of(clear, 0.01)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_an_amplitude_too_small_for_an_arm_of_its_own_has_the_error_of_an_arm_that_is_anothers() -> None:
     """On a gear whose small vibrations ring with more damping than its large ones."""
     large, small = TransmissionError({2: 40.0}, {2: 222.0}), TransmissionError({3: 3.0, 4: 10.0}, {3: 50.0, 4: 126.0})

@@ -90,7 +90,7 @@ def test_three_postures_without_errors_predict_every_other():
     np.testing.assert_allclose(matrix, mass_matrix(ARM, joints[0])[np.ix_(ROWS, ROWS)], rtol=1e-3, atol=1e-3)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_is_predicted_is_off_by_its_standard_error_no_more_and_no_less():
     """Over seeds: dips 0.3 % and inertias 1 % off; a fourth posture, and postures between."""
     joints = np.array([turned((20.0, -30.0, 10.0)), turned((31.4, 45.9, -14.5)), turned((10.0, 25.0, 5.0))])

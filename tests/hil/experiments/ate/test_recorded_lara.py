@@ -34,7 +34,7 @@ def results(tmp_path_factory):
     }
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", README)
 def test_order_2_is_the_highest_of_a_blind_scan(results, joint):
     highest = results[joint].scan.highest

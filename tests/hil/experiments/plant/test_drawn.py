@@ -108,7 +108,7 @@ def test_an_arm_that_never_resonates_is_said_before_the_long_runs() -> None:
     assert set(identified.recordings) == {"probe", "pilot"}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_dead_accelerometer_is_said_and_left_out() -> None:
     robot = robot_of(axis_of(100.0, 12.0, 2.0, 2.6e-4), noise_m_s2=0.0)
     evaluated = identification(robot, 0.004, tip_gain=0.0).perform()

@@ -38,7 +38,7 @@ def found() -> PlantEvaluation:
     return identify(PlantRequest(3, periods=6))[1]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_from_nothing_to_a_plant(found: PlantEvaluation) -> None:
     truth = true_values(3)
     for name, within in (("antiresonance_hz", 5e-3), ("gear_stiffness_nm_rad", 0.03), ("resonance_hz", 0.01)):
@@ -106,13 +106,13 @@ def test_a_saturated_accelerometer_is_left_out_and_said() -> None:
     assert any("tip lever" in line for line in evaluated.cannot_tell)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_missing_accelerometer_is_left_out_and_said() -> None:
     _, evaluated = identify(brief(), sensor_missed=900)
     assert any("missing in 900 of" in remark for remark in evaluated.remarks)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_periods_with_missing_answers_are_left_out() -> None:
     identification = PlantIdentification(
         FakeSession(unknown_bench(3, **SHORT), 3),  # type: ignore[arg-type]
@@ -125,7 +125,7 @@ def test_periods_with_missing_answers_are_left_out() -> None:
     assert any("1 of 6 periods were left out" in remark for remark in evaluated.remarks)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_motor_that_turns_back_is_said_with_the_amplitude_that_would_do() -> None:
     with pytest.raises(
         PlantNotIdentifiedError, match=r"motor turned back is .* needed: 0.005: raise --bias-rps .* lower --amplitude-nm"

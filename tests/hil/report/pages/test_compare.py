@@ -39,7 +39,7 @@ def directory(full_directory, tmp_path_factory):
     return out
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_tables_and_figures_of_each_experiment_stand_in_one_file(directory):
     text = (directory / "report.html").read_text()
     for key in ("overview", "peaks-reference", "table-line-motion", "table-constant-acceleration-axis2", "compliance", "left-out",

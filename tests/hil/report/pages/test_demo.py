@@ -233,7 +233,7 @@ def test_an_axis_without_amplitudes_has_no_constraint(full_directory, tmp_path):
     assert set(altered(full_directory, tmp_path, change).figures) == ALL_FIGURES
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
 def test_missing_recordings_are_said(full_directory, tmp_path):
     page = altered(full_directory, tmp_path, lambda result: None, with_recordings=False)
@@ -281,7 +281,7 @@ def test_holes_in_a_recording_are_bridged_and_said(full_directory, tmp_path):
     assert "suppression-3" in page.figures
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
 def test_failed_claims_and_markup_in_names(full_directory, tmp_path):
     def change(result):

@@ -74,7 +74,7 @@ def limits_of(parameter, scaling):
 # -- who it is and what it holds ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_it_says_who_it_is(rig, profile):
     identity = profile.identity
     assert rig.read(0x1018, 1) == identity.vendor_id

@@ -162,7 +162,7 @@ def ends_where_it_should(method, switches, start, edge, **speeds):
     assert axis.worst_rev[1] < POSITIVE + 0.4
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("method", MOVING)
 def test_a_method_ends_where_its_switch_says_from_wherever_it_starts(method):
     for start in ("left of home", "on home", "in the positive limit"):
