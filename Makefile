@@ -2,6 +2,8 @@
 
 BIN := .venv/bin
 # The locks are complete, so pip resolves nothing: a release of anybody else's changes no installation, and any pip from 23.0 will do.
+# uv takes 8 s for the 117 packages of the tests where pip takes 53 (two cores). pip all the same: it comes with Python, it knows the
+# mirror and the proxy that a company has set up for it, and a file that uv could sync from names the hosts of its packages.
 # Byte code is written when a module is first imported, of those that are: writing it all at installation costs seconds for nothing.
 PIP := $(BIN)/python -m pip install --disable-pip-version-check -q --no-compile --no-deps --no-build-isolation
 # Not writing it at all, as some environments ask, makes every process compile numpy and scipy again: a fifth of the test run.
