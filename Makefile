@@ -59,7 +59,7 @@ format: $(TESTABLE)
 # Two stamps, so that an edit in pyproject.toml costs two seconds and not an installation.
 .venv/locked: requirements.lock
 	@$(FIND_VENV)
-	@echo "Installing requirements.lock into .venv (about 20 seconds, once)"
+	@echo "Installing requirements.lock into .venv (about half a minute, once)"
 	@$(PIP) --require-hashes -r requirements.lock
 	@touch $@
 
@@ -68,7 +68,7 @@ $(INSTALLED): .venv/locked pyproject.toml
 	@touch $@
 
 $(TESTABLE): $(INSTALLED) requirements-test.lock
-	@echo "Installing requirements-test.lock into .venv (about 40 seconds, once)"
+	@echo "Installing requirements-test.lock into .venv (about a minute, once)"
 	@$(PIP) --require-hashes -r requirements-test.lock
 	@touch $@
 
