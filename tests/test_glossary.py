@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -25,8 +26,13 @@ ALLOWED: dict[str, set[str]] = {
 """Names that have such a word for another idea, by word."""
 
 
-def names() -> Iterator[tuple[str, str]]:
+@cache
+def names() -> frozenset[tuple[str, str]]:
     """Every name that the packages define, and the file that does."""
+    return frozenset(defined())
+
+
+def defined() -> Iterator[tuple[str, str]]:
     for package in PACKAGES:
         for path in sorted((PROJECT / package).rglob("*.py")):
             where = path.relative_to(PROJECT).as_posix()
@@ -44,9 +50,6 @@ def words(name: str) -> set[str]:
     return {part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)}
 
 
-NAMES = list(names())
-
-
 def test_the_page_says_which_words_are_not_used():
     assert {"compensation", "corrector", "beat", "tick", "share", "personality", "place"} <= NEVER
 
@@ -54,13 +57,13 @@ def test_the_page_says_which_words_are_not_used():
 @pytest.mark.ci
 @pytest.mark.parametrize("word", sorted(NEVER))
 def test_a_word_that_is_never_used_names_nothing(word):
-    found = {(where, name) for where, name in NAMES if word in words(name) and name not in ALLOWED.get(word, set())}
+    found = {(where, name) for where, name in names() if word in words(name) and name not in ALLOWED.get(word, set())}
     assert found == set()
 
 
 @pytest.mark.parametrize("word", sorted(ALLOWED))
 def test_what_is_allowed_is_used(word):
-    assert ALLOWED[word] <= {name for _, name in NAMES}
+    assert ALLOWED[word] <= {name for _, name in names()}
 
 
 def commands(group: typer.main.TyperGroup, path: str) -> Iterator[tuple[str, str]]:

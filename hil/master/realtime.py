@@ -181,7 +181,8 @@ def quiet_garbage_collection() -> Callable[[], None]:
     was_frozen = gc.get_freeze_count() > 0
     gc.collect()
     enable_again = no_garbage_collection()
-    gc.freeze()
+    if not was_frozen:  # somebody else's frozen objects cannot be told from ours, and stay
+        gc.freeze()
 
     def undo() -> None:
         if not was_frozen:

@@ -64,7 +64,7 @@ def write_eds(dictionary: Dictionary, info: DeviceInfo) -> str:
     Raises:
         ValueError: A default or a name cannot stand in an INI file.
     """
-    objects = {index: list(entries) for index, entries in groupby(dictionary, key=lambda entry: entry.index)}
+    objects = {index: list(entries) for index, entries in groupby(dictionary, key=lambda entry: int(entry.index))}  # in a range
     lines = [*_file_info(info), *_device_info(dictionary, info), *_dummy_usage(info.granularity), *_comments(dictionary)]
     lines += _object_list("MandatoryObjects", [i for i in objects if i in _MANDATORY])
     lines += _object_list("OptionalObjects", [i for i in objects if i not in _MANDATORY and i not in _MANUFACTURER])

@@ -13,6 +13,8 @@ import pytest
 from hil.recording import Recording
 from tests.bench.shared_demo import DemoRun
 
+pytestmark = pytest.mark.ci  # one whole run, or all figures drawn: half a minute
+
 RUN_KEYS = {
     "experiment", "axis", "treatment", "loop", "sync_period_s", "control_period_s", "order", "tip_peak_mm", "tip_rms_mm",
     "spectrum_peak_m_s2", "spectrum_peak_hz", "spectrum_area", "within_spec", "cycles", "missed_cycles", "wall_s", "motion_s",
@@ -34,7 +36,6 @@ def runs(demo: tuple[Path, dict[str, Any]], **wanted: object) -> list[dict[str, 
     return found
 
 
-@pytest.mark.ci
 def test_result_has_the_promised_shape(demo: tuple[Path, dict[str, Any]]) -> None:
     out, result = demo
     assert result["schema"] == 2
@@ -64,7 +65,6 @@ def test_result_has_the_promised_shape(demo: tuple[Path, dict[str, Any]]) -> Non
         assert set(claim) == {"claim", "source", "paper", "bench", "unit", "holds"}
 
 
-@pytest.mark.ci
 @pytest.mark.parametrize("axis", [2, 3])
 def test_the_notch_brings_each_axis_within_the_specification(demo: tuple[Path, dict[str, Any]], axis: int) -> None:
     (without,) = runs(demo, axis=axis, loop="drive", treatment="none", order=2)
@@ -133,7 +133,6 @@ def test_recordings_name_their_units(demo: tuple[Path, dict[str, Any]]) -> None:
         assert all(re.search(r"_(s|rad|nm|hz|m_s2)$", name) or name == "missing" for name in header)
 
 
-@pytest.mark.ci
 def test_the_bus_log_is_a_candump_log_that_python_can_reads(demo: tuple[Path, dict[str, Any]]) -> None:
     out, result = demo
     counts: dict[int, int] = {}

@@ -279,18 +279,19 @@ CASES = [
 ]  # fmt: skip
 
 FIRST = {case.name[:2]: case.name for case in reversed(CASES)}
-EVERYDAY = {
+CI = {
     case.name: (PHASES[(index + 2) % 6], *([PHASES[(index + 5) % 6]] if case.name in FIRST.values() else []))
     for index, case in enumerate(CASES)
 }
-"""Two phases for each fault every day, one for its variants, all of them over the list; the others in the slow run."""
+"""For CI, two phases for each fault and one for its variants; the others in the slow run."""
 
 
 def cells() -> Iterator[object]:
-    """Every fault in every phase."""
+    """Every fault in every phase; each fault in one of them every day."""
     for case in CASES:
         for phase in PHASES:
-            marks = () if phase in EVERYDAY[case.name] else (pytest.mark.slow,)
+            everyday = case.name in FIRST.values() and phase == CI[case.name][0]
+            marks = () if everyday else (pytest.mark.ci,) if phase in CI[case.name] else (pytest.mark.slow,)
             yield pytest.param(case, phase, marks=marks, id=f"{case.name}-{phase}")
 
 

@@ -132,6 +132,7 @@ def test_a_slow_pass_with_late_answers_says_the_same_over_frames(reference_bench
     assert np.all(np.abs(off(found, 2)) < 2.0 * np.array(ASKED))
 
 
+@pytest.mark.ci
 def test_without_an_accelerometer(reference_bench: Bench, reference_robot: Robot) -> None:
     bench = reference_bench.model_copy(update={"bus": reference_bench.bus.model_copy(update={"answer_timeout_s": 0.05})})
     found = identified(bench, noisy(reference_robot, 0.002, 4), AteRequest(2, sensorless=True, goal=ONE_PASS))

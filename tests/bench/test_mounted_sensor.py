@@ -109,6 +109,7 @@ def believed(robot: Robot) -> Bench:
     return bench.model_copy(update={"bus": bench.bus.model_copy(update={"answer_timeout_s": 0.05})})
 
 
+@pytest.mark.ci
 def test_the_transmission_error_is_identified_along_the_lever_of_a_sensor_that_looks_anywhere(forearm: Robot) -> None:
     bench = believed(forearm)
     assert bench.axis[3].tip_lever_m == pytest.approx(float(np.hypot(0.33, 0.04)))
@@ -136,6 +137,7 @@ def test_the_plant_is_identified_with_it(forearm: Robot, tmp_path: Path) -> None
     assert parameters["lever_ratio"].value == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.ci
 def test_a_run_asks_where_the_other_axes_stand() -> None:
     mounting = Mounting(origin_m=(0.0, 0.0, 0.05), **FRAME)
     robot = mounted(load_robot("reference-arm"), mounting)

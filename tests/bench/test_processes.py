@@ -310,6 +310,7 @@ def test_the_exit_status_of_a_wrong_call_is_that_of_the_process(
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.ci
 def test_a_bad_robot_file_is_located(tmp_path: Path) -> None:
     reference = (Path(__file__).parents[2] / "plant_emulator" / "robots" / "reference.toml").read_text()
     robot = tmp_path / "robot.toml"

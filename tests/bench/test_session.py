@@ -777,6 +777,7 @@ def test_two_nodes_with_one_id_are_found_before_anything_moves(short_bench: Benc
     assert all_braked(channel.world)
 
 
+@pytest.mark.ci
 def test_an_accelerometer_at_the_end_of_its_range_is_not_judged(reference_bench: Bench, reference_robot: Robot) -> None:
     sensor = reference_robot.accelerometer.model_copy(update={"range_m_s2": 0.5})
     narrow = reference_bench.accelerometer.model_copy(update={"range_m_s2": 0.5})

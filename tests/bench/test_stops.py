@@ -41,6 +41,7 @@ def decibel(runs: dict[str, RunEntry]) -> dict[str, float]:
     return {name: 20.0 * math.log10((run.tip_peak_mm or 0.0) / before) for name, run in runs.items() if name != "none"}
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("axis", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_stop_of_the_reference_robot_rings_25_db_less(tmp_path: Path, axis: int, without_pictures: None) -> None:
     runs = stops(tmp_path, "reference", axis, SHAPERS, Knowledge())

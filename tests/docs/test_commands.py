@@ -292,6 +292,7 @@ TOOLS = {"hil": "hil.cli.main", "drive-profiles": "drive_profiles.cli.main", "pl
 INLINE = re.compile(r"`((?:hil|drive-profiles|plant-emulator) [a-z-][^`\n]+)`")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("path", [path for path in PAGES if "drives" not in path.parts], ids=name_of)
 def test_a_command_within_a_sentence_names_only_commands_and_options_that_exist(path):
     unknown = []

@@ -187,6 +187,7 @@ def test_no_sequence_of_frames_breaks_a_promise(sequence):
     assert watched.world.now == before + 2 * MS
 
 
+@pytest.mark.ci
 @settings(max_examples=40)
 @given(
     st.sampled_from(list(Mode)),

@@ -378,6 +378,7 @@ def test_faults_never_make_frames_overlap_nor_the_bus_busier_than_time(offers, s
     assert statistics.busy_ns >= sum(duration_ns(d.frame, MEGABIT) for d in delivered)
 
 
+@pytest.mark.ci
 @relaxed
 @given(traffic.map(without_collisions))
 def test_without_bit_times_frames_come_at_their_instant_in_order_of_offers(offers):

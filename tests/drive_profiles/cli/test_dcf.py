@@ -114,6 +114,7 @@ def test_the_doubt_about_a_set_is_not_lost_in_a_dcf(pulled, folder):
     run("verify", "again.dcf", "--node", "2")
 
 
+@pytest.mark.ci
 def test_a_comment_that_is_none_of_ours_is_named(pulled, folder):
     broken = (folder / "a.dcf").read_text().replace("; drive-profiles: counts_per_rev = 131072", "; drive-profiles: counts = 1")
     (folder / "a.dcf").write_text(broken)

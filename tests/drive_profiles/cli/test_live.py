@@ -136,6 +136,7 @@ def test_a_backup_of_all_nodes_is_a_file_each_that_the_drive_verifies(folder):
     run("backup", "--out", "kept", code=3)
 
 
+@pytest.mark.ci
 def test_a_node_that_is_silent_is_said_and_nothing_is_written(folder):
     run("backup", "--out", "kept", "--node", 2, "--node", 77, code=5)
     assert not (folder / "kept").exists()

@@ -497,6 +497,7 @@ def test_words_of_bits_are_hexadecimal_and_gains_have_the_drives_unit():
     assert len(str(exact[1]["value"])) > len("1234.5")  # all digits for machines
 
 
+@pytest.mark.ci
 def test_restore_shows_units_as_upload_does(folder):
     shown = run("set", "speed_limit_rad_s=20", "--node", "5", "--yes", "--journals", "units")
     change = next(row for row in cells(shown.stdout) if row[1] == "6080:0")

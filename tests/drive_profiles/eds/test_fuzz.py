@@ -89,6 +89,7 @@ def survives(paths: list[Path], count: int, seed: int) -> float:
     return longest
 
 
+@pytest.mark.ci
 def test_damaged_files_are_read_or_refused():
     assert survives(QUIRKS, 400, seed=1) < LONGEST_S
 

@@ -192,8 +192,13 @@ def truth(seed, parameter_set, folder, *, lost=0.0, refuses=None, store=False):
 
 @pytest.mark.parametrize(
     ("parameter_set", "refuses", "store"),
-    [(ONE, None, False), (TWO, None, False), (TWO, (0x2000, 1), False), (TEXT, None, False), (ONE, None, True)],
-    ids=["one", "two", "two, one refused", "a text", "one, stored"],
+    [
+        pytest.param(ONE, None, False, id="one", marks=pytest.mark.ci),
+        pytest.param(TWO, None, False, id="two", marks=pytest.mark.ci),
+        pytest.param(TWO, (0x2000, 1), False, id="two, one refused"),
+        pytest.param(TEXT, None, False, id="a text", marks=pytest.mark.ci),
+        pytest.param(ONE, None, True, id="one, stored"),
+    ],
 )
 @pytest.mark.parametrize("seeds", [pytest.param(3000, marks=pytest.mark.slow), 120])
 def test_answers_that_come_late_are_never_taken_for_those_of_later_requests(seeds, parameter_set, refuses, store, tmp_path):

@@ -26,6 +26,7 @@ def invoke(*words: str):
     return CliRunner().invoke(app, ["ate", *words])
 
 
+@pytest.mark.ci
 def test_it_writes_model_file_curves_and_report(tmp_path: Path) -> None:
     model = tmp_path / "lara.toml"
     found = invoke(

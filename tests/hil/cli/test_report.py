@@ -45,6 +45,7 @@ REQUEST = PlantRequestEntry(
 )  # fmt: skip
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "result",
     [

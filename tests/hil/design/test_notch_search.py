@@ -84,6 +84,7 @@ def test_what_breaks_a_limit_is_worse_than_anything_that_keeps_all(axis_2):
     assert 10.0 < Judge(strict, 2).score(table_3(2)) < 11.0
 
 
+@pytest.mark.ci
 def test_a_filter_of_one_order_that_raises_the_peak_of_another_is_seen(axis_2):
     """In the speeds of k = 2 it is the best that was found; on the way down it leaves k = 4 with twice its peak."""
     problem, _ = axis_2

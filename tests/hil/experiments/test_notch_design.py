@@ -77,6 +77,7 @@ def test_the_designed_filter_lowers_table_3s_peak_by_15_percent_and_more(number)
     assert ours <= 0.85 * paper
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("number", [2, 3])
 def test_it_keeps_all_margins_at_every_speed_for_every_plant(number):
     problem, _ = problem_of(BENCH, NotchDesignRequest(number))
@@ -239,6 +240,7 @@ def scaled(factor, **ate):
     return BENCH.model_copy(update={"reference": None, "axis": {2: axis}, "constant_acceleration": ramp})
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("factor", [pytest.param(0.34, marks=pytest.mark.slow), 2.53])
 def test_a_robot_of_4_or_30_hertz_gets_a_filter_at_its_own_speeds(factor):
     """Table 3 is for 12 Hz: at 4 Hz it acts beyond the resonance, at 30 Hz below it, and helps neither."""
@@ -276,6 +278,7 @@ def test_where_no_filter_is_better_than_none_none_is_given(monkeypatch):
     assert result_of(outcome).usable is False
 
 
+@pytest.mark.ci
 def test_the_best_filter_is_given_where_it_still_misses_the_limit_of_the_tip():
     request = NotchDesignRequest(
         2, shapes=("switched",), requirements=Requirements(tip_mm=0.02), effort=Effort(6, 1, 5, 1), uncertainty_percent=0.0

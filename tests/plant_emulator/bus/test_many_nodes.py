@@ -61,6 +61,7 @@ def test_on_a_bus_with_bit_times_127_boot_ups_arbitrate_and_none_is_lost(world):
     assert boots[-1].end_ns - reset.end_ns < 9_000_000
 
 
+@pytest.mark.ci
 def test_every_one_of_127_nodes_answers_who_it_is_and_each_has_an_identity_of_its_own(world):
     serials = []
     for node in NODES:

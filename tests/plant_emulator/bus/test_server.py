@@ -465,6 +465,7 @@ def test_it_ends_at_once_where_nobody_holds_its_standard_input(serve):
     assert not path.exists()
 
 
+@pytest.mark.ci
 def test_a_path_that_cannot_be_bound_ends_with_status_4(serve):
     process, path = serve(name="no/such/folder.sock", wait=False)
     _, errors = process.communicate(timeout=60)

@@ -53,6 +53,7 @@ def solved(p, torque_nm, duration_s):
     return integrate.solve_ivp(rates, (0.0, duration_s), start, "DOP853", rtol=1e-12, atol=1e-15).y[:, -1]
 
 
+@pytest.mark.ci
 def test_an_axis_off_centre_that_cogs_moves_as_scipy_says():
     axes = Axes(robot(eccentricity=ECCENTRIC, cogging=COGGING))
     axes.open_brake(0, TORQUE)

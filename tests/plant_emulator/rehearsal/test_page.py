@@ -47,6 +47,7 @@ def test_the_page_says_that_its_robots_are_emulated_and_which_they_are(page):
     assert "bench “" not in page
 
 
+@pytest.mark.ci
 def test_the_verdict_names_every_claim_that_does_not_hold(robots, page):
     failed = [each for each in claims_of(robots) if each.holds is False]
     assert {"never_worse", "wrong_refused", "whole"} <= {each.key for each in failed}

@@ -76,6 +76,7 @@ def test_everything_comes_back_with_nothing_known(period_s: float, delay_s: floa
     assert found.explained_by_error > 0.99
 
 
+@pytest.mark.ci
 def test_the_search_keeps_within_the_delays_that_are_known_of_the_sensor() -> None:
     data = [sweep(delay_s=0.045)]  # 40 ms, half a period, from a delay that is as likely
     turned = identify(data, RATIO, Sensing(LEVER))
@@ -85,6 +86,7 @@ def test_the_search_keeps_within_the_delays_that_are_known_of_the_sensor() -> No
     assert found.arm.delay_s == pytest.approx(0.045, abs=3e-4)
 
 
+@pytest.mark.ci
 def test_a_wrong_start_and_a_right_one_lead_to_the_same() -> None:
     data = [sweep(delay_s=0.0037)]
     free = identify(data, RATIO, Sensing(LEVER))

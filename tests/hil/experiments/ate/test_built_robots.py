@@ -132,6 +132,7 @@ def test_a_tip_that_moves_against_its_motor_is_named() -> None:
     )
 
 
+@pytest.mark.ci
 def test_a_wrong_lever_is_named() -> None:
     assert "are its reduction ratio and lever right" in refusal(RigSession(built(""), tip_gain=0.6))
 
@@ -145,6 +146,7 @@ def test_an_arm_that_is_held_is_named() -> None:
     assert "is a brake closed, or the arm blocked?" in refusal(RigSession(built(""), is_held=True))
 
 
+@pytest.mark.ci
 def test_limits_below_every_resonance_are_named() -> None:
     robot = built("", f_a=16.0)
     assert "its limit speed_rps is 8," in refusal(RigSession(robot, blank_bench(robot, speed_rps=8.0)))

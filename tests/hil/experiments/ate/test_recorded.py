@@ -66,6 +66,7 @@ def result(tmp_path_factory):
     return identify_recorded(request(written(folder / "joint.csv.gz", time, angle, joint(angle))), folder / "out")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("order", TRUE)
 def test_amplitudes_and_phases_are_found_within_their_standard_errors(result, order):
     size, phase = TRUE[order]
@@ -94,6 +95,7 @@ def test_the_blind_scan_names_the_orders_that_there_are(result):
     assert sorted(round(peak.order) for peak in result.scan.peaks if peak.amplitude > 1.5 * peak.level) == [1, 2, 4]
 
 
+@pytest.mark.ci
 def test_a_phase_that_differs_between_recordings_is_said_with_its_size(tmp_path):
     files = []
     for number, turned in enumerate((0.0, 30.0)):
@@ -106,6 +108,7 @@ def test_a_phase_that_differs_between_recordings_is_said_with_its_size(tmp_path)
     assert any("order 2 changes" in note for note in result.notes)
 
 
+@pytest.mark.ci
 def test_angles_that_begin_anew_are_the_same_as_those_that_do_not(tmp_path, result):
     time, angle = motion()
     load = joint(angle)
@@ -159,6 +162,7 @@ def test_a_bad_number_is_named_with_its_line(tmp_path):
         identify_recorded(request(path), tmp_path / "out")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("form", "seed"),
     [

@@ -43,6 +43,7 @@ def test_order_2_is_the_highest_of_a_blind_scan(results, joint):
     assert highest.amplitude > MARGIN[joint] * max((peak.amplitude for peak in others), default=highest.level)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("joint", README)
 def test_a_2_is_that_of_an_independent_fit(results, joint):
     _, _, amplitude, error = README[joint]

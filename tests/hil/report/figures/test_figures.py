@@ -9,6 +9,8 @@ from matplotlib.text import Annotation, Text
 
 from hil.report import style
 
+pytestmark = pytest.mark.ci  # one whole run, or all figures drawn: half a minute
+
 
 @pytest.fixture(scope="module")
 def figures(full_report):

@@ -184,6 +184,7 @@ def test_the_bench_comes_back_from_json(full_directory):
     assert set(bench.axis) == {2, 3, 5}
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("kept", [0, *(pytest.param(kept, marks=pytest.mark.slow) for kept in (4, 7))])
 def test_one_motion_alone_gives_a_report(full_directory, tmp_path, kept):
@@ -198,6 +199,7 @@ def test_one_motion_alone_gives_a_report(full_directory, tmp_path, kept):
     assert "cannot be read" not in page.text
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("without_pictures")
 def test_no_runs_at_all(full_directory, tmp_path):
     def change(result):
@@ -208,6 +210,7 @@ def test_no_runs_at_all(full_directory, tmp_path):
     assert "runs" not in page.ids
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("without_pictures")
 def test_no_models_no_notches_no_line(full_directory, tmp_path):
     def change(result):
@@ -242,6 +245,7 @@ def test_missing_recordings_are_said(full_directory, tmp_path):
     assert set(page.figures) == {"plants", "resonances", "transmission-errors", "schedules", "families", "nyquist", "margins"}
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("rows", [40, *(pytest.param(rows, marks=pytest.mark.slow) for rows in (0, 1, 200, 700))])
 def test_a_run_that_was_stopped_early_says_so_at_the_top(full_directory, tmp_path, rows):
@@ -308,6 +312,7 @@ def test_without_claims_the_specification_decides(full_directory, tmp_path, trea
     assert verdict(Material(tmp_path)).kind == kind
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("without_pictures")
 def test_a_given_bench_is_taken(full_directory, tmp_path):
     result = json.loads((full_directory / "result.json").read_text(encoding="utf-8"))

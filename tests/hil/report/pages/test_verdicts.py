@@ -160,6 +160,7 @@ def test_the_paper_stands_beside_its_own_robot_only(full_directory: Path, tmp_pa
         assert {len(row) for row in ours.rows} == {len(ours.header)}
 
 
+@pytest.mark.ci
 def test_the_paper_s_table_2_is_neither_drawn_nor_printed_for_another_robot() -> None:
     part = IdentifiedError(values=TransmissionErrorTable(a2_arcsec=7.0, phi2_deg=10.0, a4_arcsec=1.0, phi4_deg=20.0))
     ours, theirs = ate.errors(2, part), ate.errors(2, part, is_paper=True)
