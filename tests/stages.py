@@ -1,4 +1,4 @@
-"""Run the stages of a test tier, one after the other, and say at the end what failed and what each took.
+"""Run the stages of a test tier, and say at the end what failed and what each took.
 
     python -m tests.stages lint | everyday | ci | all
 
@@ -13,9 +13,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -27,6 +27,8 @@ USERS = ("bench.toml", "model.toml", "design/design.toml", "demo/report.html", "
 CACHES = ("__pycache__", "node_modules", ".egg-info")
 SIDE_BY_SIDE = ("-n", "2", "--dist", "worksteal")
 ALONE = ("-p", "no:xdist")
+SLOWNESS_VARIABLE, BUSY_SLOWNESS = "HIL_MACHINE_SLOWNESS", "8"
+"""Of the virtual machine's clock, beside two processes that compute: it has a third of a core less than alone."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +39,15 @@ class Stage:
         name: Word for it in the summary.
         command: Program and arguments.
         is_pytest: It is told to leave its results as JUnit XML.
+        is_beside: It runs beside those that follow, up to the first that must be alone.
+        is_alone: It runs when all before it have ended.
     """
 
     name: str
     command: tuple[str, ...]
     is_pytest: bool = False
+    is_beside: bool = False
+    is_alone: bool = False
 
 
 @dataclass
@@ -67,6 +73,15 @@ def tests(name: str, *arguments: str) -> Stage:
     return Stage(name, (sys.executable, "-m", "pytest", "-q", *arguments), is_pytest=True)
 
 
+def machine(which: str) -> Stage:
+    """The virtual machine, whose slow clock lets it run beside whatever else computes."""
+    return replace(tests("virtual machine", *ALONE, "tests/vcan", "-m", which), is_beside=True)
+
+
+def wall_clock(*arguments: str) -> Stage:
+    return replace(tests("wall clock", *ALONE, *arguments), is_alone=True)
+
+
 def stages(tier: str, seed: int) -> Iterator[Stage]:
     """The stages of a tier.
 
@@ -74,18 +89,20 @@ def stages(tier: str, seed: int) -> Iterator[Stage]:
         tier: lint, everyday, ci or all.
         seed: Seed of the random examples, of which only `all` draws new ones.
     """
+    new = ("--hypothesis-profile=random", f"--hypothesis-seed={seed}")
+    if tier == "ci":
+        yield machine("vm and not slow")
+    elif tier == "all":
+        yield machine("vm and slow")
     yield from linters()
     if tier == "everyday":
         yield tests("tests", *SIDE_BY_SIDE, "-m", "not (ci or slow or wall or vm)")
     elif tier == "ci":
         yield tests("tests", *SIDE_BY_SIDE, "-m", "not (slow or wall or vm)")
-        yield tests("wall clock", *ALONE, "-m", "wall and not slow")
-        yield tests("virtual machine", *ALONE, "tests/vcan", "-m", "vm and not slow")
+        yield wall_clock("-m", "wall and not slow")
     elif tier == "all":
-        new = ("--hypothesis-profile=random", f"--hypothesis-seed={seed}")
         yield tests("tests", *SIDE_BY_SIDE, *new, "-m", "not (wall or vm)")
-        yield tests("wall clock", *ALONE, *new, "-m", "wall")
-        yield tests("virtual machine", *ALONE, "tests/vcan", "-m", "vm and slow")
+        yield wall_clock(*new, "-m", "wall")
 
 
 def files() -> dict[str, tuple[int, int]]:
@@ -124,21 +141,59 @@ def unwritten(results: list[Result]) -> Iterator[None]:
             folder.rmdir()
 
 
-def run(stage: Stage, folder: Path) -> Result:
-    """Run a stage to its end."""
-    print(f"\n== {stage.name}: {' '.join(stage.command)}", flush=True)
-    results = folder / f"{stage.name.replace(' ', '-')}.xml"
-    command = [*stage.command, *([f"--junitxml={results}"] if stage.is_pytest else [])]
-    # more threads of linear algebra in each of two workers would be in each other's way
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    begin = time.monotonic()
-    status = subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
-    result = Result(stage, time.monotonic() - begin, status)
-    if results.exists():
-        read(results, result)
-    if status != 0 and not result.failed:
-        result.failed.append(f"{stage.name} ended with {status}")
-    return result
+class Running:
+    """A stage that has begun."""
+
+    def __init__(self, stage: Stage, folder: Path) -> None:
+        """Begin it; what it prints is kept if it runs beside others.
+
+        Args:
+            stage: Stage to run.
+            folder: Folder for its results.
+        """
+        self.stage = stage
+        self._results = folder / f"{stage.name.replace(' ', '-')}.xml"
+        self._output = folder / f"{stage.name.replace(' ', '-')}.txt"
+        command = [*stage.command, *([f"--junitxml={self._results}"] if stage.is_pytest else [])]
+        # more threads of linear algebra in each of two workers would be in each other's way
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+        self._begin = time.monotonic()
+        if stage.is_beside:
+            environment[SLOWNESS_VARIABLE] = BUSY_SLOWNESS
+            with self._output.open("wb") as output:
+                self._process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=output, stderr=subprocess.STDOUT)
+        else:
+            print(f"\n== {stage.name}: {' '.join(stage.command)}", flush=True)
+            self._process = subprocess.Popen(command, cwd=ROOT, env=environment)
+
+    def end(self) -> Result:
+        """Wait for its end."""
+        status = self._process.wait()
+        result = Result(self.stage, time.monotonic() - self._begin, status)
+        if self.stage.is_beside:
+            print(
+                f"\n== {self.stage.name}: {' '.join(self.stage.command)}\n{self._output.read_text(errors='replace')}", flush=True
+            )
+        if self._results.exists():
+            read(self._results, result)
+        if status != 0 and not result.failed:
+            result.failed.append(f"{self.stage.name} ended with {status}")
+        return result
+
+
+def run_all(wanted: Iterable[Stage], folder: Path) -> Iterator[Result]:
+    """Run stages one after the other; those that run beside others end before one that must be alone, or at the end."""
+    beside: list[Running] = []
+    for stage in wanted:
+        if stage.is_alone:
+            yield from (each.end() for each in beside)
+            beside = []
+        running = Running(stage, folder)
+        if stage.is_beside:
+            beside.append(running)
+        else:
+            yield running.end()
+    yield from (each.end() for each in beside)
 
 
 def read(results: Path, result: Result) -> None:
@@ -169,7 +224,7 @@ def main() -> int:
     results: list[Result] = []
     beside_a_user = unwritten(results) if given.tier in {"ci", "all"} else nullcontext()
     with tempfile.TemporaryDirectory(prefix="stages-") as folder, beside_a_user:
-        results += [run(stage, Path(folder)) for stage in stages(given.tier, seed)]
+        results += run_all(stages(given.tier, seed), Path(folder))
     print()
     for result in results:
         for name in result.failed:

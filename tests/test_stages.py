@@ -53,6 +53,21 @@ def test_a_test_that_writes_beside_a_users_files_fails_the_tier(tier, tmp_path, 
     assert f"FAILED the tests have written {name}" in capsys.readouterr().out
 
 
+def test_what_runs_beside_others_begins_with_them_and_ends_before_what_must_be_alone(tier, tmp_path, capfd):
+    (tmp_path / "test_one.py").write_text("def test_good():\n    pass\n", encoding="utf-8")
+    slow = stages.Stage("slow", python("import time; time.sleep(1); print('slow ends')"), is_beside=True)
+    quick = stages.Stage("quick", python("print('quick ends')"))
+    alone = stages.Stage("alone", python("print('alone ends')"), is_alone=True)
+    assert tier("everyday", slow, quick, alone) == 0
+    said = capfd.readouterr().out
+    assert said.index("quick ends") < said.index("slow ends") < said.index("alone ends")
+
+
+def test_what_fails_beside_others_is_named(tier, capfd):
+    assert tier("everyday", stages.Stage("beside", python("raise SystemExit(3)"), is_beside=True)) == 1
+    assert "FAILED beside ended with 3" in capfd.readouterr().out
+
+
 def test_only_the_whole_tier_draws_new_examples():
     assert not any("random" in word for tier in ("everyday", "ci") for each in stages.stages(tier, 7) for word in each.command)
     drawn = [each.command for each in stages.stages("all", 7) if each.name == "tests"]

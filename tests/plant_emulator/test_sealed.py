@@ -156,11 +156,17 @@ def test_no_stop_in_any_mode_and_no_homing_method_silences_the_bus(serve):
 
 
 @pytest.mark.wall
-@pytest.mark.ci
-def test_nothing_that_any_vendors_drive_does_silences_the_bus(serve):
+@pytest.mark.parametrize(
+    "parts",
+    [
+        pytest.param((tour.modes, tour.faults, tour.services), marks=pytest.mark.ci, id="modes, faults and services"),
+        pytest.param((*SHORT, tour.services), marks=pytest.mark.slow, id="all"),
+    ],
+)
+def test_nothing_that_any_vendors_drive_does_silences_the_bus(serve, parts):
     """Each is an axis of one robot, and all are on tour at the same time."""
     process, path, robot = serve(drives=VENDORS)
-    watch, idle = tour.visit_all(process, path, robot, (*SHORT, tour.services))
+    watch, idle = tour.visit_all(process, path, robot, parts)
     assert [robot.axis[axis].profile for axis, names in idle.items() if "what it holds" in names] == []
     assert_undisturbed(process, watch)
 

@@ -30,7 +30,7 @@ COMPILED = Path(sys.prefix) / "compiled-in-vm"
 
 It sees files' times in whole seconds, so it holds all that was compiled outside for outdated, and outside its own is.
 """
-SLOWNESS = 4
+SLOWNESS = int(os.environ.get("HIL_MACHINE_SLOWNESS", "4"))
 """Seconds that pass here in one of the machine's, where a C compiler is: by its own clock it is as much faster (slow_clock.c)."""
 NO_MACHINE, TIMED_OUT = 125, 124
 """Exit statuses: the machine did not come up or did not end as it should; the command took longer than allowed."""
