@@ -24,7 +24,7 @@ HEXADECIMAL = frozenset({
     "code",
 })  # fmt: skip
 _OWN_TABLE = frozenset({"gains", "sections", "source", "evidence", "note"})
-_UNITS = {"_s": "s", "_hz": "Hz", "_nm": "N·m"}
+_UNITS = {"_s": "s", "_a": "A", "_hz": "Hz", "_nm": "N·m"}
 _COMMAND = "drive-profiles pages --out docs/drives"
 _QUESTIONS = {
     "p_pi_inside": "position P, velocity PI inside the drive",
@@ -128,6 +128,7 @@ def _facts(profile: Profile) -> Iterator[tuple[str, Fact]]:
     named = (
         ("Identity", profile.identity),
         ("Modes", profile.modes),
+        ("Position mode of its maker", profile.position_mode),
         ("SYNC", profile.sync),
         ("Loop", profile.loop),
         ("Filter", profile.notch),
