@@ -6,17 +6,20 @@ import numpy as np
 import pytest
 
 from drive_profiles.family.profile import Profile
+from drive_profiles.family.runs import family_runs
 from drive_profiles.standard.cia402 import State
 from hil.bench.bench import AS_FOUND, Bench
 from hil.errors import NotPossibleError
 from hil.experiments.motions import constant_acceleration, line_motion
 from hil.experiments.plan import Experiment
 from hil.experiments.runner import run_experiments
-from hil.master.drive.limits import LIMITS
+from hil.master.drive.limits import LIMITS, holders
+from hil.master.drive.mapping import mode_of
 from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
+from plant_emulator.rehearsal.families.made import family_run
 from plant_emulator.rehearsal.families.rig import bench_of, robot_of, vendor_families
 from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
@@ -55,6 +58,23 @@ def test_a_run_moves_the_family_and_leaves_it_as_it_was(family: str, short_bench
     assert np.max(np.abs(position - reference)) < 1.5, "the lag of the loop, no more"
     torque = result.recording.axis(AXIS, "torque_nm")
     assert 0.05 < np.max(np.abs(torque)) < session.bench.axis[AXIS].limits.torque_nm
+    table, held = family_runs()[family], holders(session.axes[AXIS].profile)
+    mode = mode_of("drive", session.axes[AXIS].profile)
+    assert (mode is not None, table.is_moved, table.mode) == (True, True, mode.name if mode else "")
+    assert (*table.held_by_drive,) == tuple(held.get("drive", ()))
+    assert (*table.held_by_master,) == tuple(held.get("master alone", ()))
+    assert (*table.kept_by_drive,) == tuple(held.get("drive, as found", ()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", vendor_families())
+def test_the_table_of_runs_is_what_doing_it_again_gives(family: str) -> None:
+    kept, anew = family_runs()[family], family_run(family)
+    assert (anew.is_identified, anew.is_cancelled, anew.plant_refusal) == (
+        kept.is_identified, kept.is_cancelled, kept.plant_refusal
+    )  # fmt: skip
+    assert anew.tip_mm == pytest.approx(kept.tip_mm, rel=0.05)
+    assert anew.cancelled_tip_mm == pytest.approx(kept.cancelled_tip_mm, abs=0.002)
 
 
 @pytest.mark.parametrize("family", ["maxon_epos4", "elmo_gold"])
