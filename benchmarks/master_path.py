@@ -21,7 +21,6 @@ from benchmarks.stranger import Master, Nodes
 from benchmarks.whole_bench import wait_for
 from drive_profiles.address import LOCAL, SOCKETCAN, Address
 from drive_profiles.family.profile import Profile
-from drive_profiles.standard.cia402 import Mode
 from drive_profiles.standard.units import Scaling
 from hil.can import clock
 from hil.can.channel import Channel
@@ -107,7 +106,7 @@ def ours(channel: Channel, count: int) -> Contender:
     for axis in axes:
         axis.scaling = scale()
     sensor = CanopenSensor(network, 0, Profile.load("emulated_accelerometer"))
-    exchange = EchoExchange(network, axes, sensor, PERIOD_S, mode=Mode.CSP, with_notch_state=False, max_lateness_s=1.0)
+    exchange = EchoExchange(network, axes, sensor, PERIOD_S, loop="drive", with_notch_state=False, max_lateness_s=1.0)
     exchange.configure()
     configs = [law.config for law in laws(count)]
     bank, references = ServoBank(configs, PERIOD_S), [0.0] * count

@@ -8,6 +8,7 @@ from drive_profiles.family.capability import LoopFacts, NotchFacts
 from drive_profiles.family.parameter import Fact
 from drive_profiles.family.product import Product
 from drive_profiles.family.profile import Profile
+from drive_profiles.family.runs import FamilyRun, family_runs
 from drive_profiles.realisation import realise
 from drive_profiles.realisation.biquad import NotchTarget
 from drive_profiles.realisation.refusal import NotRealisableError
@@ -24,7 +25,7 @@ HEXADECIMAL = frozenset({
     "code",
 })  # fmt: skip
 _OWN_TABLE = frozenset({"gains", "sections", "source", "evidence", "note"})
-_UNITS = {"_s": "s", "_hz": "Hz", "_nm": "N·m"}
+_UNITS = {"_s": "s", "_a": "A", "_hz": "Hz", "_nm": "N·m"}
 _COMMAND = "drive-profiles pages --out docs/drives"
 _QUESTIONS = {
     "p_pi_inside": "position P, velocity PI inside the drive",
@@ -86,7 +87,44 @@ def index(profiles: Sequence[Profile]) -> str:
         "`unknown`: neither a document nor a file at hand says. The reasons are on each page.",
         _table(header, rows),
         *_further_products(profiles, answers),
+        *_runs(profiles),
     ]) + "\n"  # fmt: skip
+
+
+def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
+    """Table of what a run does with each family, as its emulated drive has shown it."""
+    made = family_runs()
+    rows = [_run_row(profile, made[profile.name]) for profile in sorted(profiles, key=lambda p: p.name) if profile.name in made]
+    yield "## Runs"
+    yield (
+        "What `hil run`, `hil identify plant` and `hil identify ate` do with each family, and the tip of the reference robot's "
+        "axis 2 without and with cancellation by set-points. Emulated drives have shown it: it says nothing of real firmware. "
+        "The drives have their gains from the start; limits are those of the bench file, and all but those that the drive keeps "
+        "are held by the master too. Made by `python -m plant_emulator.rehearsal.families`."
+    )
+    header = (
+        "family", "mode", "moved", "plant identified", "error identified", "notch in the drive", "tip, mm", "held by the drive",
+        "held by the master alone", "kept by the drive",
+    )  # fmt: skip
+    yield _table(header, rows)
+    refused = [(name, words) for name, run in sorted(made.items()) for words in (run.plant_refusal, run.refusal) if words]
+    if refused:
+        yield "Not done:"
+        yield "\n".join(f"- {name}: {words}." for name, words in refused)
+
+
+def _run_row(profile: Profile, run: FamilyRun) -> tuple[str, ...]:
+    def word(is_done: bool) -> str:
+        return "yes" if is_done else "no"
+
+    tip = "" if run.tip_mm is None else f"{run.tip_mm:.4f}"
+    tip += "" if run.cancelled_tip_mm is None else f" → {run.cancelled_tip_mm:.4f}"
+    notch = "" if profile.capabilities is None else profile.capabilities.notch_inside.answer
+    limits = (", ".join(f"`{key}`" for key in keys) for keys in (run.held_by_drive, run.held_by_master, run.kept_by_drive))
+    return (
+        profile.title, run.mode, word(run.is_moved), word(run.is_moved and not run.plant_refusal), word(run.is_identified), notch,
+        tip, *limits,
+    )  # fmt: skip
 
 
 def _further_products(profiles: Sequence[Profile], answers: Callable[[Profile], tuple[str, ...]]) -> Iterator[str]:
@@ -128,6 +166,7 @@ def _facts(profile: Profile) -> Iterator[tuple[str, Fact]]:
     named = (
         ("Identity", profile.identity),
         ("Modes", profile.modes),
+        ("Position mode of its maker", profile.position_mode),
         ("SYNC", profile.sync),
         ("Loop", profile.loop),
         ("Filter", profile.notch),

@@ -32,6 +32,7 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
         drive-profiles list --json
     """
     from drive_profiles.family.profile import Profile, available
+    from drive_profiles.family.runs import family_runs, in_words
 
     with exit_on_error():
         profiles = [Profile.load(name) for name in available()]
@@ -45,6 +46,7 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
                     **p.identity.model_dump(),
                     "products": [_product(member) for member in p.members] if p.products else [],
                     "capabilities": None if p.capabilities is None else p.capabilities.model_dump(),
+                    "runs": family_runs()[p.name].model_dump() if p.name in family_runs() else None,
                 }
                 for p in profiles
             ]
@@ -54,11 +56,11 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
     for p in profiles:
         able = p.capabilities
         if able is None:
-            rows.append((p.name, p.kind, "-", "-", "-"))
+            rows.append((p.name, p.kind, "-", "-", "-", "-"))
             continue
         answers = (able.p_pi_inside, able.notch_inside, able.host_closed)
-        rows.append((p.name, p.kind, *(each.answer for each in answers)))
-    table("", ("name", "kind", "P-PI inside", "notch inside", "host-closed"), rows)
+        rows.append((p.name, p.kind, in_words(family_runs().get(p.name)), *(each.answer for each in answers)))
+    table("", ("name", "kind", "runs in", "P-PI inside", "notch inside", "host-closed"), rows)
 
 
 def show(

@@ -189,6 +189,8 @@ class TorqueFacts(Fact):
         rated_torque_step_nm: Torque of one step of that object, N·m.
         target: Object with the cyclic torque, where the drive has one.
         actual: Object with the torque actual value.
+        current: Object with the current actual value (INTEGER16), of a drive that reports no torque.
+        current_step_a: Current of one step of that object, A.
         offset: Object with the torque offset of the cyclic modes.
         limit: Object with the largest torque.
         note: Further facts that matter.
@@ -198,8 +200,32 @@ class TorqueFacts(Fact):
     rated_torque_step_nm: Positive = 0.001
     target: WrittenAddress | None = None
     actual: WrittenAddress | None = None
+    current: WrittenAddress | None = None
+    current_step_a: Positive | None = None
     offset: WrittenAddress | None = None
     limit: WrittenAddress | None = None
+    note: str = ""
+
+    @pydantic.model_validator(mode="after")
+    def _current_has_a_step(self) -> Self:
+        if (self.current is None) != (self.current_step_a is None):
+            raise ValueError("current goes with current_step_a, and only with it")
+        return self
+
+
+class PositionModeFacts(Fact):
+    """A mode of the maker's own that takes a position with every RPDO, of a drive without CSP.
+
+    Attributes:
+        number: Its number in 6060h.
+        name: Its name.
+        target: Object of the position (INTEGER32), which an RPDO can carry.
+        note: Further facts that matter.
+    """
+
+    number: Annotated[int, pydantic.Field(ge=-128, le=-1)]
+    name: str = pydantic.Field(min_length=1)
+    target: WrittenAddress
     note: str = ""
 
 

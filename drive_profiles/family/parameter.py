@@ -125,6 +125,14 @@ class Parameter(Fact):
         return self.data_type in BYTES
 
     @property
+    def is_settable(self) -> bool:
+        """True where the object can be written, and takes more than one value."""
+        low, high = LIMITS.get(self.data_type, (-math.inf, math.inf))
+        least = low if self.minimum is None else max(low, self.minimum)
+        greatest = high if self.maximum is None else min(high, self.maximum)
+        return self.access == "rw" and least < greatest
+
+    @property
     def step(self) -> str:
         """Value of one step on the wire, in words."""
         if isinstance(self.scale, str):

@@ -13,6 +13,7 @@ from drive_profiles.family.capability import (
     LoadEncoderFacts,
     LoopFacts,
     NotchFacts,
+    PositionModeFacts,
     StoreFacts,
     TorqueFacts,
 )
@@ -95,6 +96,7 @@ class Product(Firmware, Fact):
         revision: 1018h:3 for which the facts hold, where it is known.
         device_type: Device type, 1000h, where it is not the first product's.
         modes: CiA 402 modes of the drive.
+        position_mode: A mode of the maker's own that takes positions cyclically.
         sync: SYNC periods that it follows.
         loop: Its own control loop.
         notch: Its filter.
@@ -113,6 +115,7 @@ class Product(Firmware, Fact):
     revision: Unsigned32 | None = None
     device_type: Unsigned32 | None = None
     modes: Modes | None = None
+    position_mode: PositionModeFacts | None = None
     sync: SyncLimits | None = None
     loop: LoopFacts | None = None
     notch: NotchFacts | None = None
@@ -135,7 +138,7 @@ class Product(Firmware, Fact):
     @property
     def facts(self) -> dict[str, Fact]:
         """The tables of facts that replace the first product's, by name."""
-        tables = ("modes", "sync", "loop", "notch", "torque", "encoder", "load_encoder", "store")
+        tables = ("modes", "position_mode", "sync", "loop", "notch", "torque", "encoder", "load_encoder", "store")
         named = {name: getattr(self, name) for name in tables}
         return {name: fact for name, fact in named.items() if fact is not None}
 

@@ -21,6 +21,7 @@ from drive_profiles.family.capability import (
     LoadEncoderFacts,
     LoopFacts,
     NotchFacts,
+    PositionModeFacts,
     StoreFacts,
     TorqueFacts,
     gain_unit,
@@ -47,6 +48,7 @@ class Profile(Table):
         kind: Type of the device.
         identity: 1000h and 1018h of the devices.
         modes: CiA 402 modes of a drive.
+        position_mode: A mode of the maker's own that takes positions cyclically; None where it has none.
         sync: SYNC periods that the device follows.
         capabilities: Capabilities of a drive for the paper's loop.
         loop: The drive's own control loop.
@@ -66,6 +68,7 @@ class Profile(Table):
     kind: Literal["drive", "accelerometer"]
     identity: Identity
     modes: Modes | None = None
+    position_mode: PositionModeFacts | None = None
     sync: SyncLimits
     capabilities: Capabilities | None = None
     loop: LoopFacts | None = None
@@ -274,6 +277,10 @@ class Profile(Table):
         except KeyError:
             close = difflib.get_close_matches(name, self.parameters, n=3)
             raise UnknownParameterError(self.name, name, tuple(close)) from None
+
+    def is_fixed(self, address: ObjectAddress) -> bool:
+        """True where the profile has an object and says that it keeps its value."""
+        return any(entry.address == address and not entry.is_settable for entry in self.parameters.values())
 
     def in_class(self, parameter_class: ParameterClass) -> dict[str, Parameter]:
         """The parameters of one class, in the order of the file."""

@@ -134,11 +134,13 @@ class AxisTable(Table):
         tip_lever_m: Distance of the tip from the axis; left out on a bench with an arm, whose kinematics say it: 0 until then.
         limits: Limits that the axis must never exceed.
         control: Gains of its loop, or `as found`: the drive's, which are neither written nor known.
+        gains_are_set: True where the drive has the gains of `control` already, since only its maker's tool can set them.
         notch: Variable notches.
         model: Believed plant; None without one.
         gear_stiffness_nm_rad: Stiffness of its gear at the joint; left out, that of `model`, which may stand for one mode alone.
         encoder_counts_per_rev: Position units per motor revolution, for a drive without an object that says it.
         rated_torque_nm: Torque of which torques are per mille, for a drive without an object that says it.
+        torque_constant_nm_a: Torque of the motor per ampere, for a drive that reports a current and no torque.
         motor_inertia_kg_m2: J_m of the motor's data sheet, for learning where no plant is known.
         motor: Poles and slots of the motor, for a passport; None where nothing is known of them.
         load_encoder: Second encoder, on the joint; its position is recorded. None: there is none, or it is not wanted.
@@ -152,11 +154,13 @@ class AxisTable(Table):
     tip_lever_m: NotNegative = 0.0
     limits: Limits
     control: Gains
+    gains_are_set: bool = False
     notch: Annotated[tuple[NotchTable, ...], Field(max_length=NOTCHES)] = ()
     model: Model | None = None
     gear_stiffness_nm_rad: Positive | None = None
     encoder_counts_per_rev: Annotated[int, Field(gt=0)] | None = None
     rated_torque_nm: Positive | None = None
+    torque_constant_nm_a: Positive | None = None
     motor_inertia_kg_m2: Positive | None = None
     motor: MotorTable | None = None
     load_encoder: LoadEncoderTable | None = None
@@ -180,6 +184,11 @@ class AxisTable(Table):
         if isinstance(self.control, Control):
             return self.control
         raise NotPossibleError(f'{purpose} needs gains in the bench file: control = "{AS_FOUND}" leaves them to the drive')
+
+    @property
+    def writes_gains(self) -> bool:
+        """True where a run writes the gains into the drive."""
+        return isinstance(self.control, Control) and not self.gains_are_set
 
     def felt_lever_m(self, purpose: str) -> float:
         """Lever by which the axis moves the accelerometer.

@@ -120,6 +120,8 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
     table("Stability at that delay", _STABILITY, [_stability_row(axis) for axis in verdict.stability])
     if verdict.gaps:
         table("What the profiles lack", ("needed",), [(gap,) for gap in verdict.gaps])
+    if verdict.remarks:
+        table("What the drives do not do", ("what",), [(words,) for words in verdict.remarks])
     if adviser.advice:
         columns = ("change", "cycle µs", "worst", "shortest period µs", "at ms", "fits", "loop", "needs")
         table(f"What would shorten or mend it, at {at}", columns, [_advice_row(one) for one in adviser.advice])
@@ -243,7 +245,7 @@ def document(bench: "Bench", loop: str, verdict: "PlanVerdict", adviser: "Advise
         "fits": verdict.fits, "stable": verdict.is_stable, "ok": verdict.is_good, "verdict": verdict.sentence,
         "frames": frames, "bits": {"nominal": cycle.nominal_bits, "typical": cycle.typical_bits, "worst": cycle.worst_bits},
         "rates": rates, "responses": [asdict(one) for one in cycle.responses(adviser.wire)],
-        "gaps": verdict.gaps, "stability": [asdict(axis) for axis in verdict.stability],
+        "gaps": verdict.gaps, "remarks": verdict.remarks, "stability": [asdict(axis) for axis in verdict.stability],
         "advice": [asdict(one) for one in adviser.advice],
     }  # fmt: skip
     finite: dict[str, Any] = _finite(whole)

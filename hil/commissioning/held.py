@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from drive_profiles.standard.cia301 import DataType
-from drive_profiles.standard.cia402 import Mode, Object, State, state_of
+from drive_profiles.standard.cia402 import Object, State, state_of
 from hil.bench.bench import Bench
 from hil.bench.load_encoder import watched_axes, with_load_encoders
 from hil.bench.tip import with_tip
@@ -226,13 +226,13 @@ class HeldAxis(Run):
 
 
 @contextmanager
-def held_axis(session: Session, number: int, parameters: Mapping[str, float] | None = None) -> Iterator[HeldAxis]:
+def held_axis(session: Session, number: int, limits_si: Mapping[str, float] | None = None) -> Iterator[HeldAxis]:
     """One axis, set up under narrow limits in master and drive, disabled until it is told otherwise; put back at the end.
 
     Args:
         session: Session that has been brought up.
         number: Number of the axis.
-        parameters: Parameters of the drive's profile that are written after all others.
+        limits_si: Limits of the drive that differ from the master's, in SI units, by their keys in the bench file.
 
     Raises:
         SafetyStopError: The drive has not confirmed that it is disabled.
@@ -246,13 +246,13 @@ def held_axis(session: Session, number: int, parameters: Mapping[str, float] | N
     try:
         axis.identify()
         watched = [session.axes[each] for each in watched_axes(whole, (number,))]
-        exchange = session.exchange([axis], period, Mode.CSP, watched=watched)
+        exchange = session.exchange([axis], period, "drive", watched=watched)
         others = {each: other.position_rad() for each, other in session.axes.items() if each != number}
         held = HeldAxis(session, axis, exchange, axis.position_rad(), others if whole.arm is not None else {})
         with ExitStack() as context:
             session.prepare(context, [axis], exchange)
-            for name, value in (parameters or {}).items():
-                axis.write_parameter(name, value)
+            for key, value in (limits_si or {}).items():
+                axis.write_limit(key, value)
             try:
                 yield held
                 held.lower()

@@ -13,6 +13,7 @@ from hil.commissioning.seen import Checked
 from hil.commissioning.turning import room_trouble
 from hil.control.trajectory import Smooth, sample_times
 from hil.experiments.plant.motion import TURN
+from hil.master.drive.limits import limit_of
 from hil.master.motion import Real
 from hil.results.check import CheckEntry
 
@@ -25,8 +26,13 @@ ASKED_S, ASKED_RAMP_S = 1.5, 0.5
 
 def check_limits(of: Checked) -> list[CheckEntry]:
     """Both limits, the upper first."""
+    profile = of.session.axes[of.number].profile
+    names = ("upper limit", "lower limit")
+    if any(limit_of(key).held_by(profile) is None for key in ("position_min_rev", "position_max_rev")):
+        unknown = f"profile {profile.label} has no position limits whose scale is known: the master alone holds them"
+        return [of.not_made(name, unknown) for name in names]
     if (trouble := room_trouble(of, -FAR_REV, FAR_REV)) is not None:
-        return [of.not_made(name, trouble) for name in ("upper limit", "lower limit")]
+        return [of.not_made(name, trouble) for name in names]
     return [_check(of, 1.0), _check(of, -1.0)]
 
 
@@ -39,7 +45,7 @@ def _check(of: Checked, sign: float) -> CheckEntry:
     """
     name, here = ("upper limit" if sign > 0.0 else "lower limit"), of.session.axes[of.number].position_rad()
     low, high = sorted((here + sign * TURN * NEAR_REV, here - sign * TURN * FAR_REV))
-    with held_axis(of.session, of.number, {"position_limit_min_rad": low, "position_limit_max_rad": high}) as held:
+    with held_axis(of.session, of.number, {"position_min_rev": low, "position_max_rev": high}) as held:
         away = -sign * _there(held)
         if not (held.rise() and held.go(away) and held.go(away[::-1])):
             return of.stopped(name, held, f"{ASKED_REV:g} rev away from it, on the side that is free")

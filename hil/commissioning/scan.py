@@ -115,6 +115,7 @@ class _NothingStated:
 
     encoder_counts_per_rev: int | None = None
     rated_torque_nm: float | None = None
+    torque_constant_nm_a: float | None = None
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from drive_profiles.family.profile import Profile
 from hil.bench.bench import Bench
 from hil.can.channel import Channel
 from hil.errors import NotPossibleError
+from hil.master.drive.mapping import CSP, mode_of
 from hil.master.motion import LoopName
 
 
@@ -57,6 +58,8 @@ def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
 
 
 def takes_torque_offset(profile: Profile) -> bool:
-    """True where the drives of a family add a torque offset (60B2h) to the torque of their loop."""
+    """True where the drives of a family add a torque offset (60B2h) to the torque of their loop, in the mode of a run."""
     capabilities = profile.capabilities
+    if mode_of("drive", profile) is not CSP:
+        return False
     return capabilities is not None and capabilities.torque_offset.answer in {"exact", "yes"}

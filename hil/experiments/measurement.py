@@ -14,7 +14,7 @@ from hil.can.channel import Channel
 from hil.can.opening import open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.bus_demand import BusDemand, check_load
-from hil.master.drive.needs import ProfileGapsError, run_gaps
+from hil.master.drive.needs import ProfileGapsError, run_gaps, run_remarks
 from hil.master.session import Session, SessionSource
 from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter
@@ -152,10 +152,15 @@ class Measurement(Generic[R]):
         gaps = [gap for axes, loop, with_notch in kinds for gap in run_gaps(self._bench, axes, loop, with_notch=with_notch)]
         if gaps:
             raise ProfileGapsError(dict.fromkeys(gaps))
+        remarks = dict.fromkeys(words for axes, loop, _ in kinds for words in run_remarks(self._bench, axes, loop))
+        self.result.drive_remarks = tuple(remarks) or None
+        for words in remarks:
+            self._reporter.step(words)
+        moving = None if self._bench.arm is not None else {number for axes, _, _ in kinds for number in axes}
         self.shows_filter = [overload or check_load(self._bench, self._channel, demand) for demand in demands]
         with self._new_session() as session:
             try:
-                session.bring_up(reset_faults=reset_faults)
+                session.bring_up(reset_faults=reset_faults, moving=moving)
                 self.result.note_emulation(session.emulated)
                 yield session
             finally:

@@ -5,14 +5,15 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from drive_profiles.standard.cia402 import Mode
 from hil.can.clock import MAX_RECORDS
 from hil.can.frame import Frame
 from hil.master.drive import mapping
 from hil.master.drive.axis import DriveAxis
+from hil.master.drive.mapping import CyclicMode
 from hil.master.drive.pdo import PdoSet
 from hil.master.joint_encoder import JointEncoder
 from hil.master.lateness import CycleSchedule
+from hil.master.motion import LoopName
 from hil.master.network import SYNC, Network
 from hil.master.realtime import Clock, MonotonicClock
 from hil.master.sensor import JointsOnly, Taker, TipAccelerometer
@@ -41,6 +42,7 @@ class Slot:
         torque_per_mille: Last torque, in per mille of the rated torque.
         notch_hz: Zero frequency of the first filter, 0 while it is out.
         missing: Cycles in a row without an answer.
+        mode: Mode in which the drive takes its set-points.
         feedback_id: Identifier of the TPDO that brings status word, position and torque.
         notch_id: Identifier of the TPDO that brings the filter's state; 0 where the drive does not send it.
     """
@@ -54,6 +56,7 @@ class Slot:
     torque_per_mille: int = 0
     notch_hz: float = 0.0
     missing: int = 0
+    mode: CyclicMode = mapping.CSP
     feedback_id: int = 0
     notch_id: int = 0
     _command_id: int = 0
@@ -134,7 +137,7 @@ class CyclicExchange:
         sensor: TipAccelerometer,
         period_s: float,
         *,
-        mode: Mode,
+        loop: LoopName,
         with_notch_state: bool,
         with_torque_offset: bool = False,
         watched: Sequence[DriveAxis] = (),
@@ -148,7 +151,7 @@ class CyclicExchange:
             axes: The axes that take part.
             sensor: The accelerometer.
             period_s: SYNC period.
-            mode: CSP (position set-points) or CST (torque set-points).
+            loop: Place of the loop: set-points are positions where drives close it, torques where the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do: braked, they swing on their gears.
@@ -157,12 +160,12 @@ class CyclicExchange:
         """
         self.network = network
         self.period_s = period_s
-        self.mode = mode
-        self.slots = [Slot(axis) for axis in axes]
+        self.loop = loop
+        self.slots = [Slot(axis, mode=mapping.mode_of(loop, axis.profile) or mapping.CSP) for axis in axes]
         self.watched = tuple(watched)
         self.encoders = [JointEncoder(axis) for axis in (*axes, *watched) if axis.table.load_encoder is not None]
         self.sensor = sensor
-        self.with_torque_offset = with_torque_offset and mode is Mode.CSP
+        self.with_torque_offset = with_torque_offset and loop == "drive"
         self.missing_answers = 0
         self.sensor_missed = 0
         self.missed_cycles = 0
@@ -188,14 +191,14 @@ class CyclicExchange:
 
     def configure(self) -> None:
         """Map the PDOs of the nodes, which are pre-operational."""
-        command = mapping.command(self.mode, with_torque_offset=self.with_torque_offset)
-        packer = POSITION_COMMAND if self.mode is Mode.CSP else TORQUE_COMMAND
+        packer = POSITION_COMMAND if self.loop == "drive" else TORQUE_COMMAND
         takers: dict[int, Taker] = {}
         for slot in self.slots:
             pdos = PdoSet(self.network, slot.axis.node)
             self._sets.append(pdos)
+            command = mapping.command(slot.mode, with_torque_offset=self.with_torque_offset)
             slot.send_command_as(pdos.rpdo(1, command), OFFSET_COMMAND if self.with_torque_offset else packer)
-            slot.feedback_id = pdos.tpdo(1, mapping.FEEDBACK)
+            slot.feedback_id = pdos.tpdo(1, mapping.feedback(slot.axis.profile))
             takers[slot.feedback_id] = slot.take_feedback
             state = mapping.notch_state(slot.axis.profile) if self.with_notch_state else ()
             if state:

@@ -41,14 +41,14 @@ class NodeSetup:
         gaps = [
             gap
             for axis in self._axes
-            for gap in profile_gaps(axis.number, axis.table, axis.profile, exchange.mode, with_notch=with_notch)
+            for gap in profile_gaps(axis.number, axis.table, axis.profile, exchange.loop, with_notch=with_notch)
         ]
         if gaps:
             raise ProfileGapsError(gaps)
         missing = []
         for axis in self._axes:
             needs = objects_needed(
-                axis.table, axis.profile, exchange.mode, with_notch_state=exchange.with_notch_state,
+                axis.table, axis.profile, exchange.loop, with_notch_state=exchange.with_notch_state,
                 with_torque_offset=exchange.with_torque_offset,
             )  # fmt: skip
             missing.append((axis.number, axis.node, axis.snapshot.look(needs)))
@@ -71,11 +71,11 @@ class NodeSetup:
         exchange, nodes = self._exchange, self._nodes(self._axes)
         for node in nodes:
             self._network.nmt(NmtCommand.ENTER_PRE_OPERATIONAL, node)
-        for axis in self._axes:
+        for axis, slot in zip(self._axes, exchange.slots, strict=True):
             axis.write_limits()
-            axis.write_gains(exchange.mode)
+            axis.write_gains(exchange.loop)
             axis.write_notches(tuple(table.notch() for table in axis.table.notch) if with_notch else ())
-            axis.write_mode(exchange.mode, exchange.period_s)
+            axis.write_mode(slot.mode, exchange.period_s)
         exchange.configure()
         for axis in self._axes:
             axis.write_supervision(self._bus.master_node_id, self._bus.heartbeat_s)

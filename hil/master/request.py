@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drive_profiles.standard.cia402 import Mode
 from drive_profiles.standard.units import interpolation_period
 from hil.bench.bench import AxisTable
 from hil.control.notch import FixedFilter
@@ -15,6 +14,7 @@ from hil.control.servo_bank import ServoBank
 from hil.design.frequency import margins
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.drive.axis import DriveAxis
+from hil.master.drive.mapping import CSP, mode_of
 from hil.master.motion import FilterUse, LoopName, Motion
 from hil.master.set_point_adder import SetPointAdder
 
@@ -43,11 +43,6 @@ class RunRequest:
     shows_filter: bool = True
 
     @property
-    def mode(self) -> Mode:
-        """The drives' mode: positions where they close the loop, torques where the host does."""
-        return Mode.CST if self.loop == "host" else Mode.CSP
-
-    @property
     def filters_in_drives(self) -> bool:
         """True where the filters act inside the drives."""
         return self.filters == "notch" and self.loop == "drive"
@@ -68,6 +63,12 @@ class RunRequest:
             raise NotPossibleError(f"a run with the notch needs one: the bench file has no {names}")
         if self.loop == "host" and (self.adder is not None or self.uses_torque_offset):
             raise NotPossibleError("additions to set-points and torques need a loop that the drives close (--loop drive)")
+        if self.uses_torque_offset:
+            for axis in axes:
+                mode = mode_of(self.loop, axis.profile)
+                if mode is not CSP:
+                    name = "no cyclic mode" if mode is None else mode.name
+                    raise NotPossibleError(f"axis {axis.number}: a torque offset needs CSP, {axis.profile.label} has {name}")
         if self.loop == "drive" and self.fixed:
             raise NotPossibleError("filters that do not follow the speed act where the host closes the loop (--loop host)")
 

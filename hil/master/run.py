@@ -136,10 +136,12 @@ class Run:
         """Step all drives together to switched on, then to operation enabled, each by its own control words.
 
         No drive is enabled before all can be. Host-closed, a loop is closed in the cycle in which its drive shows that the brake
-        is open, and holds the arm where it was.
+        is open, and holds the arm where it was. A drive that interpolates follows set-points from then on, and stands before.
         """
         for goal in (State.SWITCHED_ON, State.OPERATION_ENABLED):
             self._reach(goal)
+        for slot in self.exchange.slots:
+            slot.control_word |= slot.mode.enabling
 
     def _reach(self, goal: State) -> None:
         for _ in range(math.ceil(ENABLE_TIMEOUT_S / self.period_s)):

@@ -3,13 +3,13 @@
 import signal
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from types import FrameType
 from typing import Protocol, Self, runtime_checkable
 
 from drive_profiles.standard.cia301 import DataType
-from drive_profiles.standard.cia402 import Mode, Object, State, state_of
+from drive_profiles.standard.cia402 import Object, State, state_of
 from hil.bench.bench import Bench
 from hil.bench.load_encoder import watched_axes, with_load_encoders
 from hil.bench.tip import with_tip
@@ -131,21 +131,26 @@ class Session:
 
     # -- bring-up ------------------------------------------------------------------------------------------------------
 
-    def bring_up(self, *, reset_faults: bool = False) -> None:
+    def bring_up(self, *, reset_faults: bool = False, moving: Collection[int] | None = None) -> None:
         """Find every node, and check its identity and standstill; nothing is written or enabled.
+
+        Args:
+            reset_faults: Reset drives that are in fault before anything else.
+            moving: Axes that will move; what the others lack does not matter. None: all axes.
 
         Raises:
             ProfileGapsError: Profiles do not say how drives count; nothing has been sent.
             MissingObjectsError: Drives lack objects that every run needs.
             NodeError: A node is silent, another device, already enabled, moving, or in fault.
         """
-        if gaps := [gap for axis in self.axes.values() for gap in axis.scale_gaps()]:
+        used = [axis for number, axis in self.axes.items() if moving is None or number in moving]
+        if gaps := [gap for axis in used for gap in axis.scale_gaps()]:
             raise ProfileGapsError(gaps)
         if self.network.pump_until(lambda: self.network.foreign_sync, LISTEN_S):
             raise NodeError(self.bench.bus.master_node_id, "somebody else sends SYNC on this bus", "is another master running?")
         if self.network.channel.is_lock_step:
             self.network.sync()  # from here on the world's clock is ours, so that equal seeds give equal frames
-        self._identify(reset_faults=reset_faults)
+        self._identify(used, reset_faults=reset_faults)
         self.sensor.open()
         for node in self.sensor.nodes:
             self.emulated["accelerometer"] = ask_emulated(self.network, node)
@@ -154,8 +159,8 @@ class Session:
             if self.network.answers_twice(node):
                 raise NodeError(node, "answers more often than it is asked", "do two nodes have this id?")
 
-    def _identify(self, *, reset_faults: bool) -> None:
-        """Check every drive; what several of them lack is said together."""
+    def _identify(self, used: list[DriveAxis], *, reset_faults: bool) -> None:
+        """Check every drive; what several of those lack that will move is said together."""
         missing = []
         for axis in self.axes.values():
             self.check_interrupt()
@@ -163,7 +168,10 @@ class Session:
                 check_identity(self.network, axis.node, axis.profile, axis.table.serial_number)
                 self.reset_fault(axis)
             try:
-                axis.identify()
+                if axis in used:
+                    axis.identify()
+                else:
+                    axis.identify_bystander()
             except MissingObjectsError as error:
                 missing += error.missing
             self.emulated[f"axis {axis.number}"] = ask_emulated(self.network, axis.node)
@@ -265,7 +273,7 @@ class Session:
         exchange = self.exchange(
             axes,
             motion.period_s,
-            request.mode,
+            request.loop,
             with_notch_state=request.shows_filter and request.filters_in_drives,
             with_torque_offset=request.uses_torque_offset,
             watched=[self.axes[number] for number in watched_axes(self.bench, motion.axes)],
@@ -283,7 +291,7 @@ class Session:
         self,
         axes: list[DriveAxis],
         period_s: float,
-        mode: Mode,
+        loop: LoopName,
         *,
         with_notch_state: bool = False,
         with_torque_offset: bool = False,
@@ -294,7 +302,7 @@ class Session:
         Args:
             axes: The axes that take part.
             period_s: SYNC period.
-            mode: CSP (position set-points) or CST (torque set-points).
+            loop: Place of the loop: set-points are positions where drives close it, torques where the host does.
             with_notch_state: Let the drives send the state of their first filter in a second TPDO.
             with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do.
@@ -304,7 +312,7 @@ class Session:
             axes,
             self.sensor,
             period_s,
-            mode=mode,
+            loop=loop,
             with_notch_state=with_notch_state,
             with_torque_offset=with_torque_offset,
             watched=watched,

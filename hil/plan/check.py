@@ -9,14 +9,14 @@ import numpy as np
 from drive_profiles.address import LOCAL, parse_address
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType, FunctionCode
-from drive_profiles.standard.cia402 import Mode, Object
+from drive_profiles.standard.cia402 import Object
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.bench.load_encoder import watched_axes
 from hil.can.bits import STANDARD_RATES
 from hil.design.frequency import Loop, margins
 from hil.errors import NotPossibleError
 from hil.master.drive import mapping
-from hil.master.drive.needs import run_gaps
+from hil.master.drive.needs import run_gaps, run_remarks
 from hil.master.drive.pdo import MappedObject
 from hil.master.motion import LoopName
 from hil.master.request import MAX_SENSITIVITY
@@ -73,6 +73,7 @@ class PlanVerdict:
         delay_periods: Delay of a host-closed loop; 0 for a drive-closed one; None where the bus cannot carry it at all.
         stability: Stability by axis.
         gaps: Sentences on what the run needs and the drives' profiles, or the bench file, do not have.
+        remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
     """
 
     fits: bool | None
@@ -83,6 +84,7 @@ class PlanVerdict:
     delay_periods: int | None
     stability: tuple[AxisStability, ...]
     gaps: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def is_carried(self) -> bool:
@@ -124,15 +126,15 @@ def plan_cycle(
     if missing or not axes:
         have = ", ".join(map(str, bench.axis))
         raise NotPossibleError(f"bench {bench.name!r} has no axis {', '.join(map(str, missing)) or 'to plan'}; it has {have}")
-    mode = Mode.CST if loop == "host" else Mode.CSP
     commands, answers = [], []
     for number in axes:
         table = bench.axis[number]
-        node = table.node_id
+        node, profile = table.node_id, Profile.load(table.profile)
+        mode = mapping.mode_of(loop, profile) or (mapping.CST if loop == "host" else mapping.CSP)
         objects = mapping.command(mode, with_torque_offset=torque_offset)
         commands.append(_frame("command", FunctionCode.RPDO1 + node, objects, number, table))
-        answers.append(_frame("feedback", FunctionCode.TPDO1 + node, mapping.FEEDBACK, number, table))
-        state = mapping.notch_state(Profile.load(table.profile)) if notch_state else ()
+        answers.append(_frame("feedback", FunctionCode.TPDO1 + node, mapping.feedback(profile), number, table))
+        state = mapping.notch_state(profile) if notch_state else ()
         if state:
             answers.append(_frame("notch state", FunctionCode.TPDO2 + node, state, number, table))
     watched = watched_axes(bench, axes)
@@ -297,9 +299,13 @@ def check(
     levels = {axis.level for axis in loops}
     is_stable = False if levels & {"unstable", "at the edge"} else (None if levels == {"not known"} else True)
     lacking = tuple(run_gaps(bench, axes, loop, with_notch=with_notch))
-    sentence = f"{bus}; {_loop_words(loops, loop)}."
-    sentence = f"{sentence[0].upper()}{sentence[1:]}{' Not possible as it is: ' if lacking else ''}{'; '.join(lacking)}"
-    return PlanVerdict(fits, is_stable, sentence, cycle, wire, delay, loops, lacking)
+    head = "" if fits is False or is_stable is not False else "not stable: "
+    if lacking:
+        head = f"not possible: {len(lacking)} {'need is' if len(lacking) == 1 else 'needs are'} not met; the bus "
+    sentence = f"{head}{bus}; {_loop_words(loops, loop)}."
+    sentence = f"{sentence[0].upper()}{sentence[1:]}"
+    remarks = tuple(run_remarks(bench, axes, loop))
+    return PlanVerdict(fits, is_stable, sentence, cycle, wire, delay, loops, lacking, remarks)
 
 
 def _bus_words(cycle: Cycle, wire: WireTiming | None, fits: bool | None) -> str:

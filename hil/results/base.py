@@ -133,6 +133,7 @@ class MeasuredResult(Result):
         causes: Causes that the error names with which it ended early; none where it names none.
         all_disabled: After a stop, True where every drive has confirmed that it is disabled; None without a stop.
         not_restored: Objects that could not be put back in the nodes.
+        drive_remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
         emulated: True where any node is emulated: then this is no measurement; None where that is not known.
         emulated_parts: Axes and accelerometer that are emulated, where others are not, or do not say.
     """
@@ -144,6 +145,7 @@ class MeasuredResult(Result):
     causes: tuple[RefusalCause, ...] | None = None
     all_disabled: bool | None = None
     not_restored: tuple[str, ...] | None = None
+    drive_remarks: tuple[str, ...] | None = None
 
     def note_emulation(self, answers: Mapping[str, bool | None]) -> None:
         """Note which parts of the bench are emulated.

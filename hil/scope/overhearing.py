@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from drive_profiles.eds.description import Description
+from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import FunctionCode
-from drive_profiles.standard.cia402 import Mode
 from drive_profiles.standard.object_address import ObjectAddress
 from hil.bench.bench import Bench
 from hil.can.listening import HEARD, Heard
@@ -17,6 +17,7 @@ from hil.logs.nodes import Node, nodes_of
 from hil.logs.overheard import OverheardValue, overheard
 from hil.master.drive import mapping
 from hil.master.drive.pdo import MappedObject
+from hil.master.motion import LoopName
 
 TRANSFER_NS = 500_000_000
 """Frames of a transfer lie at most so far apart: older ones are forgotten, and their values kept."""
@@ -91,10 +92,12 @@ class Overhearing:
         if self._bench is None:
             return
         for axis in self._bench.axis.values():
-            yield from self._mapped(axis.node_id, 0x1A00, mapping.FEEDBACK)
+            profile = Profile.load(axis.profile)
+            yield from self._mapped(axis.node_id, 0x1A00, mapping.feedback(profile))
             length = self._first.get(FunctionCode.RPDO1 + axis.node_id, (0, 0, 0, 0))[2]
-            mode = Mode.CST if length == mapping.length(mapping.command(Mode.CST)) else Mode.CSP
-            has_offset = length == mapping.length(mapping.command(Mode.CSP, with_torque_offset=True))
+            loop: LoopName = "host" if length == mapping.length(mapping.command(mapping.CST)) else "drive"
+            mode = mapping.mode_of(loop, profile) or mapping.CSP
+            has_offset = length == mapping.length(mapping.command(mapping.CSP, with_torque_offset=True))
             yield from self._mapped(axis.node_id, 0x1600, mapping.command(mode, with_torque_offset=has_offset))
         if self._bench.accelerometer.node_id is not None:
             yield from self._mapped(self._bench.accelerometer.node_id, 0x1A00, mapping.ACCELERATION)

@@ -115,11 +115,11 @@ class Drive:
         self.limit_switches = LimitSwitches(self.stage, self.inputs)
         self.probes = TouchProbes(dictionary, self.inputs, self.data.shown_position)
         self._faults = DriveFaults(self.slave)  # 603Fh and the emergencies, as far as they are the drive's
-        modes = modes_of(self.stage, self.inputs, self.behaviour)
+        modes = modes_of(self.stage, self.inputs, self.behaviour, self.family)
         self._modes = ModeSelection(
             self.slave,
             self.stage,
-            {number: mode for number, mode in modes.items() if number == 0 or number in self.family.modes},
+            modes,
             self._faults,
             self.limit_switches,
             power=lambda: self._standing.power,

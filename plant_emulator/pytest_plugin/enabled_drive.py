@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drive_profiles.standard.cia301 import DataType
-from drive_profiles.standard.cia402 import Mode, Object, State, state_of
+from drive_profiles.standard.cia402 import Object, State, state_of
 from hil.bench.bench import Limits
 from hil.can.errors import ChannelError
 from hil.control.trajectory import Smooth, sample_times
@@ -246,7 +246,7 @@ def _enable(session: BenchSession, number: int, keeper: Keeper, bus: ExitStack) 
     period = session.network.period_s = session.bench.bus.sync_period_s
     axis = session.axes[number]
     axis.identify()
-    exchange = session.exchange([axis], period, Mode.CSP)
+    exchange = session.exchange([axis], period, "drive")
     rest = Motion((number,), sample_times((MAX_RECORDED - 1) * period, period), np.zeros((MAX_RECORDED, 1)), starts_at_home=False)
     run = HeldRun(rest, [axis], exchange, RunLimits.of(session.bench), session.supervisor, [axis.position_rad()])
     held = EnabledDrive(session, axis, run, keeper)

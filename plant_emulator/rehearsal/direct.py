@@ -9,12 +9,12 @@ bit.
 from collections.abc import Callable, Sequence
 
 from drive_profiles.address import LOCAL, Address
-from drive_profiles.standard.cia402 import Mode
 from hil.bench.bench import Bench
 from hil.master.cyclic import CyclicExchange, Slot
 from hil.master.drive import mapping
 from hil.master.drive.axis import DriveAxis
 from hil.master.joint_encoder import JointEncoder
+from hil.master.motion import LoopName
 from hil.master.sensor import CanopenSensor, JointsOnly
 from hil.master.session import Session
 from hil.recording import BusLog
@@ -56,7 +56,7 @@ class DirectSession(Session):
         self,
         axes: list[DriveAxis],
         period_s: float,
-        mode: Mode,
+        loop: LoopName,
         *,
         with_notch_state: bool = False,
         with_torque_offset: bool = False,
@@ -67,13 +67,13 @@ class DirectSession(Session):
         Args:
             axes: The axes that take part.
             period_s: SYNC period.
-            mode: CSP (position set-points) or CST (torque set-points).
+            loop: Place of the loop: set-points are positions where drives close it, torques where the host does.
             with_notch_state: Record the state of each drive's first filter.
             with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do.
         """
         return DirectExchange(
-            self._direct, self, axes, period_s, mode, with_notch_state=with_notch_state, with_torque_offset=with_torque_offset,
+            self._direct, self, axes, period_s, loop, with_notch_state=with_notch_state, with_torque_offset=with_torque_offset,
             watched=watched,
         )  # fmt: skip
 
@@ -87,7 +87,7 @@ class DirectExchange(CyclicExchange):
         session: Session,
         axes: list[DriveAxis],
         period_s: float,
-        mode: Mode,
+        loop: LoopName,
         *,
         with_notch_state: bool,
         with_torque_offset: bool,
@@ -100,13 +100,13 @@ class DirectExchange(CyclicExchange):
             session: The session.
             axes: The axes that take part.
             period_s: SYNC period.
-            mode: CSP or CST; only CSP does without frames.
+            loop: Place of the loop; only CSP does without frames.
             with_notch_state: Record the state of each drive's first filter.
             with_torque_offset: Send a torque offset beside each position set-point.
             watched: Axes that do not take part, but whose second encoders do.
         """
         super().__init__(
-            session.network, axes, session.sensor, period_s, mode=mode, with_notch_state=with_notch_state,
+            session.network, axes, session.sensor, period_s, loop=loop, with_notch_state=with_notch_state,
             with_torque_offset=with_torque_offset, watched=watched, clock=session.clock,
         )  # fmt: skip
         self._channel, self._world = channel, channel.world
@@ -115,7 +115,8 @@ class DirectExchange(CyclicExchange):
         self._drives = [(slot, by_node[slot.axis.node]) for slot in self.slots]
         self._notches: list[tuple[Slot, list[Cell]]] = []
         self._loads: list[tuple[JointEncoder, Cell]] = []
-        self._can_be_direct = mode is Mode.CSP and isinstance(self.sensor, (CanopenSensor, JointsOnly))
+        is_csp = all(slot.mode is mapping.CSP for slot in self.slots)
+        self._can_be_direct = is_csp and isinstance(self.sensor, (CanopenSensor, JointsOnly))
 
     def configure(self) -> None:
         """Map the PDOs of the nodes, and take hold of the filters' states."""

@@ -20,6 +20,7 @@ from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.bus.timed import FIRST_CLIENT
 from plant_emulator.motion.record import BRAKED
+from plant_emulator.rehearsal.families.rig import bench_of, robot_of
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 
@@ -31,16 +32,24 @@ NODES = (2, 3, 5)
 OPERATE, QUICK_STOP = 0x0F, 0x02
 _DWELL_S, _RAMP_S, _DURATION_S = 0.05, 0.2, 0.8
 _MOVING = {0x6041, 0x6064, 0x606C, 0x6077, 0x60F4, 0x2130, 0x6040, 0x607A, 0x6071, 0x7130, 0x1001, 0x1003, 0x603F}
-_MOVING |= {0x6062, 0x6063, 0x6069, 0x606B, 0x6074, 0x6078, 0x60FA, 0x60FC}
+_MOVING |= {0x60C1, 0x2062, 0x6062, 0x6063, 0x6069, 0x606B, 0x6074, 0x6078, 0x60FA, 0x60FC}
 """Objects that are measured, commanded, or tell of faults: nobody puts them back."""
 
 
-reference_robot = cache(lambda: load_robot("reference"))
-"""The robot of every rig that has none of its own: frozen, so one is enough."""
+@cache
+def reference_robot(family: str | None = None) -> Robot:
+    """The robot of every rig that has none of its own; all its drives are of the family that is named."""
+    robot = load_robot("reference")
+    return robot if family is None else robot_of(robot, load_bench("reference"), dict.fromkeys(NODES, family))
+
+
+def sync_s(family: str | None) -> float:
+    """SYNC period of a rig."""
+    return T_S if family is None else bench(family).bus.sync_period_s
 
 
 @cache
-def bench() -> Bench:
+def bench(family: str | None = None) -> Bench:
     """The reference bench with a tenth of a metre of line in 0.8 s."""
     whole = load_bench("reference")
     line = whole.line_motion
@@ -48,7 +57,8 @@ def bench() -> Bench:
     short = {"end_m": line.end_m.model_copy(update={"x": 0.60}), "duration_s": _DURATION_S, "ramp_s": _RAMP_S}
     line = line.model_copy(update={**short, "dwell_s": _DWELL_S, "tail_s": 0.05})
     bus = whole.bus.model_copy(update={"sync_period_s": T_S, "answer_timeout_s": 0.25})
-    return whole.model_copy(update={"line_motion": line, "settle_s": 0.1, "bus": bus})
+    made = whole.model_copy(update={"line_motion": line, "settle_s": 0.1, "bus": bus})
+    return made if family is None else bench_of(reference_robot(family), made, dict.fromkeys(NODES, family))
 
 
 @dataclass
@@ -133,11 +143,13 @@ class Rig:
         act: "Callable[[Rig, int], None]" = lambda rig, number: None,
         robot: Robot | None = None,
         clock: Any = None,
+        family: str | None = None,
     ) -> None:
-        self.world = World(robot or reference_robot())
+        self.family, self.sync_s = family, sync_s(family)
+        self.world = World(robot or reference_robot(family))
         self.channel = InProcessChannel(self.world, medium_for(self.world, bitrate, faults=faults))
         self.tape, self.at, self._act = Tape(), at, act
-        self.bench = bench()
+        self.bench = bench(family)
         self.session = Session(self.bench, self.channel, BusLog(None), self._progress, clock)
         self.channel.on_sync = self._on_sync
         self.channel.heard = self._heard
@@ -166,7 +178,7 @@ class Rig:
         with self.session:
             try:
                 self.session.bring_up()
-                outcome.result = self.session.run(line_motion(self.bench, T_S), "none", "drive")
+                outcome.result = self.session.run(line_motion(self.bench, self.sync_s), "none", "drive")
             except Exception as error:  # noqa: BLE001 - the test says which it expects
                 outcome.error = error
         return outcome
@@ -203,26 +215,26 @@ class Rig:
 
 
 @cache
-def undisturbed(bitrate: int | None) -> Outcome:
+def undisturbed(bitrate: int | None, family: str | None = None) -> Outcome:
     """The same run without a fault."""
-    outcome = Rig(bitrate=bitrate).run()
+    outcome = Rig(bitrate=bitrate, family=family).run()
     assert outcome.stopped is None
     assert outcome.error is None
     return outcome
 
 
-def cycle_of(phase: str, bitrate: int | None) -> int:
+def cycle_of(phase: str, bitrate: int | None, family: str | None = None) -> int:
     """The cycle in the middle of a phase; equal runs have equal cycles."""
-    tape = undisturbed(bitrate).tape
+    tape, cycle_s = undisturbed(bitrate, family).tape, sync_s(family)
     first = next(n for n, states in enumerate(tape.states) if states and State.OPERATION_ENABLED in states)
     begin, end = tape.moving[0][1], tape.moving[-1][1]
     halfway = {
         "enable": first - 2,
         "settle": (first + begin) // 2,
-        "acceleration": begin + round((_DWELL_S + 0.5 * _RAMP_S) / T_S),
-        "constant": begin + round((_DWELL_S + 0.5 * _DURATION_S) / T_S),
-        "deceleration": begin + round((_DWELL_S + _DURATION_S - 0.5 * _RAMP_S) / T_S),
-        "return": end + round(0.5 / T_S),
+        "acceleration": begin + round((_DWELL_S + 0.5 * _RAMP_S) / cycle_s),
+        "constant": begin + round((_DWELL_S + 0.5 * _DURATION_S) / cycle_s),
+        "deceleration": begin + round((_DWELL_S + _DURATION_S - 0.5 * _RAMP_S) / cycle_s),
+        "return": end + round(0.5 / cycle_s),
     }
     return halfway[phase]
 
@@ -238,15 +250,16 @@ def fastest_rps(at: int, bitrate: int | None) -> float:
     return max(speeds)
 
 
-def window(bitrate: int | None, at: int, cycles: int | None) -> dict[str, float]:
+def window(bitrate: int | None, at: int, cycles: int | None, family: str | None = None) -> dict[str, float]:
     """From and to of a fault of the wire that befalls so many whole cycles; None: all that follow."""
-    begin = 1e-9 * undisturbed(bitrate).tape.now_ns[at] - 0.1 * T_S
-    return {"from_s": begin} if cycles is None else {"from_s": begin, "to_s": begin + cycles * T_S}
+    cycle_s = sync_s(family)
+    begin = 1e-9 * undisturbed(bitrate, family).tape.now_ns[at] - 0.1 * cycle_s
+    return {"from_s": begin} if cycles is None else {"from_s": begin, "to_s": begin + cycles * cycle_s}
 
 
-def on_the_wire(at: int, cycles: int | None, *faults: dict[str, Any], seed: int = 1) -> BusFaults:
+def on_the_wire(at: int, cycles: int | None, *faults: dict[str, Any], seed: int = 1, family: str | None = None) -> BusFaults:
     """Faults of the wire at 1 Mbit/s in the cycles from `at` on."""
-    return BusFaults([Fault(**{**window(RATE, at, cycles), **fault}) for fault in faults], seed)
+    return BusFaults([Fault(**{**window(RATE, at, cycles, family), **fault}) for fault in faults], seed)
 
 
 def check_the_end(rig: Rig, outcome: Outcome) -> None:
@@ -270,7 +283,7 @@ def check_the_end(rig: Rig, outcome: Outcome) -> None:
         enabled = [states[column] is State.OPERATION_ENABLED for states in tape.states if states]
         assert int(np.sum(np.diff(np.array(enabled, dtype=int)) == 1)) <= 1, f"node {node} was enabled again"
         words = [word for _, sender, word in tape.words if sender == node]
-        last = max((i for i, word in enumerate(words) if word == OPERATE), default=-1)
+        last = max((i for i, word in enumerate(words) if word & OPERATE == OPERATE), default=-1)
         first_stop = next((i for i, word in enumerate(words) if word == QUICK_STOP), len(words))
         assert last < first_stop, f"node {node} was commanded to operate after a quick stop"
 

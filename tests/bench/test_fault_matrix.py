@@ -66,7 +66,7 @@ class Case:
     """
 
     name: str
-    faults: Callable[[int], BusFaults] | None = None
+    faults: Callable[[int, str | None], BusFaults] | None = None
     act: Callable[[Rig, int], None] = lambda rig, number: None
     within: int | None = None
     words: str = ""
@@ -86,9 +86,9 @@ def once(what: Callable[[Rig], object]) -> Callable[[Rig, int], None]:
     return lambda rig, number: what(rig) and None if number == rig.at else None
 
 
-def wire(cycles: int | None, *faults: dict[str, object]) -> Callable[[int], BusFaults]:
+def wire(cycles: int | None, *faults: dict[str, object]) -> Callable[[int, str | None], BusFaults]:
     """Faults of the wire that last so many cycles."""
-    return lambda at: on_the_wire(at, cycles, *faults)
+    return lambda at, family: on_the_wire(at, cycles, *faults, family=family)
 
 
 # -- what holds beside the stop --------------------------------------------------------------------------------------------
@@ -298,7 +298,7 @@ def cells() -> Iterator[object]:
 @pytest.mark.parametrize(("case", "phase"), list(cells()))
 def test_a_fault_is_answered_in_time_and_leaves_no_torque(case: Case, phase: str) -> None:
     at = cycle_of(phase, case.bitrate)
-    rig = Rig(bitrate=case.bitrate, faults=case.faults(at) if case.faults else None, at=at, act=case.act)
+    rig = Rig(bitrate=case.bitrate, faults=case.faults(at, None) if case.faults else None, at=at, act=case.act)
     outcome = rig.run()
     assert outcome.error is None
     if case.skips and outcome.stopped is not None:

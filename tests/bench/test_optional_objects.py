@@ -168,11 +168,14 @@ def test_what_a_profile_lacks_is_said_before_anything_is_written(
     short_bench: Bench, reference_robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session, channel = opened(short_bench, reference_robot)
-    lacking((*GAINS, "torque_limit_nm"), monkeypatch, session)
-    with pytest.raises(NotPossibleError) as caught:
-        run(session)
-    for name in (*GAINS, "torque_limit_nm"):
-        assert f"no {name}, " in str(caught.value)
+    lacking((*GAINS, "notch_1.mode"), monkeypatch, session)
+    motion = constant_acceleration(session.bench, AXIS, 0.002)
+    with session:
+        session.bring_up()
+        with pytest.raises(NotPossibleError) as caught:
+            session.run(motion, "notch", "drive")
+    for name in (*GAINS, "notch_1.mode"):
+        assert str(caught.value).count(name) == 1
     assert written(channel) == []
 
 

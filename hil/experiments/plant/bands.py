@@ -3,8 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from hil.design.frequency import TwoInertia
+from hil.design.frequency import CONTROL_PERIOD_S, TwoInertia
 from hil.experiments.plant.motion import FAST_RPS, Band, PlantRequest
+from hil.master.drive.axis import DriveAxis
 from hil.robot_tables import ORDERS
 
 PILOT_HZ = (1.5, 90.0)
@@ -23,6 +24,15 @@ BIASES = (1.0, 1.25, 0.8, 1.5, 1.75, 0.65, 2.0, 0.5)
 FASTS = (1.0, 0.85, 0.7)
 """Fastest of the slow turns that are tried, as factors of the usual one."""
 FASTEST_BIAS_RPS = BIAS_RPS * max(BIASES)
+
+
+def loop_period_s(drive: DriveAxis) -> tuple[float, list[str]]:
+    """Period of a drive's loop; the usual one, and a sentence that says so, where nobody states it."""
+    stated_s = drive.control_period_s()
+    if stated_s > 0.0:
+        return stated_s, []
+    words = f"profile {drive.profile.label} does not state the period of the drive's loop: {1e6 * CONTROL_PERIOD_S:g} µs is taken"
+    return CONTROL_PERIOD_S, [words]
 
 
 def highest_hz(sync_s: float) -> float:

@@ -16,7 +16,7 @@ from hil.design.plant_spectra import Spectra, Stretch, spectra
 from hil.errors import RefusalCause
 from hil.experiments.bus_demand import takes_torque_offset
 from hil.experiments.plant.amplitude import with_amplitude_dependence
-from hil.experiments.plant.bands import fast_speed, highest_hz, main_band, pilot_band
+from hil.experiments.plant.bands import fast_speed, highest_hz, loop_period_s, main_band, pilot_band
 from hil.experiments.plant.checks import (
     DataCheck,
     PlantNotIdentifiedError,
@@ -103,7 +103,8 @@ class PlantIdentification:
         self.excited: ExcitedSignal = self._excited_signal()
         self.start_rev = self.drive.position_rad() / TURN
         self.travel = self._travel(pilot_band(request, self.bench.bus.sync_period_s))
-        self._control_s = 0.0
+        self._control_s, words = loop_period_s(self.drive)
+        self.remarks += words
         self._uses_tip = request.with_accelerometer
         self._limited_by = ""
 
@@ -167,7 +168,6 @@ class PlantIdentification:
         self.session.check_interrupt()
         result = self.session.run(planned.motion, "none", "drive")
         self.recordings[name] = result.recording
-        self._control_s = result.control_period_s
         if result.stopped is not None:
             raise result.stopped
         return result
@@ -182,7 +182,7 @@ class PlantIdentification:
         planned = probe_motion(self.bench, self.request, self.start_rev)
         self.session.check_interrupt()
         result = self.session.run(planned.motion, "none", "drive")
-        self.recordings["probe"], self._control_s = result.recording, result.control_period_s
+        self.recordings["probe"] = result.recording
         limit, ratio = self.table.limits.torque_nm, self.table.reduction_ratio
         trouble = probe_trouble(planned, result.recording, self.request.axis, limit, ratio)
         if trouble is not None:

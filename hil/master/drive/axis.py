@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -11,7 +12,7 @@ from drive_profiles.errors import OutOfRangeError, UnknownProductError
 from drive_profiles.family.parameter import Parameter
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
-from drive_profiles.standard.cia402 import Mode, Object, State, state_of
+from drive_profiles.standard.cia402 import Object, State, state_of
 from drive_profiles.standard.emulation import HARDWARE_VERSION_OBJECT, is_emulated
 from drive_profiles.standard.object_address import ObjectAddress
 from drive_profiles.standard.units import Scaling, interpolation_period
@@ -27,11 +28,12 @@ from hil.errors import (
     WrongIdentityError,
 )
 from hil.master.control_words import DISABLED
+from hil.master.drive.limits import LIMITS, limit_of, value_in
+from hil.master.drive.mapping import CyclicMode
 from hil.master.drive.needs import (
     ABSENT,
     CYCLE_PERIOD,
     ERROR_CODE,
-    LIMITS,
     STATUS,
     VELOCITY,
     MissingObjectsError,
@@ -42,6 +44,7 @@ from hil.master.drive.needs import (
     scale_gaps,
 )
 from hil.master.drive.scale import Questions, check_load_encoder, read_scaling
+from hil.master.motion import LoopName
 from hil.robot_tables import Control
 
 if TYPE_CHECKING:
@@ -206,11 +209,7 @@ class DriveAxis:
         self.profile = check_identity(self.network, self.node, self.profile, self.table.serial_number)
         self._check_scale()
         asked, node = Questions(self.network, self.node), self.node
-        status_word = asked.number(STATUS)
-        state = None if status_word is None else state_of(status_word)
-        if status_word is not None and state not in DISABLED:
-            shown = "an unknown state" if state is None else f"state {state.value!r}"
-            raise AlreadyMovingError(node, f"axis {self.number} is already in {shown}", "disable it first")
+        state = self._disabled_state(asked)
         scaling = read_scaling(asked, self.number, self.table, self.profile)
         check_load_encoder(asked, self.number, self.table, self.profile)
         velocity = asked.number(VELOCITY, I32)
@@ -226,6 +225,28 @@ class DriveAxis:
             code = asked.number(ERROR_CODE, is_optional=True)
             shown = "" if code is None else f", error code {code:04X}h"
             raise NodeError(node, f"axis {self.number} is in fault{shown}", "reset it with --reset-faults")
+
+    def identify_bystander(self) -> None:
+        """Check a drive that will not move: who it is, that it is disabled, and all else as far as it tells.
+
+        Raises:
+            NodeError: A check failed; nothing has been written.
+        """
+        if not self.scale_gaps():
+            with contextlib.suppress(MissingObjectsError):
+                self.identify()
+                return
+        self.profile = check_identity(self.network, self.node, self.profile, self.table.serial_number)
+        self._disabled_state(Questions(self.network, self.node))
+
+    def _disabled_state(self, asked: Questions) -> State | None:
+        """State of the drive, which has no torque; None where it does not tell."""
+        status_word = asked.number(STATUS)
+        state = None if status_word is None else state_of(status_word)
+        if status_word is not None and state not in DISABLED:
+            shown = "an unknown state" if state is None else f"state {state.value!r}"
+            raise AlreadyMovingError(self.node, f"axis {self.number} is already in {shown}", "disable it first")
+        return state
 
     def _check_scale(self) -> None:
         if gaps := self.scale_gaps():
@@ -262,16 +283,29 @@ class DriveAxis:
         return float(parameter.value(raw, self.scaling))
 
     def write_limits(self) -> None:
-        """Write the limits of the bench file, so that the drive enforces them."""
+        """Write the limits of the bench file, so that the drive enforces them; those that it does not have are the master's."""
         for limit in LIMITS:
-            self.write_parameter(limit.parameter, limit.factor * getattr(self.table.limits, limit.key))
+            self.write_limit(limit.key, limit.si(self.table.limits))
 
-    def write_gains(self, mode: Mode) -> None:
-        """Write the P-PI gains, unless they are as found; where the host closes the loop, those that the drive has."""
-        if not isinstance(self.table.control, Control):
+    def write_limit(self, key: str, value_si: float) -> bool:
+        """Write one limit; False where the drive does not hold it.
+
+        Args:
+            key: Key of the bench file's limits.
+            value_si: Its value in SI units.
+        """
+        name = limit_of(key).held_by(self.profile)
+        if name is None:
+            return False
+        self.write_parameter(name, value_in(self.profile.parameters[name], value_si, self.scaling))
+        return True
+
+    def write_gains(self, loop: LoopName) -> None:
+        """Write the P-PI gains, unless the drive keeps its own; where the host closes the loop, those that the drive has."""
+        if not self.table.writes_gains or not isinstance(self.table.control, Control):
             return
         for name, value in self.table.control.model_dump().items():
-            if mode is not Mode.CST or name in self.profile.parameters:
+            if loop != "host" or name in self.profile.parameters:
                 self.write_parameter(name, value)
 
     def write_notches(self, notches: tuple[Notch, ...]) -> None:
@@ -303,14 +337,17 @@ class DriveAxis:
 
     # -- cyclic operation ----------------------------------------------------------------------------------------------
 
-    def write_mode(self, mode: Mode, sync_period_s: float) -> None:
+    def write_mode(self, mode: CyclicMode, sync_period_s: float) -> None:
         """Set mode of operation, interpolation period and communication cycle period."""
-        if mode not in self.profile.supported_modes:
-            raise NotPossibleError(f"axis {self.number}: drive family {self.profile.label} has no mode {mode.name}")
         value, index = interpolation_period(sync_period_s)
-        self.snapshot.write(Object.MODES_OF_OPERATION, 0, I8, int(mode), "modes of operation")
-        self.snapshot.write(Object.INTERPOLATION_PERIOD, 1, U8, value, "interpolation time period value")
-        self.snapshot.write(Object.INTERPOLATION_PERIOD, 2, I8, index, "interpolation time index")
+        self.snapshot.write(Object.MODES_OF_OPERATION, 0, I8, mode.number, "modes of operation")
+        for subindex, kind, wanted, name in (
+            (1, U8, value, "interpolation time period value"),
+            (2, I8, index, "interpolation time index"),
+        ):
+            is_fixed = self.profile.is_fixed((Object.INTERPOLATION_PERIOD, subindex))
+            if not is_fixed or self.network.read(self.node, Object.INTERPOLATION_PERIOD, subindex, kind, name) != wanted:
+                self.snapshot.write(Object.INTERPOLATION_PERIOD, subindex, kind, wanted, name)
         if not self.snapshot.look((CYCLE_PERIOD,)):  # what only consumes SYNC need not have it (CiA 301, 1006h)
             self.snapshot.write(*CYCLE_PERIOD.address, U32, round(1e6 * sync_period_s), CYCLE_PERIOD.name)
 

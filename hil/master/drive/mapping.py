@@ -1,11 +1,14 @@
 """Contents of the PDOs of a run: the same lists for the master, which maps them, and for the plan, which counts their bits."""
 
+from typing import Final, NamedTuple
+
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
-from drive_profiles.standard.cia402 import Mode, Object
+from drive_profiles.standard.cia402 import ENABLE_INTERPOLATION, Mode, Object
 from drive_profiles.standard.object_address import object_address
 from hil.bench.bench import AxisTable
 from hil.master.drive.pdo import MappedObject
+from hil.master.motion import LoopName
 
 U16, I16, I32 = DataType.UNSIGNED16, DataType.INTEGER16, DataType.INTEGER32
 ACCELERATION_OBJECT = 0x7130
@@ -19,18 +22,64 @@ FEEDBACK = (
     MappedObject(Object.POSITION_ACTUAL, 0, I32),
     MappedObject(Object.TORQUE_ACTUAL, 0, I16),
 )
-"""TPDO1 of a drive."""
+"""TPDO1 of a drive that reports a torque."""
 ACCELERATION = tuple(MappedObject(ACCELERATION_OBJECT, sub, I16) for sub in (1, 2, 3))
 """TPDO1 of the accelerometer."""
 
 
-def command(mode: Mode, *, with_torque_offset: bool = False) -> tuple[MappedObject, ...]:
+class CyclicMode(NamedTuple):
+    """A mode in which a drive takes a set-point with every SYNC.
+
+    Attributes:
+        number: Its number in 6060h.
+        name: Its name.
+        target: Object of the set-point.
+        enabling: Bits of the control word that let it follow set-points, beside those of operation.
+        loss: What it does worse than CSP, as a sentence; empty where nothing.
+    """
+
+    number: int
+    name: str
+    target: MappedObject
+    enabling: int = 0
+    loss: str = ""
+
+
+CSP: Final = CyclicMode(Mode.CSP, "CSP", MappedObject(Object.TARGET_POSITION, 0, I32))
+CST: Final = CyclicMode(Mode.CST, "CST", MappedObject(Object.TARGET_TORQUE, 0, I16))
+IP: Final = CyclicMode(
+    Mode.IP,
+    "IP",
+    MappedObject(Object.INTERPOLATION_DATA, 1, I32),
+    ENABLE_INTERPOLATION,
+    "the drive may buffer its set-points and follow them periods later, and it takes no torque offset",
+)
+
+
+def mode_of(loop: LoopName, profile: Profile) -> CyclicMode | None:
+    """Mode of a drive in a run: CST where the host closes the loop, else CSP, IP or its maker's own; None where it has none."""
+    has = profile.supported_modes
+    if loop == "host":
+        return CST if Mode.CST in has else None
+    own = profile.position_mode
+    if own is not None and Mode.CSP not in has:
+        target = MappedObject(*object_address(own.target), I32)
+        return CyclicMode(own.number, own.name, target, loss="the drive does not interpolate between its set-points")
+    return next((mode for mode in (CSP, IP) if mode.number in has), None)
+
+
+def command(mode: CyclicMode, *, with_torque_offset: bool = False) -> tuple[MappedObject, ...]:
     """RPDO1 of a drive: control word and set-point, in CSP with a torque offset where it is wanted."""
-    control_word = MappedObject(Object.CONTROL_WORD, 0, U16)
-    if mode is not Mode.CSP:
-        return control_word, MappedObject(Object.TARGET_TORQUE, 0, I16)
-    offset = (MappedObject(Object.TORQUE_OFFSET, 0, I16),) if with_torque_offset else ()
-    return control_word, MappedObject(Object.TARGET_POSITION, 0, I32), *offset
+    offset = (MappedObject(Object.TORQUE_OFFSET, 0, I16),) if with_torque_offset and mode.number == Mode.CSP else ()
+    return MappedObject(Object.CONTROL_WORD, 0, U16), mode.target, *offset
+
+
+def feedback(profile: Profile) -> tuple[MappedObject, ...]:
+    """TPDO1 of a drive: status word, position and torque, or the current of a drive that reports no torque."""
+    torque = profile.torque
+    if torque is None or torque.current is None or torque.actual is not None:
+        return FEEDBACK
+    return *FEEDBACK[:2], MappedObject(*object_address(torque.current), I16)
 
 
 def notch_state(profile: Profile) -> tuple[MappedObject, ...]:

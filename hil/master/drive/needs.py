@@ -1,43 +1,21 @@
 """What a run needs of a drive and of its profile, each with its use, so that all that is missing is said at once."""
 
-import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import SdoAbortCode
-from drive_profiles.standard.cia402 import Mode, Object
+from drive_profiles.standard.cia402 import Object
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.errors import NodeError, NotPossibleError
 from hil.master.drive import mapping
+from hil.master.drive.limits import LIMITS, limit_words, tells_current
 from hil.master.motion import LoopName
 from hil.robot_tables import Control
 
 ABSENT: Final = frozenset({SdoAbortCode.NO_OBJECT, SdoAbortCode.NO_SUBINDEX})
 """Abort codes by which a drive says that it has no such object."""
-
-_TURN = 2.0 * math.pi
-
-
-class LimitParameter(NamedTuple):
-    """A limit of the bench file, and the parameter of a profile by which the drive holds it."""
-
-    parameter: str
-    key: str
-    factor: float
-
-
-LIMITS: Final = (
-    LimitParameter("torque_limit_nm", "torque_nm", 1.0),
-    LimitParameter("speed_limit_rad_s", "speed_rps", _TURN),
-    LimitParameter("position_limit_min_rad", "position_min_rev", _TURN),
-    LimitParameter("position_limit_max_rad", "position_max_rev", _TURN),
-    LimitParameter("following_error_window_rad", "following_error_rev", _TURN),
-    LimitParameter("following_error_timeout_s", "following_error_timeout_s", 1.0),
-    LimitParameter("quick_stop_deceleration_rad_s2", "quick_stop_rps_s", _TURN),
-)
-"""All limits of an axis that are written into its drive."""
 
 
 class Need(NamedTuple):
@@ -75,7 +53,7 @@ _CYCLE = (
     Need((Object.INTERPOLATION_PERIOD, 1), "interpolation time period value", "the drive follows the SYNC period by it"),
     Need((Object.INTERPOLATION_PERIOD, 2), "interpolation time index", "the drive follows the SYNC period by it"),
 )
-_MAPPED = {
+_MAPPED: Final[Mapping[int, tuple[str, str]]] = {
     Object.CONTROL_WORD: ("control word", "the drive is enabled and stopped by it"),
     Object.STATUS_WORD: ("status word", "the state of the drive is watched in each cycle"),
     Object.POSITION_ACTUAL: ("position actual value", "the position limits and the following error are watched by it"),
@@ -83,7 +61,11 @@ _MAPPED = {
     Object.TARGET_POSITION: ("target position", "it is the set-point of a drive-closed run"),
     Object.TARGET_TORQUE: ("target torque", "it is the set-point of a host-closed run"),
     Object.TORQUE_OFFSET: ("torque offset", "torque is added there to the drive's own"),
+    Object.INTERPOLATION_DATA: ("interpolation data", "it is the set-point of a drive-closed run in IP"),
 }
+
+
+_OF_THE_MAKER = ("object of the maker's", "a run maps it in place of the standard's")
 
 
 class MissingObjectsError(NodeError):
@@ -111,7 +93,7 @@ class ProfileGapsError(NotPossibleError):
 def objects_needed(
     table: AxisTable,
     profile: Profile,
-    mode: Mode | None = None,
+    loop: LoopName | None = None,
     *,
     with_notch_state: bool = False,
     with_torque_offset: bool = False,
@@ -121,13 +103,13 @@ def objects_needed(
     Args:
         table: Table of the axis in the bench file.
         profile: Drive profile.
-        mode: Mode of the run; None before it is known.
+        loop: Place of the loop; None before it is known.
         with_notch_state: True where the drive sends the state of its filter.
         with_torque_offset: True where a torque offset is sent.
     """
     for limit in LIMITS:
-        yield from _parameter(profile, limit.parameter, f"limits.{limit.key} is held by the drive")
-    if isinstance(table.control, Control):
+        yield from _parameter(profile, limit.held_by(profile), f"limits.{limit.key} is held by the drive")
+    if table.writes_gains:
         for name in Control.model_fields:
             yield from _parameter(profile, name, f"control.{name} is written to it")
     yield from _CYCLE
@@ -137,9 +119,10 @@ def objects_needed(
     if with_notch_state and mapping.notch_state(profile):
         yield from _pdo("TPDO2", 0x1801, "the state of the filter is sent by it")
     yield from encoder_objects(table, profile, with_notch_state=with_notch_state)
+    mode = None if loop is None else mapping.mode_of(loop, profile)
     commands = () if mode is None else mapping.command(mode, with_torque_offset=with_torque_offset)
-    for entry in (*commands, *mapping.FEEDBACK):
-        yield Need((entry.index, entry.subindex), *_MAPPED[Object(entry.index)])
+    for entry in (*commands, *mapping.feedback(profile)):
+        yield Need((entry.index, entry.subindex), *_MAPPED.get(entry.index, _OF_THE_MAKER))
 
 
 def encoder_objects(table: AxisTable, profile: Profile, *, with_notch_state: bool) -> Iterator[Need]:
@@ -151,10 +134,10 @@ def encoder_objects(table: AxisTable, profile: Profile, *, with_notch_state: boo
         yield Need(address, "position of the second encoder", "load_encoder of the bench file is recorded by it")
 
 
-def _parameter(profile: Profile, name: str, purpose: str) -> Iterator[Need]:
+def _parameter(profile: Profile, name: str | None, purpose: str) -> Iterator[Need]:
     """The object of a parameter; nothing where the profile has none, which is said of the profile."""
-    parameter = profile.parameters.get(name)
-    if parameter is not None:
+    parameter = None if name is None else profile.parameters.get(name)
+    if name is not None and parameter is not None:
         yield Need(parameter.address, name, purpose)
 
 
@@ -174,18 +157,38 @@ def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: b
         with_notch: True where variable filters act.
     """
     found: list[str] = []
-    mode, in_drive = Mode.CST if loop == "host" else Mode.CSP, with_notch and loop == "drive"
+    in_drive = with_notch and loop == "drive"
     tables = {number: bench.axis[number] for number in axes if number in bench.axis}
     profiles = {name: Profile.load(name) for name in {table.profile for table in tables.values()}}
     for number, table in tables.items():
-        found += profile_gaps(number, table, profiles[table.profile], mode, with_notch=in_drive)
+        found += profile_gaps(number, table, profiles[table.profile], loop, with_notch=in_drive)
         if loop == "host" and table.control == AS_FOUND:
             found.append(f'axis {number}: control = "{AS_FOUND}", and the host closes the loop with the gains of the bench file')
     return found
 
 
+def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
+    """What the drives of a run do less well than others, a sentence each: limits that they do not hold, modes with a loss.
+
+    Args:
+        bench: The bench file.
+        axes: Numbers of the axes that take part; others than the bench's are left out.
+        loop: Place of the loop, drive or host.
+    """
+    said: list[str] = []
+    for number in axes:
+        if number not in bench.axis:
+            continue
+        profile = Profile.load(bench.axis[number].profile)
+        said += limit_words(number, profile)
+        mode = mapping.mode_of(loop, profile)
+        if mode is not None and mode.loss:
+            said.append(f"axis {number}: {profile.label} has no CSP and runs in {mode.name}: {mode.loss}")
+    return said
+
+
 def profile_gaps(
-    number: int, table: AxisTable, profile: Profile, mode: Mode | None = None, *, with_notch: bool = False
+    number: int, table: AxisTable, profile: Profile, loop: LoopName | None = None, *, with_notch: bool = False
 ) -> list[str]:
     """What a run needs and a profile does not have, a sentence each; empty where it has all.
 
@@ -193,13 +196,13 @@ def profile_gaps(
         number: Number of the axis.
         table: Table of the axis in the bench file.
         profile: Drive profile.
-        mode: Mode of the run; None before it is known.
+        loop: Place of the loop; None before it is known.
         with_notch: True where the drive's filters act.
     """
-    gaps = [*scale_gaps(number, table, profile), *_limit_gaps(profile), *_gain_gaps(table, profile, mode)]
-    if mode is not None and mode not in profile.supported_modes:
-        closes = "the host closes the loop" if mode is Mode.CST else "the drive closes the loop"
-        gaps.append(f"no mode {mode.name}, in which {closes}")
+    gaps = [*scale_gaps(number, table, profile), *_gain_gaps(table, profile, loop)]
+    if loop is not None and mapping.mode_of(loop, profile) is None:
+        mode = "CST" if loop == "host" else "CSP or IP"
+        gaps.append(f"no mode {mode}, in which the {loop} closes the loop")
     filters = [f"notch_{column}.mode" for column in range(1, len(table.notch) + 1)] if with_notch else []
     gaps += [f"no {name}, the filter that axis.{number}.notch describes" for name in filters if name not in profile.parameters]
     return [f"axis {number}: profile {profile.label} has {gap}" for gap in gaps]
@@ -211,25 +214,18 @@ def scale_gaps(number: int, table: AxisTable, profile: Profile) -> list[str]:
     encoder, torque = profile.encoder, profile.torque
     if table.encoder_counts_per_rev is None and (encoder is None or (encoder.increments or encoder.counts_per_rev) is None):
         gaps.append(f"no scale of positions: state axis.{number}.encoder_counts_per_rev in the bench file")
-    if table.rated_torque_nm is None and (torque is None or torque.rated_torque is None):
+    if tells_current(profile):
+        if table.torque_constant_nm_a is None:
+            gaps.append(f"no torque, but a current: state axis.{number}.torque_constant_nm_a in the bench file")
+    elif table.rated_torque_nm is None and (torque is None or torque.rated_torque is None):
         gaps.append(f"no scale of torques: state axis.{number}.rated_torque_nm in the bench file")
     return gaps
 
 
-def _limit_gaps(profile: Profile) -> Iterable[str]:
-    return (
-        f"no {limit.parameter}, by which the drive holds limits.{limit.key}"
-        for limit in LIMITS
-        if limit.parameter not in profile.parameters
-    )
-
-
-def _gain_gaps(table: AxisTable, profile: Profile, mode: Mode | None) -> Iterable[str]:
-    if mode is Mode.CST or not isinstance(table.control, Control):
-        return ()  # the host has the gains, or nobody asks for them
-    remedy = f'control = "{AS_FOUND}" leaves the drive the gains that it has'
-    return (
-        f"no {name}, to which control.{name} is written ({remedy})"
-        for name in Control.model_fields
-        if name not in profile.parameters
-    )
+def _gain_gaps(table: AxisTable, profile: Profile, loop: LoopName | None) -> Iterable[str]:
+    if loop == "host" or not table.writes_gains:
+        return  # the host has the gains, or they are not written
+    lacking = [name for name in Control.model_fields if name not in profile.parameters]
+    if lacking:
+        remedy = f'gains_are_set = true where the drive has these gains already, else control = "{AS_FOUND}"'
+        yield f"no {', '.join(lacking)}, to which the gains of control are written: {remedy}"

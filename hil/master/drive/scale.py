@@ -70,6 +70,11 @@ class StatedScale(Protocol):
         """Torque of which torques are per mille."""
         ...
 
+    @property
+    def torque_constant_nm_a(self) -> float | None:
+        """Torque per ampere, for a drive that reports a current."""
+        ...
+
 
 def read_scaling(asked: Questions, number: int, table: StatedScale, profile: Profile) -> Scaling | None:
     """Read how a drive counts.
@@ -151,6 +156,9 @@ def _counts_per_rev(asked: Questions, number: int, table: StatedScale, profile: 
 def _rated_torque_nm(asked: Questions, number: int, table: StatedScale, profile: Profile) -> float | None:
     """Torque of which torques are per mille."""
     facts, stated, key = profile.torque, table.rated_torque_nm, f"axis.{number}.rated_torque_nm"
+    if facts is not None and facts.actual is None and facts.current_step_a is not None:
+        constant = table.torque_constant_nm_a  # a thousand steps of its current make this torque
+        return None if constant is None else 1000.0 * facts.current_step_a * constant
     if facts is None or facts.rated_torque is None:
         return stated
     purpose = f"torques are per mille of it; {key} in the bench file says it instead"

@@ -88,19 +88,14 @@ class DriveLimits:
         return self._dictionary.cell(index, subindex).value
 
     def acting_si(self, index: int, subindex: int = 0) -> float:
-        """The value that acts of a limit, a speed or a ramp, in SI units."""
+        """The value that acts of a limit, a speed or a ramp, in SI units; the row's substitute where its scale is not known."""
         address, limit = (index, subindex), MOTION_LIMITS[index]
+        if limit.unscaled is not None and not self._family.is_scaled(address):
+            return limit.unscaled(self.counting.scaling)
         value, step = self._family.acting(address), self._family.steps.get(address)
         if limit.is_ramp and value <= 0:
             value = 1
         return limit.quantity.si(self.counting.scaling, value) if step is None else float(value * step)
-
-    def _scaled_si(self, index: int) -> float:
-        """`acting_si` of an object without subindices; the row's substitute where only the family knows its scale."""
-        limit = MOTION_LIMITS[index]
-        if limit.unscaled is None or self._family.is_scaled((index, 0)):
-            return self.acting_si(index)
-        return limit.unscaled(self.counting.scaling)
 
     def control_periods_per_set_point(self) -> float:
         """Control periods per set-point, from 60C2h."""
@@ -139,15 +134,15 @@ class DriveLimits:
         self.is_profile_halted = False
 
     def _apply_alone(self, limit: Limit, field: str) -> None:
-        value = self._scaled_si(limit.index)
+        value = self.acting_si(limit.index)
         self._motion[field] = round(value / self._control_period_s) if limit.quantity is TIME else value
 
     def _apply_torque_limits(self) -> None:
         """Put the torque limits into force: the least of 6072h, 6073h, 60E0h, 60E1h and the motor's, in both directions."""
         greatest = min(self._motor_limit_nm, self.acting_si(Object.MAX_TORQUE), self._current_limit_nm())
         motion = self._motion
-        motion["torque_high_nm"] = high = min(greatest, self._scaled_si(Object.POSITIVE_TORQUE_LIMIT))
-        low = min(greatest, self._scaled_si(Object.NEGATIVE_TORQUE_LIMIT))
+        motion["torque_high_nm"] = high = min(greatest, self.acting_si(Object.POSITIVE_TORQUE_LIMIT))
+        low = min(greatest, self.acting_si(Object.NEGATIVE_TORQUE_LIMIT))
         motion["torque_low_nm"], motion["torque_limit_nm"] = -low, max(high, low)
 
     def _current_limit_nm(self) -> float:
@@ -191,7 +186,7 @@ class DriveLimits:
         """6067h, a count of the encoder at the least; its greatest value is no window."""
         address = Object.POSITION_WINDOW, 0
         is_off = self._family.is_scaled(address) and self._family.acting(address) == _NO_WINDOW
-        window = math.inf if is_off else self._scaled_si(Object.POSITION_WINDOW)
+        window = math.inf if is_off else self.acting_si(Object.POSITION_WINDOW)
         self._motion["position_window_rad"] = max(window, 1.0 / self.counting.scaling.encoder_counts_per_rad)
 
     def _apply_set_point_timeout(self) -> None:

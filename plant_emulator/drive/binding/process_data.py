@@ -113,7 +113,7 @@ class DriveData:
             Object.VELOCITY_ACTUAL: self._shown_actual_speed,
             Object.TORQUE_DEMAND: lambda: self.counting.shown_torque(self._torque_demands[self.row]),
             Object.TORQUE_ACTUAL: self.shown_torque,
-            Object.CURRENT_ACTUAL: self._current_per_mille,
+            Object.CURRENT_ACTUAL: self._shown_current,
             Object.DC_LINK_VOLTAGE: lambda: DC_LINK_MV,
             Object.FOLLOWING_ERROR_ACTUAL: self._following_error_counts,
             Object.CONTROL_EFFORT: self._control_effort,
@@ -150,10 +150,12 @@ class DriveData:
     def _control_effort(self) -> int:
         return self.counting.shown_speed(self._errors[self.row] + self._speeds[self.row])
 
-    def _current_per_mille(self) -> int:
-        """Current per mille of 6075h: the motor constant makes it of the torque."""
-        rated_ma = self.value(Object.MOTOR_RATED_CURRENT)
+    def _shown_current(self) -> int:
+        """Current per mille of 6075h, or in the steps of the family: the motor constant makes it of the torque."""
         current_ma = 1000.0 * self._torques[self.row] / self._torque_constant_nm_a
+        if self._family.current_step_a is not None:
+            return clip(1e-3 * current_ma / self._family.current_step_a, INT16_MAX)
+        rated_ma = self.value(Object.MOTOR_RATED_CURRENT)
         return clip(1000.0 * current_ma / rated_ma, INT16_MAX) if rated_ma > 0 else 0
 
     def _following_error_counts(self) -> int:

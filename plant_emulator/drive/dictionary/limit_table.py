@@ -18,6 +18,9 @@ from plant_emulator.motion.record import UNTIL_WRITTEN
 TARGET_WINDOW_RAD = 2.0 * math.pi / 1000.0
 """Position window where 6067h states none; friction may leave the motor some counts away."""
 
+QUICK_STOP_RAD_S2 = 50.0 * 2.0 * math.pi
+"""Ramp of the quick stop where 6085h states none that is understood."""
+
 SLOW_RAD_S = 2.0 * math.pi / 10.0
 """Velocity window and velocity threshold where 606Dh and 606Fh state none."""
 
@@ -75,10 +78,11 @@ def _always(value: float) -> Callable[[Scaling], float]:
 
 
 _NO_LIMIT, _NO_TIME, _SLOW = _always(math.inf), _always(0.0), _always(SLOW_RAD_S)
+_QUICK_STOP = _always(QUICK_STOP_RAD_S2)
 
 _ROWS = (
     # by themselves
-    Limit(Object.MAX_MOTOR_SPEED, MOTOR_SPEED, "max_speed_rad_s"),
+    Limit(Object.MAX_MOTOR_SPEED, MOTOR_SPEED, "max_speed_rad_s", _NO_LIMIT),
     Limit(Object.MAX_PROFILE_VELOCITY, SPEED, "max_profile_speed_rad_s", _NO_LIMIT),
     Limit(Object.MAX_ACCELERATION, ACCELERATION, "max_acceleration_rad_s2", _NO_LIMIT, is_ramp=True),
     Limit(Object.MAX_DECELERATION, ACCELERATION, "max_deceleration_rad_s2", _NO_LIMIT, is_ramp=True),
@@ -96,10 +100,10 @@ _ROWS = (
     Limit(Object.POSITIVE_TORQUE_LIMIT, TORQUE, unscaled=_NO_LIMIT),
     Limit(Object.NEGATIVE_TORQUE_LIMIT, TORQUE, unscaled=_NO_LIMIT),
     Limit(Object.SOFTWARE_POSITION_LIMIT, POSITION),
-    Limit(Object.FOLLOWING_ERROR_WINDOW, POSITION),
+    Limit(Object.FOLLOWING_ERROR_WINDOW, POSITION, unscaled=_NO_LIMIT),
     Limit(Object.POSITION_WINDOW, POSITION, unscaled=_always(TARGET_WINDOW_RAD)),
     Limit(Object.PROFILE_VELOCITY, SPEED),
-    Limit(Object.QUICK_STOP_DECELERATION, ACCELERATION, is_ramp=True),
+    Limit(Object.QUICK_STOP_DECELERATION, ACCELERATION, unscaled=_QUICK_STOP, is_ramp=True),
     # read when homing begins
     Limit(Object.HOMING_SPEEDS, SPEED),
     Limit(Object.HOMING_ACCELERATION, ACCELERATION, is_ramp=True),

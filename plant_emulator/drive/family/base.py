@@ -31,6 +31,8 @@ class DriveFamily(ABC):
         rated_torque: The object that torques are per mille of, and N·m per step of it.
         unwatched_windows: Values of 6065h with which the following error is not watched.
         has_user_units: Whether the objects of the factor group act (6091h, 6092h, 607Eh, 60A8h to 60AAh).
+        position_mode: Number of a mode of its maker that takes positions with each SYNC, and its target; None: there is none.
+        current_step_a: Amperes per step of 6078h; None: it is per mille of 6075h.
         load_position: Where it shows the position of a second encoder.
         set_point_timeout: The object that says for how many interpolation periods a set-point may be missing; None: it is held.
         equal_limits_are_none: Whether 607Dh with both limits equal means that there are none, as both 0 always does.
@@ -48,6 +50,8 @@ class DriveFamily(ABC):
     set_point_timeout: ObjectAddress | None = None
     equal_limits_are_none: bool = False
     has_user_units: bool = False
+    position_mode: tuple[int, ObjectAddress] | None = None
+    current_step_a: float | None = None
     load_position: ObjectAddress = FIRST
 
     def __init__(self, dictionary: Dictionary, scaling: Scaling) -> None:

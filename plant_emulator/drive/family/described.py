@@ -22,6 +22,9 @@ from plant_emulator.motion.axes import Axes
 from plant_emulator.robots.robot import Robot
 from plant_emulator.slave.dictionary import Dictionary, WriteHook
 
+_STANDARD_UNITS = frozenset({"counts", "°"})
+"""Units in which a number is what CiA 402 makes of it: positions in the drive's own steps."""
+
 _AT_THE_TORQUE = re.compile("torque command|current (command|reference)")
 
 
@@ -63,6 +66,10 @@ class DescribedFamily(DriveFamily):
         self.steps = entries.steps
         if profile.torque is not None and profile.torque.rated_torque is not None:
             self.rated_torque = object_address(profile.torque.rated_torque), profile.torque.rated_torque_step_nm
+        if profile.torque is not None and profile.torque.current_step_a is not None:
+            self.current_step_a = profile.torque.current_step_a
+        if profile.position_mode is not None:
+            self.position_mode = profile.position_mode.number, object_address(profile.position_mode.target)
         self._motor = entries.motor
         self._period_s = robot.control_period_s
         self._axis_counts = robot.axis[number].encoder_counts_per_rev
@@ -146,7 +153,8 @@ class DescribedFamily(DriveFamily):
 
     def is_scaled(self, address: ObjectAddress) -> bool:
         """True where the profile gives the scale of an object, or does not state it at all: then it is the emulator's own."""
-        return address not in self._parameters or address in self.steps
+        parameter = self._parameters.get(address)
+        return parameter is None or address in self.steps or parameter.unit in _STANDARD_UNITS
 
     def states(self, address: ObjectAddress) -> bool:
         """True where the profile has the object."""

@@ -3,6 +3,7 @@
 from typing import Any
 
 from drive_profiles.standard.cia402 import FOLLOWING_ERROR, FOLLOWS_COMMAND, Mode
+from drive_profiles.standard.object_address import ObjectAddress
 from plant_emulator.drive.modes.mode import ModeOfOperation
 from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.motion import record as law
@@ -45,6 +46,32 @@ class CyclicPosition(Cyclic):
         """Bit 12 and, while 6065h is exceeded, bit 13."""
         word = FOLLOWS_COMMAND if self._mode[self.row] == law.POSITION else super().status()
         return word | FOLLOWING_ERROR if self._following_count[self.row] > 0 else word
+
+
+class MakersPosition(CyclicPosition):
+    """A position mode of the drive's maker: its own target with every SYNC; here interpolated, as in CSP.
+
+    Args:
+        stage: The power stage.
+        number: Its number in 6060h.
+        target: Object of its target.
+    """
+
+    def __init__(self, stage: PowerStage, number: int, target: ObjectAddress) -> None:
+        super().__init__(stage)
+        self.number = number  # type: ignore[misc, assignment]  # the maker's own
+        self._own = self.data.dictionary.cell(*target)
+
+    def start(self) -> None:
+        """The set-point is where the motor stands, whatever was written before."""
+        super().start()
+        self._own.value = self.data.shown_position(self._axes.counts(self.row))
+
+    def synchronise(self, now: int) -> None:
+        """With SYNC the newest set-point comes into force."""
+        if self._mode[self.row] == law.POSITION:
+            target: Any = self._own.value
+            self._axes.set_point(self.row, self.data.counting.encoder_counts(target))
 
 
 class CyclicVelocity(Cyclic):

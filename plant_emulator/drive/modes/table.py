@@ -1,7 +1,8 @@
 """All modes that the emulator has, by their number."""
 
+from plant_emulator.drive.family.base import DriveFamily
 from plant_emulator.drive.inputs import DigitalInputs
-from plant_emulator.drive.modes.cyclic import CyclicPosition, CyclicTorque, CyclicVelocity
+from plant_emulator.drive.modes.cyclic import CyclicPosition, CyclicTorque, CyclicVelocity, MakersPosition
 from plant_emulator.drive.modes.homing_mode import HomingMode
 from plant_emulator.drive.modes.interpolated_position import InterpolatedPosition
 from plant_emulator.drive.modes.mode import ModeOfOperation
@@ -13,8 +14,8 @@ from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.robots.behaviour import Behaviour
 
 
-def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour) -> dict[int, ModeOfOperation]:
-    """The modes of one drive; which of them it offers is its family's to say, but for 0, no mode."""
+def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour, family: DriveFamily) -> dict[int, ModeOfOperation]:
+    """The modes of one drive: those that its family offers, its maker's own, and 0, no mode."""
     modes: list[ModeOfOperation] = [
         ProfilePosition(stage, behaviour.pp_handshake_cycles),
         ProfileVelocity(stage),
@@ -25,6 +26,9 @@ def modes_of(stage: PowerStage, inputs: DigitalInputs, behaviour: Behaviour) -> 
         CyclicVelocity(stage),
         CyclicTorque(stage),
     ]
+    modes = [mode for mode in modes if mode.number in family.modes]
+    if family.position_mode is not None:
+        modes.append(MakersPosition(stage, *family.position_mode))
     if not behaviour.needs_mode_to_enable:
         modes.append(NoMode(stage))
     return {mode.number: mode for mode in modes}

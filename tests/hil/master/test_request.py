@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drive_profiles.standard.cia402 import Mode
+from drive_profiles.family.profile import Profile
 from hil.bench.bench import load_bench
 from hil.control.notch import FixedFilter
 from hil.errors import NotPossibleError
@@ -46,20 +46,13 @@ def test_what_does_not_go_together_is_refused(request_: RunRequest, number: int,
 
 
 @pytest.mark.parametrize(
-    ("filters", "loop", "mode", "in_drives"),
-    [
-        ("none", "drive", Mode.CSP, False),
-        ("notch", "drive", Mode.CSP, True),
-        ("none", "host", Mode.CST, False),
-        ("notch", "host", Mode.CST, False),
-    ],
+    ("filters", "loop", "in_drives"),
+    [("none", "drive", False), ("notch", "drive", True), ("none", "host", False), ("notch", "host", False)],
 )
-def test_mode_and_place_of_the_filters_follow_from_the_loop(
-    filters: FilterUse, loop: LoopName, mode: Mode, in_drives: bool
-) -> None:
+def test_the_place_of_the_filters_follows_from_the_loop(filters: FilterUse, loop: LoopName, in_drives: bool) -> None:
     asked = RunRequest(MOTION, filters, loop)
     asked.check(axes(2))
-    assert (asked.mode, asked.filters_in_drives) == (mode, in_drives)
+    assert asked.filters_in_drives == in_drives
     assert (asked.host_loops(axes(2)) is None) == (loop == "drive")
 
 
@@ -68,3 +61,10 @@ def test_torque_offsets_are_sent_where_motion_or_adder_has_them() -> None:
     assert not RunRequest(MOTION, "none", "drive", Adder(uses_torque=False)).uses_torque_offset
     assert RunRequest(MOTION, "none", "drive", Adder(uses_torque=True)).uses_torque_offset
     assert RunRequest(OFFSET, "none", "drive").uses_torque_offset
+
+
+def test_a_torque_offset_needs_a_drive_with_csp() -> None:
+    axis = axes(2)[0]
+    axis.profile = Profile.load("harmonic_drive_yukondrive")
+    with pytest.raises(NotPossibleError, match="axis 2: a torque offset needs CSP, harmonic_drive_yukondrive has IP"):
+        RunRequest(OFFSET, "none", "drive").check([axis])

@@ -54,7 +54,10 @@ class FakeSession:
         self._rng, self._tip_gain, self._range = rng, tip_gain, sensor_range
         self._missing, self._sensor_missed = missing, sensor_missed
         self._sign, self._is_braked = -1.0 if counts_backwards else 1.0, is_braked
-        drive = SimpleNamespace(position_rad=lambda: 0.0, scaling=self._scaling, profile=Profile.load(profile))
+        drive = SimpleNamespace(
+            position_rad=lambda: 0.0, scaling=self._scaling, profile=Profile.load(profile),
+            control_period_s=lambda: self.robot.control_period_s,
+        )  # fmt: skip
         self.axes = {number: drive}
 
     def check_interrupt(self) -> None:

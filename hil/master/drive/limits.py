@@ -1,0 +1,136 @@
+"""Limits of the bench file: the parameter by which a drive holds each of them, and those that the master holds alone."""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Final, Literal, NamedTuple
+
+from drive_profiles.family.parameter import Parameter
+from drive_profiles.family.profile import Profile
+from drive_profiles.standard.units import Scaling
+from hil.bench.bench import Limits
+
+_TURN = 2.0 * math.pi
+
+Holder = Literal["drive", "master alone", "drive, as found", "nobody"]
+"""Who holds a limit: the drive and the master; the master alone; the drive with the value that it has; nobody."""
+
+_SUFFIXES: Final[Mapping[str, tuple[str, ...]]] = {
+    "N·m": ("_nm", "_per_mille"),
+    "rad/s": ("_rad_s", "_rps"),
+    "rad": ("_rad", "_counts", "_deg"),
+    "s": ("_s",),
+    "rad/s²": ("_rad_s2",),
+}
+"""Ends of the names under which a profile has a quantity: with a unit, so that its scale is known."""
+
+
+class Limit(NamedTuple):
+    """A limit of the bench file, and the names of the parameters by which drives hold it.
+
+    Attributes:
+        key: Key of the bench file.
+        stems: Names of the parameter without their unit, the first that a profile has.
+        unit: SI unit.
+        factor: SI units per unit of the bench file.
+        is_watched: True where the master holds the limit as well.
+    """
+
+    key: str
+    stems: tuple[str, ...]
+    unit: str
+    factor: float
+    is_watched: bool = True
+
+    def held_by(self, profile: Profile) -> str | None:
+        """Name of the parameter by which a drive holds the limit; None where it has none that the bench can set."""
+        names = (stem + suffix for stem in self.stems for suffix in _SUFFIXES[self.unit])
+        return next((name for name in names if name in profile.parameters and profile.parameters[name].is_settable), None)
+
+    def holder(self, profile: Profile) -> Holder:
+        """Who holds the limit."""
+        if self.held_by(profile) is not None:
+            return "drive"
+        if not self.is_watched:
+            return "drive, as found"
+        return "nobody" if self.key == "torque_nm" and not tells_torque(profile) else "master alone"
+
+    def si(self, limits: Limits) -> float:
+        """Value of the bench file in SI units."""
+        return self.factor * float(getattr(limits, self.key))
+
+
+LIMITS: Final = (
+    Limit("torque_nm", ("torque_limit",), "N·m", 1.0),
+    Limit("speed_rps", ("speed_limit", "velocity_limit"), "rad/s", _TURN),
+    Limit("position_min_rev", ("position_limit_min",), "rad", _TURN),
+    Limit("position_max_rev", ("position_limit_max",), "rad", _TURN),
+    Limit("following_error_rev", ("following_error_window", "following_error_limit"), "rad", _TURN),
+    Limit("following_error_timeout_s", ("following_error_timeout",), "s", 1.0),
+    Limit("quick_stop_rps_s", ("quick_stop_deceleration",), "rad/s²", _TURN, is_watched=False),
+)
+"""All limits of an axis."""
+
+
+def limit_of(key: str) -> Limit:
+    """The limit of a key of the bench file."""
+    return next(limit for limit in LIMITS if limit.key == key)
+
+
+def tells_torque(profile: Profile) -> bool:
+    """True where the drive reports a torque, or a current from which it follows."""
+    return profile.torque is not None and (profile.torque.actual is not None or tells_current(profile))
+
+
+def tells_current(profile: Profile) -> bool:
+    """True where the drive reports a current in place of a torque."""
+    torque = profile.torque
+    return torque is not None and torque.actual is None and torque.current is not None
+
+
+def value_in(parameter: Parameter, si: float, scaling: Scaling) -> float:
+    """A value in the unit of a parameter.
+
+    Args:
+        parameter: The parameter; its unit is SI, or one of the drive's own.
+        si: The value in SI units.
+        scaling: How the drive counts.
+    """
+    match parameter.unit:
+        case "per mille":
+            return round(si / scaling.torque_quantum_nm)
+        case "counts":
+            return round(si * scaling.counts_per_rad)
+        case "°":  # of the joint: the steps are those of the drive's positions
+            return round(si * scaling.counts_per_rad) * parameter.value_per_step(scaling)
+        case "rev/s":
+            return si / _TURN
+        case _:
+            return si
+
+
+def holders(profile: Profile) -> dict[Holder, list[str]]:
+    """Keys of the bench file's limits, by who holds them."""
+    found: dict[Holder, list[str]] = {}
+    for limit in LIMITS:
+        found.setdefault(limit.holder(profile), []).append(limit.key)
+    return found
+
+
+_SENTENCES: Final[Mapping[Holder, str]] = {
+    "master alone": "the master alone holds {}",
+    "drive, as found": "the drive keeps its own value for {}",
+    "nobody": "nobody holds {}: the drive neither limits nor reports torque, so set its current limit with its maker's tool",
+}
+
+
+def limit_words(number: int, profile: Profile) -> Iterable[str]:
+    """Sentences on the limits that a drive does not hold, one for each holder.
+
+    Args:
+        number: Number of the axis.
+        profile: Drive profile.
+    """
+    found = holders(profile)
+    for holder, sentence in _SENTENCES.items():
+        if holder in found:
+            yield f"axis {number}: {sentence.format(', '.join(f'limits.{key}' for key in found[holder]))}"

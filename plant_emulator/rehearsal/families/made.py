@@ -1,0 +1,120 @@
+"""Moves a family's emulated drive, identifies its transmission error and cancels it, as `hil` does."""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drive_profiles.family.profile import Profile
+from drive_profiles.family.runs import FamilyRun
+from hil.bench.bench import Bench, load_bench
+from hil.control.treatments import TreatmentName
+from hil.errors import HilError
+from hil.experiments.plan import Experiment
+from hil.experiments.runner import run_experiments
+from hil.experiments.treatment import Knowledge
+from hil.master.drive.limits import holders
+from hil.master.drive.mapping import mode_of
+from hil.results.runs import ExperimentsResult
+from plant_emulator.rehearsal.direct import DirectChannel
+from plant_emulator.rehearsal.families.rig import bench_of, robot_of
+from plant_emulator.rehearsal.path import SMALL_EFFORT
+from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess, note_of_run
+from plant_emulator.robots.robot import Robot, load_robot
+from plant_emulator.world import World
+
+AXIS = 2
+
+
+@dataclass(frozen=True)
+class _Family:
+    """A family's drive on axis 2 of the reference robot, alone on its bus."""
+
+    bench: Bench
+    robot: Robot
+
+    def steps(self, files: PathFiles) -> StepsInProcess:
+        """The steps of the documented path on it, with these files."""
+        return StepsInProcess(self.bench, AXIS, files, DirectChannel(World(self.robot), None), SMALL_EFFORT)
+
+    def run(self, folder: Path, treatment: TreatmentName, knowledge: Knowledge) -> ExperimentsResult:
+        """Make one run; an error that ended it is raised."""
+        experiment = Experiment("constant-acceleration", AXIS, treatment)
+        channel = DirectChannel(World(self.robot), None)
+        outcome = run_experiments(self.bench, [experiment], folder / treatment, knowledge=knowledge, channel=channel)
+        if outcome.failure is not None:
+            raise outcome.failure
+        return outcome.result
+
+
+def _family(name: str) -> _Family:
+    families, bench = {AXIS: name}, load_bench("reference")
+    robot = robot_of(load_robot("reference"), bench, families)
+    robot = robot.model_copy(update={"axis": {AXIS: robot.axis[AXIS]}, "geometry": None, "line_motion": None})
+    made = bench_of(robot, bench, families)
+    alone = {"axis": {AXIS: made.axis[AXIS]}, "geometry": None, "line_motion": None, "reference": None}
+    return _Family(made.model_copy(update=alone), robot)
+
+
+def family_run(name: str) -> FamilyRun:
+    """Move, identify and cancel a family; what is refused is said in the result."""
+    profile, family = Profile.load(name), _family(name)
+    mode, held = mode_of("drive", profile), holders(profile)
+    facts: dict[str, Any] = {
+        "mode": "" if mode is None else mode.name,
+        "held_by_drive": tuple(held.get("drive", ())),
+        "held_by_master": tuple(held.get("master alone", ())),
+        "kept_by_drive": tuple(held.get("drive, as found", ())),
+    }
+    with tempfile.TemporaryDirectory() as name_of_folder:
+        folder = Path(name_of_folder)
+        files = PathFiles(folder / "model")
+        files.folder.mkdir()
+        try:
+            plain = family.run(folder, "none", Knowledge())
+        except HilError as error:
+            return FamilyRun(is_moved=False, refusal=str(error), **facts)
+        facts["plant_refusal"] = _plant_refusal(family, folder / "plant")
+        is_moved = not plain.not_restored
+        try:
+            family.steps(files).ate()
+            knowledge = Knowledge(files.identified())
+            tip = _tip_mm(family.run(folder, "none", knowledge))
+            cancelled = family.run(folder, "cancellation", knowledge)
+            note_of_run(cancelled)  # a trial that refuses it
+        except HilError as error:
+            return FamilyRun(is_moved=is_moved, refusal=str(error), **facts)
+        return FamilyRun(is_moved=is_moved, tip_mm=tip, cancelled_tip_mm=_tip_mm(cancelled), **facts)
+
+
+def _plant_refusal(family: _Family, folder: Path) -> str:
+    """Why the plant is not identified; empty where it is."""
+    folder.mkdir()
+    try:
+        family.steps(PathFiles(folder)).plant()
+    except HilError as error:
+        return str(error)
+    return ""
+
+
+def _tip_mm(result: ExperimentsResult) -> float:
+    """The largest peak of the tip in any window that was judged."""
+    return round(max(run.tip_peak_mm for run in result.runs if run.tip_peak_mm is not None), 4)
+
+
+def as_toml(runs: dict[str, FamilyRun]) -> str:
+    """The package's table of all families."""
+    lines = ["# What a run does with each family: written by python -m plant_emulator.rehearsal.families, never by hand."]
+    for name, run in sorted(runs.items()):
+        lines += ["", f"[family.{name}]"]
+        for key, value in run.model_dump(exclude_defaults=True).items():
+            lines.append(f"{key} = {_value(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    return f"{value:g}" if isinstance(value, float) else f'"{str(value).replace(chr(34), chr(39))}"'

@@ -1,0 +1,69 @@
+"""A robot whose drives are of given families, and the bench file that moves it."""
+
+from collections.abc import Mapping
+
+from drive_profiles.family.profile import Profile, available
+from hil.bench.bench import AxisTable, Bench
+from hil.robot_tables import Control
+from plant_emulator.drive.family.dictionary import vendor_scaling
+from plant_emulator.robots.robot import Robot, RobotAxis, with_drives
+
+
+def vendor_families() -> list[str]:
+    """Names of all drive families of the package but our own."""
+    drives = (name for name in available() if Profile.load(name).kind == "drive")
+    return [name for name in drives if name != "emulated_drive"]
+
+
+def robot_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Robot:
+    """A robot whose drives are of these families, and hold the gains of the bench file as their maker's tool has set them.
+
+    Args:
+        robot: The robot.
+        bench: Its bench file, with gains.
+        families: Families by axis; the other axes keep their drives.
+    """
+    changed = with_drives(robot, dict(families))
+    tables = {
+        number: changed.axis[number].model_copy(update={"control": bench.axis[number].gains(f"axis {number}")})
+        for number in families
+    }
+    return changed.model_copy(update={"axis": {**changed.axis, **tables}})
+
+
+def bench_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Bench:
+    """The bench file of such a robot: what the drives cannot say stands in it.
+
+    Args:
+        robot: The robot with these drives.
+        bench: The bench file to begin from, with gains.
+        families: Families by axis.
+    """
+    tables = {number: _table(robot.axis[number], bench.axis[number], name) for number, name in families.items()}
+    changed = bench.model_copy(update={"axis": {**bench.axis, **tables}})
+    longest = max((Profile.load(name).sync.min_period_s or 0.0 for name in families.values()), default=0.0)
+    shortest = min((Profile.load(name).sync.max_period_s or 1.0 for name in families.values()), default=1.0)
+    period = min(max(bench.bus.sync_period_s, longest), shortest)
+    return changed.model_copy(update={"bus": bench.bus.model_copy(update={"sync_period_s": period})})
+
+
+def _table(axis: RobotAxis, table: AxisTable, name: str) -> AxisTable:
+    """Table of an axis that such a drive moves."""
+    profile = Profile.load(name)
+    scaling, torque = vendor_scaling(profile, axis), profile.torque
+    has_gains = all(gain in profile.parameters for gain in Control.model_fields)
+    limits = table.limits
+    held = profile.parameters.get("torque_limit_per_mille")
+    if held is not None and held.maximum is not None:  # a drive whose object takes no more than this
+        most_nm = held.maximum * scaling.torque_quantum_nm
+        limits = limits.model_copy(update={"torque_nm": min(limits.torque_nm, most_nm)})
+    update = {
+        "profile": name,
+        "limits": limits,
+        "notch": (),
+        "gains_are_set": not has_gains,
+        "encoder_counts_per_rev": scaling.encoder_counts_per_rev,
+        "rated_torque_nm": axis.rated_torque if torque is not None and torque.rated_torque is None else None,
+        "torque_constant_nm_a": axis.torque_constant_nm_a,
+    }
+    return table.model_copy(update=update)

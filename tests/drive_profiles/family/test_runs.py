@@ -1,0 +1,34 @@
+"""The table of what a run does with each family: whole, and shown where a user looks for it."""
+
+import json
+
+from typer.testing import CliRunner
+
+from drive_profiles.cli.main import app
+from drive_profiles.family.profile import Profile, available
+from drive_profiles.family.runs import family_runs, in_words
+
+VENDORS = {name for name in available() if Profile.load(name).kind == "drive"} - {"emulated_drive"}
+
+
+def test_every_vendor_family_is_in_the_table_and_is_moved():
+    assert set(family_runs()) == VENDORS
+    assert all(run.is_moved for run in family_runs().values())
+
+
+def test_what_is_not_done_has_a_reason():
+    for name, run in family_runs().items():
+        assert run.is_cancelled or run.refusal, name
+    assert sum(run.is_identified and run.is_cancelled for run in family_runs().values()) >= 11
+
+
+def test_the_list_of_profiles_says_in_which_mode_each_runs():
+    shown = CliRunner().invoke(app, ["list"]).stdout
+    assert ["kollmorgen_akd", "drive", "CSP"] in [line.split()[:3] for line in shown.splitlines()]
+    listed = {each["name"]: each["runs"] for each in json.loads(CliRunner().invoke(app, ["list", "--json"]).stdout)}
+    assert listed["maxon_epos2"]["mode"] == "position mode (2062h)"
+    assert listed["emulated_accelerometer"] is None
+
+
+def test_a_mode_of_the_makers_own_has_a_short_word():
+    assert [in_words(family_runs()[name]) for name in ("maxon_epos2", "schunk_pilz_prbt")] == ["its own", "IP"]
