@@ -81,6 +81,7 @@ class Session:
         self.clock = clock or MonotonicClock(bench.bus.real_time.spin_s)
         self.network = Network(channel, log, bench.bus.answer_timeout_s, bench.bus.sync_period_s, self.clock)
         self.axes = {number: DriveAxis(self.network, number, table) for number, table in sorted(bench.axis.items())}
+        self.network.fault_texts = {axis.node: axis.profile.fault_texts for axis in self.axes.values()}
         self.sensor = sensor_of(bench.accelerometer, self.network, self.clock)
         self.supervisor = Supervisor(self.network, bench.bus)
         self.emulated: dict[str, bool | None] = {}

@@ -13,6 +13,7 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import Mode, Object, State, state_of
 from drive_profiles.standard.emulation import HARDWARE_VERSION_OBJECT, is_emulated
+from drive_profiles.standard.error_codes import code_text
 from drive_profiles.standard.object_address import ObjectAddress
 from drive_profiles.standard.units import Scaling, interpolation_period
 from hil.bench.bench import AxisTable
@@ -224,7 +225,7 @@ class DriveAxis:
             raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rev/s", "stop it first")
         if state is State.FAULT:
             code = asked.number(ERROR_CODE, is_optional=True)
-            shown = "" if code is None else f", error code {code:04X}h"
+            shown = "" if code is None else f", error code {code_text(code, self.profile.fault_texts)}"
             raise NodeError(node, f"axis {self.number} is in fault{shown}", "reset it with --reset-faults")
 
     def _check_scale(self) -> None:
