@@ -148,11 +148,7 @@ class Measurement(Generic[R]):
             NotPossibleError: The bus does not carry a motion; nothing has been sent.
             HilError: Nodes or limits do not allow it.
         """
-        kinds = dict.fromkeys((demand.axes, demand.loop, demand.with_notch) for demand in demands)
-        gaps = [gap for axes, loop, with_notch in kinds for gap in run_gaps(self._bench, axes, loop, with_notch=with_notch)]
-        if gaps:
-            raise ProfileGapsError(dict.fromkeys(gaps))
-        self.shows_filter = [overload or check_load(self._bench, self._channel, demand) for demand in demands]
+        self.shows_filter = check_demands(self._bench, self._channel, demands, overload=overload)
         with self._new_session() as session:
             try:
                 session.bring_up(reset_faults=reset_faults)
@@ -177,6 +173,29 @@ class Measurement(Generic[R]):
         recording.save(path)
         self._has_saved = True
         return path.relative_to(self._out).as_posix()
+
+
+def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], *, overload: bool = False) -> list[bool]:
+    """Refuse motions for which the profiles lack something, or whose frames do not fit on the bus; nothing is sent.
+
+    Args:
+        bench: The bench file.
+        channel: The bus.
+        demands: Demands of the motions.
+        overload: Do not check whether the frames fit.
+
+    Returns:
+        For each demand True where there is room for the state of the drives' filters as well.
+
+    Raises:
+        ProfileGapsError: Profiles lack what the motions need.
+        NotPossibleError: The bus does not carry a motion.
+    """
+    kinds = dict.fromkeys((demand.axes, demand.loop, demand.with_notch) for demand in demands)
+    gaps = [gap for axes, loop, with_notch in kinds for gap in run_gaps(bench, axes, loop, with_notch=with_notch)]
+    if gaps:
+        raise ProfileGapsError(dict.fromkeys(gaps))
+    return [overload or check_load(bench, channel, demand) for demand in demands]
 
 
 def log_label(channel: Channel) -> str:

@@ -44,6 +44,8 @@ class SessionSource(Protocol):
 
 TWICE_S = 0.05
 """Time to listen for a second answer to the last question: two nodes may share a node ID."""
+RESETS_READ, RESET_S = 20, 0.02
+"""Times that a drive is asked whether a fault has gone, and the time between two."""
 LISTEN_S = 0.1
 """Time to listen to the bus before the first frame is sent."""
 
@@ -132,8 +134,12 @@ class Session:
 
     # -- bring-up ------------------------------------------------------------------------------------------------------
 
-    def bring_up(self, *, reset_faults: bool = False) -> None:
+    def bring_up(self, *, reset_faults: bool = False, in_fault: int | None = None) -> None:
         """Find every node, and check its identity and standstill; nothing is written or enabled.
+
+        Args:
+            reset_faults: Reset drives that are in fault first.
+            in_fault: Number of an axis whose drive may be in fault; None for none.
 
         Raises:
             ProfileGapsError: Profiles do not say how drives count; nothing has been sent.
@@ -146,7 +152,7 @@ class Session:
             raise NodeError(self.bench.bus.master_node_id, "somebody else sends SYNC on this bus", "is another master running?")
         if self.network.channel.is_lock_step:
             self.network.sync()  # from here on the world's clock is ours, so that equal seeds give equal frames
-        self._identify(reset_faults=reset_faults)
+        self._identify(reset_faults=reset_faults, in_fault=in_fault)
         self.sensor.open()
         for node in self.sensor.nodes:
             self.emulated["accelerometer"] = ask_emulated(self.network, node)
@@ -155,7 +161,7 @@ class Session:
             if self.network.answers_twice(node):
                 raise NodeError(node, "answers more often than it is asked", "do two nodes have this id?")
 
-    def _identify(self, *, reset_faults: bool) -> None:
+    def _identify(self, *, reset_faults: bool, in_fault: int | None) -> None:
         """Check every drive; what several of them lack is said together."""
         missing = []
         for axis in self.axes.values():
@@ -164,7 +170,7 @@ class Session:
                 check_identity(self.network, axis.node, axis.profile, axis.table.serial_number)
                 self.reset_fault(axis)
             try:
-                axis.identify()
+                axis.identify(may_be_in_fault=axis.number == in_fault)
             except MissingObjectsError as error:
                 missing += error.missing
             self.emulated[f"axis {axis.number}"] = ask_emulated(self.network, axis.node)
@@ -172,11 +178,22 @@ class Session:
             raise MissingObjectsError(missing)
 
     def reset_fault(self, axis: DriveAxis) -> None:
-        """Reset a fault by a rising edge of bit 7, by SDO; the drive goes no further than switch on disabled."""
+        """Reset a fault by a rising edge of bit 7, by SDO; the drive goes no further than switch on disabled.
+
+        Raises:
+            NodeError: The drive is still in fault.
+        """
         read = self.network.read
-        if state_of(read(axis.node, Object.STATUS_WORD, 0, DataType.UNSIGNED16)) is State.FAULT:
-            for word in (DISABLE_VOLTAGE, FAULT_RESET, DISABLE_VOLTAGE):
-                self.network.write_raw(axis.node, Object.CONTROL_WORD, 0, word.to_bytes(2, "little"), "control word")
+        if state_of(read(axis.node, Object.STATUS_WORD, 0, DataType.UNSIGNED16)) is not State.FAULT:
+            return
+        for word in (DISABLE_VOLTAGE, FAULT_RESET, DISABLE_VOLTAGE):
+            self.network.write_raw(axis.node, Object.CONTROL_WORD, 0, word.to_bytes(2, "little"), "control word")
+        for _ in range(RESETS_READ):
+            if (fault := axis.fault()) is None:
+                return
+            self.network.pump_until(lambda: False, 0.0 if self.network.channel.is_lock_step else RESET_S)
+        remedy = "remove its cause, or switch the drive's supply off and on"
+        raise NodeError(axis.node, f"axis {axis.number} is still {fault} after a reset", remedy)
 
     # -- a run ---------------------------------------------------------------------------------------------------------
 
