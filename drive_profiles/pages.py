@@ -55,6 +55,9 @@ def page(profile: Profile) -> str:
     if profile.aborts:
         rows = [(f"0x{a.code:08X}", a.text, sources.evidence(a)) for a in profile.aborts]
         parts += ["## Abort codes of its own", _table(("code", "meaning", "evidence"), rows)]
+    if profile.fault_codes:
+        rows = [(f"{each.code:04X}h", each.text, sources.evidence(each)) for each in profile.fault_codes]
+        parts += ["## Error codes of its own", _table(("code", "meaning", "evidence"), rows)]
     if profile.quirks:
         parts += ["## What else to know", "\n".join(f"- {quirk}" for quirk in profile.quirks)]
     parts += _products(profile, sources)
@@ -151,7 +154,7 @@ class _Sources:
 
     def __init__(self, profile: Profile) -> None:
         members = profile.members
-        sources = [fact.source for _, fact in _facts(profile)] + [abort.source for abort in profile.aborts]
+        sources = [fact.source for _, fact in _facts(profile)] + [each.source for each in (*profile.aborts, *profile.fault_codes)]
         sources += [fact.source for member in members for _, fact in _facts(member)]
         sources += [entry.source for member in members for entry in member.parameters.values()]
         self.all = list(dict.fromkeys(sources))
@@ -179,7 +182,7 @@ def _facts(profile: Profile) -> Iterator[tuple[str, Fact]]:
 
 
 def _unverified(profile: Profile) -> int:
-    facts = [*(fact for _, fact in _facts(profile)), *profile.aborts, *profile.parameters.values()]
+    facts = [*(fact for _, fact in _facts(profile)), *profile.aborts, *profile.fault_codes, *profile.parameters.values()]
     for product in profile.products:
         facts += [product, *product.facts.values()]
         facts += [product.parameters[name].of(profile.parameters.get(name), product) for name in product.parameters]

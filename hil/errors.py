@@ -97,11 +97,17 @@ class SafetyStopError(HilError):
 
     exit_code = 8
 
-    def __init__(self, reason: str, *, all_disabled: bool = True) -> None:
-        """Keep the reason; `all_disabled` is True where every drive has confirmed that it is disabled."""
-        self.reason, self.all_disabled = reason, all_disabled
+    def __init__(self, reason: str, *, all_disabled: bool = True, where: str = "") -> None:
+        """Keep the reason.
+
+        Args:
+            reason: The reason to stop.
+            all_disabled: True where every drive has confirmed that it is disabled.
+            where: Where the axes stand, and how to go on; empty where nothing moved.
+        """
+        self.reason, self.all_disabled, self.where = reason, all_disabled, where
         end = "all axes are stopped and disabled" if all_disabled else NOT_DISABLED
-        super().__init__(f"stopped: {reason}; {end}")
+        super().__init__("; ".join(filter(None, (f"stopped: {reason}", end, where))))
 
 
 class InterruptedRunError(SafetyStopError):
@@ -109,8 +115,8 @@ class InterruptedRunError(SafetyStopError):
 
     exit_code = 130
 
-    def __init__(self, reason: str, *, all_disabled: bool = True) -> None:
-        """Keep the reason, and whether every drive has confirmed that it is disabled."""
-        super().__init__(reason, all_disabled=all_disabled)
+    def __init__(self, reason: str, *, all_disabled: bool = True, where: str = "") -> None:
+        """Keep the reason, whether every drive has confirmed that it is disabled, and where the axes stand."""
+        super().__init__(reason, all_disabled=all_disabled, where=where)
         if not all_disabled:
             self.exit_code = SafetyStopError.exit_code  # type: ignore[misc]  # 130 tells a script that all is safe

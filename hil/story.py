@@ -254,10 +254,11 @@ def _design_page(axis: int) -> str:
 
 def _written(uploads: list[Upload]) -> list[UploadResult]:
     """Upload to all drives or none; Ctrl-C waits until the changes are put back."""
-    with Interrupts() as interrupts:
+    with Interrupts(is_last=False) as interrupts:
         if threading.current_thread() is threading.main_thread():
-            interrupts.hold("interrupted: what has been written is put back; wait for the outcome")
-        return fleet.run(uploads, fleet.UploadControl(interrupts.event))
+            late = "the interrupt came too late: everything has been written; another one ends the story"
+            interrupts.hold("interrupted: what has been written is put back; wait for the outcome", late)
+        return fleet.run(uploads, fleet.UploadControl(interrupts.window))
 
 
 def tell(

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import io
 import os
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 from drive_profiles.cli.completion import bash_words
+from drive_profiles.cli.console import Interrupts
 from drive_profiles.python_can import postpone_mf4
 
 _WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
@@ -131,13 +133,26 @@ class Tool(typer.Typer):
     def run(self, arguments: Sequence[str] | None = None) -> None:
         """Run the tool with the arguments of the process, or with these; never returns."""
         postpone_mf4()
+        Interrupts.owns_process = True
         if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
             sys.stdout.reconfigure(errors="backslashreplace")  # a code page, as of a file on Windows, lacks most characters
         try:
             with bash_words():
                 self(None if arguments is None else [*arguments])
+        except SystemExit as end:
+            if not Interrupts.is_held_to_the_end:
+                raise
+            _leave(end.code if isinstance(end.code, int) else 0)
         except BrokenPipeError:
             os._exit(141)  # the reader of the output has gone; there is nothing to tell it
+
+
+def _leave(status: int) -> NoReturn:
+    """End the process at once: the interpreter's own end would heed signals again, and change the status."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(status)
 
 
 def _print_version(value: bool) -> None:

@@ -8,15 +8,15 @@ import os
 import shutil
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from types import FrameType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import typer
 
 from drive_profiles.cli.tables import lines
+from drive_profiles.upload.interrupt import InterruptWindow
 
 
 class ToolExitStatus(IntEnum):
@@ -168,48 +168,59 @@ def confirm(question: str, *, yes: bool) -> None:
 
 
 class Interrupts:
-    """Signals to end while a drive is written to: remembered from `hold` on.
+    """Signals to end while a drive is written to: from `hold` on they no longer end the program.
 
     Ctrl-C, SIGTERM, SIGHUP (the terminal has closed), and on Windows Ctrl-Break; there a console that closes may end the program
-    at once, whatever it remembers, and the journal tells the rest.
+    at once, whatever it remembers, and the journal tells the rest. In the process of a tool they are held until it has ended, so
+    that none can change the exit status of what is over.
 
     Attributes:
-        event: Set when one of them has come.
+        window: Window in which a signal counts; whoever writes closes it, and a later one is only answered.
+        owns_process: True in the process of a tool (`Tool.run`).
+        is_held_to_the_end: True where signals are held although the context has ended.
     """
 
     SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
+    owns_process: ClassVar[bool] = False
+    is_held_to_the_end: ClassVar[bool] = False
 
-    def __init__(self) -> None:
-        self.event = threading.Event()
-        self._came = False
+    def __init__(self, *, is_last: bool = True) -> None:
+        """Prepare to hold signals.
+
+        Args:
+            is_last: The command ends with this context; False where more follows, which a signal may end.
+        """
+        self.window = InterruptWindow()
+        self._is_last = is_last
         self._before: dict[signal.Signals, Any] = {}
-        self._message = b""
+        self._messages: dict[bool, bytes] = {}
 
     def __enter__(self) -> Self:
         """Keep the signals' handlers; nothing is held yet."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Put the handlers back."""
+        """Put the handlers back, unless the process of a tool ends with this."""
+        if self._before and self._is_last and Interrupts.owns_process:
+            Interrupts.is_held_to_the_end = True
+            return
         for number, handler in self._before.items():
             signal.signal(number, handler)
         self._before.clear()
 
-    def hold(self, message: str) -> None:
-        """Remember signals from now on.
+    def hold(self, in_time: str, too_late: str) -> None:
+        """Hold signals from now on.
 
         Args:
-            message: Line that is printed when one comes.
+            in_time: Line that is printed when one comes while the window is open.
+            too_late: Line that is printed when one comes after that.
         """
-        self._message = f"\n{message}\n".encode()
+        self._messages = {True: f"\n{in_time}\n".encode(), False: f"\n{too_late}\n".encode()}
         for number in self.SIGNALS:
             if signal.getsignal(number) is not signal.SIG_IGN:  # nohup stays nohup
                 self._before[number] = signal.signal(number, self._remember)
 
     def _remember(self, number: int, frame: FrameType | None) -> None:
-        if self._came:  # an event's lock is not to be taken twice by one thread
-            return
-        self._came = True
-        self.event.set()
+        message = self._messages.pop(self.window.interrupt(), b"")  # each is said once
         with contextlib.suppress(OSError):  # the terminal may have gone
-            os.write(2, self._message)
+            os.write(2, message)

@@ -206,7 +206,10 @@ def _give(request: TransactionRequest, node: int, choose: Callable[[Device], Mem
             return
         confirm(f"node {node}: {words.question} ({command.written_address}, up to {command.wait_s:g} s)?", yes=request.yes)
         device.check_quiet()  # a user may have thought for long
-        interrupts.hold(f"interrupted: waiting for the answer of node {node}, up to {command.wait_s:g} s")
+        told = f"the interrupt came too late: node {node} has been told; it may take {command.wait_s:g} s to answer"
+        interrupts.hold("interrupted: nothing has been written", told)
+        if not interrupts.window.close():
+            raise typer.Exit(ExitStatus.INTERRUPTED)
         failure: Exception | None = None
         try:
             command.give(device)
@@ -222,5 +225,3 @@ def _give(request: TransactionRequest, node: int, choose: Callable[[Device], Mem
             raise fail(f"{failure}\nnode {node}: {words.unsure}", ExitStatus.UNKNOWN)
         if not request.as_json:
             typer.echo(f"node {node} {words.done}")
-        if interrupts.event.is_set():
-            typer.echo("the interrupt came too late: it had been told", err=True)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from drive_profiles.upload.result import UploadOptions, UploadResult
     from drive_profiles.upload.upload import Upload
 
+TOO_LATE = "the interrupt came too late: the upload ends as it would without it"
+"""Line on an interrupt after which nothing is put back any more; it holds before the outcome and after it."""
 MAX_ROWS = 20
 """Most changes that are shown before they are written."""
 
@@ -54,7 +56,7 @@ class TransactionRequest:
 def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSet | Path]]) -> None:
     """Prepare all uploads, show the changes, ask, run all, and report how each ended.
 
-    From the first write until the report is printed and the bus is closed, Ctrl-C does not end the program.
+    From the first write to the end of the process Ctrl-C does not end the program: it has everything put back, or comes too late.
 
     Raises:
         typer.Exit: Not every drive holds its set.
@@ -80,12 +82,11 @@ def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSe
             nodes = ", ".join(f"node {node}" for node, _ in pairs)
             confirm(f"write {count} objects{storing} on {nodes}?", yes=request.yes)
         total = sum(len(item.changes) + len(item.writes) for item in uploads)
-        interrupts.hold("interrupted: what has been written is put back; wait for the outcome")
+        back = "what has been written is put back" if request.options.rollback else "nothing more is written"
+        interrupts.hold(f"interrupted: {back}; wait for the outcome", TOO_LATE)
         with progress("writing", total) as step:
-            outcomes = fleet.run(uploads, fleet.UploadControl(interrupts.event, lambda node, made: step(made)))
+            outcomes = fleet.run(uploads, fleet.UploadControl(interrupts.window, lambda node, made: step(made)))
         report(outcomes, request)
-        if interrupts.event.is_set() and all(outcome.kind == "done" for outcome in outcomes):
-            typer.echo("the interrupt came too late: everything had been written", err=True)
         status = exit_status(outcomes)
     if status:
         raise typer.Exit(status)

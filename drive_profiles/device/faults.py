@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from drive_profiles.device.device import Device
 from drive_profiles.errors import SdoAbortedError
 from drive_profiles.standard.cia402 import Object, State
-from drive_profiles.standard.error_codes import error_text
+from drive_profiles.standard.error_codes import error_text, register_words
 
 ERROR_REGISTER, ERROR_HISTORY = (0x1001, 0), 0x1003
 MOST_ERRORS = 254
@@ -25,6 +26,7 @@ class FaultReport:
         register: Error register; None where it does not say.
         code: Last error code (603Fh); None where it has no such object.
         history: Entries of 1003h, the newest first: error code in the lower half, the maker's own number in the upper.
+        own: The maker's codes in words.
     """
 
     node: int
@@ -32,6 +34,7 @@ class FaultReport:
     register: int | None
     code: int | None
     history: tuple[int, ...]
+    own: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def is_quiet(self) -> bool:
@@ -45,23 +48,11 @@ class FaultReport:
         if self.register is not None:
             rows.append(("1001", f"0x{self.register:02X}", "error register: " + ", ".join(register_words(self.register))))
         if self.code is not None:
-            rows.append(("603F", f"0x{self.code:04X}", error_text(self.code)))
+            rows.append(("603F", f"0x{self.code:04X}", error_text(self.code, self.own)))
         for number, entry in enumerate(self.history, 1):
             own = f"; the maker's own number {entry >> 16:04X}h" if entry >> 16 else ""
-            rows.append((f"1003:{number}", f"0x{entry:08X}", error_text(entry & 0xFFFF) + own))
+            rows.append((f"1003:{number}", f"0x{entry:08X}", error_text(entry & 0xFFFF, self.own) + own))
         return rows
-
-
-_REGISTER = ("generic", "current", "voltage", "temperature", "communication", "of the device profile", "reserved", "of the maker")
-
-
-def register_words(register: int) -> list[str]:
-    """The bits of an error register (1001h) in words.
-
-    >>> register_words(0x21), register_words(0)
-    (['generic', 'of the device profile'], ['no error'])
-    """
-    return [word for bit, word in enumerate(_REGISTER) if register >> bit & 1] or ["no error"]
 
 
 def read_faults(device: Device) -> FaultReport:
@@ -78,6 +69,7 @@ def read_faults(device: Device) -> FaultReport:
         _number(device, ERROR_REGISTER),
         _number(device, (Object.ERROR_CODE, 0)),
         tuple(entry for entry in history if entry is not None),
+        device.profile.fault_texts if device.profile else {},
     )
 
 

@@ -297,6 +297,13 @@ class StoreFacts(Fact):
         return self
 
 
+class FaultCode(Fact):
+    """A maker's own error code, of emergencies, 603Fh and 1003h, with its meaning."""
+
+    code: Annotated[int, pydantic.Field(ge=0, le=0xFFFF)]
+    text: str = pydantic.Field(min_length=1)
+
+
 class Abort(Fact):
     """A vendor-specific abort code, with its meaning."""
 

@@ -18,6 +18,7 @@ from drive_profiles.family.capability import (
     Abort,
     Capabilities,
     EncoderFacts,
+    FaultCode,
     LoadEncoderFacts,
     LoopFacts,
     NotchFacts,
@@ -58,6 +59,7 @@ class Profile(Table):
         load_encoder: Second encoder; None where nothing is known of one.
         store: Commands that store and restore parameters.
         aborts: Vendor-specific abort codes.
+        fault_codes: The maker's own error codes, of emergencies, 603Fh and 1003h.
         quirks: Peculiarities that a user of this family must know, one sentence each.
         parameters: Parameters by name. A name is that of the robot file, with its unit, where the meaning is the same.
         products: The further products, ``[[product]]`` in the file; all other tables are those of the first one.
@@ -78,9 +80,20 @@ class Profile(Table):
     load_encoder: LoadEncoderFacts | None = None
     store: StoreFacts
     aborts: tuple[Abort, ...] = ()
+    fault_codes: tuple[FaultCode, ...] = ()
     quirks: tuple[str, ...] = ()
     parameters: dict[str, Parameter]
     products: tuple[Product, ...] = pydantic.Field(default=(), alias="product")
+
+    @pydantic.field_validator("fault_codes")
+    @classmethod
+    def _once(cls, codes: tuple[FaultCode, ...]) -> tuple[FaultCode, ...]:
+        """Refuse a code with two meanings."""
+        stated = [each.code for each in codes]
+        twice = sorted({code for code in stated if stated.count(code) > 1})
+        if twice:
+            raise ValueError(f"{twice[0]:04X}h is there twice")
+        return codes
 
     @pydantic.field_validator("parameters")
     @classmethod
@@ -161,6 +174,11 @@ class Profile(Table):
         else:
             profile = files.load(family, cls)
         return profile.product_named(product) if product else profile
+
+    @property
+    def fault_texts(self) -> dict[int, str]:
+        """The maker's own error codes in words."""
+        return {each.code: each.text for each in self.fault_codes}
 
     @property
     def label(self) -> str:

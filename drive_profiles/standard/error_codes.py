@@ -3,6 +3,10 @@
 Source: CiA 301, 7.2.7.1; CiA 402-2, object 603Fh.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+
 _CODES = {
     0x0000: "no error, or all errors have gone",
     0x1000: "generic error",
@@ -99,15 +103,62 @@ _CODES = {
 }
 
 
-def error_text(code: int) -> str:
-    """Words for an error code: its own, or those of the group that it belongs to.
+_MAKERS = ", of the maker's own"
+_REGISTER = ("generic", "current", "voltage", "temperature", "communication", "of the device profile", "reserved", "of the maker")
+
+
+def error_text(code: int, own: Mapping[int, str] | None = None) -> str:
+    """Words for an error code: the maker's, the standard's, or those of the group that it belongs to.
+
+    Args:
+        code: The code.
+        own: The maker's codes in words (`Profile.fault_texts`).
 
     >>> error_text(0x8612), error_text(0x8613)
     ('reference limit: a set-point beyond what is allowed', 'positioning controller (8613h is of the maker)')
+    >>> error_text(0x8A82, {0x8A82: "software position limit"})
+    'software position limit'
     """
-    if code in _CODES:
-        return _CODES[code]
-    for mask in (0xFFF0, 0xFF00, 0xF000):
-        if code & mask in _CODES:
-            return f"{_CODES[code & mask]} ({code:04X}h is of the maker)"
-    return f"unknown code {code:04X}h"
+    words, is_group = _found(code, own or {})
+    return f"{words} ({code:04X}h is of the maker)" if is_group else words or f"unknown code {code:04X}h"
+
+
+def _found(code: int, own: Mapping[int, str]) -> tuple[str, bool]:
+    """Words of a code, empty where there are none; and True where they are those of its group."""
+    if code in own or code in _CODES:
+        return own.get(code) or _CODES[code], False
+    group = next((_CODES[code & mask] for mask in (0xFFF0, 0xFF00, 0xF000) if code & mask in _CODES), "")
+    return group, bool(group)
+
+
+def code_text(code: int, own: Mapping[int, str] | None = None) -> str:
+    """An error code with its words, as a sentence names it.
+
+    >>> code_text(0x8611), code_text(0x8613), code_text(0xE123)
+    ('8611h (following error)', "8613h (positioning controller, of the maker's own)", 'E123h (unknown code)')
+    """
+    words, is_group = _found(code, own or {})
+    return f"{code:04X}h ({words or 'unknown code'}{_MAKERS if is_group else ''})"
+
+
+def emergency_text(code: int, register: int, own: Mapping[int, str] | None = None) -> str:
+    """An emergency message in words.
+
+    Args:
+        code: Its error code.
+        register: Its error register.
+        own: The maker's codes in words.
+
+    >>> emergency_text(0x8611, 0x21)
+    'emergency 8611h (following error; error register 21h)'
+    """
+    return f"emergency {code_text(code, own)[:-1]}; error register {register:02X}h)"
+
+
+def register_words(register: int) -> list[str]:
+    """The bits of an error register (1001h) in words.
+
+    >>> register_words(0x21), register_words(0)
+    (['generic', 'of the device profile'], ['no error'])
+    """
+    return [word for bit, word in enumerate(_REGISTER) if register >> bit & 1] or ["no error"]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 from drive_profiles.device.memory import store_command
 from drive_profiles.errors import DriveProfileError, InterruptedUploadError, NoAnswerError
+from drive_profiles.upload.interrupt import InterruptWindow
 from drive_profiles.upload.result import UploadReadBackError, UploadResult
 from drive_profiles.upload.upload import Upload
 
@@ -21,11 +21,12 @@ class UploadControl:
     """Control of running uploads: their progress, and a way to stop them.
 
     Attributes:
-        cancel: Event that stops the uploads when it is set; everything is put back.
+        window: An interrupt in it stops the uploads, and everything is put back. It is closed where all is written and read
+            back, before anything is stored: the last point of return, of all drives together.
         progress: Called with a node and the number of steps made, from several threads.
     """
 
-    cancel: threading.Event = field(default_factory=threading.Event)
+    window: InterruptWindow = field(default_factory=InterruptWindow)
     progress: Callable[[int, int], None] = lambda node, count: None
 
 
@@ -42,10 +43,20 @@ def prepare(uploads: Sequence[Upload]) -> None:
 def run(uploads: Sequence[Upload], control: UploadControl | None = None) -> list[UploadResult]:
     """Carry out prepared uploads, all or none: write, read back and store on every drive, or put back on every drive.
 
+    When this ends, its window is closed: an interrupt that comes later changes nothing.
+
     Raises:
         DriveProfileError: A journal cannot be written, or a drive cannot store; nothing has been written to any drive.
     """
     control = UploadControl() if control is None else control
+    try:
+        return _run(uploads, control)
+    finally:
+        control.window.close()
+
+
+def _run(uploads: Sequence[Upload], control: UploadControl) -> list[UploadResult]:
+    window = control.window
     options = uploads[0].options
     if options.store:
         for upload in uploads:
@@ -54,8 +65,10 @@ def run(uploads: Sequence[Upload], control: UploadControl | None = None) -> list
         raise error
     for upload in uploads:
         upload.open_journal()
-    failures = _each(uploads, lambda upload: upload.write(control.cancel.is_set, lambda: control.progress(upload.device.node, 1)))
-    if not failures and control.cancel.is_set():
+    failures = _each(
+        uploads, lambda upload: upload.write(lambda: window.is_interrupted, lambda: control.progress(upload.device.node, 1))
+    )
+    if not failures and not window.close():
         failures = {upload: InterruptedUploadError(f"node {upload.device.node}: interrupted") for upload in uploads}
     if not failures and options.store:
         failures = _each(uploads, Upload.store)

@@ -148,16 +148,13 @@ class Measurement(Generic[R]):
             NotPossibleError: The bus does not carry a motion; nothing has been sent.
             HilError: Nodes or limits do not allow it.
         """
-        kinds = dict.fromkeys((demand.axes, demand.loop, demand.with_notch) for demand in demands)
-        gaps = [gap for axes, loop, with_notch in kinds for gap in run_gaps(self._bench, axes, loop, with_notch=with_notch)]
-        if gaps:
-            raise ProfileGapsError(dict.fromkeys(gaps))
-        remarks = dict.fromkeys(words for axes, loop, _ in kinds for words in run_remarks(self._bench, axes, loop))
+        self.shows_filter = check_demands(self._bench, self._channel, demands, overload=overload)
+        kinds = dict.fromkeys((demand.axes, demand.loop) for demand in demands)
+        remarks = dict.fromkeys(words for axes, loop in kinds for words in run_remarks(self._bench, axes, loop))
         self.result.drive_remarks = tuple(remarks) or None
         for words in remarks:
             self._reporter.step(words)
-        moving = None if self._bench.arm is not None else {number for axes, _, _ in kinds for number in axes}
-        self.shows_filter = [overload or check_load(self._bench, self._channel, demand) for demand in demands]
+        moving = None if self._bench.arm is not None else {number for axes, _ in kinds for number in axes}
         with self._new_session() as session:
             try:
                 session.bring_up(reset_faults=reset_faults, moving=moving)
@@ -182,6 +179,29 @@ class Measurement(Generic[R]):
         recording.save(path)
         self._has_saved = True
         return path.relative_to(self._out).as_posix()
+
+
+def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], *, overload: bool = False) -> list[bool]:
+    """Refuse motions for which the profiles lack something, or whose frames do not fit on the bus; nothing is sent.
+
+    Args:
+        bench: The bench file.
+        channel: The bus.
+        demands: Demands of the motions.
+        overload: Do not check whether the frames fit.
+
+    Returns:
+        For each demand True where there is room for the state of the drives' filters as well.
+
+    Raises:
+        ProfileGapsError: Profiles lack what the motions need.
+        NotPossibleError: The bus does not carry a motion.
+    """
+    kinds = dict.fromkeys((demand.axes, demand.loop, demand.with_notch) for demand in demands)
+    gaps = [gap for axes, loop, with_notch in kinds for gap in run_gaps(bench, axes, loop, with_notch=with_notch)]
+    if gaps:
+        raise ProfileGapsError(dict.fromkeys(gaps))
+    return [overload or check_load(bench, channel, demand) for demand in demands]
 
 
 def log_label(channel: Channel) -> str:

@@ -2,14 +2,15 @@
 
 import struct
 from collections import Counter, deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import canopen
 
 from drive_profiles.device.sdo import SdoPort
 from drive_profiles.standard.cia301 import DataType, FunctionCode, NmtCommand, decode, encode
+from drive_profiles.standard.error_codes import emergency_text
 from hil.can.channel import Channel
 from hil.can.errors_frame import decode as decode_error
 from hil.can.frame import CAN_ERR_FLAG, Frame
@@ -31,10 +32,12 @@ class Emergency:
     code: int
     register: int
     vendor: bytes
+    own: Mapping[int, str] = field(default_factory=dict)
+    """The maker's codes in words."""
 
     def __str__(self) -> str:
         """The message in words."""
-        return f"node {self.node} reports emergency {self.code:04X}h (error register {self.register:02X}h)"
+        return f"node {self.node} reports {emergency_text(self.code, self.register, self.own)}"
 
 
 class _Line:
@@ -94,6 +97,7 @@ class Network:
         channel: The bus.
         canopen: canopen's network; it gets every frame that is not cyclic.
         emergencies: Emergencies of the nodes that were not handled yet; a bounded queue.
+        fault_texts: For each node, its maker's own error codes in words.
         heartbeats: Time and NMT state of the last heartbeat of each node.
         bus_errors: Errors on the bus that the controller reported, in words, with their number; the first `MAX_EVENTS` kinds.
         foreign_sync: True where the SYNC of another node has been seen.
@@ -111,6 +115,7 @@ class Network:
         self.canopen = _Tee(self.send)
         self.canopen.subscribers.clear()  # its LSS master would keep every answer for ever
         self.emergencies: deque[Emergency] = deque(maxlen=MAX_EVENTS)
+        self.fault_texts: dict[int, Mapping[int, str]] = {}
         self.heartbeats: dict[int, tuple[float, int]] = {}
         self.boots: set[int] = set()
         self.bus_errors: Counter[str] = Counter()
@@ -211,7 +216,7 @@ class Network:
             self.foreign_sync = True
         elif function == FunctionCode.EMERGENCY and node and can_id <= 0x7FF:
             code, register, vendor = _EMERGENCY.unpack(data.ljust(_EMERGENCY.size, b"\0")[: _EMERGENCY.size])
-            self.emergencies.append(Emergency(node, code, register, vendor))
+            self.emergencies.append(Emergency(node, code, register, vendor, self.fault_texts.get(node, {})))
         self.canopen.notify(can_id, bytearray(data), self.now())
 
     def _note_error(self, frame: Frame) -> None:

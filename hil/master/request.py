@@ -17,6 +17,7 @@ from hil.master.drive.axis import DriveAxis
 from hil.master.drive.mapping import CSP, mode_of
 from hil.master.motion import FilterUse, LoopName, Motion
 from hil.master.set_point_adder import SetPointAdder
+from hil.master.whereabouts import way_out
 
 MAX_SENSITIVITY = 4.0
 """Largest M_s at which a loop is run: its distance from instability is then a quarter."""
@@ -164,14 +165,18 @@ def check_motion(motion: Motion, axes: list[DriveAxis], starts: list[float]) -> 
             raise UnsafeRequestError(f"the SYNC period of axis {axis.number}", period, limit, "s", "see its profile")
     for column, axis in enumerate(axes):
         limits, name = axis.table.limits, f"axis {axis.number}"
-        angle = (motion.motor_angle_rad[:, column] + starts[column]) / turn
+        way = motion.motor_angle_rad[:, column] / turn
+        angle = way + starts[column] / turn
         speed = float(np.max(np.abs(np.diff(angle)))) / period
         if speed > limits.speed_rps:
             raise UnsafeRequestError(f"the speed of {name}", speed, limits.speed_rps, "rev/s", "slow the motion down")
+        remedy = ""
+        if not motion.starts_at_home:
+            remedy = way_out(axis.number, starts[column] / turn, limits, float(way.min()), float(way.max()))
         if float(angle.max()) > limits.position_max_rev:
-            raise UnsafeRequestError(f"the position of {name}", float(angle.max()), limits.position_max_rev, "rev")
+            raise UnsafeRequestError(f"the position of {name}", float(angle.max()), limits.position_max_rev, "rev", remedy)
         if float(angle.min()) < limits.position_min_rev:
-            raise UnsafeRequestError(f"the position of {name}", float(angle.min()), limits.position_min_rev, "rev")
+            raise UnsafeRequestError(f"the position of {name}", float(angle.min()), limits.position_min_rev, "rev", remedy)
         if motion.torque_offset_nm is not None:
             torque = float(np.max(np.abs(motion.torque_offset_nm[:, column])))
             if not torque <= limits.torque_nm:

@@ -14,7 +14,7 @@ from hil.bench.bench import Bench
 from hil.can.errors import ChannelError
 from hil.control.servo_bank import ServoBank
 from hil.control.trajectory import Smooth, sample_times
-from hil.errors import InterruptedRunError, SafetyStopError
+from hil.errors import HilError, InterruptedRunError, SafetyStopError
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, QUICK_STOP, SHUTDOWN, SWITCH_ON
 from hil.master.cyclic import CyclicExchange
 from hil.master.drive.axis import DriveAxis
@@ -24,6 +24,7 @@ from hil.master.motion import Motion
 from hil.master.run_table import RunTable
 from hil.master.set_point_adder import Sensed, SensingAdder, SetPointAdder
 from hil.master.supervision import Supervisor
+from hil.master.whereabouts import Whereabouts, stop_text
 from hil.recording import Recording
 
 ENABLE_TIMEOUT_S = 2.0
@@ -100,6 +101,7 @@ class Run:
         self._holding: dict[int, float] = {}
         self._trusted = [0] * len(axes)
         self._sent_rad: list[float] = []
+        self._began_rad: list[float] = []
         self._listener, self._sensor_missed = adder if isinstance(adder, SensingAdder) else None, 0
         self._bus_errors = Counter(supervisor.network.bus_errors)
 
@@ -122,7 +124,8 @@ class Run:
         except StopRun as stop:
             return self.stop(stop.reason)
         except ChannelError as error:
-            return SafetyStopError(str(error), all_disabled=False)
+            where = stop_text([Whereabouts(axis.number, None, None) for axis in self.axes])
+            return SafetyStopError(str(error), all_disabled=False, where=where)
         except BaseException:
             self.stop("an error in the master")  # whatever it is: the axes come to rest before anyone hears of it
             raise
@@ -142,6 +145,7 @@ class Run:
             self._reach(goal)
         for slot in self.exchange.slots:
             slot.control_word |= slot.mode.enabling
+        self._began_rad = [slot.position_rad for slot in self.exchange.slots]
 
     def _reach(self, goal: State) -> None:
         for _ in range(math.ceil(ENABLE_TIMEOUT_S / self.period_s)):
@@ -373,8 +377,22 @@ class Run:
             with contextlib.suppress(Exception):
                 disabled = self.disable(word)
         if reason == self.supervisor.interrupted_by:
-            return InterruptedRunError(f"interrupted by {reason}", all_disabled=disabled)
-        return SafetyStopError(reason, all_disabled=disabled)
+            return InterruptedRunError(f"interrupted by {reason}", all_disabled=disabled, where=self._where())
+        return SafetyStopError(reason, all_disabled=disabled, where=self._where())
+
+    def _where(self) -> str:
+        """Where the axes stand, by their last answers, or asked by SDO where these are missing; and how to go on."""
+        found = []
+        for i, slot in enumerate(self.exchange.slots):
+            stands_rad: float | None = slot.position_rad
+            if slot.missing or not self.exchange.cycles:
+                stands_rad = None
+                with contextlib.suppress(HilError, ChannelError):
+                    stands_rad = slot.axis.position_rad()
+            stands_rev = None if stands_rad is None else stands_rad / math.tau
+            began_rev = self._began_rad[i] / math.tau if self._began_rad else None
+            found.append(Whereabouts(slot.axis.number, stands_rev, began_rev))
+        return stop_text(found)
 
     def recording(self) -> Recording:
         """The recorded rows; the filters' frequencies only where drives send them."""

@@ -44,6 +44,8 @@ class SessionSource(Protocol):
 
 TWICE_S = 0.05
 """Time to listen for a second answer to the last question: two nodes may share a node ID."""
+RESETS_READ, RESET_S = 20, 0.02
+"""Times that a drive is asked whether a fault has gone, and the time between two."""
 LISTEN_S = 0.1
 """Time to listen to the bus before the first frame is sent."""
 
@@ -81,6 +83,7 @@ class Session:
         self.clock = clock or MonotonicClock(bench.bus.real_time.spin_s)
         self.network = Network(channel, log, bench.bus.answer_timeout_s, bench.bus.sync_period_s, self.clock)
         self.axes = {number: DriveAxis(self.network, number, table) for number, table in sorted(bench.axis.items())}
+        self.network.fault_texts = {axis.node: axis.profile.fault_texts for axis in self.axes.values()}
         self.sensor = sensor_of(bench.accelerometer, self.network, self.clock)
         self.supervisor = Supervisor(self.network, bench.bus)
         self.emulated: dict[str, bool | None] = {}
@@ -131,12 +134,13 @@ class Session:
 
     # -- bring-up ------------------------------------------------------------------------------------------------------
 
-    def bring_up(self, *, reset_faults: bool = False, moving: Collection[int] | None = None) -> None:
+    def bring_up(self, *, reset_faults: bool = False, moving: Collection[int] | None = None, in_fault: int | None = None) -> None:
         """Find every node, and check its identity and standstill; nothing is written or enabled.
 
         Args:
             reset_faults: Reset drives that are in fault before anything else.
             moving: Axes that will move; what the others lack does not matter. None: all axes.
+            in_fault: Number of an axis whose drive may be in fault; None for none.
 
         Raises:
             ProfileGapsError: Profiles do not say how drives count; nothing has been sent.
@@ -150,7 +154,7 @@ class Session:
             raise NodeError(self.bench.bus.master_node_id, "somebody else sends SYNC on this bus", "is another master running?")
         if self.network.channel.is_lock_step:
             self.network.sync()  # from here on the world's clock is ours, so that equal seeds give equal frames
-        self._identify(used, reset_faults=reset_faults)
+        self._identify(used, reset_faults=reset_faults, in_fault=in_fault)
         self.sensor.open()
         for node in self.sensor.nodes:
             self.emulated["accelerometer"] = ask_emulated(self.network, node)
@@ -159,7 +163,7 @@ class Session:
             if self.network.answers_twice(node):
                 raise NodeError(node, "answers more often than it is asked", "do two nodes have this id?")
 
-    def _identify(self, used: list[DriveAxis], *, reset_faults: bool) -> None:
+    def _identify(self, used: list[DriveAxis], *, reset_faults: bool, in_fault: int | None) -> None:
         """Check every drive; what several of those lack that will move is said together."""
         missing = []
         for axis in self.axes.values():
@@ -169,7 +173,7 @@ class Session:
                 self.reset_fault(axis)
             try:
                 if axis in used:
-                    axis.identify()
+                    axis.identify(may_be_in_fault=axis.number == in_fault)
                 else:
                     axis.identify_bystander()
             except MissingObjectsError as error:
@@ -179,11 +183,22 @@ class Session:
             raise MissingObjectsError(missing)
 
     def reset_fault(self, axis: DriveAxis) -> None:
-        """Reset a fault by a rising edge of bit 7, by SDO; the drive goes no further than switch on disabled."""
+        """Reset a fault by a rising edge of bit 7, by SDO; the drive goes no further than switch on disabled.
+
+        Raises:
+            NodeError: The drive is still in fault.
+        """
         read = self.network.read
-        if state_of(read(axis.node, Object.STATUS_WORD, 0, DataType.UNSIGNED16)) is State.FAULT:
-            for word in (DISABLE_VOLTAGE, FAULT_RESET, DISABLE_VOLTAGE):
-                self.network.write_raw(axis.node, Object.CONTROL_WORD, 0, word.to_bytes(2, "little"), "control word")
+        if state_of(read(axis.node, Object.STATUS_WORD, 0, DataType.UNSIGNED16)) is not State.FAULT:
+            return
+        for word in (DISABLE_VOLTAGE, FAULT_RESET, DISABLE_VOLTAGE):
+            self.network.write_raw(axis.node, Object.CONTROL_WORD, 0, word.to_bytes(2, "little"), "control word")
+        for _ in range(RESETS_READ):
+            if (fault := axis.fault()) is None:
+                return
+            self.network.pump_until(lambda: False, 0.0 if self.network.channel.is_lock_step else RESET_S)
+        remedy = "remove its cause, or switch the drive's supply off and on"
+        raise NodeError(axis.node, f"axis {axis.number} is still {fault} after a reset", remedy)
 
     # -- a run ---------------------------------------------------------------------------------------------------------
 

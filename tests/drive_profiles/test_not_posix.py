@@ -152,9 +152,9 @@ take_away()
 signal.SIGBREAK = signal.Signals(12)  # another number than there
 from drive_profiles.cli.console import Interrupts
 with Interrupts() as interrupts:
-    interrupts.hold("all is put back")
+    interrupts.hold("all is put back", "too late")
     signal.raise_signal(signal.SIGBREAK)
-    assert interrupts.event.is_set()
+    assert interrupts.window.is_interrupted
 """
 
 

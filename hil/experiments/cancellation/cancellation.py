@@ -24,6 +24,7 @@ from hil.experiments.cancellation.tables import MAX_TORQUE_FRACTION, Pace, ampli
 from hil.experiments.cancellation.waves import response_of
 from hil.master.motion import Motion
 from hil.master.session import Session
+from hil.master.whereabouts import way_out
 
 LOAD_ROOM = 1.5
 """Largest gear torque that counts, over that of gravity and of the motion's largest acceleration."""
@@ -143,10 +144,14 @@ class Cancellation:
             if speed > limits.speed_rps:
                 raise UnsafeRequestError(f"the speed of {name} with its cancellation", speed, limits.speed_rps, "rev/s")
             high, low = float(angle.max()) / turn + reach_rev, float(angle.min()) / turn - reach_rev
-            if high > limits.position_max_rev:
-                raise UnsafeRequestError(f"the position of {name} with its cancellation", high, limits.position_max_rev, "rev")
-            if low < limits.position_min_rev:
-                raise UnsafeRequestError(f"the position of {name} with its cancellation", low, limits.position_min_rev, "rev")
+            if limits.position_min_rev <= low and high <= limits.position_max_rev:
+                continue
+            is_high, remedy = high > limits.position_max_rev, ""
+            if starts_rad is not None and not motion.starts_at_home:
+                stands_rev = starts_rad[column] / turn
+                remedy = way_out(number, stands_rev, limits, low - stands_rev, high - stands_rev)
+            value, limit = (high, limits.position_max_rev) if is_high else (low, limits.position_min_rev)
+            raise UnsafeRequestError(f"the position of {name} with its cancellation", value, limit, "rev", remedy)
 
 
 def allowed_reference_rev(limits: Limits) -> float:

@@ -18,6 +18,7 @@ from hil.design.frequency import Complex
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.bus_demand import BusDemand, takes_torque_offset
 from hil.master.motion import Motion, Real
+from hil.master.whereabouts import move_command
 
 TURN = 2.0 * math.pi
 RAMP_S = 0.5
@@ -177,7 +178,8 @@ def plan_travel(
     if not low <= start_rev <= high:
         where = low if start_rev < low else high
         what = f"the position of axis {request.axis} where it stands"
-        raise UnsafeRequestError(what, start_rev, where, "rev", "move it away from its limit first")
+        remedy = f"{move_command(request.axis, where)} brings it there"
+        raise UnsafeRequestError(what, start_rev, where, "rev", remedy)
     if is_held:
         low, high = max(low, start_rev - 0.5 * travel), min(high, start_rev + 0.5 * travel)
     slower, needed = SLOWER if is_held and request.bias_rps is None else (1.0,), math.inf

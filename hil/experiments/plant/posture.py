@@ -3,17 +3,12 @@
 import math
 from collections.abc import Mapping
 
-import numpy as np
-
 from hil.bench.bench import Bench
 from hil.bench.model import IdentifiedMode, IdentifiedPlant, IdentifiedPosture
-from hil.control.trajectory import Smooth, sample_times
 from hil.errors import NotPossibleError
-from hil.master.motion import Motion
+from hil.experiments.move import way_of
 from hil.master.session import Session
 
-WAY_RAMP_S = 0.3
-"""Ramp at either end of a way."""
 THERE_DEG = 0.01
 """Turn of a joint that is no way."""
 
@@ -73,11 +68,8 @@ def bring_to(session: Session, posture_deg: Mapping[int, float]) -> None:
         if abs(way_deg) < THERE_DEG:
             continue
         way_rad = math.radians(way_deg) * bench.axis[number].reduction_ratio
-        duration = abs(way_rad) / (2.0 * math.pi) / bench.approach_rps + WAY_RAMP_S
-        smooth = Smooth(max(duration, 2.0 * WAY_RAMP_S), WAY_RAMP_S)
-        times = sample_times(smooth.duration_s, bench.bus.sync_period_s)
-        angles = np.asarray(smooth.position(times))[:, np.newaxis] * way_rad
-        result = session.run(Motion((number,), times, angles, starts_at_home=False, returns=False), "none", "drive")
+        motion = way_of(number, way_rad, bench.approach_rps, bench.bus.sync_period_s)
+        result = session.run(motion, "none", "drive")
         if result.stopped is not None:
             raise result.stopped
 

@@ -14,6 +14,7 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType
 from drive_profiles.standard.cia402 import Object, State, state_of
 from drive_profiles.standard.emulation import HARDWARE_VERSION_OBJECT, is_emulated
+from drive_profiles.standard.error_codes import code_text
 from drive_profiles.standard.object_address import ObjectAddress
 from drive_profiles.standard.units import Scaling, interpolation_period
 from hil.bench.bench import AxisTable
@@ -45,6 +46,7 @@ from hil.master.drive.needs import (
 )
 from hil.master.drive.scale import Questions, check_load_encoder, read_scaling
 from hil.master.motion import LoopName
+from hil.master.whereabouts import rev_text
 from hil.robot_tables import Control
 
 if TYPE_CHECKING:
@@ -197,8 +199,11 @@ class DriveAxis:
         is_lacking = all(scale_gaps(self.number, self.table, product) for product in self.profile.members)
         return profile_gaps(self.number, self.table, self.profile) if is_lacking else []
 
-    def identify(self) -> None:
+    def identify(self, *, may_be_in_fault: bool = False) -> None:
         """Check identity and units of the drive, and that it stands still and is not enabled.
+
+        Args:
+            may_be_in_fault: Accept a drive in fault; `fault` says which it is.
 
         Raises:
             ProfileGapsError: Neither profile nor bench file knows how it counts.
@@ -221,10 +226,19 @@ class DriveAxis:
         speed = self.scaling.speed_rad_s(velocity)
         if abs(speed) > 2.0 * math.pi * STANDSTILL_RPS:
             raise AlreadyMovingError(node, f"axis {self.number} turns at {speed / 2 / math.pi:.2f} rev/s", "stop it first")
-        if state is State.FAULT:
-            code = asked.number(ERROR_CODE, is_optional=True)
-            shown = "" if code is None else f", error code {code:04X}h"
-            raise NodeError(node, f"axis {self.number} is in fault{shown}", "reset it with --reset-faults")
+        if state is State.FAULT and not may_be_in_fault:
+            fault, here = self.fault() or "in fault", rev_text(self.position_rad() / math.tau)
+            remedy = f"reset it with --reset-faults, or drive-profiles faults --node {node} --clear"
+            raise NodeError(node, f"axis {self.number} is {fault}, and stands at {here} rev", remedy)
+
+    def fault(self) -> str | None:
+        """The fault that the drive is in, in words; None where it is in none."""
+        asked = Questions(self.network, self.node)
+        status_word = asked.number(STATUS)
+        if status_word is None or state_of(status_word) is not State.FAULT:
+            return None
+        code = asked.number(ERROR_CODE, is_optional=True)
+        return "in fault" if code is None else f"in fault, error code {code_text(code, self.profile.fault_texts)}"
 
     def identify_bystander(self) -> None:
         """Check a drive that will not move: who it is, that it is disabled, and all else as far as it tells.

@@ -49,7 +49,7 @@ def serving(*options):
         process = served(f"{folder}/r.sock", *options)
         yield f"local:{folder}/r.sock"
         process.stdin.close()
-        process.wait(10)
+        process.wait(60)
         process.stdout.close()
 
 
@@ -398,7 +398,8 @@ def test_an_interrupt_while_the_bus_is_closed_hides_no_outcome(monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(SdoBus, "close", interrupted)
-    assert "done" in run("set", "position_gain_per_s=6.5", "--node", "2", "--yes").stdout
+    result = run("set", "position_gain_per_s=6.5", "--node", "2", "--yes")
+    assert "done" in result.stdout
 
 
 def test_an_interrupt_before_anything_is_written_says_only_that(monkeypatch):

@@ -1,7 +1,6 @@
 """What goes wrong after the first write: the way back, the store, restarts, interrupts, journals; and what is then said."""
 
 import errno
-import threading
 
 import pytest
 
@@ -12,6 +11,7 @@ from drive_profiles.family.catalogue import Catalogue
 from drive_profiles.parameter_set.parameters import Item, ParameterSet
 from drive_profiles.standard.object_address import object_address
 from drive_profiles.upload import fleet, journal
+from drive_profiles.upload.interrupt import InterruptWindow
 from drive_profiles.upload.result import UploadOptions, UploadResult
 from drive_profiles.upload.upload import Upload
 from tests.drive_profiles import upload_rig as rig
@@ -212,15 +212,15 @@ def test_an_interrupt_at_the_last_read_back_still_puts_everything_back(store, tm
     slave = rig.node()
     before = rig.contents(slave)
     made = rig.upload(slave, tmp_path, rig.wanted(), store=store)
-    cancel, steps = threading.Event(), []
+    window, steps = InterruptWindow(), []
     total = len(made._steps) + len(made._goal)
 
     def progress(node, count):
         steps.append(count)
         if len(steps) == total:
-            cancel.set()
+            assert window.interrupt()
 
-    [outcome] = fleet.run([made], fleet.UploadControl(cancel, progress))
+    [outcome] = fleet.run([made], fleet.UploadControl(window, progress))
     assert len(steps) == total
     assert (outcome.kind, outcome.exit_code) == ("rolled back", 130)
     assert rig.contents(slave) == before

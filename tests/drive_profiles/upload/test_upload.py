@@ -1,7 +1,5 @@
 """The upload transaction against emulated drives of every family, in the robot's own time."""
 
-import threading
-
 import pytest
 
 from drive_profiles.errors import DriveProfileError, NodeError, RefusedError
@@ -9,6 +7,7 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.parameter_set.parameters import Item, ParameterSet, is_command
 from drive_profiles.standard.cia402 import State
 from drive_profiles.upload import fleet, journal
+from drive_profiles.upload.interrupt import InterruptWindow
 from drive_profiles.upload.result import UploadOptions
 from drive_profiles.upload.snapshot import as_set
 from drive_profiles.upload.upload import Upload
@@ -291,8 +290,8 @@ def test_an_interrupted_upload_puts_everything_back(bus, tmp_path):
     before = device.pull()
     made = Upload(device, changed(before, **NOTCH), UploadOptions(journals=tmp_path))
     fleet.prepare([made])
-    cancel = threading.Event()
-    [outcome] = fleet.run([made], fleet.UploadControl(cancel, lambda node, count: cancel.set()))
+    window = InterruptWindow()
+    [outcome] = fleet.run([made], fleet.UploadControl(window, lambda node, count: window.interrupt()))
     assert (outcome.kind, outcome.exit_code) == ("rolled back", 130)
     assert device.pull().differences(before) == []
 

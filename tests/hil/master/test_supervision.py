@@ -87,7 +87,7 @@ def test_an_emergency_of_any_node_is_a_reason_and_the_end_of_one_is_none(wire: W
     wire.emergencies.append(Emergency(9, 0, 0, b""))
     assert supervisor.fault() is None
     wire.emergencies.append(Emergency(9, 0x8611, 0x21, b""))
-    assert supervisor.fault() == "node 9 reports emergency 8611h (error register 21h)"
+    assert supervisor.fault() == "node 9 reports emergency 8611h (following error; error register 21h)"
 
 
 def test_a_node_that_starts_anew_is_a_reason_where_it_takes_part(wire: Wire, supervisor: Supervisor) -> None:

@@ -1,0 +1,82 @@
+"""hil move: one axis, slowly, to a position."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drive_profiles.cli.console import fail
+from hil.cli.console import (
+    ExitStatus,
+    RunProgress,
+    bench_on,
+    confirm,
+    epilog_of_runs,
+    exit_on_error,
+    is_on_local_bus,
+    new_directory,
+    say,
+    say_not_restored,
+)
+from hil.cli.options import BenchOption, BusOption, LoopOption, MovedAxisOption, YesOption
+
+
+def mount(app: typer.Typer) -> None:
+    """Add the command to `hil`."""
+    app.command(epilog=epilog_of_runs())(move)
+
+
+def move(
+    bench_file: BenchOption,
+    axis: MovedAxisOption,
+    to_rev: Annotated[float | None, typer.Option("--to", metavar="REV", help="Motor position, in revolutions.")] = None,
+    by_rev: Annotated[
+        float | None, typer.Option("--by", metavar="REV", help="Way from where the motor stands, in revolutions.")
+    ] = None,
+    loop: LoopOption = "drive",
+    bus: BusOption = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Directory for the log of all frames; left out: a new one in bench-out.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print where the axis stands as JSON.")] = False,
+    yes: YesOption = False,
+) -> None:
+    """Move one axis slowly to a position, also after a stop or a fault, which it resets.
+
+    It goes at `approach_rps` or a quarter of the axis' speed limit, whichever is slower. Ctrl-C stops it as it stops a run.
+
+    Examples:
+        hil move --axis 2 --to 0 --bench bench.toml
+
+        hil move --axis 2 --by -0.5 --bench bench.toml
+    """
+    if (to_rev is None) == (by_rev is None):
+        raise fail("give one of --to and --by, in motor revolutions", ExitStatus.USAGE)
+    with exit_on_error():
+        bench = bench_on(bench_file, bus)
+
+        from hil.experiments.move import MoveRequest, make_move, plan_move  # noqa: PLC0415
+
+        planned = plan_move(bench, MoveRequest(axis, to_rev, by_rev, loop))
+        stands_rev: float | None = planned.from_rev
+        if not planned.is_there:
+            if not yes and not is_on_local_bus(bench):
+                confirm(planned.sentences)
+            else:
+                for line in planned.sentences:
+                    say(line)
+            where = out or new_directory(f"move-axis{axis}")
+            with RunProgress(1) as progress:
+                progress.run(f"axis {axis}")
+                outcome = make_move(planned, where / "bus.log", reporter=progress)
+            say_not_restored(outcome.not_restored)
+            if outcome.stopped is not None:
+                raise outcome.stopped
+            stands_rev = outcome.stands_rev
+        if as_json:
+            typer.echo(json.dumps({"axis": axis, "from_rev": planned.from_rev, "stands_at_rev": stands_rev}))
+        else:
+            typer.echo(f"axis {axis} stands at {stands_rev:.2f} rev")
+        if not planned.is_there and outcome.not_restored:
+            raise typer.Exit(ExitStatus.SDO)

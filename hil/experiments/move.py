@@ -1,0 +1,243 @@
+"""A slow move of one axis to a position: from wherever a stop, a fault or a master that died has left the arm."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from drive_profiles.address import parse_address
+from hil.bench.bench import Bench, Limits
+from hil.can.channel import Channel
+from hil.can.opening import open_channel
+from hil.control.trajectory import Smooth, sample_times
+from hil.errors import NodeError, NotPossibleError, SafetyStopError, UnsafeRequestError
+from hil.experiments.bus_demand import BusDemand
+from hil.experiments.measurement import check_demands, log_label
+from hil.master.motion import LoopName, Motion
+from hil.master.session import Session
+from hil.master.whereabouts import AWAY_REV, name_range, rev_text
+from hil.recording import BusLog
+from hil.reporter import SILENT, Reporter
+
+WAY_RAMP_S: Final = 0.3
+"""Ramp at either end of a way."""
+SLOW_FRACTION: Final = 0.25
+"""Fraction of an axis' speed limit at which it is moved, where `approach_rps` is not slower."""
+ROOM_REV: Final = 0.1
+"""Room beyond an axis that stands outside of its limits, in which it may turn back."""
+
+
+def way_of(number: int, way_rad: float, speed_rps: float, period_s: float) -> Motion:
+    """A smooth way of one motor from where it stands, at the end of which it stays.
+
+    Args:
+        number: Number of the axis.
+        way_rad: Turn of the motor.
+        speed_rps: Largest speed of the motor.
+        period_s: SYNC period.
+    """
+    duration_s = max(abs(way_rad) / math.tau / speed_rps + WAY_RAMP_S, 2.0 * WAY_RAMP_S)
+    smooth = Smooth(duration_s, WAY_RAMP_S)
+    times = sample_times(smooth.duration_s, period_s)
+    angles = np.asarray(smooth.position(times))[:, np.newaxis] * way_rad
+    return Motion((number,), times, angles, starts_at_home=False, returns=False)
+
+
+@dataclass(frozen=True)
+class MoveRequest:
+    """Request of a move; either a position or a way is given.
+
+    Attributes:
+        axis: Number of the axis.
+        to_rev: Motor position as the drive counts, rev; None where a way is given.
+        by_rev: Way of the motor from where it stands, rev; None where a position is given.
+        loop: Side that closes the loop, the drive or the host.
+    """
+
+    axis: int
+    to_rev: float | None = None
+    by_rev: float | None = None
+    loop: LoopName = "drive"
+
+    def check(self, bench: Bench) -> None:
+        """Refuse what can be refused without the robot.
+
+        Raises:
+            NotPossibleError: The bench has no such axis, or a number is none.
+            UnsafeRequestError: The position is beyond the limits of the axis.
+        """
+        if self.axis not in bench.axis:
+            raise NotPossibleError(f"bench {bench.name!r} has no axis {self.axis}; it has {', '.join(map(str, bench.axis))}")
+        for value in (self.to_rev, self.by_rev):
+            if value is not None and not math.isfinite(value):
+                raise NotPossibleError(f"{value} is no motor position; expected a number in rev")
+        if self.to_rev is not None:
+            check_position(self.axis, self.to_rev, bench.axis[self.axis].limits)
+
+
+def check_position(axis: int, to_rev: float, limits: Limits, remedy: str = "") -> None:
+    """Refuse a position beyond the limits of an axis.
+
+    Raises:
+        UnsafeRequestError: It is beyond them.
+    """
+    if not limits.position_min_rev <= to_rev <= limits.position_max_rev:
+        limit = limits.position_max_rev if to_rev > limits.position_max_rev else limits.position_min_rev
+        remedy = remedy or f"choose one within {name_range(limits)}"
+        raise UnsafeRequestError(f"the position of axis {axis}", to_rev, limit, "rev", remedy)
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move that has been planned from where the axis stands.
+
+    Attributes:
+        request: The request.
+        from_rev: Where the motor stands.
+        to_rev: Where it goes.
+        speed_rps: Largest speed of the motor.
+        fault: Fault that the drive is in, in words; None where it is in none.
+        bench: The bench file; of an axis that stands outside of its position limits with room to turn back.
+    """
+
+    request: MoveRequest
+    from_rev: float
+    to_rev: float
+    speed_rps: float
+    fault: str | None
+    bench: Bench
+
+    @property
+    def is_there(self) -> bool:
+        """True where the axis stands where it is wanted."""
+        return abs(self.to_rev - self.from_rev) <= AWAY_REV
+
+    def motion(self) -> Motion:
+        """The motion of the axis."""
+        bus = self.bench.bus
+        period_s = bus.host_sync_period_s if self.request.loop == "host" else bus.sync_period_s
+        return way_of(self.request.axis, math.tau * (self.to_rev - self.from_rev), self.speed_rps, period_s)
+
+    @property
+    def sentences(self) -> list[str]:
+        """What will happen, for whoever is asked."""
+        number, limits = self.request.axis, self.bench.axis[self.request.axis].limits
+        said = [f"axis {number} is {self.fault}: the fault is reset first"] if self.fault else []
+        return [
+            *said,
+            f"This moves axis {number} on {self.bench.bus.address}:",
+            f"  from {rev_text(self.from_rev)} to {rev_text(self.to_rev)} rev at up to {self.speed_rps:.3g} rev/s and "
+            f"{limits.torque_nm:g} N·m, in {self.motion().time_s[-1]:.1f} s; positions {name_range(limits)}",
+        ]
+
+
+@dataclass(frozen=True)
+class MoveOutcome:
+    """End of a move.
+
+    Attributes:
+        stands_rev: Where the motor stands; None after a stop, which says it.
+        stopped: Reason why the move was stopped, or None.
+        not_restored: Objects that could not be put back in the nodes.
+    """
+
+    stands_rev: float | None
+    stopped: SafetyStopError | None
+    not_restored: tuple[str, ...] = ()
+
+
+def plan_move(bench: Bench, request: MoveRequest, *, channel: Channel | None = None) -> Move:
+    """Look at the robot and plan a move; nothing is written or enabled.
+
+    Args:
+        bench: The bench file.
+        request: The request.
+        channel: The bus; opened from the bench file's address, and closed, unless it is given.
+
+    Raises:
+        HilError: Robot, bench file or limits do not allow it.
+        ChannelError: The bus cannot be opened, or is lost.
+    """
+    request.check(bench)
+    with _session(bench, request, None, channel, SILENT) as session:
+        return _planned(session, request)
+
+
+def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = None, reporter: Reporter = SILENT) -> MoveOutcome:
+    """Reset the fault of the drive where it is in one, and move the axis as planned.
+
+    Args:
+        move: The move.
+        log: File for every frame; None for none.
+        channel: The bus; opened from the bench file's address, and closed, unless it is given.
+        reporter: Listener of progress.
+
+    Raises:
+        NodeError: The axis stands elsewhere than when the move was planned, or its fault does not go.
+        SafetyStopError: The move was stopped before the axis moved.
+        HilError: Robot or limits do not allow it.
+        ChannelError: The bus cannot be opened, or is lost.
+    """
+    request = move.request
+    with _session(move.bench, request, log, channel, reporter) as session:
+        axis = session.axes[request.axis]
+        here = axis.position_rad() / math.tau
+        if abs(here - move.from_rev) > AWAY_REV:
+            what = f"axis {request.axis} has turned from {rev_text(move.from_rev)} to {rev_text(here)} rev meanwhile"
+            raise NodeError(axis.node, what, "give the command again")
+        session.check_interrupt()
+        session.reset_fault(axis)
+        result = session.run(move.motion(), "none", request.loop, shows_filter=False)
+        stands_rev = None if result.stopped is not None else axis.position_rad() / math.tau
+        return MoveOutcome(stands_rev, result.stopped, tuple(session.not_restored))
+
+
+@contextmanager
+def _session(
+    bench: Bench, request: MoveRequest, log: Path | None, given: Channel | None, reporter: Reporter
+) -> Iterator[Session]:
+    """A session on the bus whose nodes have been found; the drive of the axis may be in fault."""
+    channel = open_channel(parse_address(bench.bus.address)) if given is None else given
+    try:
+        period_s = bench.bus.host_sync_period_s if request.loop == "host" else bench.bus.sync_period_s
+        check_demands(bench, channel, [BusDemand(f"a move of axis {request.axis}", (request.axis,), period_s, request.loop)])
+        with Session(bench, channel, BusLog(log, log_label(channel)), reporter.progress) as session:
+            session.bring_up(in_fault=request.axis, moving=None if bench.arm is not None else {request.axis})
+            yield session
+    finally:
+        if given is None:
+            channel.close()
+
+
+def _planned(session: Session, request: MoveRequest) -> Move:
+    """The move from where the axis stands.
+
+    Raises:
+        UnsafeRequestError: It would end beyond the limits.
+    """
+    bench, axis = session.bench, session.axes[request.axis]
+    limits = axis.table.limits
+    here = axis.position_rad() / math.tau
+    to_rev = here + request.by_rev if request.to_rev is None and request.by_rev is not None else float(request.to_rev or 0.0)
+    check_position(request.axis, to_rev, limits, f"it stands at {rev_text(here)} rev; choose one within {name_range(limits)}")
+    speed_rps = min(bench.approach_rps, SLOW_FRACTION * limits.speed_rps)
+    return Move(request, here, to_rev, speed_rps, axis.fault(), with_room(bench, request.axis, here))
+
+
+def with_room(bench: Bench, number: int, stands_rev: float) -> Bench:
+    """A bench on which an axis that stands outside of its position limits may turn back; else the same bench."""
+    table = bench.axis[number]
+    limits = table.limits
+    update = {}
+    if stands_rev < limits.position_min_rev:
+        update["position_min_rev"] = stands_rev - ROOM_REV
+    if stands_rev > limits.position_max_rev:
+        update["position_max_rev"] = stands_rev + ROOM_REV
+    if not update:
+        return bench
+    wider = table.model_copy(update={"limits": limits.model_copy(update=update)})
+    return bench.model_copy(update={"axis": {**bench.axis, number: wider}})

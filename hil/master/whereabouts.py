@@ -1,0 +1,86 @@
+"""Where axes stand when a motion is refused or stopped, and the command that brings them back, in words."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from hil.bench.bench import Limits
+
+AWAY_REV: Final = 0.01
+"""Turn of a motor from its start that is no way."""
+
+
+def rev_text(rev: float) -> str:
+    """A motor position for people, which a command takes as well.
+
+    >>> rev_text(10.987), rev_text(7.0), rev_text(-0.001)
+    ('10.99', '7', '0')
+    """
+    return f"{round(rev, 2) + 0.0:.2f}".rstrip("0").rstrip(".")
+
+
+def move_command(axis: int, to_rev: float) -> str:
+    """The command that brings an axis to a position."""
+    return f"hil move --axis {axis} --to {rev_text(to_rev)}"
+
+
+def way_out(axis: int, stands_rev: float, limits: Limits, low_rev: float, high_rev: float) -> str:
+    """Where an axis stands, and the command that brings it where a motion stays within the position limits.
+
+    Args:
+        axis: Number of the axis.
+        stands_rev: Where its motor stands.
+        limits: Its limits.
+        low_rev: Lowest position of the motion, counted from its start.
+        high_rev: Highest position of the motion, counted from its start.
+    """
+    lowest, highest = limits.position_min_rev - low_rev, limits.position_max_rev - high_rev
+    here = f"it stands at {rev_text(stands_rev)} rev"
+    if lowest > highest:
+        return f"{here}, and the motion is longer than the limits of {name_range(limits)}"
+    # to the hundredth of a turn, but never beyond
+    lowest, highest = math.ceil(100.0 * lowest - 1e-6) / 100.0, math.floor(100.0 * highest + 1e-6) / 100.0
+    return f"{here}; {move_command(axis, min(max(0.0, lowest), highest))} brings it to where the motion fits"
+
+
+def name_range(limits: Limits) -> str:
+    """The position limits in words."""
+    return f"{limits.position_min_rev:g} … {limits.position_max_rev:g} rev"
+
+
+@dataclass(frozen=True)
+class Whereabouts:
+    """Where an axis stands after a stop.
+
+    Attributes:
+        axis: Number of the axis.
+        stands_rev: Where its motor stands; None where it did not answer.
+        began_rev: Where the motor stood when the drive was enabled; None where it was not.
+    """
+
+    axis: int
+    stands_rev: float | None
+    began_rev: float | None
+
+    @property
+    def is_away(self) -> bool:
+        """True where it stands elsewhere than where it began."""
+        known = self.stands_rev is not None and self.began_rev is not None
+        return known and abs((self.stands_rev or 0.0) - (self.began_rev or 0.0)) > AWAY_REV
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        if self.stands_rev is None:
+            return f"where axis {self.axis} stands is not known"
+        return f"axis {self.axis} stands at {rev_text(self.stands_rev)} rev"
+
+
+def stop_text(found: Sequence[Whereabouts]) -> str:
+    """Where axes stand after a stop, and how to go on; empty where there is nothing to say."""
+    away = [each for each in found if each.is_away]
+    commands = " and ".join(move_command(each.axis, each.began_rev or 0.0) for each in away)
+    where = ", ".join(map(str, found))
+    if not away:
+        return where
+    return f"{where}; to bring {'it' if len(away) == 1 else 'them'} back: {commands}"
