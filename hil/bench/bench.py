@@ -25,9 +25,9 @@ from hil.robot_tables import (
     ConstantAccelerationMotion,
     Control,
     Geometry,
+    Lever,
     LineMotion,
     NotchTable,
-    NotNegative,
     PlantTable,
     PointToPointMotion,
     Positive,
@@ -149,7 +149,7 @@ class AxisTable(Table):
     serial_number: Annotated[int, Field(ge=0)] | None = None
     joint: str | None = None
     reduction_ratio: Positive
-    tip_lever_m: NotNegative = 0.0
+    tip_lever_m: Lever = 0.0
     limits: Limits
     control: Gains
     notch: Annotated[tuple[NotchTable, ...], Field(max_length=NOTCHES)] = ()
@@ -359,13 +359,18 @@ def moved_axes(arm: ArmTable, motion: LineMotion | None) -> tuple[int, ...]:
         return arm.axes
 
 
+def source_of(path: str | Path) -> Path:
+    """The file of a path, or of a name of `SHIPPED`."""
+    return SHIPPED.get(str(path), Path(path))
+
+
 def load_bench(path: str | Path) -> Bench:
     """The bench of a file, or of a name of `SHIPPED`; relative paths of profiles in it count from the file.
 
     Raises:
         FileError: The file is not valid; every problem is listed by line.
     """
-    file = SHIPPED.get(str(path), Path(path))
+    file = source_of(path)
     bench = load(file, Bench)
     folder = file.absolute().parent
     axes = {number: _with_profile_in(folder, table) for number, table in bench.axis.items()}

@@ -228,6 +228,7 @@ class Session:
         timing = None
         with ExitStack() as context:
             real_time = self.prepare(context, axes, run.exchange, with_notch=request.filters_in_drives)
+            acted = {axis.number: request.filters_of(axis) for axis in axes}
             overflows, errors = self._overflows(), Counter(self.network.bus_errors)
             stopped = run.perform()
             errors = self.network.bus_errors - errors
@@ -248,6 +249,7 @@ class Session:
             timing=timing,
             bus_errors=dict(errors),
             discarded=run.discarded,
+            filters=acted,
         )
 
     def _standing_rad(self, motion: Motion) -> dict[int, float]:
