@@ -1,6 +1,7 @@
 """The bench file: bus and drives of a robot, the believed model of its axes, and limits that must never be exceeded."""
 
 import math
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar
 
@@ -371,6 +372,9 @@ def load_bench(path: str | Path) -> Bench:
         FileError: The file is not valid; every problem is listed by line.
     """
     file = source_of(path)
+    close = [] if file.exists() else get_close_matches(str(path), SHIPPED, n=1)
+    if close:
+        raise FileError(file, (Problem(0, "", "is not there", f"a bench file; did you mean {close[0]}?"),))
     bench = load(file, Bench)
     folder = file.absolute().parent
     axes = {number: _with_profile_in(folder, table) for number, table in bench.axis.items()}

@@ -18,6 +18,8 @@ from hil.report.style import Real
 from hil.results.runs import RunEntry
 from hil.tip_vector import steady_window_s, tip_acceleration
 
+SHADED_ORDER = 2
+"""Order whose window is shaded in figures, and whose numbers stand in their legends."""
 FEWEST = 16
 """Least number of samples in a window that was reached, as in the analysis."""
 
@@ -61,16 +63,19 @@ def shown_runs(material: Material, experiment: str, axis: int | None) -> list[li
     seen: set[str] = set()
     for loop in ("drive", "host"):
         entries = [run for run in material.result.runs if (run.experiment, run.axis, run.loop) == (experiment, axis, loop)]
-        first = {run.treatment: run for run in reversed(entries)}
-        plain = drawn_run(material, first.pop("none", None), _label("none", first), style.WITHOUT)
-        treated = [run for name, run in reversed(first.items()) if material.recording(run) is not None]
+        shown: dict[str, RunEntry] = {}
+        for run in entries:
+            if run.treatment not in shown or run.order == SHADED_ORDER:
+                shown[run.treatment] = run
+        plain = drawn_run(material, shown.pop("none", None), _label("none", shown), style.WITHOUT)
+        treated = [run for run in shown.values() if material.recording(run) is not None]
         if seen >= {run.treatment for run in treated} and groups:
             continue
         seen |= {run.treatment for run in treated}
         size, behind = len(style.OVERLAY_LINES) - 1, [] if plain is None else [plain]
         for start in range(0, max(1, len(treated)), size):
             looks = zip(treated[start : start + size], style.OVERLAY_LINES[1:], strict=False)
-            drawn = [drawn_run(material, run, _label(run.treatment, first), look) for run, look in looks]
+            drawn = [drawn_run(material, run, _label(run.treatment, shown), look) for run, look in looks]
             group = [*behind, *(run for run in drawn if run is not None)]
             groups += [group] if group else []
     return groups
@@ -192,7 +197,7 @@ def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axe
             style.flag(panel, float(time[reached[0]]), f"{name} = {value:g} rev/s", side="right")
 
 
-def judged_samples(material: Material, recording: Recording, axis: int, order: int = 2) -> NDArray[np.int_]:
+def judged_samples(material: Material, recording: Recording, axis: int, order: int = SHADED_ORDER) -> NDArray[np.int_]:
     """Indices of the samples in which an order is judged, shape (n,); none where no f_al is known.
 
     Args:
@@ -205,7 +210,7 @@ def judged_samples(material: Material, recording: Recording, axis: int, order: i
     return np.flatnonzero(speed_window(recording, axis, window)) if window is not None else np.zeros(0, dtype=np.int_)
 
 
-def window_words(material: Material, axis: int, order: int = 2) -> str:
+def window_words(material: Material, axis: int, order: int = SHADED_ORDER) -> str:
     """Sentence on the shaded speeds."""
     window = material.window_rps(axis, order)
     if window is None:

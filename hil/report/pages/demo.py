@@ -151,8 +151,9 @@ def sections(material: Material) -> list[Section]:
 
 def _tip_title(material: Material) -> str:
     """Title of the chapter with which a page begins."""
-    acted = {run.treatment for run in material.result.runs} - {"none"}
-    if not acted:
+    treatments = {run.treatment for run in material.result.runs}
+    acted = treatments - {"none"}
+    if treatments == acted or not acted:
         return "The tip's vibration"
     return "Tip with and without the notch" if acted == {"notch"} else "Tip with and without treatment"
 

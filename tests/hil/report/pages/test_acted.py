@@ -76,7 +76,8 @@ def test_every_page_begins_with_the_tip_and_its_order_map(full_directory: Path, 
     material = acted(full_directory, tmp_path, treatment)
     first, *_ = sections(material)
     assert [item.key for item in first.items[:2]] == ["suppression-2", "orders-2"]
-    assert ("untreated" in first.items[0].title or "without" in first.items[0].title) is (treatment != "none")
+    assert ("with and without" in first.items[0].title) is (treatment != "none")
+    assert ("without" in first.title) is (treatment != "none")
 
 
 def test_an_older_result_says_that_it_does_not_hold_designed_filters(full_directory: Path, tmp_path: Path) -> None:
