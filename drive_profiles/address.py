@@ -59,8 +59,25 @@ class Address:
 
     def __str__(self) -> str:
         """Return the spelling that `parse_address` reads."""
-        rate = "" if self.bitrate is None else f"@{self.bitrate}"
+        rate = "" if self.bitrate is None else f"@{_shortest(self.bitrate)}"
         return f"{self.interface}:{self.channel}{rate}"
+
+
+def _shortest(bitrate: int) -> str:
+    """The shortest spelling of a bit rate: 1M for 1000000."""
+    unit = next(unit for unit in ("M", "k", "") if bitrate % _UNITS[unit] == 0)
+    return f"{bitrate // _UNITS[unit]}{unit}"
+
+
+def _is_same(text: str, other: str) -> bool:
+    """True for two spellings of one bus, in which the place of a local socket may be relative, too."""
+    try:
+        one, two = parse_address(text), parse_address(other)
+    except AddressError:
+        return text == other
+    if one.interface == two.interface == LOCAL:
+        return (os.path.abspath(one.channel), one.bitrate) == (os.path.abspath(two.channel), two.bitrate)
+    return one == two
 
 
 def parse_address(text: str) -> Address:
@@ -150,4 +167,4 @@ def choose_bus(
         return None
     (origin, address), others = given[0], given[1:]
     check_interface(address, origin)
-    return BusChoice(address, origin, tuple(other for other in others if other[1] != address))
+    return BusChoice(address, origin, tuple(other for other in others if not _is_same(other[1], address)))

@@ -2,10 +2,27 @@
 
 A bench file describes a robot on a bus (`bench`). The master (`master`) moves its axes and records them, with the laws of
 `control`, over the channels of `can` and with an accelerometer of `sensor`. `design` holds identification and filter design,
-`plan` the load of the bus. `experiments`, `report` and `cli` build the commands of `hil` from these.
+`plan` the load of the bus. `experiments`, `report` and `cli` build the commands of `hil` from these, and `run` one of them for
+Python (docs/python.md).
 
 >>> from hil.bench.bench import load_bench
 >>> bench = load_bench("reference")
 >>> sorted(bench.axis), bench.bus.sync_period_s
 ([2, 3, 5], 0.002)
 """
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hil.running import ExperimentRun, run
+
+__all__ = ["ExperimentRun", "run"]
+
+
+def __getattr__(name: str) -> Any:
+    """Load `run` when it is asked for: an import of this package alone does not wait for numpy, scipy and the compiler."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from hil import running  # noqa: PLC0415
+
+    return getattr(running, name)

@@ -9,14 +9,13 @@ from functools import partial
 from pathlib import Path
 
 from hil.bench.bench import REFERENCE_ARM, Bench, load_bench
-from hil.bench.model import load_identified
 from hil.control.treatments import TreatmentName
 from hil.errors import InterruptedRunError, NotPossibleError
 from hil.experiments.cancellation.probing.on_bus import MotionLearnRequest, learn_motion_on_bus
 from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot
 from hil.experiments.comparison.run import ComparisonOutcome, any_emulated, request_entry
 from hil.experiments.motions import LINE_MOTION
-from hil.experiments.treatment import Knowledge
+from hil.experiments.treatment import known_from
 from hil.report.pages.learn_motion import write_motion_learning_report
 from hil.report.tables.directions import ALONG, peaks_mm
 from hil.reporter import SILENT, Reporter
@@ -67,7 +66,8 @@ class _ArmTeller:
 
     def run(self, request: ComparisonRequest) -> tuple[str, str]:
         """Run the line without anything, with the bench file's notch and with what was learnt."""
-        robot = KnownRobot(self.bench, Knowledge(learnt=load_identified(self.model)), BENCH_FILE)
+        knowledge = known_from(self.out / BENCH_FILE, self.bench, learnt=self.model)
+        robot = KnownRobot(self.bench, knowledge, BENCH_FILE)
         return run_side_by_side(robot, request, self.out, self.comparisons, self.reporter)
 
 

@@ -17,6 +17,19 @@ from hil.control.trajectory import ConstantAcceleration, Line, PlanarChain, Poin
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 
+MOST_LEVER_M = 20.0
+"""Longest lever of a robot's axis: arms reach some 5 m, so that more was typed in another unit."""
+
+
+def _in_metres(lever_m: float) -> float:
+    if lever_m > MOST_LEVER_M:
+        raise ValueError(f"{lever_m:g} m is no robot's lever, the longest is {MOST_LEVER_M:g} m: state it in m, not in mm")
+    return lever_m
+
+
+Lever = Annotated[NotNegative, AfterValidator(_in_metres)]
+"""Distance of the tip from an axis, m."""
+
 K = TypeVar("K", bound=float)
 
 LEAST_MOVE_REV = 0.01

@@ -36,11 +36,11 @@ from hil.experiments.ate.request import AteRequest
 from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot, plan
 from hil.experiments.comparison.run import ComparisonOutcome, any_emulated, compare, request_entry
 from hil.experiments.motions import CONSTANT_ACCELERATION
-from hil.experiments.notch_design import InfeasibleError
+from hil.experiments.notch_design import InfeasibleError, NotchDesignOutcome
 from hil.experiments.notch_problem import NotchDesignRequest
 from hil.experiments.plant.motion import PlantRequest
 from hil.experiments.plant.on_bus import run_identify_plant
-from hil.experiments.treatment import Knowledge
+from hil.experiments.treatment import known_from
 from hil.report.pages.ate import write_ate_report
 from hil.report.pages.design import write_design_report
 from hil.report.pages.plant import write_plant_report
@@ -116,6 +116,29 @@ def make_step(steps: list[StoryStep], out: Path, name: str, make: Step, report: 
     finally:
         seconds = round(time.monotonic() - began, 2)
         steps.append(StoryStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
+
+
+def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
+    """The outcome with the better filters of the designed and the bench file's, and a clause on the bench file's.
+
+    The bench file's are better where they are predicted to leave less at the tip, and keep all margins.
+
+    Args:
+        outcome: Outcome of a design that has found filters.
+    """
+    given = outcome.given
+    if given is None or outcome.designed is None:
+        return outcome, ""
+    order = outcome.designed.peaks[0].order
+    designed_mm, given_mm = outcome.designed.peak(order).rising_mm, given.peak(order).rising_mm
+    if given_mm >= designed_mm:
+        return outcome, f", the bench file's notch {given_mm:.3f} mm"
+    if given.is_harmless:
+        return replace(
+            outcome, designed=None
+        ), f", of the bench file's notch, which is kept: the designed one {designed_mm:.3f} mm"
+    margins = "; ".join(str(check) for check in given.missed if not check.is_tip_limit)
+    return outcome, f", the bench file's notch {given_mm:.3f} mm, which is not taken since it misses {margins}"
 
 
 @dataclass
@@ -194,11 +217,11 @@ class _Teller:
         write_design_report(outcome, page)
         if outcome.failure is not None and not outcome.is_usable:
             raise outcome.failure
+        outcome, before = better_of(outcome)
         update_designs(self.design, self.bench.name, axis, notch_design.designed_axis(outcome))
         made = notch_design.parameter_set(outcome.bench, axis, outcome.best, outcome.f_al_hz)
         made.save(self.parameter_set(axis), force=True)
         (peak, *_), m_s = outcome.best.peaks, outcome.best.worst("M_s")
-        before = "" if outcome.given is None else f", the bench file's notch {outcome.given.peak(peak.order).rising_mm:.3f} mm"
         missed = "" if outcome.failure is None else f"; missed: {'; '.join(map(str, outcome.failure.missed))}"
         what = f"predicted tip peak {peak.rising_mm:.3f} mm{before}; M_s {m_s:.2f} at every speed and plant{missed}"
         return what, _design_page(axis)
@@ -365,8 +388,8 @@ def _revealed(robot: DrawnRobot, teller: _Teller) -> dict[str, Any]:
 
 def _side_by_side(teller: _Teller, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> tuple[str, str]:
     """Run the comparison with the identified models and the designed filters."""
-    designs = load_designs(teller.design) if teller.design.is_file() else None
-    knowledge = Knowledge(load_identified(teller.model), designs)
+    design = teller.design if teller.design.is_file() else None
+    knowledge = known_from(teller.out / BENCH_FILE, teller.bench, model=teller.model, design=design)
     return run_side_by_side(KnownRobot(teller.bench, knowledge, BENCH_FILE), request, teller.out, comparisons, teller.reporter)
 
 

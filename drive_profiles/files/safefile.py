@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
+import tempfile
 from pathlib import Path
 
 from drive_profiles.errors import FileError, Problem, RefusedError
@@ -49,6 +50,29 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         problem = Problem(0, "", f"cannot be written ({reason})", "a place that can be written")
         raise FileError(path, (problem,)) from error
+
+
+def check_writable(path: Path) -> None:
+    """Check that a file can be written later, by writing and removing another beside it; nothing is made.
+
+    Args:
+        path: The file; its folder must be there.
+
+    Raises:
+        FileError: Its folder is missing, or nothing can be written there, or it is no file that could be replaced.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise FileError(path, (Problem(0, "", "is no file that could be replaced", "a file"),))
+        folder = path.resolve().parent
+        if not folder.is_dir():
+            raise FileError(path, (Problem(0, "", f"cannot be written: there is no folder {folder}", "a folder that is there"),))
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b" ")
+            file.flush()
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise FileError(path, (Problem(0, "", f"cannot be written ({reason})", "a place that can be written"),)) from error
 
 
 def _sync_folder(path: Path) -> None:

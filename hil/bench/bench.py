@@ -1,6 +1,7 @@
 """The bench file: bus and drives of a robot, the believed model of its axes, and limits that must never be exceeded."""
 
 import math
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar
 
@@ -25,9 +26,9 @@ from hil.robot_tables import (
     ConstantAccelerationMotion,
     Control,
     Geometry,
+    Lever,
     LineMotion,
     NotchTable,
-    NotNegative,
     PlantTable,
     PointToPointMotion,
     Positive,
@@ -151,7 +152,7 @@ class AxisTable(Table):
     serial_number: Annotated[int, Field(ge=0)] | None = None
     joint: str | None = None
     reduction_ratio: Positive
-    tip_lever_m: NotNegative = 0.0
+    tip_lever_m: Lever = 0.0
     limits: Limits
     control: Gains
     gains_are_set: bool = False
@@ -368,13 +369,21 @@ def moved_axes(arm: ArmTable, motion: LineMotion | None) -> tuple[int, ...]:
         return arm.axes
 
 
+def source_of(path: str | Path) -> Path:
+    """The file of a path, or of a name of `SHIPPED`."""
+    return SHIPPED.get(str(path), Path(path))
+
+
 def load_bench(path: str | Path) -> Bench:
     """The bench of a file, or of a name of `SHIPPED`; relative paths of profiles in it count from the file.
 
     Raises:
         FileError: The file is not valid; every problem is listed by line.
     """
-    file = SHIPPED.get(str(path), Path(path))
+    file = source_of(path)
+    close = [] if file.exists() else get_close_matches(str(path), SHIPPED, n=1)
+    if close:
+        raise FileError(file, (Problem(0, "", "is not there", f"a bench file; did you mean {close[0]}?"),))
     bench = load(file, Bench)
     folder = file.absolute().parent
     axes = {number: _with_profile_in(folder, table) for number, table in bench.axis.items()}

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from drive_profiles.files.safefile import write_atomically
+from drive_profiles.files.safefile import check_writable, write_atomically
 from drive_profiles.files.toml import Table, load, toml_value
 from hil.bench.bench import Bench, Model
 from hil.errors import NotPossibleError
@@ -271,6 +271,34 @@ def load_identified(path: Path) -> Identified:
     return load(path, Identified)
 
 
+def check_file(path: Path, robot: str) -> None:
+    """Check that a model file can take what will be identified, before anything moves for it.
+
+    Args:
+        path: The file; it may be missing, its folder may not.
+        robot: Name of the bench.
+
+    Raises:
+        FileError: The file is not a model file, or cannot be written.
+        NotPossibleError: The file belongs to another robot.
+    """
+    check_writable(path)
+    _known_in(path, robot)
+
+
+def _known_in(path: Path, robot: str) -> Identified:
+    """What a model file holds of a robot; nothing where it is missing.
+
+    Raises:
+        FileError: The file is not a model file.
+        NotPossibleError: The file belongs to another robot.
+    """
+    known = load_identified(path) if path.exists() else Identified(robot=robot)
+    if known.robot != robot:
+        raise NotPossibleError(f"{path} holds what was identified of {known.robot!r}, this is {robot!r}: choose another file")
+    return known
+
+
 def update_file(
     path: Path,
     robot: str,
@@ -294,9 +322,7 @@ def update_file(
         FileError: The file is not a model file, or cannot be written.
         NotPossibleError: The file belongs to another robot.
     """
-    known = load_identified(path) if path.exists() else Identified(robot=robot)
-    if known.robot != robot:
-        raise NotPossibleError(f"{path} holds what was identified of {known.robot!r}, this is {robot!r}: choose another file")
+    known = _known_in(path, robot)
     name = "plant" if isinstance(part, IdentifiedPlant) else "ate"
     stays = keeps_known and getattr(known.axis.get(number, IdentifiedAxis()), name) is not None
     updated = known if stays else known.with_part(number, part)

@@ -4,6 +4,7 @@
 
 import os
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -120,7 +121,7 @@ def compare(
         from hil.experiments.comparison.plan import KnownRobot, plan
 
         request = _request(experiment or [], axis or [], treatment or [])
-        knowledge = _knowledge(benches, model or [], design or [], learnt or [])
+        knowledge = _knowledge(dict(zip(bench_file, benches, strict=True)), model or [], design or [], learnt or [])
         with ExitStack() as emulators:
             benches = _emulated(benches, emulate or [], emulators)
             robots = [KnownRobot(bench, knowledge[bench.name], name) for bench, name in zip(benches, bench_file, strict=True)]
@@ -157,18 +158,29 @@ def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> 
     return ComparisonRequest(wanted, tuple(dict.fromkeys(axes)), chosen, frozenset(names))
 
 
-def _knowledge(benches: list["Bench"], models: list[Path], designs: list[Path], learnt: list[Path]) -> dict[str, "Knowledge"]:
-    """Return the knowledge of each robot from its files, by its name."""
+def _knowledge(
+    benches: dict[str, "Bench"], models: list[Path], designs: list[Path], learnt: list[Path]
+) -> dict[str, "Knowledge"]:
+    """Return the knowledge of each robot from its files, by its name; `benches` by their files."""
     from hil.bench.design import load_designs
     from hil.bench.model import load_identified
     from hil.experiments.comparison.plan import knowledge_by_robot
+    from hil.results.acted import SourceFile, bench_files
 
-    return knowledge_by_robot(
-        [load_identified(path) for path in models],
-        [load_designs(path) for path in designs],
-        [load_identified(path) for path in learnt],
-        [bench.name for bench in benches],
-    )
+    identified, designed, taught = (
+        list(map(load_identified, models)), list(map(load_designs, designs)), list(map(load_identified, learnt)),
+    )  # fmt: skip
+    found = knowledge_by_robot(identified, designed, taught, [bench.name for bench in benches.values()])
+    given = [
+        *((each.robot, SourceFile.of("model", path)) for each, path in zip(identified, models, strict=True)),
+        *((each.robot, SourceFile.of("design", path)) for each, path in zip(designed, designs, strict=True)),
+        *((each.robot, SourceFile.of("learnt", path)) for each, path in zip(taught, learnt, strict=True)),
+    ]
+    files = {bench.name: bench_files(name, bench) for name, bench in benches.items()}
+    return {
+        name: replace(known, files=(*files[name], *(file for robot, file in given if robot == name)))
+        for name, known in found.items()
+    }
 
 
 def _check_buses(benches: list[str], bus: str | None, robots: list[str]) -> None:

@@ -172,10 +172,9 @@ def is_on_local_bus(bench: "Bench") -> bool:
 
 def new_directory(name: str) -> Path:
     """Return a directory that is new each time, so that no recording replaces another."""
-    import datetime  # noqa: PLC0415
+    from hil.results import base  # noqa: PLC0415
 
-    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    return Path("bench-out") / f"{stamp}-{name}"
+    return base.new_directory(name)
 
 
 class SpokenReporter(SilentReporter):

@@ -56,10 +56,13 @@ def demo(
         with EmulatorProcess(robot) as emulator:
             from hil.bench.bench import load_bench  # noqa: PLC0415
             from hil.experiments.plan import demo_experiments  # noqa: PLC0415
+            from hil.experiments.treatment import known_from  # noqa: PLC0415
 
             bench = bench_on_emulator(load_bench("reference"), str(emulator.address))
             with shown_live(live, bench.bus.address, "reference"):
-                status = run_and_report(bench, demo_experiments(bench), out, as_json=as_json, is_paper=True)
+                status = run_and_report(
+                    bench, demo_experiments(bench), out, as_json=as_json, is_paper=True, knowledge=known_from("reference", bench)
+                )
         if not no_story and status in {0, ExitStatus.NOT_MET}:
             status = _tell_stories(robot_seed, out, live, as_json=as_json) or status
         for line in next_steps(tool_prefix(sys.argv[0])):

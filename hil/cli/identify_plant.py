@@ -122,6 +122,7 @@ def plant(
     with exit_on_error():
         bench = bench_on(bench_file, bus)
 
+        from hil.bench.model import check_file  # noqa: PLC0415
         from hil.experiments.plant.motion import PlantRequest, axis_table  # noqa: PLC0415
 
         request = PlantRequest(
@@ -129,6 +130,8 @@ def plant(
             with_accelerometer=not no_accelerometer, posture_deg=_posture(posture_deg),
         )  # fmt: skip
         axis_table(bench, axis)
+        if model is not None:
+            check_file(model, bench.name)
         if not yes and not is_on_local_bus(bench):
             confirm(_motion_lines(bench, request))
         where = out or new_directory(f"identify-plant-axis{axis}")

@@ -118,6 +118,10 @@ def learn(
         _check_axes(axes := tuple(dict.fromkeys(axis or ())), motion)
         _check_pace(pace, motion)
         bench = bench_on(bench_file, bus)
+
+        from hil.bench.model import check_file  # noqa: PLC0415
+
+        check_file(model, bench.name)
         inertias, ks = inertias_from(motor_inertia_kg_m2 or [], axes), orders_from(orders)
         if motion is not None:
             probes = MotionOptions(motion.value, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)

@@ -102,9 +102,11 @@ def run(
         if is_line != (axis is None):
             raise fail("a line-motion takes no --axis" if is_line else f"a {experiment.value} run needs --axis", ExitStatus.USAGE)
         bench = bench_on(bench_file, bus)
-        known_robot = knowledge(model, design, learnt)
 
         from hil.experiments.plan import Experiment  # noqa: PLC0415
+        from hil.experiments.treatment import known_from  # noqa: PLC0415
+
+        known_robot = known_from(bench_file, bench, model=model, design=design, learnt=learnt)
 
         plan = Experiment(experiment.value, axis, treatment, loop)
         if not yes and not is_on_local_bus(bench):
@@ -117,19 +119,6 @@ def run(
             )  # fmt: skip
         if status:
             raise typer.Exit(status)
-
-
-def knowledge(model: Path | None, design: Path | None, learnt: Path | None) -> "Knowledge":
-    """Return the knowledge of the robot from its files."""
-    from hil.bench.design import load_designs  # noqa: PLC0415
-    from hil.bench.model import load_identified  # noqa: PLC0415
-    from hil.experiments.treatment import Knowledge  # noqa: PLC0415
-
-    return Knowledge(
-        identified=None if model is None else load_identified(model),
-        designs=None if design is None else load_designs(design),
-        learnt=None if learnt is None else load_identified(learnt),
-    )
 
 
 def run_and_report(

@@ -155,7 +155,8 @@ def ringing(ramp: Ramp, orders: Sequence[float]) -> Ringing:
         raise NoResonanceError(f"the ramp passes no speed at which an order would meet a resonance near {tip.peak_hz:.1f} Hz")
     if not model.is_felt(tip, tip.peak_hz / met[0]):
         raise NoResonanceError(
-            f"the tip rings near {tip.peak_hz:.1f} Hz, but the motor's torque does not show it: it may be the sensor's mounting"
+            f"the tip rings near {tip.peak_hz:.1f} Hz: that is f_al, or the sensor on its mounting; the motor's torque does not "
+            "tell which"
         )
     return Ringing(tip.peak_hz, error, tip.damping, tuple(met), tip.explained_fraction)
 

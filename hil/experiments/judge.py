@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from hil.analysis import TipScale, band_scale, joint_scale, last_rps, paper_scale, ramp_scale, tip_scale
+from hil.analysis import BRAKING_S, TipScale, band_scale, joint_scale, last_rps, paper_scale, ramp_scale, tip_scale
 from hil.bench.bench import Bench
 from hil.bench.model import Identified
 from hil.design.frequency import CONTROL_PERIOD_S, Complex
@@ -95,7 +95,7 @@ class RunJudge:
             return FoundScale(ramp_scale((low_hz, high_hz)), words=words)
         if own is None:
             why = self._why.get(axis)
-            rest = "" if why is None else f" The ramp itself does not show it: {why}."
+            rest = "" if why is None else f". The ramp by itself does not tell f_al: {why}"
             return FoundScale(None, words=missing_words([axis]) + rest)
         factor = (own.peak_hz / (own.peak_hz - 2.0 * own.standard_error_hz)) ** 2
         return FoundScale(
@@ -193,6 +193,13 @@ def unreached(bench: Bench, axis: int, scale: TipScale) -> tuple[tuple[str, ...]
         resonant_rps = scale.f_al_hz / order
         if shown_rps(bench) >= resonant_rps:
             continue
+        if ramp.end_rps > resonant_rps:
+            within.append(
+                f"axis {axis}: order {order} is not judged: the ramp meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} "
+                f"rev/s, less than {1e3 * BRAKING_S:g} ms before it brakes: of constant_acceleration lower acceleration_rps_s, "
+                f"{ramp.acceleration_rps_s:g} rev/s², or raise end_rps, {ramp.end_rps:g} rev/s"
+            )
+            continue
         text = (
             f"axis {axis}: order {order} is not judged: it meets f_al = {scale.f_al_hz:.2f} Hz at {resonant_rps:.2f} rev/s, the "
             f"ramp ends at {ramp.end_rps:g} rev/s, and from the middle of the travel the limits allow"
@@ -240,8 +247,8 @@ def missing_words(axes: Iterable[int]) -> str:
     numbers = [str(axis) for axis in axes]
     who = f"axis {numbers[0]} has" if len(numbers) == 1 else f"none of the axes {', '.join(numbers)} has"
     return (
-        f"{who} {'no' if len(numbers) == 1 else 'a'} model, so f_al is not known, at which the arm rings and by which an "
-        "acceleration becomes mm: hil identify plant --model model.toml, then run with --model, or give it in the bench file"
+        f"{who} {'no' if len(numbers) == 1 else 'a'} model, so f_al is not known, and no acceleration becomes mm. Run hil "
+        "identify plant --model model.toml, then repeat with --model model.toml, or give the model in the bench file"
     )
 
 

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Generic, Literal, Self, TypeVar
 
 from drive_profiles.address import parse_address
+from drive_profiles.files.safefile import check_writable
 from hil.bench.bench import Bench
 from hil.can.channel import Channel
 from hil.can.opening import open_channel
@@ -87,12 +88,16 @@ class Measurement(Generic[R]):
         self.started = datetime.datetime.now(datetime.UTC)
 
     def __enter__(self) -> Self:
-        """Make the directory and open the bus.
+        """Make the directory, check that it can be written, and open the bus.
 
         Raises:
+            OSError: The directory cannot be made.
+            FileError: Nothing can be written in it.
             ChannelError: The bus cannot be opened.
         """
         (self._out / "runs").mkdir(parents=True, exist_ok=True)  # before anything moves: a recording needs a directory
+        check_writable(self._out / self._file_name)
+        check_writable(self._out / "runs" / "recording.csv")
         self._channel = open_channel(parse_address(self._bench.bus.address)) if self._given is None else self._given
         self.result = self._make_result(MeasuredBench.of(self._bench, self.started, is_lock_step=self._channel.is_lock_step))
         return self

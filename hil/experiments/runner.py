@@ -10,7 +10,7 @@ from hil.bench.model import with_identified
 from hil.can.channel import Channel
 from hil.control.treatments import treatment
 from hil.errors import NotPossibleError, SafetyStopError
-from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on
+from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, cancelled_orders
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.follow import FollowingSetUp, following_of
 from hil.experiments.cancellation.follow_trial import FollowRun, try_following
@@ -26,6 +26,7 @@ from hil.master.motion import Motion, RunResult
 from hil.master.session import Session
 from hil.recording import Recording
 from hil.reporter import SILENT, Reporter
+from hil.results.acted import CancelledOrder, acted_filters
 from hil.results.runs import CancellationTrial, ExperimentsResult, PaperClaim, RunEntry, ShaperEntry
 
 
@@ -123,7 +124,11 @@ def run_experiments(
     motions = [motion for motion, _ in shaped]
     demands = [experiment.bus_demand(motion) for experiment, motion in zip(experiments, motions, strict=True)]
     with Measurement(
-        bench, out, lambda described: ExperimentsResult(bench=described, arm=arm), channel=channel, reporter=reporter
+        bench,
+        out,
+        lambda described: ExperimentsResult(bench=described, arm=arm, files=knowledge.files),
+        channel=channel,
+        reporter=reporter,
     ) as measurement:
         result, judge = measurement.result, RunJudge(bench, knowledge.identified)
         measurement.check_clock(clock)
@@ -181,6 +186,7 @@ class _ExperimentRuns:
     Attributes:
         results: Results of the runs; where one was stopped, that one alone.
         trial: End of the trial.
+        cancelled: Orders that are cancelled in the runs.
         count: Number of runs that were begun.
     """
 
@@ -193,6 +199,7 @@ class _ExperimentRuns:
         self._is_inside = setup.is_inside
         self._without: frozenset[Part] = frozenset()
         self._filters = setup.filters
+        self.cancelled: tuple[CancelledOrder, ...] = ()
         self.results: list[RunResult] = []
         self.trial: TrialVerdict = NO_TRIAL
         self.count = 0
@@ -229,6 +236,7 @@ class _ExperimentRuns:
                 raise NotPossibleError(f"{self._experiment.treatment}: {error}", error.causes) from None
             self._accept(choice)
             self._cancellation = choice.cancellation
+            self.cancelled = cancelled_orders(session.bench, setup.cancel_with, choice.cancellation)
             if setup.follows and choice.cancellation is not None:
                 self._try_following(following_of(session.bench, setup.cancel_with, choice.cancellation, motion))
         elif setup.is_inside:
@@ -290,7 +298,7 @@ class _ExperimentRuns:
         follower = None if self._following is None else self._following.adder()
         plain = None if self._cancellation is None or follower is not None else self._cancellation.adder()
         if self._is_inside:
-            cancel_inside(self._session, setup.cancel_with, motion.axes, without=self._without)
+            self.cancelled = cancel_inside(self._session, setup.cancel_with, motion.axes, without=self._without)
         result = self._session.run(
             motion, self._filters, self._experiment.loop, follower or plain, setup.fixed, shows_filter=setup.shows_filter
         )
@@ -315,7 +323,8 @@ def _enter(
     result = measurement.result
     one, path = _keep(measurement, runs.results, experiment.file_name)
     made = entries(judge.bench, experiment, one, path, runs.trial, runs.count, judge)
-    result.runs += made if shaper is None else [entry.model_copy(update={"shaper": shaper}) for entry in made]
+    acted = {"shaper": shaper, "filters": acted_filters(experiment.loop, one.filters), "cancelled": runs.cancelled}
+    result.runs += [entry.model_copy(update=acted) for entry in made]
     result.comparisons = comparisons(result.runs)
     if one.stopped is not None:
         raise one.stopped

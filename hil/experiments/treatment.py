@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from hil.bench.bench import Bench
-from hil.bench.design import Designs, with_designs
-from hil.bench.model import Identified, with_identified
+from hil.bench.design import Designs, load_designs, with_designs
+from hil.bench.model import Identified, load_identified, with_identified
 from hil.control.notch import FixedFilter, notch_coefficients
 from hil.control.treatments import TABLE, Treatment, TreatmentName, treatment
 from hil.errors import NotPossibleError
 from hil.master.motion import FilterUse
+from hil.results.acted import FileRole, SourceFile, bench_files
 
 TREATMENTS: tuple[TreatmentName, ...] = tuple(each.name for each in TABLE)
 
@@ -59,11 +61,43 @@ class Knowledge:
         identified: Model file of `hil identify`; None: the bench file's model holds.
         designs: Design file of `hil design`.
         learnt: Model file of `hil learn`.
+        files: All files that the bench and this were read from.
     """
 
     identified: Identified | None = None
     designs: Designs | None = None
     learnt: Identified | None = None
+    files: tuple[SourceFile, ...] = ()
+
+
+def known_from(
+    bench_file: str | Path,
+    bench: Bench,
+    *,
+    model: Path | None = None,
+    design: Path | None = None,
+    learnt: Path | None = None,
+) -> Knowledge:
+    """Knowledge of a robot from its files, with their SHA-256.
+
+    Args:
+        bench_file: File of the bench, or a name of the package.
+        bench: The bench that it has given.
+        model: Model file of `hil identify`.
+        design: Design file of `hil design`.
+        learnt: Model file of `hil learn`.
+
+    Raises:
+        FileError: A file is not valid; every problem is listed by line.
+        OSError: A file cannot be read.
+    """
+    roles: tuple[tuple[FileRole, Path | None], ...] = (("model", model), ("design", design), ("learnt", learnt))
+    return Knowledge(
+        identified=None if model is None else load_identified(model),
+        designs=None if design is None else load_designs(design),
+        learnt=None if learnt is None else load_identified(learnt),
+        files=(*bench_files(bench_file, bench), *(SourceFile.of(role, path) for role, path in roles if path is not None)),
+    )
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,13 @@
 """The motion of a run and its result."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.control.notch import FixedFilter, Notch
 from hil.errors import SafetyStopError
 from hil.master.lateness import WallClockTiming
 from hil.recording import Recording
@@ -63,6 +65,7 @@ class RunResult:
         timing: Lateness of the cycles of the whole run; None in lock-step, where time waits for the master.
         bus_errors: Errors on the bus that the controller reported, in words, with their number.
         discarded: Number of impossible positions, which were ignored.
+        filters: Filters that acted, by axis: as the drives held them, or those of the host's loop.
     """
 
     recording: Recording
@@ -77,3 +80,4 @@ class RunResult:
     timing: WallClockTiming | None = None
     bus_errors: dict[str, int] = field(default_factory=dict)
     discarded: int = 0
+    filters: Mapping[int, tuple[Notch | FixedFilter, ...]] = field(default_factory=dict)

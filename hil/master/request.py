@@ -8,7 +8,7 @@ import numpy as np
 
 from drive_profiles.standard.units import interpolation_period
 from hil.bench.bench import AxisTable
-from hil.control.notch import FixedFilter
+from hil.control.notch import FixedFilter, Notch
 from hil.control.servo import ServoConfig
 from hil.control.servo_bank import ServoBank
 from hil.design.frequency import margins
@@ -53,6 +53,12 @@ class RunRequest:
         """True where torque offsets (60B2h) are sent."""
         return self.motion.torque_offset_nm is not None or (self.adder is not None and self.adder.uses_torque)
 
+    def filters_of(self, axis: DriveAxis) -> tuple[Notch | FixedFilter, ...]:
+        """Filters that act on an axis: those that its drive holds, once written, or those of the host's loop."""
+        if self.loop == "drive":
+            return axis.notches
+        return host_filters(axis, with_notch=self.filters == "notch", fixed=self.fixed)
+
     def check(self, axes: list[DriveAxis]) -> None:
         """Refuse combinations that are not possible.
 
@@ -84,6 +90,16 @@ class RunRequest:
         return host_loops(axes, self.motion.period_s, with_notch=self.filters == "notch", fixed=self.fixed)
 
 
+def host_filters(
+    axis: DriveAxis, *, with_notch: bool, fixed: Mapping[int, FixedFilter] | None = None
+) -> tuple[Notch | FixedFilter, ...]:
+    """Filters that the host puts into the loop of an axis: a fixed one in place of those of the bench file."""
+    held = (fixed or {}).get(axis.number)
+    if held is not None:
+        return (held,)
+    return tuple(notch.notch() for notch in axis.table.notch) if with_notch else ()
+
+
 def host_loops(
     axes: list[DriveAxis], period_s: float, *, with_notch: bool, fixed: Mapping[int, FixedFilter] | None = None
 ) -> ServoBank:
@@ -101,11 +117,10 @@ def host_loops(
     configs = []
     for axis in axes:
         table = axis.table
-        notches = tuple(notch.notch() for notch in table.notch) if with_notch else ()
         held = (fixed or {}).get(axis.number)
         gains = table.gains(f"axis {axis.number} closed by the host")
         check_host_loop(axis.number, table, period_s, with_notch=with_notch, held=held)
-        filters = notches if held is None else (held,)
+        filters = host_filters(axis, with_notch=with_notch, fixed=fixed)
         configs.append(ServoConfig(gains.cascade(), table.limits.torque_nm, filters))
     rehearsal, still = ServoBank(configs, period_s), [0.0] * len(configs)
     rehearsal.start(0, 0.0)

@@ -251,6 +251,7 @@ class Session:
         timing = None
         with ExitStack() as context:
             real_time = self.prepare(context, axes, run.exchange, with_notch=request.filters_in_drives)
+            acted = {axis.number: request.filters_of(axis) for axis in axes}
             overflows, errors = self._overflows(), Counter(self.network.bus_errors)
             stopped = run.perform()
             errors = self.network.bus_errors - errors
@@ -271,6 +272,7 @@ class Session:
             timing=timing,
             bus_errors=dict(errors),
             discarded=run.discarded,
+            filters=acted,
         )
 
     def _standing_rad(self, motion: Motion) -> dict[int, float]:

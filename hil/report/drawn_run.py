@@ -1,6 +1,7 @@
 """Runs as figures draw them: the vibration over time, the specification, and the spectrum."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +13,13 @@ from numpy.typing import NDArray
 from hil.analysis import band_passed, line_window_s, motor_speed_rps, speed_window
 from hil.recording import Recording
 from hil.report import style
-from hil.report.material import Material, finite
+from hil.report.material import Material, finite, treatment_name
 from hil.report.style import Real
 from hil.results.runs import RunEntry
 from hil.tip_vector import steady_window_s, tip_acceleration
 
+SHADED_ORDER = 2
+"""Order whose window is shaded in figures, and whose numbers stand in their legends."""
 FEWEST = 16
 """Least number of samples in a window that was reached, as in the analysis."""
 
@@ -46,23 +49,58 @@ def drawn_run(material: Material, run: RunEntry | None, label: str, look: style.
     return DrawnRun(run, recording, label + (" (stopped early)" if run.stopped else ""), look)
 
 
-def pair(material: Material, experiment: str, axis: int | None) -> list[DrawnRun]:
-    """Runs of an experiment without and with the notch, as far as they are there; drive-closed before host-closed.
+def shown_runs(material: Material, experiment: str, axis: int | None) -> list[list[DrawnRun]]:
+    """Runs of an experiment in groups of one diagram: the untreated one first, and beside it what acted.
+
+    Runs that the host closed have groups of their own where a treatment of theirs was not run in the drives.
 
     Args:
         material: Result and recordings.
         experiment: Name of the experiment.
         axis: Axis of a constant-acceleration run, else None.
     """
+    groups: list[list[DrawnRun]] = []
+    seen: set[str] = set()
     for loop in ("drive", "host"):
-        runs = [
-            drawn_run(material, material.find(experiment, axis, "none", loop), "without notch", style.WITHOUT),
-            drawn_run(material, material.find(experiment, axis, "notch", loop), "with notch", style.WITH),
-        ]
-        recorded = [run for run in runs if run is not None]
-        if recorded:
-            return recorded
-    return []
+        entries = [run for run in material.result.runs if (run.experiment, run.axis, run.loop) == (experiment, axis, loop)]
+        shown: dict[str, RunEntry] = {}
+        for run in entries:
+            if run.treatment not in shown or run.order == SHADED_ORDER:
+                shown[run.treatment] = run
+        plain = drawn_run(material, shown.pop("none", None), _label("none", shown), style.WITHOUT)
+        treated = [run for run in shown.values() if material.recording(run) is not None]
+        if seen >= {run.treatment for run in treated} and groups:
+            continue
+        seen |= {run.treatment for run in treated}
+        size, behind = len(style.OVERLAY_LINES) - 1, [] if plain is None else [plain]
+        for start in range(0, max(1, len(treated)), size):
+            looks = zip(treated[start : start + size], style.OVERLAY_LINES[1:], strict=False)
+            drawn = [drawn_run(material, run, _label(run.treatment, shown), look) for run, look in looks]
+            group = [*behind, *(run for run in drawn if run is not None)]
+            groups += [group] if group else []
+    return groups
+
+
+def _label(name: str, others: Mapping[str, RunEntry]) -> str:
+    """Label of a run with a treatment beside others."""
+    if set(others) <= {"none", "notch"} and "notch" in {name, *others}:
+        return {"none": "without notch", "notch": "with notch"}[name]
+    return treatment_name(name)
+
+
+def key_end(number: int) -> str:
+    """End of the key of a figure's n-th part, from 0; the first has none."""
+    return f"-part{number + 1}" if number else ""
+
+
+def what_acted(runs: list[DrawnRun]) -> str:
+    """Treatments of runs for the title of a figure: `with and without the notch`."""
+    names = [run.entry.treatment for run in runs if run.entry.treatment != "none"]
+    if not names:
+        return ""
+    article = {"notch": "the notch"}
+    words = " and ".join(article.get(name, treatment_name(name)) for name in names)
+    return f" with {'and without ' if len(names) < len(runs) else ''}{words}"
 
 
 def draw_vibration(panel: Axes, run: DrawnRun, band_hz: tuple[float, float], *, with_peak: bool = True) -> None:
@@ -148,9 +186,10 @@ def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axe
     inside = judged_samples(material, recording, axis)
     if len(inside):
         panel.axvspan(float(time[inside[0]]), float(time[inside[-1]]), color=style.SHADE, zorder=0)
-    notches = material.bench.axis[axis].notch if axis in material.bench.axis else ()
-    if not notches or not with_names:
+    acting = material.acting(axis)
+    if acting is None or not with_names:
         return
+    notches = acting.notches[axis]
     speed = np.abs(motor_speed_rps(recording, axis))
     for value, name in ((notches[0].start_rps, "$f_s$"), (notches[0].end_rps, "$f_e$")):
         reached = np.flatnonzero(speed >= value)
@@ -158,7 +197,7 @@ def shade_speeds(material: Material, axis: int, recording: Recording, panel: Axe
             style.flag(panel, float(time[reached[0]]), f"{name} = {value:g} rev/s", side="right")
 
 
-def judged_samples(material: Material, recording: Recording, axis: int, order: int = 2) -> NDArray[np.int_]:
+def judged_samples(material: Material, recording: Recording, axis: int, order: int = SHADED_ORDER) -> NDArray[np.int_]:
     """Indices of the samples in which an order is judged, shape (n,); none where no f_al is known.
 
     Args:
@@ -171,7 +210,7 @@ def judged_samples(material: Material, recording: Recording, axis: int, order: i
     return np.flatnonzero(speed_window(recording, axis, window)) if window is not None else np.zeros(0, dtype=np.int_)
 
 
-def window_words(material: Material, axis: int, order: int = 2) -> str:
+def window_words(material: Material, axis: int, order: int = SHADED_ORDER) -> str:
     """Sentence on the shaded speeds."""
     window = material.window_rps(axis, order)
     if window is None:

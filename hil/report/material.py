@@ -10,14 +10,17 @@ import numpy as np
 
 from hil.analysis import PAPER_BAND_HZ, TipScale, joint_scale, judged_orders, motor_speed_rps
 from hil.bench.bench import Bench
+from hil.control.treatments import LoopName, treatment
 from hil.design.frequency import CONTROL_PERIOD_S, Loop, Margins, margins
 from hil.design.transmission_error import TransmissionError, TransmissionErrorEstimate, fit_transmission_error
 from hil.experiments.judge import line_scale, scale_at, shown_rps
 from hil.experiments.treatment import TITLES
 from hil.recording import Recording
 from hil.report.origin import origin_of
+from hil.results.acted import FilterSet, notches_of
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult, RunEntry, TreatmentComparison, leading
+from hil.robot_tables import NotchTable
 
 CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT = "constant-acceleration", "line-motion", "point-to-point"
 
@@ -26,6 +29,8 @@ FEWEST_ROWS = 64
 
 MARGIN_SPEEDS_RPS = np.linspace(0.5, 10.5, 41)
 """Motor speeds at which stability and margins are computed."""
+FILTER_SPEEDS = 11
+"""Motor speeds from f_s to f_e of each filter at which they are, too."""
 
 FIT_BELOW, FIT_ABOVE = 15.0 / 22.0, 1.2
 """Motor speeds of a rising ramp from which the transmission error is identified: from below the window of order 4, in units of
@@ -40,10 +45,10 @@ def run_name(run: RunEntry, *, with_window: bool = True) -> str:
     return f"{what}, {treatment_name(run.treatment)}, {run.loop}-closed{window}"
 
 
-def treatment_name(treatment: str) -> str:
+def treatment_name(name: str) -> str:
     """Name of a treatment in words, for the report of runs."""
-    names: dict[str, str] = {**TITLES, "none": "no notch"}
-    return names.get(treatment, treatment)
+    names: dict[str, str] = {**TITLES, "none": "untreated"}
+    return names.get(name, name)
 
 
 class Material:
@@ -61,7 +66,7 @@ class Material:
         self.bench = self.result.bench.file if bench is None else bench
         self.notes: list[str] = []
         self._recordings: dict[str, Recording | None] = {}
-        self._margins: dict[int, dict[float, Margins]] = {}
+        self._margins: dict[tuple[int, tuple[str, ...]], dict[float, Margins]] = {}
         self._estimates: dict[int, TransmissionErrorEstimate | None] = {}
 
     @cached_property
@@ -78,7 +83,7 @@ class Material:
     @cached_property
     def f_al_hz(self) -> dict[int, float]:
         """Peak frequency of |G_al| by axis, of the axes with a model."""
-        loops = {number: self.loop(number, with_notch=False) for number in self.model_axes}
+        loops = {number: self.loop(number) for number in self.model_axes}
         return {number: loop.peak_hz() for number, loop in loops.items()}
 
     def scale(self, axis: int | None) -> TipScale | None:
@@ -125,19 +130,77 @@ class Material:
         """Word for what came from the robot: `measured`, or `emulated`."""
         return origin_of(self.result).word
 
-    def loop(self, axis: int, *, with_notch: bool = True) -> Loop:
-        """Drive-closed loop of an axis with a model."""
-        loop = self.bench.axis[axis].loop(self.control_period_s, with_notch=with_notch)
+    @cached_property
+    def filter_sets(self) -> tuple[FilterSet, ...]:
+        """Filters that acted in the runs, those of one treatment together; those in the drives come first.
+
+        A result from before filters were kept has those of its bench file where these acted; designed ones are not in it.
+        """
+        found: dict[tuple[LoopName, str], dict[int, tuple[NotchTable, ...]]] = {}
+        for run in sorted(self.result.runs, key=lambda run: run.loop):
+            notches = self._former_notches(run) if run.filters is None else notches_of(run.filters)
+            if notches:
+                loop: LoopName = "host" if run.loop == "host" else "drive"
+                found.setdefault((loop, run.treatment), {}).update(notches)
+        sets: list[FilterSet] = []
+        for (loop, name), notches in found.items():
+            alike = (each for each in sets if name in each.treatments or (each.loop, each.notches) == (loop, notches))
+            same = next(alike, None)
+            if same is None:
+                sets.append(FilterSet((name,), loop, notches))
+            elif name not in same.treatments:
+                sets[sets.index(same)] = same._replace(treatments=(*same.treatments, name))
+        return tuple(sets)
+
+    def _former_notches(self, run: RunEntry) -> dict[int, tuple[NotchTable, ...]]:
+        """Filters of a run in a result from before they were kept."""
+        row = treatment(run.treatment)
+        if row.filters != "variable":
+            return {}
+        if row.needs == "design":
+            self.notes.append(
+                f"{run_name(run, with_window=False)}: this result does not hold the filters that acted, since an earlier version "
+                "has written it. The design file has them, or a new run."
+            )
+            return {}
+        axes = self.bench.chain_axes if run.axis is None else (run.axis,)
+        return {axis: self.bench.axis[axis].notch for axis in axes if axis in self.bench.axis and self.bench.axis[axis].notch}
+
+    def acting(self, axis: int) -> FilterSet | None:
+        """The first filters that acted on an axis; None where none did."""
+        return next((each for each in self.filter_sets if axis in each.notches), None)
+
+    @property
+    def model_source(self) -> str:
+        """File that the model comes from, in words."""
+        return "model file" if any(file.role == "model" for file in self.result.files or ()) else "bench file"
+
+    def loop(self, axis: int, filters: FilterSet | None = None) -> Loop:
+        """Loop of an axis with a model: closed in the drive, or where its filters acted.
+
+        Args:
+            axis: Axis number.
+            filters: Filters in it; None for none.
+        """
+        table, period_s, delay = self.bench.axis[axis], self.control_period_s, 0
+        if filters is not None:
+            table = table.model_copy(update={"notch": filters.notches.get(axis, ())})
+            if filters.loop == "host":
+                period_s, delay = next(run.control_period_s for run in self.result.runs if run.loop == "host"), 1
+        loop = table.loop(period_s, delay, with_notch=filters is not None)
         if loop is None:
             raise ValueError(f"axis {axis} has no model")
         return loop
 
-    def margins(self, axis: int) -> dict[float, Margins]:
-        """Margins of the loop of an axis with a model, by motor speed."""
-        if axis not in self._margins:
-            loop = self.loop(axis)
-            self._margins[axis] = {float(speed): margins(loop, float(speed), points=1000) for speed in MARGIN_SPEEDS_RPS}
-        return self._margins[axis]
+    def margins(self, axis: int, filters: FilterSet | None = None) -> dict[float, Margins]:
+        """Margins of the loop of an axis with a model, by motor speed; the arguments are those of `loop`."""
+        key = axis, () if filters is None else filters.treatments
+        if key not in self._margins:
+            loop = self.loop(axis, filters)
+            own = [np.linspace(notch.start_rps, notch.end_rps, FILTER_SPEEDS) for notch in loop.notches]
+            speeds = np.unique(np.round(np.concatenate([MARGIN_SPEEDS_RPS, *own]), 6))
+            self._margins[key] = {float(speed): margins(loop, float(speed), points=1000) for speed in speeds}
+        return self._margins[key]
 
     def transmission_error(self, axis: int) -> TransmissionError | None:
         """θ_sync of an axis in the bench file."""

@@ -51,6 +51,14 @@ OTHER_LOOP: Line = {"color": BLACK, "linestyle": (0, (3, 1.4)), "linewidth": 1.0
 RESIDUAL: Line = {"color": BLACK, "linestyle": "-", "linewidth": 0.8}
 """Line of what a model leaves of a measurement, in a panel of its own."""
 
+OVERLAY_LINES: tuple[Line, ...] = (
+    WITHOUT,
+    WITH,
+    {"color": PURPLE, "linestyle": (0, (5, 1.2, 1, 1.2)), "linewidth": 1.5},
+    {"color": GREEN, "linestyle": "-", "linewidth": 1.8},
+)
+"""Lines of runs in one diagram: that without treatment first."""
+
 MARK: Line = {"color": GREY, "linestyle": (0, (1, 1.6)), "linewidth": 0.9}
 
 AXIS_LINES: tuple[Line, ...] = (

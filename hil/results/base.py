@@ -20,6 +20,12 @@ SCHEMA: Literal[2] = 2
 RESULT_FILE = "result.json"
 
 
+def new_directory(name: str) -> Path:
+    """A directory that is new each time, so that no recording replaces another; it is not made yet."""
+    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+    return Path("bench-out") / f"{stamp}-{name}"
+
+
 class _Written(BaseModel):
     """Base that leaves out absent values: an optional field without a value is no key of the file.
 

@@ -9,6 +9,7 @@ from hil.analysis import PAPER_WINDOWS_RPS, Direction, DirectionMetrics
 from hil.bench.model import IdentifiedArm
 from hil.master.lateness import Percentiles
 from hil.master.realtime import Measure
+from hil.results.acted import ActedFilter, CancelledOrder, SourceFile
 from hil.results.base import MeasuredResult, ResultPart
 from hil.results.following import FollowingEntry
 
@@ -273,6 +274,8 @@ class RunEntry(ResultPart):
         following: What a cancellation that follows made of each order, and its trial; None without one.
         shaper: Input shaper that has shaped the motion.
         ringing: Modes that ring after the stop of a point-to-point move.
+        filters: Filters that acted; none where none did. None in files from before they were kept.
+        cancelled: Orders that were cancelled, likewise.
     """
 
     experiment: str
@@ -318,6 +321,8 @@ class RunEntry(ResultPart):
     following: FollowingEntry | None = None
     shaper: ShaperEntry | None = None
     ringing: tuple[RingingMode, ...] | None = None
+    filters: tuple[ActedFilter, ...] | None = None
+    cancelled: tuple[CancelledOrder, ...] | None = None
 
 
 def leading(runs: Iterable[RunEntry]) -> list[RunEntry]:
@@ -379,6 +384,7 @@ class ExperimentsResult(MeasuredResult):
         comparisons: Comparison of each treatment with none.
         paper: Claims that the runs concern; empty where they ended early.
         arm: Masses of the arm as the model file had them; None without.
+        files: Files that the runs took something from; None in results from before they were kept.
     """
 
     kind: Literal["run"] = "run"
@@ -386,3 +392,4 @@ class ExperimentsResult(MeasuredResult):
     comparisons: list[TreatmentComparison] = Field(default_factory=list)
     paper: list[PaperClaim] = Field(default_factory=list)
     arm: IdentifiedArm | None = None
+    files: tuple[SourceFile, ...] | None = None

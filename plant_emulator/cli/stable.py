@@ -127,7 +127,8 @@ def stable(
         table("", ("seed", *(head for head, _ in ARM_COLUMNS)), cells)
     else:
         table("", ("seed", "kind", *(head for head, *_ in COLUMNS)), [_cells(row) for row in rows])
-    typer.echo(f"{len(rows)} robots and their bench files in {out}; robots.csv has all that was drawn", err=True)
+    what = "one robot and its bench file" if len(rows) == 1 else f"{len(rows)} robots and their bench files"
+    typer.echo(f"{what} in {out}; robots.csv has all that was drawn", err=True)
 
 
 def _home(home_deg: str | None, tip_link: str | None, urdf: Path | None) -> tuple[float, ...]:

@@ -120,7 +120,13 @@ def test_drives_that_cancel_by_themselves_need_nothing_over_the_bus() -> None:
     session = session_of(robot_of(QUIET), 0.002)
     before = line(session, None)
     motion = line_motion(session.bench, 0.002)
-    assert cancel_inside(session, None, motion.axes) == (2, 3)
+    cancelled = cancel_inside(session, None, motion.axes)
+    assert {each.axis for each in cancelled} == {2, 3}
+    for each in cancelled:
+        model = session.bench.axis[each.axis].model
+        assert model is not None
+        assert each.amplitude_arcsec == pytest.approx(model.ate.amplitudes_arcsec()[each.order], rel=1e-6)
+        assert each.phase_deg == pytest.approx(model.ate.phases_deg()[each.order], abs=1e-4)
     after = line(session, None)
     assert after.tip_peak_mm < 0.002
     assert after.spectrum_area < 0.07 * before.spectrum_area

@@ -204,6 +204,17 @@ def test_another_device_is_refused(short_bench: Bench, reference_robot: Robot, m
     assert nothing_was_enabled(channel)
 
 
+def test_a_sync_period_that_a_drive_does_not_take_is_said_in_its_unit(short_bench: Bench, reference_robot: Robot) -> None:
+    session, channel = session_of(with_bus(short_bench, sync_period_s=0.0021), reference_robot)
+    before = everything(channel.world)
+    with session:
+        session.bring_up()
+        with pytest.raises(NotPossibleError, match=r"refuses a SYNC period of 2\.1 ms; its control period is 0\.25 ms"):
+            session.run(constant_acceleration(short_bench, 2, 0.0021), "none", "drive")
+    assert nothing_was_enabled(channel)
+    assert everything(channel.world) == before, "what was written before is put back"
+
+
 def test_another_serial_number_is_refused(short_bench: Bench, reference_robot: Robot) -> None:
     axis = short_bench.axis[5].model_copy(update={"serial_number": 4711})
     bench = short_bench.model_copy(update={"axis": {**short_bench.axis, 5: axis}})

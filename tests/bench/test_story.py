@@ -12,10 +12,11 @@ from hil import story
 from hil.bench.bench import load_bench
 from hil.bench.design import DesignedAxis, update_designs
 from hil.cli.demo import ROBOT_SEED
+from hil.design.notch_design import NotchVerdict, PeakRow, RequirementCheck
 from hil.design.notch_search import Effort
 from hil.emulator import draw_robot
 from hil.errors import NotPossibleError
-from hil.experiments.notch_design import parameter_set
+from hil.experiments.notch_design import NotchDesignOutcome, parameter_set
 from hil.report.pages.compare import write_compare_report
 from hil.reporter import SILENT
 from plant_emulator.pytest_plugin.served import ServedBus
@@ -85,6 +86,32 @@ def test_a_robot_that_is_not_drawn_says_why(tmp_path: Path) -> None:
     draw_robot(3, tmp_path)
     with pytest.raises(NotPossibleError, match="there already"):
         draw_robot(3, tmp_path)
+
+
+def verdict(peak_mm: float, m_s: float) -> NotchVerdict:
+    """A filter with a predicted peak, that misses the tip's limit, and M_s of at most 1.7 too where it is larger."""
+    checks = (
+        RequirementCheck("M_s", m_s, 1.7, "", True, 5.0, "believed"),
+        RequirementCheck("tip peak", peak_mm, 0.05, "mm", True, None, "believed", is_tip_limit=True),
+    )
+    return NotchVerdict((), checks, {}, (PeakRow(2.0, peak_mm, peak_mm, peak_mm, "believed"),))
+
+
+@pytest.mark.parametrize(
+    ("given", "kept_mm", "said"),
+    [
+        (verdict(0.066, 1.5), 0.066, "which is kept"),
+        (verdict(0.066, 1.9), 0.084, "0.066 mm, which is not taken since it misses M_s 1.9"),
+        (verdict(0.090, 1.5), 0.084, "the bench file's notch 0.090 mm"),
+        (None, 0.084, ""),
+    ],
+)
+def test_the_story_takes_the_better_filter_or_says_why_not(given: NotchVerdict | None, kept_mm: float, said: str) -> None:
+    unused: Any = None
+    outcome = NotchDesignOutcome(unused, "", unused, unused, 11.8, unused, given, verdict(0.084, 1.6), None, 0.0)
+    kept, words = story.better_of(outcome)
+    assert kept.best.peaks[0].rising_mm == kept_mm
+    assert said in words
 
 
 class _Verdict:

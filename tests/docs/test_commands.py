@@ -135,7 +135,11 @@ BEFORE = {
 }
 """What a page takes for granted: typed before the first command that begins so."""
 
-FILES = {"docs/robustness.md": {"spread.toml": "toml"}, "docs/testing.md": {"test_my_robot.py": "python"}}
+FILES = {
+    "docs/python.md": {"ramps.py": "python"},
+    "docs/robustness.md": {"spread.toml": "toml"},
+    "docs/testing.md": {"test_my_robot.py": "python"},
+}
 """Files that a page shows: its first block of that language."""
 
 
@@ -163,6 +167,7 @@ SLOW = {
     "docs/serial.md",
     "docs/shapers.md",
     "docs/passport.md",
+    "docs/python.md",
     "docs/tuning.md",
     "docs/robustness.md",
     "docs/design.md",

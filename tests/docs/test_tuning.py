@@ -32,6 +32,15 @@ DESIGN = "design.toml"
 """What `hil design notch` leaves out where no filter is better than none; the page goes on with step 8 then."""
 
 
+EXPECTED = {
+    "hil plan --bench bench.toml": "Fits",
+    "hil identify plant": "f_a  ",
+    "hil identify ate": "A_2  ",
+    "hil run constant-acceleration --axis 2 --treatment cancellation ": "yes",
+}
+"""Words that the page promises of a command that ends as it says."""
+
+
 def typed(text, seed):
     """What the page says to do on a drawn robot: serve its file in place of the reference, and copy its blank bench file."""
     if text.startswith("plant-emulator serve"):
@@ -63,6 +72,8 @@ def test_the_page_quiets_a_robot_that_nobody_has_tuned_for(seed, shell):
         allowed = {command.status} if beginning(text, MAY_REFUSE) is None else {0, 9}
         assert status in allowed, f"{PAGE.name}:{command.line}: {text}\nended with {status}:\n{said}"
         assert "Traceback (most recent call last)" not in said, said
+        promised = beginning(text, EXPECTED)
+        assert promised is None or status != command.status or EXPECTED[promised] in said, f"{PAGE.name}:{command.line}: {said}"
         is_designed = (shell.folder / DESIGN).is_file()
     (cancelled,) = shell.folder.glob("bench-out/*-cancellation/result.json")
     runs = json.loads(cancelled.read_text(encoding="utf-8"))["runs"]

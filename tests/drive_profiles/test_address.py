@@ -1,5 +1,7 @@
 """Bus addresses: what is read, what is refused, and in which words."""
 
+import os
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -94,6 +96,26 @@ def test_the_option_comes_before_the_environment_and_that_before_the_file(option
     assert choice is not None
     assert choice.address == taken
     assert str(choice) == words
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "is_same"),
+    [
+        ("local:/a.sock@1M", "local:/a.sock@1000000", True),
+        ("socketcan:can0@500k", "socketcan:can0@0.5M", True),
+        ("local:b.sock", f"local:{os.getcwd()}/b.sock", True),
+        ("local:/a.sock", "local:/a.sock@1M", False),
+        ("socketcan:can0", "socketcan:can1", False),
+    ],
+)
+def test_two_spellings_of_one_bus_are_not_said_to_differ(one, other, is_same):
+    choice = choose_bus(None, ("b.toml", other), {"HIL_BUS": one})
+    assert (str(choice) == f"bus {one}, from HIL_BUS") is is_same
+
+
+@pytest.mark.parametrize(("bitrate", "shown"), [(1_000_000, "1M"), (500_000, "500k"), (83_333, "83333"), (125_000, "125k")])
+def test_a_bit_rate_is_shown_as_one_types_it(bitrate, shown):
+    assert str(Address("local", "/a.sock", bitrate)) == f"local:/a.sock@{shown}"
 
 
 def test_no_bus_at_all_is_none():

@@ -52,10 +52,11 @@ def init(
             raise fail(f"{out}: there already; nothing was written", ExitStatus.FILE)
         say(str(choice))
 
-        from drive_profiles.files.safefile import write_atomically  # noqa: PLC0415
+        from drive_profiles.files.safefile import check_writable, write_atomically  # noqa: PLC0415
         from hil.commissioning.draft import ArmDrawing, draft, left_to_type  # noqa: PLC0415
         from hil.commissioning.scan import scan_bus  # noqa: PLC0415
 
+        check_writable(out)
         drawing = None
         if urdf is not None:
             names = () if joints is None else tuple(each.strip() for each in joints.split(","))

@@ -25,6 +25,7 @@ from hil.experiments.cancellation.waves import response_of
 from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.master.whereabouts import way_out
+from hil.results.acted import CancelledOrder
 
 LOAD_ROOM = 1.5
 """Largest gear torque that counts, over that of gravity and of the motion's largest acceleration."""
@@ -356,6 +357,25 @@ def cancellation_on(
     starts = None if motion.starts_at_home else [axis.position_rad() for axis in axes.values()]
     cancellation.check(session.bench, motion, starts)
     return cancellation
+
+
+def cancelled_orders(
+    bench: Bench, identified: Identified | None, cancellation: Cancellation | None
+) -> tuple[CancelledOrder, ...]:
+    """Orders of a cancellation by set-points with the values of their model; none without a cancellation.
+
+    Args:
+        bench: The bench file.
+        identified: The model file; None for the bench file's own model.
+        cancellation: The cancellation that is made of it.
+    """
+    found = []
+    for part in () if cancellation is None else cancellation.parts:
+        model = treated_model(bench, identified, part.axis)
+        if model is not None:
+            size, phase = model.ate.amplitudes_arcsec()[part.order], model.ate.phases_deg()[part.order]
+            found.append(CancelledOrder(axis=part.axis, order=part.order, amplitude_arcsec=size, phase_deg=phase, held_by="host"))
+    return tuple(found)
 
 
 def treated_model(bench: Bench, identified: Identified | None, number: int) -> Model | None:

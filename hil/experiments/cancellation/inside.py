@@ -7,16 +7,18 @@ from collections.abc import Collection, Sequence
 from drive_profiles.family.profile import Profile
 from hil.bench.bench import Bench, Model
 from hil.bench.model import Identified
+from hil.control.angles import ARCSEC
 from hil.errors import NotPossibleError
 from hil.experiments.cancellation.cancellation import nothing_known, treated_model
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.tables import amplitudes_rad, phases_deg
 from hil.master.session import Session
+from hil.results.acted import CancelledOrder
 
 
 def cancel_inside(
     session: Session, identified: Identified | None, axes: Sequence[int], gain: float = 1.0, without: Collection[Part] = ()
-) -> tuple[int, ...]:
+) -> tuple[CancelledOrder, ...]:
     """Let the drives cancel the error in their own loops, where their family can, in the next run; it puts everything back.
 
     Nothing more goes over the bus in a cycle, and no delay has to be known.
@@ -29,13 +31,14 @@ def cancel_inside(
         without: Orders of axes that are left out.
 
     Returns:
-        Numbers of the axes whose drives cancel.
+        The orders that the drives cancel, as they hold them.
 
     Raises:
         NotPossibleError: A drive cannot cancel, its limits do not hold the values, or no transmission error is known of any axis.
         HilError: A drive does not answer, or refuses.
     """
     models = inside_models(session.bench, identified, axes)
+    cancelled = []
     for number, model in models.items():
         axis = session.axes[number]
         amplitudes = {order: size for order, size in amplitudes_rad(model.ate).items() if Part(number, order) not in without}
@@ -43,10 +46,19 @@ def cancel_inside(
         turns = {f"phi{order:g}_rad": math.radians(degrees) for order, degrees in phases_deg(model.ate).items()}
         values = {f"a{order:g}_rad": 0.0 for order in _orders_inside(Profile.load(axis.table.profile))} | motor | turns
         values |= {"motor_inertia_kg_m2": model.motor_inertia_kg_m2, "motor_damping_nm_s_rad": model.motor_damping_nm_s_rad}
-        for name, value in values.items():
-            axis.write_parameter(f"cancellation.{name}", value)
+        held = {name: axis.write_parameter(f"cancellation.{name}", value) for name, value in values.items()}
         axis.write_parameter("cancellation.mode", 1)
-    return tuple(models)
+        cancelled += [
+            CancelledOrder(
+                axis=number,
+                order=order,
+                amplitude_arcsec=held[f"a{order:g}_rad"] / (axis.table.reduction_ratio * ARCSEC),
+                phase_deg=math.degrees(held[f"phi{order:g}_rad"]),
+                held_by="drive",
+            )
+            for order in amplitudes
+        ]
+    return tuple(cancelled)
 
 
 def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> dict[int, Model]:

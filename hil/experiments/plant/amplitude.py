@@ -127,7 +127,7 @@ def _words(main: PlantEstimate, pilot: PlantEstimate) -> str:
     for estimate in (pilot, main):
         f_a, zeta = estimate.parameters["antiresonance_hz"], estimate.parameters["damping"]
         parts.append(
-            f"f_a {f_a.value:.4g} Hz, K_g {estimate.plant.gear_stiffness_nm_rad:.3g} N·m/rad and ζ {zeta.value:.2g} at a torsion "
-            f"of {estimate.torsion_rad / ARCSEC:.0f} arcsec"
+            f"f_a {f_a.value:.4g} Hz, K_g {1e-3 * estimate.plant.gear_stiffness_nm_rad:.3g} kN·m/rad and ζ {zeta.value:.2g} at a "
+            f"torsion of {estimate.torsion_rad / ARCSEC:.0f} arcsec"
         )
     return f"the gear depends on the amplitude (hysteresis, or a soft wind-up): {parts[0]}; {parts[1]}"

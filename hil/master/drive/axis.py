@@ -55,6 +55,8 @@ if TYPE_CHECKING:
 U8, U16, U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
 I8, I32 = DataType.INTEGER8, DataType.INTEGER32
 
+OUT_OF_RANGE = frozenset({0x06090030, 0x06090031, 0x06090032})
+"""Abort codes of a value that an object does not take (CiA 301, 7.2.4.3.17)."""
 STANDSTILL_RPS = 0.05
 """Below this speed an axis counts as standing."""
 
@@ -176,6 +178,7 @@ class DriveAxis:
         table: Table of the axis in the bench file.
         profile: Drive profile of the family that the bench file names; once identified, of the drive's product.
         scaling: Units of the drive, from its own objects.
+        notches: Filters that act in the drive, as it holds them; none before `write_notches`.
         snapshot: Former contents of the objects that were changed.
     """
 
@@ -190,6 +193,7 @@ class DriveAxis:
             raise NotPossibleError(f"axis {number}: profile {table.profile} is no drive")
         self.snapshot = Snapshot(network, self.node)
         self.scaling = Scaling(1, 1.0)
+        self.notches: tuple[Notch, ...] = ()
 
     def scale_gaps(self) -> list[str]:
         """All that the profile lacks, where neither it nor the bench file knows how the drive counts; else empty.
@@ -273,8 +277,11 @@ class DriveAxis:
 
     # -- parameters ----------------------------------------------------------------------------------------------------
 
-    def write_parameter(self, name: str, value: float) -> None:
+    def write_parameter(self, name: str, value: float) -> float:
         """Write a parameter of the profile in its unit, and read it back.
+
+        Returns:
+            The value that the drive holds, rounded to a step of its object.
 
         Raises:
             DriveProfileError: The profile does not have the parameter, or the object cannot hold the value.
@@ -285,6 +292,7 @@ class DriveAxis:
         except OutOfRangeError as error:
             raise NotPossibleError(f"axis {self.number}: {name} = {value:g} does not fit its object: {error}") from error
         self.snapshot.write(parameter.index, parameter.subindex, DataType[parameter.data_type], raw, name)
+        return parameter.value(raw, self.scaling)
 
     def control_period_s(self) -> float:
         """The drive's control period from its object; that of the profile where it has no such object."""
@@ -324,6 +332,7 @@ class DriveAxis:
 
     def write_notches(self, notches: tuple[Notch, ...]) -> None:
         """Upload the filters; those that are not given are switched off. A filter is off while its parameters change."""
+        held: list[Notch] = []
         for column in range(NOTCHES):
             name = f"notch_{column + 1}"
             if f"{name}.mode" not in self.profile.parameters:
@@ -333,13 +342,15 @@ class DriveAxis:
             self.write_parameter(f"{name}.mode", NOTCH_OFF)
             if column < len(notches):
                 values = vars(notches[column])
-                for field_name in (key for key in values if key != "mode"):
-                    self.write_parameter(f"{name}.{field_name}", values[field_name])
-                self.write_parameter(f"{name}.mode", values["mode"])
+                keys = [*(key for key in values if key != "mode"), "mode"]
+                read_back = {key: self.write_parameter(f"{name}.{key}", values[key]) for key in keys}
+                held.append(Notch(**{key: type(values[key])(value) for key, value in read_back.items()}))
+        self.notches = tuple(held)
 
     def restore(self) -> list[str]:
         """Put all objects back to their former contents, filters last; return the refusals in words."""
         refused = []
+        self.notches = ()
         for column in range(NOTCHES):
             mode = self.profile.parameters.get(f"notch_{column + 1}.mode")
             if mode is not None and self.snapshot.has(mode.index, mode.subindex):
@@ -353,8 +364,19 @@ class DriveAxis:
 
     def write_mode(self, mode: CyclicMode, sync_period_s: float) -> None:
         """Set mode of operation, interpolation period and communication cycle period."""
-        value, index = interpolation_period(sync_period_s)
         self.snapshot.write(Object.MODES_OF_OPERATION, 0, I8, mode.number, "modes of operation")
+        try:
+            self._write_period(sync_period_s)
+        except SdoAbortedError as error:
+            if error.code not in OUT_OF_RANGE:
+                raise
+            raise NotPossibleError(
+                f"axis {self.number}: its drive refuses a SYNC period of {1e3 * sync_period_s:g} ms{self._period_step()}. Choose "
+                "another sync_period_s in the bench file, or host_sync_period_s where the host closes the loop"
+            ) from error
+
+    def _write_period(self, sync_period_s: float) -> None:
+        value, index = interpolation_period(sync_period_s)
         for subindex, kind, wanted, name in (
             (1, U8, value, "interpolation time period value"),
             (2, I8, index, "interpolation time index"),
@@ -364,6 +386,11 @@ class DriveAxis:
                 self.snapshot.write(Object.INTERPOLATION_PERIOD, subindex, kind, wanted, name)
         if not self.snapshot.look((CYCLE_PERIOD,)):  # what only consumes SYNC need not have it (CiA 301, 1006h)
             self.snapshot.write(*CYCLE_PERIOD.address, U32, round(1e6 * sync_period_s), CYCLE_PERIOD.name)
+
+    def _period_step(self) -> str:
+        """What SYNC periods a drive takes, as a clause; empty where its control period says nothing of it."""
+        control_s = self.control_period_s()
+        return f"; its control period is {1e3 * control_s:g} ms, and most drives take multiples of that" if control_s else ""
 
     def write_supervision(self, master: int, heartbeat_s: float) -> None:
         """Let the drive watch the master's heartbeat (three times its period) and stop by itself, and send its own."""

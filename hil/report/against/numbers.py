@@ -98,9 +98,9 @@ def _lateness(run: RunEntry) -> tuple[float | None, float | None]:
 
 
 def model_numbers(new: Material, old: Material) -> Iterator[NumberPair]:
-    """f_al and the worst margins of the loop by the bench file's model, of axes whose loop both know."""
+    """f_al and the worst margins of the loop by the model, of axes whose loop both know."""
     for axis in sorted(set(new.model_axes) & set(old.model_axes)):
-        group = f"axis {axis}: its loop by the bench file's model, with its notch"
+        group = f"axis {axis}: its loop by the model, with the filters that acted"
         yield NumberPair(group, "f_al", "Hz", old.f_al_hz[axis], new.f_al_hz[axis])
         before, after = worst_margins(old, axis), worst_margins(new, axis)
         for name, unit, own, other in zip(MARGIN_NAMES, ("", "dB", "°"), after, before, strict=True):
@@ -111,8 +111,8 @@ MARGIN_NAMES = ("M_s, largest", "Gain margin, least", "Phase margin, least")
 
 
 def worst_margins(material: Material, axis: int) -> tuple[float, float, float]:
-    """Largest M_s, least gain margin in dB and least phase margin in degrees of an axis over all speeds."""
-    found = list(material.margins(axis).values())
+    """Largest M_s, least gain margin in dB and least phase margin in degrees of an axis over all speeds, as it was run."""
+    found = list(material.margins(axis, material.acting(axis)).values())
     return (
         max(each.sensitivity_peak for each in found),
         min(each.gain_margin_db for each in found),

@@ -16,6 +16,7 @@ from hil.report.drawn_run import (
     draw_vibration,
     drawn_run,
     finish_vibration,
+    key_end,
     limit_m_s2,
     line_words,
     shade_line,
@@ -34,12 +35,6 @@ from hil.results.comparison import ComparisonRobot, ComparisonRow, TreatmentTabl
 
 OVERLAID = 4
 """Largest number of lines in one diagram; beyond it each treatment has its own, with the untreated run behind it."""
-OVERLAY_LINES: tuple[style.Line, ...] = (
-    style.WITHOUT,
-    style.WITH,
-    {"color": style.PURPLE, "linestyle": (0, (5, 1.2, 1, 1.2)), "linewidth": 1.5},
-    {"color": style.GREEN, "linestyle": "-", "linewidth": 1.8},
-)
 MAPPED = 6
 """Largest number of order maps in one figure."""
 BEHIND: style.Line = {"color": style.ORANGE, "linestyle": "-", "linewidth": 0.9, "alpha": 0.75}
@@ -90,8 +85,8 @@ def _without_f_al(material: Material) -> str:
     return "Without a model there is no frequency by which the specification becomes an acceleration."
 
 
-def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
-    """Order maps of a ramp with each treatment, closed in the same place as the first; None for other motions.
+def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> list[Drawing]:
+    """Order maps of a ramp with each treatment, some in each figure; none for other motions.
 
     Args:
         robot: Robot of the comparison.
@@ -101,15 +96,19 @@ def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: in
         several: True where the comparison has more than one robot.
     """
     if axis is None:
-        return None
+        return []
     rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
-    drawn = [run for row in rows if row.loop == rows[0].loop and (run := _drawn(material, row)) is not None]
+    drawn = [run for row in rows if (run := _drawn(material, row)) is not None]
     runs = [(run.label, run.recording) for run in drawn]
     title = f"{robot.name}, axis" if several else "Axis"
     key = f"orders-{robot.directory}-{key_of(experiment, axis)}"
-    return order_maps(
-        key, f"{title} {axis}: which order shakes the tip", runs[:MAPPED], axis, MarkedResonance(material.f_al(axis))
-    )
+    parts = [runs[start : start + MAPPED] for start in range(0, len(runs), MAPPED)]
+    resonance = MarkedResonance(material.f_al(axis))
+    made = [
+        order_maps(f"{key}{key_end(number)}", f"{title} {axis}: which order shakes the tip", part, axis, resonance)
+        for number, part in enumerate(parts)
+    ]
+    return [drawing for drawing in made if drawing is not None]
 
 
 def directions(robot: ComparisonRobot, material: Material, experiment: str, axis: int | None, *, several: bool) -> Drawing | None:
@@ -124,7 +123,9 @@ def directions(robot: ComparisonRobot, material: Material, experiment: str, axis
     """
     rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
     drawn = [(treatment_words(row), run) for row in rows if (run := _drawn(material, row)) is not None]
-    looked = [DrawnRun(run.entry, run.recording, name, look) for (name, run), look in zip(drawn, OVERLAY_LINES, strict=False)]
+    looked = [
+        DrawnRun(run.entry, run.recording, name, look) for (name, run), look in zip(drawn, style.OVERLAY_LINES, strict=False)
+    ]
     title = f"{f'{robot.name}, ' if several else ''}{case_name(experiment, axis)}: the tip along x, y and z"
     key = f"directions-{robot.directory}-{key_of(experiment, axis)}"
     return directions_of(material, looked, axis, key, title[0].upper() + title[1:])
@@ -184,7 +185,7 @@ def _overlay(
 ) -> SvgPicture:  # fmt: skip
     figure, panels = style.panels(2, 1, 5.6, sharex=True, height_ratios=(3, 2))
     panel, below = panels[:, 0]
-    for (row, run), look in zip(runs, OVERLAY_LINES, strict=False):
+    for (row, run), look in zip(runs, style.OVERLAY_LINES, strict=False):
         draw_vibration(panel, DrawnRun(run.entry, run.recording, _label(row), look), material.band_hz(axis), with_peak=False)
         style.plot_thin(below, run.recording.time_s, _envelope(run, material.band_hz(axis)), **look)
     for each in (panel, below):

@@ -69,7 +69,7 @@ def families(outcome: NotchDesignOutcome) -> Drawing | None:
             panel.set_xlim(*shown)
             panel.set_xlabel("Frequency (Hz)")
         line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
-    for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB re 1/s²)"), strict=True):
+    for panel, name in zip(panels[:, 0], ("$|F_n|$ (dB)", r"$|G_{al}|$ (dB re 1/s²)", "on the line (dB)"), strict=True):
         panel.set_ylabel(name)
     style.legend_above(figure, panels[2, 0])
     _colour_bar(figure, panels[:2], norm)
@@ -142,7 +142,7 @@ def nyquist(outcome: NotchDesignOutcome) -> Drawing | None:
         panel.plot(np.cos(angle), np.sin(angle), label="unit circle", **style.MARK)
         for radius, name, look in (
             (1.0 / allowed, f"$M_s$ = {allowed:g}, allowed", style.CONSTRAINT),
-            (1.0 / worst, f"$M_s$ = {worst:.2f}, reached", style.MODEL),
+            (1.0 / worst, f"$M_s$ = {worst:.2f}, believed plant", style.MODEL),
         ):
             panel.plot(-1.0 + radius * np.cos(angle), radius * np.sin(angle), label=name, **look)
         panel.plot([-1.0], [0.0], "+", color=style.BLACK, markersize=8, markeredgewidth=1.4)

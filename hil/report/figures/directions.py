@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from hil.analysis import Direction
 from hil.report import style
-from hil.report.drawn_run import DrawnRun, line_words, number_or_nothing, pair, shade_line, shade_speeds, window_words
+from hil.report.drawn_run import DrawnRun, line_words, number_or_nothing, shade_line, shade_speeds, shown_runs, window_words
 from hil.report.material import Material
 from hil.report.style import Drawing
 from hil.tip_vector import displacement_mm, tip_acceleration
@@ -14,7 +14,7 @@ SHOWN: tuple[Direction, ...] = ("x", "y", "z")
 
 
 def directions(material: Material, experiment: str, axis: int | None) -> Drawing | None:
-    """Displacement of the tip along x, y and z, without and with the notch; None where runs have no vector.
+    """Displacement of the tip along x, y and z, without and with what acted; None where runs have no vector.
 
     Args:
         material: Result and recordings.
@@ -23,7 +23,8 @@ def directions(material: Material, experiment: str, axis: int | None) -> Drawing
     """
     what = "Line motion" if axis is None else f"Axis {axis}"
     key = f"directions-{experiment if axis is None else axis}"
-    return directions_of(material, pair(material, experiment, axis), axis, key, f"{what}: the tip along x, y and z")
+    groups = shown_runs(material, experiment, axis)
+    return directions_of(material, groups[0] if groups else [], axis, key, f"{what}: the tip along x, y and z")
 
 
 def directions_of(material: Material, drawn: list[DrawnRun], axis: int | None, key: str, title: str) -> Drawing | None:

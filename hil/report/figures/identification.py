@@ -17,7 +17,7 @@ def identification(material: Material, axis: int) -> Drawing | None:
         CONSTANT_ACCELERATION, axis, "none", "host"
     )
     recording = material.recording(run)
-    if run is None or recording is None:
+    if run is None or recording is None or material.scale(axis) is None:
         return None
     model = _modelled(material, axis, recording)
     orders = material.judged_orders(axis)
@@ -32,7 +32,8 @@ def identification(material: Material, axis: int) -> Drawing | None:
     style.legend_above(figure, panels[1, 0])
     paper = {2: "Fig. 7", 3: "Fig. 8"}.get(axis, "as Figs. 7 and 8")
     computed = (
-        " Broken: what the arm on its gear does, computed from the motor angle as measured and the bench file's θ_sync. "
+        " Broken: what the arm on its gear does, computed from the motor angle as measured and the "
+        f"{material.model_source}'s θ_sync. "
         "Below it: what the model leaves of the measurement, enlarged; the sensor's noise is in it."
         if model is not None
         else " The axis has no model to compare with."
@@ -40,7 +41,7 @@ def identification(material: Material, axis: int) -> Drawing | None:
     limit = limit_words(material, axis, ", around the mean")
     return Drawing(
         f"identification-{axis}",
-        f"Axis {axis} through its resonant speeds, without notch",
+        f"Axis {axis} through its resonant speeds, untreated",
         paper,
         "measured" if model is None else "measured and computed",
         "Constant acceleration of one motor. Top: its speed; shaded: the speeds in which the run is judged. Middle: "

@@ -41,8 +41,8 @@ def plants(material: Material) -> Drawing | None:
         "Plant: motor angle per torque",
         "Fig. 4",
         "computed",
-        "Frequency response of each axis' two-inertia model from motor torque to motor angle, from the bench file's "
-        "parameters. "
+        "Frequency response of each axis' two-inertia model from motor torque to motor angle, from the "
+        f"{material.model_source}'s parameters. "
         "At the anti-resonance f_a the arm swings on its gear and holds the motor still; at the resonance f_r motor "
         "and arm swing "
         f"against each other.{' The paper has about 12 Hz and 22 Hz.' if material.bench.is_paper else ''}",
@@ -64,9 +64,9 @@ def transmission_errors(material: Material) -> Drawing | None:
             identified += 1
             panel.plot(turns, _arcsec(estimate.error, turns), label="identified from the tip acceleration", **style.BROAD)
         if table is not None:
-            panel.plot(turns, _arcsec(table, turns), label="bench file", **style.MODEL)
+            panel.plot(turns, _arcsec(table, turns), label=material.model_source, **style.MODEL)
         if estimate is not None and table is not None:
-            _difference(rest, estimate, table, turns)
+            _difference(rest, estimate, table, turns, material.model_source)
         else:
             style.note(rest, "nothing to compare with")
         for turn in (1.0, 2.0):
@@ -90,14 +90,17 @@ def transmission_errors(material: Material) -> Drawing | None:
         "Synchronous transmission error",
         "Fig. 5",
         "measured and computed" if identified else "computed",
-        f"θ_sync over two revolutions of the motor, at the arm. {how}the broken line is what the bench file believes. "
-        "Below each: the difference of the two, enlarged, and where noise alone would put it. Dotted lines: whole revolutions.",
+        f"θ_sync over two revolutions of the motor, at the arm. {how}the broken line is what the "
+        f"{material.model_source} believes. Below each: the difference of the two, enlarged, and where noise alone would put "
+        "it. Dotted lines: whole revolutions.",
         style.to_svg(figure, "transmission-errors"),
     )
 
 
-def _difference(panel: Axes, estimate: TransmissionErrorEstimate, table: TransmissionError, turns: style.Real) -> None:
-    """Draw the identified error less the bench file's, with two standard errors around nothing."""
+def _difference(
+    panel: Axes, estimate: TransmissionErrorEstimate, table: TransmissionError, turns: style.Real, source: str
+) -> None:
+    """Draw the identified error less that of a file, with two standard errors around nothing."""
     variance = np.zeros_like(turns)
     for order, amplitude in estimate.error.amplitude_arcsec.items():
         phase = 2.0 * np.pi * order * turns + np.radians(estimate.error.phase_deg[order])
@@ -105,7 +108,7 @@ def _difference(panel: Axes, estimate: TransmissionErrorEstimate, table: Transmi
         variance += (amplitude * np.radians(estimate.phase_error_deg[order]) * np.sin(phase)) ** 2
     spread = 2.0 * np.sqrt(variance)
     panel.fill_between(turns, -spread, spread, color=style.SKY, alpha=0.5, linewidth=0.0, label="± 2 standard errors")
-    style.residual(panel, turns, _arcsec(estimate.error, turns) - _arcsec(table, turns), "arcsec", "identified − bench file")
+    style.residual(panel, turns, _arcsec(estimate.error, turns) - _arcsec(table, turns), "arcsec", f"identified − {source}")
 
 
 def resonances(material: Material) -> Drawing | None:
@@ -116,7 +119,7 @@ def resonances(material: Material) -> Drawing | None:
     figure, panels = style.panels(1, len(axes), 2.6, sharey=True)
     frequency = np.unique(np.concatenate([np.geomspace(1.0, 100.0, 500), np.linspace(8.0, 16.0, 400)]))
     for panel, number in zip(panels[0], axes, strict=True):
-        loop = material.loop(number, with_notch=False)
+        loop = material.loop(number)
         gain = style.decibel(loop.acceleration_per_transmission_error(frequency))
         panel.semilogx(frequency, gain, **style.MEASURED)
         peak = material.f_al_hz[number]

@@ -16,8 +16,10 @@ from hil.control.notch import NOTCH_TRAPEZOID, Notch, notch_weight
 from hil.design.frequency import Loop, acceleration_bound, margins
 from hil.design.notch_problem import Requirements
 from hil.report import style
-from hil.report.material import CONSTANT_ACCELERATION, MARGIN_SPEEDS_RPS, Material
+from hil.report.material import CONSTANT_ACCELERATION, Material, treatment_name
 from hil.report.style import Drawing, Real
+from hil.report.tables.paper_runs import filters_end
+from hil.results.acted import FilterSet
 
 FAMILY = 11
 """Speeds in a bundle of curves."""
@@ -25,27 +27,49 @@ FEW = 5
 """Speeds in a family of curves that shall be told apart."""
 
 
-def notch_axes(material: Material) -> tuple[int, ...]:
-    """Axes with both a model and a notch."""
-    return tuple(number for number in material.model_axes if material.bench.axis[number].notch)
+def notch_axes(material: Material, filters: FilterSet) -> tuple[int, ...]:
+    """Axes with a model on which filters acted."""
+    return tuple(number for number in material.model_axes if number in filters.notches)
 
 
-def schedules(material: Material) -> Drawing | None:
-    """ζ_rd and the filter's frequencies over the motor speed, with what the drive reported; Fig. 10."""
-    axes = [number for number in sorted(material.bench.axis) if material.bench.axis[number].notch]
-    if not axes:
-        return None
+def _of(filters: FilterSet) -> str:
+    """End of a title: which filters, where it is not the bench file's notch alone."""
+    return "" if filters.treatments == ("notch",) else f": {' and '.join(map(treatment_name, filters.treatments))}"
+
+
+def _speed_range(filters: FilterSet) -> tuple[float, float]:
+    """Motor speeds around those at which filters act."""
+    notches = [notch for own in filters.notches.values() for notch in own]
+    return 0.5 * min(notch.start_rps for notch in notches), 11.0 / 9.0 * max(notch.end_rps for notch in notches)
+
+
+def _frequency_range(filters: FilterSet) -> tuple[float, float]:
+    """Frequencies around those of the zeros."""
+    notches = [notch for own in filters.notches.values() for notch in own]
+    low = min(notch.order * notch.start_rps for notch in notches)
+    return 0.625 * low, 25.0 / 18.0 * max(notch.order * notch.end_rps for notch in notches)
+
+
+def schedules(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | None:
+    """ζ_rd and the filter's frequencies over the motor speed, with what the drive reported; Fig. 10.
+
+    Args:
+        material: Result, bench and recordings.
+        filters: Filters that acted together.
+        nth: Which of the filters on the page these are, from 0.
+    """
+    axes = sorted(filters.notches)
     figure, panels = style.panels(2, len(axes), 4.2, sharex=True, sharey="row", height_ratios=(2, 3))
-    speed = np.linspace(0.0, 11.0, 1101)
+    low, high = _speed_range(filters)
+    speed = np.linspace(0.0, high, 1101)
     reported = 0
     for column, number in enumerate(axes):
         damping, frequency = panels[:, column]
-        for index, table in enumerate(material.bench.axis[number].notch):
-            notch = table.notch()
-            _schedule(damping, frequency, notch, speed, with_names=index == 0)
-        reported += _reported(material, number, frequency)
+        for index, table in enumerate(filters.notches[number]):
+            _schedule(damping, frequency, table.notch(), speed, (low, high), with_names=index == 0)
+        reported += _reported(material, filters, number, frequency)
         damping.set_title(f"Axis {number}")
-        frequency.set_xlim(2.0, 11.0)
+        frequency.set_xlim(low, high)
         frequency.set_xlabel("Motor speed $f_m$ (rev/s)")
     panels[0, 0].set_ylabel(r"Pole damping $\zeta_{rd}$ (–)")
     panels[0, 0].set_ylim(0.0, 1.12 * panels[0, 0].get_ylim()[1])
@@ -56,19 +80,20 @@ def schedules(material: Material) -> Drawing | None:
         if reported
         else " No drive reported its filter's frequency in these runs."
     )
+    key = f"schedules{filters_end(nth)}"
     return Drawing(
-        "schedules",
-        "Variable parameters of the notch",
+        key,
+        f"Variable parameters of the notch{_of(filters)}",
         "Fig. 10",
         "measured and computed" if reported else "computed",
         "Above: the damping of the poles. The filter acts from f_s to f_e and, once in, stays in until the speed has "
         "left that range by "
         "the hysteresis (thin lines). Below: its zeros follow k f_m, its poles lie ω_d above." + dots,
-        style.to_svg(figure, "schedules"),
+        style.to_svg(figure, key),
     )
 
 
-def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, *, with_names: bool) -> None:
+def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, shown: tuple[float, float], *, with_names: bool) -> None:
     inside = speed[(speed >= notch.start_rps) & (speed <= notch.end_rps)]
     weight = np.array([notch_weight(notch.mode, f, notch.start_rps, notch.end_rps, notch.ramp_rps) for f in inside])
     zeta = notch.zeta_rn + weight * (notch.zeta_rdth - notch.zeta_rn)
@@ -76,7 +101,7 @@ def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, *, with
     damping.axhline(notch.zeta_rn, **style.MARK)
     damping.annotate(
         rf"$\zeta_{{rn}}$ = {notch.zeta_rn:g}",
-        (10.9, notch.zeta_rn),
+        (shown[1] - 0.011 * (shown[1] - shown[0]), notch.zeta_rn),
         xytext=(0, 3),
         textcoords="offset points",
         ha="right",
@@ -98,9 +123,10 @@ def _schedule(damping: Axes, frequency: Axes, notch: Notch, speed: Real, *, with
     frequency.plot(inside, notch.order * inside + weight * notch.offset_hz, label=names[1], **style.MODEL)
 
 
-def _reported(material: Material, number: int, panel: Axes) -> int:
+def _reported(material: Material, filters: FilterSet, number: int, panel: Axes) -> int:
     """Draw the filter's frequency as reported by the drive; return 1 if there was any, else 0."""
-    run = material.find(CONSTANT_ACCELERATION, number, "notch")
+    runs = (material.find(CONSTANT_ACCELERATION, number, name) for name in filters.treatments)
+    run = next((run for run in runs if run is not None), None)
     recording = material.recording(run)
     if recording is None or f"axis{number}_notch_hz" not in recording.columns:
         return 0
@@ -115,16 +141,23 @@ def _reported(material: Material, number: int, panel: Axes) -> int:
     return 1
 
 
-def families(material: Material) -> Drawing | None:
-    """|F_n| and |G_al| for speeds from f_s to f_e, and |G_al| on the line ω = 2π k f_m against (5); Fig. 11."""
-    axes = notch_axes(material)
+def families(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | None:
+    """|F_n| and |G_al| for speeds from f_s to f_e, and |G_al| on the line ω = 2π k f_m against (5); Fig. 11.
+
+    Args:
+        material: Result and bench.
+        filters: Filters that acted together.
+        nth: Which of the filters on the page these are, from 0.
+    """
+    axes = notch_axes(material, filters)
     if not axes:
         return None
     figure, panels = style.panels(3, len(axes), 7.0, sharex="row", sharey="row", height_ratios=(2, 3, 3))
-    frequency = np.linspace(5.0, 25.0, 901)
-    norm = _norm(material, axes)
+    low_hz, high_hz = _frequency_range(filters)
+    frequency = np.linspace(low_hz, high_hz, 901)
+    norm = _norm(filters, axes)
     for column, number in enumerate(axes):
-        loop = material.loop(number)
+        loop = material.loop(number, filters)
         notch = loop.notches[0]
         bound = _bound(material, number, notch.order)
         gain, arm, line = panels[:, column]
@@ -138,10 +171,8 @@ def families(material: Material) -> Drawing | None:
             arm.plot(frequency, bound(frequency), label="constraint (5)", **style.CONSTRAINT)
         _on_the_line(line, loop, notch, bound)
         gain.set_title(f"Axis {number}, k = {notch.order}")
-        gain.set_xlim(5.0, 25.0)
-        arm.set_xlim(5.0, 25.0)
-        for panel in (gain, arm):
-            panel.set_xticks([5, 10, 15, 20, 25])
+        gain.set_xlim(low_hz, high_hz)
+        arm.set_xlim(low_hz, high_hz)
         gain.set_xlabel("Frequency (Hz)")
         arm.set_xlabel("Frequency (Hz)")
         line.set_xlabel("Frequency on the line, k $f_m$ (Hz)")
@@ -150,9 +181,10 @@ def families(material: Material) -> Drawing | None:
     panels[2, 0].set_ylabel("$|G_{al}|$ on the line (dB re 1/s²)")
     style.legend_above(figure, panels[2, 0])
     _colour_bar(figure, panels[:2], norm)
+    key = f"families{filters_end(nth)}"
     return Drawing(
-        "families",
-        "Gain of the notch and of G_al",
+        key,
+        f"Gain of the notch and of G_al{_of(filters)}",
         "Fig. 11",
         "computed",
         f"Filters frozen at {FEW} motor speeds from f_s (faint) to f_e (strong). Middle: dots mark each curve at its own "
@@ -162,7 +194,7 @@ def families(material: Material) -> Drawing | None:
         "|G_al| ≤ A_acc ω²/(L A_k), has to hold. Bottom: the same dots for all speeds as one curve, without and with "
         "the notch, "
         "at constant speed.",
-        style.to_svg(figure, "families", is_zoomable=True),
+        style.to_svg(figure, key, is_zoomable=True),
     )
 
 
@@ -202,30 +234,37 @@ def _bound(material: Material, number: int, order: int) -> Any:
     return lambda frequency: style.decibel(acceleration_bound(frequency, amplitude, lever, limit))
 
 
-def nyquist(material: Material) -> Drawing | None:
-    """The open loop for speeds from f_s to f_e, whole and near −1; Fig. 12."""
-    axes = notch_axes(material)
+def nyquist(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | None:
+    """The open loop for speeds from f_s to f_e, whole and near −1; Fig. 12.
+
+    Args:
+        material: Result and bench.
+        filters: Filters that acted together.
+        nth: Which of the filters on the page these are, from 0.
+    """
+    axes = notch_axes(material, filters)
     if not axes:
         return None
     figure, panels = style.panels(2, len(axes), 7.4, sharex="row", sharey="row")
-    norm = _norm(material, axes)
+    norm = _norm(filters, axes)
+    low_hz, high_hz = _frequency_range(filters)
     grid = np.geomspace(1.0, 0.49 / material.control_period_s, 700)
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     peaks = []
     for column, number in enumerate(axes):
-        loop = material.loop(number)
+        loop = material.loop(number, filters)
         notch = loop.notches[0]
         whole, near = panels[:, column]
         drawn = {speed: margins(loop, speed, points=1000) for speed, _ in _speeds(notch, norm)}
-        found = {**material.margins(number), **drawn}
+        found = {**material.margins(number, filters), **drawn}
         worst_rps = max(found, key=lambda speed: found[speed].sensitivity_peak)
         worst = found[worst_rps].sensitivity_peak
         peaks.append(f"{worst:.2f} at {worst_rps:.2f} rev/s (axis {number})")
         for speed, colour in _speeds(notch, norm):
-            response = _open_loop(loop, speed, grid, notch.order)
+            response = _open_loop(loop, speed, grid, notch.order, (low_hz, high_hz))
             for panel in (whole, near):
                 panel.plot(response.real, response.imag, color=colour, linewidth=0.6)
-        response = _open_loop(loop, worst_rps, grid, notch.order)
+        response = _open_loop(loop, worst_rps, grid, notch.order, (low_hz, high_hz))
         for panel in (whole, near):
             draw_worst(panel, response, "the worst speed")
         for panel in (whole, near):
@@ -252,15 +291,16 @@ def nyquist(material: Material) -> Drawing | None:
         panel.set_ylabel("Imaginary part (–)")
     style.legend_above(figure, panels[0, 0])
     _colour_bar(figure, panels, norm)
+    key = f"nyquist{filters_end(nth)}"
     return Drawing(
-        "nyquist",
-        "Open loop with the notch",
+        key,
+        f"Open loop with the notch{_of(filters)}",
         "Fig. 12",
         "computed",
         f"Nyquist diagrams of L(jω) with the filter frozen at motor speeds from f_s (faint) to f_e (strong), sampled at "
-        f"{1e6 * material.control_period_s:.0f} µs; cross: −1. The broken circle around it has the radius 1/M_s, the "
-        f"closest approach of all speeds, which the thick curve makes at the dot: M_s = {', '.join(peaks)}.",
-        style.to_svg(figure, "nyquist", is_zoomable=True),
+        f"{1e6 * material.loop(axes[0], filters).period_s:.0f} µs; cross: −1. The broken circle around it has the radius 1/M_s, "
+        f"the closest approach of all speeds, which the thick curve makes at the dot: M_s = {', '.join(peaks)}.",
+        style.to_svg(figure, key, is_zoomable=True),
     )
 
 
@@ -275,22 +315,30 @@ def draw_worst(panel: Axes, response: Any, name: str) -> None:
     panel.plot([closest.real], [closest.imag], "o", color=style.VERMILLION, markersize=4.5, zorder=5)
 
 
-def _open_loop(loop: Loop, speed_rps: float, grid: Real, order: int) -> Any:
-    """L(jω) at a frozen speed, finely around the harmonic of that speed."""
+def _open_loop(loop: Loop, speed_rps: float, grid: Real, order: int, range_hz: tuple[float, float]) -> Any:
+    """L(jω) at a frozen speed, finely around the harmonic of that speed and where the filters act."""
     here = order * speed_rps
     around = np.linspace(0.85 * here, 1.15 * here, 201)
-    return loop.open_loop(np.unique(np.concatenate([grid, around, np.linspace(8.0, 30.0, 700)])), speed_rps)
+    return loop.open_loop(
+        np.unique(np.concatenate([grid, around, np.linspace(1.6 * range_hz[0], 1.2 * range_hz[1], 700)])), speed_rps
+    )
 
 
-def margin_curves(material: Material) -> Drawing | None:
-    """M_s, gain margin and phase margin over the motor speed."""
-    axes = notch_axes(material)
+def margin_curves(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | None:
+    """M_s, gain margin and phase margin over the motor speed.
+
+    Args:
+        material: Result and bench.
+        filters: Filters that acted together.
+        nth: Which of the filters on the page these are, from 0.
+    """
+    axes = notch_axes(material, filters)
     if not axes:
         return None
     figure, panels = style.panels(1, 3, 2.5, sharex=True)
-    stable = True
+    stable, counts = True, list[str]()
     for number, line in zip(axes, style.AXIS_LINES, strict=False):
-        by_speed = material.margins(number)
+        by_speed = material.margins(number, filters)
         stable = stable and all(margin.stable for margin in by_speed.values())
         speeds = list(by_speed)
         values = [
@@ -300,10 +348,11 @@ def margin_curves(material: Material) -> Drawing | None:
         ]
         for panel, value in zip(panels[0], values, strict=True):
             panel.plot(speeds, value, label=f"axis {number}", markevery=4, **line)
+        counts.append(f"{len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} rev/s")
     for panel, name in zip(panels[0], ("$M_s$ (–)", "Gain margin (dB)", "Phase margin (°)"), strict=True):
         panel.set_ylabel(name)
         panel.set_xlabel("Motor speed $f_m$ (rev/s)")
-        panel.set_xlim(0.0, 11.0)
+        panel.set_xlim(0.0, max(11.0, _speed_range(filters)[1]))
     asked = Requirements()
     for panel, limit in zip(panels[0], (asked.max_sensitivity, asked.gain_margin_db, asked.phase_margin_deg), strict=True):
         panel.axhline(limit, label="asked of a design", **style.LIMIT)
@@ -317,22 +366,22 @@ def margin_curves(material: Material) -> Drawing | None:
         if stable
         else ("NOT inside the unit circle at all of these speeds: the loop is unstable somewhere")
     )
+    key = f"margins{filters_end(nth)}"
     return Drawing(
-        "margins",
-        "Stability margins at all motor speeds",
+        key,
+        f"Stability margins at all motor speeds{_of(filters)}",
         "with Fig. 12",
         "computed",
         f"Peak of the sensitivity |1/(1 + L)|, gain margin and phase margin with the filter frozen at "
-        f"{len(MARGIN_SPEEDS_RPS)} speeds from "
-        f"{MARGIN_SPEEDS_RPS[0]:g} to {MARGIN_SPEEDS_RPS[-1]:g} rev/s. All closed-loop poles of the sampled loop lie "
+        f"{counts[0]}. All closed-loop poles of the sampled loop lie "
         f"{verdict}. Dotted: what `hil design notch` asks, M_s ≤ {asked.max_sensitivity:g}, {asked.gain_margin_db:g} dB and "
         f"{asked.phase_margin_deg:g}°; the paper asks for stability alone.",
-        style.to_svg(figure, "margins", is_zoomable=True),
+        style.to_svg(figure, key, is_zoomable=True),
     )
 
 
-def _norm(material: Material, axes: tuple[int, ...]) -> Normalize:
-    notches = [material.loop(number).notches[0] for number in axes]
+def _norm(filters: FilterSet, axes: tuple[int, ...]) -> Normalize:
+    notches = [filters.notches[number][0] for number in axes]
     return Normalize(min(notch.start_rps for notch in notches), max(notch.end_rps for notch in notches))
 
 

@@ -12,7 +12,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
 from hil.analysis import motor_speed_rps
-from hil.design.order_map import OrderMap, order_map
+from hil.design.order_map import SLOWEST_RPS, OrderMap, order_map
 from hil.recording import Recording
 from hil.report import palette, style
 from hil.report.style import Drawing, Real
@@ -28,6 +28,8 @@ COLUMNS = 2
 WITH_FREQUENCIES = 4
 """Largest number of runs that are drawn over frequency too."""
 TOP_HZ = 50.0
+NEARLY_TOP = 0.98
+"""Fraction of a stretch's largest speed at which its rise counts as ended: what follows may be a constant speed."""
 RAYS = (1, 2, 4)
 """Orders that are drawn as rays over frequency."""
 
@@ -112,13 +114,30 @@ def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
         recording: Recording of a constant-acceleration run.
         axis: Axis that moved.
     """
-    end = int(np.argmax(np.abs(motor_speed_rps(recording, axis)))) + 1
-    angle, tip = recording.axis(axis, "position_rad")[:end], recording.felt_m_s2[:end]
+    begin, end = _longest_rise(np.abs(motor_speed_rps(recording, axis)))
+    angle, tip = recording.axis(axis, "position_rad")[begin:end], recording.felt_m_s2[begin:end]
     try:
         found = order_map(angle, tip, recording.period_s, ORDERS)
     except ValueError:
         return None
     return found if len(found.speed_rps) > 1 else None
+
+
+def _longest_rise(speed_rps: Real) -> tuple[int, int]:
+    """Rows, from and up to, of the longest rise of the speed from rest: the ramp, and no quick way to where it begins.
+
+    Args:
+        speed_rps: |f_m|; shape (n,).
+    """
+    rests = np.flatnonzero(speed_rps < SLOWEST_RPS)
+    edges = np.unique(np.concatenate([[0], rests, [len(speed_rps)]]))
+    found, longest = (0, int(np.argmax(speed_rps)) + 1), -1
+    for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        stretch = speed_rps[begin:end]
+        rise = int(np.argmax(stretch >= NEARLY_TOP * np.max(stretch)))
+        if rise > longest:
+            found, longest = (begin, begin + int(np.argmax(stretch)) + 1), rise
+    return found
 
 
 def _draw(panel: Axes, found: OrderMap, levels: Real, resonance: MarkedResonance) -> None:

@@ -35,8 +35,17 @@ PARAMETERS = (
     ("accelerometer_delay_s", "Delay of the tip's signal", "µs", 1e6),
 )
 """Name in the result, name on the page, its unit there, and how many of those make one of the result's."""
+MOST_PERCENT = 100.0
+"""Standard error in percent of a value above which the number says nothing."""
 WHOLE_PERCENT = 10.0
 """Relative errors from which whole per cent are shown."""
+
+
+def _percent(relative: float) -> str:
+    """A standard error in percent of its value; one that is larger than the value says no more than that."""
+    if relative > MOST_PERCENT:
+        return f"> {MOST_PERCENT:g} %"
+    return f"{relative:.0f} %" if relative >= WHOLE_PERCENT else f"{relative:.2g} %"
 
 
 def parameters(result: PlantResult) -> ReportTable | None:
@@ -50,8 +59,7 @@ def parameters(result: PlantResult) -> ReportTable | None:
             continue
         value, error = values[name].value, values[name].standard_error
         relative = 100.0 * error / abs(value) if value else math.inf
-        percent = "–" if math.isinf(relative) else f"{relative:.0f} %" if relative >= WHOLE_PERCENT else f"{relative:.2g} %"
-        rows.append([title, *value_and_error(scale * value, scale * error), unit, percent])
+        rows.append([title, *value_and_error(scale * value, scale * error), unit, _percent(relative)])
     return ReportTable(
         "parameters", "Parameters", "", ("Parameter", "Value", "Standard error", "Unit", "Relative"), rows,
         frozenset({0, 3}),

@@ -1,4 +1,4 @@
-"""Figures of the notch at work: the paper's Figs. 13, 14 and 15, and the loop in the drive beside that on the host."""
+"""Figures of the treatments at work: the paper's Figs. 13, 14 and 15, and the loop in the drive beside that on the host."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,25 +14,30 @@ from hil.report.drawn_run import (
     drawn_run,
     finish_vibration,
     judged_samples,
+    key_end,
     limit_words,
     line_words,
     number_or_nothing,
-    pair,
     shade_line,
     shade_speeds,
     shown_acceleration,
+    shown_runs,
     smooth_spectrum,
+    what_acted,
     window_words,
 )
-from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite
+from hil.report.material import CONSTANT_ACCELERATION, LINE_MOTION, Material, finite, treatment_name
 from hil.report.style import Drawing
+from hil.results.runs import RunEntry
 
 
-def suppression(material: Material, axis: int) -> Drawing | None:
-    """Tip vibration and its spectrum with and without the notch, drive-closed; Figs. 13 and 14."""
-    runs = pair(material, CONSTANT_ACCELERATION, axis)
-    if not runs:
-        return None
+def suppression(material: Material, axis: int) -> list[Drawing]:
+    """Tip vibration and its spectrum without and with what acted; Figs. 13 and 14."""
+    groups = shown_runs(material, CONSTANT_ACCELERATION, axis)
+    return [_ramp(material, axis, runs, f"suppression-{axis}{key_end(number)}") for number, runs in enumerate(groups)]
+
+
+def _ramp(material: Material, axis: int, runs: list[DrawnRun], key: str) -> Drawing:
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
     top, bottom = panels[:, 0]
     f_al = material.f_al(axis)
@@ -53,25 +58,26 @@ def suppression(material: Material, axis: int) -> Drawing | None:
     style.legend_above(figure, top)
     paper, band = {2: "Fig. 13", 3: "Fig. 14"}.get(axis, "as Figs. 13 and 14"), material.band_hz(axis)
     return Drawing(
-        f"suppression-{axis}",
-        f"Axis {axis}: tip vibration with and without the notch",
+        key,
+        f"Axis {axis}: tip vibration{what_acted(runs)}",
         paper,
         "measured",
         f"{direction_words(material, axis).capitalize()} of the constant-acceleration runs, band-passed {band[0]:.3g} to "
         f"{band[1]:.3g} Hz without phase, "
-        "which is what the run is judged by; the scale on the right is the same as a displacement, divided by (2π "
-        f"f_al)². {window_words(material, axis)} {limit_words(material, axis)} "
+        f"which is what the run is judged by{_scale_words(f_al)}. {window_words(material, axis)} {limit_words(material, axis)} "
         f"Below: Hann spectrum of the shaded part, interpolated between its bins (the numbers are the "
-        f"bins').{_change(material, CONSTANT_ACCELERATION, axis)}",
-        style.to_svg(figure, f"suppression-{axis}", is_zoomable=True),
+        f"bins').{_changes(material, runs)}",
+        style.to_svg(figure, key, is_zoomable=True),
     )
 
 
-def line_motion(material: Material) -> Drawing | None:
-    """Tip vibration on the line and its spectrum up to 50 Hz, with and without the notch; Fig. 15."""
-    runs = pair(material, LINE_MOTION, None)
-    if not runs:
-        return None
+def line_motion(material: Material) -> list[Drawing]:
+    """Tip vibration on the line and its spectrum up to 50 Hz, without and with what acted; Fig. 15."""
+    groups = shown_runs(material, LINE_MOTION, None)
+    return [_line(material, runs, f"line-motion{key_end(number)}") for number, runs in enumerate(groups)]
+
+
+def _line(material: Material, runs: list[DrawnRun], key: str) -> Drawing:
     figure, panels = style.panels(2, 1, 5.0, height_ratios=(3, 2))
     top, bottom = panels[:, 0]
     motion, band = material.bench.line_motion, material.band_hz(None)
@@ -94,8 +100,8 @@ def line_motion(material: Material) -> Drawing | None:
     _inner_legend(bottom)
     style.legend_above(figure, top)
     return Drawing(
-        "line-motion",
-        "Line motion: tip vibration with and without the notch",
+        key,
+        f"Line motion: tip vibration{what_acted(runs)}",
         "Fig. 15",
         "measured",
         f"Straight line of the tip with axes {', '.join(map(str, material.bench.chain_axes))}. Above: "
@@ -104,8 +110,8 @@ def line_motion(material: Material) -> Drawing | None:
         "Below: amplitude spectrum of the unfiltered acceleration over the whole motion (rectangular window); "
         f"{_area_words(material)} "
         f"50 Hz is compared.{' The paper has −26 %.' if material.bench.is_paper else ''}"
-        f"{_change(material, LINE_MOTION, None)}",
-        style.to_svg(figure, "line-motion", is_zoomable=True),
+        f"{_changes(material, runs)}",
+        style.to_svg(figure, key, is_zoomable=True),
     )
 
 
@@ -187,9 +193,18 @@ def _inner_legend(panel: Axes) -> None:
         panel.legend(loc="upper right")
 
 
-def _change(material: Material, experiment: str, axis: int | None) -> str:
-    """The comparison in a sentence, where there is one."""
-    comparison = material.comparison(experiment, axis)
+def _scale_words(f_al: float | None) -> str:
+    """Clause on the scale of displacement, where there is one."""
+    return "" if f_al is None else "; the scale on the right is the same as a displacement, divided by (2π f_al)²"
+
+
+def _changes(material: Material, runs: list[DrawnRun]) -> str:
+    """The comparisons of the drawn runs in a sentence each, where there are any."""
+    return "".join(_change(material, run.entry) for run in runs if run.entry.treatment != "none")
+
+
+def _change(material: Material, run: RunEntry) -> str:
+    comparison = material.comparison(run.experiment, run.axis, run.loop, run.treatment)
     if comparison is None:
         return ""
     parts = []
@@ -197,4 +212,5 @@ def _change(material: Material, experiment: str, axis: int | None) -> str:
         parts.append(f"tip peak {-comparison.tip_peak_reduction_pct:+.0f} %")
     if finite(comparison.spectrum_area_reduction_pct):
         parts.append(f"spectrum area {-comparison.spectrum_area_reduction_pct:+.0f} %")
-    return f" With the notch: {', '.join(parts)}.".replace("-", "−") if parts else ""
+    name = "the notch" if run.treatment == "notch" else treatment_name(run.treatment)
+    return f" With {name}: {', '.join(parts)}.".replace("-", "−") if parts else ""

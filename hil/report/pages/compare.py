@@ -98,7 +98,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
                 items.append(figures_compare.vibration(robot, material, experiment, axis, several=several))
                 items.append(figures_compare.directions(robot, material, experiment, axis, several=several))
                 items += figures_compare.arm(robot, material, experiment, several=several)
-                items.append(figures_compare.orders(robot, material, experiment, axis, several=several))
+                items += figures_compare.orders(robot, material, experiment, axis, several=several)
         title = case_name(experiment, axis).capitalize()
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
     vectors = [direction_table(each, f"directions-{name}") for name, each in materials.items() if each is not None]

@@ -1,16 +1,18 @@
 """One self-contained HTML file out of a directory of results."""
 
 import datetime
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from markupsafe import Markup
 
 from hil.analysis import is_noise
 from hil.bench.bench import Bench
+from hil.control.treatments import treatment
 from hil.experiments.plan import outside
+from hil.experiments.treatment import TITLES
 from hil.report import style
-from hil.report.drawn_run import pair
+from hil.report.drawn_run import key_end, shown_runs
 from hil.report.figures import (
     arm_along_line,
     arm_swinging,
@@ -35,6 +37,7 @@ from hil.report.tables.paper_runs import Mark, ReportTable
 from hil.report.tables.shapers import shapers as shaper_table
 from hil.report.tables.trial import trial_table
 from hil.report.timing import timing_table
+from hil.results.acted import FilterSet
 from hil.results.comparison import StoryResult
 from hil.results.files import ResultFileError, load_result
 from hil.results.runs import RunEntry, TreatmentComparison, leading
@@ -71,6 +74,7 @@ def write_report(directory: Path, bench: Bench | None = None, *, is_interactive:
             aftermath=material.result.aftermath,
             origin=origin_of(material.result),
             is_paper=material.bench.is_paper,
+            heading=heading(material),
         ),
         verdict(material),
         chapters,
@@ -80,21 +84,30 @@ def write_report(directory: Path, bench: Bench | None = None, *, is_interactive:
     )
 
 
+def heading(material: Material) -> str:
+    """Title of the page: what acted against the vibration."""
+    acted = {treatment(run.treatment) for run in material.result.runs}
+    if material.bench.is_paper and any(each.filters for each in acted):
+        return "Vibration suppression with a variable notch"
+    names = [TITLES[name] for name in dict.fromkeys(run.treatment for run in material.result.runs) if name != "none"]
+    return f"Vibration of the tip with {', '.join(names)}" if names else "Vibration of the tip"
+
+
 def sections(material: Material) -> list[Section]:
     """All chapters for which there is data: what came of it first, then why."""
     driven = sorted({run.axis for run in material.result.runs if run.axis is not None and run.experiment != POINT_TO_POINT})
     chapters: list[tuple[str, str, list[Drawing | ReportTable | None]]] = [
         (
             "verification",
-            "Tip with and without the notch",
+            _tip_title(material),
             [
-                *(suppression.suppression(material, axis) for axis in driven),
-                suppression.line_motion(material),
+                *(drawing for axis in driven for drawing in suppression.suppression(material, axis)),
+                *suppression.line_motion(material),
                 directions.directions(material, LINE_MOTION, None),
                 arm_along_line.arm_along_line(material),
                 arm_swinging.arm_swinging(material),
                 *(directions.directions(material, CONSTANT_ACCELERATION, axis) for axis in driven),
-                *(_order_maps(material, axis) for axis in driven),
+                *(drawing for axis in driven for drawing in _order_maps(material, axis)),
                 *(suppression.loop_sides(material, axis) for axis in driven),
             ],
         ),
@@ -117,13 +130,7 @@ def sections(material: Material) -> list[Section]:
         (
             "notch",
             "Variable notch",
-            [
-                tables.notches(material),
-                notch.schedules(material),
-                notch.families(material),
-                notch.nyquist(material),
-                notch.margin_curves(material),
-            ],
+            [item for number, filters in enumerate(material.filter_sets) for item in _filters(material, filters, number)],
         ),
         (
             "all-runs",
@@ -140,6 +147,26 @@ def sections(material: Material) -> list[Section]:
     ]
     filled = [Section(key, title, tuple(_present(items))) for key, title, items in chapters]
     return [section for section in filled if section.items]
+
+
+def _tip_title(material: Material) -> str:
+    """Title of the chapter with which a page begins."""
+    treatments = {run.treatment for run in material.result.runs}
+    acted = treatments - {"none"}
+    if treatments == acted or not acted:
+        return "The tip's vibration"
+    return "Tip with and without the notch" if acted == {"notch"} else "Tip with and without treatment"
+
+
+def _filters(material: Material, filters: FilterSet, number: int) -> list[Drawing | ReportTable | None]:
+    """Table and figures of filters that acted together."""
+    return [
+        tables.notches(material, filters, number),
+        notch.schedules(material, filters, number),
+        notch.families(material, filters, number),
+        notch.nyquist(material, filters, number),
+        notch.margin_curves(material, filters, number),
+    ]
 
 
 def _stops(material: Material) -> list[Drawing | ReportTable | None]:
@@ -162,12 +189,12 @@ def _trials(material: Material) -> ReportTable | None:
     return trial_table("trials", "Trials of the cancellations", parts)
 
 
-def _order_maps(material: Material, axis: int) -> Drawing | None:
-    """Order maps of the ramps of an axis, without and with the notch."""
-    runs = [(run.label, run.recording) for run in pair(material, CONSTANT_ACCELERATION, axis)]
-    return order_map.order_maps(
-        f"orders-{axis}", f"Axis {axis}: which order shakes the tip", runs, axis, order_map.MarkedResonance(material.f_al(axis))
-    )
+def _order_maps(material: Material, axis: int) -> Iterator[Drawing | None]:
+    """Order maps of the ramps of an axis, without and with what acted."""
+    for number, group in enumerate(shown_runs(material, CONSTANT_ACCELERATION, axis)):
+        runs = [(run.label, run.recording) for run in group]
+        key, title = f"orders-{axis}{key_end(number)}", f"Axis {axis}: which order shakes the tip"
+        yield order_map.order_maps(key, title, runs, axis, order_map.MarkedResonance(material.f_al(axis)))
 
 
 def _part(material: Material, folder: str) -> StoryResult | None:
@@ -393,5 +420,6 @@ def provenance(material: Material) -> list[tuple[str, str]]:
         ("Bus", record.bus),
         ("Clock", record.clock),
         ("Versions", versions),
+        *((f"{file.role.capitalize()} file", f"{file.path} (SHA-256 {file.sha256})") for file in material.result.files or ()),
     ]
     return [(name, text) for name, text in lines if text]

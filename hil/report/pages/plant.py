@@ -47,7 +47,7 @@ def sections(result: PlantResult) -> list[Section]:
         ),
         ("arm", "The arm at the tip", (figures_plant.tip(result),)),
         ("slow", "Friction and gravity", (figures_plant.friction(result),)),
-        ("limits", "What these data can tell", (_cannot_tell(result), figures_plant.checks(result))),
+        ("limits", "How far these data reach", (_cannot_tell(result), figures_plant.checks(result))),
     ]
     filled = [Section(key, title, tuple(item for item in items if item is not None)) for key, title, items in chapters]
     return [section for section in filled if section.items]

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from markupsafe import Markup
 
 from hil.design.frequency import Margins
-from hil.report.material import MARGIN_SPEEDS_RPS, Material, treatment_name
+from hil.report.material import Material, treatment_name
 from hil.report.paper import TABLE_1, TABLE_2, TABLE_3
+from hil.results.acted import FilterSet
 from hil.results.runs import RunEntry
 
 NONE = "–"
@@ -134,8 +135,8 @@ def resonances(material: Material) -> ReportTable | None:
         "Table 1",
         header,
         rows,
-        caption="Peak of |G_al| of the bench file's model with its loop, and the motor speeds at which the 2nd and the "
-        "4th harmonic meet it. Last column: the anti-resonance refined from the ramp without a notch.",
+        caption=f"Peak of |G_al| of the {material.model_source}'s model with its loop, and the motor speeds at which the 2nd "
+        "and the 4th harmonic meet it. Last column: the anti-resonance refined from the ramp without a notch.",
     )
 
 
@@ -168,11 +169,13 @@ def transmission_errors(material: Material) -> ReportTable | None:
                         identified,
                     ]
                 )
+    paper_column = ("Paper",) if is_paper else ()
+    header = ("", "Parameter", "Unit", *paper_column, material.model_source.capitalize(), "Identified ± standard error")
     return ReportTable(
         "table-2",
         "Parameters of the synchronous transmission error",
         "Table 2",
-        ("", "Parameter", "Unit", *(["Paper"] if is_paper else []), "Bench file", "Identified ± standard error"),
+        header,
         rows,
         frozenset({0, 1, 2}),
         "Identified from the tip acceleration of the ramp without a notch. The standard error is that of the noise; "
@@ -181,13 +184,20 @@ def transmission_errors(material: Material) -> ReportTable | None:
     )
 
 
-def notches(material: Material) -> ReportTable | None:
-    """Table of the notches with their margins at the worst speed, beside the paper's Table 3."""
+def notches(material: Material, filters: FilterSet, nth: int = 0) -> ReportTable | None:
+    """Table of filters that acted with their margins at the worst speed, beside the paper's Table 3.
+
+    Args:
+        material: Result and bench.
+        filters: The filters.
+        nth: Which of the filters on the page these are, from 0.
+    """
     rows: list[list[Cell]] = []
-    for axis, table in sorted(material.bench.axis.items()):
-        paper = TABLE_3.get(axis) if material.bench.is_paper else None
-        worst = _worst(material, axis) if axis in material.model_axes else None
-        for notch in table.notch:
+    is_paper = material.bench.is_paper and "notch" in filters.treatments
+    for axis, tables in sorted(filters.notches.items()):
+        paper = TABLE_3.get(axis) if is_paper else None
+        worst = _worst(material, axis, filters) if axis in material.model_axes else None
+        for notch in tables:
             own = (notch.offset_hz, notch.zeta_rn, notch.zeta_rdth, notch.order, notch.start_rps, notch.end_rps)
             cells = [_both(paper[i] if paper is not None and notch.order == paper.order else None, own[i]) for i in range(6)]
             rows.append([f"axis {axis}", *cells, *_margin_cells(worst)])
@@ -206,20 +216,46 @@ def notches(material: Material) -> ReportTable | None:
         "least phase margin (°)",
         "stable",
     )
+    speeds = [list(material.margins(axis, filters)) for axis in filters.notches if axis in material.model_axes]
+    margins = " Without a model of the axis there are no margins."
+    if speeds:
+        margins = f" Margins: by the {material.model_source}'s model, the worst of {len(speeds[0])} motor speeds "
+        margins += f"from {speeds[0][0]:g} to {speeds[0][-1]:g} rev/s."
     return ReportTable(
-        "table-3",
-        "Designed variable notch filter, with its margins",
-        "Table 3",
+        f"table-3{filters_end(nth)}",
+        f"{filter_names(filters)}, with its margins",
+        "Table 3" if is_paper else "",
         header,
         rows,
-        caption=("The bench's values; where the paper has another, it stands in brackets. " if material.bench.is_paper else "")
-        + "Margins: the worst of "
-        f"{len(MARGIN_SPEEDS_RPS)} motor speeds from {MARGIN_SPEEDS_RPS[0]:g} to {MARGIN_SPEEDS_RPS[-1]:g} rev/s.",
+        caption=f"{_held(material, filters)}{' Where the paper has another value, it stands in brackets.' if is_paper else ''}"
+        + margins,
     )
 
 
-def _worst(material: Material, axis: int) -> Margins:
-    by_speed = list(material.margins(axis).values())
+def filters_end(nth: int) -> str:
+    """End of the keys of the n-th filters on a page, from 0; the first have none."""
+    return f"-filters{nth + 1}" if nth else ""
+
+
+def filter_names(filters: FilterSet) -> str:
+    """Filters by the treatments in which they acted."""
+    if filters.treatments == ("notch",):
+        return "Variable notch filter"
+    return f"Variable notch filter of {' and '.join(map(treatment_name, filters.treatments))}"
+
+
+def _held(material: Material, filters: FilterSet) -> str:
+    """Where the parameters come from, as a sentence."""
+    is_kept = any(run.filters is not None for run in material.result.runs)
+    if filters.loop == "host":
+        return "The parameters of the loop that the host closed."
+    if is_kept:
+        return "The parameters that the drive held, as it was read back."
+    return "The parameters of the bench file: this result is from before those of the drive were kept."
+
+
+def _worst(material: Material, axis: int, filters: FilterSet) -> Margins:
+    by_speed = list(material.margins(axis, filters).values())
     return Margins(
         max(m.sensitivity_peak for m in by_speed),
         min(m.gain_margin_db for m in by_speed),
@@ -255,6 +291,7 @@ def runs(material: Material) -> ReportTable | None:
     header = (
         "Run",
         "Window",
+        "Specification",
         "Tip peak (mm)",
         "of it noise (mm)",
         "order alone (mm)",
@@ -263,7 +300,6 @@ def runs(material: Material) -> ReportTable | None:
         "Spectrum peak (m/s²)",
         "at (Hz)",
         "Spectrum area (m/s²·Hz)",
-        "Specification",
     )
     return ReportTable(
         "runs",
@@ -271,7 +307,7 @@ def runs(material: Material) -> ReportTable | None:
         "",
         header,
         rows,
-        frozenset({0, 1, 10}),
+        frozenset({0, 1, 2}),
         "Tip: equivalent displacement in the window in which the run is judged. A ramp is judged in a window for each order k "
         "whose line crosses the resonance on it: around f_al/k. Beside it: the peak that noise alone would show; the "
         "largest amplitude of the order itself, tracked along the motor's angle, with its standard error; and the peak on the "
@@ -286,6 +322,7 @@ def _run(run: RunEntry) -> list[Cell]:
     return [
         _name(run),
         _window_words(run),
+        within,
         number(run.tip_peak_mm, "{:.4f}"),
         number(run.noise_mm, "{:.4f}"),
         NONE if run.order_mm is None else f"{run.order_mm:.4f} ± {run.order_error_mm or 0.0:.4f}",
@@ -294,7 +331,6 @@ def _run(run: RunEntry) -> list[Cell]:
         number(run.spectrum_peak_m_s2, "{:.4f}"),
         number(run.spectrum_peak_hz, "{:.2f}"),
         number(run.spectrum_area, "{:.3f}"),
-        within,
     ]
 
 

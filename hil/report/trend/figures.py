@@ -52,7 +52,8 @@ def motion_figure(runs: Sequence[TrendRun], key: str, title: str) -> Drawing:
         title,
         "",
         "measured and computed",
-        f"A point for each run; runs that were stopped or not judged have none.{left} Margins: by the bench file's model, "
+        f"A point for each run; runs that were stopped or not judged have none.{left} Margins: by the model, "
+        "with the filters that acted, "
         "the worst over all speeds.",
         style.to_svg(figure, key),
     )

@@ -8,10 +8,12 @@ from functools import lru_cache
 from pathlib import Path
 
 from hil.bench.bench import AxisTable
+from hil.control.treatments import treatment
 from hil.design.frequency import margins
 from hil.errors import NotPossibleError
 from hil.passport.gather import MOST_BYTES, MOST_FOUND_FILES, utc_of
 from hil.report.material import MARGIN_SPEEDS_RPS, run_name
+from hil.results.acted import notches_of
 from hil.results.base import RESULT_FILE
 from hil.results.files import ResultFileError, load_any
 from hil.results.runs import ExperimentsResult, RunEntry
@@ -35,8 +37,8 @@ class TrendRun:
         date_utc: Beginning of its measurement, ISO 8601 in UTC.
         folder: Directory of its result, from the folder that was asked for.
         entry: Window of the run.
-        margins: Worst margins of the axis' loop by the bench file's model; None where plant or gains are not known, for a line
-            motion, and where the loop was closed on the host.
+        margins: Worst margins of the axis' loop by the model, with the filters that acted; None where plant, gains or filters are
+            not known, for a line motion, and where the loop was closed on the host.
     """
 
     robot: str
@@ -134,12 +136,17 @@ def _margins(result: ExperimentsResult, run: RunEntry) -> LoopMargins | None:
     table = result.bench.file.axis.get(run.axis) if run.axis is not None else None
     if table is None or not table.has_loop or run.loop != "drive":
         return None
-    return _worst(table.model_dump_json(), run.control_period_s, run.treatment == "notch")
+    row = treatment(run.treatment)
+    if run.filters is None and row.needs == "design":
+        return None  # from before results kept the filters that acted
+    own = table.notch if run.filters is None else notches_of(run.filters).get(run.axis or 0, ())
+    acted = table.model_copy(update={"notch": own if row.filters == "variable" else ()})
+    return _worst(acted.model_dump_json(), run.control_period_s)
 
 
 @lru_cache(maxsize=1024)
-def _worst(table_json: str, period_s: float, with_notch: bool) -> LoopMargins | None:
-    loop = AxisTable.model_validate_json(table_json).loop(period_s, with_notch=with_notch)
+def _worst(table_json: str, period_s: float) -> LoopMargins | None:
+    loop = AxisTable.model_validate_json(table_json).loop(period_s)
     if loop is None:
         return None
     found = [margins(loop, float(speed), points=1000) for speed in MARGIN_SPEEDS_RPS]

@@ -92,7 +92,7 @@ def _table(runs: Sequence[TrendRun], key: str) -> ReportTable:
         "date (UTC)", "folder", "run", "tip peak (mm)", "rms (mm)", "the order (mm)", "f_al (Hz)", "M_s", "gain margin (dB)",
         "phase margin (°)", "missed", "SYNC late, largest (µs)", "within",
     )  # fmt: skip
-    caption = "The newest first. Margins are those of the bench file's model, the worst over all speeds."
+    caption = "The newest first. Margins are those by the model, with the filters that acted, the worst over all speeds."
     return ReportTable(key, "Runs", "", header, rows, frozenset({0, 1, 2, 12}), caption)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from drive_profiles.errors import DriveProfileError, FileError, RefusedError
 from drive_profiles.files import safefile
-from drive_profiles.files.safefile import write_atomically
+from drive_profiles.files.safefile import check_writable, write_atomically
 
 OLD, NEW = b"old contents", b"new contents, and more of them"
 
@@ -153,3 +153,21 @@ def test_what_is_no_file_is_never_replaced(tmp_path, force):
     with pytest.raises(DriveProfileError):
         write_atomically(tmp_path / "pipe", NEW, force=force)
     assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_place_is_checked_before_there_is_anything_to_write(tmp_path):
+    check_writable(tmp_path / "new.toml")
+    assert list(tmp_path.iterdir()) == [], "the check leaves nothing"
+    with pytest.raises(FileError, match=r"there is no folder .*missing"):
+        check_writable(tmp_path / "missing" / "new.toml")
+    with pytest.raises(FileError, match="is no file that could be replaced"):
+        check_writable(tmp_path)
+
+
+def test_a_full_disk_is_found_before_there_is_anything_to_write(tmp_path, monkeypatch):
+    def fail(**_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(safefile.tempfile, "TemporaryFile", fail)
+    with pytest.raises(FileError, match=r"new\.toml: cannot be written \(No space left on device\)"):
+        check_writable(tmp_path / "new.toml")

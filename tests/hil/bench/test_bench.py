@@ -73,3 +73,17 @@ def test_a_mistake_in_the_gains_is_told_once(tmp_path, control, words):
         load_bench(written(tmp_path, (CONTROL, control)))
     assert len(caught.value.problems) == len(words)
     assert all(word in str(caught.value) for word in words)
+
+
+def test_a_lever_in_mm_is_refused_with_its_unit(tmp_path):
+    lever = next(line for line in TEXT.splitlines() if line.startswith("tip_lever_m"))
+    with pytest.raises(FileError, match=r"780 m is no robot's lever, the longest is 20 m: state it in m, not in mm"):
+        load_bench(written(tmp_path, (lever, "tip_lever_m = 780.0")))
+
+
+def test_a_name_of_the_package_that_is_nearly_right_is_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FileError, match=r"refrence: is not there; expected a bench file; did you mean reference\?"):
+        load_bench("refrence")
+    with pytest.raises(FileError, match="cannot be read"):
+        load_bench("mine.toml")

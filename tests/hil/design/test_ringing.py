@@ -77,8 +77,9 @@ def test_an_order_that_is_alone_is_named_alone():
 def test_a_sensor_that_rings_on_its_mounting_is_not_the_arm():
     """Order 4 meets it at 7 rev/s, in the middle of the ramp; the arm itself hardly rings. The motor does not feel it."""
     ramp, _ = recorded(stiffness=0.15, error={"a2_arcsec": 1.0, "a4_arcsec": 20.0})
-    with pytest.raises(NoResonanceError, match="mounting"):
+    with pytest.raises(NoResonanceError, match="mounting") as refused:
         ringing(on_mounting(ramp, 28.0), ORDERS)
+    assert "f_al, or the sensor" in str(refused.value), "by the torque alone nobody can blame the sensor"
 
 
 @pytest.mark.slow

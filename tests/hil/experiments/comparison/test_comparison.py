@@ -8,7 +8,8 @@ from drive_profiles.address import parse_address
 from hil.bench.bench import load_bench
 from hil.bench.design import DesignedAxis, Designs
 from hil.bench.model import Identified
-from hil.errors import NodeError, NotPossibleError, SafetyStopError
+from hil.errors import NodeError, NotPossibleError, SafetyStopError, UnsafeRequestError
+from hil.experiments.cancellation.cancellation import cancellation_for
 from hil.experiments.comparison import run as module
 from hil.experiments.comparison.plan import ComparisonRequest, KnownRobot, knowledge_by_robot, plan
 from hil.experiments.comparison.run import compare
@@ -268,3 +269,24 @@ def test_on_an_arm_filters_beside_a_cancellation_are_run_only_where_they_are_nam
     assert {each.treatment for each in named.experiments} == {"none", *both}
     assert len(named.remarks) == 1
     assert "leave more than the cancellation alone" in named.remarks[0]
+
+
+@pytest.mark.parametrize("treatment", ["cancellation", "cancellation+notch"])
+def test_orders_that_would_be_too_fast_are_left_out_as_in_a_run_and_the_treatment_is_compared(treatment):
+    """At 12 rev/s the set-points of order 4 would be faster than the axis may be: a run leaves the highest orders out there."""
+    axis = BENCH.axis[2]
+    error = axis.model.ate.model_copy(update={"a2_arcsec": 50.0, "a4_arcsec": 14.0})
+    slow = axis.model_copy(
+        update={
+            "model": axis.model.model_copy(update={"ate": error}),
+            "limits": axis.limits.model_copy(update={"speed_rps": 12.0}),
+        }
+    )
+    bench = BENCH.model_copy(update={"axis": {**BENCH.axis, 2: slow}})
+    request = ComparisonRequest((RAMP,), (2,), ("none", treatment), frozenset({treatment}))
+    motion = Experiment(RAMP, 2, "none").motion(bench)
+    with pytest.raises(UnsafeRequestError, match="the speed of axis 2 with its cancellation"):
+        cancellation_for(bench, None, (2,), motion.period_s).check(bench, motion)
+    made = plan(KnownRobot(bench), request, channel=IDEAL)
+    assert {each.treatment for each in made.experiments} == {"none", treatment}
+    assert made.left_out == ()

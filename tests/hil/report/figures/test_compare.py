@@ -14,5 +14,5 @@ def test_a_label_lies_on_neither_the_axis_nor_the_limit(peak, side):
 
 
 def test_no_treatment_has_the_colour_of_outside():
-    assert all(look["color"] != style.VERMILLION for look in compare.OVERLAY_LINES)
-    assert len({look["color"] for look in compare.OVERLAY_LINES}) == len(compare.OVERLAY_LINES)
+    assert all(look["color"] != style.VERMILLION for look in style.OVERLAY_LINES)
+    assert len({look["color"] for look in style.OVERLAY_LINES}) == len(style.OVERLAY_LINES)

@@ -32,6 +32,22 @@ def test_the_braking_after_the_ramp_is_left_out():
     assert np.all(ramp_map(recording(2.0), 2).direction == 1.0)
 
 
+def test_a_quick_way_to_where_the_ramp_begins_is_no_part_of_it():
+    """Back at 12 rev/s, faster than the ramp ever gets: the map is of the ramp, so that its crossings are in it."""
+    ramp = recording(2.0)
+    time = np.arange(0.0, 1.5, 0.002)
+    back = -12.0 * np.clip(np.minimum(time, 1.4 - time) / 0.2, 0.0, 1.0)
+    angle = 2.0 * math.pi * np.cumsum(back) * 0.002
+    columns = {
+        "time_s": np.arange(len(time) + len(ramp.time_s)) * 0.002,
+        "axis2_position_rad": np.concatenate([angle, angle[-1] + ramp.axis(2, "position_rad")]),
+        "tip_z_m_s2": np.concatenate([np.zeros(len(time)), ramp.columns["tip_z_m_s2"]]),
+    }
+    found, alone = ramp_map(Recording(columns), 2), ramp_map(ramp, 2)
+    assert found.speed_rps[[0, -1]] == pytest.approx(alone.speed_rps[[0, -1]], abs=0.3)
+    assert np.all(found.direction == 1.0)
+
+
 def test_a_motor_that_hardly_turns_has_no_map():
     assert ramp_map(recording(2.0, top_rps=2.0), 2) is None
 
