@@ -200,7 +200,10 @@ def _problems(error: pydantic.ValidationError, model: type[pydantic.BaseModel], 
                 problem = Problem(line, _dotted((*path, location[-1])), "is missing", _kind(model, location))
                 missing.append((location, problem))
             case _:
-                found.append(Problem(line, _dotted(path), *_wrong_value(detail, model)))
+                problem = Problem(line, _dotted(path), *_wrong_value(detail, model))
+                # of a value that may be of several types each says so
+                if all(each[:3] != problem[:3] for each in found):
+                    found.append(problem)
     # A key under a wrong name is one mistake, so its right name is not reported as missing beside it.
     found.extend(problem for location, problem in missing if location not in renamed)
     return tuple(sorted(dict.fromkeys(found)))

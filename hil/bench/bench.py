@@ -1,5 +1,6 @@
 """The bench file: bus and drives of a robot, the believed model of its axes, and limits that must never be exceeded."""
 
+import difflib
 import math
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar
@@ -366,6 +367,8 @@ def load_bench(path: str | Path) -> Bench:
         FileError: The file is not valid; every problem is listed by line.
     """
     file = SHIPPED.get(str(path), Path(path))
+    if not file.exists() and (close := difflib.get_close_matches(str(path), SHIPPED, n=1)):
+        raise FileError(file, (Problem(0, "", f"does not exist; did you mean {close[0]}?", "a bench file"),))
     bench = load(file, Bench)
     folder = file.absolute().parent
     axes = {number: _with_profile_in(folder, table) for number, table in bench.axis.items()}
