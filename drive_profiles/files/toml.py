@@ -202,8 +202,11 @@ def _problems(error: pydantic.ValidationError, model: type[pydantic.BaseModel], 
             case _:
                 problem = Problem(line, _dotted(path), *_wrong_value(detail, model))
                 # of a value that may be of several types each says so
-                if all(each[:3] != problem[:3] for each in found):
+                same = next((row for row, each in enumerate(found) if each[:3] == problem[:3]), None)
+                if same is None:
                     found.append(problem)
+                elif found[same].expected.startswith("a whole number"):  # which is a number as well
+                    found[same] = problem
     # A key under a wrong name is one mistake, so its right name is not reported as missing beside it.
     found.extend(problem for location, problem in missing if location not in renamed)
     return tuple(sorted(dict.fromkeys(found)))
