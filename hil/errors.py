@@ -31,7 +31,8 @@ class UnsafeRequestError(HilError):
         """Keep the quantity, its value and its limit."""
         self.what, self.value, self.limit, self.unit = what, value, limit, unit
         tail = f"; {remedy}" if remedy else ""
-        super().__init__(f"{what} would be {value:.4g} {unit}, the limit is {limit:.4g} {unit}{tail}")
+        digits = next((n for n in range(4, 12) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 4)  # told from the limit
+        super().__init__(f"{what} would be {value:.{digits}g} {unit}, the limit is {limit:.{digits}g} {unit}{tail}")
 
 
 class NotPossibleError(HilError):

@@ -89,6 +89,19 @@ class _Help:
 class ToolCommand(_Help, TyperCommand):
     """Command of a tool."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments; a value that is refused is named beside what is expected."""
+        try:
+            return super().parse_args(ctx, args)
+        except typer.BadParameter as error:
+            details: list[Any] = getattr(error.__cause__, "errors", list)()
+            if details and details[0]["type"] != "value_error":  # a choice names the value itself
+                expected = str(details[0]["msg"]).removeprefix("Input should be ").partition(", unable to")[0]
+                error.message = f"{details[0]['input']!r}: expected {expected}"
+            elif details:
+                error.message = str(details[0]["msg"]).removeprefix("Value error, ")
+            raise
+
 
 class ToolGroup(_Help, TyperGroup):
     """Tool, or group of its commands, whose summaries are whole sentences."""

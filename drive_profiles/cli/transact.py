@@ -63,12 +63,17 @@ def transact(request: TransactionRequest, pairs: Sequence[tuple[int, ParameterSe
     """
     from drive_profiles.device.bus import SdoBus
     from drive_profiles.errors import RefusedError
+    from drive_profiles.parameter_set.parameters import CLASSES
     from drive_profiles.upload import fleet
 
     with Interrupts() as interrupts, SdoBus(request.bus, request.timeout_s) as opened:
         uploads = [_upload(opened, node, wanted, request) for node, wanted in pairs]
-        if empty := [item.device.node for item in uploads if next(iter(item.parameter_set.items()), None) is None]:
-            raise RefusedError(f"the parameter set for node {', node '.join(map(str, empty))} holds no values")
+        classes = request.options.classes
+        if empty := [
+            item.device.node for item in uploads if all(name not in classes for name, _, _ in item.parameter_set.items())
+        ]:
+            chosen = "" if classes == CLASSES else f" of {', '.join(classes)} (--classes)"
+            raise RefusedError(f"the parameter set for node {', node '.join(map(str, empty))} holds no values{chosen}")
         fleet.prepare(uploads)
         for item in uploads:
             for warning in item.warnings:

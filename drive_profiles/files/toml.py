@@ -200,7 +200,13 @@ def _problems(error: pydantic.ValidationError, model: type[pydantic.BaseModel], 
                 problem = Problem(line, _dotted((*path, location[-1])), "is missing", _kind(model, location))
                 missing.append((location, problem))
             case _:
-                found.append(Problem(line, _dotted(path), *_wrong_value(detail, model)))
+                problem = Problem(line, _dotted(path), *_wrong_value(detail, model))
+                # of a value that may be of several types each says so
+                same = next((row for row, each in enumerate(found) if each[:3] == problem[:3]), None)
+                if same is None:
+                    found.append(problem)
+                elif found[same].expected.startswith("a whole number"):  # which is a number as well
+                    found[same] = problem
     # A key under a wrong name is one mistake, so its right name is not reported as missing beside it.
     found.extend(problem for location, problem in missing if location not in renamed)
     return tuple(sorted(dict.fromkeys(found)))

@@ -181,8 +181,11 @@ def make_move(move: Move, log: Path | None = None, *, channel: Channel | None = 
         SafetyStopError: The move was stopped before the axis moved.
         HilError: Robot or limits do not allow it.
         ChannelError: The bus cannot be opened, or is lost.
+        OSError: There is no directory for the log; nothing has been sent.
     """
     request = move.request
+    if log is not None:
+        log.parent.mkdir(parents=True, exist_ok=True)  # before anything moves
     with _session(move.bench, request, log, channel, reporter) as session:
         axis = session.axes[request.axis]
         here = axis.position_rad() / math.tau

@@ -2,6 +2,7 @@
 
 import math
 import signal
+from pathlib import Path
 
 import pytest
 
@@ -90,6 +91,16 @@ def test_a_position_beyond_the_limits_is_refused_with_the_range(
 def test_a_request_that_cannot_be_is_refused_before_the_bus_is_opened(bench: Bench, request_: MoveRequest, words: str) -> None:
     with pytest.raises(NotPossibleError, match=words):
         plan_move(bench.on("local:/nowhere/x.sock"), request_)
+
+
+def test_a_log_that_cannot_be_written_is_said_before_anything_moves(
+    bench: Bench, channel: InProcessChannel, tmp_path: Path
+) -> None:
+    planned = plan_move(bench, MoveRequest(2, to_rev=1.0), channel=channel)
+    (tmp_path / "file").touch()
+    with pytest.raises(FileExistsError):
+        make_move(planned, tmp_path / "file" / "bus.log", channel=channel)
+    assert stands_rev(channel) == pytest.approx(0.0, abs=0.01)
 
 
 def test_a_fault_is_named_and_reset_by_the_move(bench: Bench, channel: InProcessChannel) -> None:

@@ -5,12 +5,26 @@ import pytest
 from drive_profiles import errors as package
 from drive_profiles.standard.cia301 import DataType, FunctionCode
 from hil.cli.console import exit_status_of
-from hil.errors import AlreadyMovingError, HilError, NoAnswerError, NodeError, SdoAbortedError, WrongIdentityError
+from hil.errors import (
+    AlreadyMovingError,
+    HilError,
+    NoAnswerError,
+    NodeError,
+    SdoAbortedError,
+    UnsafeRequestError,
+    WrongIdentityError,
+)
 from hil.master.network import Network
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
+
+
+def test_a_value_beyond_its_limit_is_told_from_it_however_little_it_is_beyond():
+    said = str(UnsafeRequestError("the position of axis 2", 22.00004, 22.0, "rev"))
+    assert said == "the position of axis 2 would be 22.00004 rev, the limit is 22 rev"
+    assert "25.99 rev, the limit is 22 rev" in str(UnsafeRequestError("the position", 25.9876, 22.0, "rev"))
 
 
 @pytest.fixture

@@ -61,7 +61,9 @@ def upload(robot: str, folder: Path, value: float, after_s: float, from_table: b
     with contextlib.suppress(ProcessLookupError):
         process.send_signal(signal.SIGINT)
     out = first + process.communicate(timeout=600)[0]
-    status = 130 if process.returncode == -signal.SIGINT else process.returncode
+    # a signal that ends the interpreter's own start has come before the first line of the tool
+    is_early = process.returncode == -signal.SIGINT or "Fatal Python error: init" in out
+    status = 130 if is_early else process.returncode
     return Interrupted(status, out, time.monotonic() - began, shown)
 
 

@@ -338,6 +338,14 @@ def test_the_newest_journal_of_a_folder_is_the_snapshot(folder):
 def test_what_is_no_parameter_set_or_no_file_is_refused(folder):
     (folder / "empty.toml").write_text("[header]\n")
     assert "holds no values" in run("upload", "empty.toml", "--node", "2", "--yes", code=3).stderr
+    (folder / "gain.toml").write_text('[tuning]\nposition_gain_per_s = { value = 9.5, unit = "1/s" }\n')
+    refused = run("upload", "gain.toml", "--node", "2", "--yes", "--classes", "limits", code=3).stderr
+    assert "holds no values of limits (--classes)" in refused
+    (folder / "nan.toml").write_text('[tuning]\nposition_gain_per_s = { value = nan, unit = "1/s" }\n')
+    refused = run("upload", "nan.toml", "--node", "2", "--yes", code=3).stderr.splitlines()
+    assert [line for line in refused if "nan.toml" in line] == [
+        "nan.toml:2: tuning.position_gain_per_s.value: found nan; expected a finite number in 1/s"
+    ]
     os.mkfifo(folder / "pipe")
     assert "is no file" in run("pull", "--node", "2", "--out", "pipe", "--force", code=3).stderr
     assert "[header]" in run("pull", "--node", "2", "--out", "-").stdout

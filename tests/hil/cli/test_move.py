@@ -47,6 +47,13 @@ def test_a_wrong_input_is_named_before_anything_moves(arguments: tuple[str, ...]
     assert words in " ".join(said.split()), said
 
 
+def test_a_choice_and_a_bench_file_that_are_misspelt_are_told_what_there_is() -> None:
+    code, said = move("--axis", "2", "--to", "0", "--bench", "reference", "--loop", "tool")
+    assert (code, "Value error" in said) == (2, False)
+    code, said = move("--axis", "2", "--to", "0", "--bench", "refrence")
+    assert (code, "did you mean reference?" in said) == (3, True)
+
+
 def test_a_bench_file_that_is_none_is_named(tmp_path: Path) -> None:
     code, said = move("--axis", "2", "--to", "0", "--bench", str(tmp_path / "no.toml"))
     assert (code, "no.toml" in said) == (3, True)
