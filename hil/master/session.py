@@ -158,10 +158,14 @@ class Session:
         self.sensor.open()
         for node in self.sensor.nodes:
             self.emulated["accelerometer"] = ask_emulated(self.network, node)
+        begun = [(axis, self.clock.now(), axis.position_rad()) for axis in used]
         self.network.pump_until(lambda: False, 0.0 if self.network.channel.is_lock_step else TWICE_S)
         for node in (*(axis.node for axis in self.axes.values()), *self.sensor.nodes):
             if self.network.answers_twice(node):
                 raise NodeError(node, "answers more often than it is asked", "do two nodes have this id?")
+        if not self.network.channel.is_lock_step:
+            for axis, begun_s, begun_rad in begun:
+                axis.check_standing(begun_rad, self.clock.now() - begun_s)
 
     def _identify(self, used: list[DriveAxis], *, reset_faults: bool, in_fault: int | None) -> None:
         """Check every drive; what several of those lack that will move is said together."""

@@ -275,6 +275,20 @@ class DriveAxis:
         counts: int = self.network.read(self.node, Object.POSITION_ACTUAL, 0, I32, "position actual value")
         return self.scaling.position_rad(counts)
 
+    def check_standing(self, begun_rad: float, elapsed_s: float) -> None:
+        """Check that the motor has not turned; a family may count speeds (606Ch) in units that nobody knows.
+
+        Args:
+            begun_rad: Motor angle some time ago.
+            elapsed_s: The time since then; the answer to the question takes some more.
+
+        Raises:
+            AlreadyMovingError: The motor turns.
+        """
+        speed_rps = (self.position_rad() - begun_rad) / math.tau / elapsed_s
+        if abs(speed_rps) > STANDSTILL_RPS:
+            raise AlreadyMovingError(self.node, f"axis {self.number} turns at {speed_rps:.2f} rev/s", "stop it first")
+
     # -- parameters ----------------------------------------------------------------------------------------------------
 
     def write_parameter(self, name: str, value: float) -> float:

@@ -1,6 +1,7 @@
 """The session where time is the wall clock's: on a clock that the test owns for exactness, and once on the real one for truth."""
 
 import itertools
+import math
 import threading
 import time
 import uuid
@@ -16,7 +17,7 @@ from drive_profiles.standard.cia402 import State
 from hil.bench.bench import Bench, RealTimeTable, load_bench
 from hil.can.adapter import AdapterChannel
 from hil.can.frame import Frame
-from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.errors import AlreadyMovingError, NotPossibleError, UnsafeRequestError
 from hil.experiments.motions import constant_acceleration
 from hil.experiments.plan import Experiment, entries
 from hil.experiments.runner import run_experiments
@@ -24,7 +25,7 @@ from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.motion.record import BRAKED
+from plant_emulator.motion.record import BRAKED, TORQUE
 from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 from tests.hil.master.virtual_time import NS, VirtualBus, VirtualClock
@@ -373,3 +374,20 @@ def test_a_sensor_is_asked_for_the_instant_of_sync_by_the_master_s_clock() -> No
     syncs = [instant for instant, frame in rig.bus.sent if frame.can_id == SYNC_ID]
     assert len(asked) > 50
     np.testing.assert_allclose(asked, syncs[-len(asked) :], rtol=0.0, atol=1e-9)
+
+
+def test_a_motor_that_coasts_is_seen_by_its_position(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Families count 606Ch in units of their own (the EPOS4 in rev/min), so what it says is no proof of rest."""
+    rig = Rig()
+    look_at_sensor = rig.session.sensor.open
+
+    def coast() -> None:
+        look_at_sensor()
+        axes = rig.bus.world.axes
+        axes.motion["mode"][0] = TORQUE
+        axes.motion["target_torque_nm"][0] = ROBOT.axis[2].coulomb_friction_nm  # a load that goes on falling
+        axes.plant_state["motor_speed_rad_s"][0] = 2.0 * math.pi
+
+    monkeypatch.setattr(rig.session.sensor, "open", coast)
+    with rig.session, pytest.raises(AlreadyMovingError, match=r"axis 2 turns at \d\.\d\d rev/s"):
+        rig.session.bring_up()
