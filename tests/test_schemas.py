@@ -81,7 +81,7 @@ def schema_of(kind: str) -> dict:
 
 
 def test_every_toml_file_of_the_project_is_of_a_kind():
-    skipped = {PROJECT / "pyproject.toml"}
+    skipped = {PROJECT / "drive_profiles" / "family" / "runs.toml"}  # a program writes it, nobody edits it
     folders = ("drive_profiles", "hil", "plant_emulator", "examples")
     there = {path for folder in folders for path in (PROJECT / folder).rglob("*.toml")} - skipped
     assert there == {path for paths in FILES.values() for path in paths}

@@ -90,3 +90,13 @@ def arm_line(arm: ArmTable, motion: LineMotion) -> ArmLine:
 
 def _position(point: Point) -> Array:
     return np.array([point.x, point.y, point.z])
+
+
+def moved_axes(arm: ArmTable, motion: LineMotion | None) -> tuple[int, ...]:
+    """Numbers of the axes that an arm's line moves, from the base on; of a line that it cannot follow all of them."""
+    if motion is None:
+        return ()
+    try:
+        return arm_line(arm, motion).axes
+    except LineError:
+        return arm.axes

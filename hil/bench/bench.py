@@ -12,8 +12,7 @@ from drive_profiles.address import AddressError, parse_address
 from drive_profiles.family.profile import is_name
 from drive_profiles.files.toml import FileError, Problem, Table, load
 from hil.arm.kinematics import Kinematics
-from hil.arm.line import arm_line
-from hil.arm.straight_line import LineError
+from hil.arm.line import moved_axes
 from hil.arm.tables import ArmTable
 from hil.arm.urdf import with_links
 from hil.bench.motor import MotorTable
@@ -357,16 +356,6 @@ class Bench(Table):
             arm.check_axes(tuple(self.axis))
             if self.accelerometer.mounting is not None:
                 self.accelerometer.mounting.check_arm(arm)
-
-
-def moved_axes(arm: ArmTable, motion: LineMotion | None) -> tuple[int, ...]:
-    """Numbers of the axes that an arm's line moves, from the base on; of a line that it cannot follow all of them."""
-    if motion is None:
-        return ()
-    try:
-        return arm_line(arm, motion).axes
-    except LineError:
-        return arm.axes
 
 
 def source_of(path: str | Path) -> Path:

@@ -1,0 +1,96 @@
+"""The wheel works without the lock, on every Python that is here, with the newest and with the oldest dependencies allowed."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tests.test_installation import PACKAGES, ROOT
+
+MINORS = (11, 12, 13, 14)
+OLDEST_FOR = 13
+"""The newest Python for which the oldest dependencies have wheels."""
+PLUG_IN = """
+def test_it_turns_a_revolution(drive):
+    start = drive.position_rev
+    drive.move_by(1.0)
+    assert abs(drive.position_rev - start - 1.0) < 0.01
+"""
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+
+
+def run(folder, *command):
+    """Run a program without what this test's own environment has; its standard output."""
+    mine = {"VIRTUAL_ENV", "PYTHONPATH", "HIL_BUS"}
+    environment = {key: value for key, value in os.environ.items() if key not in mine}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{command} ended with {done.returncode}:\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+    return done.stdout
+
+
+def interpreter(minor):
+    """A Python 3.minor of this machine; None where there is none."""
+    kept = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+    found = shutil.which(f"python3.{minor}"), *sorted(map(str, kept.glob(f"3.{minor}.*/bin/python3")))
+    for each in filter(None, found):
+        works = subprocess.run([each, "-c", f"import sys, venv; sys.exit(sys.version_info[:2] != (3, {minor}))"], check=False)
+        if works.returncode == 0:
+            return each
+    return None
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """The wheel, built from a copy: a build leaves files in the project."""
+    folder = tmp_path_factory.mktemp("wheel")
+    for name in ("pyproject.toml", "setup.py", "LICENSE", "README.md"):
+        shutil.copy(ROOT / name, folder)
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.o"))
+    run(folder, sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "--wheel-dir", "dist", ".")
+    (found,) = (folder / "dist").glob("*.whl")
+    return found
+
+
+def oldest(folder):
+    """A file of constraints: each dependency of the version that pyproject.toml names as the oldest."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    lines = [re.sub(r"^([\w-]+)>=([\d.]+).*$", r"\1==\2.*", each) for each in project["dependencies"]]
+    assert all("==" in line for line in lines)
+    (folder / "oldest.txt").write_text("\n".join(lines), encoding="utf-8")
+    return "--constraint", "oldest.txt"
+
+
+@pytest.mark.parametrize("versions", ["newest", "oldest"])
+@pytest.mark.parametrize("minor", MINORS)
+def test_what_is_installed_from_the_wheel_works(tmp_path, wheel, minor, versions):
+    python = interpreter(minor)
+    if python is None:
+        pytest.skip(f"no Python 3.{minor} here")
+    if versions == "oldest" and minor > OLDEST_FOR:
+        pytest.skip(f"the oldest dependencies have no wheels for Python 3.{minor}")
+    run(tmp_path, python, "-m", "venv", "venv")
+    installed = tmp_path / "venv" / "bin"
+    constraints = oldest(tmp_path) if versions == "oldest" else ()
+    run(tmp_path, installed / "python", "-m", "pip", "install", "-q", *constraints, wheel, "pytest")
+    run(tmp_path, installed / "hil", "demo", "--no-story", "--out", "demo")
+    assert (tmp_path / "demo" / "report.html").is_file()
+    bus = f"local:{tmp_path}/bus.sock"
+    with subprocess.Popen(
+        [installed / "plant-emulator", "serve", "--robot", "reference", "--bus", bus, "--until-stdin-closes"],
+        cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    ) as server:  # fmt: skip
+        assert server.stdout.readline(), "the server says where it serves"
+        tool = installed / "drive-profiles"
+        assert "2" in run(tmp_path, tool, "scan", "--bus", bus)
+        run(tmp_path, tool, "pull", "--node", "2", "--bus", bus, "--out", "axis2.toml")
+        run(tmp_path, tool, "upload", "axis2.toml", "--node", "2", "--bus", bus, "--yes")
+        server.stdin.close()
+    (tmp_path / "test_mine.py").write_text(PLUG_IN, encoding="utf-8")
+    assert "1 passed" in run(tmp_path, installed / "python", "-m", "pytest", "-q", "test_mine.py")
