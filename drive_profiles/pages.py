@@ -98,6 +98,8 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
     """Table of what a run does with each family, as its emulated drive has shown it."""
     made = family_runs()
     rows = [_run_row(profile, made[profile.name]) for profile in sorted(profiles, key=lambda p: p.name) if profile.name in made]
+    if not rows:
+        return
     yield "## Runs"
     yield (
         "What `hil run`, `hil identify plant` and `hil identify ate` do with each family, and the tip of the reference robot's "
@@ -110,7 +112,8 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
         "held by the master alone", "kept by the drive",
     )  # fmt: skip
     yield _table(header, rows)
-    refused = [(name, words) for name, run in sorted(made.items()) for words in (run.plant_refusal, run.refusal) if words]
+    shown = sorted(profile.name for profile in profiles if profile.name in made)
+    refused = [(name, words) for name in shown for run in (made[name],) for words in (run.plant_refusal, run.refusal) if words]
     if refused:
         yield "Not done:"
         yield "\n".join(f"- {name}: {words}." for name, words in refused)

@@ -33,6 +33,7 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
     """
     from drive_profiles.family.profile import Profile, available
     from drive_profiles.family.runs import family_runs, in_words
+    from drive_profiles.standard.cia402 import Mode
 
     with exit_on_error():
         profiles = [Profile.load(name) for name in available()]
@@ -56,11 +57,12 @@ def list_profiles(*, as_json: JsonOption = False) -> None:
     for p in profiles:
         able = p.capabilities
         if able is None:
-            rows.append((p.name, p.kind, "-", "-", "-", "-"))
+            rows.append((p.name, "-", "-", "-", "-"))
             continue
         answers = (able.p_pi_inside, able.notch_inside, able.host_closed)
-        rows.append((p.name, p.kind, in_words(family_runs().get(p.name)), *(each.answer for each in answers)))
-    table("", ("name", "kind", "runs in", "P-PI inside", "notch inside", "host-closed"), rows)
+        mode = in_words(family_runs()[p.name]) if p.name in family_runs() else Mode.CSP.name
+        rows.append((p.name, mode, *(each.answer for each in answers)))
+    table("", ("name", "runs in", "P-PI inside", "notch inside", "host-closed"), rows)
 
 
 def show(

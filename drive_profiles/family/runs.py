@@ -62,10 +62,8 @@ def family_runs() -> dict[str, FamilyRun]:
     return files.load(FILE, FamilyRuns).family
 
 
-def in_words(run: FamilyRun | None) -> str:
+def in_words(run: FamilyRun) -> str:
     """The mode in which a family runs, for a narrow column."""
-    if run is None:
-        return "-"
     if not run.is_moved:
         return "no"
-    return run.mode if len(run.mode) <= len("CSP") else "its own"
+    return run.mode if len(run.mode) <= len("CSP") else "own"

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.ci  # one whole run, or all figures drawn: half a minut
 RUN_KEYS = {
     "experiment", "axis", "treatment", "loop", "sync_period_s", "control_period_s", "order", "tip_peak_mm", "tip_rms_mm",
     "spectrum_peak_m_s2", "spectrum_peak_hz", "spectrum_area", "within_spec", "cycles", "missed_cycles", "wall_s", "motion_s",
-    "recording", "f_al_hz", "f_al_source", "f_al_words", "band_hz",
+    "recording", "f_al_hz", "f_al_source", "f_al_words", "band_hz", "filters", "cancelled",
 }  # fmt: skip
 RAMP_KEYS = {"ramp_peak_mm", "window_rps", "order_mm", "order_error_mm", "noise_mm"}
 
@@ -39,7 +39,7 @@ def runs(demo: tuple[Path, dict[str, Any]], **wanted: object) -> list[dict[str, 
 def test_result_has_the_promised_shape(demo: tuple[Path, dict[str, Any]]) -> None:
     out, result = demo
     assert result["schema"] == 2
-    assert set(result) == {"schema", "kind", "bench", "runs", "comparisons", "paper", "emulated"}
+    assert set(result) == {"schema", "kind", "bench", "files", "runs", "comparisons", "paper", "emulated"}
     assert result["emulated"] is True
     for run in result["runs"]:
         assert set(run) == RUN_KEYS | (set() if run["axis"] is None else RAMP_KEYS)

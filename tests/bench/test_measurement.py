@@ -171,7 +171,7 @@ def test_an_interrupt_before_the_first_run_is_told_in_the_result(
         raise InterruptedRunError("interrupted by SIGINT")
 
     monkeypatch.setattr(Session, "check_interrupt", interrupted)
-    monkeypatch.setattr(Session, "bring_up", lambda session, reset_faults=False: None)
+    monkeypatch.setattr(Session, "bring_up", lambda session, **_: None)
     outcome = rig.measure(tmp_path, SILENT)
     assert isinstance(outcome.failure, InterruptedRunError)
     assert load_any(tmp_path / "result.json") == outcome.result, kind

@@ -65,7 +65,7 @@ _MAPPED: Final[Mapping[int, tuple[str, str]]] = {
 }
 
 
-_OF_THE_MAKER = ("object of the maker's", "a run maps it in place of the standard's")
+_MANUFACTURERS = ("object of the manufacturer", "a run maps it in place of the standard's")
 
 
 class MissingObjectsError(NodeError):
@@ -122,7 +122,7 @@ def objects_needed(
     mode = None if loop is None else mapping.mode_of(loop, profile)
     commands = () if mode is None else mapping.command(mode, with_torque_offset=with_torque_offset)
     for entry in (*commands, *mapping.feedback(profile)):
-        yield Need((entry.index, entry.subindex), *_MAPPED.get(entry.index, _OF_THE_MAKER))
+        yield Need((entry.index, entry.subindex), *_MAPPED.get(entry.index, _MANUFACTURERS))
 
 
 def encoder_objects(table: AxisTable, profile: Profile, *, with_notch_state: bool) -> Iterator[Need]:

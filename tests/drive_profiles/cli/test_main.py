@@ -19,7 +19,7 @@ def test_list_names_every_profile():
     rows = [line.split() for line in result.stdout.splitlines()]
     assert [row[0] for row in rows] == ["name", *available()]
     by_name = {row[0]: row for row in rows}
-    assert by_name["emulated_drive"][2:5] == ["exact", "exact", "yes"]
+    assert by_name["emulated_drive"][1:5] == ["CSP", "exact", "exact", "yes"]
     assert all(len(row) == 5 for row in rows[1:])  # an answer each; the reasons stand in `show`
 
 
