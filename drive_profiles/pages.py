@@ -119,6 +119,29 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
         yield "\n".join(f"- {name}: {words}." for name, words in refused)
 
 
+def brief_runs(profiles: Sequence[Profile]) -> str:
+    """The table of runs for a page with little room: how many limits the master alone holds, not which."""
+    made = family_runs()
+    rows = []
+    for profile in sorted(profiles, key=lambda each: each.name):
+        if profile.name in made:
+            _, mode, *done, notch, tip, _, _, _ = _run_row(profile, run := made[profile.name])
+            rows.append(
+                (f"`{profile.name}`", mode, *done, notch, tip, str(len(run.held_by_master)) if run.held_by_master else "none")
+            )
+    header = (
+        "family",
+        "mode",
+        "moved",
+        "plant identified",
+        "error identified",
+        "notch in the drive",
+        "tip, mm",
+        "limits held by the master alone",
+    )
+    return _table(header, rows)
+
+
 def _run_row(profile: Profile, run: FamilyRun) -> tuple[str, ...]:
     def word(is_done: bool) -> str:
         return "yes" if is_done else "no"

@@ -1,12 +1,14 @@
 """The table of what a run does with each family: whole, and shown where a user looks for it."""
 
 import json
+from pathlib import Path
 
 from typer.testing import CliRunner
 
 from drive_profiles.cli.main import app
 from drive_profiles.family.profile import Profile, available
 from drive_profiles.family.runs import family_runs, in_words
+from drive_profiles.pages import brief_runs
 
 VENDORS = {name for name in available() if Profile.load(name).kind == "drive"} - {"emulated_drive"}
 
@@ -32,3 +34,8 @@ def test_the_list_of_profiles_says_in_which_mode_each_runs():
 
 def test_a_mode_of_the_makers_own_has_a_short_word():
     assert [in_words(family_runs()[name]) for name in ("maxon_epos2", "schunk_pilz_prbt")] == ["own", "IP"]
+
+
+def test_the_readme_has_the_table():
+    page = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+    assert brief_runs([Profile.load(name) for name in available()]) in page
