@@ -94,11 +94,13 @@ def index(profiles: Sequence[Profile]) -> str:
     ]) + "\n"  # fmt: skip
 
 
+_RUN_COLUMNS = ("mode", "moved", "plant identified", "error identified", "notch in the drive", "tip, mm")
+
+
 def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
     """Table of what a run does with each family, as its emulated drive has shown it."""
-    made = family_runs()
-    rows = [_run_row(profile, made[profile.name]) for profile in sorted(profiles, key=lambda p: p.name) if profile.name in made]
-    if not rows:
+    made = _made_with(profiles)
+    if not made:
         return
     yield "## Runs"
     yield (
@@ -107,13 +109,9 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
         "The drives have their gains from the start; limits are those of the bench file, and all but those that the drive keeps "
         "are held by the master too. Made by `python -m plant_emulator.rehearsal.families`."
     )
-    header = (
-        "family", "mode", "moved", "plant identified", "error identified", "notch in the drive", "tip, mm", "held by the drive",
-        "held by the master alone", "kept by the drive",
-    )  # fmt: skip
-    yield _table(header, rows)
-    shown = sorted(profile.name for profile in profiles if profile.name in made)
-    refused = [(name, words) for name in shown for run in (made[name],) for words in (run.plant_refusal, run.refusal) if words]
+    header = ("family", *_RUN_COLUMNS, "held by the drive", "held by the master alone", "kept by the drive")
+    yield _table(header, [_run_row(profile, run) for profile, run in made])
+    refused = [(profile.name, words) for profile, run in made for words in (run.plant_refusal, run.refusal) if words]
     if refused:
         yield "Not done:"
         yield "\n".join(f"- {name}: {words}." for name, words in refused)
@@ -121,25 +119,17 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
 
 def brief_runs(profiles: Sequence[Profile]) -> str:
     """The table of runs for a page with little room: how many limits the master alone holds, not which."""
-    made = family_runs()
     rows = []
-    for profile in sorted(profiles, key=lambda each: each.name):
-        if profile.name in made:
-            _, mode, *done, notch, tip, _, _, _ = _run_row(profile, run := made[profile.name])
-            rows.append(
-                (f"`{profile.name}`", mode, *done, notch, tip, str(len(run.held_by_master)) if run.held_by_master else "none")
-            )
-    header = (
-        "family",
-        "mode",
-        "moved",
-        "plant identified",
-        "error identified",
-        "notch in the drive",
-        "tip, mm",
-        "limits held by the master alone",
-    )
-    return _table(header, rows)
+    for profile, run in _made_with(profiles):
+        _, *of_run, _, _, _ = _run_row(profile, run)
+        rows.append((f"`{profile.name}`", *of_run, str(len(run.held_by_master) or "none")))
+    return _table(("family", *_RUN_COLUMNS, "limits held by the master alone"), rows)
+
+
+def _made_with(profiles: Sequence[Profile]) -> list[tuple[Profile, FamilyRun]]:
+    """The profiles, by name, with which a run has been made."""
+    made = family_runs()
+    return [(profile, made[profile.name]) for profile in sorted(profiles, key=lambda each: each.name) if profile.name in made]
 
 
 def _run_row(profile: Profile, run: FamilyRun) -> tuple[str, ...]:

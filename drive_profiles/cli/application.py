@@ -7,15 +7,17 @@ import inspect
 import io
 import os
 import re
+import signal
 import sys
 from collections.abc import Callable, Sequence
+from types import FrameType
 from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 from drive_profiles.cli.completion import bash_words
-from drive_profiles.cli.console import Interrupts
+from drive_profiles.cli.console import ExitStatus, Interrupts
 from drive_profiles.python_can import postpone_mf4
 
 _WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
@@ -147,6 +149,14 @@ class Tool(typer.Typer):
         """Run the tool with the arguments of the process, or with these; never returns."""
         postpone_mf4()
         Interrupts.owns_process = True
+        came: list[int] = []
+
+        def interrupt(number: int, frame: FrameType | None) -> None:
+            came.append(number)
+            signal.default_int_handler(number, frame)
+
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, interrupt)
         if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
             sys.stdout.reconfigure(errors="backslashreplace")  # a code page, as of a file on Windows, lacks most characters
         try:
@@ -158,6 +168,12 @@ class Tool(typer.Typer):
             _leave(end.code if isinstance(end.code, int) else 0)
         except BrokenPipeError:
             os._exit(141)  # the reader of the output has gone; there is nothing to tell it
+        except Exception:
+            if not came:
+                raise
+            # an extension module may wrap an interrupt in an error of its own, as pydantic does while it builds a schema
+            typer.echo("interrupted", err=True)
+            _leave(ExitStatus.INTERRUPTED)
 
 
 def _leave(status: int) -> NoReturn:

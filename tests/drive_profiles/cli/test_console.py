@@ -3,6 +3,8 @@
 import importlib
 import pkgutil
 import re
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -69,3 +71,36 @@ def test_a_member_is_its_number_and_keeps_its_sentence():
 
     assert Statuses.LATE == 7
     assert Statuses(7).sentence == "too late"
+
+
+WRAPPED = """
+import signal
+import typer
+from drive_profiles.cli.application import Tool
+
+app = Tool("tool", "A tool.")
+
+@app.command()
+def wait() -> None:
+    try:
+        {before}
+        typer.echo("goes on")
+    finally:
+        raise ValueError("an extension module has made its own error of it")
+
+@app.command()
+def other() -> None:
+    pass
+
+app.run(["wait"])
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "status", "words"), [("signal.raise_signal(signal.SIGINT)", 130, "interrupted"), ("pass", 1, "ValueError")]
+)
+def test_an_interrupt_that_comes_back_as_another_error_is_an_interrupt(before, status, words):
+    done = subprocess.run([sys.executable, "-c", WRAPPED.format(before=before)], capture_output=True, text=True, check=False)
+    assert done.returncode == status
+    assert words in done.stderr
+    assert ("Traceback" in done.stderr) is (status == 1)

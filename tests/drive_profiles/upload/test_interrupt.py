@@ -51,18 +51,17 @@ def gain_of(value: float) -> ParameterSet:
     return ParameterSet(tuning={"position_gain_per_s": Item(value=value, unit="1/s")})
 
 
+def prepared(bus: InterruptedBus, values: dict[int, float], options: UploadOptions) -> list[Upload]:
+    """Uploads of new gains to the drives of some nodes, ready to be run."""
+    uploads = [Upload(bus.device(node, "emulated_drive"), gain_of(value), options) for node, value in values.items()]
+    fleet.prepare(uploads)
+    return uploads
+
+
 def upload(bus: InterruptedBus, folder: Path, values: dict[int, float], at: int | None) -> tuple[list[UploadResult], int]:
     """Store and reset new gains, with a real signal at a step; gives the results and the number of steps."""
     options = UploadOptions(journals=folder, store=True, reset=True)
-    uploads = [
-        Upload(
-            bus.device(node, "emulated_drive"),
-            gain_of(value),
-            options,
-        )
-        for node, value in values.items()
-    ]
-    fleet.prepare(uploads)
+    uploads = prepared(bus, values, options)
     bus.steps = 0
     bus.at = lambda step: signal.raise_signal(signal.SIGINT) if step == at else None
     with Interrupts() as interrupts:
@@ -140,15 +139,7 @@ def test_of_several_drives_an_interrupt_puts_all_back_or_none(tmp_path, capfd):
         wanted = {node: 13.5 if held == 20.0 else 20.0 for node, held in before.items()}
         window = InterruptWindow()
         options = UploadOptions(journals=tmp_path, store=True)
-        uploads = [
-            Upload(
-                bus.device(node, "emulated_drive"),
-                gain_of(value),
-                options,
-            )
-            for node, value in wanted.items()
-        ]
-        fleet.prepare(uploads)
+        uploads = prepared(bus, wanted, options)
         bus.steps, came = 0, []
         bus.at = lambda step, at=at, window=window, came=came: came.append(window.interrupt()) if step == at else None
         results = fleet.run(uploads, fleet.UploadControl(window))

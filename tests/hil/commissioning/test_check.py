@@ -243,7 +243,7 @@ def test_an_axis_that_stands_at_its_limit_is_not_moved(tmp_path):
     outcome = check_axes(bench, (AXIS,), tmp_path, channel=InProcessChannel(World(load_robot("reference"))))
     found = {each.name: each for each in outcome.result.checks}
     assert found["encoder sign"].verdict == "NOT TOLD"
-    assert "bring it away from them (hil move --axis 2 --to)" in found["encoder sign"].seen
+    assert "move it away from them with hil move --axis 2 --to REV" in found["encoder sign"].seen
     assert found["quick stop, moving"].verdict == found["upper limit"].verdict == "NOT TOLD"
     assert {each.name for each in outcome.result.not_made} >= {"brake opens", "encoder sign", "upper limit", "accelerometer"}
     assert not outcome.result.failed
