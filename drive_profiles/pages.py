@@ -118,12 +118,12 @@ def _runs(profiles: Sequence[Profile]) -> Iterator[str]:
 
 
 def brief_runs(profiles: Sequence[Profile]) -> str:
-    """The table of runs for a page with little room: how many limits the master alone holds, not which."""
+    """The table of runs for a page with little room: a family with two tips was moved, identified and quieted."""
     rows = []
     for profile, run in _made_with(profiles):
-        _, *of_run, _, _, _ = _run_row(profile, run)
-        rows.append((f"`{profile.name}`", *of_run, str(len(run.held_by_master) or "none")))
-    return _table(("family", *_RUN_COLUMNS, "limits held by the master alone"), rows)
+        _, mode, _, plant, _, notch, tip, *_ = _run_row(profile, run)
+        rows.append((f"`{profile.name}`", mode, plant, notch, tip, str(len(run.held_by_master) or "none")))
+    return _table(("family", "mode", "plant identified", "notch in drive", "tip, mm", "limits held by master alone"), rows)
 
 
 def _made_with(profiles: Sequence[Profile]) -> list[tuple[Profile, FamilyRun]]:

@@ -58,3 +58,11 @@ def test_code_and_tests_cite_only_documents_that_are_here():
         if not (ROOT / name).exists()
     }
     assert missing == set()
+
+
+def test_the_readme_is_short_and_says_at_once_for_whom_it_is():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    without_links = re.sub(r"\]\([^)]*\)", " ", text)
+    words = re.findall(r"[^\s|`*>#\[\]-][^\s|`*\[\]]*", without_links)
+    assert len(words) <= 700
+    assert {"robot", "arms", "CANopen", "vibration"} <= set(re.findall(r"\w+", " ".join(words[:60])))

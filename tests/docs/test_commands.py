@@ -28,9 +28,6 @@ ARMS = "walks arms, each for a minute: tests/plant_emulator/rehearsal walks one"
 
 NOT_RUN = {
     ("README.md", "make demo"): "installs first; tests/hil/cli runs the demo itself",
-    ("README.md", "make live"): "installs first, and is the demo again; tests/hil/scope looks at a run live",
-    ("README.md", "make test"): SUITE,
-    ("README.md", "can_viewer -i hil_local -c /tmp/robot.sock"): "draws on a terminal until a key is pressed",
     ("README.md", "pytest tests/conformance"): SUITE,
     ("CONTRIBUTING.md", "make test"): SUITE,
     ("CONTRIBUTING.md", "make test CI=1"): SUITE,
@@ -73,10 +70,7 @@ NOT_RUN = {
 ELSEWHERE = {
     ("README.md", text): "docs/tuning.md"
     for text in (
-        "hil identify plant --bench bench.toml --axis 2 --model model.toml",
         "hil identify ate --bench bench.toml --axis 2 --model model.toml",
-        "hil design notch --bench bench.toml --axis 2 --model model.toml --design design.toml --out design",
-        "drive-profiles upload design/notch-axis2.toml --node 2 --yes",
         "hil run constant-acceleration --axis 2 --treatment cancellation --model model.toml --bench bench.toml",
     )
 } | {
@@ -88,10 +82,6 @@ ELSEWHERE = {
 """Commands that run on another page, where they stand to the letter: they take a minute."""
 
 SHORTENED = {
-    (
-        "README.md",
-        "hil compare --bench reference --emulate reference",
-    ): "--experiment constant-acceleration --axis 2 --treatment none,notch",
     (
         "docs/design.md",
         "hil design notch --bench bench.toml --axis 3 --order both --shape trapezoid --phase-margin-deg 40",
@@ -124,7 +114,6 @@ ENDLESS = ("can_logger", "can_bridge", "hil scope")
 """Programs that run until they are interrupted: here after some seconds, with SIGINT as by Ctrl-C."""
 
 BEFORE = {
-    "README.md": {"hil report demo": ["cp -r bench-out/* demo"]},  # a run's folder for that of the demo
     "docs/design.md": {"": ["cp hil/bench/reference.toml bench.toml"]},
     "docs/emulated-drive.md": {"": ["cp plant_emulator/robots/reference.toml robot.toml"]},
     "docs/other-programs.md": {

@@ -21,7 +21,7 @@ from hil.report.against.settings import Setting, differing, settings_table
 from hil.report.figures.plant import PARAMETERS
 from hil.report.material import Material, run_name
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, PageHead, PageVerdict, Section, moment_text, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, moment_text, render
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import Mark, number
 from hil.results.ate import AteResult
@@ -135,7 +135,8 @@ def _card(pair: RunPair, tip_mm: float) -> Card:
     change = f"{100.0 * (after / before - 1.0):+.0f} % peak".replace("-", "−") if before and after is not None else ""
     name = pair_name(pair)
     numbers = number(before, "{:.3f}"), number(after, "{:.3f}")
-    return Card(f"{name[0].upper()}{name[1:]}", *numbers, "mm", change, Mark(pair.new.within_spec, f"asked: ±{tip_mm:g} mm"))
+    step = CardStep(numbers[1], change, Mark(pair.new.within_spec, f"asked: ±{tip_mm:g} mm"))
+    return Card(f"{name[0].upper()}{name[1:]}", numbers[0], "mm", (step,))
 
 
 def _left(paired: PairedRuns) -> list[str]:

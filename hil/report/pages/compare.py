@@ -10,7 +10,7 @@ from hil.report.figures import compare as figures_compare
 from hil.report.figures import shapers as figures_shapers
 from hil.report.material import POINT_TO_POINT, Material
 from hil.report.origin import origin_of_table
-from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables import compare as tables_compare
 from hil.report.tables.compare import case_name, cases
@@ -212,16 +212,10 @@ def cards(result: TreatmentTable) -> list[Card]:
             if before_mm is None:
                 continue
             head = f"{robot.name}, " if len(result.robots) > 1 else ""
-            made.append(
-                Card(
-                    f"{head}{case_name(experiment, axis)}: {tables_compare.treatment_words(best)}",
-                    f"{before_mm:.3f}",
-                    f"{after_mm:.3f}",
-                    "mm",
-                    f"{tables_compare.change(best.tip_peak_change_pct)} peak",
-                    Mark(best.within_spec, f"asked: ±{robot.tip_mm:g} mm"),
-                )
-            )
+            change = f"{tables_compare.change(best.tip_peak_change_pct)} peak"
+            step = CardStep(f"{after_mm:.3f}", change, Mark(best.within_spec, f"asked: ±{robot.tip_mm:g} mm"))
+            title = f"{head}{case_name(experiment, axis)}: {tables_compare.treatment_words(best)}"
+            made.append(Card(title, f"{before_mm:.3f}", "mm", (step,)))
     return made
 
 

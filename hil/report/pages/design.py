@@ -10,7 +10,7 @@ from hil.experiments.notch_design import NotchDesignOutcome
 from hil.report import style
 from hil.report.figures import design as figures_design
 from hil.report.origin import origin_of_design
-from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number
 
@@ -72,7 +72,7 @@ def cards(outcome: NotchDesignOutcome) -> list[Card]:
         limit = outcome.problem.requirements.tip_mm
         mark = Mark(row.worst_mm <= limit, f"worst plant {row.worst_mm:.3f}, asked: ±{limit:g} mm")
         title = f"Tip on the ramp, k = {row.order:g}, predicted"
-        made.append(Card(title, f"{before.rising_mm:.3f}", f"{row.rising_mm:.3f}", "mm", change, mark))
+        made.append(Card(title, f"{before.rising_mm:.3f}", "mm", (CardStep(f"{row.rising_mm:.3f}", change, mark),)))
     return made
 
 

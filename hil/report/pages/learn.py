@@ -10,7 +10,7 @@ from hil.report.figures import ate as figures_ate
 from hil.report.figures.order_map import MarkedResonance, order_maps
 from hil.report.order_names import symbol
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
 from hil.report.tables.trial import trial_table
@@ -185,7 +185,7 @@ def cards(result: LearningResult) -> list[Card]:
         before, after = each.passes[0].vibration_m_s2, each.passes[-1].vibration_m_s2
         change = f"{-100.0 * each.reduction_fraction:+.0f} % vibration".replace("-", "−")
         mark = Mark(after < before, f"after {len(each.passes)} passes")
-        made.append(Card(f"Axis {each.axis}, ramps", f"{before:.3f}", f"{after:.3f}", "m/s²", change, mark))
+        made.append(Card(f"Axis {each.axis}, ramps", f"{before:.3f}", "m/s²", (CardStep(f"{after:.3f}", change, mark),)))
     return made
 
 

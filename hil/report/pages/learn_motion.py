@@ -5,7 +5,7 @@ from pathlib import Path
 from hil.report import style
 from hil.report.figures import ate as figures_ate
 from hil.report.origin import origin_of
-from hil.report.pages.page import Card, PageHead, PageVerdict, Section, render
+from hil.report.pages.page import Card, CardStep, PageHead, PageVerdict, Section, render
 from hil.report.style import Drawing
 from hil.report.tables.paper_runs import Cell, Mark, ReportTable, number
 from hil.results.files import load_result
@@ -131,7 +131,7 @@ def cards(result: MotionLearningResult) -> list[Card]:
     before, after = result.base_peak_mm, kept.tip_peak_mm
     change = f"{100.0 * (after / before - 1.0):+.0f} % peak".replace("-", "−")
     mark = Mark(after < before, f"after {len(result.runs)} runs")
-    return [Card(f"{result.motion}, worst direction", f"{before:.4f}", f"{after:.4f}", "mm", change, mark)]
+    return [Card(f"{result.motion}, worst direction", f"{before:.4f}", "mm", (CardStep(f"{after:.4f}", change, mark),))]
 
 
 def provenance(result: MotionLearningResult) -> list[tuple[str, str]]:

@@ -75,24 +75,37 @@ class PageVerdict:
 
 
 @dataclass(frozen=True)
+class CardStep:
+    """One treatment's number on a card.
+
+    Attributes:
+        after: Number with the treatment.
+        change: Change in words.
+        mark: Mark of the specification.
+        name: Treatment in words; empty if the card has one step only.
+    """
+
+    after: str
+    change: str
+    mark: Mark
+    name: str = ""
+
+
+@dataclass(frozen=True)
 class Card:
-    """A number that stands for a run pair: before and after.
+    """A motion's number without treatment, and with each treatment.
 
     Attributes:
         title: Motion in words.
-        before: Number without the treatment.
-        after: Number with the treatment.
-        unit: Unit of both numbers.
-        change: Change in words.
-        mark: Mark of the specification.
+        before: Number without treatment.
+        unit: Unit of all numbers.
+        steps: The treatments, in the order in which they are read.
     """
 
     title: str
     before: str
-    after: str
     unit: str
-    change: str
-    mark: Mark
+    steps: tuple[CardStep, ...]
 
 
 _SYMBOL = re.compile(r"(?<!\w)([A-Za-zα-ωΑ-Ω])_([A-Za-z0-9]+)(?!\w)")
