@@ -36,12 +36,12 @@ class DrawnRobot:
 
 
 def draw_robot(seed: int, folder: Path) -> DrawnRobot:
-    """Let `plant-emulator stable` draw a robot with a real gear, and write its files into a folder where they are not yet.
+    """Let `plant-emulator fleet` draw a robot with a real gear, and write its files into a folder where they are not yet.
 
     Raises:
         NotPossibleError: It cannot; its output is in the message.
     """
-    command = [sys.executable, "-m", "plant_emulator", "stable", "--seeds", str(seed), "--kind", "real", "--out", str(folder)]
+    command = [sys.executable, "-m", "plant_emulator", "fleet", "--seeds", str(seed), "--kind", "real", "--out", str(folder)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=DRAW_TIMEOUT_S, check=False)  # noqa: S603 - our own interpreter and module, no shell
     except subprocess.TimeoutExpired:

@@ -34,7 +34,7 @@ def demo(
         str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.", autocompletion=complete_reference)
     ] = "reference",
     robot_seed: Annotated[
-        int, typer.Option("--robot-seed", min=0, help="Seed of the robot that the story is told of (plant-emulator stable).")
+        int, typer.Option("--robot-seed", min=0, help="Seed of the robot that the story is told of (plant-emulator fleet).")
     ] = ROBOT_SEED,
     no_story: Annotated[
         bool, typer.Option("--no-story", help="Only the paper's experiments, without a robot of one's own and a whole arm.")

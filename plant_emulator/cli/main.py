@@ -1,7 +1,7 @@
 """plant-emulator: the emulated robot as a process, and its experiments without a bus."""
 
 from drive_profiles.cli.application import Tool
-from plant_emulator.cli import eds, following, rehearse, robustness, schema, serve, simulate, stable
+from plant_emulator.cli import eds, fleet, following, rehearse, robustness, schema, serve, simulate
 from plant_emulator.cli.console import EPILOG
 
 app = Tool(
@@ -10,7 +10,7 @@ app = Tool(
     EPILOG,
 )
 
-for command in (serve, simulate, eds, robustness, stable, rehearse, following, schema):
+for command in (serve, simulate, eds, robustness, fleet, rehearse, following, schema):
     command.mount(app)
 
 

@@ -14,7 +14,7 @@ import typer
 
 from drive_profiles.cli.console import epilog, fail, print_json, table
 from plant_emulator.cli.console import EmulatorExitStatus, JsonOption, exit_on_error, exit_on_value_error
-from plant_emulator.cli.stable import KindName, KindOption, OutOption
+from plant_emulator.cli.fleet import KindName, KindOption, OutOption
 
 if TYPE_CHECKING:
     from plant_emulator.rehearsal.many.claims import RehearsalClaim

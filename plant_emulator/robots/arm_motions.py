@@ -12,7 +12,7 @@ from hil.arm.straight_line import JointLimits, LineError
 from hil.arm.tables import ArmTable
 from hil.robot_tables import LineMotion, Point
 from plant_emulator.robots.robot import RobotAxis
-from plant_emulator.robots.stable import antiresonance_hz
+from plant_emulator.robots.fleet import antiresonance_hz
 
 RAMP_DEG = 15.0
 """By how much a ramp may turn the arm: its resonances move with the posture."""

@@ -67,7 +67,7 @@ def test_a_drawn_robots_story_begins_with_its_blank_bench_and_ends_with_its_trut
     done = story.tell("local:/nowhere/robot.sock", tmp_path / "out", robot=robot)
     assert done.failure is not None
     bench = load_bench(tmp_path / "out" / "bench.toml")
-    assert bench.name == "stable-real-3"
+    assert bench.name == "fleet-real-3"
     assert all(axis.model is None for axis in bench.axis.values())
     part = json.loads((tmp_path / "out" / "result.json").read_text())["story"]
     assert part["seed"] == 3
@@ -78,7 +78,7 @@ def test_a_drawn_robots_story_begins_with_its_blank_bench_and_ends_with_its_trut
     assert "estimate" not in facts["K_g"]
     page = write_compare_report(tmp_path / "out").read_text()
     assert "Truth beside estimate" in page
-    assert "bench “stable-real-3”" in page, "no robot was run, and its bench has a name all the same"
+    assert "bench “fleet-real-3”" in page, "no robot was run, and its bench has a name all the same"
 
 
 @pytest.mark.ci
@@ -177,7 +177,7 @@ def test_the_whole_demo_ends_with_the_story_and_a_whole_arm(whole_demo_run: Demo
     for step in told["story"]["steps"]:
         assert not step["link"] or (out / "story" / step["link"]).is_file()
     (robot,) = told["robots"]
-    assert robot["name"] == f"stable-real-{ROBOT_SEED}"
+    assert robot["name"] == f"fleet-real-{ROBOT_SEED}"
     peaks = {row["treatment"]: row["tip_peak_mm"] for row in robot["rows"]}
     assert {"none", "notch", "cancellation"} <= set(peaks)
     assert peaks["cancellation"] < 0.5 * peaks["none"]

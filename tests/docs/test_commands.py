@@ -47,9 +47,9 @@ NOT_RUN = {
     ("docs/other-programs.md", "can_viewer -i hil_local -c /tmp/robot.sock"): "draws on a terminal until a key is pressed",
     ("docs/real-drive.md", "sudo ip link set can0 up type can bitrate 1000000"): SUDO,
     ("docs/real-drive.md", "export HIL_BUS=socketcan:can0"): "the emulated drive of the page's beginning stands for the real one",
-    ("docs/robustness.md", "dask scheduler --host 127.0.0.1 --no-dashboard"): DASK,
-    ("docs/robustness.md", "dask worker tcp://127.0.0.1:8786 --nworkers 4 --nthreads 1 --no-dashboard"): DASK,
-    ("docs/robustness.md", "plant-emulator rehearse --seeds 1-1000 --on dask:tcp://127.0.0.1:8786 --out rehearsal"): DASK,
+    ("docs/rehearsal.md", "dask scheduler --host 127.0.0.1 --no-dashboard"): DASK,
+    ("docs/rehearsal.md", "dask worker tcp://127.0.0.1:8786 --nworkers 4 --nthreads 1 --no-dashboard"): DASK,
+    ("docs/rehearsal.md", "plant-emulator rehearse --seeds 1-1000 --on dask:tcp://127.0.0.1:8786 --out rehearsal"): DASK,
     ("docs/socketcan.md", "sudo ip link set can0 type can bitrate 1000000 restart-ms 0"): SUDO,
     ("docs/socketcan.md", "sudo ip link set can0 txqueuelen 64"): SUDO,
     ("docs/socketcan.md", "sudo ip link set can0 up"): SUDO,
@@ -105,8 +105,8 @@ SHORTENED = {
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --notch design/design.toml"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --spread spread.toml --runs 5000 --seed 7"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --experiment line-motion --runs 300"): "--runs 4",
-    ("docs/robustness.md", "plant-emulator rehearse --seeds 1-1000 --out rehearsal"): "--seeds 4",
-    ("docs/robustness.md", "plant-emulator rehearse --seeds 1-1000 --out rehearsal --resume"): "--seeds 4",
+    ("docs/rehearsal.md", "plant-emulator rehearse --seeds 1-1000 --out rehearsal"): "--seeds 4",
+    ("docs/rehearsal.md", "plant-emulator rehearse --seeds 1-1000 --out rehearsal --resume"): "--seeds 4",
 }
 """What is added to a command that would take minutes; all else of it stands."""
 
@@ -158,6 +158,7 @@ SLOW = {
     "docs/passport.md",
     "docs/python.md",
     "docs/tuning.md",
+    "docs/rehearsal.md",
     "docs/robustness.md",
     "docs/design.md",
     "docs/other-programs.md",

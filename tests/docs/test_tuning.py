@@ -44,8 +44,8 @@ EXPECTED = {
 def typed(text, seed):
     """What the page says to do on a drawn robot: serve its file in place of the reference, and copy its blank bench file."""
     if text.startswith("plant-emulator serve"):
-        return text.replace("reference", f"stable/robot-{seed}.toml")
-    return f"cp stable/bench-{seed}.toml bench.toml" if text.startswith("sed ") else text
+        return text.replace("reference", f"fleet/robot-{seed}.toml")
+    return f"cp fleet/bench-{seed}.toml bench.toml" if text.startswith("sed ") else text
 
 
 def beginning(text, table):
@@ -54,7 +54,7 @@ def beginning(text, table):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_page_quiets_a_robot_that_nobody_has_tuned_for(seed, shell):
-    drawn = "plant-emulator stable --seeds 77 --kind real --out stable"
+    drawn = "plant-emulator fleet --seeds 77 --kind real --out fleet"
     assert drawn in PAGE.read_text(encoding="utf-8")
     is_designed = False
     for command in commands_of(PAGE):

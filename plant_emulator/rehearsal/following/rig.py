@@ -26,7 +26,7 @@ from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
 from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.robot import Robot
-from plant_emulator.robots.stable import antiresonance_hz, small_motion_antiresonance_hz
+from plant_emulator.robots.fleet import antiresonance_hz, small_motion_antiresonance_hz
 
 Real = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from hil.experiments.cancellation.follow_trial import LOUDER_MM, FollowRun, Hear
 from hil.experiments.judge import vibration_scale
 from plant_emulator.rehearsal.following.laws import FilteredLms, Repetition
 from plant_emulator.rehearsal.following.rig import NO_BEGINS, Believed, Follower, Rig, RigRun
-from plant_emulator.robots.stable import draw
+from plant_emulator.robots.fleet import draw
 
 Real = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ def law_of(name: str, rig: Rig, begins: Mapping[float, float] = NO_BEGINS) -> Fo
 def ramp(rig: Rig) -> Real:
     """The bench's own constant-acceleration motion."""
     table = rig.bench.constant_acceleration
-    assert table is not None  # noqa: S101 - every bench of the stable has one
+    assert table is not None  # noqa: S101 - every bench of the fleet has one
     trajectory = table.trajectory()
     return trajectory.motor_angle(_instants(rig, trajectory.duration_s))
 

@@ -63,7 +63,7 @@ def _is_loaded(row: Row) -> bool:
 
 NOT_EXPLAINED = "not explained"
 """What a run says of what it leaves where it knows no cause."""
-NOBODY = "no robot of the stable"
+NOBODY = "no robot of the fleet"
 
 CAUSES: tuple[Cause, ...] = (
     Cause("nothing to cancel", "tip within the goal without a treatment", _is_quiet_already),

@@ -16,7 +16,7 @@ from plant_emulator.rehearsal.path import PathOptions, walk
 from plant_emulator.rehearsal.record import MAX_WORDS
 from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.robot import Robot
-from plant_emulator.robots.stable import Kind, draw
+from plant_emulator.robots.fleet import Kind, draw
 
 BOTH = "both"
 KINDS = (*get_args(Kind), BOTH)

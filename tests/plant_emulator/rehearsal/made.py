@@ -36,7 +36,7 @@ def row(
         probes: Wrong corrections, by name: whether they were accepted.
         cpu_s: Processor time.
     """
-    record = PathRecord(f"stable-{kind}-{seed}", seed, 2)
+    record = PathRecord(f"fleet-{kind}-{seed}", seed, 2)
     record.facts = FACT_VALUES | (facts or {})
     assert set(record.facts) >= set(FACTS)
     for step in STEPS:

@@ -1,4 +1,4 @@
-"""plant-emulator stable and rehearse: robots on disk, and the documented path walked on them, as a user types it."""
+"""plant-emulator fleet and rehearse: robots on disk, and the documented path walked on them, as a user types it."""
 
 import csv
 import json
@@ -33,11 +33,11 @@ def invoke(*words):
     return CliRunner().invoke(app, [*map(str, words)])
 
 
-# -- stable ------------------------------------------------------------------------------------------------------------
+# -- fleet ------------------------------------------------------------------------------------------------------------
 
 
 def test_a_stable_is_robots_that_load_with_benches_that_know_nothing_of_them(tmp_path):
-    done = invoke("stable", "--seeds", "1-3", "--out", tmp_path / "s")
+    done = invoke("fleet", "--seeds", "1-3", "--out", tmp_path / "s")
     assert done.exit_code == 0, done.output
     with (tmp_path / "s" / "robots.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -56,7 +56,7 @@ def test_a_stable_is_robots_that_load_with_benches_that_know_nothing_of_them(tmp
 
 def test_a_stable_overwrites_nothing(tmp_path):
     (tmp_path / "bench-2.toml").write_text("mine")
-    done = invoke("stable", "--seeds", "1-3", "--out", tmp_path)
+    done = invoke("fleet", "--seeds", "1-3", "--out", tmp_path)
     assert done.exit_code == 3
     assert "bench-2.toml: there already; nothing was written" in done.output
     assert [path.name for path in tmp_path.iterdir()] == ["bench-2.toml"]
@@ -64,12 +64,12 @@ def test_a_stable_overwrites_nothing(tmp_path):
 
 
 def test_one_seed_is_one_robot(tmp_path):
-    assert invoke("stable", "--seed", "7", "--kind", "real", "--out", tmp_path).exit_code == 0
-    assert tomllib.loads((tmp_path / "robot-7.toml").read_text())["name"] == "stable-real-7"
+    assert invoke("stable", "--seed", "7", "--kind", "real", "--out", tmp_path).exit_code == 0, "the old name works too"
+    assert tomllib.loads((tmp_path / "robot-7.toml").read_text())["name"] == "fleet-real-7"
     assert len(list(tmp_path.iterdir())) == 3
 
 
-@pytest.mark.parametrize("command", ["stable", "rehearse"])
+@pytest.mark.parametrize("command", ["fleet", "rehearse"])
 def test_seeds_that_are_none_are_a_matter_of_usage(command, tmp_path):
     done = invoke(command, "--seeds", "5-3", "--out", tmp_path / "s")
     assert done.exit_code == 2

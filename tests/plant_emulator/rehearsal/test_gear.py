@@ -12,7 +12,7 @@ from plant_emulator.physics.axis import PLANT, PLANT_STATE, derivatives
 from plant_emulator.rehearsal.estimates import quantities_of
 from plant_emulator.rehearsal.gear import gear_at, gear_plant
 from plant_emulator.robots.robot import RobotAxis
-from plant_emulator.robots.stable import antiresonance_hz, draw
+from plant_emulator.robots.fleet import antiresonance_hz, draw
 
 REAL = draw(8, kind="real")
 

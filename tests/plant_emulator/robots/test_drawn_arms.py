@@ -83,7 +83,7 @@ def test_a_drawn_arm_follows_its_line_behind_the_master():
 
 def test_the_command_writes_arms_with_their_benches_and_overwrites_nothing(tmp_path):
     out = tmp_path / "arms"
-    command = ["stable", "--seeds", "1-2", "--arms", "--out", str(out)]
+    command = ["fleet", "--seeds", "1-2", "--arms", "--out", str(out)]
     assert CliRunner().invoke(app, command).exit_code == 0
     assert sorted(path.name for path in out.iterdir()) == [
         "bench-1.toml",
@@ -103,14 +103,14 @@ EXAMPLE = Path(__file__).parents[3] / "examples" / "arm.urdf"
 DOWN = "0,20,95,0,65,0"
 
 
-def stable(*words):
-    return CliRunner().invoke(app, ["stable", *map(str, words)])
+def fleet(*words):
+    return CliRunner().invoke(app, ["fleet", *map(str, words)])
 
 
 def test_the_arm_of_a_urdf_file_is_given_drives_and_a_bench_that_reads_the_same_file(tmp_path):
     (tmp_path / "arm.urdf").write_bytes(EXAMPLE.read_bytes())
     out = tmp_path / "mine"
-    assert stable("--seeds", "2-3", "--urdf", tmp_path / "arm.urdf", "--home-deg", DOWN, "--out", out).exit_code == 0
+    assert fleet("--seeds", "2-3", "--urdf", tmp_path / "arm.urdf", "--home-deg", DOWN, "--out", out).exit_code == 0
     assert 'urdf = "../arm.urdf"' in (out / "robot-2.toml").read_text(encoding="utf-8")
     robot, bench = load_robot(out / "robot-2.toml"), load_bench(out / "bench-2.toml")
     assert robot.arm == bench.arm
@@ -138,7 +138,7 @@ def test_the_arm_of_a_urdf_file_is_given_drives_and_a_bench_that_reads_the_same_
 )
 def test_a_urdf_arm_that_cannot_be_drawn_is_refused_and_nothing_is_written(tmp_path, words, status, said):
     out = tmp_path / "mine"
-    done = stable("--seeds", "2", "--out", out, *words)
+    done = fleet("--seeds", "2", "--out", out, *words)
     text = " ".join(done.output.replace("│", " ").split())
     assert (done.exit_code, said in text) == (status, True), text
     assert not out.exists()

@@ -13,7 +13,7 @@ from hil.experiments.plant.identify import PlantIdentification
 from hil.experiments.plant.motion import PlantRequest
 from plant_emulator.robots.blank_bench import blank_bench
 from plant_emulator.robots.robot import Robot
-from plant_emulator.robots.stable import draw
+from plant_emulator.robots.fleet import draw
 from tests.hil.experiments.plant.drawn import AXIS, axis_of, bench_of, robot_of, truth_of
 from tests.hil.experiments.plant.plant_rig import FakeSession
 
@@ -116,7 +116,7 @@ def test_a_dead_accelerometer_is_said_and_left_out() -> None:
     assert any("the accelerometer shows 0 m/s² and nothing else" in remark for remark in evaluated.remarks)
 
 
-# -- the stable --------------------------------------------------------------------------------------------------------
+# -- the fleet --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

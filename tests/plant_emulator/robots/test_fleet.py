@@ -1,4 +1,4 @@
-"""The stable: robots drawn by seed, within the stated ranges, and their blank bench files."""
+"""The fleet: robots drawn by seed, within the stated ranges, and their blank bench files."""
 
 import math
 from dataclasses import replace
@@ -11,7 +11,7 @@ from hil.plan.check import check
 from plant_emulator.motion.axes import Axes
 from plant_emulator.robots.blank_bench import TABLE_3, blank_bench
 from plant_emulator.robots.robot import Robot, load_robot
-from plant_emulator.robots.stable import RANGES, REAL_HYSTERESIS_NM, antiresonance_hz, draw
+from plant_emulator.robots.fleet import RANGES, REAL_HYSTERESIS_NM, antiresonance_hz, draw
 from plant_emulator.robots.writing import file_text
 
 SEEDS = range(200)

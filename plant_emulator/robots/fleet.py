@@ -1,8 +1,8 @@
-"""The stable: robots with harmonic drives drawn by seed, from ranges that industry's robots fill.
+"""The fleet: robots with harmonic drives drawn by seed, from ranges that industry's robots fill.
 
 Every quantity is drawn from a generator of its own, named by seed and quantity: a quantity more shifts no other.
 
->>> from plant_emulator.robots.stable import draw
+>>> from plant_emulator.robots.fleet import draw
 >>> robot = draw(7)
 >>> robot == draw(7), 50 <= robot.axis[2].reduction_ratio <= 160
 (True, True)
@@ -132,7 +132,7 @@ def rounded(value: float) -> float:
 
 
 def draw(seed: int, ranges: Ranges = RANGES, *, kind: Kind = "any", axes: int = 1) -> Robot:
-    """A robot of the stable; equal arguments give equal robots.
+    """A robot of the fleet; equal arguments give equal robots.
 
     Args:
         seed: Seed of all draws, and of the robot's own noise.
@@ -144,7 +144,7 @@ def draw(seed: int, ranges: Ranges = RANGES, *, kind: Kind = "any", axes: int = 
         ValueError: The robot cannot have so many axes, or the seed is negative.
     """
     if not 1 <= axes <= len(AXIS_NUMBERS):
-        raise ValueError(f"{axes} axes: a robot of the stable has 1 to {len(AXIS_NUMBERS)}")
+        raise ValueError(f"{axes} axes: a robot of the fleet has 1 to {len(AXIS_NUMBERS)}")
     if seed < 0:
         raise ValueError(f"seed {seed} is negative")
     bus = Draws(seed)
@@ -155,7 +155,7 @@ def draw(seed: int, ranges: Ranges = RANGES, *, kind: Kind = "any", axes: int = 
     late_us = round(1e6 * sync_period_s * bus.even("lateness", (0.1, 0.9))) if is_late else 0
     numbers = AXIS_NUMBERS[:axes]
     return Robot(
-        name=f"stable-{kind}-{seed}",
+        name=f"fleet-{kind}-{seed}",
         seed=seed,
         control_period_s=CONTROL_PERIOD_S,
         sync_period_s=sync_period_s,

@@ -1,4 +1,4 @@
-"""plant-emulator stable: robots drawn by seed, with bench files that know nothing of them."""
+"""plant-emulator fleet: robots drawn by seed, with bench files that know nothing of them."""
 
 # ruff: noqa: PLC0415 - the robots are imported inside the command, so that --help stays quick
 
@@ -70,11 +70,12 @@ ARM_COLUMNS = (
 
 
 def mount(app: typer.Typer) -> None:
-    """Make it `plant-emulator stable`."""
-    app.command("stable", epilog=EPILOG)(stable)
+    """Make it `plant-emulator fleet`; its old name, `stable`, works too."""
+    app.command("fleet", epilog=EPILOG)(fleet)
+    app.command("stable", epilog=EPILOG, hidden=True)(fleet)
 
 
-def stable(
+def fleet(
     seeds: SeedsOption,
     out: OutOption,
     kind: KindOption = "both",
@@ -88,13 +89,13 @@ def stable(
     Equal seeds give equal robots. `robots.csv` has what was drawn, a line per robot.
 
     Examples:
-        plant-emulator stable --seeds 7 --out stable
+        plant-emulator fleet --seeds 7 --out fleet
 
-        plant-emulator stable --seeds 1-40 --kind real --out stable
+        plant-emulator fleet --seeds 1-40 --kind real --out fleet
 
-        plant-emulator stable --seeds 1-10 --arms --out arms
+        plant-emulator fleet --seeds 1-10 --arms --out arms
 
-        plant-emulator stable --seeds 1 --urdf arm.urdf --home-deg 0,-60,100,0,50,0 --out mine
+        plant-emulator fleet --seeds 1 --urdf arm.urdf --home-deg 0,-60,100,0,50,0 --out mine
     """
     from drive_profiles.files.safefile import write_atomically
     from plant_emulator.rehearsal.many.seeds import seeds_of
