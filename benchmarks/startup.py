@@ -99,14 +99,14 @@ def startup(repeats: int = 5) -> list[str]:
         warm = statistics.median(_python("-c", COMPILED, path=Path(folder)) for _ in range(turns(3)))
     progress("start-up: demo")
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
-        demo = _python("-m", "hil", "demo", "--no-story", "--out", str(Path(folder) / "demo"), cwd=folder)
+        demo = _python("-m", "hil", "demo", "--no-tour", "--out", str(Path(folder) / "demo"), cwd=folder)
     rows: list[Row] = [
         ("`python -c pass`", bare, 1.0),
         ("`hil --help`", assisted, assisted / bare),
         ("`import numba, numpy`", numba, numba / bare),
         ("law, drives and plant ready to run, cold: everything compiled", cold, cold / bare),
         ("the same, warm", warm, warm / bare),
-        ("`hil demo --no-story`, warm: eight runs, figures and report", demo, demo / bare),
+        ("`hil demo --no-tour`, warm: eight runs, figures and report", demo, demo / bare),
     ]
     return table(("a new process", "s", "`python -c pass` = 1"), rows)
 

@@ -10,7 +10,7 @@ class Reporter(Protocol):
         """Show that a run of an experiment begins."""
 
     def step(self, sentence: str) -> None:
-        """Show that a step begins: a trial, a pass, a part of a story."""
+        """Show that a step begins: a trial, a pass, a part of a tour."""
 
     def progress(self, fraction: float) -> None:
         """Show the fraction of the present motion or search that is done, 0 to 1."""

@@ -25,6 +25,8 @@ RANDOM_FRAMES = 1_000_000
 USERS = ("bench.toml", "model.toml", "design/design.toml", "demo/report.html", "drive-journals/axis2.json")
 """Files that somebody who uses the tools has beside the project's own."""
 CACHES = ("__pycache__", "node_modules", ".egg-info")
+SPELLED = ("README.md", "CONTRIBUTING.md", "docs", "drive_profiles", "hil", "plant_emulator")
+"""Where people read words; tests misspell on purpose."""
 SIDE_BY_SIDE = ("-n", "2", "--dist", "worksteal")
 ALONE = ("-p", "no:xdist")
 SLOWNESS_VARIABLE, BUSY_SLOWNESS = "HIL_MACHINE_SLOWNESS", "8"
@@ -66,6 +68,7 @@ def linters(*of_mypy: str) -> Iterator[Stage]:
     yield Stage("ruff check", (str(BIN / "ruff"), "check"))
     yield Stage("ruff format", (str(BIN / "ruff"), "format", "--check"))
     yield Stage("mypy", (str(BIN / "mypy"), *of_mypy))
+    yield Stage("spelling", (str(BIN / "codespell"), *SPELLED))
     yield Stage("imports", (str(BIN / "lint-imports"), "--no-logo"))
 
 

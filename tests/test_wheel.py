@@ -16,10 +16,10 @@ MINORS = (11, 12, 13, 14)
 OLDEST_FOR = 13
 """The newest Python for which the oldest dependencies have wheels."""
 PLUG_IN = """
-def test_it_turns_a_revolution(drive):
-    start = drive.position_rev
-    drive.move_by(1.0)
-    assert abs(drive.position_rev - start - 1.0) < 0.01
+def test_it_turns_a_revolution(hil_drive):
+    start = hil_drive.position_rev
+    hil_drive.move_by(1.0)
+    assert abs(hil_drive.position_rev - start - 1.0) < 0.01
 """
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
@@ -79,7 +79,7 @@ def test_what_is_installed_from_the_wheel_works(tmp_path, wheel, minor, versions
     installed = tmp_path / "venv" / "bin"
     constraints = oldest(tmp_path) if versions == "oldest" else ()
     run(tmp_path, installed / "python", "-m", "pip", "install", "-q", *constraints, wheel, "pytest")
-    run(tmp_path, installed / "hil", "demo", "--no-story", "--out", "demo")
+    run(tmp_path, installed / "hil", "demo", "--no-tour", "--out", "demo")
     assert (tmp_path / "demo" / "report.html").is_file()
     bus = f"local:{tmp_path}/bus.sock"
     with subprocess.Popen(

@@ -1,4 +1,4 @@
-"""hil demo: the paper's experiments on an emulated robot, and the story of a robot of which nothing is known."""
+"""hil demo: the paper's experiments on an emulated robot, and the tour of a robot of which nothing is known."""
 
 import shutil
 import sys
@@ -17,7 +17,7 @@ from hil.cli.options import JsonOption
 from hil.cli.run import run_and_report
 
 ROBOT_SEED = 77
-"""Seed of the robot that the story is told of unless another is chosen: one on which every step has something to show."""
+"""Seed of the robot that the tour shows unless another is chosen: one on which every step has something to show."""
 
 OutOption = Annotated[Path, typer.Option("--out", help="Directory for recordings, result.json and report.html.")]
 
@@ -34,10 +34,10 @@ def demo(
         str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.", autocompletion=complete_reference)
     ] = "reference",
     robot_seed: Annotated[
-        int, typer.Option("--robot-seed", min=0, help="Seed of the robot that the story is told of (plant-emulator fleet).")
+        int, typer.Option("--robot-seed", min=0, help="Seed of the robot that the tour shows (plant-emulator fleet).")
     ] = ROBOT_SEED,
-    no_story: Annotated[
-        bool, typer.Option("--no-story", help="Only the paper's experiments, without a robot of one's own and a whole arm.")
+    no_tour: Annotated[
+        bool, typer.Option("--no-tour", help="Only the paper's experiments, without a robot of one's own and a whole arm.")
     ] = False,
     live: LiveOption = None,
 ) -> None:
@@ -63,8 +63,8 @@ def demo(
                 status = run_and_report(
                     bench, demo_experiments(bench), out, as_json=as_json, is_paper=True, knowledge=known_from("reference", bench)
                 )
-        if not no_story and status in {0, ExitStatus.NOT_MET}:
-            status = _tell_stories(robot_seed, out, live, as_json=as_json) or status
+        if not no_tour and status in {0, ExitStatus.NOT_MET}:
+            status = _run_tours(robot_seed, out, live, as_json=as_json) or status
         for line in next_steps(tool_prefix(sys.argv[0])):
             say(line)
         if status:
@@ -116,29 +116,29 @@ def tool_prefix(program: str) -> str:
     return f"{folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder}/"
 
 
-def _tell_stories(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
+def _run_tours(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
     """Tell the demo's other parts, link to them from the first part's report, and return the exit status.
 
-    After a part that was interrupted, or failed in another way than by what it found, the next is not told.
+    After a part that was interrupted, or failed in another way than by what it found, the next does not run.
     """
     from hil.report.pages.demo import write_report  # noqa: PLC0415
 
     try:
-        own = _tell_story(seed, out, live, as_json=as_json)
+        own = _run_tour(seed, out, live, as_json=as_json)
         if own not in {ExitStatus.DONE, ExitStatus.NOT_MET}:
             return own
-        return _tell_arm_story(out, live, as_json=as_json) or own
+        return _run_arm_tour(out, live, as_json=as_json) or own
     finally:
         write_report(out)
 
 
-def _tell_story(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
-    """Tell the story, the demo's second part, and return the exit status."""
-    from hil import story  # noqa: PLC0415
+def _run_tour(seed: int, out: Path, live: int | None, *, as_json: bool) -> int:
+    """Tell the tour, the demo's second part, and return the exit status."""
+    from hil import tour  # noqa: PLC0415
     from hil.emulator import EmulatorProcess, draw_robot  # noqa: PLC0415
     from hil.experiments.comparison.table import summary  # noqa: PLC0415
     from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
-    from hil.report.pages.demo import STORY_FOLDER  # noqa: PLC0415
+    from hil.report.pages.demo import TOUR_FOLDER  # noqa: PLC0415
 
     say(f"your own robot: of which nothing is known; drawn by seed {seed}, --robot-seed takes another")
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
@@ -147,8 +147,8 @@ def _tell_story(seed: int, out: Path, live: int | None, *, as_json: bool) -> int
             EmulatorProcess(str(robot.robot_file)) as emulator,
             shown_live(live, str(emulator.address), str(robot.bench_file)),
         ):
-            done = story.tell(str(emulator.address), out / STORY_FOLDER, reporter=SpokenReporter(), robot=robot)
-    page = write_compare_report(out / STORY_FOLDER)
+            done = tour.run(str(emulator.address), out / TOUR_FOLDER, reporter=SpokenReporter(), robot=robot)
+    page = write_compare_report(out / TOUR_FOLDER)
     for line in summary(done.result, terminal_width(err=as_json)):
         typer.echo(line, err=as_json)
     say(f"your own robot: {page}")
@@ -163,9 +163,9 @@ def _tell_story(seed: int, out: Path, live: int | None, *, as_json: bool) -> int
     return 0  # what was refused on a robot that anybody may draw is said, and no fault of the demo
 
 
-def _tell_arm_story(out: Path, live: int | None, *, as_json: bool) -> int:
-    """Tell the arm's story, the demo's last part, and return the exit status."""
-    from hil import arm_story  # noqa: PLC0415
+def _run_arm_tour(out: Path, live: int | None, *, as_json: bool) -> int:
+    """Tell the arm's tour, the demo's last part, and return the exit status."""
+    from hil import arm_tour  # noqa: PLC0415
     from hil.emulator import EmulatorProcess  # noqa: PLC0415
     from hil.experiments.comparison.table import summary  # noqa: PLC0415
     from hil.report.pages.compare import write_compare_report  # noqa: PLC0415
@@ -173,11 +173,11 @@ def _tell_arm_story(out: Path, live: int | None, *, as_json: bool) -> int:
 
     say("a whole arm: six axes; known of it are its joints and the inertias of its motors")
     with EmulatorProcess("reference-arm") as emulator, shown_live(live, str(emulator.address), "reference-arm"):
-        done = arm_story.tell(str(emulator.address), out / ARM_FOLDER, reporter=SpokenReporter())
+        done = arm_tour.run(str(emulator.address), out / ARM_FOLDER, reporter=SpokenReporter())
     page = write_compare_report(out / ARM_FOLDER)
     for line in summary(done.result, terminal_width(err=as_json)):
         typer.echo(line, err=as_json)
-    for claim in done.result.story.claims or ():
+    for claim in done.result.tour.claims or ():
         found = "not judged" if claim.found is None else f"{claim.found:.4f} {claim.unit}".replace("-", "−")
         verdict = {True: "holds", False: "does not hold", None: "not judged"}[claim.holds]
         typer.echo(f"{verdict}: {claim.claim}: {found}", err=as_json)
@@ -190,5 +190,5 @@ def _tell_arm_story(out: Path, live: int | None, *, as_json: bool) -> int:
             raise done.failure
         say(f"a whole arm: {message_of(done.failure)}")
         return code
-    is_met = all(claim.holds for claim in done.result.story.claims or ())
+    is_met = all(claim.holds for claim in done.result.tour.claims or ())
     return ExitStatus.DONE if is_met else ExitStatus.NOT_MET

@@ -37,7 +37,7 @@ def origin_of(result: MeasuredResult) -> Origin:
 
 
 def origin_of_table(result: TreatmentTable) -> Origin:
-    """Origin of a comparison, or of a story."""
+    """Origin of a comparison, or of a tour."""
     emulated = [robot.name for robot in result.robots if robot.emulated and not robot.emulated_parts]
     if len(result.robots) == 1 or not result.robots or len(emulated) == len(result.robots):
         parts = result.robots[0].emulated_parts if len(result.robots) == 1 else None

@@ -1,6 +1,6 @@
 """Results of commands as types: each class writes its JSON file and reads it again.
 
-`runs` has the result of `hil run`, `comparison` those of `hil compare` and of a story, `learning`, `plant`, `ate` and
+`runs` has the result of `hil run`, `comparison` those of `hil compare` and of a tour, `learning`, `plant`, `ate` and
 `notch_design` those of `hil learn`, `hil identify` and `hil design`. `base` is what they have in common, and `files` reads a file
 by its `kind`.
 

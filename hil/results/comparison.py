@@ -1,4 +1,4 @@
-"""Result of `hil compare`: treatments side by side, over experiments and robots, and of a story that ends with one."""
+"""Result of `hil compare`: treatments side by side, over experiments and robots, and of a tour that ends with one."""
 
 from typing import Literal
 
@@ -128,14 +128,14 @@ class ComparisonRobot(ResultPart):
         return aftermath(self.all_disabled, self.not_restored)
 
 
-class StoryStep(ResultPart):
-    """One step of a story.
+class TourStep(ResultPart):
+    """One step of a tour.
 
     Attributes:
         name: Name of the step in words.
         what: Result of the step in words, or its error.
         holds: True where the step succeeded.
-        link: Path of its report, from the story's directory; empty for none.
+        link: Path of its report, from the tour's directory; empty for none.
         seconds: Duration of the step.
     """
 
@@ -146,7 +146,7 @@ class StoryStep(ResultPart):
     seconds: float
 
 
-class StoryFact(ResultPart):
+class TourFact(ResultPart):
     """One drawn number of an emulated robot, beside what was found of it.
 
     Attributes:
@@ -168,8 +168,8 @@ class StoryFact(ResultPart):
     standard_error: float | None = None
 
 
-class StoryClaim(ResultPart):
-    """A number of a story beside what is asked.
+class TourClaim(ResultPart):
+    """A number of a tour beside what is asked.
 
     Attributes:
         claim: Claim in words.
@@ -191,28 +191,28 @@ class StoryClaim(ResultPart):
         return None if self.found is None else self.found > self.asked if self.is_above else self.found <= self.asked
 
 
-class StoryPart(ResultPart):
-    """Steps of a story up to its comparison.
+class TourPart(ResultPart):
+    """Steps of a tour up to its comparison.
 
     Attributes:
-        bench_file: Path of the bench file, from the story's directory.
+        bench_file: Path of the bench file, from the tour's directory.
         steps: Steps in their order.
         failure: Reason why it ended early, or None.
-        robot_file: Path of the robot file that was kept aside, from the story's directory; None of a robot that has none.
+        robot_file: Path of the robot file that was kept aside, from the tour's directory; None of a robot that has none.
         seed: Seed by which the robot was drawn.
         facts: Numbers of the robot beside what was found, revealed at the end.
         heading: Title of its page.
-        claims: Numbers beside what is asked; None of a story that claims nothing.
+        claims: Numbers beside what is asked; None of a tour that claims nothing.
     """
 
     bench_file: str
-    steps: tuple[StoryStep, ...]
+    steps: tuple[TourStep, ...]
     failure: str | None
     robot_file: str | None = None
     seed: int | None = None
-    facts: tuple[StoryFact, ...] | None = None
+    facts: tuple[TourFact, ...] | None = None
     heading: str = "Your own robot"
-    claims: tuple[StoryClaim, ...] | None = None
+    claims: tuple[TourClaim, ...] | None = None
 
 
 class TreatmentTable(Result):
@@ -237,8 +237,8 @@ class ComparisonResult(TreatmentTable):
     kind: Literal["compare"] = "compare"
 
 
-class StoryResult(TreatmentTable):
-    """Result of a story: its steps, and the comparison that it ends with."""
+class TourResult(TreatmentTable):
+    """Result of a tour: its steps, and the comparison that it ends with."""
 
-    kind: Literal["story"] = "story"
-    story: StoryPart
+    kind: Literal["tour"] = "tour"
+    tour: TourPart

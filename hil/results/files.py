@@ -11,7 +11,7 @@ from hil.errors import HilError
 from hil.results.arm import ArmResult
 from hil.results.ate import AteResult
 from hil.results.base import RESULT_FILE, SCHEMA, Result
-from hil.results.comparison import ComparisonResult, StoryResult
+from hil.results.comparison import ComparisonResult, TourResult
 from hil.results.learning import LearningResult, MotionLearningResult
 from hil.results.notch_design import NotchDesignResult
 from hil.results.plant import PlantResult
@@ -22,7 +22,7 @@ from hil.robot_tables import TransmissionErrorTable
 AnyResult = Annotated[
     ExperimentsResult
     | ComparisonResult
-    | StoryResult
+    | TourResult
     | LearningResult
     | MotionLearningResult
     | PlantResult

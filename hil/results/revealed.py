@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from hil.bench.model import IdentifiedAxis
-from hil.results.comparison import StoryFact
+from hil.results.comparison import TourFact
 from hil.robot_tables import ORDERS, amplitude_key, phase_key
 
 PLANT = (
@@ -22,7 +22,7 @@ UNSEEN = (
 """The same, and the default, of numbers that nothing looks for."""
 
 
-def facts_of(number: int, truth: Mapping[str, Any], known: IdentifiedAxis) -> Iterator[StoryFact]:
+def facts_of(number: int, truth: Mapping[str, Any], known: IdentifiedAxis) -> Iterator[TourFact]:
     """Facts of one axis.
 
     Args:
@@ -35,24 +35,24 @@ def facts_of(number: int, truth: Mapping[str, Any], known: IdentifiedAxis) -> It
     for symbol, name, unit, key, factor in PLANT:
         estimate = None if plant is None else factor * getattr(plant.values, key)
         error = None if plant is None or key not in plant.standard_error else factor * plant.standard_error[key]
-        yield StoryFact(
+        yield TourFact(
             axis=number, symbol=symbol, name=name, unit=unit, truth=factor * truth[key], estimate=estimate, standard_error=error
         )
     coulomb = None if plant is None else plant.coulomb_friction_nm
     error = None if plant is None else plant.standard_error.get("coulomb_friction_nm")
-    yield StoryFact(
+    yield TourFact(
         axis=number, symbol="τ_C", name="Coulomb friction", unit="N·m", truth=truth.get("coulomb_friction_nm", 0.0),
         estimate=coulomb, standard_error=error,
     )  # fmt: skip
     yield from _orders(number, truth["ate"], known)
     for symbol, name, unit, key, factor, default in UNSEEN:
-        yield StoryFact(axis=number, symbol=symbol, name=name, unit=unit, truth=factor * truth.get(key, default))
+        yield TourFact(axis=number, symbol=symbol, name=name, unit=unit, truth=factor * truth.get(key, default))
 
 
-def _antiresonance(number: int, truth: Mapping[str, Any], known: IdentifiedAxis) -> StoryFact:
+def _antiresonance(number: int, truth: Mapping[str, Any], known: IdentifiedAxis) -> TourFact:
     """f_a, of the gear at its nominal stiffness."""
     plant = known.plant
-    return StoryFact(
+    return TourFact(
         axis=number, symbol="f_a", name="antiresonance", unit="Hz",
         truth=math.sqrt(truth["gear_stiffness_nm_rad"] / truth["arm_inertia_kg_m2"]) / (2.0 * math.pi),
         estimate=None if plant is None else plant.antiresonance_hz,
@@ -60,7 +60,7 @@ def _antiresonance(number: int, truth: Mapping[str, Any], known: IdentifiedAxis)
     )  # fmt: skip
 
 
-def _orders(number: int, truth: Mapping[str, float], known: IdentifiedAxis) -> Iterator[StoryFact]:
+def _orders(number: int, truth: Mapping[str, float], known: IdentifiedAxis) -> Iterator[TourFact]:
     """Amplitude and phase of each order; a phase beside its estimate and not a turn away."""
     error = known.ate
     amplitudes = {} if error is None else error.values.amplitudes_arcsec()
@@ -70,14 +70,14 @@ def _orders(number: int, truth: Mapping[str, float], known: IdentifiedAxis) -> I
         amplitude, phase = amplitude_key(order), phase_key(order)
         if not truth.get(amplitude, 0.0) > 0.0:
             continue
-        yield StoryFact(
+        yield TourFact(
             axis=number, symbol=f"A_{order}", name=f"error of order {order}", unit="arcsec", truth=truth[amplitude],
             estimate=amplitudes.get(order), standard_error=errors.get(amplitude) if order in amplitudes else None,
         )  # fmt: skip
         found = phases.get(order)
         true = truth.get(phase, 0.0)
         nearest = true if found is None else found + (true - found + 180.0) % 360.0 - 180.0
-        yield StoryFact(
+        yield TourFact(
             axis=number, symbol=f"φ_{order}", name="its phase", unit="°", truth=nearest, estimate=found,
             standard_error=errors.get(phase) if order in phases else None,
         )  # fmt: skip

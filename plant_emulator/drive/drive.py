@@ -40,7 +40,7 @@ from plant_emulator.drive.state_machine import (
     torque_lost,
 )
 from plant_emulator.drive.touch_probe import TouchProbes
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes
 from plant_emulator.slave.delays import slave_with
 from plant_emulator.slave.dictionary import ResetKind
@@ -358,7 +358,7 @@ class Drive:
         ends = self._standing.power.leaving is not None or (
             self.state is State.QUICK_STOP_ACTIVE and self.behaviour.quick_stop_ends_disabled_at_once
         )
-        if ends and (self.stage.law_mode == law.BRAKED or self.stage.stands):
+        if ends and (self.stage.law_mode == record.BRAKED or self.stage.stands):
             self._take(stopped(self._standing.power, self._options.now()))
 
     def _fault(self, cause: str, code: int) -> None:

@@ -4,16 +4,16 @@ from collections.abc import Callable
 
 from drive_profiles.standard.cia301 import ErrorRegister
 from drive_profiles.standard.cia402 import Object
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.slave.node import Slave
 
 FAULTS: tuple[tuple[int, str, int], ...] = (
-    (law.FOLLOWING, "following error", 0x8611),
-    (law.OVERSPEED, "motor speed", 0x8400),
-    (law.OUT_OF_RANGE, "position limit", 0x8612),
-    (law.SET_POINT_RANGE, "set-point outside position limit", 0x8612),
-    (law.SET_POINT_STEP, "set-point faster than the motor", 0x8612),
-    (law.SET_POINT_LATE, "set-point late", 0x8700),
+    (record.FOLLOWING, "following error", 0x8611),
+    (record.OVERSPEED, "motor speed", 0x8400),
+    (record.OUT_OF_RANGE, "position limit", 0x8612),
+    (record.SET_POINT_RANGE, "set-point outside position limit", 0x8612),
+    (record.SET_POINT_STEP, "set-point faster than the motor", 0x8612),
+    (record.SET_POINT_LATE, "set-point late", 0x8700),
 )
 """Trip bit, cause and emergency code.
 

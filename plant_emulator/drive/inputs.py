@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from drive_profiles.standard.cia402 import Object
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes, live
 from plant_emulator.robots.behaviour import Switches
 from plant_emulator.slave.dictionary import Dictionary
@@ -20,9 +20,9 @@ from plant_emulator.slave.dictionary import Dictionary
 INTERLOCK, PROBE_1_INPUT, PROBE_2_INPUT, SAFE_TORQUE_OFF = 1 << 3, 1 << 16, 1 << 17, 1 << 18
 """Bits of 60FDh beside those of the switches, which are the bits of `inputs` in `MOTION`."""
 
-SWITCHES = law.NEGATIVE_SWITCH | law.POSITIVE_SWITCH | law.HOME_SWITCH
+SWITCHES = record.NEGATIVE_SWITCH | record.POSITIVE_SWITCH | record.HOME_SWITCH
 _PROBE_SHIFT = 13
-INPUTS = SWITCHES | law.PROBE_1 | law.PROBE_2
+INPUTS = SWITCHES | record.PROBE_1 | record.PROBE_2
 
 EdgeListener = Callable[[int, Sequence[float]], None]
 """Takes the bits of the edges that were seen, and the counts at the last of each."""
@@ -64,14 +64,14 @@ class DigitalInputs:
         mask = 0
         if switches.negative_limit_deg is not None:
             motion["negative_switch_counts"] = math.floor(switches.negative_limit_deg * joint)
-            mask |= law.NEGATIVE_SWITCH
+            mask |= record.NEGATIVE_SWITCH
         if switches.positive_limit_deg is not None:
             motion["positive_switch_counts"] = math.ceil(switches.positive_limit_deg * joint)
-            mask |= law.POSITIVE_SWITCH
+            mask |= record.POSITIVE_SWITCH
         for name, bit, range_deg in (
-            ("home", law.HOME_SWITCH, switches.home_deg),
-            ("probe_1", law.PROBE_1, switches.probe_1_deg),
-            ("probe_2", law.PROBE_2, switches.probe_2_deg),
+            ("home", record.HOME_SWITCH, switches.home_deg),
+            ("probe_1", record.PROBE_1, switches.probe_1_deg),
+            ("probe_2", record.PROBE_2, switches.probe_2_deg),
         ):
             if range_deg is not None:
                 motion[f"{name}_low_counts"], motion[f"{name}_high_counts"] = (
@@ -86,11 +86,11 @@ class DigitalInputs:
         """Find the inputs that are active before the first control period."""
         motion, levels = self._motion, 0
         for bit, low, high in (
-            (law.NEGATIVE_SWITCH, -math.inf, motion["negative_switch_counts"]),
-            (law.POSITIVE_SWITCH, motion["positive_switch_counts"], math.inf),
-            (law.HOME_SWITCH, motion["home_low_counts"], motion["home_high_counts"]),
-            (law.PROBE_1, motion["probe_1_low_counts"], motion["probe_1_high_counts"]),
-            (law.PROBE_2, motion["probe_2_low_counts"], motion["probe_2_high_counts"]),
+            (record.NEGATIVE_SWITCH, -math.inf, motion["negative_switch_counts"]),
+            (record.POSITIVE_SWITCH, motion["positive_switch_counts"], math.inf),
+            (record.HOME_SWITCH, motion["home_low_counts"], motion["home_high_counts"]),
+            (record.PROBE_1, motion["probe_1_low_counts"], motion["probe_1_high_counts"]),
+            (record.PROBE_2, motion["probe_2_low_counts"], motion["probe_2_high_counts"]),
         ):
             if motion["input_mask"] & bit and low <= counts <= high:
                 levels |= bit

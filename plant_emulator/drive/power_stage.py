@@ -7,7 +7,7 @@ from drive_profiles.standard.cia402 import Object
 from plant_emulator.drive.binding.process_data import DriveData
 from plant_emulator.drive.binding.set_points import SetPoints
 from plant_emulator.drive.state_machine import Stop
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes, live
 
 STOP_PATIENCE_S = 0.5
@@ -42,7 +42,7 @@ class PowerStage:
     def begin(self, mode: int) -> None:
         """Go over to a mode of the law, without a jump: from rest behind the brake, or from what the motor does now."""
         span = max(1, round(self.data.limits.control_periods_per_set_point()))
-        if self.law_mode == law.BRAKED:
+        if self.law_mode == record.BRAKED:
             self.axes.open_brake(self.row, mode, span)
         else:
             self.axes.change_mode(self.row, mode, span)
@@ -50,14 +50,14 @@ class PowerStage:
     def close_brake(self) -> None:
         """No torque, and the brake closed: the motor stands."""
         motion = self.motion
-        motion["mode"] = law.BRAKED
+        motion["mode"] = record.BRAKED
         motion["torque_nm"], motion["following_count"] = 0.0, 0
 
     def stop(self, stop: Stop) -> None:
         """Brake; a brake that is closed already stays closed, and without a velocity loop there is none that could ramp."""
         motion, axes = self.motion, self.axes
         has_loop = axes.cascade_config[self.row]["velocity_gain_nm_s_rad"] > 0.0
-        if stop is Stop.AT_ONCE or self.law_mode == law.BRAKED or not has_loop:
+        if stop is Stop.AT_ONCE or self.law_mode == record.BRAKED or not has_loop:
             motion["stopped"] = 1
             self.close_brake()
             return
@@ -79,9 +79,9 @@ class PowerStage:
     @property
     def stands(self) -> bool:
         """True where the motor is at rest, as far as the law can see."""
-        return abs(self.data.speed_rad_s) < law.STOPPED_RAD_S
+        return abs(self.data.speed_rad_s) < record.STOPPED_RAD_S
 
     @property
     def stands_braked(self) -> bool:
         """True where a halt or a quick stop has been completed: the motor is at rest and held."""
-        return bool(self._stopped[self.row]) or self.law_mode == law.BRAKED
+        return bool(self._stopped[self.row]) or self.law_mode == record.BRAKED

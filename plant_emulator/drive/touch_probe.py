@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Object
 from plant_emulator.drive.inputs import DigitalInputs
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.slave.dictionary import Dictionary
 
 ENABLE, CONTINUOUS, POSITIVE_EDGE, NEGATIVE_EDGE = 1 << 0, 1 << 1, 1 << 4, 1 << 5
@@ -25,15 +25,15 @@ POSITIVE_STORED, NEGATIVE_STORED, POSITIVE_TOGGLE, NEGATIVE_TOGGLE = 1 << 1, 1 <
 _STORED = {POSITIVE_EDGE: POSITIVE_STORED, NEGATIVE_EDGE: NEGATIVE_STORED}
 _TOGGLES = (POSITIVE_TOGGLE, NEGATIVE_TOGGLE)
 _PROBE = {
-    1: (1 << law.PROBE_1_RISING, 1 << law.PROBE_1_FALLING),
-    2: (1 << law.PROBE_2_RISING, 1 << law.PROBE_2_FALLING),
+    1: (1 << record.PROBE_1_RISING, 1 << record.PROBE_1_FALLING),
+    2: (1 << record.PROBE_2_RISING, 1 << record.PROBE_2_FALLING),
 }
 SOURCES: dict[int, tuple[int, int]] = {
     **_PROBE,
-    5: (1 << law.INDEX, 0),
-    -1: (1 << law.HOME_RISING, 1 << law.HOME_FALLING),
-    -2: (1 << law.NEGATIVE_RISING, 1 << law.NEGATIVE_FALLING),
-    -3: (1 << law.POSITIVE_RISING, 1 << law.POSITIVE_FALLING),
+    5: (1 << record.INDEX, 0),
+    -1: (1 << record.HOME_RISING, 1 << record.HOME_FALLING),
+    -2: (1 << record.NEGATIVE_RISING, 1 << record.NEGATIVE_FALLING),
+    -3: (1 << record.POSITIVE_RISING, 1 << record.POSITIVE_FALLING),
 }
 """60D0h: bits of the positive and of the negative edge; 5 is the encoder's index pulse, below 0 the switches (manufacturer's)."""
 

@@ -30,30 +30,39 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("hil-bench", "robot bench (hil-bench)")
     add = group.addoption
     add(
-        "--bench",
+        "--hil-bench",
         dest="hil_bench",
         metavar="FILE|NAME",
         default="reference",
         help="Bench: a file, on the bus that it names; or `reference`, on the emulated robot (default).",
     )
     add(
-        "--robot",
+        "--hil-robot",
         dest="hil_robot",
         metavar="FILE|NAME",
-        help="Emulate this robot, whatever bus --bench names; without it `reference` where one is emulated.",
+        help="Emulate this robot, whatever bus --hil-bench names; without it `reference` where one is emulated.",
     )
-    add("--axis", dest="hil_axis", type=int, metavar="N", help="Axis of the `drive` fixture; else the lowest of the bench.")
-    add("--bitrate", dest="hil_bitrate", metavar="RATE", help="Bit times on the emulated bus, such as 1M; none unless given.")
     add(
-        "--allow-motion",
+        "--hil-axis",
+        dest="hil_axis",
+        type=int,
+        metavar="N",
+        help="Axis of the `hil_drive` fixture; else the lowest of the bench.",
+    )
+    add("--hil-bitrate", dest="hil_bitrate", metavar="RATE", help="Bit times on the emulated bus, such as 1M; none unless given.")
+    add(
+        "--hil-allow-motion",
         dest="hil_allow_motion",
         action="store_true",
         help="Let fixtures move a real robot; without it they skip.",
     )
     add(
-        "--require-hardware", dest="hil_require_hardware", action="store_true", help="Missing hardware fails instead of skipping."
+        "--hil-require-hardware",
+        dest="hil_require_hardware",
+        action="store_true",
+        help="Missing hardware fails instead of skipping.",
     )
-    add("--keep-traces", dest="hil_keep_traces", metavar="DIR",
+    add("--hil-keep-traces", dest="hil_keep_traces", metavar="DIR",
         help="Where failed tests leave trace and recordings; .hil-traces unless given.")  # fmt: skip
 
 
@@ -63,7 +72,7 @@ def pytest_configure(config: pytest.Config) -> None:
     named = config.getoption("hil_bench") != "reference" and config.getoption("hil_robot") is None
     if named and workers > 1:
         raise pytest.UsageError(
-            f"--bench {config.getoption('hil_bench')} is one bus for one master; run with -n 0 instead of {workers}"
+            f"--hil-bench {config.getoption('hil_bench')} is one bus for one master; run with -n 0 instead of {workers}"
         )
 
 
@@ -89,8 +98,8 @@ def pytest_runtest_makereport(
 
 
 @pytest.fixture(scope="session")
-def robot_model(pytestconfig: pytest.Config) -> "Robot":
-    """The robot file of the emulated robot: `--robot`, else the reference. Override it for a robot of your own."""
+def hil_robot_model(pytestconfig: pytest.Config) -> "Robot":
+    """The robot file of the emulated robot: `--hil-robot`, else the reference. Override it for a robot of your own."""
     from plant_emulator.pytest_plugin.target import load_model  # noqa: PLC0415
 
     return load_model(pytestconfig)
@@ -104,26 +113,26 @@ def _hil_target(request: pytest.FixtureRequest) -> Iterator["Target"]:
 
     artefacts = Artefacts(directory_of(request.config, request.node.nodeid))
     request.node.stash[_ARTEFACTS] = artefacts
-    target = open_target(request.config, lambda: request.getfixturevalue("robot_model"), artefacts)
+    target = open_target(request.config, lambda: request.getfixturevalue("hil_robot_model"), artefacts)
     yield target
     target.close()
 
 
 @pytest.fixture
-def bench(_hil_target: "Target") -> "Bench":
-    """The bench file of `--bench`; on the emulated robot unless that is a file. Override it to change it."""
+def hil_bench(_hil_target: "Target") -> "Bench":
+    """The bench file of `--hil-bench`; on the emulated robot unless that is a file. Override it to change it."""
     return _hil_target.bench
 
 
 @pytest.fixture
-def axis(pytestconfig: pytest.Config, bench: "Bench") -> int:
-    """Number of the axis under test: `--axis`, else the lowest of the bench; parametrise it to test several."""
+def hil_axis(pytestconfig: pytest.Config, hil_bench: "Bench") -> int:
+    """Number of the axis under test: `--hil-axis`, else the lowest of the bench; parametrise it to test several."""
     number: int | None = pytestconfig.getoption("hil_axis")
-    return min(bench.axis) if number is None else number
+    return min(hil_bench.axis) if number is None else number
 
 
 @pytest.fixture
-def robot(_hil_target: "Target") -> "EmulatedRobot":
+def hil_robot(_hil_target: "Target") -> "EmulatedRobot":
     """The emulated robot: world, channel, drives by axis, `advance()`; virtual time, equal seeds give equal frames."""
     if _hil_target.robot is None:
         pytest.skip(f"looks inside the emulated robot; {_hil_target.where} is none")
@@ -131,14 +140,14 @@ def robot(_hil_target: "Target") -> "EmulatedRobot":
 
 
 @pytest.fixture
-def local_bus(serve_local_bus: Callable[..., "ServedBus"]) -> "ServedBus":
+def hil_local_bus(hil_serve_local_bus: Callable[..., "ServedBus"]) -> "ServedBus":
     """An emulated robot as a process that serves a local bus of its own: `.address`, for other programs to join."""
-    return serve_local_bus()
+    return hil_serve_local_bus()
 
 
 @pytest.fixture
-def serve_local_bus(pytestconfig: pytest.Config) -> Iterator[Callable[..., "ServedBus"]]:
-    """Starts such processes: `serve_local_bus("--seed", "2", robot="robot.toml")`, options as of `plant-emulator serve`."""
+def hil_serve_local_bus(pytestconfig: pytest.Config) -> Iterator[Callable[..., "ServedBus"]]:
+    """Starts such processes: `hil_serve_local_bus("--seed", "2", robot="robot.toml")`, options as of `plant-emulator serve`."""
     from plant_emulator.pytest_plugin.served import LocalBusServers  # noqa: PLC0415
 
     with LocalBusServers(pytestconfig) as served:
@@ -149,34 +158,34 @@ def serve_local_bus(pytestconfig: pytest.Config) -> Iterator[Callable[..., "Serv
 
 
 @pytest.fixture
-def session(_hil_target: "Target", bench: "Bench") -> Iterator["BenchSession"]:
+def hil_session(_hil_target: "Target", hil_bench: "Bench") -> Iterator["BenchSession"]:
     """A master on the bench; every node has been found and checked, nothing is enabled."""
     from plant_emulator.pytest_plugin.master import open_session  # noqa: PLC0415
 
-    with open_session(_hil_target, bench) as opened:
+    with open_session(_hil_target, hil_bench) as opened:
         yield opened
 
 
 @pytest.fixture
-def drive(session: "BenchSession", request: pytest.FixtureRequest) -> Iterator["EnabledDrive"]:
+def hil_drive(hil_session: "BenchSession", request: pytest.FixtureRequest) -> Iterator["EnabledDrive"]:
     """One enabled drive that holds its position; disabled, and left as it was found, afterwards."""
     from plant_emulator.pytest_plugin.enabled_drive import enabled  # noqa: PLC0415
 
     number = getattr(request, "param", None)
-    with enabled(session, request.getfixturevalue("axis") if number is None else number) as held:
+    with enabled(hil_session, request.getfixturevalue("hil_axis") if number is None else number) as held:
         yield held
 
 
 @pytest.fixture
-def accelerometer(session: "BenchSession") -> "AccelerometerReadings":
+def hil_accelerometer(hil_session: "BenchSession") -> "AccelerometerReadings":
     """The sensor at the tip: `read()` gives X, Y, Z in m/s²."""
     from plant_emulator.pytest_plugin.readings import AccelerometerReadings  # noqa: PLC0415
 
-    return AccelerometerReadings(session)
+    return AccelerometerReadings(hil_session)
 
 
 @pytest.fixture
-def faults(_hil_target: "Target") -> "FaultInjection":
+def hil_faults(_hil_target: "Target") -> "FaultInjection":
     """Faults on demand: frames lost, delayed, doubled, corrupted; bus, heartbeats or nodes lost; strangers who interfere."""
     from plant_emulator.pytest_plugin.injection import FaultInjection  # noqa: PLC0415
 

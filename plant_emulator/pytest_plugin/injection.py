@@ -110,7 +110,7 @@ class FaultInjection:
         Args:
             can_id: Identifier of the frames.
             bits: Bits to invert, 0 is the lowest of the first byte; one by chance unless they are given.
-            noticed: The CRC shows it, so that the frame is sent again; needs bit times (`--bitrate`).
+            noticed: The CRC shows it, so that the frame is sent again; needs bit times (`--hil-bitrate`).
             after_s: Time from now until it begins.
             for_s: Duration; None: to the end of the test.
             every: n, so that every n-th such frame is hit.
@@ -121,7 +121,7 @@ class FaultInjection:
         """
         self._needs_emulation("wrong set-points would reach a real robot")
         if noticed and self._interference.wire is None:
-            pytest.skip("a CRC that is noticed needs bit times: --bitrate 1M")
+            pytest.skip("a CRC that is noticed needs bit times: --hil-bitrate 1M")
         return self._befall(Fault("corrupt", can_id, bits=bits, crc=noticed, every=every, count=count), after_s, for_s)
 
     # -- nodes and bus -------------------------------------------------------------------------------------------------

@@ -100,7 +100,7 @@ class Target:
         """Nothing is opened but the emulated robot."""
         self.config, self.bench, self.artefacts, self.robot = config, bench, artefacts, robot
         self.interference = Interference(artefacts.trace) if robot is None else robot.channel.interference
-        self.where = "the emulated robot" if robot is not None else f"the bus {bench.bus.address} of --bench"
+        self.where = "the emulated robot" if robot is not None else f"the bus {bench.bus.address} of --hil-bench"
         self._opened: Channel | None = None
 
     @property
@@ -121,16 +121,16 @@ class Target:
         return self._opened
 
     def is_missing(self, what: str) -> NoReturn:
-        """Skip, or fail with `--require-hardware`, because hardware is missing."""
+        """Skip, or fail with `--hil-require-hardware`, because hardware is missing."""
         if self.config.getoption("hil_require_hardware"):
-            pytest.fail(f"--require-hardware: {what}", pytrace=False)
+            pytest.fail(f"--hil-require-hardware: {what}", pytrace=False)
         pytest.skip(what)
 
     def check_motion_is_allowed(self) -> None:
-        """Skip where a real robot would move without `--allow-motion`."""
+        """Skip where a real robot would move without `--hil-allow-motion`."""
         is_real = self.robot is None and parse_address(self.bench.bus.address).interface != LOCAL
         if is_real and not self.config.getoption("hil_allow_motion"):
-            pytest.skip(f"moves the robot on {self.bench.bus.address}; --allow-motion lets it")
+            pytest.skip(f"moves the robot on {self.bench.bus.address}; --hil-allow-motion lets it")
 
     def close(self) -> None:
         """Leave the bus."""
@@ -139,20 +139,20 @@ class Target:
 
 
 def load_model(config: pytest.Config) -> Robot:
-    """The robot file of `--robot`, else the reference."""
+    """The robot file of `--hil-robot`, else the reference."""
     try:
         return load_robot(config.getoption("hil_robot") or "reference")
     except DriveProfileError as error:
-        pytest.fail(f"--robot: {error}", pytrace=False)
+        pytest.fail(f"--hil-robot: {error}", pytrace=False)
 
 
 def open_target(config: pytest.Config, model: Callable[[], Robot], artefacts: Artefacts) -> Target:
-    """Open the target that `--bench` and `--robot` name."""
+    """Open the target that `--hil-bench` and `--hil-robot` name."""
     name: str = config.getoption("hil_bench")
     try:
         bench = load_bench(name)
     except DriveProfileError as error:
-        pytest.fail(f"--bench: {error}", pytrace=False)
+        pytest.fail(f"--hil-bench: {error}", pytrace=False)
     if name != "reference" and config.getoption("hil_robot") is None:
         return Target(config, bench, artefacts)
     bitrate = bit_rate(config)
@@ -163,11 +163,11 @@ def open_target(config: pytest.Config, model: Callable[[], Robot], artefacts: Ar
 
 
 def bit_rate(config: pytest.Config) -> int | None:
-    """`--bitrate` in bit/s, spelled as in an address."""
+    """`--hil-bitrate` in bit/s, spelled as in an address."""
     text: str | None = config.getoption("hil_bitrate")
     if text is None:
         return None
     try:
         return parse_address(f"{LOCAL}:bus@{text}").bitrate
     except AddressError:
-        pytest.fail(f"--bitrate {text}: a rate such as 1M, 500k or 125000 is wanted", pytrace=False)
+        pytest.fail(f"--hil-bitrate {text}: a rate such as 1M, 500k or 125000 is wanted", pytrace=False)

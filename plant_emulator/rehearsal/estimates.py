@@ -10,8 +10,8 @@ from hil.robot_tables import ORDERS, amplitude_key, phase_key
 from plant_emulator.rehearsal.gear import gear_plant
 from plant_emulator.rehearsal.record import Cell, QuantityRecord
 from plant_emulator.rehearsal.truth import true_f_al_hz
-from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
 from plant_emulator.robots.fleet import antiresonance_hz
+from plant_emulator.robots.robot import Robot, RobotAccelerometer, RobotAxis
 
 
 def facts_of(robot: Robot, bench: Bench, number: int) -> dict[str, Cell]:

@@ -17,8 +17,8 @@ from plant_emulator.rehearsal.gear import gear_plant
 from plant_emulator.rehearsal.record import PROBES, ProbeRecord
 from plant_emulator.rehearsal.survey import Survey, session_on
 from plant_emulator.rehearsal.truth import ratio_of_tips
-from plant_emulator.robots.robot import Robot
 from plant_emulator.robots.fleet import draw
+from plant_emulator.robots.robot import Robot
 
 WRONG_FROM = 0.99
 """Fraction of an order's error that a correction leaves, from which on it is wrong: 60° of phase leave all of it."""

@@ -11,8 +11,8 @@ from hil.arm.line import arm_line
 from hil.arm.straight_line import JointLimits, LineError
 from hil.arm.tables import ArmTable
 from hil.robot_tables import LineMotion, Point
-from plant_emulator.robots.robot import RobotAxis
 from plant_emulator.robots.fleet import antiresonance_hz
+from plant_emulator.robots.robot import RobotAxis
 
 RAMP_DEG = 15.0
 """By how much a ramp may turn the arm: its resonances move with the posture."""

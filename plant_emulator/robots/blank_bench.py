@@ -8,8 +8,8 @@ from hil.arm.straight_line import JointLimits
 from hil.arm.tables import ArmTable
 from plant_emulator.robots.arm_motions import arm_ramp, first_line
 from plant_emulator.robots.drawn_arms import arm_facts
-from plant_emulator.robots.robot import ArmAxis, ArmRobot, Robot, RobotAxis
 from plant_emulator.robots.fleet import antiresonance_hz
+from plant_emulator.robots.robot import ArmAxis, ArmRobot, Robot, RobotAxis
 
 TABLE_3 = {"order": 2, "start_rps": 4.0, "end_rps": 9.0, "offset_hz": 0.5, "zeta_rn": 0.028, "zeta_rdth": 0.1}
 """The paper's notch of axis 2, copied without a thought to the robot that it was not made for."""

@@ -21,8 +21,8 @@ from hil.arm.bodies import Body, Inertia
 from hil.arm.masses import mass_matrix
 from hil.arm.tables import ArmLink, ArmTable
 from hil.arm.urdf import turning_joints, with_links
-from plant_emulator.robots.robot import SHIPPED, ArmAxis, ArmRobot, BusFacts, load_robot
 from plant_emulator.robots.fleet import CONTROL_PERIOD_S, RANGES, Draws, Range, accelerometer, rounded, transmission_error
+from plant_emulator.robots.robot import SHIPPED, ArmAxis, ArmRobot, BusFacts, load_robot
 
 Real = NDArray[np.float64]
 

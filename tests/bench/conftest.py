@@ -39,11 +39,11 @@ def warm_servers() -> Iterator[WarmServers]:
 
 
 @pytest.fixture
-def local_bus(request: pytest.FixtureRequest) -> Iterator[ServedBus]:
+def hil_local_bus(request: pytest.FixtureRequest) -> Iterator[ServedBus]:
     """The plug-in's, from a process that has loaded everything, where that is possible."""
     config = request.config
     if not IS_POSSIBLE or config.getoption("hil_robot") or config.getoption("hil_bitrate"):
-        yield request.getfixturevalue("serve_local_bus")()
+        yield request.getfixturevalue("hil_serve_local_bus")()
         return
     with request.getfixturevalue("warm_servers").serving() as bus:
         yield bus
@@ -58,7 +58,7 @@ def demo_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 @pytest.fixture(scope="session")
 def whole_demo_run(demo_run: DemoRun) -> DemoRun:
-    """The same with the story and the whole arm."""
+    """The same with the tour and the whole arm."""
     return demo_run
 
 

@@ -39,7 +39,7 @@ def shared_demo(root: Path, *, is_whole: bool) -> DemoRun:
 
     Args:
         root: Folder that all workers have in common.
-        is_whole: True where somebody asks for the story and the arm too.
+        is_whole: True where somebody asks for the tour and the arm too.
     """
     name = "whole-demo" if is_whole else "demo"
     kept = root / f"{name}.json"
@@ -47,7 +47,7 @@ def shared_demo(root: Path, *, is_whole: bool) -> DemoRun:
         fcntl.flock(lock, fcntl.LOCK_EX)  # goes with its process
         if not kept.exists():
             out = root / name
-            command = [sys.executable, "-m", "hil", "demo", *(() if is_whole else ("--no-story",)), "--out", str(out), "--json"]
+            command = [sys.executable, "-m", "hil", "demo", *(() if is_whole else ("--no-tour",)), "--out", str(out), "--json"]
             done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
             made = DemoRun(str(out), done.returncode, done.stdout, done.stderr)
             kept.write_text(json.dumps(asdict(made)), encoding="utf-8")

@@ -27,8 +27,10 @@ def result_of(tmp_path: Path, bus: ServedBus, treatment: str, *more: str) -> Any
 
 
 @pytest.mark.ci
-def test_a_result_holds_the_filter_as_the_drive_held_it_and_the_file_it_came_from(tmp_path: Path, local_bus: ServedBus) -> None:
-    found = result_of(tmp_path, local_bus, "notch")
+def test_a_result_holds_the_filter_as_the_drive_held_it_and_the_file_it_came_from(
+    tmp_path: Path, hil_local_bus: ServedBus
+) -> None:
+    found = result_of(tmp_path, hil_local_bus, "notch")
     asked = load_bench("reference").axis[2].notch[0].model_dump()
     for run in found["runs"]:
         (acted,) = run["filters"]
@@ -44,11 +46,11 @@ def test_a_result_holds_the_filter_as_the_drive_held_it_and_the_file_it_came_fro
 
 
 @pytest.mark.slow
-def test_a_result_holds_the_orders_that_were_cancelled(tmp_path: Path, local_bus: ServedBus) -> None:
+def test_a_result_holds_the_orders_that_were_cancelled(tmp_path: Path, hil_local_bus: ServedBus) -> None:
     model = load_bench("reference").axis[2].model
     assert model is not None
     for treatment, held_by in (("cancellation", "host"), ("cancellation-inside", "drive")):
-        (first, *_) = result_of(tmp_path, local_bus, treatment)["runs"]
+        (first, *_) = result_of(tmp_path, hil_local_bus, treatment)["runs"]
         assert first["filters"] == []
         assert {each["order"]: each["amplitude_arcsec"] for each in first["cancelled"]} == pytest.approx(
             model.ate.amplitudes_arcsec(), rel=1e-6
@@ -58,8 +60,8 @@ def test_a_result_holds_the_orders_that_were_cancelled(tmp_path: Path, local_bus
 
 
 @pytest.mark.slow
-def test_a_loop_that_the_host_closes_tells_its_own_filters(tmp_path: Path, local_bus: ServedBus) -> None:
-    (first, *_) = result_of(tmp_path, local_bus, "notch", "--loop", "host")["runs"]
+def test_a_loop_that_the_host_closes_tells_its_own_filters(tmp_path: Path, hil_local_bus: ServedBus) -> None:
+    (first, *_) = result_of(tmp_path, hil_local_bus, "notch", "--loop", "host")["runs"]
     assert [(each["axis"], each["held_by"]) for each in first["filters"]] == [(2, "host")]
-    (first, *_) = result_of(tmp_path, local_bus, "fixed-notch", "--loop", "host")["runs"]
+    (first, *_) = result_of(tmp_path, hil_local_bus, "fixed-notch", "--loop", "host")["runs"]
     assert first["filters"][0]["fixed"].keys() == FilterSection.model_fields.keys()

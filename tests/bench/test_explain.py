@@ -18,8 +18,8 @@ from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.robots.blank_bench import blank_bench
-from plant_emulator.robots.robot import load_robot
 from plant_emulator.robots.fleet import draw
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 from tests.bench.fault_rig import T_S, bench
 

@@ -41,17 +41,17 @@ def typed(text: str) -> str:
 
 
 @pytest.mark.slow
-def test_a_scan_and_what_is_typed_give_a_bench_on_which_check_and_run_work(local_bus, tmp_path, monkeypatch):
+def test_a_scan_and_what_is_typed_give_a_bench_on_which_check_and_run_work(hil_local_bus, tmp_path, monkeypatch):
     monkeypatch.delenv("HIL_BUS", raising=False)
     bench = tmp_path / "bench.toml"
-    status, said = hil("init", "--bus", local_bus.address, "--out", str(bench))
+    status, said = hil("init", "--bus", hil_local_bus.address, "--out", str(bench))
     assert status == 0, said
     assert "axis.2.reduction_ratio" in said
     status, said = hil("plan", "--bench", str(bench))
     assert status == 3
     assert f"{bench.name}:" in said.replace("\n", "")
 
-    status, said = hil("init", "--bus", local_bus.address, "--out", str(bench))
+    status, said = hil("init", "--bus", hil_local_bus.address, "--out", str(bench))
     assert (status, "there already" in said) == (3, True)
 
     bench.write_text(typed(bench.read_text()))

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from hil.bench.bench import REFERENCE
 from hil.cli.main import app
 from hil.report import style
-from hil.story import bench_without_model
+from hil.tour import bench_without_model
 from plant_emulator.pytest_plugin.served import ServedBus
 
 
@@ -18,21 +18,21 @@ def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(style, "to_svg", lambda figure, key, **options: "<svg></svg>")
 
 
-def run(tmp_path: Path, local_bus: ServedBus, text: str, treatment: str, *more: str) -> tuple[int, str, str]:
+def run(tmp_path: Path, hil_local_bus: ServedBus, text: str, treatment: str, *more: str) -> tuple[int, str, str]:
     """Exit status, output and headline of one run of axis 2."""
     bench, out = tmp_path / "bench.toml", tmp_path / f"out-{treatment}"
     bench.write_text(text, encoding="utf-8")
     done = CliRunner().invoke(app, [
         "run", "constant-acceleration", "--axis", "2", "--treatment", treatment, "--bench", str(bench),
-        "--bus", local_bus.address, "--out", str(out), *more,
+        "--bus", hil_local_bus.address, "--out", str(out), *more,
     ])  # fmt: skip
     assert (out / "result.json").is_file(), done.output
     return done.exit_code, done.output, (out / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
-def test_without_a_model_a_run_has_no_millimetre_and_says_what_is_missing(tmp_path: Path, local_bus: ServedBus) -> None:
-    status, output, page = run(tmp_path, local_bus, bench_without_model(), "notch")
+def test_without_a_model_a_run_has_no_millimetre_and_says_what_is_missing(tmp_path: Path, hil_local_bus: ServedBus) -> None:
+    status, output, page = run(tmp_path, hil_local_bus, bench_without_model(), "notch")
     assert status == 9
     assert "not judged: axis 2 has no model" in output
     assert "Not judged" in page
@@ -44,9 +44,9 @@ def test_without_a_model_a_run_has_no_millimetre_and_says_what_is_missing(tmp_pa
 
 @pytest.mark.slow
 def test_without_a_model_a_ramp_on_which_nothing_acts_is_judged_by_its_own_resonance(
-    tmp_path: Path, local_bus: ServedBus
+    tmp_path: Path, hil_local_bus: ServedBus
 ) -> None:
-    status, output, page = run(tmp_path, local_bus, bench_without_model(), "none")
+    status, output, page = run(tmp_path, hil_local_bus, bench_without_model(), "none")
     assert status == 0
     assert "from the run's own order" in output
     assert "from the run's own order" in page.replace("&#39;", "'")
@@ -65,14 +65,14 @@ def test_without_a_model_a_ramp_on_which_nothing_acts_is_judged_by_its_own_reson
 
 
 @pytest.mark.slow
-def test_a_model_that_the_ramp_contradicts_judges_nothing(tmp_path: Path, local_bus: ServedBus) -> None:
+def test_a_model_that_the_ramp_contradicts_judges_nothing(tmp_path: Path, hil_local_bus: ServedBus) -> None:
     """By the stiffer model the tip would move less than asked: a wrong yes."""
     text = (
         REFERENCE.read_text(encoding="utf-8")
         .replace('reference = "paper"', "")
         .replace("stiffness_nm_rad = 48950.0", "stiffness_nm_rad = 120e3")
     )
-    status, output, _ = run(tmp_path, local_bus, text, "none")
+    status, output, _ = run(tmp_path, hil_local_bus, text, "none")
     assert status == 9
     assert "the model says f_al = 18." in output
     assert "the ramp itself shows f_al 11." in output
@@ -82,10 +82,10 @@ def test_a_model_that_the_ramp_contradicts_judges_nothing(tmp_path: Path, local_
 
 
 @pytest.mark.slow
-def test_another_robots_headline_is_its_own(tmp_path: Path, local_bus: ServedBus) -> None:
+def test_another_robots_headline_is_its_own(tmp_path: Path, hil_local_bus: ServedBus) -> None:
     text = REFERENCE.read_text(encoding="utf-8").replace('reference = "paper"', 'name_of_the_paper = ""', 1)
     text = "\n".join(line for line in text.splitlines() if "name_of_the_paper" not in line)
-    status, output, page = run(tmp_path, local_bus, text, "notch")
+    status, output, page = run(tmp_path, hil_local_bus, text, "notch")
     result = json.loads((tmp_path / "out-notch" / "result.json").read_text())
     assert status == 0
     assert result["emulated"] is True
@@ -99,7 +99,7 @@ def test_another_robots_headline_is_its_own(tmp_path: Path, local_bus: ServedBus
 
 
 @pytest.mark.slow
-def test_a_tip_that_leaves_what_was_asked_ends_with_9(tmp_path: Path, local_bus: ServedBus) -> None:
+def test_a_tip_that_leaves_what_was_asked_ends_with_9(tmp_path: Path, hil_local_bus: ServedBus) -> None:
     text = REFERENCE.read_text(encoding="utf-8").replace("tip_mm = 0.05 ", "tip_mm = 0.02 ")
-    assert run(tmp_path, local_bus, text, "notch")[0] == 9
-    assert run(tmp_path, local_bus, text, "none")[0] == 0, "nothing was to keep it"
+    assert run(tmp_path, hil_local_bus, text, "notch")[0] == 9
+    assert run(tmp_path, hil_local_bus, text, "none")[0] == 0, "nothing was to keep it"

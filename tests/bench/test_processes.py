@@ -65,7 +65,7 @@ def called(*arguments: str) -> Result:
     return CliRunner().invoke(app, arguments)
 
 
-def run_arguments(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> list[str]:
+def run_arguments(bench: Path, hil_local_bus: ServedBus, out: Path, *more: str) -> list[str]:
     return [
         "run",
         "constant-acceleration",
@@ -74,7 +74,7 @@ def run_arguments(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> l
         "--bench",
         str(bench),
         "--bus",
-        local_bus.address,
+        hil_local_bus.address,
         "--out",
         str(out),
         *more,
@@ -88,8 +88,8 @@ MARK = 0x7A0
 class Sniffer:
     """A python-can bus on the emulator's socket, read by a thread of its own; of the cyclic frames it keeps the count only."""
 
-    def __init__(self, local_bus: ServedBus) -> None:
-        self.bus = can.Bus(interface="hil_local", channel=str(local_bus.socket))
+    def __init__(self, hil_local_bus: ServedBus) -> None:
+        self.bus = can.Bus(interface="hil_local", channel=str(hil_local_bus.socket))
         self.counts: Counter[int] = Counter()
         self.others: list[can.Message] = []
         self._end = False
@@ -117,9 +117,9 @@ class Sniffer:
         """The master's set-points have been going out for a second: past settling, well within the slow motion."""
         self.wait_for(lambda: self.counts[0x202] > 500)
 
-    def heard_up_to_now(self, local_bus: ServedBus) -> Counter[int]:
+    def heard_up_to_now(self, hil_local_bus: ServedBus) -> Counter[int]:
         """What it has heard, and forgets: all that was on the bus before a frame of ours that it hears as well."""
-        channel = RawChannel(parse_address(local_bus.address))
+        channel = RawChannel(parse_address(hil_local_bus.address))
         channel.send(Frame(MARK, b""))
         self.wait_for(lambda: self.counts[MARK] > 0)
         channel.close()
@@ -151,9 +151,9 @@ class Sniffer:
         self.bus.shutdown()
 
 
-def start_run(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> subprocess.Popen[str]:
+def start_run(bench: Path, hil_local_bus: ServedBus, out: Path, *more: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [*WITHOUT_PICTURES, *run_arguments(bench, local_bus, out, *more)],
+        [*WITHOUT_PICTURES, *run_arguments(bench, hil_local_bus, out, *more)],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
@@ -162,9 +162,9 @@ def start_run(bench: Path, local_bus: ServedBus, out: Path, *more: str) -> subpr
 
 
 @pytest.mark.slow
-def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, local_bus: ServedBus) -> None:
+def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, hil_local_bus: ServedBus) -> None:
     out = tmp_path / "out"
-    done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, out, "--treatment", "notch", "--json"), command=HIL)
+    done = hil(*run_arguments(bench_file(tmp_path, QUICK), hil_local_bus, out, "--treatment", "notch", "--json"), command=HIL)
     assert done.returncode in {0, 9}, done.stderr
     result = json.loads(done.stdout)
     assert result == json.loads((out / "result.json").read_text())
@@ -179,9 +179,9 @@ def test_a_run_leaves_recording_log_result_and_report(tmp_path: Path, local_bus:
 
 
 @pytest.mark.slow
-def test_a_run_without_its_report_has_all_that_the_report_is_made_of(tmp_path: Path, local_bus: ServedBus) -> None:
+def test_a_run_without_its_report_has_all_that_the_report_is_made_of(tmp_path: Path, hil_local_bus: ServedBus) -> None:
     out = tmp_path / "out"
-    done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, out, "--no-report"))
+    done = hil(*run_arguments(bench_file(tmp_path, QUICK), hil_local_bus, out, "--no-report"))
     assert done.returncode in {0, 9}, done.stderr
     assert "report:" not in done.stdout
     assert not (out / "report.html").exists()
@@ -190,12 +190,12 @@ def test_a_run_without_its_report_has_all_that_the_report_is_made_of(tmp_path: P
 
 
 @pytest.mark.slow
-def test_same_seed_gives_the_same_frames_byte_for_byte(tmp_path: Path, serve_local_bus: Callable[..., ServedBus]) -> None:
+def test_same_seed_gives_the_same_frames_byte_for_byte(tmp_path: Path, hil_serve_local_bus: Callable[..., ServedBus]) -> None:
     bench, logs = bench_file(tmp_path, QUICK), []
     for i in range(2):
-        local_bus = serve_local_bus()
+        hil_local_bus = hil_serve_local_bus()
         time.sleep(0.3 * i)  # how long the world has run by itself makes no difference
-        done = hil(*run_arguments(bench, local_bus, tmp_path / f"out{i}"))
+        done = hil(*run_arguments(bench, hil_local_bus, tmp_path / f"out{i}"))
         assert done.returncode in {0, 9}, done.stderr
         logs.append((tmp_path / f"out{i}" / "bus.log").read_bytes())
     assert logs[0] == logs[1]
@@ -203,12 +203,14 @@ def test_same_seed_gives_the_same_frames_byte_for_byte(tmp_path: Path, serve_loc
 
 
 @pytest.mark.slow
-def test_another_seed_gives_other_noise_and_the_same_motion(tmp_path: Path, serve_local_bus: Callable[..., ServedBus]) -> None:
+def test_another_seed_gives_other_noise_and_the_same_motion(
+    tmp_path: Path, hil_serve_local_bus: Callable[..., ServedBus]
+) -> None:
     bench, recordings = bench_file(tmp_path, QUICK), []
     for seed in ("1", "2"):
-        local_bus = serve_local_bus("--seed", seed)
+        hil_local_bus = hil_serve_local_bus("--seed", seed)
         out = tmp_path / seed
-        assert hil(*run_arguments(bench, local_bus, out)).returncode in {0, 9}
+        assert hil(*run_arguments(bench, hil_local_bus, out)).returncode in {0, 9}
         recordings.append(Recording.load(next((out / "runs").glob("*.csv"))))
     first, second = recordings
     assert (first.axis(2, "position_rad") == second.axis(2, "position_rad")).all()
@@ -216,9 +218,9 @@ def test_another_seed_gives_other_noise_and_the_same_motion(tmp_path: Path, serv
 
 
 @pytest.mark.slow
-def test_a_stream_socket_carries_the_same_run(tmp_path: Path, serve_local_bus: Callable[..., ServedBus]) -> None:
-    local_bus = serve_local_bus("--stream")
-    done = hil(*run_arguments(bench_file(tmp_path, QUICK), local_bus, tmp_path / "out"))
+def test_a_stream_socket_carries_the_same_run(tmp_path: Path, hil_serve_local_bus: Callable[..., ServedBus]) -> None:
+    hil_local_bus = hil_serve_local_bus("--stream")
+    done = hil(*run_arguments(bench_file(tmp_path, QUICK), hil_local_bus, tmp_path / "out"))
     assert done.returncode in {0, 9}, done.stderr
 
 
@@ -229,9 +231,9 @@ def test_a_stream_socket_carries_the_same_run(tmp_path: Path, serve_local_bus: C
 def sniffed_bus(pytestconfig: pytest.Config) -> Iterator[tuple[ServedBus, Sniffer]]:
     """A bus on which nothing has been sent, and who listens on it."""
     with LocalBusServers(pytestconfig) as served:
-        local_bus = served.start()
-        sniffer = Sniffer(local_bus)
-        yield local_bus, sniffer
+        hil_local_bus = served.start()
+        sniffer = Sniffer(hil_local_bus)
+        yield hil_local_bus, sniffer
         sniffer.close()
 
 
@@ -250,10 +252,10 @@ def sniffed_bus(pytestconfig: pytest.Config) -> Iterator[tuple[ServedBus, Sniffe
 def test_a_bad_bench_file_is_located_and_no_frame_is_sent(
     tmp_path: Path, sniffed_bus: tuple[ServedBus, Sniffer], change: tuple[str, str], words: str
 ) -> None:
-    local_bus, sniffer = sniffed_bus
+    hil_local_bus, sniffer = sniffed_bus
     bench = bench_file(tmp_path, change)
-    done = called(*run_arguments(bench, local_bus, tmp_path / "out"))
-    heard = sniffer.heard_up_to_now(local_bus)
+    done = called(*run_arguments(bench, hil_local_bus, tmp_path / "out"))
+    heard = sniffer.heard_up_to_now(hil_local_bus)
     assert done.exit_code == 3
     assert f"{bench}:" in done.stderr
     assert words in done.stderr
@@ -327,7 +329,7 @@ def test_a_bad_robot_file_is_located(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_bench_with_a_profile_of_its_own_and_gains_as_found_runs_from_any_folder(
-    tmp_path: Path, serve_local_bus: Callable[..., ServedBus], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, hil_serve_local_bus: Callable[..., ServedBus], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The drive has the gains from its maker, here the robot file; its profile knows no object of them."""
     control = next(line for line in REFERENCE.splitlines() if line.startswith("control = "))
@@ -345,12 +347,12 @@ def test_a_bench_with_a_profile_of_its_own_and_gains_as_found_runs_from_any_fold
         (control, 'control = "as found"'),
     )  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    local_bus = serve_local_bus(robot=str(robot))
-    done = hil(*run_arguments(own, local_bus, tmp_path / "out", "--json"))
+    hil_local_bus = hil_serve_local_bus(robot=str(robot))
+    done = hil(*run_arguments(own, hil_local_bus, tmp_path / "out", "--json"))
     assert done.returncode in {0, 9}, done.stderr
     result = json.loads(done.stdout)
     assert result["bench"]["file"]["axis"]["2"]["control"] == "as found"
-    known = hil(*run_arguments(bench_file(tmp_path, QUICK), serve_local_bus(), tmp_path / "known", "--json"))
+    known = hil(*run_arguments(bench_file(tmp_path, QUICK), hil_serve_local_bus(), tmp_path / "known", "--json"))
     positions = [
         Recording.load(tmp_path / name / "runs" / Path(result["runs"][0]["recording"]).name).axis(2, "position_rad")
         for name in ("out", "known")
@@ -373,10 +375,10 @@ def assert_kept(out: Path, words: str) -> None:
 
 
 @pytest.mark.ci
-def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, local_bus: ServedBus) -> None:
-    sniffer, out = Sniffer(local_bus), tmp_path / "out"
+def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, hil_local_bus: ServedBus) -> None:
+    sniffer, out = Sniffer(hil_local_bus), tmp_path / "out"
     try:
-        run = start_run(bench_file(tmp_path, *SLOW), local_bus, out)
+        run = start_run(bench_file(tmp_path, *SLOW), hil_local_bus, out)
         sniffer.wait_for_motion()
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=300)
@@ -389,16 +391,16 @@ def test_ctrl_c_ramps_down_disables_and_keeps_the_recording(tmp_path: Path, loca
 
 
 @pytest.mark.slow
-def test_ctrl_c_without_an_answer_is_no_safe_stop_and_the_report_says_so(tmp_path: Path, local_bus: ServedBus) -> None:
-    sniffer, out = Sniffer(local_bus), tmp_path / "out"
+def test_ctrl_c_without_an_answer_is_no_safe_stop_and_the_report_says_so(tmp_path: Path, hil_local_bus: ServedBus) -> None:
+    sniffer, out = Sniffer(hil_local_bus), tmp_path / "out"
     try:
-        run = start_run(bench_file(tmp_path, *SLOW, ("answer_timeout_s = 1.0", "answer_timeout_s = 0.2")), local_bus, out)
+        run = start_run(bench_file(tmp_path, *SLOW, ("answer_timeout_s = 1.0", "answer_timeout_s = 0.2")), hil_local_bus, out)
         sniffer.wait_for_motion()
-        local_bus.process.send_signal(signal.SIGSTOP)
+        hil_local_bus.process.send_signal(signal.SIGSTOP)
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=300)
     finally:
-        local_bus.process.send_signal(signal.SIGCONT)
+        hil_local_bus.process.send_signal(signal.SIGCONT)
         sniffer.close()
     assert run.returncode == 8, errors
     assert NOT_DISABLED in errors
@@ -412,12 +414,12 @@ def test_ctrl_c_without_an_answer_is_no_safe_stop_and_the_report_says_so(tmp_pat
 
 
 @pytest.mark.ci
-def test_an_emulator_killed_in_motion_is_a_lost_bus(tmp_path: Path, local_bus: ServedBus) -> None:
-    sniffer, out = Sniffer(local_bus), tmp_path / "out"
+def test_an_emulator_killed_in_motion_is_a_lost_bus(tmp_path: Path, hil_local_bus: ServedBus) -> None:
+    sniffer, out = Sniffer(hil_local_bus), tmp_path / "out"
     try:
-        run = start_run(bench_file(tmp_path, *SLOW), local_bus, out)
+        run = start_run(bench_file(tmp_path, *SLOW), hil_local_bus, out)
         sniffer.wait_for_motion()
-        local_bus.process.kill()
+        hil_local_bus.process.kill()
         _, errors = run.communicate(timeout=300)
         assert run.returncode == 8, errors
         assert "NOT every drive" in errors
@@ -427,10 +429,10 @@ def test_an_emulator_killed_in_motion_is_a_lost_bus(tmp_path: Path, local_bus: S
 
 
 @pytest.mark.wall
-def test_a_master_killed_in_motion_leaves_drives_that_stop_by_themselves(tmp_path: Path, local_bus: ServedBus) -> None:
-    sniffer = Sniffer(local_bus)
+def test_a_master_killed_in_motion_leaves_drives_that_stop_by_themselves(tmp_path: Path, hil_local_bus: ServedBus) -> None:
+    sniffer = Sniffer(hil_local_bus)
     try:
-        run = start_run(bench_file(tmp_path, *SLOW), local_bus, tmp_path / "out")
+        run = start_run(bench_file(tmp_path, *SLOW), hil_local_bus, tmp_path / "out")
         sniffer.wait_for_motion()
         os.kill(run.pid, signal.SIGKILL)
         run.communicate()
@@ -446,10 +448,10 @@ def test_a_master_killed_in_motion_leaves_drives_that_stop_by_themselves(tmp_pat
 
 
 @pytest.mark.ci
-def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, local_bus: ServedBus) -> None:
-    sniffer, out = Sniffer(local_bus), tmp_path / "out"
+def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, hil_local_bus: ServedBus) -> None:
+    sniffer, out = Sniffer(hil_local_bus), tmp_path / "out"
     try:
-        run = start_run(bench_file(tmp_path, *SLOW), local_bus, out)
+        run = start_run(bench_file(tmp_path, *SLOW), hil_local_bus, out)
         sniffer.wait_for_motion()
         sniffer.send(0x085, bytes.fromhex("1042020000000000"))
         _, errors = run.communicate(timeout=300)
@@ -461,8 +463,8 @@ def test_an_emergency_from_any_node_stops_the_run(tmp_path: Path, local_bus: Ser
 
 
 @pytest.mark.slow
-def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, local_bus: ServedBus) -> None:
-    sniffer = Sniffer(local_bus)
+def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, hil_local_bus: ServedBus) -> None:
+    sniffer = Sniffer(hil_local_bus)
     try:
         sniffer.send(0x000, b"\x01\x03")
         for subindex, index, gain in ((1, 0x2100, 25.0), (1, 0x2101, 0.0905), (2, 0x2101, 1.81)):
@@ -471,7 +473,7 @@ def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, local_bus: Ser
         for word in (0x06, 0x07, 0x0F):
             sniffer.send(0x603, bytes((0x2B, 0x40, 0x60, 0, word, 0, 0, 0)))
         sniffer.wait_for(lambda: sniffer.counts[0x583] >= 7, 60.0)
-        done = hil(*run_arguments(bench_file(tmp_path), local_bus, tmp_path / "out"))
+        done = hil(*run_arguments(bench_file(tmp_path), hil_local_bus, tmp_path / "out"))
         assert done.returncode == 5, done.stderr
         assert "operation enabled" in done.stderr
     finally:
@@ -479,11 +481,11 @@ def test_a_node_that_is_moving_already_is_refused(tmp_path: Path, local_bus: Ser
 
 
 @pytest.mark.slow
-def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, local_bus: ServedBus) -> None:
+def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, hil_local_bus: ServedBus) -> None:
     """After an interrupted run the arm is elsewhere; the next line motion brings it home first."""
-    sniffer = Sniffer(local_bus)
+    sniffer = Sniffer(hil_local_bus)
     try:
-        run = start_run(bench_file(tmp_path, *SLOW), local_bus, tmp_path / "first")
+        run = start_run(bench_file(tmp_path, *SLOW), hil_local_bus, tmp_path / "first")
         sniffer.wait_for_motion()
         run.send_signal(signal.SIGINT)
         run.communicate(timeout=300)
@@ -496,7 +498,7 @@ def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, lo
         "--bench",
         str(bench_file(tmp_path, *SLOW)),
         "--bus",
-        local_bus.address,
+        hil_local_bus.address,
         "--out",
         str(tmp_path / "second"),
     )
@@ -507,17 +509,17 @@ def test_a_second_run_finds_the_robot_where_the_first_left_it(tmp_path: Path, lo
 
 @pytest.mark.ci
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core: there is nothing to share")
-def test_both_ends_of_a_lock_step_bus_share_a_core_while_it_lasts(local_bus: ServedBus) -> None:
-    mine, its = os.sched_getaffinity(0), os.sched_getaffinity(local_bus.process.pid)
-    channel = RawChannel(parse_address(local_bus.address))
+def test_both_ends_of_a_lock_step_bus_share_a_core_while_it_lasts(hil_local_bus: ServedBus) -> None:
+    mine, its = os.sched_getaffinity(0), os.sched_getaffinity(hil_local_bus.process.pid)
+    channel = RawChannel(parse_address(hil_local_bus.address))
     try:
-        assert os.sched_getaffinity(0) == os.sched_getaffinity(local_bus.process.pid)
+        assert os.sched_getaffinity(0) == os.sched_getaffinity(hil_local_bus.process.pid)
         assert len(os.sched_getaffinity(0)) == 1
         channel.send(Frame(0x80, b""))
     finally:
         channel.close()
     assert os.sched_getaffinity(0) == mine
     deadline = time.monotonic() + 60.0
-    while os.sched_getaffinity(local_bus.process.pid) != its:
+    while os.sched_getaffinity(hil_local_bus.process.pid) != its:
         assert time.monotonic() < deadline, "the emulator has its cores back when the lock-step client has gone"
         time.sleep(0.01)

@@ -29,8 +29,8 @@ def eds(tmp_path):
 @pytest.mark.wall
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [(), EVERYTHING], ids=["nothing allowed", "everything allowed"])
-def test_the_whole_suite_passes_on_a_served_bus(serve_local_bus, eds, options):
-    done = suite(serve_local_bus("--wall").address, eds, "--answer-timeout", "6", *options)
+def test_the_whole_suite_passes_on_a_served_bus(hil_serve_local_bus, eds, options):
+    done = suite(hil_serve_local_bus("--wall").address, eds, "--answer-timeout", "6", *options)
     assert done.returncode == 0, done.stdout[-4000:]
     assert " passed" in done.stdout
     assert "not put back" not in done.stdout

@@ -63,7 +63,7 @@ NOT_RUN = {
     ("docs/socketcan.md", "make test CI=1"): SUITE,
     ("docs/socketcan.md", "python -m pytest -m vcan tests/vcan"): ADAPTER,
     ("docs/socketcan.md", "python tests/vcan/vm/machine.py -- COMMAND …"): "a virtual machine, which CI starts for tests/vcan",
-    ("docs/testing.md", "pytest test_my_robot.py --bench=real.toml --allow-motion --axis 3"): "moves a real robot",
+    ("docs/testing.md", "pytest test_my_robot.py --hil-bench=real.toml --hil-allow-motion --hil-axis 3"): "moves a real robot",
 }
 """Commands that do not run here, and why."""
 

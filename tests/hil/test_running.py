@@ -59,8 +59,10 @@ def test_the_displacement_is_that_by_which_a_ramp_is_judged() -> None:
 
 
 @pytest.mark.ci
-def test_a_run_from_python_gives_its_result_and_the_tip_over_the_time(local_bus: ServedBus, tmp_path: Path) -> None:
-    done = hil.run("reference", "constant-acceleration", axis=2, treatment="notch", bus=local_bus.address, out=tmp_path / "out")
+def test_a_run_from_python_gives_its_result_and_the_tip_over_the_time(hil_local_bus: ServedBus, tmp_path: Path) -> None:
+    done = hil.run(
+        "reference", "constant-acceleration", axis=2, treatment="notch", bus=hil_local_bus.address, out=tmp_path / "out"
+    )
     assert (tmp_path / "out" / "result.json").is_file()
     entry = next(run for run in done.result.runs if run.order == 2)
     assert entry.window_rps is not None

@@ -19,11 +19,11 @@ Run = Callable[..., pytest.RunResult]
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = (ROOT / "hil" / "bench" / "reference.toml").read_text()
-PASSES = "def test_it(drive):\n    drive.hold(0.1)\n    assert drive.is_enabled\n"
+PASSES = "def test_it(hil_drive):\n    hil_drive.hold(0.1)\n    assert hil_drive.is_enabled\n"
 STAY = {"numba", "llvmlite", "numpy", "scipy", "hil", "plant_emulator", "drive_profiles"}
 """Packages of which everything stays loaded."""
 
-FAILS = "def test_it(drive):\n    drive.hold(0.1)\n    assert not drive.is_enabled\n"
+FAILS = "def test_it(hil_drive):\n    hil_drive.hold(0.1)\n    assert not hil_drive.is_enabled\n"
 
 
 @pytest.fixture(autouse=True)
@@ -64,7 +64,7 @@ def test_the_example_of_the_page_holds_as_it_stands(run: Run, pytester: pytest.P
 @pytest.mark.ci
 def test_the_example_holds_on_a_bus_with_bit_times(run: Run) -> None:
     (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "testing.md").read_text(), re.DOTALL)
-    run(example, "--bitrate", "1M", "--axis", "3").assert_outcomes(passed=3)
+    run(example, "--hil-bitrate", "1M", "--hil-axis", "3").assert_outcomes(passed=3)
 
 
 def test_the_page_names_every_option_and_every_fixture(run: Run) -> None:
@@ -81,52 +81,52 @@ def test_the_page_names_every_option_and_every_fixture(run: Run) -> None:
 
 @pytest.mark.slow
 def test_the_same_file_runs_on_another_bus_and_says_what_it_cannot_do_there(
-    run: Run, pytester: pytest.Pytester, local_bus: ServedBus
+    run: Run, pytester: pytest.Pytester, hil_local_bus: ServedBus
 ) -> None:
     """A served bus stands for the real one: the plug-in knows no more of either."""
     source = PASSES + (
-        "def test_inside(robot): pass\n"
-        "def test_wrong_set_points(faults): faults.delay(0x202, 0.01)\n"
-        "def test_lost(drive, faults, bench):\n"
-        "    faults.stop_heartbeat(bench.bus.master_node_id)\n"
-        "    reason = str(drive.wait_for_stop(1.0))\n"
+        "def test_inside(hil_robot): pass\n"
+        "def test_wrong_set_points(hil_faults): hil_faults.delay(0x202, 0.01)\n"
+        "def test_lost(hil_drive, hil_faults, hil_bench):\n"
+        "    hil_faults.stop_heartbeat(hil_bench.bus.master_node_id)\n"
+        "    reason = str(hil_drive.wait_for_stop(1.0))\n"
         # the drive goes pre-operational with its emergency: a busy master may miss its answers first
         "    assert '8130h' in reason or 'has not answered' in reason\n"
-        "def test_after(drive, accelerometer):\n"
-        "    drive.hold(0.1)\n"
-        "    assert len(accelerometer.read()) == 3\n"
+        "def test_after(hil_drive, hil_accelerometer):\n"
+        "    hil_drive.hold(0.1)\n"
+        "    assert len(hil_accelerometer.read()) == 3\n"
     )
-    result = run(source, f"--bench={bench_file(pytester, local_bus.address)}")
+    result = run(source, f"--hil-bench={bench_file(pytester, hil_local_bus.address)}")
     result.assert_outcomes(passed=3, skipped=2)
     result.stdout.fnmatch_lines(["*looks inside the emulated robot*", "*delayed set-points would reach a real robot*"])
 
 
 @pytest.mark.wall
 def test_by_the_wall_clock_the_drive_is_held_while_the_test_thinks(
-    run: Run, pytester: pytest.Pytester, serve_local_bus: Callable[..., ServedBus]
+    run: Run, pytester: pytest.Pytester, hil_serve_local_bus: Callable[..., ServedBus]
 ) -> None:
     source = (
         "import time\n"
-        "def test_it(drive):\n"
+        "def test_it(hil_drive):\n"
         "    time.sleep(0.5)\n"  # five heartbeats
-        "    drive.hold(0.05)\n"
-        "    assert drive.is_enabled\n"
+        "    hil_drive.hold(0.05)\n"
+        "    assert hil_drive.is_enabled\n"
     )
-    bench = REFERENCE.replace("local:/tmp/robot.sock", serve_local_bus("--wall").address)
+    bench = REFERENCE.replace("local:/tmp/robot.sock", hil_serve_local_bus("--wall").address)
     bench = bench.replace("sync_period_s = 0.002 ", "sync_period_s = 0.01 ").replace("missing_limit = 3 ", "missing_limit = 50 ")
     pytester.path.joinpath("wall.toml").write_text(bench.replace("heartbeat_s = 0.1 ", "heartbeat_s = 0.2 "))
-    run(source, "--bench=wall.toml").assert_outcomes(passed=1)
+    run(source, "--hil-bench=wall.toml").assert_outcomes(passed=1)
 
 
 # -- hardware ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("option", "outcome"), [([], "skipped"), (["--require-hardware"], "errors")])
+@pytest.mark.parametrize(("option", "outcome"), [([], "skipped"), (["--hil-require-hardware"], "errors")])
 def test_a_bus_that_is_not_there_skips_or_fails_as_asked(
     run: Run, pytester: pytest.Pytester, option: list[str], outcome: str
 ) -> None:
     bench = bench_file(pytester, "local:/nowhere/robot.sock")
-    result = run("def test_it(session): pass\n", f"--bench={bench}", *option)
+    result = run("def test_it(hil_session): pass\n", f"--hil-bench={bench}", *option)
     result.assert_outcomes(**{outcome: 1})
     result.stdout.fnmatch_lines(["*no bus at local:/nowhere/robot.sock*"])
 
@@ -140,16 +140,16 @@ def test_a_real_robot_does_not_move_unless_that_is_allowed(
     bench = bench_file(pytester, "socketcan:can7")
     source = (
         PASSES
-        + "def test_run(session, bench):\n"
+        + "def test_run(hil_session, hil_bench):\n"
         + "    from hil.experiments.motions import constant_acceleration\n"
-        + "    session.run(constant_acceleration(bench, 2, 0.002))\n"
-        + "def test_reading(accelerometer):\n"
-        + "    assert len(accelerometer.read()) == 3\n"
+        + "    hil_session.run(constant_acceleration(hil_bench, 2, 0.002))\n"
+        + "def test_reading(hil_accelerometer):\n"
+        + "    assert len(hil_accelerometer.read()) == 3\n"
     )
-    result = run(source, f"--bench={bench}")
+    result = run(source, f"--hil-bench={bench}")
     result.assert_outcomes(passed=1, skipped=2)
-    result.stdout.fnmatch_lines(["*moves the robot on socketcan:can7; --allow-motion lets it"])
-    run(source, f"--bench={bench}", "--allow-motion").assert_outcomes(passed=3)
+    result.stdout.fnmatch_lines(["*moves the robot on socketcan:can7; --hil-allow-motion lets it"])
+    run(source, f"--hil-bench={bench}", "--hil-allow-motion").assert_outcomes(passed=3)
 
 
 REAL_IN_DISGUISE = """
@@ -171,22 +171,22 @@ def test_a_silent_node_is_missing_hardware(run: Run, pytester: pytest.Pytester) 
         "answer_timeout_s = 1.0", "answer_timeout_s = 0.1"
     )
     pytester.path.joinpath("real.toml").write_text(text.replace("node_id = 5", "node_id = 6"))
-    result = run("def test_it(session): pass\n", "--bench=real.toml")
+    result = run("def test_it(hil_session): pass\n", "--hil-bench=real.toml")
     result.assert_outcomes(skipped=1)
     result.stdout.fnmatch_lines(["*node 6: no answer*"])
 
 
 def test_a_bench_file_runs_on_an_emulated_robot_where_one_is_named(run: Run, pytester: pytest.Pytester) -> None:
-    run(PASSES, f"--bench={bench_file(pytester, 'socketcan:can7')}", "--robot", "reference").assert_outcomes(passed=1)
+    run(PASSES, f"--hil-bench={bench_file(pytester, 'socketcan:can7')}", "--hil-robot", "reference").assert_outcomes(passed=1)
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--bench=nowhere.toml"], "--bench: nowhere.toml"),
-        (["--robot", "nowhere.toml"], "--robot: nowhere.toml"),
-        (["--axis", "4"], "the bench has no axis 4; it has 2, 3, 5"),
-        (["--bitrate", "fast"], "--bitrate fast"),
+        (["--hil-bench=nowhere.toml"], "--hil-bench: nowhere.toml"),
+        (["--hil-robot", "nowhere.toml"], "--hil-robot: nowhere.toml"),
+        (["--hil-axis", "4"], "the bench has no axis 4; it has 2, 3, 5"),
+        (["--hil-bitrate", "fast"], "--hil-bitrate fast"),
     ],
 )
 def test_a_wrong_option_is_named_without_a_traceback(run: Run, options: list[str], words: str) -> None:
@@ -203,10 +203,10 @@ def test_a_wrong_option_is_named_without_a_traceback(run: Run, options: list[str
 def test_the_axis_can_be_parametrised(run: Run) -> None:
     run(
         "import pytest\n"
-        "@pytest.mark.parametrize('axis', [2, 3])\n"
-        "def test_by_name(drive, axis): assert drive.number == axis\n"
-        "@pytest.mark.parametrize('drive', [5], indirect=True)\n"
-        "def test_by_drive(drive): assert drive.number == 5\n"
+        "@pytest.mark.parametrize('hil_axis', [2, 3])\n"
+        "def test_by_name(hil_drive, hil_axis): assert hil_drive.number == hil_axis\n"
+        "@pytest.mark.parametrize('hil_drive', [5], indirect=True)\n"
+        "def test_by_drive(hil_drive): assert hil_drive.number == 5\n"
     ).assert_outcomes(passed=3)
 
 
@@ -214,12 +214,14 @@ def test_bench_and_robot_can_be_changed_by_their_user(run: Run, pytester: pytest
     pytester.makeconftest(
         "import pytest\n"
         "@pytest.fixture\n"
-        "def bench(bench): return bench.model_copy(update={'approach_rps': 3.0})\n"
+        "def hil_bench(hil_bench): return hil_bench.model_copy(update={'approach_rps': 3.0})\n"
         "@pytest.fixture\n"
-        "def robot_model(robot_model): return robot_model.model_copy(update={'name': 'mine'})\n"
+        "def hil_robot_model(hil_robot_model): return hil_robot_model.model_copy(update={'name': 'mine'})\n"
     )
     run(
-        "def test_it(robot, session):\n    assert robot.model.name == 'mine'\n    assert session.bench.approach_rps == 3.0\n"
+        "def test_it(hil_robot, hil_session):\n"
+        "    assert hil_robot.model.name == 'mine'\n"
+        "    assert hil_session.bench.approach_rps == 3.0\n"
     ).assert_outcomes(passed=1)
 
 
@@ -229,31 +231,31 @@ def test_a_test_leaves_its_drive_disabled_and_as_it_was(run: Run, pytester: pyte
         "import pytest\n"
         "def kept(entry): return 0x1003 < entry.index < 0x6000 or entry.index in (0x6065, 0x6066, 0x6072, 0x607D)\n"
         "@pytest.fixture(autouse=True)\n"
-        "def _after(robot):\n"
-        "    drive = robot.drives[2].slave.dictionary\n"
+        "def _after(hil_robot):\n"
+        "    drive = hil_robot.drives[2].slave.dictionary\n"
         "    before = {(e.index, e.subindex): drive.get(e.index, e.subindex) for e in drive if kept(e)}\n"
         "    yield\n"
         "    assert before == {key: drive.get(*key) for key in before}\n"
-        "    assert robot.is_braked(2)\n"
+        "    assert hil_robot.is_braked(2)\n"
     )
     run(
-        "def test_it(drive, robot):\n"
-        "    drive.write('following_error_timeout_s', 0.25)\n"
-        "    assert drive.read('following_error_timeout_s') == 0.25\n"
-        "    assert not robot.is_braked(2)\n"
-        "def test_that_fails(drive): assert 0\n"
-        "def test_whose_drive_has_stopped(drive, faults):\n"
-        "    faults.lose_bus(after_s=0.1)\n"
-        "    assert 'pulled' in str(drive.wait_for_stop(1.0))\n"
+        "def test_it(hil_drive, hil_robot):\n"
+        "    hil_drive.write('following_error_timeout_s', 0.25)\n"
+        "    assert hil_drive.read('following_error_timeout_s') == 0.25\n"
+        "    assert not hil_robot.is_braked(2)\n"
+        "def test_that_fails(hil_drive): assert 0\n"
+        "def test_whose_drive_has_stopped(hil_drive, hil_faults):\n"
+        "    hil_faults.lose_bus(after_s=0.1)\n"
+        "    assert 'pulled' in str(hil_drive.wait_for_stop(1.0))\n"
     ).assert_outcomes(passed=2, failed=1)
 
 
 def test_a_stop_that_nobody_asks_about_fails_the_test(run: Run) -> None:
     result = run(
         "import contextlib\n"
-        "def test_it(drive, faults, robot):\n"
-        "    faults.emergency(5, 0x4210)\n"
-        "    drive._keeper.call(drive.idle)\n"
+        "def test_it(hil_drive, hil_faults, hil_robot):\n"
+        "    hil_faults.emergency(5, 0x4210)\n"
+        "    hil_drive._keeper.call(hil_drive.idle)\n"
     )
     result.assert_outcomes(passed=1, errors=1)
     result.stdout.fnmatch_lines(["*nobody asked why, but axis 2 was stopped: node 5 reports emergency 4210h*"])
@@ -280,13 +282,13 @@ from hil.can.frame import Frame
     pytest.param(lambda f: f.bus_off(2, after_s=0.1, for_s=0.2), "not answered", id="bus_off"),
     (lambda f: f.send(Frame(0x82, bytes.fromhex("1181200000000000"))), "8111h"),
 ])
-def test_it_stops(drive, faults, fault, words, robot):
-    drive.hold(0.1)
-    fault(faults)
-    before = robot.now_s
-    assert words in str(drive.wait_for_stop(1.0))
-    robot.advance(3.0)
-    assert robot.is_braked(2)
+def test_it_stops(hil_drive, hil_faults, fault, words, hil_robot):
+    hil_drive.hold(0.1)
+    fault(hil_faults)
+    before = hil_robot.now_s
+    assert words in str(hil_drive.wait_for_stop(1.0))
+    hil_robot.advance(3.0)
+    assert hil_robot.is_braked(2)
 
 @pytest.mark.parametrize("fault", [
     lambda f: f.lose(0x182, every=10),
@@ -296,40 +298,40 @@ def test_it_stops(drive, faults, fault, words, robot):
     lambda f: f.duplicate(0x182, 2, every=3),
     lambda f: f.duplicate(0x202, every=3),
 ])
-def test_it_goes_on(drive, faults, fault):
-    hits = fault(faults).hits
-    drive.hold(0.5)
-    assert drive.is_enabled
+def test_it_goes_on(hil_drive, hil_faults, fault):
+    hits = fault(hil_faults).hits
+    hil_drive.hold(0.5)
+    assert hil_drive.is_enabled
     assert hits[0] > 0
 
-def test_an_input_is_active_for_a_time_and_a_motion_into_it_stops(drive, faults, robot):
-    inputs = robot.drives[2].inputs
-    faults.hold_input(2, "home", after_s=0.1, for_s=0.1)
-    faults.hold_input(2, "positive_limit")
+def test_an_input_is_active_for_a_time_and_a_motion_into_it_stops(hil_drive, hil_faults, hil_robot):
+    inputs = hil_robot.drives[2].inputs
+    hil_faults.hold_input(2, "home", after_s=0.1, for_s=0.1)
+    hil_faults.hold_input(2, "positive_limit")
     seen = set()
     for _ in range(8):
-        drive.hold(0.05)
+        hil_drive.hold(0.05)
         seen.add(inputs.levels)
     assert seen == {2, 2 | 4}
-    assert drive.is_enabled
+    assert hil_drive.is_enabled
 
-def test_sto_ends_and_what_is_not_there_is_named(drive, faults, robot):
-    faults.safe_torque_off(3, for_s=0.1)
-    assert robot.drives[3].inputs.is_sto_active
-    drive.hold(0.2)
-    assert not robot.drives[3].inputs.is_sto_active
-    assert drive.is_enabled
+def test_sto_ends_and_what_is_not_there_is_named(hil_drive, hil_faults, hil_robot):
+    hil_faults.safe_torque_off(3, for_s=0.1)
+    assert hil_robot.drives[3].inputs.is_sto_active
+    hil_drive.hold(0.2)
+    assert not hil_robot.drives[3].inputs.is_sto_active
+    assert hil_drive.is_enabled
     for call, words in (
-        (lambda: faults.safe_torque_off(4), "no axis 4; it has 2, 3, 5"),
-        (lambda: faults.hold_input(2, "door"), "no input door; there are negative_limit"),
-        (lambda: faults.bus_off(99), "no node 99; it has 2, 3, 5, 16"),
+        (lambda: hil_faults.safe_torque_off(4), "no axis 4; it has 2, 3, 5"),
+        (lambda: hil_faults.hold_input(2, "door"), "no input door; there are negative_limit"),
+        (lambda: hil_faults.bus_off(99), "no node 99; it has 2, 3, 5, 16"),
     ):
         with pytest.raises(ValueError, match=words):
             call()
 
-def test_noticed(drive, faults):
-    again = faults.corrupt(0x182, noticed=True, every=5)
-    drive.hold(0.2)
+def test_noticed(hil_drive, hil_faults):
+    again = hil_faults.corrupt(0x182, noticed=True, every=5)
+    hil_drive.hold(0.2)
     assert again.hits[0] > 5
 """
 
@@ -351,7 +353,7 @@ def test_every_fault_does_what_it_says(run: Run) -> None:
 
 @pytest.mark.slow
 def test_a_crc_is_noticed_where_bits_have_times(run: Run) -> None:
-    result = run(FAULTS, "--bitrate", "1M", "-k", "test_noticed or test_it_goes_on or bus_off")
+    result = run(FAULTS, "--hil-bitrate", "1M", "-k", "test_noticed or test_it_goes_on or bus_off")
     assert_all_passed(result, skipped=0)
 
 
@@ -363,7 +365,7 @@ def kept(result: pytest.RunResult) -> list[Path]:
 
 
 def test_a_failure_keeps_trace_and_recording_and_says_where(run: Run, pytester: pytest.Pytester) -> None:
-    result = run(FAILS, "--keep-traces", "traces")
+    result = run(FAILS, "--hil-keep-traces", "traces")
     result.assert_outcomes(failed=1)
     (directory,) = kept(result)
     assert directory.parent == pytester.path / "traces"
@@ -381,7 +383,7 @@ def test_a_failure_keeps_trace_and_recording_and_says_where(run: Run, pytester: 
 
 
 def test_equal_tests_leave_equal_traces(run: Run) -> None:
-    logs = [(kept(run(FAILS, "--keep-traces", name))[0] / "bus.log").read_bytes() for name in "ab"]
+    logs = [(kept(run(FAILS, "--hil-keep-traces", name))[0] / "bus.log").read_bytes() for name in "ab"]
     assert logs[0] == logs[1]
     assert len(logs[0]) > 1000
 
@@ -390,8 +392,8 @@ def test_equal_tests_leave_equal_traces(run: Run) -> None:
 def test_a_run_is_kept_with_its_recording(run: Run) -> None:
     result = run(
         "from hil.experiments.motions import constant_acceleration\n"
-        "def test_it(session, bench):\n"
-        "    result = session.run(constant_acceleration(bench, 2, 0.002))\n"
+        "def test_it(hil_session, hil_bench):\n"
+        "    result = hil_session.run(constant_acceleration(hil_bench, 2, 0.002))\n"
         "    assert result.stopped is not None\n"
     )
     (directory,) = kept(result)
@@ -399,7 +401,7 @@ def test_a_run_is_kept_with_its_recording(run: Run) -> None:
 
 
 def test_a_failed_set_up_keeps_what_led_to_it(run: Run) -> None:
-    result = run("import pytest\n@pytest.fixture\ndef bad(session): assert 0\ndef test_it(bad): pass\n")
+    result = run("import pytest\n@pytest.fixture\ndef bad(hil_session): assert 0\ndef test_it(bad): pass\n")
     result.assert_outcomes(errors=1)
     assert (kept(result)[0] / "bus.log").stat().st_size > 1000
 
@@ -410,7 +412,7 @@ def test_no_more_is_kept_than_is_bounded(run: Run, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(artefacts, "_written", set())
     monkeypatch.setattr(artefacts, "MAX_TESTS", 1)
     monkeypatch.setattr(artefacts, "MAX_FRAMES", 50)
-    result = run("def test_a(session): assert 0\ndef test_b(session): assert 0\n")
+    result = run("def test_a(hil_session): assert 0\ndef test_b(hil_session): assert 0\n")
     result.assert_outcomes(failed=2)
     (directory,) = kept(result)
     assert len((directory / "bus.log").read_text().splitlines()) == 50
@@ -430,21 +432,21 @@ def test_it_costs_next_to_nothing_until_it_is_used() -> None:
 
 
 def test_it_can_be_switched_off(run: Run) -> None:
-    result = run("def test_it(drive): pass\n", "-p", "no:hil-bench")
+    result = run("def test_it(hil_drive): pass\n", "-p", "no:hil-bench")
     result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines(["*fixture 'drive' not found*"])
+    result.stdout.fnmatch_lines(["*fixture 'hil_drive' not found*"])
 
 
 @pytest.mark.slow
 def test_workers_have_a_robot_each(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(PASSES + "def test_again(drive): drive.move_by(0.5)\ndef test_bad(drive): assert 0\n")
+    pytester.makepyfile(PASSES + "def test_again(hil_drive): hil_drive.move_by(0.5)\ndef test_bad(hil_drive): assert 0\n")
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider", "-n", "2", "-W", "error")
     result.assert_outcomes(passed=2, failed=1)
     assert len(kept(result)) == 1
 
 
 def test_workers_do_not_share_a_real_bench(run: Run, pytester: pytest.Pytester) -> None:
-    result = run(PASSES, "-n", "2", f"--bench={bench_file(pytester, 'socketcan:can7')}")
+    result = run(PASSES, "-n", "2", f"--hil-bench={bench_file(pytester, 'socketcan:can7')}")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     assert "one bus for one master" in result.stderr.str()
 
@@ -455,7 +457,7 @@ def test_the_options_of_pytest_benchmark_stand_beside_it(run: Run, pytester: pyt
         "    parser.addoption('--benchmark-name')\n"
     )
     pytester.syspathinsert()
-    run(PASSES, "-p", "neighbour", "--benchmark-only", "--bench", "reference").assert_outcomes(passed=1)
+    run(PASSES, "-p", "neighbour", "--benchmark-only", "--hil-bench", "reference").assert_outcomes(passed=1)
 
 
 @pytest.mark.slow
@@ -463,12 +465,12 @@ def test_the_options_of_pytest_benchmark_stand_beside_it(run: Run, pytester: pyt
 def test_ctrl_c_in_a_motion_ends_it_by_a_ramp_and_then_the_tests(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         "import os, signal\n"
-        "def test_it(drive, robot):\n"
-        "    robot.channel.on_sync = lambda n: os.kill(os.getpid(), signal.SIGINT) if n == 600 else None\n"
+        "def test_it(hil_drive, hil_robot):\n"
+        "    hil_robot.channel.on_sync = lambda n: os.kill(os.getpid(), signal.SIGINT) if n == 600 else None\n"
         "    try:\n"
-        "        drive.move_to(10.0)\n"
+        "        hil_drive.move_to(10.0)\n"
         "    finally:\n"
-        "        print('braked', robot.is_braked(2), 'at', 0.0 < robot.position_rev(2) < 10.0)\n"
+        "        print('braked', hil_robot.is_braked(2), 'at', 0.0 < hil_robot.position_rev(2) < 10.0)\n"
         "def test_not_reached(): pass\n"
     )
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider", "-s")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from drive_profiles.standard.cia301 import NmtState
 from drive_profiles.standard.cia402 import Mode, Object, State, state_of
 from hil.can.frame import Frame
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.world import World
 from tests.plant_emulator.rig import AXIS, MS, NODE, ONE_AXIS
 
@@ -106,7 +106,7 @@ class Watched:
             assert state is not State.OPERATION_ENABLED
             assert not (self._state is State.FAULT and state is not State.FAULT)
             self._state = state
-        if self.motion["mode"] != law.BRAKED:
+        if self.motion["mode"] != record.BRAKED:
             assert state in POWERED
             assert self.was_operational
         for place in SHOWN:

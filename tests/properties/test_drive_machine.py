@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from plant_emulator.drive.inputs import INPUTS
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.motion.record import FOLLOWING, OVERSPEED, SET_POINT_LATE
 from plant_emulator.robots.behaviour import Behaviour, Switches
 from plant_emulator.robots.robot import Robot
@@ -20,8 +20,8 @@ STATES = (
     *("QUICK_STOP_ACTIVE", "FAULT_REACTION_ACTIVE", "FAULT"),
 )
 UNDER_TORQUE = (
-    *((1, law.PROFILE), (3, law.PROFILE_VELOCITY), (4, law.PROFILE_TORQUE), (6, law.PROFILE), (7, law.POSITION)),
-    *((8, law.POSITION), (9, law.VELOCITY), (10, law.TORQUE), (1, law.STOPPING)),
+    *((1, record.PROFILE), (3, record.PROFILE_VELOCITY), (4, record.PROFILE_TORQUE), (6, record.PROFILE), (7, record.POSITION)),
+    *((8, record.POSITION), (9, record.VELOCITY), (10, record.TORQUE), (1, record.STOPPING)),
 )
 """Modes of operation with the mode of the law in which each acts."""
 MODES = (1, 3, 4, 6, 7, 8, 9, 10)

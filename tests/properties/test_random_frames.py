@@ -12,7 +12,7 @@ import pytest
 
 from drive_profiles.standard.cia301 import NmtState
 from plant_emulator.drive.inputs import INPUTS
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.motion.axes import live
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.slave.sdo.server import SdoState
@@ -26,9 +26,15 @@ MANY = 1_000_000
 POWERED = {"OPERATION_ENABLED", "QUICK_STOP_ACTIVE", "FAULT_REACTION_ACTIVE"}
 STATES = {"SWITCH_ON_DISABLED", "READY_TO_SWITCH_ON", "SWITCHED_ON", "FAULT", *POWERED}
 UNDER_TORQUE = {
-    *((1, law.PROFILE), (3, law.PROFILE_VELOCITY), (4, law.PROFILE_TORQUE), (6, law.PROFILE), (6, law.PROFILE_VELOCITY)),
-    *((7, law.POSITION), (8, law.POSITION), (9, law.VELOCITY), (10, law.TORQUE)),
-    *((mode, law.STOPPING) for mode in (1, 3, 4, 7, 8, 9, 10)),
+    *(
+        (1, record.PROFILE),
+        (3, record.PROFILE_VELOCITY),
+        (4, record.PROFILE_TORQUE),
+        (6, record.PROFILE),
+        (6, record.PROFILE_VELOCITY),
+    ),
+    *((7, record.POSITION), (8, record.POSITION), (9, record.VELOCITY), (10, record.TORQUE)),
+    *((mode, record.STOPPING) for mode in (1, 3, 4, 7, 8, 9, 10)),
 }
 """Mode of operation and mode of the law: each that there is, homing at rest and in search, and stops."""
 LONGEST_ANSWER = 127 + 64
@@ -95,7 +101,7 @@ class Bus:
             case 2:
                 drive.inputs.force(chance.randint(1, INPUTS), active=chance.random() < 0.3)
             case 3:
-                drive.stage.motion["trip"] |= chance.choice((law.FOLLOWING, law.OVERSPEED, law.SET_POINT_LATE))
+                drive.stage.motion["trip"] |= chance.choice((record.FOLLOWING, record.OVERSPEED, record.SET_POINT_LATE))
             case _ if chance.random() < 0.5:
                 self.world.power_cycle(chance.choice(list(self.places)))
 
@@ -107,7 +113,7 @@ class Bus:
             self.states[state] += 1
             if is_operational:
                 self.entitled[number] = True
-            if (mode := modes[row]) != law.BRAKED:
+            if (mode := modes[row]) != record.BRAKED:
                 assert state in POWERED, frame
                 assert self.entitled[number], frame
                 self.under_torque[0 if drive.mode is None else drive.mode._value_, mode] += 1

@@ -8,7 +8,7 @@ from hypothesis.stateful import run_state_machine_as_test
 
 from drive_profiles.standard.cia402 import Object
 from hil.can.frame import Frame
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.robots.robot import SDO_DOWNLOAD_BYTES
 from plant_emulator.slave.dictionary import ResetKind
 from plant_emulator.world import World
@@ -232,7 +232,7 @@ class DriveWatch:
         self.power.judge_itself(state)
         self.visited.add(state)
         self.was_operational = self.was_operational or self.drive.slave.nmt_state.value == OPERATIONAL
-        has_torque = self.motion["mode"] != law.BRAKED
+        has_torque = self.motion["mode"] != record.BRAKED
         if has_torque:
             self._was_braked = False
             self.modes.add((self._get(0x6061), int(self.motion["mode"])))
@@ -247,7 +247,7 @@ class DriveWatch:
         """After a control period: the torque within its limits and its slope, and every number a number."""
         motion, plant = self.motion, self.plant
         torque, mode = float(motion["torque_nm"]), int(motion["mode"])
-        if mode == law.BRAKED:
+        if mode == record.BRAKED:
             assert torque == 0.0
             # in the period in which the brake closes the motor still has what was asked of it before
             assert plant["torque_nm"] == 0.0 or not self._was_braked
@@ -265,7 +265,7 @@ class DriveWatch:
         if not self.axis.current_time_constant_s:
             assert low - slack <= plant["torque_nm"] <= high + slack
         last, self._last = self._last, (mode, torque)
-        if self.is_ours and mode == law.PROFILE_TORQUE and last is not None and last[0] == mode:
+        if self.is_ours and mode == record.PROFILE_TORQUE and last is not None and last[0] == mode:
             self.slope_ticks += 1
             change = max(1, self._get(0x6087)) * self._quantum_nm * self._period_s + slack
             least, most = (min(high, max(low, last[1] + way)) for way in (-change, change))
@@ -274,7 +274,7 @@ class DriveWatch:
     @property
     def is_awake(self):
         """Whether the drive has something to do while time passes."""
-        return self.drive.needs_update or self.motion["mode"] != law.BRAKED
+        return self.drive.needs_update or self.motion["mode"] != record.BRAKED
 
     def skip_tick(self):
         """Time has passed unseen: no slope is known."""

@@ -135,7 +135,7 @@ def _card(pair: RunPair, tip_mm: float) -> Card:
     change = f"{100.0 * (after / before - 1.0):+.0f} % peak".replace("-", "−") if before and after is not None else ""
     name = pair_name(pair)
     numbers = number(before, "{:.3f}"), number(after, "{:.3f}")
-    step = CardStep(numbers[1], change, Mark(pair.new.within_spec, f"asked: ±{tip_mm:g} mm"))
+    step = CardStep(numbers[1], change, Mark(pair.new.within_spec, f"limit ±{tip_mm:g} mm"))
     return Card(f"{name[0].upper()}{name[1:]}", numbers[0], "mm", (step,))
 
 

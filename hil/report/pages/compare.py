@@ -17,7 +17,7 @@ from hil.report.tables.compare import case_name, cases
 from hil.report.tables.directions import directions as direction_table
 from hil.report.tables.paper_runs import Mark, ReportTable
 from hil.report.tables.shapers import shapers as shaper_table
-from hil.results.comparison import ComparisonRobot, ComparisonRow, StoryResult, TreatmentTable
+from hil.results.comparison import ComparisonRobot, ComparisonRow, TourResult, TreatmentTable
 from hil.results.files import load_result
 
 
@@ -38,7 +38,7 @@ def write_compare_report(directory: Path, *, is_interactive: bool = False) -> Pa
         names or _bench_name(directory, result),
         result.started_utc,
         tuple(_notes(materials)),
-        heading=result.story.heading if isinstance(result, StoryResult) else "Treatments side by side",
+        heading=result.tour.heading if isinstance(result, TourResult) else "Treatments side by side",
         aftermath=tuple(_aftermath(result)),
         origin=origin_of_table(result),
     )
@@ -54,9 +54,9 @@ def write_compare_report(directory: Path, *, is_interactive: bool = False) -> Pa
 
 
 def _bench_name(directory: Path, result: TreatmentTable) -> str:
-    """Name of the story's bench where it ended before any robot was run; `none` without one."""
+    """Name of the tour's bench where it ended before any robot was run; `none` without one."""
     try:
-        return load_bench(directory / result.story.bench_file).name if isinstance(result, StoryResult) else "none"
+        return load_bench(directory / result.tour.bench_file).name if isinstance(result, TourResult) else "none"
     except FileError:
         return "none"
 
@@ -103,7 +103,7 @@ def sections(result: TreatmentTable, materials: dict[str, Material | None]) -> l
         chapters.append((f"experiment-{tables_compare.key_of(experiment, axis)}", title, items))
     vectors = [direction_table(each, f"directions-{name}") for name, each in materials.items() if each is not None]
     chapters.append(("directions", "The tip as a vector", [*vectors]))
-    chapters.append(("way", "How it came to that", [tables_compare.story(result)]))
+    chapters.append(("way", "How it came to that", [tables_compare.tour(result)]))
     chapters.append(("robot", "Which robot it was", [tables_compare.revealed(result)]))
     chapters.append(("cost", "What it costs", [tables_compare.compliances(result)]))
     chapters.append(("missing", "Left out", [tables_compare.left_out(result)]))
@@ -143,9 +143,9 @@ def verdict(result: TreatmentTable) -> PageVerdict:
     for robot, row in judged:
         by_treatment.setdefault(row.treatment, []).append((robot, row))
     details = [f"Stopped early: {robot.name}: {robot.ended}" for robot in result.robots if robot.ended is not None]
-    failure = result.story.failure if isinstance(result, StoryResult) else None
+    failure = result.tour.failure if isinstance(result, TourResult) else None
     if failure:
-        details.append(f"The story ended early: {failure}")
+        details.append(f"The tour ended early: {failure}")
     details += [_sentence(name, rows, len(everywhere)) for name, rows in by_treatment.items()]
     details += _refused(result)
     if failure or any(robot.ended is not None for robot in result.robots):
@@ -213,7 +213,7 @@ def cards(result: TreatmentTable) -> list[Card]:
                 continue
             head = f"{robot.name}, " if len(result.robots) > 1 else ""
             change = f"{tables_compare.change(best.tip_peak_change_pct)} peak"
-            step = CardStep(f"{after_mm:.3f}", change, Mark(best.within_spec, f"asked: ±{robot.tip_mm:g} mm"))
+            step = CardStep(f"{after_mm:.3f}", change, Mark(best.within_spec, f"limit ±{robot.tip_mm:g} mm"))
             title = f"{head}{case_name(experiment, axis)}: {tables_compare.treatment_words(best)}"
             made.append(Card(title, f"{before_mm:.3f}", "mm", (step,)))
     return made

@@ -38,11 +38,11 @@ from hil.report.tables.shapers import shapers as shaper_table
 from hil.report.tables.trial import trial_table
 from hil.report.timing import timing_table
 from hil.results.acted import FilterSet
-from hil.results.comparison import StoryResult
+from hil.results.comparison import TourResult
 from hil.results.files import ResultFileError, load_result
 from hil.results.runs import RunEntry, TreatmentComparison, leading
 
-STORY_FOLDER, ARM_FOLDER = "story", "arm"
+TOUR_FOLDER, ARM_FOLDER = "tour", "arm"
 """Folders of the demo's other parts, below its own."""
 
 
@@ -197,10 +197,10 @@ def _order_maps(material: Material, axis: int) -> Iterator[Drawing | None]:
         yield order_map.order_maps(key, title, runs, axis, order_map.MarkedResonance(material.f_al(axis)))
 
 
-def _part(material: Material, folder: str) -> StoryResult | None:
+def _part(material: Material, folder: str) -> TourResult | None:
     """A part of the demo below this directory; None without it, or for that of an earlier demo."""
     try:
-        result = load_result(material.directory / folder, StoryResult, "a story")
+        result = load_result(material.directory / folder, TourResult, "a tour")
     except (OSError, ResultFileError):
         return None
     return None if _moment(result.started_utc) < _moment(material.result.bench.started_utc) else result
@@ -213,9 +213,9 @@ def _whole_arm(material: Material) -> list[Drawing | ReportTable | None]:
         return []
     caption = Markup(
         "Six axes whose links pull at each other; of the arm nothing is known but where its joints are and its motors' "
-        "inertias. What shakes it was learnt on the line itself. <a href='{}/report.html'>The whole story</a>."
+        "inertias. What shakes it was learnt on the line itself. <a href='{}/report.html'>The whole tour</a>."
     ).format(ARM_FOLDER)
-    if not result.robots or result.story.failure is not None:
+    if not result.robots or result.tour.failure is not None:
         return [_ended_early(result, "whole-arm-table", caption)]
     try:
         runs = Material(material.directory / ARM_FOLDER / result.robots[0].directory)
@@ -228,23 +228,23 @@ def _whole_arm(material: Material) -> list[Drawing | ReportTable | None]:
     ]
 
 
-def _ended_early(result: StoryResult, key: str, caption: str | Markup) -> ReportTable:
-    rows: list[list[tables.Cell]] = [[step.name, step.what, Mark(step.holds, "")] for step in result.story.steps]
+def _ended_early(result: TourResult, key: str, caption: str | Markup) -> ReportTable:
+    rows: list[list[tables.Cell]] = [[step.name, step.what, Mark(step.holds, "")] for step in result.tour.steps]
     return ReportTable(key, "It ended early", "", ("step", "result", "done"), rows, frozenset({0, 1, 2}), caption, is_prose=True)
 
 
 def _own_robot(material: Material) -> ReportTable | None:
     """Table of the demo's second part; None without it."""
-    result = _part(material, STORY_FOLDER)
+    result = _part(material, TOUR_FOLDER)
     if result is None:
         return None
-    which = "The same robot" if result.story.seed is None else f"A robot drawn by seed {result.story.seed}, not the paper's,"
+    which = "The same robot" if result.tour.seed is None else f"A robot drawn by seed {result.tour.seed}, not the paper's,"
     link = Markup(
         "{} as somebody meets it who knows nothing of it: identified, a notch designed and uploaded, and run side by "
-        "side. <a href='story/report.html'>The whole story</a>."
+        "side. <a href='tour/report.html'>The whole tour</a>."
     ).format(which)
     table = tables_compare.overview(result, "own-robot-table", link)
-    return table if result.story.failure is None and table is not None else _ended_early(result, "own-robot-table", link)
+    return table if result.tour.failure is None and table is not None else _ended_early(result, "own-robot-table", link)
 
 
 def _moment(text: str) -> datetime.datetime:
@@ -291,9 +291,9 @@ def verdict(material: Material) -> PageVerdict:
         rest = "" if not left else f"; {left} could not be judged from these runs"
         beyond = _beyond(material)
         headline = f"The bench reproduces the paper: {len(held)} of {len(claims)} claims hold{rest}{beyond}"
-        story = _line_in_a_row(material)
-        if story:
-            headline, details = story, [f"{headline}.", *details]
+        in_a_row = _line_in_a_row(material)
+        if in_a_row:
+            headline, details = in_a_row, [f"{headline}.", *details]
         is_open = bool(left or beyond)
         return PageVerdict("open" if is_open else "good", "▲" if is_open else "✔", headline, tuple(details))
     return _by_specification(material, details)
@@ -412,7 +412,7 @@ def cards(material: Material) -> list[Card]:
             CardStep(
                 tables.number(run.tip_peak_mm, "{:.3f}"),
                 f"{_percent(each.tip_peak_reduction_pct)} peak" if finite(each.tip_peak_reduction_pct) else "",
-                Mark(run.within_spec, f"asked: ±{limit_mm:g} mm"),
+                Mark(run.within_spec, f"limit ±{limit_mm:g} mm"),
                 names[id(run)],
             )
             for each, run in pairs
@@ -424,7 +424,7 @@ def cards(material: Material) -> list[Card]:
                 CardStep(
                     tables.number(run.spectrum_area, "{:.2f}"),
                     f"{_percent(each.spectrum_area_reduction_pct)} area",
-                    Mark(each.spectrum_area_reduction_pct >= wanted, f"asked: −{wanted:g} %"),
+                    Mark(each.spectrum_area_reduction_pct >= wanted, f"at least −{wanted:g} %"),
                     names[id(run)],
                 )
                 for each, run in pairs

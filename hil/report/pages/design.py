@@ -70,7 +70,7 @@ def cards(outcome: NotchDesignOutcome) -> list[Card]:
         before = (outcome.none if outcome.request.is_given or outcome.given is None else outcome.given).peak(row.order)
         change = f"{100.0 * (row.rising_mm / before.rising_mm - 1.0):+.0f} % peak".replace("-", "−")
         limit = outcome.problem.requirements.tip_mm
-        mark = Mark(row.worst_mm <= limit, f"worst plant {row.worst_mm:.3f}, asked: ±{limit:g} mm")
+        mark = Mark(row.worst_mm <= limit, f"worst plant {row.worst_mm:.3f}, limit ±{limit:g} mm")
         title = f"Tip on the ramp, k = {row.order:g}, predicted"
         made.append(Card(title, f"{before.rising_mm:.3f}", "mm", (CardStep(f"{row.rising_mm:.3f}", change, mark),)))
     return made

@@ -6,7 +6,7 @@ from markupsafe import Markup
 
 from hil.experiments.treatment import TITLES
 from hil.report.tables.paper_runs import NONE, Cell, Mark, ReportTable, number, value_and_error
-from hil.results.comparison import AxisCompliance, ComparisonRow, StoryResult, TreatmentTable
+from hil.results.comparison import AxisCompliance, ComparisonRow, TourResult, TreatmentTable
 
 
 def cases(result: TreatmentTable) -> list[tuple[str, int | None]]:
@@ -50,9 +50,9 @@ def overview(result: TreatmentTable, key: str = "overview", caption: str | Marku
     return ReportTable(key, "Tip peaks side by side", "", header, rows, frozenset(range(len(head))), text + limit_text)
 
 
-def claims(result: TreatmentTable, key: str = "story-claims") -> ReportTable | None:
-    """Table of what a story claims, beside the numbers that were judged; None where it claims nothing."""
-    if not isinstance(result, StoryResult) or not result.story.claims:
+def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | None:
+    """Table of what a tour claims, beside the numbers that were judged; None where it claims nothing."""
+    if not isinstance(result, TourResult) or not result.tour.claims:
         return None
     rows: list[list[Cell]] = [
         [
@@ -62,7 +62,7 @@ def claims(result: TreatmentTable, key: str = "story-claims") -> ReportTable | N
             claim.unit,
             Mark(claim.holds),
         ]
-        for claim in result.story.claims
+        for claim in result.tour.claims
     ]
     header = ("Claim", "Asked", "Found", "Unit", "Holds")
     return ReportTable(key, "What is claimed", "", header, rows, frozenset({0, 1, 3, 4}), is_prose=True)
@@ -201,11 +201,11 @@ def compliances(result: TreatmentTable) -> ReportTable | None:
     )
 
 
-def story(result: TreatmentTable) -> ReportTable | None:
-    """Table of the steps that led to a comparison, where it has a story."""
-    if not isinstance(result, StoryResult) or not result.story.steps:
+def tour(result: TreatmentTable) -> ReportTable | None:
+    """Table of the steps that led to a comparison, where it has a tour."""
+    if not isinstance(result, TourResult) or not result.tour.steps:
         return None
-    part = result.story
+    part = result.tour
     rows: list[list[Cell]] = []
     for step in part.steps:
         linked: Cell = NONE
@@ -218,15 +218,15 @@ def story(result: TreatmentTable) -> ReportTable | None:
     ).format(part.bench_file, part.bench_file)
     header = ("step", "result", "done", "time (s)", "")
     return ReportTable(
-        "story", "From a bench file to a quiet arm", "", header, rows, frozenset({0, 1, 2, 4}), caption, is_prose=True
+        "tour", "From a bench file to a quiet arm", "", header, rows, frozenset({0, 1, 2, 4}), caption, is_prose=True
     )
 
 
 def revealed(result: TreatmentTable) -> ReportTable | None:
     """Table of the numbers that an emulated robot was made of, beside those that were found of it."""
-    if not isinstance(result, StoryResult) or not result.story.facts:
+    if not isinstance(result, TourResult) or not result.tour.facts:
         return None
-    part = result.story
+    part = result.tour
     rows: list[list[Cell]] = []
     for fact in part.facts or ():
         shown, error = NONE, NONE

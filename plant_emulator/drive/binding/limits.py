@@ -11,7 +11,7 @@ from drive_profiles.standard.object_address import ObjectAddress
 from plant_emulator.drive.dictionary.counting import Counting
 from plant_emulator.drive.dictionary.limit_table import MOTION_LIMITS, TIME, Limit
 from plant_emulator.drive.family.base import DriveFamily
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes
 
 _NO_WINDOW = 2**32 - 1
@@ -156,7 +156,7 @@ class DriveLimits:
         self._motion["profile_speed_rad_s"] = 0.0 if self.is_profile_halted else self.acting_si(Object.PROFILE_VELOCITY)
 
     def _apply_stop(self) -> None:
-        if self._motion["mode"] != law.STOPPING:
+        if self._motion["mode"] != record.STOPPING:
             self._motion["stop_deceleration_rad_s2"] = self.acting_si(Object.QUICK_STOP_DECELERATION)
 
     def _apply_position_limits(self) -> None:

@@ -12,7 +12,7 @@ from plant_emulator.drive.binding.load_encoder import bind_load_encoder
 from plant_emulator.drive.dictionary.counting import INT16_MAX, INT32_MAX, Counting, clip
 from plant_emulator.drive.dictionary.user_units import UserUnits
 from plant_emulator.drive.family.base import DriveFamily
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.motion.axes import Axes, live
 
 DC_LINK_MV = 48_000
@@ -169,9 +169,9 @@ class DriveData:
         if motion["reference_speed_rad_s"] != 0.0:
             return False
         if self.limits.is_profile_halted:
-            return abs(self.speed_rad_s) < law.STOPPED_RAD_S
+            return abs(self.speed_rad_s) < record.STOPPED_RAD_S
         left_rad = motion["target_counts"] / motion["counts_per_rad"] - motion["reference_rad"]
-        return bool(abs(left_rad) < 1e-9 and self._reached[self.row] & law.IN_POSITION)
+        return bool(abs(left_rad) < 1e-9 and self._reached[self.row] & record.IN_POSITION)
 
     def cyclic_target_counts(self) -> int:
         """Target of cyclic position mode in counts of the encoder: 607Ah + 60B0h (CiA 402: the offset is added to the target)."""

@@ -6,7 +6,7 @@ from drive_profiles.standard.cia402 import FOLLOWING_ERROR, FOLLOWS_COMMAND, Mod
 from drive_profiles.standard.object_address import ObjectAddress
 from plant_emulator.drive.modes.mode import ModeOfOperation
 from plant_emulator.drive.power_stage import PowerStage
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.motion.axes import live
 
 
@@ -28,7 +28,7 @@ class Cyclic(ModeOfOperation):
 class CyclicPosition(Cyclic):
     """CSP: 607Ah + 60B0h, with 60B1h and 60B2h beside it."""
 
-    number, motion = Mode.CSP, law.POSITION
+    number, motion = Mode.CSP, record.POSITION
     needs_interpolation = True
 
     def start(self) -> None:
@@ -39,12 +39,12 @@ class CyclicPosition(Cyclic):
 
     def synchronise(self, now: int) -> None:
         """With SYNC the newest set-point comes into force: the drive goes there in one interpolation period."""
-        if self._mode[self.row] == law.POSITION:
+        if self._mode[self.row] == record.POSITION:
             self._axes.set_point(self.row, self.data.cyclic_target_counts())
 
     def status(self) -> int:
         """Bit 12 and, while 6065h is exceeded, bit 13."""
-        word = FOLLOWS_COMMAND if self._mode[self.row] == law.POSITION else super().status()
+        word = FOLLOWS_COMMAND if self._mode[self.row] == record.POSITION else super().status()
         return word | FOLLOWING_ERROR if self._following_count[self.row] > 0 else word
 
 
@@ -69,7 +69,7 @@ class MakersPosition(CyclicPosition):
 
     def synchronise(self, now: int) -> None:
         """With SYNC the newest set-point comes into force."""
-        if self._mode[self.row] == law.POSITION:
+        if self._mode[self.row] == record.POSITION:
             target: Any = self._own.value
             self._axes.set_point(self.row, self.data.counting.encoder_counts(target))
 
@@ -77,25 +77,25 @@ class MakersPosition(CyclicPosition):
 class CyclicVelocity(Cyclic):
     """CSV: 60FFh + 60B1h, with 60B2h beside it; the position loop is open."""
 
-    number, motion = Mode.CSV, law.VELOCITY
+    number, motion = Mode.CSV, record.VELOCITY
     needs_interpolation = True
 
     def start(self) -> None:
         """The set-point is the speed that the motor has: 0, where it comes from behind the brake."""
-        is_braked = self.stage.law_mode == law.BRAKED
+        is_braked = self.stage.law_mode == record.BRAKED
         super().start()
         self.targets.hold_speed(0.0 if is_braked else self.data.speed_rad_s)
 
     def synchronise(self, now: int) -> None:
         """With SYNC the newest set-point comes into force: its speed is reached in one interpolation period."""
-        if self._mode[self.row] == law.VELOCITY:
+        if self._mode[self.row] == record.VELOCITY:
             self._axes.set_speed(self.row, self.targets.speed_rad_s())
 
 
 class CyclicTorque(Cyclic):
     """CST: 6071h + 60B2h, at once; SYNC tells that the master is still there."""
 
-    number, motion = Mode.CST, law.TORQUE
+    number, motion = Mode.CST, record.TORQUE
     needs_gains = False
 
     def __init__(self, stage: PowerStage) -> None:
@@ -105,12 +105,12 @@ class CyclicTorque(Cyclic):
 
     def synchronise(self, now: int) -> None:
         """With SYNC the set-point is on time: the law counts from it how long the next one fails to come."""
-        if self._mode[self.row] == law.TORQUE:
+        if self._mode[self.row] == record.TORQUE:
             self._elapsed_periods[self.row] = 0
 
     def start(self) -> None:
         """The set-point is the torque that the motor has; 6071h is 0, where it comes from behind the brake."""
-        is_braked = self.stage.law_mode == law.BRAKED
+        is_braked = self.stage.law_mode == record.BRAKED
         super().start()
         if is_braked:
             self.targets.forget_torque()

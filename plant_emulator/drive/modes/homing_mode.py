@@ -9,7 +9,7 @@ from plant_emulator.drive.modes.homing import Demand, GoTo, Homing, HomingAttain
 from plant_emulator.drive.modes.mode import ModeOfOperation
 from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.drive.state_machine import Stop
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.motion.record import (
     HOME_FALLING,
     HOME_RISING,
@@ -27,7 +27,7 @@ _EDGES = sum(
     1 << edge for edge in (HOME_RISING, HOME_FALLING, INDEX, NEGATIVE_RISING, NEGATIVE_FALLING, POSITIVE_RISING, POSITIVE_FALLING)
 )
 _LISTENER = "homing"
-_NOWHERE = (0.0,) * law.EDGES
+_NOWHERE = (0.0,) * record.EDGES
 
 
 class HomingMode(ModeOfOperation):
@@ -42,7 +42,7 @@ class HomingMode(ModeOfOperation):
     there is a fault, as it is everywhere. 6065h, 6080h and the switches act all the time.
     """
 
-    number, motion = Mode.HM, law.PROFILE
+    number, motion = Mode.HM, record.PROFILE
 
     def __init__(self, stage: PowerStage, inputs: DigitalInputs) -> None:
         """Take hold of the power stage and of the inputs."""
@@ -78,7 +78,7 @@ class HomingMode(ModeOfOperation):
             self._begin()
         elif self.is_running and not word & HOMING_START:
             self._finish()
-            self.stage.begin(law.PROFILE)
+            self.stage.begin(record.PROFILE)
 
     def _begin(self) -> None:
         self._is_attained = self._has_failed = False
@@ -134,7 +134,7 @@ class HomingMode(ModeOfOperation):
                 self._finish()
                 self.data.set_home(counts)
                 self._is_attained = True
-                self.stage.begin(law.PROFILE)
+                self.stage.begin(record.PROFILE)
             case HomingFailed():
                 self._has_failed = True
                 self._finish()
@@ -151,7 +151,7 @@ class HomingMode(ModeOfOperation):
             deceleration = max(acceleration, self.data.limits.acting_si(Object.QUICK_STOP_DECELERATION))
         motion["profile_acceleration_rad_s2"], motion["profile_deceleration_rad_s2"] = acceleration, deceleration
         fast, slow = self.data.limits.acting_si(Object.HOMING_SPEEDS, 1), self.data.limits.acting_si(Object.HOMING_SPEEDS, 2)
-        wanted = law.PROFILE if isinstance(demand, GoTo) else law.PROFILE_VELOCITY
+        wanted = record.PROFILE if isinstance(demand, GoTo) else record.PROFILE_VELOCITY
         if self.stage.law_mode != wanted:
             self.stage.begin(wanted)
         match demand:
@@ -173,7 +173,7 @@ class HomingMode(ModeOfOperation):
     def resume(self) -> None:
         """Go on with the demand in force, or stay where the motor stands."""
         if self._demand is None:
-            self.stage.begin(law.PROFILE)
+            self.stage.begin(record.PROFILE)
         else:
             demand, self._demand = self._demand, None
             self._move(demand)

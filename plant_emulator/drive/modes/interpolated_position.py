@@ -3,13 +3,13 @@
 from drive_profiles.standard.cia402 import ENABLE_INTERPOLATION, INTERPOLATION_ACTIVE, TARGET_REACHED, Mode
 from plant_emulator.drive.modes.mode import ModeOfOperation
 from plant_emulator.drive.state_machine import Stop
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 
 
 class InterpolatedPosition(ModeOfOperation):
     """IP: linear interpolation (60C0h = 0) between set-points; without bit 4 the motor comes to rest on 6084h and is held."""
 
-    number, motion = Mode.IP, law.POSITION
+    number, motion = Mode.IP, record.POSITION
     needs_interpolation = True
 
     def start(self) -> None:
@@ -20,16 +20,16 @@ class InterpolatedPosition(ModeOfOperation):
     @property
     def is_active(self) -> bool:
         """True while set-points are followed."""
-        return bool(self._word & ENABLE_INTERPOLATION) and self.stage.law_mode == law.POSITION
+        return bool(self._word & ENABLE_INTERPOLATION) and self.stage.law_mode == record.POSITION
 
     def take(self, word: int, rising: int) -> None:
         """Begin with bit 4, and end with it; a halt that holds the motor stays in force."""
         if self.is_halted:
             return
         if rising & ENABLE_INTERPOLATION:
-            if self.stage.law_mode != law.POSITION:
-                self.stage.begin(law.POSITION)
-        elif not word & ENABLE_INTERPOLATION and self.stage.law_mode == law.POSITION:
+            if self.stage.law_mode != record.POSITION:
+                self.stage.begin(record.POSITION)
+        elif not word & ENABLE_INTERPOLATION and self.stage.law_mode == record.POSITION:
             self.stage.stop(Stop.SLOW_DOWN_RAMP)
 
     def synchronise(self, now: int) -> None:

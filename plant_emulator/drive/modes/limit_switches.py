@@ -14,13 +14,13 @@ from plant_emulator.drive.modes.mode import ModeOfOperation
 from plant_emulator.drive.modes.profile_position import ProfilePosition
 from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.drive.state_machine import Stop
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.motion.axes import live
 from plant_emulator.motion.record import NEGATIVE_SWITCH, POSITIVE_SWITCH
 
 _BITS = {+1: POSITIVE_SWITCH, -1: NEGATIVE_SWITCH}
 _LIMITS = NEGATIVE_SWITCH | POSITIVE_SWITCH
-_TORQUE_LAWS = (law.TORQUE, law.PROFILE_TORQUE)
+_TORQUE_LAWS = (record.TORQUE, record.PROFILE_TORQUE)
 
 
 def _sign(value: float) -> int:
@@ -55,7 +55,7 @@ class LimitSwitches:
         """See where the motion leads, after each advance of the axes in Operation enabled."""
         if mode.number is Mode.HM or mode.is_halted:
             return
-        if self.blocked and self._stage.law_mode == law.STOPPING:
+        if self.blocked and self._stage.law_mode == record.STOPPING:
             if self._stage.is_stopped and self._asked(mode) != self.blocked:
                 self._end_stop(mode)
             return

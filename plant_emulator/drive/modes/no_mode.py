@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from plant_emulator.drive.modes.mode import ModeOfOperation
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 
 
 class NoMode(ModeOfOperation):
@@ -15,7 +15,7 @@ class NoMode(ModeOfOperation):
     """
 
     number: ClassVar[int] = 0
-    motion = law.PROFILE
+    motion = record.PROFILE
 
     def start(self) -> None:
         """Stand."""

@@ -16,7 +16,7 @@ from drive_profiles.standard.cia402 import (
 from plant_emulator.drive.modes.mode import ModeOfOperation
 from plant_emulator.drive.power_stage import PowerStage
 from plant_emulator.drive.state_machine import Stop, stop_of_halt
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 
 FROM_TARGET, FROM_DEMAND, FROM_ACTUAL = 0, 1, 2
 """60F2h, bits 0 and 1: a relative set-point counts from the last target, the demand or the actual position."""
@@ -35,7 +35,7 @@ class ProfilePosition(ModeOfOperation):
         is_given_up: Whether a limit switch has ended the last set-point.
     """
 
-    number, motion = Mode.PP, law.PROFILE
+    number, motion = Mode.PP, record.PROFILE
 
     def __init__(self, stage: PowerStage, handshake_syncs: int = 0) -> None:
         """Take hold of the power stage.
@@ -54,11 +54,11 @@ class ProfilePosition(ModeOfOperation):
 
     def start(self) -> None:
         """Come to rest from the present demand; from behind the brake, stay there."""
-        is_braked = self.stage.law_mode == law.BRAKED
+        is_braked = self.stage.law_mode == record.BRAKED
         super().start()
         self._forget()
         if is_braked:
-            self.stage.motion["reached"] = law.IN_POSITION  # the target is where the motor stands
+            self.stage.motion["reached"] = record.IN_POSITION  # the target is where the motor stands
         self._is_acknowledged = bool(self._word & NEW_SET_POINT)
         self._last_target = round(float(self.stage.motion["target_counts"]))
         self.targets.hold_position()
@@ -101,7 +101,7 @@ class ProfilePosition(ModeOfOperation):
     def _set_point(self, target: int, word: int) -> None:
         motion = self.stage.motion
         if not motion["low_counts"] <= target <= motion["high_counts"]:
-            motion["trip"] = int(motion["trip"]) | law.SET_POINT_RANGE
+            motion["trip"] = int(motion["trip"]) | record.SET_POINT_RANGE
             return
         self._look_for_the_end()
         last, self._last_target = self._last_target, target

@@ -2,13 +2,13 @@
 
 from drive_profiles.standard.cia402 import TARGET_REACHED, Mode
 from plant_emulator.drive.modes.mode import ModeOfOperation
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 
 
 class ProfileTorque(ModeOfOperation):
     """TQ: a target torque acts as soon as it is written, and one from before as soon as the drive is enabled."""
 
-    number, motion = Mode.TQ, law.PROFILE_TORQUE
+    number, motion = Mode.TQ, record.PROFILE_TORQUE
     needs_gains = False
 
     def start(self) -> None:

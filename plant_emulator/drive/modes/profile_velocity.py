@@ -2,13 +2,13 @@
 
 from drive_profiles.standard.cia402 import MAX_SLIPPAGE_ERROR, SPEED_IS_ZERO, TARGET_REACHED, Mode, Object
 from plant_emulator.drive.modes.mode import ModeOfOperation
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 
 
 class ProfileVelocity(ModeOfOperation):
     """PV: a target velocity acts as soon as it is written, and one from before as soon as the drive is enabled."""
 
-    number, motion = Mode.PV, law.PROFILE_VELOCITY
+    number, motion = Mode.PV, record.PROFILE_VELOCITY
 
     def start(self) -> None:
         """Go on from the present demand, to 60FFh."""
@@ -18,18 +18,18 @@ class ProfileVelocity(ModeOfOperation):
     def follow(self) -> None:
         """60FFh has been written; a value that is in force already, as a cyclic RPDO repeats it, is no new target for 606Eh."""
         motion, wanted = self.stage.motion, self.targets.speed_rad_s()
-        if motion["mode"] == law.PROFILE_VELOCITY and wanted != motion["target_speed_rad_s"]:
+        if motion["mode"] == record.PROFILE_VELOCITY and wanted != motion["target_speed_rad_s"]:
             motion["target_speed_rad_s"] = wanted
-            motion["reached"], motion["velocity_window_count"] = int(motion["reached"]) & ~law.IN_SPEED, 0
+            motion["reached"], motion["velocity_window_count"] = int(motion["reached"]) & ~record.IN_SPEED, 0
 
     def status(self) -> int:
         """Bit 10, within 606Dh for 606Eh or (halted) at rest; bit 12, speed below 606Fh; bit 13, slippage above 60F8h."""
         motion = self.stage.motion
         reached = int(motion["reached"])
         word = super().status()
-        if not self.is_halted and reached & law.IN_SPEED:
+        if not self.is_halted and reached & record.IN_SPEED:
             word |= TARGET_REACHED
-        if not reached & law.MOVING:
+        if not reached & record.MOVING:
             word |= SPEED_IS_ZERO
         slippage = abs(self.data.counting.shown_speed(float(motion["demand_speed_rad_s"]) - self.data.speed_rad_s))
         return word | MAX_SLIPPAGE_ERROR if slippage > self.data.value(Object.MAX_SLIPPAGE) else word

@@ -25,8 +25,8 @@ from hil.robot_tables import PlantTable, TransmissionErrorTable
 from plant_emulator.motion.axes import Axes
 from plant_emulator.motion.record import POSITION
 from plant_emulator.robots.blank_bench import blank_bench
-from plant_emulator.robots.robot import Robot
 from plant_emulator.robots.fleet import antiresonance_hz, small_motion_antiresonance_hz
+from plant_emulator.robots.robot import Robot
 
 Real = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from plant_emulator.rehearsal.many.rows import BROKEN, WALKED, Row, plain
 from plant_emulator.rehearsal.path import PathOptions, walk
 from plant_emulator.rehearsal.record import MAX_WORDS
 from plant_emulator.robots.blank_bench import blank_bench
-from plant_emulator.robots.robot import Robot
 from plant_emulator.robots.fleet import Kind, draw
+from plant_emulator.robots.robot import Robot
 
 BOTH = "both"
 KINDS = (*get_args(Kind), BOTH)

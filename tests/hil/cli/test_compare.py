@@ -77,10 +77,10 @@ def test_a_real_robot_is_asked_for_once_for_all_motions(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
-def test_a_small_comparison_over_can(local_bus, short, tmp_path):
+def test_a_small_comparison_over_can(hil_local_bus, short, tmp_path):
     out = tmp_path / "out"
     ways = "low-gains,cancellation,cancellation-learnt"
-    found = run("--bench", short, "--bus", local_bus.address, "--experiment", "constant-acceleration", "--axis", 3,
+    found = run("--bench", short, "--bus", hil_local_bus.address, "--experiment", "constant-acceleration", "--axis", 3,
                 "--treatment", ways, "--out", out, "--json")  # fmt: skip
     assert found.exit_code == 9, found.output  # it was asked for, and nothing has been learnt
     result = json.loads(found.stdout)

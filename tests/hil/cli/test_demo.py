@@ -29,19 +29,19 @@ def test_the_lines_fit_and_hold_the_commands():
 
 
 @pytest.mark.parametrize(
-    ("own", "arm", "status", "is_told"),
+    ("own", "arm", "status", "is_run"),
     [(0, 0, 0, True), (0, 9, 9, True), (9, 0, 9, True), (130, 0, 130, False), (8, 0, 8, False)],
 )
-def test_the_arm_is_told_of_unless_what_came_before_was_stopped_and_the_report_links_to_both(
-    own, arm, status, is_told, tmp_path, monkeypatch
+def test_the_arm_is_run_of_unless_what_came_before_was_stopped_and_the_report_links_to_both(
+    own, arm, status, is_run, tmp_path, monkeypatch
 ):
     """The parts themselves take minutes: tests/bench runs them."""
     done = []
-    monkeypatch.setattr(demo, "_tell_story", lambda *_, **__: done.append("own") or own)
-    monkeypatch.setattr(demo, "_tell_arm_story", lambda *_, **__: done.append("arm") or arm)
+    monkeypatch.setattr(demo, "_run_tour", lambda *_, **__: done.append("own") or own)
+    monkeypatch.setattr(demo, "_run_arm_tour", lambda *_, **__: done.append("arm") or arm)
     monkeypatch.setattr("hil.report.pages.demo.write_report", done.append)
-    assert demo._tell_stories(1, tmp_path, None, as_json=False) == status
-    assert done == ["own", *(["arm"] if is_told else []), tmp_path]
+    assert demo._run_tours(1, tmp_path, None, as_json=False) == status
+    assert done == ["own", *(["arm"] if is_run else []), tmp_path]
 
 
 def test_the_folder_stands_before_a_tool_that_the_shell_does_not_find(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from hil.results.ate import AteResult, KnownArm, Sensing
 from hil.results.learning import LearningResult
 from hil.results.plant import PlantRequestEntry, PlantResult
 from hil.results.runs import ExperimentsResult
-from tests.hil.results.made import comparison, measured_bench, robot, row, story, written
+from tests.hil.results.made import comparison, measured_bench, robot, row, tour, written
 
 
 def report(directory: Path) -> tuple[int, str]:
@@ -29,7 +29,7 @@ ROWS = [row("line-motion", None, "none", None, not_judged="no bus")]
     ("result", "heading"),
     [
         (comparison(robot(ROWS, ended="no bus")), "Treatments side by side"),
-        (story(robot(ROWS), failure="the wire broke"), "Your own robot"),
+        (tour(robot(ROWS), failure="the wire broke"), "Your own robot"),
     ],
 )
 def test_every_directory_gets_the_page_of_its_kind(tmp_path, result, heading):

@@ -13,9 +13,9 @@ from hil.results.comparison import (
     ComparisonRobot,
     ComparisonRow,
     ComplianceFactors,
-    StoryPart,
-    StoryResult,
-    StoryStep,
+    TourPart,
+    TourResult,
+    TourStep,
 )
 from hil.results.runs import RunEntry
 
@@ -73,13 +73,13 @@ def comparison(*robots: ComparisonRobot) -> ComparisonResult:
     return ComparisonResult(started_utc=STARTED.isoformat(), request=REQUEST, robots=list(robots))
 
 
-def story(*robots: ComparisonRobot, failure: str | None = None, **changes: Any) -> StoryResult:
-    """A story of one step, which has failed where the story has."""
+def tour(*robots: ComparisonRobot, failure: str | None = None, **changes: Any) -> TourResult:
+    """A tour of one step, which has failed where the tour has."""
     what = "f_a" if failure is None else failure
-    step = StoryStep(name="identify plant, axis 2", what=what, holds=failure is None, seconds=9.0, link="x/report.html")
-    part = StoryPart(bench_file="bench.toml", steps=(step,), failure=failure)
-    values = {"started_utc": STARTED.isoformat(), "request": REQUEST, "robots": list(robots), "story": part}
-    return StoryResult(**(values | changes))
+    step = TourStep(name="identify plant, axis 2", what=what, holds=failure is None, seconds=9.0, link="x/report.html")
+    part = TourPart(bench_file="bench.toml", steps=(step,), failure=failure)
+    values = {"started_utc": STARTED.isoformat(), "request": REQUEST, "robots": list(robots), "tour": part}
+    return TourResult(**(values | changes))
 
 
 def written(directory: Path, result: Result) -> Path:

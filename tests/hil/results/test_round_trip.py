@@ -17,7 +17,7 @@ from hil.design.notch_problem import Requirements
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.results.ate import AteResult
 from hil.results.base import SCHEMA, MeasuredBench, Result
-from hil.results.comparison import ComparisonResult, StoryResult
+from hil.results.comparison import ComparisonResult, TourResult
 from hil.results.files import ResultFileError, load_any, load_result
 from hil.results.learning import LearningResult, MotionLearningResult
 from hil.results.notch_design import NotchDesignResult
@@ -27,7 +27,7 @@ from hil.robot_tables import NotchTable, PlantTable, TransmissionErrorTable
 from tests.hil.results.made import BENCH, measured_bench, run_entry
 
 KINDS: tuple[type[Result], ...] = (
-    ExperimentsResult, ComparisonResult, StoryResult, LearningResult, MotionLearningResult, PlantResult, AteResult,
+    ExperimentsResult, ComparisonResult, TourResult, LearningResult, MotionLearningResult, PlantResult, AteResult,
     NotchDesignResult,
 )  # fmt: skip
 
@@ -144,7 +144,7 @@ def test_a_failure_is_kept_with_its_causes(tmp_path, error, causes):
 
 def test_the_kinds_have_names_of_one_spelling():
     names = {kind.model_fields["kind"].default for kind in KINDS}
-    assert names == {"run", "compare", "story", "learn", "learn-motion", "identify-plant", "identify-ate", "design-notch"}
+    assert names == {"run", "compare", "tour", "learn", "learn-motion", "identify-plant", "identify-ate", "design-notch"}
 
 
 def test_what_is_absent_is_no_key_and_what_has_no_number_is_null(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from drive_profiles.standard.cia301 import NmtState, SdoAbortCode
 from drive_profiles.standard.cia402 import TARGET_REACHED, WARNING, Mode, Object, State
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.robots.behaviour import Behaviour
 from plant_emulator.robots.robot import Robot
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, GAINS, NO_GAINS, ONE_AXIS, Rig
@@ -27,7 +27,7 @@ def moving(rig, speed_rps=5.0):
 
 
 def is_braked(rig):
-    return rig.motion["mode"] == law.BRAKED
+    return rig.motion["mode"] == record.BRAKED
 
 
 def speeds_until_rest(rig, milliseconds=1500):
@@ -421,7 +421,7 @@ def test_a_slow_ramp_is_given_its_time(rig):
     rig.word(0x02)
     speeds = speeds_until_rest(rig, 3000)
     assert deceleration(speeds) == pytest.approx(4.0, rel=0.1)
-    assert abs(speeds[-2]) * 2.0 * np.pi < law.STOPPED_RAD_S * 1.5  # it had come to rest by itself when the brake closed
+    assert abs(speeds[-2]) * 2.0 * np.pi < record.STOPPED_RAD_S * 1.5  # it had come to rest by itself when the brake closed
 
 
 # -- connection --------------------------------------------------------------------------------------------------------

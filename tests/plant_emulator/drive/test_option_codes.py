@@ -5,7 +5,7 @@ import pytest
 
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Mode, Object, State
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from tests.plant_emulator.drive.test_drive import (
     QUICK_RPS_S,
     RAMP_RPS_S,
@@ -103,7 +103,7 @@ def test_with_option_1_the_motor_ramps_down_and_only_then_the_state_changes(rig,
         speeds.append(rig.speed_rps)
     speeds = np.array(speeds)
     assert deceleration(speeds) == pytest.approx(RAMP_RPS_S, rel=0.15)
-    assert abs(speeds[-2]) * TURN < 2.0 * law.STOPPED_RAD_S
+    assert abs(speeds[-2]) * TURN < 2.0 * record.STOPPED_RAD_S
     assert rig.state is target
     assert is_braked(rig)
 
@@ -174,7 +174,7 @@ def test_a_control_word_that_comes_during_a_stop_acts_when_the_motor_stands(rig,
 def test_a_control_word_that_came_during_a_stop_does_not_outlast_a_fault(rig):
     stopping(rig, 0x07)
     rig.word(0x0F)
-    rig.motion["trip"] = law.OVERSPEED
+    rig.motion["trip"] = record.OVERSPEED
     rig.wait(500)
     assert rig.state is State.FAULT
     assert rig.word(0x8F) is State.SWITCH_ON_DISABLED
@@ -357,7 +357,7 @@ def test_a_control_word_that_is_held_over_a_fault_enables_nothing(rig):
 
 def test_a_fault_in_a_fault_changes_the_error_code_and_nothing_else(rig):
     faulty(rig)
-    rig.motion["trip"] = law.OVERSPEED
+    rig.motion["trip"] = record.OVERSPEED
     rig.wait(2)
     assert rig.state is State.FAULT
     assert rig.read(Object.ERROR_CODE) == 0x8400

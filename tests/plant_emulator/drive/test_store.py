@@ -4,7 +4,7 @@ import pytest
 
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Mode, Object, State
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.robots.robot import load_robot, with_drives
 from plant_emulator.world import World
 from tests.plant_emulator.rig import NO_GAINS, ONE_AXIS, Rig
@@ -70,7 +70,7 @@ def test_a_loss_of_power_closes_the_brake_of_a_moving_axis(rig):
     rig.turn(2.0, 0.5)
     rig.power_cycle()
     assert rig.drive.state is State.SWITCH_ON_DISABLED
-    assert rig.motion["mode"] == law.BRAKED
+    assert rig.motion["mode"] == record.BRAKED
     assert rig.read(Object.MODES_OF_OPERATION) == 0
 
 

@@ -23,8 +23,8 @@ from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.rehearsal.probes import model_of
 from plant_emulator.rehearsal.survey import Survey
 from plant_emulator.robots.blank_bench import blank_bench
-from plant_emulator.robots.robot import load_robot
 from plant_emulator.robots.fleet import draw
+from plant_emulator.robots.robot import load_robot
 from plant_emulator.world import World
 
 FAST = {"acceleration_rps_s": 12.0, "end_rps": 6.0, "tail_s": 0.1}

@@ -11,8 +11,8 @@ from hil.robot_tables import PlantTable
 from plant_emulator.physics.axis import PLANT, PLANT_STATE, derivatives
 from plant_emulator.rehearsal.estimates import quantities_of
 from plant_emulator.rehearsal.gear import gear_at, gear_plant
-from plant_emulator.robots.robot import RobotAxis
 from plant_emulator.robots.fleet import antiresonance_hz, draw
+from plant_emulator.robots.robot import RobotAxis
 
 REAL = draw(8, kind="real")
 

@@ -14,8 +14,8 @@ from plant_emulator.rehearsal.record import COLUMNS, FACTS, PROBES, QUANTITIES, 
 from plant_emulator.rehearsal.survey import Survey
 from plant_emulator.rehearsal.truth import ratio_of_tips, true_f_al_hz
 from plant_emulator.robots.blank_bench import blank_bench
-from plant_emulator.robots.robot import load_robot
 from plant_emulator.robots.fleet import antiresonance_hz, draw
+from plant_emulator.robots.robot import load_robot
 
 
 def bench_of(robot):

@@ -10,8 +10,8 @@ from hil.bench.bench import Bench
 from hil.plan.check import check
 from plant_emulator.motion.axes import Axes
 from plant_emulator.robots.blank_bench import TABLE_3, blank_bench
-from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.robots.fleet import RANGES, REAL_HYSTERESIS_NM, antiresonance_hz, draw
+from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.robots.writing import file_text
 
 SEEDS = range(200)

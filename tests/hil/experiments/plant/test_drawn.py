@@ -12,8 +12,8 @@ from hil.experiments.plant.evaluation import PlantEvaluation
 from hil.experiments.plant.identify import PlantIdentification
 from hil.experiments.plant.motion import PlantRequest
 from plant_emulator.robots.blank_bench import blank_bench
-from plant_emulator.robots.robot import Robot
 from plant_emulator.robots.fleet import draw
+from plant_emulator.robots.robot import Robot
 from tests.hil.experiments.plant.drawn import AXIS, axis_of, bench_of, robot_of, truth_of
 from tests.hil.experiments.plant.plant_rig import FakeSession
 

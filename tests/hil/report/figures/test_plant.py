@@ -1,4 +1,4 @@
-"""Page of a plant: numbers to their standard error's digit, in the story's units, and every point of the friction explained."""
+"""Page of a plant: numbers to their standard error's digit, in the tour's units, and every point of the friction explained."""
 
 import math
 

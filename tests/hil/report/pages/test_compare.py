@@ -12,7 +12,7 @@ from hil.report.pages.page import typeset
 from hil.results.comparison import ComplianceFactors
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult
-from tests.hil.results.made import RAMP, comparison, robot, row, story, written
+from tests.hil.results.made import RAMP, comparison, robot, row, tour, written
 
 
 def left_out(experiment, axis, treatment):
@@ -115,32 +115,32 @@ def test_many_treatments_have_a_diagram_each(directory, tmp_path):
 
 
 def demo_with(told, full_directory, tmp_path):
-    """A demo's directory with a story below it; only what is looked at is copied."""
-    (tmp_path / "story").mkdir()
+    """A demo's directory with a tour below it; only what is looked at is copied."""
+    (tmp_path / "tour").mkdir()
     shutil.copy(full_directory / "result.json", tmp_path)
-    written(tmp_path / "story", told)
+    written(tmp_path / "tour", told)
     return tmp_path
 
 
-def test_the_demo_shows_the_story_and_links_to_it(full_directory, tmp_path):
-    out = demo_with(story(robot(ROWS)), full_directory, tmp_path)
+def test_the_demo_shows_the_tour_and_links_to_it(full_directory, tmp_path):
+    out = demo_with(tour(robot(ROWS)), full_directory, tmp_path)
     table = page._own_robot(Material(out))
-    assert "href='story/report.html'" in table.caption
+    assert "href='tour/report.html'" in table.caption
     assert [cells[0] for cells in table.rows] == ["nothing", "gains halved", "notch"]
     assert typeset(table.caption) == table.caption
-    own = write_compare_report(out / "story").read_text()
+    own = write_compare_report(out / "tour").read_text()
     assert '<a href="x/report.html">report</a>' in own
 
 
-def test_a_story_that_ended_early_says_where(full_directory, tmp_path):
-    out = demo_with(story(failure="the wire broke"), full_directory, tmp_path)
+def test_a_tour_that_ended_early_says_where(full_directory, tmp_path):
+    out = demo_with(tour(failure="the wire broke"), full_directory, tmp_path)
     table = page._own_robot(Material(out))
     assert table.title == "It ended early"
     assert table.rows[0][1] == "the wire broke"
-    assert "the wire broke" in write_compare_report(out / "story").read_text()
+    assert "the wire broke" in write_compare_report(out / "tour").read_text()
 
 
-def test_the_story_of_an_earlier_demo_is_left_alone(full_directory, tmp_path):
-    old = story(robot(ROWS), started_utc="2024-01-01T12:00:00+00:00")
+def test_the_tour_of_an_earlier_demo_is_left_alone(full_directory, tmp_path):
+    old = tour(robot(ROWS), started_utc="2024-01-01T12:00:00+00:00")
     assert page._own_robot(Material(demo_with(old, full_directory, tmp_path))) is None
     assert page._own_robot(Material(full_directory)) is None

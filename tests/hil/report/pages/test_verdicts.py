@@ -81,13 +81,13 @@ def test_of_a_mixed_bench_the_emulated_axes_are_named(full_directory: Path, tmp_
 def test_the_line_motions_tip_peak_has_a_red_card_while_it_is_outside(full_directory: Path) -> None:
     material = Material(full_directory)
     line = [card for card in cards(material) if card.title.startswith("Line motion")]
-    assert [card.unit for card in line] == ["m/s²·Hz", "mm"]
-    assert line[0].mark.value is True
+    assert [card.unit for card in line] == ["mm", "m/s²·Hz"]
+    assert line[1].steps[0].mark.value is True
     run = material.find("line-motion", treatment="notch")
     assert run is not None
     assert run.tip_peak_mm is not None
     assert run.tip_peak_mm > 0.05
-    assert (line[1].mark.value, line[1].mark.text) == (False, "asked: ±0.05 mm")
+    assert (line[0].steps[0].mark.value, line[0].steps[0].mark.text) == (False, "limit ±0.05 mm")
 
 
 def test_the_headline_is_not_green_over_a_red_card(full_directory: Path, tmp_path: Path) -> None:
@@ -100,6 +100,28 @@ def test_the_headline_is_not_green_over_a_red_card(full_directory: Path, tmp_pat
         result["runs"] = [run for run in result["runs"] if run["experiment"] != "line-motion"]
 
     assert verdict(Material(altered(full_directory, tmp_path, change))).kind == "good"
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_motion_with_two_treatments_has_one_card_and_the_headline_names_both(full_directory: Path, tmp_path: Path) -> None:
+    def change(result: Any) -> None:
+        for found in (result["runs"], result["comparisons"]):
+            notch = next(each for each in found if (each["experiment"], each["treatment"]) == ("line-motion", "notch"))
+            found.append({**notch, "treatment": "cancellation"})
+        result["runs"][-1] |= {"tip_peak_mm": 0.002, "within_spec": True}
+
+    material = Material(altered(full_directory, tmp_path, change))
+    [tip, _] = [card for card in cards(material) if card.title.startswith("Line motion")]
+    assert [(step.name, step.mark.value) for step in tip.steps] == [("notch", False), ("cancellation", True)]
+    said = verdict(material)
+    assert said.kind == "open", "the notch alone is outside"
+    assert re.fullmatch(
+        r"Line motion: tip 0\.1\d\d mm untreated, 0\.06\d mm with the paper's notch, "
+        r"0\.002 mm with cancellation; limit ±0\.05 mm",
+        said.headline,
+    )
+    page = write_report(material.directory).read_text(encoding="utf-8")
+    assert page.count('<li class="steps">') == 2
 
 
 def test_without_a_wish_for_the_area_the_line_has_the_card_of_its_peak_alone(full_directory: Path, tmp_path: Path) -> None:

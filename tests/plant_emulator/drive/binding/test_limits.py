@@ -7,7 +7,7 @@ import pytest
 
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Mode, Object, State
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, ONE_AXIS, POSITION, STATUS, TORQUE, revolutions
 
 CSP, CST = Mode.CSP, Mode.CST
@@ -236,4 +236,4 @@ def test_the_brake_makes_the_filter_forget(rig):
     rig.wait(1)
     assert rig.read(NOTCH_STATE, 1) == 0
     assert rig.read(NOTCH_STATE, 2) == 0.0
-    assert rig.motion["mode"] == law.BRAKED
+    assert rig.motion["mode"] == record.BRAKED

@@ -9,7 +9,7 @@ import pytest
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Mode, Object, State
 from plant_emulator.drive.dictionary.manufacturer_objects import SET_POINT_TIMEOUT
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.robots.robot import with_drives
 from tests.plant_emulator.rig import AXIS, ONE_AXIS, TURN, Rig, revolutions
 
@@ -363,7 +363,7 @@ def test_limits_of_unknown_scale_do_not_act():
     rig.set(Object.MAX_CURRENT, 0, 1)
     assert rig.motion["max_deceleration_rad_s2"] == math.inf
     assert rig.motion["torque_high_nm"] == before
-    assert rig.motion["mode"] == law.BRAKED
+    assert rig.motion["mode"] == record.BRAKED
 
 
 def test_a_limit_in_a_vendors_own_unit_acts_in_that_unit():

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from drive_profiles.standard.cia402 import Mode, Object, State
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.robots.behaviour import Switches
 from plant_emulator.robots.robot import Robot
 from tests.plant_emulator.rig import AXIS, COUNTS_PER_REV, ONE_AXIS, Rig
@@ -157,7 +157,7 @@ def test_bit_4_taken_back_interrupts_and_the_motor_comes_to_rest(rig):
     assert rig.motion["edge_mask"] == 0
     assert math.isfinite(rig.motion["low_counts"])
     rig.wait(300)
-    assert rig.motion["mode"] == law.PROFILE
+    assert rig.motion["mode"] == record.PROFILE
 
 
 @pytest.mark.parametrize("word", [0x00, 0x02, 0x07])

@@ -5,7 +5,7 @@ import pytest
 
 from drive_profiles.standard.cia301 import SdoAbortCode
 from drive_profiles.standard.cia402 import Mode, Object, State
-from plant_emulator.motion import record as law
+from plant_emulator.motion import record
 from plant_emulator.robots.behaviour import Behaviour
 from plant_emulator.robots.robot import Robot
 from tests.plant_emulator.drive.test_drive import moving
@@ -201,7 +201,7 @@ def test_an_enabling_that_takes_its_time_and_is_taken_back_does_not_open_the_bra
     rig.word(0x00)
     for _ in range(60):
         rig.wait(1)
-        assert rig.motion["mode"] == law.BRAKED
+        assert rig.motion["mode"] == record.BRAKED
     assert rig.state is State.SWITCH_ON_DISABLED
 
 
@@ -247,7 +247,7 @@ def about_to_be_enabled(*objects):
 def assert_only_a_new_word_enables(rig):
     rig.wait(50)
     assert rig.state is State.SWITCHED_ON
-    assert rig.motion["mode"] == law.BRAKED
+    assert rig.motion["mode"] == record.BRAKED
     rig.word(0x0F)
     rig.wait(30)
     assert rig.state is ENABLED
@@ -339,7 +339,7 @@ def test_a_drive_that_is_operational_at_boot_needs_no_start():
 def test_safe_torque_off_takes_the_torque_at_once_and_is_a_fault(rig):
     moving(rig)
     rig.drive.inputs.set_sto(True)
-    assert rig.motion["mode"] == law.BRAKED
+    assert rig.motion["mode"] == record.BRAKED
     rig.wait(1)
     assert rig.plant["torque_nm"] == 0.0
     assert rig.state is State.FAULT

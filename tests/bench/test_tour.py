@@ -8,7 +8,7 @@ import pytest
 
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.device.target import device_at
-from hil import story
+from hil import tour
 from hil.bench.bench import load_bench
 from hil.bench.design import DesignedAxis, update_designs
 from hil.cli.demo import ROBOT_SEED
@@ -24,9 +24,9 @@ from plant_emulator.robots.robot import load_robot
 from tests.bench.shared_demo import DemoRun
 
 
-def test_the_bench_of_the_story_knows_nothing(tmp_path: Path) -> None:
+def test_the_bench_of_the_tour_knows_nothing(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
-    path.write_text(story.bench_without_model())
+    path.write_text(tour.bench_without_model())
     found, reference = load_bench(path), load_bench("reference")
     assert (found.name, found.is_paper, reference.is_paper) == ("own-robot", False, True)
     for number, table in found.axis.items():
@@ -34,18 +34,18 @@ def test_the_bench_of_the_story_knows_nothing(tmp_path: Path) -> None:
         assert table.model_copy(update={"model": reference.axis[number].model}) == reference.axis[number]
 
 
-def test_a_story_without_a_robot_says_where_it_ended(tmp_path: Path) -> None:
-    done = story.tell("local:/nowhere/robot.sock", tmp_path)
+def test_a_tour_without_a_robot_says_where_it_ended(tmp_path: Path) -> None:
+    done = tour.run("local:/nowhere/robot.sock", tmp_path)
     assert done.failure is not None
     assert done.comparison is None
     kept = json.loads((tmp_path / "result.json").read_text())
-    assert kept["story"]["failure"] == str(done.failure)
-    assert [step["holds"] for step in kept["story"]["steps"]] == [False]
+    assert kept["tour"]["failure"] == str(done.failure)
+    assert [step["holds"] for step in kept["tour"]["steps"]] == [False]
     assert "The comparison is not complete" in write_compare_report(tmp_path).read_text()
 
 
 def test_a_step_that_is_refused_is_linked_to_the_report_that_it_left(tmp_path: Path) -> None:
-    teller = story._Teller(load_bench("reference"), tmp_path, (2,), Effort.quick(), SILENT)
+    runner = tour._TourRunner(load_bench("reference"), tmp_path, (2,), Effort.quick(), SILENT)
 
     def refused() -> tuple[str, str]:
         (tmp_path / "page.html").touch()
@@ -53,23 +53,23 @@ def test_a_step_that_is_refused_is_linked_to_the_report_that_it_left(tmp_path: P
 
     for name in ("page.html", "none.html"):
         with pytest.raises(NotPossibleError):
-            teller.step("look", refused, name)
-    assert [(step.link, step.holds, step.what) for step in teller.steps] == [
+            runner.step("look", refused, name)
+    assert [(step.link, step.holds, step.what) for step in runner.steps] == [
         ("page.html", False, "no such arm"),
         ("", False, "no such arm"),
     ]
 
 
 @pytest.mark.ci
-def test_a_drawn_robots_story_begins_with_its_blank_bench_and_ends_with_its_truth(tmp_path: Path) -> None:
+def test_a_drawn_robots_tour_begins_with_its_blank_bench_and_ends_with_its_truth(tmp_path: Path) -> None:
     """Here nothing is served: the first step fails, and what the robot was is told all the same."""
     robot = draw_robot(3, tmp_path / "drawn")
-    done = story.tell("local:/nowhere/robot.sock", tmp_path / "out", robot=robot)
+    done = tour.run("local:/nowhere/robot.sock", tmp_path / "out", robot=robot)
     assert done.failure is not None
     bench = load_bench(tmp_path / "out" / "bench.toml")
     assert bench.name == "fleet-real-3"
     assert all(axis.model is None for axis in bench.axis.values())
-    part = json.loads((tmp_path / "out" / "result.json").read_text())["story"]
+    part = json.loads((tmp_path / "out" / "result.json").read_text())["tour"]
     assert part["seed"] == 3
     facts = {fact["symbol"]: fact for fact in part["facts"]}
     truth = load_robot(robot.robot_file).axis[2]
@@ -106,10 +106,10 @@ def verdict(peak_mm: float, m_s: float) -> NotchVerdict:
         (None, 0.084, ""),
     ],
 )
-def test_the_story_takes_the_better_filter_or_says_why_not(given: NotchVerdict | None, kept_mm: float, said: str) -> None:
+def test_the_tour_takes_the_better_filter_or_says_why_not(given: NotchVerdict | None, kept_mm: float, said: str) -> None:
     unused: Any = None
     outcome = NotchDesignOutcome(unused, "", unused, unused, 11.8, unused, given, verdict(0.084, 1.6), None, 0.0)
-    kept, words = story.better_of(outcome)
+    kept, words = tour.better_of(outcome)
     assert kept.best.peaks[0].rising_mm == kept_mm
     assert said in words
 
@@ -121,85 +121,85 @@ class _Verdict:
         self.notches = notches
 
 
-def prepared(local_bus: ServedBus, out: Path, monkeypatch: pytest.MonkeyPatch) -> story._Teller:
+def prepared(hil_local_bus: ServedBus, out: Path, monkeypatch: pytest.MonkeyPatch) -> tour._TourRunner:
     """Everything that comes before the upload, by hand."""
-    (out / "bench.toml").write_text(story.bench_without_model())
+    (out / "bench.toml").write_text(tour.bench_without_model())
     bench = load_bench(out / "bench.toml")
-    bench = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": local_bus.address})})
-    teller = story._Teller(bench, out, (2, 3), Effort.quick(), SILENT)
+    bench = bench.model_copy(update={"bus": bench.bus.model_copy(update={"address": hil_local_bus.address})})
+    runner = tour._TourRunner(bench, out, (2, 3), Effort.quick(), SILENT)
     monkeypatch.setattr("hil.experiments.notch_design.summary", lambda found: "by hand")
     for axis in (2, 3):
         notch = bench.axis[axis].notch[0].model_copy(update={"zeta_rn": 0.05})
         designed = DesignedAxis(notch=(notch,), sensitivity_peak=1.5, phase_margin_deg=40.0, gain_margin_db=9.0, period_s=250e-6)
-        update_designs(teller.design, bench.name, axis, designed)
+        update_designs(runner.design, bench.name, axis, designed)
         made = parameter_set(bench, axis, _Verdict((notch.notch(),)), 11.8)  # type: ignore[arg-type]
-        made.save(teller.parameter_set(axis), force=True)
-    return teller
+        made.save(runner.parameter_set(axis), force=True)
+    return runner
 
 
 @pytest.mark.ci
 def test_what_is_uploaded_is_in_the_drives_and_found_there_again(
-    local_bus: ServedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    hil_local_bus: ServedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    teller = prepared(local_bus, tmp_path, monkeypatch)
-    what, _ = teller.upload()
+    runner = prepared(hil_local_bus, tmp_path, monkeypatch)
+    what, _ = runner.upload()
     assert what.count("read back, stored") == 2
-    with SdoBus(local_bus.address) as bus:
+    with SdoBus(hil_local_bus.address) as bus:
         for axis in (2, 3):
             device = device_at(bus, axis, "emulated_drive")
             entry = device.catalogue.find("notch_1.zeta_rn", whole=True)
             assert entry.decoded(device.read(entry.address), device.scaling([entry])) == pytest.approx(0.05)
-    assert teller.upload()[0].count("nothing to write") == 2
-    assert "as uploaded" in teller.still_there()[0]
+    assert runner.upload()[0].count("nothing to write") == 2
+    assert "as uploaded" in runner.still_there()[0]
     assert len(list((tmp_path / "drive-journals").iterdir())) == 2
 
 
 @pytest.mark.ci
 def test_a_set_that_is_not_the_design_is_not_uploaded(
-    local_bus: ServedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    hil_local_bus: ServedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    teller = prepared(local_bus, tmp_path, monkeypatch)
-    path = teller.parameter_set(3)
+    runner = prepared(hil_local_bus, tmp_path, monkeypatch)
+    path = runner.parameter_set(3)
     path.write_text(path.read_text().replace("value = 0.05", "value = 0.06"))
-    with pytest.raises(story.NotPossibleError, match=r"axis 3: notch_1\.zeta_rn is not the same"):
-        teller.upload()
+    with pytest.raises(tour.NotPossibleError, match=r"axis 3: notch_1\.zeta_rn is not the same"):
+        runner.upload()
     assert not (tmp_path / "drive-journals").exists()
 
 
 @pytest.mark.ci
-def test_the_whole_demo_ends_with_the_story_and_a_whole_arm(whole_demo_run: DemoRun) -> None:
+def test_the_whole_demo_ends_with_the_tour_and_a_whole_arm(whole_demo_run: DemoRun) -> None:
     out = whole_demo_run.out
-    told = json.loads((out / "story" / "result.json").read_text())
-    assert told["story"]["failure"] is None
+    told = json.loads((out / "tour" / "result.json").read_text())
+    assert told["tour"]["failure"] is None
     assert told["emulated"] is True
-    names = [step["name"] for step in told["story"]["steps"]]
+    names = [step["name"] for step in told["tour"]["steps"]]
     assert names[:3] == ["identify plant, axis 2", "identify transmission error, axis 2", "design notch, axis 2"]
-    for step in told["story"]["steps"]:
-        assert not step["link"] or (out / "story" / step["link"]).is_file()
+    for step in told["tour"]["steps"]:
+        assert not step["link"] or (out / "tour" / step["link"]).is_file()
     (robot,) = told["robots"]
     assert robot["name"] == f"fleet-real-{ROBOT_SEED}"
     peaks = {row["treatment"]: row["tip_peak_mm"] for row in robot["rows"]}
     assert {"none", "notch", "cancellation"} <= set(peaks)
     assert peaks["cancellation"] < 0.5 * peaks["none"]
     assert all(row["trial"] in {"accepted", "accepted in part"} for row in robot["rows"] if row["treatment"] == "cancellation")
-    facts = {fact["symbol"]: fact for fact in told["story"]["facts"]}
+    facts = {fact["symbol"]: fact for fact in told["tour"]["facts"]}
     assert {"f_a", "J_m", "A_1", "A_2", "A_4"} <= set(facts)
     assert facts["A_2"]["estimate"] == pytest.approx(facts["A_2"]["truth"], rel=0.25)
-    assert told["story"]["seed"] == ROBOT_SEED
-    assert (out / "story" / "robot.toml").is_file()
+    assert told["tour"]["seed"] == ROBOT_SEED
+    assert (out / "tour" / "robot.toml").is_file()
     page = (out / "report.html").read_text()
     assert "Your own robot" in page
-    assert "story/report.html" in page
-    own = (out / "story" / "report.html").read_text()
+    assert "tour/report.html" in page
+    own = (out / "tour" / "report.html").read_text()
     assert own.index("Emulated robot") < own.index("<h1>")
     assert "Truth beside estimate" in own
-    assert "Paper</th>" not in (out / "story" / "identify-ate-axis2" / "report.html").read_text()
+    assert "Paper</th>" not in (out / "tour" / "identify-ate-axis2" / "report.html").read_text()
     assert json.loads((out / "result.json").read_text())["paper"]
     arm = json.loads((out / "arm" / "result.json").read_text())
-    assert arm["story"]["failure"] is None
+    assert arm["tour"]["failure"] is None
     assert arm["emulated"] is True
-    assert [step["holds"] for step in arm["story"]["steps"]] == [True, True]
-    claims = {claim["claim"]: claim for claim in arm["story"]["claims"]}
+    assert [step["holds"] for step in arm["tour"]["steps"]] == [True, True]
+    claims = {claim["claim"]: claim for claim in arm["tour"]["claims"]}
     assert all(claim["found"] is not None for claim in claims.values())
     assert claims["nothing acting: the tip leaves ±0.05 mm"]["found"] > 0.07
     assert claims["learnt: within ±0.05 mm in the worst direction"]["found"] < 0.25 * 0.07
@@ -207,6 +207,6 @@ def test_the_whole_demo_ends_with_the_story_and_a_whole_arm(whole_demo_run: Demo
     assert 'id="whole-arm-table"' in page
     assert "arm/report.html" in page
     assert 'id="whole-arm-line"' in page
-    for key in ("arm-line-reference-arm", "arm-resonances-reference-arm", "story-claims"):
+    for key in ("arm-line-reference-arm", "arm-resonances-reference-arm", "tour-claims"):
         assert f'id="{key}"' in (out / "arm" / "report.html").read_text()
     assert "holds: learnt: within ±0.05 mm along x" in whole_demo_run.stderr, "standard output is the result's"

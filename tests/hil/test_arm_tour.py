@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from hil import arm_story
+from hil import arm_tour
 from hil.analysis import DirectionMetrics
-from hil.arm_story import GOAL_MM, claims
+from hil.arm_tour import GOAL_MM, claims
 from hil.bench.bench import load_bench
 from hil.experiments.motions import LINE_MOTION
 from hil.report.pages.compare import write_compare_report
@@ -83,10 +83,10 @@ def test_an_arm_that_is_not_there_is_said_on_its_own_page_and_on_the_demos(tmp_p
     )
     ExperimentsResult(bench=described, emulated=True).write(tmp_path / "result.json")
     assert "whole-arm" not in write_report(tmp_path).read_text()
-    done = arm_story.tell("local:/nowhere/robot.sock", tmp_path / ARM_FOLDER)
+    done = arm_tour.run("local:/nowhere/robot.sock", tmp_path / ARM_FOLDER)
     assert done.failure is not None
     assert done.comparison is None
-    kept = json.loads((tmp_path / ARM_FOLDER / "result.json").read_text())["story"]
+    kept = json.loads((tmp_path / ARM_FOLDER / "result.json").read_text())["tour"]
     assert kept["failure"] == str(done.failure)
     assert [(step["name"], step["holds"]) for step in kept["steps"]] == [("learn on the line itself", False)]
     own = write_compare_report(tmp_path / ARM_FOLDER).read_text()

@@ -1,4 +1,4 @@
-"""Story of the user's own robot, from a bench file without a model to a quiet arm: identify, design, upload, run side by side.
+"""Tour of the user's own robot, from a bench file without a model to a quiet arm: identify, design, upload, run side by side.
 
 Every step is that of a command (`hil identify plant`, `hil identify ate`, `hil design notch`, `drive-profiles upload`,
 `hil compare`), with its report in a directory of its own.
@@ -47,12 +47,12 @@ from hil.report.pages.plant import write_plant_report
 from hil.report.tables.paper_runs import value_and_error
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
-from hil.results.comparison import StoryPart, StoryResult, StoryStep
+from hil.results.comparison import TourPart, TourResult, TourStep
 from hil.results.revealed import facts_of
 
 T = TypeVar("T")
 Step = Callable[[], tuple[str, str]]
-"""A step of a story: its result in words, and the path of its report."""
+"""A step of a tour: its result in words, and the path of its report."""
 
 NAME = "own-robot"
 TREATMENTS: tuple[TreatmentName, ...] = ("none", "notch", "notch-designed", "cancellation")
@@ -74,16 +74,16 @@ class UploadFailedError(HilError):
 
 
 @dataclass(frozen=True)
-class StoryOutcome:
-    """End of a story.
+class TourOutcome:
+    """End of a tour.
 
     Attributes:
         result: Content of `result.json`: that of a comparison, and the steps.
         failure: Error that ended it early, or None.
-        comparison: End of the comparison; None where the story ended before.
+        comparison: End of the comparison; None where the tour ended before.
     """
 
-    result: StoryResult
+    result: TourResult
     failure: Exception | None
     comparison: ComparisonOutcome | None
 
@@ -94,14 +94,14 @@ def bench_without_model(name: str = NAME) -> str:
     return text.replace('name = "reference"', f'name = "{name}"')
 
 
-def make_step(steps: list[StoryStep], out: Path, name: str, make: Step, report: str = "") -> None:
+def make_step(steps: list[TourStep], out: Path, name: str, make: Step, report: str = "") -> None:
     """Make one step, and note its name, result, duration and report; a step that is refused may have left one too.
 
     Args:
         steps: Steps so far; this one is added, also where it fails.
-        out: Directory of the story.
+        out: Directory of the tour.
         name: Name of the step in words.
-        make: The step; its result in words, and the path of its report from the story's directory.
+        make: The step; its result in words, and the path of its report from the tour's directory.
         report: Path of the report that it may leave where it fails.
     """
     began = time.monotonic()
@@ -115,7 +115,7 @@ def make_step(steps: list[StoryStep], out: Path, name: str, make: Step, report: 
         raise
     finally:
         seconds = round(time.monotonic() - began, 2)
-        steps.append(StoryStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
+        steps.append(TourStep(name=name, what=what, holds=holds, link=link, seconds=seconds))
 
 
 def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
@@ -142,15 +142,15 @@ def better_of(outcome: NotchDesignOutcome) -> tuple[NotchDesignOutcome, str]:
 
 
 @dataclass
-class _Teller:
-    """Teller of a story: makes the steps and notes them."""
+class _TourRunner:
+    """Runner of a tour: makes the steps and notes them."""
 
     bench: Bench
     out: Path
     axes: tuple[int, ...]
     effort: Effort
     reporter: Reporter
-    steps: list[StoryStep] = field(default_factory=list)
+    steps: list[TourStep] = field(default_factory=list)
     emulated: list[bool | None] = field(default_factory=list)
     designed: tuple[int, ...] | None = None
     """Axes with a designed filter; None for all."""
@@ -279,12 +279,12 @@ def _written(uploads: list[Upload]) -> list[UploadResult]:
     """Upload to all drives or none; Ctrl-C waits until the changes are put back."""
     with Interrupts(is_last=False) as interrupts:
         if threading.current_thread() is threading.main_thread():
-            late = "the interrupt came too late: everything has been written; another one ends the story"
+            late = "the interrupt came too late: everything has been written; another one ends the tour"
             interrupts.hold("interrupted: what has been written is put back; wait for the outcome", late)
         return fleet.run(uploads, fleet.UploadControl(interrupts.window))
 
 
-def tell(
+def run(
     address: str,
     out: Path,
     *,
@@ -294,12 +294,12 @@ def tell(
     reporter: Reporter = SILENT,
     bench_text: str | None = None,
     robot: DrawnRobot | None = None,
-) -> StoryOutcome:
+) -> TourOutcome:
     """Identify, design, upload, and run side by side; `out/result.json` has the steps, also after a failure.
 
     Args:
         address: Address of the bus.
-        out: Directory; made where it is missing. Model and design file of an earlier story are replaced.
+        out: Directory; made where it is missing. Model and design file of an earlier tour are replaced.
         axes: Axes that are identified and get a filter; empty for those of the bench file with a notch.
         experiments: Experiments of the comparison, as far as the bench file has them.
         effort: Effort of the search for a filter; None for that of `hil design notch --quick`.
@@ -317,91 +317,91 @@ def tell(
     bench = load_bench(bench_file).on(address)
     axes = axes or tuple(number for number, table in sorted(bench.axis.items()) if table.notch)
     experiments = tuple(name for name in experiments if name == CONSTANT_ACCELERATION or bench.line_motion is not None)
-    teller = _Teller(bench, out, axes, effort or Effort.quick(), reporter)
-    for old in (teller.model, teller.design):
+    runner = _TourRunner(bench, out, axes, effort or Effort.quick(), reporter)
+    for old in (runner.model, runner.design):
         old.unlink(missing_ok=True)
     request = ComparisonRequest(experiments, axes, TREATMENTS, frozenset(TREATMENTS))
     comparisons: list[ComparisonOutcome] = []
     failure: Exception | None = None
     try:
-        request = _told(teller, request, comparisons)
+        request = _told(runner, request, comparisons)
     except KeyboardInterrupt:
         failure = InterruptedRunError("interrupted")
     except Exception as error:  # noqa: BLE001 - noted in the result, and returned
         failure = error
-    part = StoryPart(
+    part = TourPart(
         bench_file=BENCH_FILE,
-        steps=tuple(teller.steps),
+        steps=tuple(runner.steps),
         failure=None if failure is None else str(failure),
-        **({} if robot is None else _revealed(robot, teller)),
+        **({} if robot is None else _revealed(robot, runner)),
     )
-    result = StoryResult(
+    result = TourResult(
         started_utc=comparisons[0].result.started_utc if comparisons else started,
         request=request_entry(request),
         robots=comparisons[0].result.robots if comparisons else [],
-        emulated=any_emulated([*teller.emulated, *(one.result.emulated for one in comparisons)]),
-        story=part,
+        emulated=any_emulated([*runner.emulated, *(one.result.emulated for one in comparisons)]),
+        tour=part,
     )
     result.write(out / RESULT_FILE)
-    return StoryOutcome(result, failure, comparisons[0] if comparisons else None)
+    return TourOutcome(result, failure, comparisons[0] if comparisons else None)
 
 
-def _told(teller: _Teller, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> ComparisonRequest:
+def _told(runner: _TourRunner, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> ComparisonRequest:
     """Take all steps, and return the request of the comparison.
 
     Where no notch keeps all that is asked that is said, and the comparison is made without a designed one.
     """
-    for axis in teller.axes:
-        teller.step(f"identify plant, axis {axis}", partial(teller.identify_plant, axis), _plant_page(axis))
-        teller.step(f"identify transmission error, axis {axis}", partial(teller.identify_ate, axis), _ate_page(axis))
+    for axis in runner.axes:
+        runner.step(f"identify plant, axis {axis}", partial(runner.identify_plant, axis), _plant_page(axis))
+        runner.step(f"identify transmission error, axis {axis}", partial(runner.identify_ate, axis), _ate_page(axis))
     designed = []
-    for axis in teller.axes:
+    for axis in runner.axes:
         try:
-            teller.step(f"design notch, axis {axis}", partial(teller.design_notch, axis), _design_page(axis))
+            runner.step(f"design notch, axis {axis}", partial(runner.design_notch, axis), _design_page(axis))
             designed.append(axis)
         except InfeasibleError:
             continue
-    teller.designed = tuple(designed)
+    runner.designed = tuple(designed)
     if designed:
-        teller.step("upload, read back, store", teller.upload)
+        runner.step("upload, read back, store", runner.upload)
     else:
         left = tuple(name for name in request.treatments if treatment(name).needs != "design")
         request = replace(request, treatments=left, named=frozenset(left))
-    teller.step("run side by side", lambda: _side_by_side(teller, request, comparisons))
+    runner.step("run side by side", lambda: _side_by_side(runner, request, comparisons))
     if designed:
-        teller.step("read back after the runs", teller.still_there)
+        runner.step("read back after the runs", runner.still_there)
     return request
 
 
-def _revealed(robot: DrawnRobot, teller: _Teller) -> dict[str, Any]:
+def _revealed(robot: DrawnRobot, runner: _TourRunner) -> dict[str, Any]:
     """The drawn robot, beside what was found of it."""
-    (teller.out / ROBOT_FILE).write_bytes(robot.robot_file.read_bytes())
+    (runner.out / ROBOT_FILE).write_bytes(robot.robot_file.read_bytes())
     truth: dict[str, Any] = tomllib.loads(robot.robot_file.read_text(encoding="utf-8"))
-    known = load_identified(teller.model).axis if teller.model.is_file() else {}
+    known = load_identified(runner.model).axis if runner.model.is_file() else {}
     facts = [
         fact
-        for number in teller.axes
+        for number in runner.axes
         for fact in facts_of(number, truth["axis"][str(number)], known.get(number, IdentifiedAxis()))
     ]
     return {"robot_file": ROBOT_FILE, "seed": robot.seed, "facts": tuple(facts)}
 
 
-def _side_by_side(teller: _Teller, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> tuple[str, str]:
+def _side_by_side(runner: _TourRunner, request: ComparisonRequest, comparisons: list[ComparisonOutcome]) -> tuple[str, str]:
     """Run the comparison with the identified models and the designed filters."""
-    design = teller.design if teller.design.is_file() else None
-    knowledge = known_from(teller.out / BENCH_FILE, teller.bench, model=teller.model, design=design)
-    return run_side_by_side(KnownRobot(teller.bench, knowledge, BENCH_FILE), request, teller.out, comparisons, teller.reporter)
+    design = runner.design if runner.design.is_file() else None
+    knowledge = known_from(runner.out / BENCH_FILE, runner.bench, model=runner.model, design=design)
+    return run_side_by_side(KnownRobot(runner.bench, knowledge, BENCH_FILE), request, runner.out, comparisons, runner.reporter)
 
 
 def run_side_by_side(
     robot: KnownRobot, request: ComparisonRequest, out: Path, comparisons: list[ComparisonOutcome], reporter: Reporter
 ) -> tuple[str, str]:
-    """Run the comparison that a story ends with, as its last step.
+    """Run the comparison that a tour ends with, as its last step.
 
     Args:
         robot: The robot, and all that is known of it by now.
         request: Request of the comparison.
-        out: Directory of the story.
+        out: Directory of the tour.
         comparisons: List to which its outcome is added, also where it failed.
         reporter: Listener of its runs.
     """

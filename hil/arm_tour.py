@@ -20,10 +20,10 @@ from hil.report.pages.learn_motion import write_motion_learning_report
 from hil.report.tables.directions import ALONG, peaks_mm
 from hil.reporter import SILENT, Reporter
 from hil.results.base import RESULT_FILE
-from hil.results.comparison import StoryClaim, StoryPart, StoryResult, StoryStep
+from hil.results.comparison import TourClaim, TourPart, TourResult, TourStep
 from hil.results.files import load_result
 from hil.results.runs import ExperimentsResult, RunEntry
-from hil.story import BENCH_FILE, StoryOutcome, make_step, run_side_by_side
+from hil.tour import BENCH_FILE, TourOutcome, make_step, run_side_by_side
 
 HEADING = "A whole arm"
 LEARNT: TreatmentName = "cancellation-learnt"
@@ -36,13 +36,13 @@ MODEL_FILE, LEARN_PAGE = "learnt.toml", "learn/report.html"
 
 
 @dataclass
-class _ArmTeller:
-    """Teller of the arm's story: makes the steps and notes them."""
+class _ArmTourRunner:
+    """Runner of the arm's tour: makes the steps and notes them."""
 
     bench: Bench
     out: Path
     reporter: Reporter
-    steps: list[StoryStep] = field(default_factory=list)
+    steps: list[TourStep] = field(default_factory=list)
     comparisons: list[ComparisonOutcome] = field(default_factory=list)
     emulated: list[bool | None] = field(default_factory=list)
 
@@ -71,61 +71,61 @@ class _ArmTeller:
         return run_side_by_side(robot, request, self.out, self.comparisons, self.reporter)
 
 
-def tell(address: str, out: Path, *, reporter: Reporter = SILENT) -> StoryOutcome:
+def run(address: str, out: Path, *, reporter: Reporter = SILENT) -> TourOutcome:
     """Learn on the reference arm's line, and run it side by side; `out/result.json` has steps and claims, also after a failure.
 
     Args:
         address: Address of the bus on which the reference arm is served.
-        out: Directory; made where it is missing. The model file of an earlier story is replaced.
+        out: Directory; made where it is missing. The model file of an earlier tour is replaced.
         reporter: Listener of each step and run.
     """
     out.mkdir(parents=True, exist_ok=True)
     started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     bench_file = out / BENCH_FILE
     bench_file.write_text(REFERENCE_ARM.read_text(encoding="utf-8"), encoding="utf-8")
-    teller = _ArmTeller(load_bench(bench_file).on(address), out, reporter)
-    teller.model.unlink(missing_ok=True)
+    runner = _ArmTourRunner(load_bench(bench_file).on(address), out, reporter)
+    runner.model.unlink(missing_ok=True)
     request = ComparisonRequest((LINE_MOTION,), (), TREATMENTS, frozenset(TREATMENTS))
     failure: Exception | None = None
     try:
         for name, make, page in (
-            ("learn on the line itself", teller.learn, LEARN_PAGE),
-            ("run side by side", partial(teller.run, request), ""),
+            ("learn on the line itself", runner.learn, LEARN_PAGE),
+            ("run side by side", partial(runner.run, request), ""),
         ):
             reporter.step(name)
-            make_step(teller.steps, out, name, make, page)
+            make_step(runner.steps, out, name, make, page)
     except KeyboardInterrupt:
         failure = InterruptedRunError("interrupted")
     except Exception as error:  # noqa: BLE001 - noted in the result, and returned
         failure = error
-    comparison = teller.comparisons[0] if teller.comparisons else None
-    result = StoryResult(
+    comparison = runner.comparisons[0] if runner.comparisons else None
+    result = TourResult(
         started_utc=started,
         request=request_entry(request),
         robots=[] if comparison is None else comparison.result.robots,
-        emulated=any_emulated([*teller.emulated, *([] if comparison is None else [comparison.result.emulated])]),
-        story=StoryPart(
+        emulated=any_emulated([*runner.emulated, *([] if comparison is None else [comparison.result.emulated])]),
+        tour=TourPart(
             bench_file=BENCH_FILE,
-            steps=tuple(teller.steps),
+            steps=tuple(runner.steps),
             failure=None if failure is None else str(failure),
             heading=HEADING,
-            claims=_claims_of(teller),
+            claims=_claims_of(runner),
         ),
     )
     result.write(out / RESULT_FILE)
-    return StoryOutcome(result, failure, comparison)
+    return TourOutcome(result, failure, comparison)
 
 
-def _claims_of(teller: _ArmTeller) -> tuple[StoryClaim, ...]:
+def _claims_of(runner: _ArmTourRunner) -> tuple[TourClaim, ...]:
     """Claims on the runs, as far as they were made; without any run nothing is found."""
     entries: list[RunEntry] = []
-    for robot in teller.comparisons[0].result.robots if teller.comparisons else ():
-        if (teller.out / robot.directory / RESULT_FILE).is_file():
-            entries = load_result(teller.out / robot.directory, ExperimentsResult, "runs").runs
-    return claims(entries, teller.bench.specification.tip_mm)
+    for robot in runner.comparisons[0].result.robots if runner.comparisons else ():
+        if (runner.out / robot.directory / RESULT_FILE).is_file():
+            entries = load_result(runner.out / robot.directory, ExperimentsResult, "runs").runs
+    return claims(entries, runner.bench.specification.tip_mm)
 
 
-def claims(entries: list[RunEntry], limit_mm: float) -> tuple[StoryClaim, ...]:
+def claims(entries: list[RunEntry], limit_mm: float) -> tuple[TourClaim, ...]:
     """What is claimed of the line, with the numbers that were judged; a number that was not has none.
 
     Args:
@@ -137,7 +137,7 @@ def claims(entries: list[RunEntry], limit_mm: float) -> tuple[StoryClaim, ...]:
     noise_mm = next((run.noise_mm for run in entries if run.treatment == LEARNT and run.noise_mm is not None), 0.0)
     largest = [after[name] for name in ALONG if name in after]
     return (
-        StoryClaim(
+        TourClaim(
             claim=f"nothing acting: the tip leaves ±{limit_mm:g} mm",
             asked=limit_mm,
             is_above=True,
@@ -145,19 +145,19 @@ def claims(entries: list[RunEntry], limit_mm: float) -> tuple[StoryClaim, ...]:
             unit="mm",
         ),
         *(
-            StoryClaim(claim=f"learnt: within ±{limit_mm:g} mm along {name}", asked=limit_mm, found=after.get(name), unit="mm")
+            TourClaim(claim=f"learnt: within ±{limit_mm:g} mm along {name}", asked=limit_mm, found=after.get(name), unit="mm")
             for name in ALONG
         ),
-        StoryClaim(
+        TourClaim(
             claim=f"learnt: within ±{limit_mm:g} mm in the worst direction", asked=limit_mm, found=after.get("worst"), unit="mm"
         ),
-        StoryClaim(
+        TourClaim(
             claim="learnt: along none of them more than with nothing acting, but for the sensor's noise",
             asked=noise_mm,
             found=max(rises) if len(rises) == len(ALONG) else None,
             unit="mm",
         ),
-        StoryClaim(
+        TourClaim(
             claim="learnt: the goal along x, y and z",
             asked=GOAL_MM,
             found=max(largest) if len(largest) == len(ALONG) else None,
