@@ -5,7 +5,7 @@ of it is judged as in a trial (`verdict`), and one whose cancellation is wrong i
 from all passes and from the motor angle as it was measured: it finds the transmission error itself, and not what the cancellation
 leaves of it. Learning is between passes only: a cancellation that adapted during acceleration would follow the motion, not the
 error. What was known of an order before, and the passes do not better, is kept (`known_orders`). For the method see
-docs/cancellation.md.
+docs/learning.md.
 """
 
 import datetime

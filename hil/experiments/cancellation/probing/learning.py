@@ -3,7 +3,7 @@
 Nothing of the arm is needed for that: neither plant nor lever nor the sensor's frame, only each motor's inertia, of which the
 set-points of a cancellation are made. Base runs without any cancellation tell the noise; probing runs, of a design in which all
 orders of all axes change at once, tell what each does to the tip's displacement along x, y and z; some runs more apply what
-follows, and it is kept only where the tip is quieter with it. For the method see docs/cancellation.md and `hil.design.probing`.
+follows, and it is kept only where the tip is quieter with it. For the method see docs/learning.md and `hil.design.probing`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
