@@ -28,7 +28,8 @@ def commands(tool):
     def below(command, words):
         yield words, command
         for name, each in getattr(command, "commands", {}).items():
-            yield from below(each, (*words, name))
+            if not getattr(each, "hidden", False):  # an old name of another command
+                yield from below(each, (*words, name))
 
     yield from below(group_of(tool), (tool,))
 

@@ -108,7 +108,7 @@ def test_a_motion_with_two_treatments_has_one_card_and_the_headline_names_both(f
         for found in (result["runs"], result["comparisons"]):
             notch = next(each for each in found if (each["experiment"], each["treatment"]) == ("line-motion", "notch"))
             found.append({**notch, "treatment": "cancellation"})
-        result["runs"][-1] |= {"tip_peak_mm": 0.002, "within_spec": True}
+        result["runs"][-1] |= {"recording": "runs/cancelled.csv", "tip_peak_mm": 0.002, "within_spec": True}
 
     material = Material(altered(full_directory, tmp_path, change))
     [tip, _] = [card for card in cards(material) if card.title.startswith("Line motion")]
