@@ -19,7 +19,7 @@ from hil.master.drive.needs import ProfileGapsError, run_gaps, run_remarks
 from hil.master.session import Session, SessionSource
 from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter
-from hil.results.base import RESULT_FILE, MeasuredBench, MeasuredResult
+from hil.results.base import LOG_FILE, RESULT_FILE, MeasuredBench, MeasuredResult
 
 ClockName = Literal["lock-step", "wall"]
 
@@ -172,7 +172,7 @@ class Measurement(Generic[R]):
         channel, progress = self._channel, self._reporter.progress
         if isinstance(channel, SessionSource):
             return channel.session(self._bench, progress)
-        return Session(self._bench, channel, BusLog(self._out / "bus.log", log_label(channel)), progress)
+        return Session(self._bench, channel, BusLog(self._out / LOG_FILE, log_label(channel)), progress)
 
     def keep(self, recording: Recording, name: str) -> str:
         """Save a recording as `runs/name.csv`; from now on the result is written whatever happens.
