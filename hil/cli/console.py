@@ -70,9 +70,9 @@ def exit_status_of(error: Exception) -> int:
 
 
 def message_of(error: Exception) -> str:
-    """Return the message of an error; for a file, its name and the reason."""
+    """Return the message of an error; for a file, its name, the reason, and what is noted of the robot."""
     if isinstance(error, OSError):
-        return f"{error.filename or 'output'}: {error.strerror or error}"
+        return "; ".join([f"{error.filename or 'output'}: {error.strerror or error}", *getattr(error, "__notes__", ())])
     return str(error)
 
 
@@ -179,7 +179,7 @@ def result_directory(out: Path | None, name: str, *, force: bool) -> Path:
         force: Value of `--force`.
 
     Raises:
-        RefusedError: It holds the files of another command, and `--force` is not given.
+        NotPossibleError: It holds the files of another command, and `--force` is not given.
     """
     from hil.results import base  # noqa: PLC0415
 

@@ -11,10 +11,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
-from drive_profiles.errors import RefusedError
+from drive_profiles.files.safefile import naming
 from drive_profiles.version import DISTRIBUTION, version_text
 from hil.bench.bench import Bench
-from hil.errors import NOT_DISABLED, HilError, RefusalCause, SafetyStopError, not_put_back
+from hil.errors import NOT_DISABLED, HilError, NotPossibleError, RefusalCause, SafetyStopError, not_put_back
 
 SCHEMA: Literal[2] = 2
 
@@ -42,14 +42,14 @@ def result_directory(
         remedy: What replaces a result, for the message.
 
     Raises:
-        RefusedError: It holds a result, recordings or a log.
+        NotPossibleError: It holds a result, recordings or a log.
     """
     if out is None:
         return new_directory(name)
     folder = Path(out)
     found = next((path for pattern in _FILES_OF_A_RESULT for path in sorted(folder.glob(pattern))), None)
     if found is not None and not force:
-        raise RefusedError(f"{found} is there already, from an earlier command; name another directory, or {remedy}")
+        raise NotPossibleError(f"{found} is there already, from an earlier command; name another directory, or {remedy}")
     return folder
 
 
@@ -142,7 +142,8 @@ class Result(_Written):
         """
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = path.with_name(path.name + ".part")
-        temporary.write_text(self.dumps(indent=1) + "\n", encoding="utf-8")
+        with naming(path):
+            temporary.write_text(self.dumps(indent=1) + "\n", encoding="utf-8")
         os.replace(temporary, path)
 
 

@@ -6,8 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 import hil
-from drive_profiles.errors import RefusedError
 from hil.cli.main import app
+from hil.errors import NotPossibleError
 
 NOWHERE = ("--bus", "local:/nowhere/x.sock")
 COMMANDS = {
@@ -24,7 +24,7 @@ COMMANDS = {
     "design notch": ("design", "notch", "--axis", "2", "--bench", "reference", "--model", "{folder}/none.toml"),
     "demo": ("demo", "--robot", "/nowhere.toml", "--no-story"),
 }
-ON_A_BUS = tuple(name for name, words in COMMANDS.items() if NOWHERE[0] in words)
+ON_A_BUS = tuple(name for name in COMMANDS if NOWHERE[0] in COMMANDS[name] and name != "learn --motion")  # inertias come first
 
 
 def called(name: str, folder: Path, *options: str) -> tuple[int, str]:
@@ -58,7 +58,7 @@ def test_recordings_logs_and_other_results_are_kept_as_well(file: str, tmp_path:
     path = tmp_path / file
     path.parent.mkdir(exist_ok=True)
     path.write_text("mine")
-    with pytest.raises(RefusedError, match="force=True replaces its files"):
+    with pytest.raises(NotPossibleError, match="force=True replaces its files"):
         hil.run("reference", "line-motion", bus=NOWHERE[1], out=tmp_path)
 
 
