@@ -81,8 +81,8 @@ def by_axis(option: str, given: list[str] | None) -> dict[int, str]:
     for text in given or ():
         axis, _, value = text.partition("=")
         if not (axis.isascii() and axis.isdigit() and value):
-            number, rest = re.match(r"(\d*)\W*(.*)", text).groups()  # type: ignore[union-attr] - both may be empty
-            meant = f"{number or 2}={rest or 'VALUE'}"
+            number, rest = [*re.split(r"\W", text, maxsplit=1), ""][:2]  # 3:x is meant as 3=x
+            meant = f"{number if number.isdigit() else 2}={rest or 'VALUE'}"
             raise fail(f"{option} {text}: expected AXIS=VALUE, such as {meant}", EmulatorExitStatus.USAGE)
         if int(axis) in values:
             raise fail(f"{option}: axis {axis} is given twice", EmulatorExitStatus.USAGE)
