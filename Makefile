@@ -35,10 +35,10 @@ endef
 .PHONY: demo live test test-all bench lint format lock clean
 
 demo: $(INSTALLED)
-	$(BIN)/hil demo --out demo
+	$(BIN)/hil demo --out demo --force
 
 live: $(INSTALLED)
-	$(BIN)/hil demo --out demo --live
+	$(BIN)/hil demo --out demo --force --live
 
 test: $(TESTABLE)
 	$(BIN)/python -m tests.stages $(if $(CI),ci,everyday) $(if $(SINCE),--since $(SINCE))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drive_profiles.files.safefile import naming
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, CAN_SFF_MASK, RECORD
 
 Real = NDArray[np.float64]
@@ -73,14 +74,9 @@ class Recording:
     def save(self, path: Path) -> None:
         """Write a CSV file: one line of names with units, then the numbers."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savetxt(
-            path,
-            np.column_stack(list(self.columns.values())),
-            delimiter=",",
-            header=",".join(self.columns),
-            comments="",
-            fmt="%.9g",
-        )
+        numbers, header = np.column_stack(list(self.columns.values())), ",".join(self.columns)
+        with naming(path):
+            np.savetxt(path, numbers, delimiter=",", header=header, comments="", fmt="%.9g")
 
     @classmethod
     def load(cls, path: Path) -> "Recording":
@@ -151,7 +147,7 @@ class BusLog:
         if self._path is None or not kept:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        with self._path.open("w" if self._is_new else "a", encoding="utf-8", newline="") as file:
+        with naming(self._path), self._path.open("w" if self._is_new else "a", encoding="utf-8", newline="") as file:
             file.writelines(_lines(_each(kept), self._channel))
         self._is_new = False
 

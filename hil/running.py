@@ -14,7 +14,7 @@ from hil.experiments.plan import Experiment
 from hil.experiments.runner import run_experiments
 from hil.experiments.treatment import TREATMENTS, known_from
 from hil.recording import Recording
-from hil.results.base import new_directory
+from hil.results.base import result_directory
 from hil.results.runs import ExperimentsResult, RunEntry, leading
 from hil.tip_vector import displacement_mm, tip_acceleration
 
@@ -56,6 +56,7 @@ def run(
     learnt: str | Path | None = None,
     repeat: int = 1,
     out: str | Path | None = None,
+    force: bool = False,
     yes: bool = False,
 ) -> ExperimentRun:
     """Run one experiment on the robot of a bench file, as `hil run` does; `hil report` writes its page from the folder.
@@ -72,6 +73,7 @@ def run(
         learnt: Model file of `hil learn`.
         repeat: Number of runs, of which the mean is judged.
         out: Directory of the files; None for a new one in `bench-out`.
+        force: True to replace the files of an older result in `out`.
         yes: True to move a robot on another bus than a local one, where robots are emulated.
 
     Raises:
@@ -92,7 +94,7 @@ def run(
     if not yes and parse_address(bench.bus.address).interface != LOCAL:
         raise NotPossibleError(f"this moves the robot on {bench.bus.address}: clear its way, then pass yes=True")
     wanted = Experiment(experiment, axis, treatment, loop)
-    folder = Path(out) if out is not None else new_directory(Path(wanted.file_name).stem)
+    folder = result_directory(out, Path(wanted.file_name).stem, force=force, remedy="force=True replaces its files")
     done = run_experiments(bench, [wanted], folder, knowledge=known, repeat=repeat)
     if done.failure is not None:
         raise done.failure

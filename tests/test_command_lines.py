@@ -203,3 +203,14 @@ def test_tables_fit_and_break_no_word(columns, command, monkeypatch):
     tables = [line for line in lines if not line.startswith("Fits")]  # the sentence at the end is the terminal's to wrap
     assert max(map(len, tables)) <= columns
     assert set(piped.split()) <= set(re.sub(r" · |: ", " ", "\n".join(lines)).split()) | set("\n".join(lines).split())
+
+
+@pytest.mark.ci
+def test_a_tool_whose_reader_has_gone_ends_as_one_that_the_signal_ends() -> None:
+    command = [sys.executable, "-m", "drive_profiles", "list"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as tool:
+        assert tool.stdout is not None
+        tool.stdout.close()
+        assert tool.wait(60.0) == 141
+        assert tool.stderr is not None
+        assert tool.stderr.read() == b""

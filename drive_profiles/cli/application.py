@@ -24,6 +24,8 @@ _WORD = re.compile(r"""(?:[^\s"']|"[^"]*"|'[^']*')+""")
 _EXAMPLES = re.compile(r"^Examples?:[ \t]*", re.MULTILINE)
 _UNCUT = 10_000
 _UNBROKEN = "\u2011"  # a hyphen after which no line ends
+READER_GONE = 141
+"""Exit status where the reader of standard output has gone: 128 + SIGPIPE, as a shell gives it."""
 
 
 def described(text: str) -> tuple[str, tuple[str, ...]]:
@@ -108,6 +110,13 @@ class ToolCommand(_Help, TyperCommand):
 class ToolGroup(_Help, TyperGroup):
     """Tool, or group of its commands, whose summaries are whole sentences."""
 
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; where the reader of its output has gone there is nothing to tell it, and click would end with 1."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            os._exit(READER_GONE)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands with their summaries."""
         commands = [(name, self.commands[name]) for name in self.list_commands(ctx)]
@@ -166,8 +175,6 @@ class Tool(typer.Typer):
             if not Interrupts.is_held_to_the_end:
                 raise
             _leave(end.code if isinstance(end.code, int) else 0)
-        except BrokenPipeError:
-            os._exit(141)  # the reader of the output has gone; there is nothing to tell it
         except Exception:
             if not came:
                 raise

@@ -1,7 +1,7 @@
 """Tables of the three tools as text: aligned columns that fit the terminal without breaking a word.
 
-A cell wraps between words; where even that is too wide, each row becomes a block of its own. What does not go to a terminal has a
-line for each row, as wide as it is. Machines read `--json`.
+A cell wraps between words; where even that is too wide, or takes more lines, each row becomes a block of its own. What does not
+go to a terminal has a line for each row, as wide as it is. Machines read `--json`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,10 @@ def lines(header: Sequence[str], rows: Sequence[Sequence[str]], width: int | Non
     shown = [line for row in cells[1:] for line in _row(row, widths, right)]
     if not any(cells[0]):
         return shown
+    if width is not None and len(shown) > len(rows):
+        blocks = _blocks(cells[0], cells[1:], width)
+        if len(blocks) < len(shown):
+            return blocks
     rule = [] if width is None else [(" " * GAP).join("─" * each for each in widths)]
     return [*_row(cells[0], widths, right), *rule, *shown]
 

@@ -15,15 +15,26 @@ from drive_profiles.family.profile import Profile, available
 
 def matching(identity: DeviceIdentity) -> list[str]:
     """Labels of the profiles that fit a device by vendor, product and revision; by vendor alone where no code is known."""
+    return fitting(identity.vendor_id, identity.product_code, identity.revision)
+
+
+def fitting(vendor_id: int | None, product_code: int | None, revision: int | None) -> list[str]:
+    """Labels of the profiles that fit the numbers of 1018h; see `matching`."""
     exact: list[str] = []
     vendor: list[str] = []
     for name in available():
         known = _profile(name)
-        if known.identity.vendor_id != identity.vendor_id:
+        if known.identity.vendor_id != vendor_id:
             continue
-        for each in known.candidates(identity.product_code, identity.revision):
+        for each in known.candidates(product_code, revision):
             (vendor if each.identity.product_code is None else exact).append(each.label)
     return exact or vendor
+
+
+def fault_texts_of(vendor_id: int | None, product_code: int | None, revision: int | None) -> dict[int, str]:
+    """The maker's own error codes in words, by the numbers of 1018h; none where no family or several fit them."""
+    families = {label.partition("/")[0] for label in fitting(vendor_id, product_code, revision)}
+    return _profile(families.pop()).fault_texts if len(families) == 1 else {}
 
 
 @cache

@@ -6,6 +6,7 @@ import contextlib
 import os
 import secrets
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from drive_profiles.errors import FileError, Problem, RefusedError
@@ -50,6 +51,23 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         problem = Problem(0, "", f"cannot be written ({reason})", "a place that can be written")
         raise FileError(path, (problem,)) from error
+
+
+@contextlib.contextmanager
+def naming(path: Path, note: str = "") -> Iterator[None]:
+    """A context in which an `OSError` names the file, which that of a full disk does not, and has a note.
+
+    Args:
+        path: The file.
+        note: Sentence for the note; empty for none.
+    """
+    try:
+        yield
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        if note:
+            error.add_note(note)
+        raise
 
 
 def check_writable(path: Path) -> None:

@@ -75,6 +75,8 @@ UNIT_NAMES: dict[str, str] = {
     "_v": "V",
     "_db": "dB",
 }
+_UNIT_BEHIND = re.compile(r"([\w-]+)\s*=\s*(?!0[xob])([-+]?[0-9][0-9_.eE+-]*)\s*([A-Za-zµ°%][^\s,}\]#]*)")
+"""A number with a unit behind it, which is no TOML."""
 _SUFFIXES = sorted(UNIT_NAMES, key=len, reverse=True)
 
 M = TypeVar("M", bound=pydantic.BaseModel)
@@ -84,6 +86,20 @@ class Table(pydantic.BaseModel):
     """Base of every table of a file: unknown keys refused, frozen, strings never taken for numbers, no NaN."""
 
     model_config = pydantic.ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class WrongKeyError(ValueError):
+    """A contradiction of a table, for its validators to raise: it names the key that is wrong.
+
+    Args:
+        message: What is wrong.
+        at: Path of the key, from the table on.
+    """
+
+    def __init__(self, message: str, at: KeyPath) -> None:
+        """Keep the path."""
+        self.at = at
+        super().__init__(message)
 
 
 def split_unit(key: str) -> tuple[str, str]:
@@ -179,6 +195,10 @@ def _syntax_problem(text: str, error: Exception) -> Problem:
     if position is None:
         return Problem(0, "", message, "valid TOML")
     line = int(position[1]) if position[1] else text.rstrip("\n").count("\n") + 1
+    unit = _UNIT_BEHIND.search(text.split("\n")[line - 1]) if position[1] else None
+    if unit is not None:
+        key, value, word = unit.groups()
+        return Problem(line, key, f"{value} {word}: a unit behind the number", "the number alone, the unit is in the key's name")
     column = f" (column {position[2]})" if position[2] else " (end of file)"
     return Problem(line, "", message[: position.start()] + column, "valid TOML")
 
@@ -189,7 +209,7 @@ def _problems(error: pydantic.ValidationError, model: type[pydantic.BaseModel], 
     missing: list[tuple[KeyPath, Problem]] = []
     for detail in error.errors(include_url=False):
         location = detail["loc"]
-        path, line = _located(location, lines)
+        path, line = _located((*location, *getattr(detail.get("ctx", {}).get("error"), "at", ())), lines)
         match detail["type"]:
             case "extra_forbidden":
                 message, expected, meant = _unknown_key(str(location[-1]), _known_keys(model, location[:-1]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from drive_profiles.device.memory import store_command
 from drive_profiles.errors import DriveProfileError, InterruptedUploadError, NoAnswerError
@@ -103,7 +103,7 @@ def _after_reset(uploads: Sequence[Upload]) -> list[UploadResult]:
     for upload in uploads:
         error = failures.get(upload)
         if error is None:
-            outcomes.append(upload.done())
+            outcomes.append(replace(upload.done(), is_reset=True))
             continue
         objects = (
             error.objects

@@ -90,6 +90,7 @@ class UploadResult:
     exit_code: int = 0
     unread: int = 0
     other_count: int | None = None
+    is_reset: bool = False
 
     def __str__(self) -> str:
         """Return the result in words."""
@@ -102,7 +103,8 @@ class UploadResult:
         match self.kind:
             case "done":
                 what = f"{self.written} written and read back" if self.written else "nothing to write, everything is there"
-                return f"node {self.node}: done, {what}{stored}"
+                reset = ", reset, and read back once more" if self.is_reset else ""
+                return f"node {self.node}: done, {what}{stored}{reset}"
             case "rolled back":
                 return f"node {self.node}: rolled back, everything is as it was{stored}: {self.reason}"
             case _:

@@ -10,7 +10,7 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from drive_profiles.address import AddressError, parse_address
 from drive_profiles.family.profile import is_name
-from drive_profiles.files.toml import FileError, Problem, Table, load
+from drive_profiles.files.toml import FileError, Problem, Table, WrongKeyError, load
 from hil.arm.kinematics import Kinematics
 from hil.arm.line import moved_axes
 from hil.arm.tables import ArmTable
@@ -305,11 +305,15 @@ class Bench(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> "Bench":
-        nodes = [axis.node_id for axis in self.axis.values()]
-        nodes += [node for node in (self.accelerometer.node_id, self.bus.master_node_id) if node is not None]
-        twice = {node for node in nodes if nodes.count(node) > 1}
-        if twice:
-            raise ValueError(f"node id {min(twice)} is given twice on this bus")
+        nodes: list[tuple[int | None, tuple[str, ...]]] = [
+            (self.bus.master_node_id, ("bus", "master_node_id")),
+            *((axis.node_id, ("axis", str(number), "node_id")) for number, axis in self.axis.items()),
+            (self.accelerometer.node_id, ("accelerometer", "node_id")),
+        ]
+        first: dict[int, tuple[str, ...]] = {}
+        for node, key in nodes:
+            if node is not None and first.setdefault(node, key) != key:
+                raise WrongKeyError(f"node id {node} is given twice on this bus: {'.'.join(first[node])} has it as well", key)
         for number, axis in self.axis.items():
             if self.approach_rps > axis.limits.speed_rps:
                 raise ValueError(f"approach_rps {self.approach_rps} is above axis {number}'s speed_rps {axis.limits.speed_rps}")

@@ -24,7 +24,7 @@ from hil.cli.console import (
     exit_with,
     is_on_local_bus,
     motion_lines,
-    new_directory,
+    result_directory,
     say,
     say_not_restored,
     say_page,
@@ -35,6 +35,7 @@ from hil.cli.options import (
     AXES,
     FORMER_SPELLINGS,
     BusOption,
+    ForceOption,
     JsonOption,
     NewOutOption,
     OverloadOption,
@@ -101,6 +102,7 @@ def compare(
         int, typer.Option(min=1, max=100, help="Run each so often and judge the mean, in which the sensor's noise is less.")
     ] = 1,
     out: NewOutOption = None,
+    force: ForceOption = False,
     overload: OverloadOption = False,
     live: LiveOption = None,
     yes: YesOption = False,
@@ -116,6 +118,7 @@ def compare(
         _check_buses(bench_file, bus, emulate or [])
         if live is not None and len(bench_file) > 1:
             raise fail("--live shows a single robot", ExitStatus.USAGE)
+        where = result_directory(out, "compare", force=force)
         benches = [load_bench(name) if emulate else bench_on(name, bus) for name in bench_file]
 
         from hil.experiments.comparison.plan import KnownRobot, plan
@@ -129,7 +132,7 @@ def compare(
             if not yes:
                 _confirm(plans)
             with shown_live(live, benches[0].bus.address, bench_file[0]):
-                _run(plans, request, out or new_directory("compare"), repeat, overload=overload, as_json=as_json)
+                _run(plans, request, where, repeat, overload=overload, as_json=as_json)
 
 
 def _request(experiments: list[str], axes: list[int], treatments: list[str]) -> "ComparisonRequest":

@@ -70,9 +70,9 @@ def exit_status_of(error: Exception) -> int:
 
 
 def message_of(error: Exception) -> str:
-    """Return the message of an error; for a file, its name and the reason."""
+    """Return the message of an error; for a file, its name, the reason, and what is noted of the robot."""
     if isinstance(error, OSError):
-        return f"{error.filename or 'output'}: {error.strerror or error}"
+        return "; ".join([f"{error.filename or 'output'}: {error.strerror or error}", *getattr(error, "__notes__", ())])
     return str(error)
 
 
@@ -170,11 +170,20 @@ def is_on_local_bus(bench: "Bench") -> bool:
     return parse_address(bench.bus.address).interface == LOCAL
 
 
-def new_directory(name: str) -> Path:
-    """Return a directory that is new each time, so that no recording replaces another."""
+def result_directory(out: Path | None, name: str, *, force: bool) -> Path:
+    """Return the directory for the files of a command, `--out` or a new one.
+
+    Args:
+        out: Value of `--out`.
+        name: End of the name of a new one.
+        force: Value of `--force`.
+
+    Raises:
+        NotPossibleError: It holds the files of another command, and `--force` is not given.
+    """
     from hil.results import base  # noqa: PLC0415
 
-    return base.new_directory(name)
+    return base.result_directory(out, name, force=force)
 
 
 class SpokenReporter(SilentReporter):
@@ -243,6 +252,27 @@ def motion_lines(pairs: "Iterable[tuple[Bench, Experiment]]") -> Iterator[str]:
                 f"  axis {number}: {angle.min():+.2f} … {angle.max():+.2f} motor revolutions, at most {limits.speed_rps:g} rev/s "
                 f"and {limits.torque_nm:g} N·m; positions {limits.position_min_rev:g} … {limits.position_max_rev:g} rev"
             )
+
+
+def confirm_motion(bench: "Bench", motions: Iterable[str], *, yes: bool) -> None:
+    """Ask before the robot of a bench moves, unless it is emulated or `--yes` is given; first its bus is looked for.
+
+    Args:
+        bench: The bench file.
+        motions: Lines that say what moves, how far and how fast.
+        yes: Value of `--yes`.
+
+    Raises:
+        BusUnavailableError: The bus does not exist, or cannot be used.
+        typer.Exit: The user does not agree, or cannot be asked.
+    """
+    if yes or is_on_local_bus(bench):
+        return
+    from drive_profiles.address import parse_address  # noqa: PLC0415
+    from hil.can.opening import open_channel  # noqa: PLC0415
+
+    open_channel(parse_address(bench.bus.address)).close()
+    confirm(motions)
 
 
 def confirm(motions: Iterable[str]) -> None:

@@ -11,9 +11,19 @@ import typer
 from drive_profiles.cli.application import folded
 from drive_profiles.cli.completion import complete_reference
 from drive_profiles.cli.console import terminal_width
-from hil.cli.console import EPILOG, ExitStatus, SpokenReporter, bench_on_emulator, exit_on_error, exit_status_of, message_of, say
+from hil.cli.console import (
+    EPILOG,
+    ExitStatus,
+    SpokenReporter,
+    bench_on_emulator,
+    exit_on_error,
+    exit_status_of,
+    message_of,
+    result_directory,
+    say,
+)
 from hil.cli.live import LiveCommand, LiveOption, shown_live
-from hil.cli.options import JsonOption
+from hil.cli.options import ForceOption, JsonOption
 from hil.cli.run import run_and_report
 
 ROBOT_SEED = 77
@@ -29,6 +39,7 @@ def mount(app: typer.Typer) -> None:
 
 def demo(
     out: OutOption = Path("demo"),
+    force: ForceOption = False,
     as_json: JsonOption = False,
     robot: Annotated[
         str, typer.Option("--robot", help="Robot file of the emulator, or `reference`.", autocompletion=complete_reference)
@@ -53,6 +64,7 @@ def demo(
     with exit_on_error():
         from hil.emulator import EmulatorProcess  # noqa: PLC0415
 
+        result_directory(out, "demo", force=force)
         with EmulatorProcess(robot) as emulator:
             from hil.bench.bench import load_bench  # noqa: PLC0415
             from hil.experiments.plan import demo_experiments  # noqa: PLC0415
@@ -95,6 +107,8 @@ def next_steps(prefix: str = "") -> list[str]:
     lines = ["", "What next:"]
     for purpose, command in NEXT:
         lines += [f"  {purpose}", *(f"    {line}" for line in folded(prefix + command, 74))]
+    if not (Path(__file__).parents[2] / "docs" / "tuning.md").is_file():
+        return lines  # a wheel has no pages
     return [
         *lines,
         "  A whole arm, from its links to a quiet line: docs/arm.md",

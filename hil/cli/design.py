@@ -13,8 +13,8 @@ import typer
 
 from drive_profiles.cli.application import Tool
 from drive_profiles.cli.console import epilog, fail, table
-from hil.cli.console import ExitStatus, exit_on_error, exit_with, say
-from hil.cli.options import AXES, BenchOption
+from hil.cli.console import ExitStatus, exit_on_error, exit_with, result_directory, say
+from hil.cli.options import AXES, BenchOption, ForceOption, NewOutOption
 from hil.reporter import Reporter, SilentReporter
 
 if TYPE_CHECKING:
@@ -46,7 +46,6 @@ ModelOption = Annotated[Path | None, typer.Option("--model", help="Model file of
 UncertaintyOption = Annotated[
     float | None, typer.Option(help="Of K_g and J_l; left out: the model file's standard errors, or 5. 0: none.")
 ]
-OutOption = Annotated[Path, typer.Option("--out", help="Directory for design.json, design.html and the files below.")]
 SetFileOption = Annotated[
     Path | None, typer.Option("--set", help="Parameter set for drive-profiles upload; left out: notch-axisN.toml in --out.")
 ]
@@ -85,7 +84,8 @@ def notch(
     uncertainty_percent: UncertaintyOption = None,
     period_s: Annotated[float | None, typer.Option(help="Sampling time of the loop; left out: the drive family's.")] = None,
     delay_samples: Annotated[int, typer.Option(min=0, max=20, help="Whole samples between measurement and torque.")] = 0,
-    out: OutOption = Path("design"),
+    out: NewOutOption = None,
+    force: ForceOption = False,
     set_file: SetFileOption = None,
     design_file: DesignFileOption = None,
     jobs: Annotated[
@@ -105,6 +105,7 @@ def notch(
         from hil.bench.bench import load_bench
 
         bench = load_bench(bench_file)
+        where = result_directory(out, f"design-axis{axis}", force=force)
 
         from hil.design.notch_search import Effort
         from hil.experiments.notch_problem import NotchDesignRequest
@@ -126,7 +127,7 @@ def notch(
             outcome = _design(bench, request, model)
         except ValueError as error:
             raise fail(str(error), ExitStatus.USAGE) from None
-        _keep(outcome, out, set_file, design_file, as_json=as_json)
+        _keep(outcome, where, set_file, design_file, as_json=as_json)
 
 
 def _orders(text: str) -> tuple[int, ...]:

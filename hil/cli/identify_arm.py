@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.cli.console import epilog
-from hil.cli.console import ExitStatus, exit_on_error, new_directory, say, say_page, write_page
-from hil.cli.options import BenchOption, JsonOption, NewOutOption
+from hil.cli.console import ExitStatus, exit_on_error, result_directory, say, say_page, write_page
+from hil.cli.options import BenchOption, ForceOption, JsonOption, NewOutOption
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.results.arm import ArmResult
@@ -32,6 +32,7 @@ def arm(
     bench_file: BenchOption,
     model: Annotated[Path, typer.Option("--model", help="Model file with the postures; the arm's masses are put into it.")],
     out: NewOutOption = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Identify the masses of an arm from plants in three postures or more, and predict the dips of every other.
@@ -44,13 +45,13 @@ def arm(
         from hil.bench.bench import load_bench  # noqa: PLC0415
         from hil.bench.model import load_identified  # noqa: PLC0415
 
+        where = result_directory(out, "identify-arm", force=force)
         bench, identified = load_bench(bench_file), load_identified(model)
 
         from hil.experiments.arm_masses import identify_arm  # noqa: PLC0415
         from hil.results.base import RESULT_FILE  # noqa: PLC0415
 
         result = identify_arm(bench, identified)
-        where = out or new_directory("identify-arm")
         result.write(where / RESULT_FILE)
         identified.with_arm(result.arm).save(model)
         page = write_page(where)

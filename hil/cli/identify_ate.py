@@ -11,12 +11,11 @@ from hil.cli.console import (
     ExitStatus,
     SpokenReporter,
     bench_on,
-    confirm,
+    confirm_motion,
     epilog_of_runs,
     exit_on_error,
     exit_with,
-    is_on_local_bus,
-    new_directory,
+    result_directory,
     say,
     say_not_restored,
     say_page,
@@ -36,6 +35,7 @@ from hil.cli.identify_recording import (
 from hil.cli.live import LiveCommand, LiveOption, shown_live
 from hil.cli.options import (
     BusOption,
+    ForceOption,
     JsonOption,
     MovedAxisOption,
     NewOutOption,
@@ -94,6 +94,7 @@ def ate(
     description: DescriptionOption = None,
     node: NodeOption = None,
     out: NewOutOption = None,
+    force: ForceOption = False,
     overload: OverloadOption = False,
     live: LiveOption = None,
     yes: YesOption = False,
@@ -108,9 +109,10 @@ def ate(
     words = RecordingWords(column or [], layout, ratio, robot, description, node)
     with exit_on_error():
         if recording:
+            where = result_directory(out, f"identify-ate-axis{axis}", force=force)
             if encoder:
                 raise typer.BadParameter("a --recording says by its columns which encoders there are", param_hint="--encoder")
-            from_recordings(recording, words, axis, orders, bench_file, model, out, sensorless=sensorless, as_json=as_json)
+            from_recordings(recording, words, axis, orders, bench_file, model, where, sensorless=sensorless, as_json=as_json)
             return
         words.refuse_without_recording()
         if bench_file is None:
@@ -129,9 +131,8 @@ def ate(
         request = AteRequest(axis, acceleration_rps_s, passes, sensorless, orders=orders_from(orders))
         knowledge = axis_knowledge(bench, axis, identified, sensorless=sensorless)
         end_rps = first_end_speed(bench, request, knowledge)
-        if not yes and not is_on_local_bus(bench):
-            confirm([_motion_line(bench, request, first_acceleration(bench, request, knowledge), end_rps)])
-        where = out or new_directory(f"identify-ate-axis{axis}")
+        where = result_directory(out, f"identify-ate-axis{axis}", force=force)
+        confirm_motion(bench, [_motion_line(bench, request, first_acceleration(bench, request, knowledge), end_rps)], yes=yes)
         with shown_live(live, bench.bus.address, bench_file):
             outcome = identify_ate(bench, request, where, identified, overload=overload, reporter=SpokenReporter())
         file = model or where / "model.toml"
@@ -180,7 +181,7 @@ def _summary(outcome: "AteOutcome") -> None:
     delay_s = fit.delay_s if result.sensorless else part.accelerometer_delay_s
     typer.echo(f"  the {late} lags the motor angle by {1e3 * delay_s:.2f} ± {1e3 * fit.delay_error_s:.2f} ms")
     worst = max(fit.agreement, key=lambda each: each.sigma)
-    typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} standard errors at most ({worst.name})")
+    typer.echo(f"  forwards and backwards differ by {worst.sigma:.1f} times what noise explains at most ({worst.name})")
     typer.echo(
         f"  the transmission error explains {100.0 * fit.explained_by_error:.1f} % of the vibration{_by_order(fit.carried)}"
     )

@@ -13,19 +13,27 @@ from hil.cli.console import (
     ExitStatus,
     SpokenReporter,
     bench_on,
-    confirm,
+    confirm_motion,
     epilog_of_runs,
     exit_on_error,
     exit_with,
-    is_on_local_bus,
-    new_directory,
+    result_directory,
     say,
     say_not_restored,
     say_page,
     write_page,
 )
 from hil.cli.live import LiveCommand, LiveOption, shown_live
-from hil.cli.options import BenchOption, BusOption, JsonOption, MovedAxisOption, NewOutOption, OverloadOption, YesOption
+from hil.cli.options import (
+    BenchOption,
+    BusOption,
+    ForceOption,
+    JsonOption,
+    MovedAxisOption,
+    NewOutOption,
+    OverloadOption,
+    YesOption,
+)
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
     from hil.bench.bench import Bench
@@ -108,6 +116,7 @@ def plant(
         typer.Option(help="Joint angles of the arm, as 2=30,3=-90: it goes there first, joint by joint, and comes back."),
     ] = None,
     out: NewOutOption = None,
+    force: ForceOption = False,
     overload: OverloadOption = False,
     live: LiveOption = None,
     yes: YesOption = False,
@@ -132,9 +141,8 @@ def plant(
         axis_table(bench, axis)
         if model is not None:
             check_file(model, bench.name)
-        if not yes and not is_on_local_bus(bench):
-            confirm(_motion_lines(bench, request))
-        where = out or new_directory(f"identify-plant-axis{axis}")
+        where = result_directory(out, f"identify-plant-axis{axis}", force=force)
+        confirm_motion(bench, _motion_lines(bench, request), yes=yes)
         with shown_live(live, bench.bus.address, bench_file):
             _identify(bench, request, where, model or where / "model.toml", overload=overload, as_json=as_json)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drive_profiles.standard.shown import measured
-from hil.cli.console import ExitStatus, new_directory, say, say_page, write_page
+from hil.cli.console import ExitStatus, say, say_page, write_page
 from hil.cli.options import orders_from
 
 if TYPE_CHECKING:  # --help must not wait for numpy and scipy
@@ -78,7 +78,7 @@ def from_recordings(
     orders: str,
     bench_file: str | None,
     model: Path | None,
-    out: Path | None,
+    where: Path,
     *,
     sensorless: bool,
     as_json: bool,
@@ -92,7 +92,7 @@ def from_recordings(
         orders: Orders as they were written.
         bench_file: Bench file that says lever and plant of a sensor; None without one.
         model: Model file; None for one in the directory.
-        out: Directory; None for a new one.
+        where: Directory of the files.
         sensorless: True to take the motor's torque.
         as_json: True to print result.json.
 
@@ -111,7 +111,6 @@ def from_recordings(
         said = dataclasses.replace(said, description=words.description, node_id=words.node_id)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--column") from None
-    where = out or new_directory(f"identify-ate-axis{axis}")
     request = RecordedRequest(tuple(files), axis, said, orders_from(orders), sensorless)
     bench = None if bench_file is None else load_bench(bench_file)
     identified = load_identified(model) if model is not None and model.exists() else None

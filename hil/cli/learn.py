@@ -12,12 +12,11 @@ from hil.cli.console import (
     ExitStatus,
     SpokenReporter,
     bench_on,
-    confirm,
+    confirm_motion,
     epilog_of_runs,
     exit_on_error,
     exit_with,
-    is_on_local_bus,
-    new_directory,
+    result_directory,
     say,
     say_not_restored,
     say_page,
@@ -29,6 +28,7 @@ from hil.cli.options import (
     AXES,
     BenchOption,
     BusOption,
+    ForceOption,
     JsonOption,
     NewOutOption,
     OrdersOption,
@@ -102,6 +102,7 @@ def learn(
     orders: OrdersOption = "1,2,4",
     note: Annotated[str, typer.Option(help="Load, temperature: goes into the model file beside the date.")] = "",
     out: NewOutOption = None,
+    force: ForceOption = False,
     overload: OverloadOption = False,
     live: LiveOption = None,
     yes: YesOption = False,
@@ -122,24 +123,26 @@ def learn(
         from hil.bench.model import check_file  # noqa: PLC0415
 
         check_file(model, bench.name)
+        name = f"axis{'-'.join(map(str, axes))}" if motion is None else motion.value
+        where = result_directory(out, f"learn-{name}", force=force)
         inertias, ks = inertias_from(motor_inertia_kg_m2 or [], axes), orders_from(orders)
         if motion is not None:
             probes = MotionOptions(motion.value, axes[0] if axes else None, ks, probe_arcsec, note, inertias, pace)
             with shown_live(live, bench.bus.address, bench_file):
-                learn_motion(bench, probes, out, model, plant, overload=overload, yes=yes, as_json=as_json)
+                learn_motion(bench, probes, where, model, plant, overload=overload, yes=yes, as_json=as_json)
             return
 
         from hil.experiments.cancellation.learn_run import LearnRequest  # noqa: PLC0415
 
         request = LearnRequest(axes, passes, acceleration_rps_s, note=note, motor_inertias_kg_m2=inertias, orders=ks)
         with shown_live(live, bench.bus.address, bench_file):
-            _learn_ramps(bench, request, out, model, plant, overload=overload, yes=yes, as_json=as_json)
+            _learn_ramps(bench, request, where, model, plant, overload=overload, yes=yes, as_json=as_json)
 
 
 def _learn_ramps(
     bench: "Bench",
     request: "LearnRequest",
-    out: Path | None,
+    where: Path,
     model: Path,
     plant: Path | None,
     *,
@@ -150,9 +153,7 @@ def _learn_ramps(
     """Learn axis by axis, by ramps."""
     from hil.experiments.cancellation.learn_run import learn_on_bus  # noqa: PLC0415
 
-    if not yes and not is_on_local_bus(bench):
-        confirm(_motion_lines(bench, request))
-    where = out or new_directory(f"learn-axis{'-'.join(map(str, request.axes))}")
+    confirm_motion(bench, _motion_lines(bench, request), yes=yes)
     outcome = learn_on_bus(bench, request, where, model, plant=plant, overload=overload, reporter=SpokenReporter())
     _tell(outcome, where, model, as_json=as_json)
 

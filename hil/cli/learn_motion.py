@@ -10,11 +10,9 @@ import typer
 from hil.cli.console import (
     ExitStatus,
     SpokenReporter,
-    confirm,
+    confirm_motion,
     exit_with,
-    is_on_local_bus,
     motion_lines,
-    new_directory,
     say,
     say_not_restored,
     say_page,
@@ -41,7 +39,7 @@ class MotionOptions:
 def learn_motion(
     bench: "Bench",
     options: MotionOptions,
-    out: Path | None,
+    where: Path,
     model: Path,
     plant: Path | None,
     *,
@@ -54,7 +52,7 @@ def learn_motion(
     Args:
         bench: The bench file.
         options: The motion and its probes.
-        out: Directory of the files; None for a new one.
+        where: Directory of the files.
         model: The model file.
         plant: Model file with the plants; None without one.
         overload: Run even what does not fit on the bus.
@@ -68,9 +66,7 @@ def learn_motion(
     )
 
     request = MotionLearnRequest(**{name: getattr(options, name) for name in asdict(options)})
-    if not yes and not is_on_local_bus(bench):
-        confirm(_lines(bench, options))
-    where = out or new_directory(f"learn-{options.motion}")
+    confirm_motion(bench, _lines(bench, options), yes=yes)
     outcome = learn_motion_on_bus(bench, request, where, model, plant=plant, overload=overload, reporter=SpokenReporter())
     page = write_page(where)
     if as_json:

@@ -11,15 +11,14 @@ from hil.cli.console import (
     ExitStatus,
     RunProgress,
     bench_on,
-    confirm,
+    confirm_motion,
     epilog_of_runs,
     exit_on_error,
-    is_on_local_bus,
-    new_directory,
+    result_directory,
     say,
     say_not_restored,
 )
-from hil.cli.options import BenchOption, BusOption, LoopOption, MovedAxisOption, YesOption
+from hil.cli.options import BenchOption, BusOption, ForceOption, LoopOption, MovedAxisOption, YesOption
 
 
 def mount(app: typer.Typer) -> None:
@@ -39,6 +38,7 @@ def move(
     out: Annotated[
         Path | None, typer.Option("--out", help="Directory for the log of all frames; left out: a new one in bench-out.")
     ] = None,
+    force: ForceOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print where the axis stands as JSON.")] = False,
     yes: YesOption = False,
 ) -> None:
@@ -57,19 +57,18 @@ def move(
         bench = bench_on(bench_file, bus)
 
         from hil.experiments.move import MoveRequest, make_move, plan_move  # noqa: PLC0415
+        from hil.results.base import LOG_FILE  # noqa: PLC0415
 
+        where = result_directory(out, f"move-axis{axis}", force=force)
         planned = plan_move(bench, MoveRequest(axis, to_rev, by_rev, loop))
         stands_rev: float | None = planned.from_rev
         if not planned.is_there:
-            if not yes and not is_on_local_bus(bench):
-                confirm(planned.sentences)
-            else:
-                for line in planned.sentences:
-                    say(line)
-            where = out or new_directory(f"move-axis{axis}")
+            for line in planned.sentences:
+                say(line)
+            confirm_motion(bench, (), yes=yes)
             with RunProgress(1) as progress:
                 progress.run(f"axis {axis}")
-                outcome = make_move(planned, where / "bus.log", reporter=progress)
+                outcome = make_move(planned, where / LOG_FILE, reporter=progress)
             say_not_restored(outcome.not_restored)
             if outcome.stopped is not None:
                 raise outcome.stopped

@@ -56,6 +56,7 @@ OrdersOption = Annotated[
     str, typer.Option("--orders", metavar="K[,K]", help="Orders of the transmission error with commas between; fractions too.")
 ]
 NewOutOption = Annotated[Path | None, typer.Option("--out", help="Directory; left out: a new one in bench-out.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace the files of an older result in --out.")]
 OverloadOption = Annotated[
     bool, typer.Option("--overload", help="Run even what does not fit on the bus at its bit rate (hil plan).")
 ]

@@ -13,11 +13,11 @@ from hil.cli.console import (
     ExitStatus,
     RunProgress,
     bench_on,
-    confirm,
+    confirm_motion,
     exit_on_error,
     is_on_local_bus,
     motion_lines,
-    new_directory,
+    result_directory,
     say,
     say_not_restored,
     say_page,
@@ -29,6 +29,7 @@ from hil.cli.options import (
     FORMER_SPELLINGS,
     BenchOption,
     BusOption,
+    ForceOption,
     JsonOption,
     LoopOption,
     NewOutOption,
@@ -83,6 +84,7 @@ def run(
     loop: LoopOption = "drive",
     bus: BusOption = None,
     out: NewOutOption = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
     without_report: Annotated[bool, typer.Option("--no-report", help="Leave the page to hil report: it takes seconds.")] = False,
     clock: Annotated[
@@ -109,9 +111,8 @@ def run(
         known_robot = known_from(bench_file, bench, model=model, design=design, learnt=learnt)
 
         plan = Experiment(experiment.value, axis, treatment, loop)
-        if not yes and not is_on_local_bus(bench):
-            confirm(motion_lines([(bench, plan)]))
-        where = out or new_directory(Path(plan.file_name).stem)
+        where = result_directory(out, Path(plan.file_name).stem, force=force)
+        confirm_motion(bench, motion_lines([(bench, plan)]), yes=yes)
         with shown_live(live, bench.bus.address, bench_file):
             status = run_and_report(
                 bench, [plan], where, as_json=as_json, reset_faults=reset_faults, clock=clock, overload=overload,

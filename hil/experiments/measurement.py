@@ -9,17 +9,17 @@ from types import TracebackType
 from typing import Generic, Literal, Self, TypeVar
 
 from drive_profiles.address import parse_address
-from drive_profiles.files.safefile import check_writable
+from drive_profiles.files.safefile import check_writable, naming
 from hil.bench.bench import Bench
 from hil.can.channel import Channel
 from hil.can.opening import open_channel
 from hil.errors import NotPossibleError, SafetyStopError
 from hil.experiments.bus_demand import BusDemand, check_load
 from hil.master.drive.needs import ProfileGapsError, run_gaps, run_remarks
-from hil.master.session import Session, SessionSource
+from hil.master.session import AT_REST, Session, SessionSource
 from hil.recording import BusLog, Recording
 from hil.reporter import SILENT, Reporter
-from hil.results.base import RESULT_FILE, MeasuredBench, MeasuredResult
+from hil.results.base import LOG_FILE, RESULT_FILE, MeasuredBench, MeasuredResult
 
 ClockName = Literal["lock-step", "wall"]
 
@@ -172,7 +172,7 @@ class Measurement(Generic[R]):
         channel, progress = self._channel, self._reporter.progress
         if isinstance(channel, SessionSource):
             return channel.session(self._bench, progress)
-        return Session(self._bench, channel, BusLog(self._out / "bus.log", log_label(channel)), progress)
+        return Session(self._bench, channel, BusLog(self._out / LOG_FILE, log_label(channel)), progress)
 
     def keep(self, recording: Recording, name: str) -> str:
         """Save a recording as `runs/name.csv`; from now on the result is written whatever happens.
@@ -181,7 +181,8 @@ class Measurement(Generic[R]):
             Its path, relative to the directory.
         """
         path = self._out / "runs" / f"{name}.csv"
-        recording.save(path)
+        with naming(path, AT_REST):
+            recording.save(path)
         self._has_saved = True
         return path.relative_to(self._out).as_posix()
 

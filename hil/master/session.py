@@ -42,6 +42,8 @@ class SessionSource(Protocol):
         ...
 
 
+AT_REST = "the axes stand, and their drives are disabled"
+"""Note of an error that came after a motion had ended well."""
 TWICE_S = 0.05
 """Time to listen for a second answer to the last question: two nodes may share a node ID."""
 RESETS_READ, RESET_S = 20, 0.02
@@ -262,7 +264,13 @@ class Session:
             if real_time is not None:
                 timing = self._timing(run.exchange, real_time, overflows)
         wall_s = self.clock.now() - began_s
-        self.log.write()
+        try:
+            self.log.write()
+        except OSError as error:
+            if stopped is not None:  # whether all drives are disabled is more than a file
+                raise stopped from error
+            error.add_note(AT_REST)
+            raise
         return RunResult(
             recording=with_tip(self.bench, with_load_encoders(self.bench, run.recording(), standing_rad), standing_rad),
             cycles=run.table.rows,

@@ -11,19 +11,46 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
+from drive_profiles.files.safefile import naming
 from drive_profiles.version import DISTRIBUTION, version_text
 from hil.bench.bench import Bench
-from hil.errors import NOT_DISABLED, HilError, RefusalCause, SafetyStopError, not_put_back
+from hil.errors import NOT_DISABLED, HilError, NotPossibleError, RefusalCause, SafetyStopError, not_put_back
 
 SCHEMA: Literal[2] = 2
 
 RESULT_FILE = "result.json"
+LOG_FILE = "bus.log"
+"""Log of all frames, in the folder of every command that moves something."""
+_FILES_OF_A_RESULT = (RESULT_FILE, "check.json", "design.json", LOG_FILE, "runs/*.csv")
 
 
 def new_directory(name: str) -> Path:
     """A directory that is new each time, so that no recording replaces another; it is not made yet."""
     stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
     return Path("bench-out") / f"{stamp}-{name}"
+
+
+def result_directory(
+    out: str | Path | None, name: str, *, force: bool = False, remedy: str = "--force replaces its files"
+) -> Path:
+    """The directory for the files of a command; one that holds those of another is refused.
+
+    Args:
+        out: The directory that was named; None for a new one.
+        name: End of the name of a new one.
+        force: Accept a directory that holds a result, whose files are then replaced.
+        remedy: What replaces a result, for the message.
+
+    Raises:
+        NotPossibleError: It holds a result, recordings or a log.
+    """
+    if out is None:
+        return new_directory(name)
+    folder = Path(out)
+    found = next((path for pattern in _FILES_OF_A_RESULT for path in sorted(folder.glob(pattern))), None)
+    if found is not None and not force:
+        raise NotPossibleError(f"{found} is there already, from an earlier command; name another directory, or {remedy}")
+    return folder
 
 
 class _Written(BaseModel):
@@ -115,7 +142,8 @@ class Result(_Written):
         """
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = path.with_name(path.name + ".part")
-        temporary.write_text(self.dumps(indent=1) + "\n", encoding="utf-8")
+        with naming(path):
+            temporary.write_text(self.dumps(indent=1) + "\n", encoding="utf-8")
         os.replace(temporary, path)
 
 

@@ -69,6 +69,7 @@ class ComparisonRow(ResultPart):
         recording: Path of the CSV file, from the robot's directory.
         not_judged: Reason why there is no number.
         left_out: Reason why the run was not made.
+        ramp_peak_mm: Largest tip displacement on the whole ramp; None where there is none, or no ramp.
         shaper: Input shaper that has shaped the motion.
     """
 
@@ -86,6 +87,7 @@ class ComparisonRow(ResultPart):
     recording: str | None = None
     not_judged: str | None = None
     left_out: str | None = None
+    ramp_peak_mm: float | None = None
     shaper: ShaperEntry | None = None
 
 
@@ -106,6 +108,7 @@ class ComparisonRobot(ResultPart):
         emulated: True where any of its nodes is emulated; None where that is not known.
         emulated_parts: Its parts that are emulated, where others are not.
         all_disabled: After a stop, True where every drive has confirmed that it is disabled; None without a stop.
+        line_axes: Axes that move in its line motion.
     """
 
     name: str
@@ -121,6 +124,7 @@ class ComparisonRobot(ResultPart):
     emulated: bool | None = None
     emulated_parts: tuple[str, ...] | None = None
     all_disabled: bool | None = None
+    line_axes: tuple[int, ...] | None = None
 
     @property
     def aftermath(self) -> tuple[str, ...]:

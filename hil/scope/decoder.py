@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drive_profiles.eds.description import Description
+from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import FunctionCode, NmtCommand
 from drive_profiles.standard.error_codes import error_text
 from hil.bench.bench import Bench
@@ -104,6 +105,8 @@ class SignalDecoder:
         self._counts: dict[int, int] = {}
         self._operational: dict[int, bool] = {}
         self._speakers: set[int] = set()
+        axes = () if bench is None else bench.axis.values()
+        self._fault_texts = {axis.node_id: Profile.load(axis.profile).fault_texts for axis in axes}
 
     def feed(self, heard: Heard) -> SignalRows:
         """Rows that have become whole with these frames; a frame is read by the mapping that was in force when it came.
@@ -256,7 +259,9 @@ class SignalDecoder:
                 self._operational[node] = data & 0x7F == OPERATIONAL
             else:
                 code = data & 0xFFFF
-                found.append(HeardEvent(time_s, "emcy", node, f"emergency {code:04X}h: {error_text(code)}"))
+                found.append(
+                    HeardEvent(time_s, "emcy", node, f"emergency {code:04X}h: {error_text(code, self._fault_texts.get(node))}")
+                )
         return found
 
     def _gaps(self, time_s: Real) -> list[HeardEvent]:

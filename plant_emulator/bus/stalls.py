@@ -102,7 +102,6 @@ class WallTime:
             self._said_ns = now
             behind, lost = (1e-6 * each for each in unsaid)
             self._say(
-                f"the emulated robot has fallen {behind:.0f} ms behind the wall clock: {lost:.0f} ms are lost, "
-                "and what came meanwhile was heard first"
+                f"the emulator was {behind:.0f} ms late, and skipped {lost:.0f} ms; it has processed what came meanwhile first"
             )
             self._unsaid = [0, 0]

@@ -1,5 +1,6 @@
 """Exit statuses, options and the handler of errors, as all commands of ``plant-emulator`` use them."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -80,7 +81,9 @@ def by_axis(option: str, given: list[str] | None) -> dict[int, str]:
     for text in given or ():
         axis, _, value = text.partition("=")
         if not (axis.isascii() and axis.isdigit() and value):
-            raise fail(f"{option} {text}: AXIS=VALUE is wanted, such as 2={value or 'VALUE'}", EmulatorExitStatus.USAGE)
+            number, rest = [*re.split(r"\W", text, maxsplit=1), ""][:2]  # 3:x is meant as 3=x
+            meant = f"{number if number.isdigit() else 2}={rest or 'VALUE'}"
+            raise fail(f"{option} {text}: expected AXIS=VALUE, such as {meant}", EmulatorExitStatus.USAGE)
         if int(axis) in values:
             raise fail(f"{option}: axis {axis} is given twice", EmulatorExitStatus.USAGE)
         values[int(axis)] = value

@@ -10,15 +10,14 @@ from hil.cli.console import (
     ExitStatus,
     SpokenReporter,
     bench_on,
-    confirm,
+    confirm_motion,
     epilog_of_runs,
     exit_on_error,
-    is_on_local_bus,
-    new_directory,
+    result_directory,
     say,
     say_not_restored,
 )
-from hil.cli.options import AXES, BenchOption, BusOption, JsonOption, NewOutOption, YesOption
+from hil.cli.options import AXES, BenchOption, BusOption, ForceOption, JsonOption, NewOutOption, YesOption
 
 if TYPE_CHECKING:  # --help must not wait for numpy, scipy and the compiler
     from hil.bench.bench import Bench
@@ -40,6 +39,7 @@ def check(
     ] = None,
     bus: BusOption = None,
     out: NewOutOption = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
     reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,
     yes: YesOption = False,
@@ -56,9 +56,8 @@ def check(
         from hil.commissioning.check import check_axes, known_axes  # noqa: PLC0415
 
         numbers = known_axes(bench, axis or ())
-        if not yes and not is_on_local_bus(bench):
-            confirm(_lines(bench, numbers))
-        where = out or new_directory("check")
+        where = result_directory(out, "check", force=force)
+        confirm_motion(bench, _lines(bench, numbers), yes=yes)
         outcome = check_axes(bench, numbers, where, reset_faults=reset_faults, reporter=SpokenReporter())
         if as_json:
             typer.echo(outcome.result.dumps())

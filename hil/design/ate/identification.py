@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.control.angles import ARCSEC
-from hil.design.ate.misfit import BEND, BEND_PHASE, misfit, structured_power
+from hil.design.ate.misfit import APART_FROM, BEND, BEND_PHASE, misfit, structured_power
 from hil.design.ate.model import GEAR_FRACTION, Arm, Noise, RampsModel, Sensing, Sweep, least_squares
 from hil.design.ate.motion import motion_factor
 from hil.design.ate.refinement import (
@@ -60,7 +60,7 @@ class Agreement:
         name: `a2_arcsec`, `phi2_deg` …
         forward: Value from the ramps in which the motor turns forwards.
         backward: Value from the ramps in which it turns backwards.
-        sigma: Difference of both over its standard error.
+        sigma: Difference of both over the standard error that noise gives it.
     """
 
     name: str
@@ -102,7 +102,8 @@ class JointEstimate:
         own_arms: Arms of those orders whose vibration showed another resonance than the strongest order's: a gear that is softer,
             or stiffer, for a small vibration than for a large one.
         misfit: What is left beside noise, over the part of each order, by order.
-        is_spring: False where the gear bends the strongest order visibly: hysteresis, or a soft wind-up.
+        is_spring: False where the gear bends the strongest order visibly (hysteresis, a soft wind-up), or the directions differ
+            by more than noise.
         structured: Fraction of the signal without the motor's own motion that neither θ_sync nor noise explains.
     """
 
@@ -123,6 +124,12 @@ class JointEstimate:
     misfit: Mapping[float, float] = field(default_factory=dict)
     structured: float = 0.0
     is_spring: bool = True
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether the gear bends the strongest order by itself, whatever the directions say of each other."""
+        strongest = max(self.error.amplitude_arcsec, key=lambda order: self.error.amplitude_arcsec[order])
+        return BEND * self.misfit.get(strongest, 0.0) >= APART_FROM
 
 
 def identify(

@@ -17,6 +17,8 @@ BEND, BEND_PHASE = 0.6, 0.4
 
 What turns the phase in one direction turns it back in the other, so that most of it goes into the delay; not so with order 1, of
 which most ramps see the foot alone."""
+APART_FROM = 0.01
+"""Bend of the strongest order, by the gear, from which passes are fitted apart."""
 QUIET = 0.25
 """Quantile of the blocks' powers that is taken for quiet."""
 QUIET_SIGMA = -0.6745

@@ -12,12 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from hil.design.ate.identification import JointEstimate, identify
-from hil.design.ate.misfit import BEND
 from hil.design.ate.model import Arm, Sensing, Sweep
 from hil.design.transmission_error import PAPER_ORDERS, TransmissionError
 
-APART_FROM = 0.01
-"""Bend of the strongest order, by the gear, from which passes are fitted apart."""
 WIDENED_BY_GEAR = 3.0
 """Factor between the directions' disagreement and noise from which it is the gear's: wound up the one way and the other."""
 
@@ -45,8 +42,7 @@ def identify_passes(
         ValueError: A direction is missing or too short, or shapes differ.
     """
     joint = identify(sweeps, reduction_ratio, sensing, start, orders, is_near=is_near)
-    strongest = max(joint.error.amplitude_arcsec, key=lambda order: joint.error.amplitude_arcsec[order])
-    if BEND * joint.misfit[strongest] < APART_FROM and joint.widened < WIDENED_BY_GEAR:
+    if not joint.is_bent and joint.widened < WIDENED_BY_GEAR:
         return joint
     joint = replace(joint, is_spring=False)
     if len(sweeps) < 2:

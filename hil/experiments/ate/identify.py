@@ -342,8 +342,8 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
     estimate, table = identification.estimate, bench.axis[request.axis]
     apart = [each for each in estimate.agreement if each.sigma > AGREEMENT_SIGMAS]
     identification.notes += [
-        f"{each.words}, {each.sigma:.1f} standard errors apart; "
-        f"the standard errors have been widened {estimate.widened:.1f} times"
+        f"{each.words}, {each.sigma:.1f} times what noise explains; the standard errors contain the difference "
+        f"(widened {estimate.widened:.1f} times)"
         for each in apart
     ]
     identification.notes += [note for note in (None if request.sensorless else factor_remark(estimate),) if note is not None]
@@ -362,7 +362,12 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         identification.notes.append(f"sensorless: A_k is as wrong as J_l from {knowledge.source}, {error}; {SENSORLESS_BIAS}")
     shown = [miss for miss in identification.misses if identification.is_reached(miss.order)]
     identification.notes += [miss.sentence for miss in shown]
-    if not estimate.is_spring:
+    if not estimate.is_spring and not estimate.is_bent:
+        identification.notes.append(
+            "the directions differ by more than noise: the arm's resonance is another where the arm stands otherwise (gravity), "
+            "or there is friction in the arm, backlash or hysteresis; the standard errors contain it"
+        )
+    elif not estimate.is_spring:
         arms = ", ".join(f"{arm.resonance_hz:.2f} Hz at order {order:g}" for order, arm in estimate.own_arms.items())
         also = f", {arms}" if arms else ""
         identification.notes.append(

@@ -56,6 +56,7 @@ def gathered(plan: ComparisonPlan, directory: str, result: ExperimentsResult | N
         emulated=None if result is None else result.emulated,
         emulated_parts=None if result is None else result.emulated_parts,
         all_disabled=None if result is None else result.all_disabled,
+        line_axes=tuple(bench.chain_axes) or None,
     )
 
 
@@ -98,6 +99,7 @@ def _measured(row: ComparisonRow, run: RunEntry | None, change: TreatmentCompari
     if run.invalid is not None or run.stopped is not None:
         return row.model_copy(update=values | {"not_judged": run.invalid or run.stopped})
     values |= {"tip_peak_mm": run.tip_peak_mm, "spectrum_area": run.spectrum_area, "within_spec": run.within_spec}
+    values["ramp_peak_mm"] = run.ramp_peak_mm
     if change is not None:
         values["tip_peak_change_pct"] = round(-change.tip_peak_reduction_pct, 3)
         values["spectrum_area_change_pct"] = round(-change.spectrum_area_reduction_pct, 3)
@@ -198,7 +200,7 @@ def summary(result: TreatmentTable, width: int | None = None) -> list[str]:
     lines = []
     for robot in result.robots:
         lines.append(f"{robot.name} ({robot.bus})")
-        lines += table_lines(_HEADER, [_cells(row) for row in robot.rows if row.left_out is None], width)
+        lines += table_lines(_HEADER, [_cells(row, robot) for row in robot.rows if row.left_out is None], width)
         reasons: dict[str, list[str]] = {}
         for row in robot.rows:
             reason = f"left out: {row.left_out}" if row.left_out is not None else f"not judged: {row.not_judged}"
@@ -208,8 +210,9 @@ def summary(result: TreatmentTable, width: int | None = None) -> list[str]:
     return lines
 
 
-def _cells(row: ComparisonRow) -> tuple[str, ...]:
-    head = (row.treatment, row.experiment, "-" if row.axis is None else str(row.axis), row.loop)
+def _cells(row: ComparisonRow, robot: ComparisonRobot) -> tuple[str, ...]:
+    axes = robot.line_axes or () if row.axis is None else (row.axis,)
+    head = (row.treatment, row.experiment, ",".join(map(str, axes)) or "-", row.loop)
     if row.tip_peak_mm is None or row.spectrum_area is None:
         return (*head, "not judged", *["-"] * (len(_HEADER) - len(head) - 1))
     factors = ("-", "-") if row.compliance is None else (f"×{row.compliance.slow:.2f}", f"×{row.compliance.peak:.2f}")

@@ -99,12 +99,12 @@ def reversal_check(speed_rps: Real, bias_rps: float, amplitude_nm: float) -> Dat
     )
 
 
-def travel_check(angle_rad: Real, bias_rad: Real) -> DataCheck:
-    """Check that the requested axis has moved."""
+def travel_check(angle_rad: Real, bias_rad: Real, motion: str) -> DataCheck:
+    """Check that the requested axis has moved; `motion` names the motion, with its preposition."""
     fraction = float(np.ptp(angle_rad)) / max(float(np.ptp(bias_rad)), 1e-9)
     remedy = "is the encoder the axis' own, and its brake open?"
     is_whole = 0.8 <= fraction <= 1.25
-    what = "fraction of the travel that the motor angle shows"
+    what = f"fraction of the travel that the motor angle shows {motion}"
     return DataCheck(what, fraction, 0.8, "", is_whole, remedy, ("wrong axis or wiring",))
 
 

@@ -189,7 +189,9 @@ class PlantIdentification:
             raise self._refused(trouble.sentence, causes=("wrong axis or wiring",)) from result.stopped
         if result.stopped is not None:
             raise result.stopped
-        self._require([travel_check(result.recording.axis(self.request.axis, "position_rad"), planned.bias_rad)])
+        self._require(
+            [travel_check(result.recording.axis(self.request.axis, "position_rad"), planned.bias_rad, "in a third of a turn")]
+        )
 
     def _pilot(self) -> tuple[PlantEstimate, Room]:
         """The plant, roughly, and the room that the main run's excitation has, from short runs at small amplitudes.
@@ -344,7 +346,7 @@ class PlantIdentification:
     def _friction(self, planned: PlannedMotion, result: RunResult, stiffness_nm_rad: float) -> Friction:
         recording, axis = result.recording, self.request.axis
         angle, torque = recording.axis(axis, "position_rad"), recording.axis(axis, "torque_nm")
-        self._require([travel_check(angle, planned.bias_rad)])
+        self._require([travel_check(angle, planned.bias_rad, "in slow turns")])
         present = recording.columns["missing"] == 0
         stretches = [SlowStretch(angle[rows], torque[rows]) for rows in planned.stretches if np.all(present[rows])]
         return fit_friction(stretches, recording.period_s, self.table.reduction_ratio, stiffness_nm_rad)

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drive_profiles.device.target import fault_texts_of
 from drive_profiles.standard.cia301 import EmergencyCode, FunctionCode, NmtState, abort_text
 from drive_profiles.standard.error_codes import error_text
 from drive_profiles.standard.object_address import address_text
@@ -135,7 +136,8 @@ def _emergencies(trace: Trace, node: Node) -> Iterator[Said]:
     if not len(rows):
         return
     counted = Counter(codes[rows].tolist())
-    said = "; ".join(f"{code:04X}h {count} ×: {error_text(code)}" for code, count in counted.most_common(MOST_STAMPS))
+    own = fault_texts_of(*(node.value(0x1018, subindex) for subindex in (1, 2, 3)))
+    said = "; ".join(f"{code:04X}h {count} ×: {error_text(code, own)}" for code, count in counted.most_common(MOST_STAMPS))
     yield Finding(
         "emergency", Severity.FAULT, f"node {node.number} sends {len(rows)} emergencies: {said}",
         "the first of them is the cause; those behind it often follow from "

@@ -372,7 +372,7 @@ def arm_twice(material: AteMaterial) -> ReportTable | None:
             f"Before, by {known.source}",
             "Now, by the ramps",
             "Apart by (%)",
-            "Apart by (standard errors)",
+            "Apart by (standard errors of noise)",
             "Noise alone",
         ),
         rows,
@@ -406,7 +406,7 @@ def agreement(material: AteMaterial) -> ReportTable | None:
         "agreement",
         "Both directions against each other",
         "",
-        ("", "Forwards", "Backwards", "Apart by (standard errors)", "Agree"),
+        ("", "Forwards", "Backwards", "Apart by (standard errors of noise)", "Agree"),
         rows,
         frozenset({0, 4}),
         "Amplitudes and phases from the ramps of either direction alone, at the arm and delay of both together. The standard "

@@ -245,7 +245,11 @@ def nyquist(material: Material, filters: FilterSet, nth: int = 0) -> Drawing | N
     axes = notch_axes(material, filters)
     if not axes:
         return None
-    figure, panels = style.panels(2, len(axes), 7.4, sharex="row", sharey="row")
+    if len(axes) == 1:  # one above the other, two square panels would leave half of the page empty
+        figure, beside = style.panels(1, 2, 4.4)
+        panels = beside.T
+    else:
+        figure, panels = style.panels(2, len(axes), 7.4, sharex="row", sharey="row")
     norm = _norm(filters, axes)
     low_hz, high_hz = _frequency_range(filters)
     grid = np.geomspace(1.0, 0.49 / material.control_period_s, 700)

@@ -52,6 +52,15 @@ def test_what_no_column_can_hold_becomes_a_block():
     ]
 
 
+def test_rows_that_would_wrap_into_more_lines_than_a_block_has_become_blocks():
+    header = ("axis", "period ms", "delay", "M_s", "gain margin dB", "phase margin °", "verdict")
+    row = ("2", "0.25", "1", "-", "-", "-", f"not known: {ESSAY}")
+    shown = lines(header, [row], 80)
+    assert shown[0] == "2"
+    assert len(shown) < 5
+    assert max(map(len, shown)) <= 80
+
+
 @pytest.mark.slow
 @given(tables, st.integers(8, 120))
 def test_no_word_is_broken_or_lost_and_no_line_too_wide(table, width):

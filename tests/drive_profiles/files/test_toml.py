@@ -342,3 +342,24 @@ def test_no_text_raises_anything_but_a_file_error(text):
     except FileError as error:
         assert error.problems  # noqa: PT017 - a text may as well be valid
         assert all(problem.line >= 0 and problem.message for problem in error.problems)  # noqa: PT017
+
+
+@pytest.mark.parametrize(
+    "text", ["[axis]\n2 = { torque_limit_nm = 7.1 Nm }\n", "[axis.2]\ntorque_limit_nm = 7.1Nm # of the sheet\n"]
+)
+def test_a_unit_behind_a_number_is_named(text):
+    ((line, key, found, expected),) = problems(text)
+    assert (line, key, found) == (2, "torque_limit_nm", "7.1 Nm: a unit behind the number")
+    assert expected == "the number alone, the unit is in the key's name"
+
+
+def test_a_contradiction_names_the_key_that_its_table_calls_wrong():
+    class Twice(Table):
+        first: int
+        second: int
+
+        @pydantic.model_validator(mode="after")
+        def _different(self):
+            raise files.WrongKeyError("the same as first", ("second",))
+
+    assert problems("first = 1\nsecond = 1\n", Twice) == [(2, "second", "the same as first", "")]

@@ -385,7 +385,7 @@ class TestCoefficients:
             held_filter(profile, {"filter_type": 1.0})
 
     def test_no_filter_and_no_such_section(self):
-        with pytest.raises(NotRealisableError, match="it has no filter"):
+        with pytest.raises(NotRealisableError, match="its profile knows no filter"):
             realise(drive(None), NOTCH)
         assert held_filter(drive(None), {}) == ()
         with pytest.raises(NotRealisableError, match="no filter section 2, its sections are 1 to 1"):

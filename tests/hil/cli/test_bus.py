@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from hil.bench.bench import REFERENCE
 from hil.cli.main import app
 
-EMULATOR, ROBOT = "local:/nowhere/emulator.sock", "socketcan:can0"
+EMULATOR, ROBOT = "local:/nowhere/emulator.sock", "virtual:robot"
 MOVING = {
     "run": ["run", "constant-acceleration", "--axis", "2"],
     "identify-plant": ["identify", "plant", "--axis", "2"],
@@ -63,6 +63,13 @@ def test_a_robot_that_only_the_environment_names_is_asked_for_before_it_moves(co
     assert lines[0] == f"bus {ROBOT}, from HIL_BUS; not {EMULATOR}, as bench file {bench} says"
     assert f"on {ROBOT}" in done.stderr
     assert "nobody can be asked" in lines[-1]
+
+
+@pytest.mark.parametrize("command", MOVING.values(), ids=MOVING)
+def test_a_bus_that_does_not_exist_is_found_before_the_question(command, tmp_path):
+    done = called(*command, "--bench", bench_file(tmp_path, "socketcan:can9"))
+    assert (done.exit_code, "This moves" in done.stderr) == (4, False), done.stderr
+    assert "can9" in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize("command", MOVING.values(), ids=MOVING)

@@ -57,6 +57,13 @@ def test_a_good_estimate_passes() -> None:
     assert factor_remark(GOOD) is None
 
 
+@pytest.mark.parametrize(("misfit", "is_bent"), [(0.005, False), (0.03, True)])
+def test_only_what_a_gear_leaves_of_the_strongest_order_makes_it_no_spring(misfit: float, is_bent: bool) -> None:
+    """Directions that differ do not: gravity bends the resonance of a linear arm where it stands otherwise."""
+    strongest = max(GOOD.error.amplitude_arcsec, key=lambda order: GOOD.error.amplitude_arcsec[order])
+    assert replace(GOOD, is_spring=False, misfit={strongest: misfit}).is_bent is is_bent
+
+
 def test_a_factor_that_is_not_certainly_wrong_is_a_remark() -> None:
     unsure = replace(GOOD, motion_scale=0.62, motion_scale_error=0.1)
     check_estimate(unsure, sensorless=False)

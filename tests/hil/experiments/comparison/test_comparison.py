@@ -190,6 +190,15 @@ def test_the_table_has_changes_trials_costs_and_reasons(runner, tmp_path):
     assert any("×3.70" in line for line in summary(done.result))
 
 
+def test_a_line_names_its_axes_and_a_ramp_has_its_whole_peak(runner, tmp_path):
+    runner.changes["notch"] = {"ramp_peak_mm": 0.145}
+    asked = ComparisonRequest((RAMP, LINE), (2,), ("notch",))
+    done = compare([plan(KnownRobot(BENCH), asked, channel=IDEAL)], asked, tmp_path)
+    assert [row.ramp_peak_mm for row in done.result.robots[0].rows if row.treatment == "notch"] == [0.145, 0.145]
+    line = next(words.split() for words in summary(done.result) if words.startswith("notch") and LINE in words)
+    assert line[2] == "2,3,5"
+
+
 def test_what_was_asked_for_by_name_is_missed(runner, tmp_path):
     named = ComparisonRequest((RAMP,), (2,), ("notch", "cancellation-learnt"), frozenset({"notch", "cancellation-learnt"}))
     done = compare([plan(KnownRobot(BENCH), named, channel=IDEAL)], named, tmp_path)

@@ -64,7 +64,8 @@ def test_serving_takes_a_product_of_a_family(tmp_path):
     [
         (("--drive", "2"), 2, "AXIS=VALUE"),
         (("--drive", "x=elmo_gold"), 2, "AXIS=VALUE"),
-        (("--drive", "2="), 2, "AXIS=VALUE"),
+        (("--drive", "2="), 2, "expected AXIS=VALUE, such as 2=VALUE"),
+        (("--drive", "3:elmo_gold"), 2, "expected AXIS=VALUE, such as 3=elmo_gold"),
         (("--drive", "2=elmo_gold", "--drive", "2=elmo_gold"), 2, "given twice"),
         (("--drive", "4=elmo_gold"), 2, "no axis 4; it has 2, 3, 5"),
         (("--drive", "2=unheard_of"), 3, "unheard_of"),
