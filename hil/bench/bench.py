@@ -86,11 +86,15 @@ class Bus(Table):
 class Limits(Table):
     """Limits that an axis must never exceed, motor side; enforced by the master and written to the drive.
 
-    `cancellation_rev` is the largest addition of a cancellation to a set-point; left out, a twentieth of `following_error_rev`.
+    `acceleration_rps_s` is the largest change of speed that a motion may ask for; left out, `torque_nm` alone bounds it, by the
+    inertia that the bench file knows. What an identification or a cancellation adds to the set-points of a motion is no motion:
+    torque, speed and `cancellation_rev` bound it. `cancellation_rev` is the largest addition of a cancellation to a set-point;
+    left out, a twentieth of `following_error_rev`.
     """
 
     torque_nm: Positive
     speed_rps: Positive
+    acceleration_rps_s: Positive | None = None
     position_min_rev: float
     position_max_rev: float
     following_error_rev: Positive = 4.0

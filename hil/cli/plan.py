@@ -21,7 +21,7 @@ PLAN_EPILOG = epilog(
     {
         ExitStatus.DONE: "fits and is stable",
         ExitStatus.FILE: "bad bench file",
-        ExitStatus.NOT_MET: "does not fit, is not stable, or a profile lacks what it needs",
+        ExitStatus.NOT_MET: "does not fit, is not stable, a profile lacks what it needs, or a ramp is beyond a limit",
         ExitStatus.INTERRUPTED: "interrupted",
     },
 )
@@ -119,7 +119,7 @@ def _print(verdict: "PlanVerdict", adviser: "Adviser") -> None:
     table(f"Latest arrival at {at}, µs from SYNC or from when it is queued", header, _response_rows(verdict, adviser.wire))
     table("Stability at that delay", _STABILITY, [_stability_row(axis) for axis in verdict.stability])
     if verdict.gaps:
-        table("What the profiles lack", ("needed",), [(gap,) for gap in verdict.gaps])
+        table("What is lacking, or beyond limits", ("what",), [(gap,) for gap in verdict.gaps])
     if verdict.remarks:
         table("What the drives do not do", ("what",), [(words,) for words in verdict.remarks])
     if adviser.advice:

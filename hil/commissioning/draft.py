@@ -230,6 +230,7 @@ def _limit_lines(number: int, node: FoundNode) -> list[str]:
         f"[axis.{number}.limits]                     # motor side; master and drive hold them",
         f"torque_nm = {torque}",
         f"speed_rps = {_ask(f'largest motor speed, in rev/s{allows}')}",
+        f"acceleration_rps_s = {_ask('largest motor acceleration that a motion may ask for, in rev/s²')}",
         f"position_min_rev = {_ask('lowest position of the motor, in rev, before the stop; measured')}",
         f"position_max_rev = {_ask('highest position of the motor, in rev, before the stop; measured')}",
     ]

@@ -18,7 +18,9 @@ from hil.experiments.plant.motion import TURN
 from hil.master.control_words import DISABLE_VOLTAGE, DISABLED, SHUTDOWN
 from hil.master.cyclic import CyclicExchange, Slot
 from hil.master.drive.axis import DriveAxis
+from hil.master.drive.limits import limit_of
 from hil.master.motion import Motion, Real
+from hil.master.request import check_set_points
 from hil.master.run import Run, RunLimits, StopRun
 from hil.master.session import Session
 from hil.recording import Recording
@@ -101,7 +103,12 @@ class HeldAxis(Run):
         return self.stopped is None
 
     def go(self, angles_rad: Real) -> bool:
-        """Follow motor angles, counted from the start, shape (n,); False where something has stopped it."""
+        """Follow motor angles, counted from the start, shape (n,); False where something has stopped it.
+
+        Raises:
+            UnsafeRequestError: They accelerate by more than the limit; none of them is sent.
+        """
+        check_set_points(self.slot.axis.number, self.slot.axis.table.limits, angles_rad, self.period_s)
         return self._guarded(lambda: self._follow((self.start_rad + angles_rad).tolist()))
 
     def rest(self, duration_s: float) -> bool:
@@ -252,7 +259,7 @@ def held_axis(session: Session, number: int, limits_si: Mapping[str, float] | No
         with ExitStack() as context:
             session.prepare(context, [axis], exchange)
             for key, value in (limits_si or {}).items():
-                axis.write_limit(key, value)
+                axis.write_limit(limit_of(key), value)
             try:
                 yield held
                 held.lower()

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +119,19 @@ class Smooth:
 
     duration_s: float
     ramp_s: float
+
+    @classmethod
+    def way(cls, distance: float, speed: float, ramp_s: float, acceleration: float | None = None) -> Self:
+        """The move over a distance at a speed, which a short one does not reach.
+
+        Args:
+            distance: The distance, in any unit.
+            speed: Largest speed, in that unit per second.
+            ramp_s: Duration of its ramps; they take longer where the acceleration, whose peak is 2 V/T_r, asks for it.
+            acceleration: Largest acceleration; None without a limit.
+        """
+        ramp_s = ramp_s if acceleration is None else max(ramp_s, 2.0 * speed / acceleration)
+        return cls(max(abs(distance) / speed, ramp_s) + ramp_s, ramp_s)
 
     def __post_init__(self) -> None:
         """Refuse ramps that do not fit into the time."""

@@ -9,8 +9,9 @@ from hil.arm.straight_line import JointLimits
 from hil.arm.tables import ArmLink, ArmTable
 from hil.bench.bench import AxisTable, Bench
 from hil.control.trajectory import ConstantAcceleration, PointToPoint, sample_times
-from hil.errors import NotPossibleError, UnsafeRequestError
+from hil.errors import NotPossibleError
 from hil.master.motion import Motion
+from hil.master.request import check_acceleration
 from hil.robot_tables import LineMotion
 
 CONSTANT_ACCELERATION, LINE_MOTION, POINT_TO_POINT = "constant-acceleration", "line-motion", "point-to-point"
@@ -48,32 +49,6 @@ def _of_one_axis(bench: Bench, axis: int, trajectory: ConstantAcceleration | Poi
     check_acceleration(bench.axis[axis], axis, trajectory)
     times = sample_times(trajectory.duration_s, period_s)
     return Motion((axis,), times, trajectory.motor_angle(times)[:, np.newaxis], starts_at_home=False)
-
-
-def check_acceleration(table: AxisTable, axis: int, trajectory: ConstantAcceleration | PointToPoint) -> None:
-    """Refuse an acceleration that the torque limit cannot give motor and arm: α ≤ τ/(2π (J_m + J_l/N²)) in rev/s².
-
-    Args:
-        table: Table of the axis in the bench file; where it knows neither plant nor motor inertia nothing is refused.
-        axis: Axis number.
-        trajectory: Trajectory of the motor.
-
-    Raises:
-        UnsafeRequestError: It would be larger.
-    """
-    inertia, model = table.motor_inertia_kg_m2, table.model
-    if model is not None:
-        inertia = model.motor_inertia_kg_m2 + model.arm_inertia_kg_m2 / table.reduction_ratio**2
-    if inertia is None:
-        return
-    most_rps_s = table.limits.torque_nm / (2.0 * math.pi * inertia)
-    wanted = {name: value for name, value in vars(trajectory).items() if name.endswith("celeration_rps_s")}
-    name, value = max(wanted.items(), key=lambda item: item[1])
-    if value > most_rps_s:
-        raise UnsafeRequestError(
-            f"the {name.removesuffix('_rps_s')} of axis {axis}", value, most_rps_s, "rev/s²",
-            f"torque_nm = {table.limits.torque_nm:g} turns {inertia:.3g} kg·m² at the motor no faster: lower {name}",
-        )  # fmt: skip
 
 
 def line_motion(bench: Bench, period_s: float) -> Motion:

@@ -11,8 +11,9 @@ wall-clock time.
 >>> from hil.master.motion import Motion
 >>> from hil.master.session import Session
 >>> from hil.recording import BusLog
->>> time_s = 0.002 * np.arange(200)
->>> turn = Motion(axes=(2,), time_s=time_s, motor_angle_rad=np.sin(2.0 * np.pi * time_s)[:, np.newaxis], starts_at_home=False)
+>>> time_s = 0.002 * np.arange(201)
+>>> there_and_back = 0.5 - 0.5 * np.cos(5.0 * np.pi * time_s)
+>>> turn = Motion(axes=(2,), time_s=time_s, motor_angle_rad=there_and_back[:, np.newaxis], starts_at_home=False)
 >>> with EmulatorProcess("reference") as robot:
 ...     channel = open_channel(robot.address)
 ...     with Session(load_bench("reference"), channel, BusLog(None)) as session:

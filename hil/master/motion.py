@@ -33,6 +33,8 @@ class Motion:
             from where each axis stands.
         torque_offset_nm: Torque added in the loop that the drive closes (60B2h), shape (n, axes); None: it is not mapped.
         returns: False for a way to somewhere: the axes stay where it ends.
+        excitation_rad: Part of the motor angles that excites a plant, in which no acceleration is limited; shape (n, axes); None
+            without one.
     """
 
     axes: tuple[int, ...]
@@ -41,6 +43,7 @@ class Motion:
     starts_at_home: bool
     torque_offset_nm: Real | None = None
     returns: bool = True
+    excitation_rad: Real | None = None
 
     @property
     def period_s(self) -> float:

@@ -7,20 +7,24 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drive_profiles.standard.units import interpolation_period
-from hil.bench.bench import AxisTable
+from hil.bench.bench import AxisTable, Limits
 from hil.control.notch import FixedFilter, Notch
 from hil.control.servo import ServoConfig
 from hil.control.servo_bank import ServoBank
+from hil.control.trajectory import ConstantAcceleration, PointToPoint
 from hil.design.frequency import margins
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.drive.axis import DriveAxis
 from hil.master.drive.mapping import CSP, mode_of
-from hil.master.motion import FilterUse, LoopName, Motion
+from hil.master.motion import FilterUse, LoopName, Motion, Real
 from hil.master.set_point_adder import SetPointAdder
 from hil.master.whereabouts import way_out
 
 MAX_SENSITIVITY = 4.0
 """Largest M_s at which a loop is run: its distance from instability is then a quarter."""
+
+ROUNDED = 1e-6
+"""Relative rounding in the acceleration of set-points: second differences of ±22 rev every 250 µs round to 3e-7 rev/s²."""
 
 
 @dataclass(frozen=True)
@@ -158,8 +162,63 @@ def check_host_loop(number: int, table: AxisTable, period_s: float, *, with_notc
             raise UnsafeRequestError(f"{where} is at the edge of stability: M_s", peak, MAX_SENSITIVITY, "", remedy)
 
 
+def check_acceleration(table: AxisTable, axis: int, trajectory: ConstantAcceleration | PointToPoint) -> None:
+    """Refuse a ramp beyond the acceleration limit, or one for which the torque limit is too low.
+
+    The torque gives motor and arm α ≤ τ/(2π (J_m + J_l/N²)) in rev/s².
+
+    Args:
+        table: Table of the axis in the bench file; where it knows neither plant nor motor inertia the torque refuses nothing.
+        axis: Axis number.
+        trajectory: Trajectory of the motor.
+
+    Raises:
+        UnsafeRequestError: It would be larger.
+    """
+    limits = table.limits
+    wanted = {name: value for name, value in vars(trajectory).items() if name.endswith("celeration_rps_s")}
+    name, value = max(wanted.items(), key=lambda item: item[1])
+    what = f"the {name.removesuffix('_rps_s')} of axis {axis}"
+    stated = limits.acceleration_rps_s
+    if stated is not None and value > stated:
+        raise UnsafeRequestError(what, value, stated, "rev/s²", f"lower {name}, or raise axis.{axis}.limits.acceleration_rps_s")
+    inertia, model = table.motor_inertia_kg_m2, table.model
+    if model is not None:
+        inertia = model.motor_inertia_kg_m2 + model.arm_inertia_kg_m2 / table.reduction_ratio**2
+    if inertia is None:
+        return
+    most_rps_s = limits.torque_nm / (2.0 * math.pi * inertia)
+    if value > most_rps_s:
+        remedy = f"torque_nm = {limits.torque_nm:g} turns {inertia:.3g} kg·m² at the motor no faster: lower {name}"
+        raise UnsafeRequestError(what, value, most_rps_s, "rev/s²", remedy)
+
+
+def check_set_points(axis: int, limits: Limits, angle_rad: Real, period_s: float) -> None:
+    """Refuse set-points that accelerate an axis, from rest on, by more than its limit.
+
+    Args:
+        axis: Axis number.
+        limits: Its limits.
+        angle_rad: Set-points; shape (n,).
+        period_s: SYNC period.
+
+    Raises:
+        UnsafeRequestError: They do.
+    """
+    most = limits.acceleration_rps_s
+    if most is None:
+        return
+    changes = np.diff(np.concatenate([angle_rad[:1], angle_rad]), 2)
+    fastest = float(np.max(np.abs(changes), initial=0.0)) / period_s**2 / math.tau
+    if fastest > most * (1.0 + ROUNDED):
+        raise UnsafeRequestError(f"the acceleration of axis {axis}", fastest, most, "rev/s²", "slow the motion down")
+
+
 def check_motion(motion: Motion, axes: list[DriveAxis], starts: list[float]) -> None:
     """Check the whole motion against the limits, before anything is enabled.
+
+    Set-points are known to the last digit, so a limit that the master holds alone needs no more room here than one that the drive
+    holds as well: what drives do beside their set-points is watched while they move.
 
     Args:
         motion: The motion.
@@ -185,6 +244,8 @@ def check_motion(motion: Motion, axes: list[DriveAxis], starts: list[float]) -> 
         speed = float(np.max(np.abs(np.diff(angle)))) / period
         if speed > limits.speed_rps:
             raise UnsafeRequestError(f"the speed of {name}", speed, limits.speed_rps, "rev/s", "slow the motion down")
+        plain = motion.motor_angle_rad if motion.excitation_rad is None else motion.motor_angle_rad - motion.excitation_rad
+        check_set_points(axis.number, limits, np.append(plain[:, column], plain[-1, column]), period)  # it ends at rest, too
         remedy = ""
         if not motion.starts_at_home:
             remedy = way_out(axis.number, starts[column] / turn, limits, float(way.min()), float(way.max()))

@@ -196,8 +196,9 @@ class Run:
         distance = max((abs(b - a) for a, b in zip(start, end, strict=True)), default=0.0) / (2.0 * math.pi)
         if distance < 1e-3:
             return
-        duration = distance / self.limits.approach_rps + APPROACH_RAMP_S
-        smooth = Smooth(max(duration, 2.0 * APPROACH_RAMP_S), APPROACH_RAMP_S)
+        stated = [axis.table.limits.acceleration_rps_s for axis in self.axes]
+        least = min((each for each in stated if each is not None), default=None)
+        smooth = Smooth.way(distance, self.limits.approach_rps, APPROACH_RAMP_S, least)
         for fraction in smooth.position(sample_times(smooth.duration_s, self.period_s)):
             self.step([a + float(fraction) * (b - a) for a, b in zip(start, end, strict=True)])
 

@@ -8,7 +8,7 @@ from typing import Final
 from hil.bench.bench import Limits
 
 AWAY_REV: Final = 0.01
-"""Turn of a motor from its start that is no way."""
+"""Last digit of a motor position in words, in which commands take it: nearer than that no command brings an axis."""
 
 
 def rev_text(rev: float) -> str:

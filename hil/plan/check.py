@@ -14,12 +14,12 @@ from hil.bench.bench import AS_FOUND, AxisTable, Bench
 from hil.bench.load_encoder import watched_axes
 from hil.can.bits import STANDARD_RATES
 from hil.design.frequency import Loop, margins
-from hil.errors import NotPossibleError
+from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.master.drive import mapping
 from hil.master.drive.needs import run_gaps, run_remarks
 from hil.master.drive.pdo import MappedObject
 from hil.master.motion import LoopName
-from hil.master.request import MAX_SENSITIVITY
+from hil.master.request import MAX_SENSITIVITY, check_acceleration
 from hil.plan.bus_plan import Background, Cycle, CyclicFrame, FrameKind, Range
 from hil.plan.wire import CLASSIC_MAX_BITRATE, WireTiming, rate_text
 
@@ -72,7 +72,7 @@ class PlanVerdict:
         wire: Bit rates of the bus; None: without bit times, or not known.
         delay_periods: Delay of a host-closed loop; 0 for a drive-closed one; None where the bus cannot carry it at all.
         stability: Stability by axis.
-        gaps: Sentences on what the run needs and the drives' profiles, or the bench file, do not have.
+        gaps: Sentences on what the run needs and the drives' profiles, or the bench file, lack, and on ramps beyond limits.
         remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
     """
 
@@ -298,7 +298,7 @@ def check(
     loops = stability(bench, axes, loop, period_s, delay, with_notch=with_notch)
     levels = {axis.level for axis in loops}
     is_stable = False if levels & {"unstable", "at the edge"} else (None if levels == {"not known"} else True)
-    lacking = tuple(run_gaps(bench, axes, loop, with_notch=with_notch))
+    lacking = (*run_gaps(bench, axes, loop, with_notch=with_notch), *_motion_gaps(bench, axes))
     head = "" if fits is False or is_stable is not False else "not stable: "
     if lacking:
         head = f"not possible: {len(lacking)} {'need is' if len(lacking) == 1 else 'needs are'} not met; the bus "
@@ -306,6 +306,19 @@ def check(
     sentence = f"{sentence[0].upper()}{sentence[1:]}"
     remarks = tuple(run_remarks(bench, axes, loop))
     return PlanVerdict(fits, is_stable, sentence, cycle, wire, delay, loops, lacking, remarks)
+
+
+def _motion_gaps(bench: Bench, axes: tuple[int, ...]) -> list[str]:
+    """Ramps of the bench file that an axis may not make, a sentence each; its line is planned by the run."""
+    found = []
+    for number in axes:
+        for table in (bench.constant_acceleration, bench.point_to_point):
+            if table is not None:
+                try:
+                    check_acceleration(bench.axis[number], number, table.trajectory())
+                except UnsafeRequestError as error:
+                    found.append(str(error))
+    return found
 
 
 def _bus_words(cycle: Cycle, wire: WireTiming | None, fits: bool | None) -> str:

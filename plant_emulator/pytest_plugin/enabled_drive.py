@@ -104,8 +104,8 @@ class EnabledDrive:
         """
         distance = math.tau * position_rev - self._reference
         period = self._run.period_s
-        duration = abs(distance) / math.tau / self._session.bench.approach_rps + APPROACH_RAMP_S
-        smooth = Smooth(max(duration, 2.0 * APPROACH_RAMP_S), APPROACH_RAMP_S)
+        most_rps_s = self.axis.table.limits.acceleration_rps_s
+        smooth = Smooth.way(distance / math.tau, self._session.bench.approach_rps, APPROACH_RAMP_S, most_rps_s)
         times = sample_times(smooth.duration_s, period)
         angles = distance * np.asarray(smooth.position(times))
         motion = Motion((self.number,), times, angles[:, np.newaxis], starts_at_home=False)

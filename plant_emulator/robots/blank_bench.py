@@ -1,7 +1,9 @@
 """Text of a robot's bench file with what an engineer knows before anything has been measured."""
 
 import math
+from dataclasses import replace
 
+from drive_profiles.address import parse_address
 from drive_profiles.files.toml import Table, toml_value
 from hil.arm.mounting import Mounting
 from hil.arm.straight_line import JointLimits
@@ -40,14 +42,14 @@ def blank_bench(robot: Robot, address: str = "local:/tmp/robot.sock", drawing: A
         address: The bus; the robot's bit rate is added where it says one.
         drawing: The arm as the robot's own file has it, where that is a URDF file, which stands in the bench file as well.
     """
-    bitrate = robot.bus.bitrate
+    bus = parse_address(address)
     lines = [
         f"name = {toml_value(robot.name)}",
         "settle_s = 0.5",
         "approach_rps = 8.0",
         "",
         "[bus]",
-        f"address = {toml_value(address if bitrate is None else f'{address}@{bitrate}')}",
+        f"address = {toml_value(str(replace(bus, bitrate=robot.bus.bitrate or bus.bitrate)))}",
         f"sync_period_s = {toml_value(robot.sync_period_s)}",
         "",
         "[accelerometer]",
@@ -106,6 +108,7 @@ def _axis_lines(number: int, axis: RobotAxis, node_id: int, arm: ArmTable | None
     limits = {
         "torque_nm": axis.torque_limit_nm,
         "speed_rps": speed_limit_rps(axis),
+        "acceleration_rps_s": acceleration_limit_rps_s(axis),
         "position_min_rev": low,
         "position_max_rev": high,
         "following_error_rev": max(4.0, _digits(1.5 * speed_limit_rps(axis) / position_gain)),
@@ -142,6 +145,12 @@ def position_gain_per_s(axis: RobotAxis) -> float:
 def speed_limit_rps(axis: RobotAxis) -> float:
     """Largest motor speed: order 1 meets the arm's resonance below it."""
     return max(LEAST_SPEED_RPS, math.ceil(SPEED_PER_HZ * antiresonance_hz(axis)))
+
+
+def acceleration_limit_rps_s(axis: RobotAxis) -> float:
+    """Largest motor acceleration: as an engineer sizes a drive, what its torque gives rotor and arm, in two digits."""
+    inertia = axis.motor_inertia_kg_m2 + axis.arm_inertia_kg_m2 / axis.reduction_ratio**2
+    return float(f"{axis.torque_limit_nm / (math.tau * inertia):.2g}")
 
 
 def travel_rev(axis: RobotAxis) -> float:

@@ -29,7 +29,7 @@ def typed(text: str) -> str:
         values |= {f"axis.{number}.control.{key}": value for key, value in control.items()}
         values |= {f"axis.{number}.reduction_ratio": axis.reduction_ratio, f"axis.{number}.tip_lever_m": axis.tip_lever_m}
         values |= {f"axis.{number}.limits.{key}": getattr(limits, key) for key in (
-            "speed_rps", "position_min_rev", "position_max_rev"
+            "speed_rps", "acceleration_rps_s", "position_min_rev", "position_max_rev"
         )}  # fmt: skip
     lines, table = [], ""
     for line in text.splitlines():

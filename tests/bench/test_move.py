@@ -65,6 +65,22 @@ def test_an_axis_goes_where_it_is_wanted_and_back_and_all_else_is_put_back(bench
     assert dictionary.get(0x607D, 2) == before
 
 
+def test_the_drive_holds_the_acceleration_limit_as_well_while_it_is_moved(bench: Bench, channel: InProcessChannel) -> None:
+    """Beside the 50 rev/s² of its quick stop (6085h) it gets the 100 rev/s² of the bench file in 60C5h and 60C6h."""
+    drive, seen = channel.world.drives[2], set()
+    dictionary = drive.slave.dictionary
+    before = dictionary.get(0x60C5, 0), dictionary.get(0x60C6, 0)
+
+    def look(number: int) -> None:
+        if drive.state is State.OPERATION_ENABLED:
+            seen.add(tuple(dictionary.get(index, 0) for index in (0x60C5, 0x60C6, 0x6085)))
+
+    channel.on_sync = look
+    moved(bench, channel, to_rev=0.1)
+    assert {(up / stop, down / stop) for up, down, stop in seen} == {(2.0, 2.0)}
+    assert (dictionary.get(0x60C5, 0), dictionary.get(0x60C6, 0)) == before
+
+
 def test_a_move_is_slow(bench: Bench, channel: InProcessChannel) -> None:
     planned = plan_move(bench, MoveRequest(2, to_rev=3.0), channel=channel)
     assert planned.speed_rps <= min(bench.approach_rps, 0.25 * bench.axis[2].limits.speed_rps)

@@ -292,7 +292,7 @@ def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, 
     low = min(max(start_rev - 0.5 * travel, lowest), table.limits.position_max_rev - MARGIN_REV - travel)
     turn = 2.0 * math.pi
     away = turn * (low - start_rev)
-    there = _approach(away, bench.approach_rps, period_s)
+    there = _approach(away, bench.approach_rps, table.limits.acceleration_rps_s, period_s)
     up = trajectory.motor_angle(sample_times(trajectory.duration_s, period_s))
     home = away - there[1:] if bench.arm is not None else np.zeros(0)
     angle = np.concatenate([there, away + up, away + up[-1] - up, home])
@@ -302,9 +302,9 @@ def ramps(bench: Bench, axis: int, start_rev: float, acceleration_rps_s: float, 
     return Ramps(trajectory, motion, slice(first, second), slice(second, second + len(up)), low, low + travel)
 
 
-def _approach(away_rad: float, speed_rps: float, period_s: float) -> Real:
+def _approach(away_rad: float, speed_rps: float, most_rps_s: float | None, period_s: float) -> Real:
     distance = abs(away_rad) / (2.0 * math.pi)
     if distance < 1e-3:
         return np.full(1, away_rad)
-    smooth = Smooth(max(distance / speed_rps + APPROACH_RAMP_S, 2.0 * APPROACH_RAMP_S), APPROACH_RAMP_S)
+    smooth = Smooth.way(distance, speed_rps, APPROACH_RAMP_S, most_rps_s)
     return np.asarray(away_rad * smooth.position(sample_times(smooth.duration_s, period_s)))

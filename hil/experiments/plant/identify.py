@@ -46,11 +46,13 @@ from hil.experiments.plant.motion import (
 from hil.experiments.plant.pilot import (
     LARGEST_RISE,
     PILOT_FRACTION,
+    SET_POINTS,
     Room,
     is_rough,
     measured_peaks,
     predicted_peaks,
     rigid_inertia,
+    set_point_room_nm,
 )
 from hil.experiments.plant.probe import probe_motion, probe_trouble
 from hil.master.motion import Real, RunResult
@@ -201,7 +203,8 @@ class PlantIdentification:
         """
         band = pilot_band(self.request, self.bench.bus.sync_period_s)
         travel = self._travel(band, is_pilot=True)
-        small = min(PILOT_FRACTION * self.table.limits.torque_nm, self.request.amplitude_nm or math.inf)
+        small, within_nm = PILOT_FRACTION * self.table.limits.torque_nm, self._set_point_room_nm(travel)
+        small = min(small, within_nm) if self.request.amplitude_nm is None else min(small, self.request.amplitude_nm)
         for number in range(1, PILOTS + 1):
             self._reporter.step(f"pilot at {small:.3g} N·m")
             planned = self._excited(travel, small)
@@ -215,7 +218,7 @@ class PlantIdentification:
             known = None if self.bench.accelerometer is None else self.bench.accelerometer.free_range_m_s2
             reach = math.inf if tip is None or known is None else known
             room = Room(self.table.limits.torque_nm, float(np.mean(torque[rows])), travel.bias_rps, reach, peaks.rest)
-            largest, self._limited_by = room.largest(peaks.driven.times(1.0 / small))
+            largest, self._limited_by = min(room.largest(peaks.driven.times(1.0 / small)), (within_nm, SET_POINTS))
             data = self._pilot_spectra(travel, planned, recording)
             estimate = None
             if rigid_inertia(data, self._timing()) is not None:
@@ -288,13 +291,17 @@ class PlantIdentification:
         words = modes_words(estimate)
         return with_amplitude_dependence(estimate, rough) if words is None else (estimate, words)
 
+    def _set_point_room_nm(self, travel: Travel) -> float:
+        return set_point_room_nm(travel, self.excited, self.table.limits.speed_rps)
+
     def _chosen(self, rough: PlantEstimate, room: Room) -> float:
         """Amplitude at which torque, speed and tip stay well within their limits."""
         law = self.table.gains("its plant").cascade()
         per_nm = predicted_peaks(rough, self.travel, self.excited, law, self._control_s, self.table.tip_lever_m)
         calm = abs(self.travel.bias_rps / room.bias_rps - 1.0) > MOVED  # away from the resonance at which the pilot turned
         rest = room.rest.times(CALM if calm else 1.0)
-        largest, self._limited_by = replace(room, bias_rps=self.travel.bias_rps, rest=rest).largest(per_nm)
+        here = replace(room, bias_rps=self.travel.bias_rps, rest=rest)
+        largest, self._limited_by = min(here.largest(per_nm), (self._set_point_room_nm(self.travel), SET_POINTS))
         small = PILOT_FRACTION * self.table.limits.torque_nm
         amplitude = min(largest, LARGEST_RISE * small)
         if amplitude <= 0.02 * small:

@@ -256,7 +256,8 @@ def _wave(
         return wave
     spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
     spectrum[lines] = np.fft.rfft(wave.wave)[lines] * gain
-    return Excitation(wave.wave / np.max(np.abs(np.fft.irfft(spectrum, samples))), sync_s, lines)
+    from_zero = np.roll(wave.wave, -int(np.argmin(np.abs(wave.wave))))  # set-points begin without a jump
+    return Excitation(from_zero / np.max(np.abs(np.fft.irfft(spectrum, samples))), sync_s, lines)
 
 
 @dataclass
@@ -282,14 +283,13 @@ class MotionBuilder:
         """Add a rest."""
         self._append(np.full(max(1, round(duration_s / self.sync_s)), self.here))
 
-    def go(self, there: float, rps: float) -> None:
-        """Add a smooth move to a position in motor turns."""
+    def go(self, there: float, bench: Bench, axis: int) -> None:
+        """Add a smooth move to a position in motor turns, as an axis is moved to the start of a motion."""
         distance = there - self.here
         if abs(distance) < 1e-9:
             return
-        duration = max(abs(distance) / rps + RAMP_S, 2.0 * RAMP_S)
-        fraction = Smooth(duration, RAMP_S).position(sample_times(duration, self.sync_s)[1:])
-        self._append(self.here + distance * fraction)
+        way = Smooth.way(distance, bench.approach_rps, RAMP_S, bench.axis[axis].limits.acceleration_rps_s)
+        self._append(self.here + distance * way.position(sample_times(way.duration_s, self.sync_s)[1:]))
 
     def cruise(self, rps: float, count: int, excitation: Real | None = None) -> slice:
         """Add a ramp up, a stretch at constant speed and a ramp down.
@@ -354,6 +354,7 @@ def planned(
     motion = Motion(
         (request.axis,), times, angle[:, np.newaxis], starts_at_home=False,
         torque_offset_nm=added[:, np.newaxis] if has_offset else None,
+        excitation_rad=added[:, np.newaxis] if excited == "reference" else None,
     )  # fmt: skip
     return PlannedMotion(motion, bias, added, tuple(stretches), tuple(speeds))
 
@@ -372,7 +373,7 @@ def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: 
     builder.rest(0.1)
     whole = travel.high_rev - travel.low_rev
     stretches, speeds = [], []
-    builder.go(travel.low_rev - start_rev, bench.approach_rps)
+    builder.go(travel.low_rev - start_rev, bench, request.axis)
     fastest_rps = min(fastest_rps, whole / (2.0 * (RAMP_S + SETTLE_S)))
     for speed in (*SLOW_RPS, travel.bias_rps, max(fastest_rps, travel.bias_rps)):
         room = whole - speed * RAMP_S
@@ -383,7 +384,7 @@ def slow_motion(bench: Bench, request: PlantRequest, travel: Travel, start_rev: 
             rows = builder.cruise(sign * speed, count)
             stretches.append(slice(rows.start + skip, rows.stop))
             speeds.append(sign * speed)
-    builder.go(0.0, bench.approach_rps)
+    builder.go(0.0, bench, request.axis)
     builder.rest(0.1)
     return planned(builder, request, "torque", stretches, speeds)
 
@@ -408,7 +409,7 @@ def excited_motion(
     """
     builder = MotionBuilder(bench.bus.sync_period_s)
     builder.rest(0.1)
-    builder.go(travel.low_rev - start_rev, bench.approach_rps)
+    builder.go(travel.low_rev - start_rev, bench, request.axis)
     periods = travel.per_stretch
     samples = travel.samples
     wave = np.tile(amplitude_nm * travel.wave.wave, periods + 1)
@@ -420,6 +421,6 @@ def excited_motion(
         rows = builder.cruise(speed, len(wave), wave)
         stretches.append(slice(rows.start + samples, rows.stop))
         speeds.append(speed)
-    builder.go(0.0, bench.approach_rps)
+    builder.go(0.0, bench, request.axis)
     builder.rest(0.1)
     return planned(builder, request, excited, stretches, speeds)

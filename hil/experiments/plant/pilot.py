@@ -21,6 +21,11 @@ EXCITED_TORQUE_FRACTION = 0.6
 """Fraction of the torque limit that the whole torque may reach."""
 EXCITED_SPEED_FRACTION = 0.75
 """Fraction of the bias speed that excitation and transmission error may take from it."""
+SET_POINT_FRACTION = 0.95
+"""Fraction of the speed limit that set-points with an excitation may reach: rounding to counts adds 0.12 rev/s to each step of a
+2 ms SYNC at 4096 counts per revolution."""
+SET_POINTS = "speed of the set-points"
+"""Name of that limit, beside those of `Room`."""
 TIP_FRACTION = 0.6
 """Fraction of the accelerometer's range that the whole acceleration may reach."""
 ROUGH_ANTIRESONANCE, ROUGH_STIFFNESS = 0.05, 0.5
@@ -107,6 +112,25 @@ def predicted_peaks(
         return float(np.max(np.abs(np.fft.irfft(spectrum, count))))
 
     return Peaks(peak(torque), peak(jw * angle) / TURN, peak(tip))
+
+
+def set_point_room_nm(travel: Travel, excited: ExcitedSignal, speed_limit_rps: float) -> float:
+    """Amplitude up to which set-points keep within the speed limit; infinite for an excitation of the torque.
+
+    A torque takes a reference in proportion to it, whose speed grows with the frequency: at 90 Hz set-points are faster by far
+    than the motor that follows them.
+
+    Args:
+        travel: Travel with the excitation, which begins at once.
+        excited: Signal to which it is added.
+        speed_limit_rps: Limit of the motor speed.
+    """
+    if excited == "torque":
+        return math.inf
+    wave = travel.wave
+    steps = np.diff(np.concatenate([[0.0], wave.wave, wave.wave[:1]]))
+    fastest_rps = float(np.max(np.abs(steps))) / wave.sample_s / TURN
+    return max(0.0, SET_POINT_FRACTION * speed_limit_rps - travel.bias_rps) / fastest_rps
 
 
 @dataclass(frozen=True)

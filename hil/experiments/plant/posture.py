@@ -68,7 +68,8 @@ def bring_to(session: Session, posture_deg: Mapping[int, float]) -> None:
         if abs(way_deg) < THERE_DEG:
             continue
         way_rad = math.radians(way_deg) * bench.axis[number].reduction_ratio
-        motion = way_of(number, way_rad, bench.approach_rps, bench.bus.sync_period_s)
+        most_rps_s = bench.axis[number].limits.acceleration_rps_s
+        motion = way_of(number, way_rad, bench.approach_rps, bench.bus.sync_period_s, most_rps_s)
         result = session.run(motion, "none", "drive")
         if result.stopped is not None:
             raise result.stopped

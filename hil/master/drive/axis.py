@@ -29,7 +29,7 @@ from hil.errors import (
     WrongIdentityError,
 )
 from hil.master.control_words import DISABLED
-from hil.master.drive.limits import LIMITS, limit_of, value_in
+from hil.master.drive.limits import LIMITS, Limit, value_in
 from hil.master.drive.mapping import CyclicMode
 from hil.master.drive.needs import (
     ABSENT,
@@ -321,20 +321,20 @@ class DriveAxis:
     def write_limits(self) -> None:
         """Write the limits of the bench file, so that the drive enforces them; those that it does not have are the master's."""
         for limit in LIMITS:
-            self.write_limit(limit.key, limit.si(self.table.limits))
+            value_si = limit.si(self.table.limits)
+            if value_si is not None:
+                self.write_limit(limit, value_si)
 
-    def write_limit(self, key: str, value_si: float) -> bool:
-        """Write one limit; False where the drive does not hold it.
+    def write_limit(self, limit: Limit, value_si: float) -> None:
+        """Write one limit, where the drive holds it.
 
         Args:
-            key: Key of the bench file's limits.
+            limit: The limit.
             value_si: Its value in SI units.
         """
-        name = limit_of(key).held_by(self.profile)
-        if name is None:
-            return False
-        self.write_parameter(name, value_in(self.profile.parameters[name], value_si, self.scaling))
-        return True
+        name = limit.held_by(self.profile)
+        if name is not None:
+            self.write_parameter(name, value_in(self.profile.parameters[name], value_si, self.scaling))
 
     def write_gains(self, loop: LoopName) -> None:
         """Write the P-PI gains, unless the drive keeps its own; where the host closes the loop, those that the drive has."""

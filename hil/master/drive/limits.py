@@ -33,6 +33,7 @@ class Limit(NamedTuple):
         unit: SI unit.
         factor: SI units per unit of the bench file.
         is_watched: True where the master holds the limit as well.
+        at_least: Key of a limit below which the drive's value must not lie, or it would weaken that one; None without one.
     """
 
     key: str
@@ -40,6 +41,7 @@ class Limit(NamedTuple):
     unit: str
     factor: float
     is_watched: bool = True
+    at_least: str | None = None
 
     def held_by(self, profile: Profile) -> str | None:
         """Name of the parameter by which a drive holds the limit; None where it has none that the bench can set."""
@@ -54,21 +56,24 @@ class Limit(NamedTuple):
             return "drive, as found"
         return "nobody" if self.key == "torque_nm" and not tells_torque(profile) else "master alone"
 
-    def si(self, limits: Limits) -> float:
-        """Value of the bench file in SI units."""
-        return self.factor * float(getattr(limits, self.key))
+    def si(self, limits: Limits) -> float | None:
+        """Value of the bench file in SI units; None where it states none."""
+        stated = [getattr(limits, key) for key in (self.key, self.at_least) if key is not None]
+        return None if stated[0] is None else self.factor * float(max(stated))
 
 
 LIMITS: Final = (
     Limit("torque_nm", ("torque_limit",), "N·m", 1.0),
     Limit("speed_rps", ("speed_limit", "velocity_limit"), "rad/s", _TURN),
+    Limit("acceleration_rps_s", ("max_acceleration",), "rad/s²", _TURN),
+    Limit("acceleration_rps_s", ("max_deceleration",), "rad/s²", _TURN, at_least="quick_stop_rps_s"),  # it bounds that ramp too
     Limit("position_min_rev", ("position_limit_min",), "rad", _TURN),
     Limit("position_max_rev", ("position_limit_max",), "rad", _TURN),
     Limit("following_error_rev", ("following_error_window", "following_error_limit"), "rad", _TURN),
     Limit("following_error_timeout_s", ("following_error_timeout",), "s", 1.0),
     Limit("quick_stop_rps_s", ("quick_stop_deceleration",), "rad/s²", _TURN, is_watched=False),
 )
-"""All limits of an axis."""
+"""All limits of an axis; where drives hold one by several objects, the first tells who holds it."""
 
 
 def limit_of(key: str) -> Limit:
@@ -111,8 +116,8 @@ def value_in(parameter: Parameter, si: float, scaling: Scaling) -> float:
 def holders(profile: Profile) -> dict[Holder, list[str]]:
     """Keys of the bench file's limits, by who holds them."""
     found: dict[Holder, list[str]] = {}
-    for limit in LIMITS:
-        found.setdefault(limit.holder(profile), []).append(limit.key)
+    for key in dict.fromkeys(limit.key for limit in LIMITS):
+        found.setdefault(limit_of(key).holder(profile), []).append(key)
     return found
 
 
@@ -123,14 +128,16 @@ _SENTENCES: Final[Mapping[Holder, str]] = {
 }
 
 
-def limit_words(number: int, profile: Profile) -> Iterable[str]:
+def limit_words(number: int, profile: Profile, limits: Limits) -> Iterable[str]:
     """Sentences on the limits that a drive does not hold, one for each holder.
 
     Args:
         number: Number of the axis.
         profile: Drive profile.
+        limits: Limits of the axis; of one that is not stated nothing is said.
     """
     found = holders(profile)
     for holder, sentence in _SENTENCES.items():
-        if holder in found:
-            yield f"axis {number}: {sentence.format(', '.join(f'limits.{key}' for key in found[holder]))}"
+        stated = [f"limits.{key}" for key in found.get(holder, ()) if getattr(limits, key) is not None]
+        if stated:
+            yield f"axis {number}: {sentence.format(', '.join(stated))}"

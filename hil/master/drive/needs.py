@@ -108,7 +108,8 @@ def objects_needed(
         with_torque_offset: True where a torque offset is sent.
     """
     for limit in LIMITS:
-        yield from _parameter(profile, limit.held_by(profile), f"limits.{limit.key} is held by the drive")
+        if limit.si(table.limits) is not None:
+            yield from _parameter(profile, limit.held_by(profile), f"limits.{limit.key} is held by the drive")
     if table.writes_gains:
         for name in Control.model_fields:
             yield from _parameter(profile, name, f"control.{name} is written to it")
@@ -180,7 +181,7 @@ def run_remarks(bench: Bench, axes: Iterable[int], loop: LoopName) -> list[str]:
         if number not in bench.axis:
             continue
         profile = Profile.load(bench.axis[number].profile)
-        said += limit_words(number, profile)
+        said += limit_words(number, profile, bench.axis[number].limits)
         mode = mapping.mode_of(loop, profile)
         if mode is not None and mode.loss:
             said.append(f"axis {number}: {profile.label} has no CSP and runs in {mode.name}: {mode.loss}")

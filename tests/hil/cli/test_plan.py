@@ -115,9 +115,20 @@ def test_a_limit_that_the_master_holds_alone_is_said(tmp_path: Path):
     found = plan("--treatment", "none", "--json", bench=bench)
     assert found.exit_code == 0, found.output
     assert json.loads(found.stdout)["remarks"] == [
-        "axis 2: the master alone holds limits.speed_rps",
+        "axis 2: the master alone holds limits.speed_rps, limits.acceleration_rps_s",
         "axis 2: the drive keeps its own value for limits.quick_stop_rps_s",
     ]
+
+
+def test_a_ramp_beyond_the_acceleration_limit_is_named_before_anything_moves(tmp_path: Path):
+    """A bench file without models, as a new user has it: no inertia tells that the motor cannot do it."""
+    bench = tmp_path / "bench.toml"
+    text = re.sub(r"\[axis\.\d\.model\]\n(?:.+\n)+", "", REFERENCE.read_text(encoding="utf-8"))
+    bench.write_text(text.replace("acceleration_rps_s = 4.0", "acceleration_rps_s = 4000"), encoding="utf-8")
+    found = plan("--axes", "2", bench=bench)
+    assert found.exit_code == 9
+    assert "Not possible: 1 need is not met" in found.stdout
+    assert "would be 4000 rev/s², the limit is 100 rev/s²" in " ".join(found.stdout.split())
 
 
 def test_a_bad_bench_file_is_told_by_line(tmp_path: Path):

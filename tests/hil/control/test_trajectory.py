@@ -151,3 +151,12 @@ def test_the_tip_follows_a_straight_line_at_the_moves_own_speed():
     np.testing.assert_allclose(tip[:, 0], 0.50 + 0.25 * Smooth(2.2, 0.3).position(t - 0.2), atol=1e-12)
     assert np.ptp(tip[t <= 0.2], axis=0).tolist() == [0.0, 0.0]
     np.testing.assert_allclose(tip[t >= 2.4], [[0.75, 0.45]] * np.count_nonzero(t >= 2.4), atol=1e-12)
+
+
+@given(st.floats(-20.0, 20.0), st.floats(0.1, 12.0), st.floats(0.5, 50.0))
+def test_a_way_keeps_speed_and_acceleration_that_it_is_given(distance, speed, acceleration):
+    way = Smooth.way(distance, speed, 0.3, acceleration)
+    turned = distance * way.position(np.arange(0.0, way.duration_s + 0.01, 0.001))
+    assert turned[-1] == pytest.approx(distance)
+    assert np.max(np.abs(np.diff(turned))) <= 1.001e-3 * speed
+    assert np.max(np.abs(np.diff(turned, 2))) <= 1.001e-6 * acceleration + 1e-12

@@ -11,11 +11,23 @@ from hil.experiments.motions import constant_acceleration
 BENCH = load_bench("reference")
 
 
-def at(acceleration_rps_s: float) -> Bench:
+def at(acceleration_rps_s: float, limit_rps_s: float | None = None) -> Bench:
     motion = BENCH.constant_acceleration
     assert motion is not None
-    return BENCH.model_copy(
-        update={"constant_acceleration": motion.model_copy(update={"acceleration_rps_s": acceleration_rps_s})}
+    table = BENCH.axis[2]
+    limits = table.limits.model_copy(update={"acceleration_rps_s": limit_rps_s})
+    axis = {**BENCH.axis, 2: table.model_copy(update={"limits": limits})}
+    faster = motion.model_copy(update={"acceleration_rps_s": acceleration_rps_s})
+    return BENCH.model_copy(update={"constant_acceleration": faster, "axis": axis})
+
+
+def test_a_ramp_beyond_the_acceleration_limit_is_refused_with_its_unit_and_the_key_to_change() -> None:
+    assert constant_acceleration(at(60.0, 60.0), 2, 0.002).axes == (2,)
+    with pytest.raises(UnsafeRequestError) as refused:
+        constant_acceleration(at(4000.0, 100.0), 2, 0.002)
+    assert str(refused.value) == (
+        "the acceleration of axis 2 would be 4000 rev/s², the limit is 100 rev/s²; lower acceleration_rps_s, or raise "
+        "axis.2.limits.acceleration_rps_s"
     )
 
 

@@ -87,7 +87,9 @@ def test_torque_offsets_reach_the_drive_without_frames_too():
 def test_several_axes_move_without_frames_as_they_do_over_the_bus():
     bench = short(load_bench("reference"))
     motion = line_motion(bench, 0.004)
-    part = replace(motion, time_s=motion.time_s[:200], motor_angle_rad=motion.motor_angle_rad[:200])
+    there = motion.motor_angle_rad[:100]
+    angle = np.concatenate([there, 2.0 * there[-1:] - there[-2::-1]])  # a part of it, and to rest as it began
+    part = replace(motion, time_s=motion.time_s[:199], motor_angle_rad=angle)
     assert_same(recorded(load_robot("reference"), bench, part))
 
 

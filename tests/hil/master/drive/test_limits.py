@@ -6,22 +6,24 @@ import pytest
 
 from drive_profiles.family.profile import Profile, available
 from drive_profiles.standard.units import Scaling
+from hil.bench.bench import load_bench
 from hil.master.drive.limits import LIMITS, limit_of, limit_words, value_in
 
 SCALING = Scaling(4096, 2.0)
+STATED = load_bench("reference").axis[2].limits
 DRIVES = [name for name in available() if Profile.load(name).kind == "drive"]
 
 
 def test_our_own_drive_holds_all_of_them():
     own = Profile.load("emulated_drive")
     assert {limit.holder(own) for limit in LIMITS} == {"drive"}
-    assert list(limit_words(2, own)) == []
+    assert list(limit_words(2, own, STATED)) == []
 
 
 @pytest.mark.parametrize("name", DRIVES)
 def test_no_limit_is_dropped_in_silence(name):
     profile = Profile.load(name)
-    said = " ".join(limit_words(2, profile))
+    said = " ".join(limit_words(2, profile, STATED))
     for limit in LIMITS:
         assert (limit.holder(profile) == "drive") != (f"limits.{limit.key}" in said)
 
@@ -35,6 +37,7 @@ def test_no_limit_is_dropped_in_silence(name):
         ("novanta_eve", "speed_rps", "velocity_limit_rps", 2.0),
         ("copley_plus", "following_error_rev", "following_error_limit_rad", 8192),
         ("schunk_pilz_prbt", "position_min_rev", "position_limit_min_deg", 8192),
+        ("emulated_drive", "acceleration_rps_s", "max_acceleration_rad_s2", 8192),
         ("maxon_epos4", "quick_stop_rps_s", "quick_stop_deceleration_rad_s2", 120),
     ],
 )
@@ -57,9 +60,23 @@ def test_a_torque_that_nobody_sees_and_nobody_limits_is_held_by_nobody():
     assert limit_of("torque_nm").holder(profile) == "master alone"
     blind = profile.model_copy(update={"torque": torque})
     assert limit_of("torque_nm").holder(blind) == "nobody"
-    assert "axis 2: nobody holds limits.torque_nm" in " ".join(limit_words(2, blind))
+    assert "axis 2: nobody holds limits.torque_nm" in " ".join(limit_words(2, blind, STATED))
 
 
 def test_a_ramp_of_unknown_scale_is_the_drives_own():
-    said = list(limit_words(2, Profile.load("kollmorgen_akd")))
+    said = list(limit_words(2, Profile.load("kollmorgen_akd"), STATED))
     assert "axis 2: the drive keeps its own value for limits.quick_stop_rps_s" in said
+
+
+def test_a_limit_that_nobody_states_is_neither_written_nor_spoken_of():
+    unstated = STATED.model_copy(update={"acceleration_rps_s": None})
+    assert [limit.si(unstated) for limit in LIMITS if limit.key == "acceleration_rps_s"] == [None, None]
+    assert "acceleration" not in " ".join(limit_words(2, Profile.load("elmo_gold"), unstated))
+    assert "limits.acceleration_rps_s" in " ".join(limit_words(2, Profile.load("elmo_gold"), STATED))
+
+
+def test_a_gentle_acceleration_limit_does_not_lengthen_the_quick_stop():
+    """60C6h bounds the ramp of 6085h as well, so it never lies below it."""
+    gentle = STATED.model_copy(update={"acceleration_rps_s": 10.0, "quick_stop_rps_s": 50.0})
+    up, down = (limit.si(gentle) for limit in LIMITS if limit.key == "acceleration_rps_s")
+    assert (up, down) == (pytest.approx(20.0 * math.pi), pytest.approx(100.0 * math.pi))

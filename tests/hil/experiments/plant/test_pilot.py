@@ -1,0 +1,35 @@
+"""Amplitudes of a plant identification: what is planned keeps to the limits by which the master checks it."""
+
+import numpy as np
+import pytest
+
+from hil.bench.bench import load_bench
+from hil.errors import UnsafeRequestError
+from hil.experiments.plant.bands import pilot_band
+from hil.experiments.plant.motion import TURN, PlantRequest, excited_motion, plan_travel
+from hil.experiments.plant.pilot import SET_POINT_FRACTION, set_point_room_nm
+from hil.master.drive.axis import DriveAxis
+from hil.master.request import check_motion
+
+BENCH = load_bench("reference")
+REQUEST = PlantRequest(2)
+
+
+@pytest.mark.parametrize("sync_s", [0.001, 0.002, 0.004])
+def test_set_points_of_the_largest_excited_reference_keep_the_speed_limit(sync_s: float) -> None:
+    bench = BENCH.model_copy(update={"bus": BENCH.bus.model_copy(update={"sync_period_s": sync_s})})
+    axes, limit = [DriveAxis(None, 2, bench.axis[2])], bench.axis[2].limits.speed_rps  # type: ignore[arg-type]
+    travel = plan_travel(bench, REQUEST, pilot_band(REQUEST, sync_s), 0.0, "reference", is_pilot=True)
+    largest_nm = set_point_room_nm(travel, "reference", limit)
+    motion = excited_motion(bench, REQUEST, travel, 0.0, "reference", largest_nm).motion
+    check_motion(motion, axes, [0.0])
+    fastest = float(np.max(np.abs(np.diff(motion.motor_angle_rad[:, 0])))) / sync_s / TURN
+    assert 0.8 * limit < fastest <= SET_POINT_FRACTION * limit * (1.0 + 1e-6)
+    faster = excited_motion(bench, REQUEST, travel, 0.0, "reference", 1.3 * largest_nm).motion
+    with pytest.raises(UnsafeRequestError, match="the speed of axis 2"):
+        check_motion(faster, axes, [0.0])
+
+
+def test_an_excited_torque_moves_no_set_point() -> None:
+    travel = plan_travel(BENCH, REQUEST, pilot_band(REQUEST, 0.002), 0.0, "torque", is_pilot=True)
+    assert set_point_room_nm(travel, "torque", 12.0) == np.inf
