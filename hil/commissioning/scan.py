@@ -14,7 +14,7 @@ from drive_profiles.standard.cia402 import Object
 from drive_profiles.standard.units import Scaling
 from hil.can.opening import open_channel
 from hil.errors import HilError, NodeError
-from hil.master.drive.scale import Questions, read_scaling
+from hil.master.drive.scale import NothingStated, Questions, keys_to_state, read_scaling
 from hil.master.network import Network
 from hil.recording import BusLog
 from hil.robot_tables import Control
@@ -31,6 +31,7 @@ class FoundNode:
         profiles: Labels of the profiles that fit.
         scaling: How a drive counts; None of other nodes, and where it does not say.
         doubt: Reason why it is not known how it counts, or None.
+        unsaid: Keys of the bench file that have to say how it counts, since it does not.
         control: Gains that it holds; None where it holds none, or its profile does not know them.
         knows_gains: True where its profile knows all gains of the loop.
         speed_limit_rps: Speed that the drive itself allows; None where it does not say.
@@ -41,6 +42,7 @@ class FoundNode:
     profiles: tuple[str, ...]
     scaling: Scaling | None = None
     doubt: str | None = None
+    unsaid: tuple[str, ...] = ()
     control: Control | None = None
     knows_gains: bool = False
     speed_limit_rps: float | None = None
@@ -90,32 +92,25 @@ def _found(network: Network, identity: DeviceIdentity, profiles: tuple[str, ...]
     profile = found.profile
     if profile is None or profile.kind != "drive":
         return found
+    knows = all(name in profile.parameters for name in Control.model_fields)
+    questions = Questions(network, identity.node)
     try:
-        scaling = read_scaling(Questions(network, identity.node), identity.node, _NothingStated(), profile)
+        scaling = read_scaling(questions, identity.node, NothingStated(), profile)
+        unsaid = () if scaling is not None else keys_to_state(questions, identity.node, profile)
     except HilError as error:
-        return FoundNode(identity, profiles, doubt=str(error))
+        return FoundNode(identity, profiles, doubt=str(error), knows_gains=knows)
     if scaling is None:
-        return FoundNode(identity, profiles, doubt="it does not say how it counts")
+        return FoundNode(identity, profiles, unsaid=unsaid, knows_gains=knows)
     asked = _Parameters(network, identity.node, profile, scaling)
     values = {name: asked.value(name) for name in Control.model_fields}
-    knows = all(name in profile.parameters for name in Control.model_fields)
     control = None
     if all(value is not None and math.isfinite(value) and value > 0.0 for value in values.values()):
         control = Control.model_validate(values)
     speed = asked.value("speed_limit_rad_s")
     return FoundNode(
-        identity, profiles, scaling, None, control, knows,
+        identity, profiles, scaling, None, (), control, knows,
         None if speed is None or not 0.0 < speed < math.inf else speed / math.tau, asked.position_rev(),
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _NothingStated:
-    """How a drive counts, as a bench file has it that is not written yet."""
-
-    encoder_counts_per_rev: int | None = None
-    rated_torque_nm: float | None = None
-    torque_constant_nm_a: float | None = None
 
 
 @dataclass(frozen=True)
