@@ -136,12 +136,16 @@ def _sync_lines(address: str, axes: dict[int, FoundNode]) -> list[str]:
         verdict = check(bench, tuple(axes), "drive", period_s, with_notch=False, torque_offset=True)
         if verdict.fits:
             rate = "an ideal bus" if parsed.bitrate is None else f"{parsed.bitrate} bit/s"
-            return [f"sync_period_s = {period_s:g}                 # {len(axes)} axes fit on {rate} (hil plan has the numbers)"]
+            return [f"sync_period_s = {period_s:g}                 # {_axes_fit(len(axes))} on {rate} (hil plan has the numbers)"]
         words.append(verdict.sentence)
     rate = (
         "it is not known at which bit rate: give it in the address, as socketcan:can0@1M" if parsed.bitrate is None else words[-1]
     )
     return [f"sync_period_s = {_ask(rate)}"]
+
+
+def _axes_fit(count: int) -> str:
+    return "1 axis fits" if count == 1 else f"{count} axes fit"
 
 
 def _stand_in(address: str, axes: dict[int, FoundNode]) -> Bench:
@@ -224,8 +228,8 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
         lines.append(f"tip_lever_m = {_ask('distance of the accelerometer from this axis, in m, measured')}")
     if _is_as_found(node):
         lines += [
-            f"control = {toml_value(AS_FOUND)}               # its maker's tool sets the gains of its loop",
-            "# To cancel the vibration, state those gains here in place of the line above: docs/real-drive.md has the lines.",
+            "# its maker's tool sets the gains of its loop; to cancel the vibration, state them here (docs/real-drive.md)",
+            f"control = {toml_value(AS_FOUND)}",
         ]
     return [*lines, *_limit_lines(number, node), *_control_lines(number, node)]
 

@@ -1,13 +1,16 @@
 """What is on a bus, by reading alone: nodes, their profiles, how drives count, and what they allow."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 from drive_profiles.address import parse_address
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.device.device import DeviceIdentity, identity_at
-from drive_profiles.device.target import matching
+from drive_profiles.device.target import matching, named_profile
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType, decode
 from drive_profiles.standard.cia402 import Object
@@ -64,26 +67,45 @@ class FoundNode:
         return Profile.load(self.profiles[0]) if len(self.profiles) == 1 else None
 
 
-def scan_bus(address: str) -> list[FoundNode]:
+def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> list[FoundNode]:
     """Ask all nodes who they are, and the drives among them how they count; nothing is written.
+
+    Args:
+        address: The bus.
+        named: Profiles that the user names, by node-ID; those of the other nodes are found by their identity.
 
     Raises:
         BusError: There is no such bus.
         ChannelError: Likewise.
-        NodeError: No node answers.
+        NodeError: No node answers, or one that is named does not.
+        DriveProfileError: A profile that is named is not there, or is of another vendor's devices.
     """
     with SdoBus(address, ASK_TIMEOUT_S) as bus:
-        there = [
-            (identity, matching(identity)) for identity in (identity_at(bus.port(node)) for node in bus.answering(range(1, 128)))
-        ]
-    if not there:
+        identities = [identity_at(bus.port(node)) for node in bus.answering(range(1, 128))]
+    if not identities:
         raise NodeError(0, f"no node answers on {address}", "is the bit rate right, is everything powered?")
+    if silent := sorted(named.keys() - {identity.node for identity in identities}):
+        there = ", ".join(str(identity.node) for identity in identities)
+        raise NodeError(silent[0], f"it does not answer on {address}; nodes {there} do", "is the node-ID right?")
+    there = [(identity, profiles_of(identity, named.get(identity.node))) for identity in identities]
     channel = open_channel(parse_address(address))
     try:
         network = Network(channel, BusLog(None), ASK_TIMEOUT_S, 1.0)
-        return [_found(network, identity, tuple(profiles)) for identity, profiles in there]
+        return [_found(network, identity, profiles) for identity, profiles in there]
     finally:
         channel.close()
+
+
+def profiles_of(identity: DeviceIdentity, name: str | None) -> tuple[str, ...]:
+    """Labels of the profiles of a device: the one that the user names, else those that fit its identity.
+
+    Raises:
+        DriveProfileError: The profile that is named is not there, or is of another vendor's devices.
+    """
+    if name is None:
+        return tuple(matching(identity))
+    known = named_profile(identity, name)
+    return (name if known.products or Path(name).suffix else known.label,)
 
 
 def _found(network: Network, identity: DeviceIdentity, profiles: tuple[str, ...]) -> FoundNode:

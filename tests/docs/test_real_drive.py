@@ -89,6 +89,6 @@ def test_the_page_leads_from_the_box_to_a_quiet_axis(family, shell):
     (before, _), (quiet, is_within) = tip_mm(shell.folder / "before"), tip_mm(shell.folder / "quiet")
     assert is_within
     assert quiet < 0.5 * before
-    status, said = shell.run("drive-profiles pull --node $NODE --out afterwards.toml", LIMIT_S)
+    status, said = shell.run("drive-profiles pull --node $NODE --profile $PROFILE --out afterwards.toml", LIMIT_S)
     assert status == 0, said
     assert held(shell.folder, "afterwards.toml") == held(shell.folder, "as-found.toml")
