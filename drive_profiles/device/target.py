@@ -44,10 +44,11 @@ def named_profile(identity: DeviceIdentity, name: str) -> Profile:
         ProfileNotFoundError: There is no such profile.
     """
     known = Profile.load(name)
-    if None not in {known.identity.vendor_id, identity.vendor_id} and known.identity.vendor_id != identity.vendor_id:
+    vendor = known.identity.vendor_id
+    if vendor is not None and identity.vendor_id not in {None, vendor}:
         raise NodeError(
             identity.node,
-            f"profile {name} is of vendor 0x{known.identity.vendor_id:08X}, the device is not ({_who(identity)})",
+            f"profile {name} is of vendor 0x{vendor:08X}, the device is not ({_who(identity)})",
             "name a profile of this device",
         )
     return _of_product(known, identity.product_code, identity.revision)

@@ -161,9 +161,7 @@ def serve(
 
         plant-emulator serve --bus socketcan:vcan0
 
-        plant-emulator serve --drive 2=kollmorgen_akd --store-time-s 0.4
-
-        plant-emulator serve --axis 2 --drive 2=maxon_epos4 --tuning reference
+        plant-emulator serve --axis 2 --drive 2=kollmorgen_akd --tuning reference
 
         plant-emulator serve --slcan /tmp/robot.tty --serial-accelerometer /tmp/acc.tty
 
