@@ -149,7 +149,7 @@ def _against_defaults(bus: str, node: int, profile: str | None, eds_file: Path, 
         device = device_at(opened, node, profile, eds_file)
         known = [e for e in device.catalogue if e.address in delivered and e.is_readable and e.is_writable and not e.flags]
         differences = []
-        for entry in (each for each in known if not is_command(each.address)):
+        for entry in (each for each in known if not is_command(each.address, device.catalogue.profile)):
             try:
                 if entry.data_type is None:
                     continue

@@ -317,7 +317,10 @@ class Device:
         known = [
             e
             for e in self.catalogue
-            if e.is_readable and e.is_writable and not is_command(e.address) and e.parameter_class in classes
+            if e.is_readable
+            and e.is_writable
+            and not is_command(e.address, self.catalogue.profile)
+            and e.parameter_class in classes
         ]
         wanted = [entry for entry in known if not entry.flags]
         held = _PulledValues()

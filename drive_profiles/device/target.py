@@ -43,6 +43,28 @@ def _profile(name: str) -> Profile:
     return Profile.load(name)
 
 
+def named_profile(identity: DeviceIdentity, name: str) -> Profile:
+    """The profile that a user names for a device; of a family with several products that of the device's.
+
+    Args:
+        identity: Identity of the device.
+        name: Name or path of a drive profile.
+
+    Raises:
+        NodeError: The profile is of another vendor's devices.
+        ProfileNotFoundError: There is no such profile.
+    """
+    known = Profile.load(name)
+    vendor = known.identity.vendor_id
+    if vendor is not None and identity.vendor_id not in {None, vendor}:
+        raise NodeError(
+            identity.node,
+            f"profile {name} is of vendor 0x{vendor:08X}, the device is not ({_who(identity)})",
+            "name a profile of this device",
+        )
+    return _of_product(known, identity.product_code, identity.revision)
+
+
 def catalogue_of(
     profile: str | None,
     eds_file: Path | None,

@@ -71,6 +71,7 @@ UNIT_NAMES: dict[str, str] = {
     "_bit_s": "bit/s",
     "_kbit_s": "kbit/s",
     "_a": "A",
+    "_nm_a": "N·m/A",
     "_ma": "mA",
     "_v": "V",
     "_db": "dB",

@@ -20,7 +20,9 @@ def as_set(snapshot: UploadSnapshot, catalogue: Catalogue) -> ParameterSet:
     reasons: list[str] = []
     for address, data in snapshot.old.items():
         entry = catalogue.get(address)
-        if is_command(address) or (entry is not None and not entry.is_writable):  # read for its PDO's sake, never written
+        if is_command(address, catalogue.profile) or (
+            entry is not None and not entry.is_writable
+        ):  # read for its PDO's sake, never written
             continue
         data_type = (entry.data_type if entry else None) or type_of_length(len(data))
         try:

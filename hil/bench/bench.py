@@ -145,7 +145,7 @@ class AxisTable(Table):
         encoder_counts_per_rev: Position units per motor revolution, for a drive without an object that says it.
         rated_torque_nm: Torque of which torques are per mille, for a drive without an object that says it.
         torque_constant_nm_a: Torque of the motor per ampere, for a drive that reports a current and no torque.
-        motor_inertia_kg_m2: J_m of the motor's data sheet, for learning where no plant is known.
+        motor_inertia_kg_m2: J_m of the motor's data sheet, for cancelling and learning where no plant is known.
         motor: Poles and slots of the motor, for a passport; None where nothing is known of them.
         load_encoder: Second encoder, on the joint; its position is recorded. None: there is none, or it is not wanted.
     """

@@ -23,6 +23,13 @@ LEAST_SYNC_S: Final = 1e-3
 APPROACH_RPS: Final = 1.0
 """Speed of the way to a motion's start in a new bench file."""
 
+_UNSAID: Final = {
+    "encoder_counts_per_rev": "position units of this drive per motor revolution, as set with its maker's tool",
+    "rated_torque_nm": "torque that it reports as 1000 per mille, in N·m, as set with its maker's tool",
+    "torque_constant_nm_a": "torque of the motor per ampere, in N·m/A, from its data sheet: the drive reports a current",
+}
+"""What is asked of a user, by the key of the bench file, where the drive does not say how it counts."""
+
 
 @dataclass(frozen=True)
 class ArmDrawing:
@@ -129,12 +136,16 @@ def _sync_lines(address: str, axes: dict[int, FoundNode]) -> list[str]:
         verdict = check(bench, tuple(axes), "drive", period_s, with_notch=False, torque_offset=True)
         if verdict.fits:
             rate = "an ideal bus" if parsed.bitrate is None else f"{parsed.bitrate} bit/s"
-            return [f"sync_period_s = {period_s:g}                 # {len(axes)} axes fit on {rate} (hil plan has the numbers)"]
+            return [f"sync_period_s = {period_s:g}                 # {_axes_fit(len(axes))} on {rate} (hil plan has the numbers)"]
         words.append(verdict.sentence)
     rate = (
         "it is not known at which bit rate: give it in the address, as socketcan:can0@1M" if parsed.bitrate is None else words[-1]
     )
     return [f"sync_period_s = {_ask(rate)}"]
+
+
+def _axes_fit(count: int) -> str:
+    return "1 axis fits" if count == 1 else f"{count} axes fit"
 
 
 def _stand_in(address: str, axes: dict[int, FoundNode]) -> Bench:
@@ -205,8 +216,9 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
         lines.append(
             f"# it counts {node.scaling.encoder_counts_per_rev} increments per motor revolution; {_position_words(node)}"
         )
-    else:
-        lines.append(f"# {node.doubt or 'without a profile it is not known how it counts'}: see docs/real-drive.md")
+    elif not node.unsaid:
+        lines.append(f"# {node.doubt or 'without a profile it is not known how it counts'}: see docs/drive-needs.md")
+    lines += [f"{key} = {_ask(_UNSAID[key])}" for key in node.unsaid]
     if drawn is not None:
         joint, names = drawn
         listed = ", ".join(names)
@@ -215,7 +227,10 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
     if drawn is None:
         lines.append(f"tip_lever_m = {_ask('distance of the accelerometer from this axis, in m, measured')}")
     if _is_as_found(node):
-        lines.append(f"control = {toml_value(AS_FOUND)}               # its maker's tool sets the gains of its loop")
+        lines += [
+            "# its maker's tool sets the gains of its loop; to cancel the vibration, state them here (docs/real-drive.md)",
+            f"control = {toml_value(AS_FOUND)}",
+        ]
     return [*lines, *_limit_lines(number, node), *_control_lines(number, node)]
 
 

@@ -29,8 +29,11 @@ def check_limits(of: Checked) -> list[CheckEntry]:
     profile = of.session.axes[of.number].profile
     names = ("upper limit", "lower limit")
     if any(limit_of(key).held_by(profile) is None for key in ("position_min_rev", "position_max_rev")):
-        unknown = f"profile {profile.label} has no position limits whose scale is known: the master alone holds them"
-        return [of.not_made(name, unknown) for name in names]
+        unknown = (
+            f"the drive holds no position limits of the bench file (profile {profile.label}), the master alone does: "
+            "set the drive's own with its maker's tool"
+        )
+        return [of.entry(name, "NOT TOLD", unknown) for name in names]
     if (trouble := room_trouble(of, -FAR_REV, FAR_REV)) is not None:
         return [of.not_made(name, trouble) for name in names]
     return [_check(of, 1.0), _check(of, -1.0)]

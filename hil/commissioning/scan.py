@@ -1,20 +1,23 @@
 """What is on a bus, by reading alone: nodes, their profiles, how drives count, and what they allow."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 from drive_profiles.address import parse_address
 from drive_profiles.device.bus import SdoBus
 from drive_profiles.device.device import DeviceIdentity, identity_at
-from drive_profiles.device.target import matching
+from drive_profiles.device.target import matching, named_profile
 from drive_profiles.family.profile import Profile
 from drive_profiles.standard.cia301 import DataType, decode
 from drive_profiles.standard.cia402 import Object
 from drive_profiles.standard.units import Scaling
 from hil.can.opening import open_channel
 from hil.errors import HilError, NodeError
-from hil.master.drive.scale import Questions, read_scaling
+from hil.master.drive.scale import NothingStated, Questions, keys_to_state, read_scaling
 from hil.master.network import Network
 from hil.recording import BusLog
 from hil.robot_tables import Control
@@ -31,6 +34,7 @@ class FoundNode:
         profiles: Labels of the profiles that fit.
         scaling: How a drive counts; None of other nodes, and where it does not say.
         doubt: Reason why it is not known how it counts, or None.
+        unsaid: Keys of the bench file that have to say how it counts, since it does not.
         control: Gains that it holds; None where it holds none, or its profile does not know them.
         knows_gains: True where its profile knows all gains of the loop.
         speed_limit_rps: Speed that the drive itself allows; None where it does not say.
@@ -41,6 +45,7 @@ class FoundNode:
     profiles: tuple[str, ...]
     scaling: Scaling | None = None
     doubt: str | None = None
+    unsaid: tuple[str, ...] = ()
     control: Control | None = None
     knows_gains: bool = False
     speed_limit_rps: float | None = None
@@ -62,26 +67,45 @@ class FoundNode:
         return Profile.load(self.profiles[0]) if len(self.profiles) == 1 else None
 
 
-def scan_bus(address: str) -> list[FoundNode]:
+def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> list[FoundNode]:
     """Ask all nodes who they are, and the drives among them how they count; nothing is written.
+
+    Args:
+        address: The bus.
+        named: Profiles that the user names, by node-ID; those of the other nodes are found by their identity.
 
     Raises:
         BusError: There is no such bus.
         ChannelError: Likewise.
-        NodeError: No node answers.
+        NodeError: No node answers, or one that is named does not.
+        DriveProfileError: A profile that is named is not there, or is of another vendor's devices.
     """
     with SdoBus(address, ASK_TIMEOUT_S) as bus:
-        there = [
-            (identity, matching(identity)) for identity in (identity_at(bus.port(node)) for node in bus.answering(range(1, 128)))
-        ]
-    if not there:
+        identities = [identity_at(bus.port(node)) for node in bus.answering(range(1, 128))]
+    if not identities:
         raise NodeError(0, f"no node answers on {address}", "is the bit rate right, is everything powered?")
+    if silent := sorted(named.keys() - {identity.node for identity in identities}):
+        there = ", ".join(str(identity.node) for identity in identities)
+        raise NodeError(silent[0], f"it does not answer on {address}; nodes {there} do", "is the node-ID right?")
+    there = [(identity, profiles_of(identity, named.get(identity.node))) for identity in identities]
     channel = open_channel(parse_address(address))
     try:
         network = Network(channel, BusLog(None), ASK_TIMEOUT_S, 1.0)
-        return [_found(network, identity, tuple(profiles)) for identity, profiles in there]
+        return [_found(network, identity, profiles) for identity, profiles in there]
     finally:
         channel.close()
+
+
+def profiles_of(identity: DeviceIdentity, name: str | None) -> tuple[str, ...]:
+    """Labels of the profiles of a device: the one that the user names, else those that fit its identity.
+
+    Raises:
+        DriveProfileError: The profile that is named is not there, or is of another vendor's devices.
+    """
+    if name is None:
+        return tuple(matching(identity))
+    known = named_profile(identity, name)
+    return (name if known.products or Path(name).suffix else known.label,)
 
 
 def _found(network: Network, identity: DeviceIdentity, profiles: tuple[str, ...]) -> FoundNode:
@@ -90,32 +114,25 @@ def _found(network: Network, identity: DeviceIdentity, profiles: tuple[str, ...]
     profile = found.profile
     if profile is None or profile.kind != "drive":
         return found
+    knows = all(name in profile.parameters for name in Control.model_fields)
+    questions = Questions(network, identity.node)
     try:
-        scaling = read_scaling(Questions(network, identity.node), identity.node, _NothingStated(), profile)
+        scaling = read_scaling(questions, identity.node, NothingStated(), profile)
+        unsaid = () if scaling is not None else keys_to_state(questions, identity.node, profile)
     except HilError as error:
-        return FoundNode(identity, profiles, doubt=str(error))
+        return FoundNode(identity, profiles, doubt=str(error), knows_gains=knows)
     if scaling is None:
-        return FoundNode(identity, profiles, doubt="it does not say how it counts")
+        return FoundNode(identity, profiles, unsaid=unsaid, knows_gains=knows)
     asked = _Parameters(network, identity.node, profile, scaling)
     values = {name: asked.value(name) for name in Control.model_fields}
-    knows = all(name in profile.parameters for name in Control.model_fields)
     control = None
     if all(value is not None and math.isfinite(value) and value > 0.0 for value in values.values()):
         control = Control.model_validate(values)
     speed = asked.value("speed_limit_rad_s")
     return FoundNode(
-        identity, profiles, scaling, None, control, knows,
+        identity, profiles, scaling, None, (), control, knows,
         None if speed is None or not 0.0 < speed < math.inf else speed / math.tau, asked.position_rev(),
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _NothingStated:
-    """How a drive counts, as a bench file has it that is not written yet."""
-
-    encoder_counts_per_rev: int | None = None
-    rated_torque_nm: float | None = None
-    torque_constant_nm_a: float | None = None
 
 
 @dataclass(frozen=True)

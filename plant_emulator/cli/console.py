@@ -4,12 +4,15 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drive_profiles.cli.completion import AxisCompleter, complete_reference
 from drive_profiles.cli.console import ToolExitStatus, epilog, fail
+
+if TYPE_CHECKING:  # --help must not wait for it
+    from plant_emulator.robots.robot import Robot
 
 
 class EmulatorExitStatus(ToolExitStatus):
@@ -88,3 +91,23 @@ def by_axis(option: str, given: list[str] | None) -> dict[int, str]:
             raise fail(f"{option}: axis {axis} is given twice", EmulatorExitStatus.USAGE)
         values[int(axis)] = value
     return values
+
+
+def axis_numbers(given: str, model: "Robot") -> list[int]:
+    """Return the axes of a list such as 2,3.
+
+    Raises:
+        typer.Exit: It is no such list, or the robot has no such axis.
+    """
+    numbers: list[int] = []
+    for text in given.split(","):
+        if not (text.strip().isascii() and text.strip().isdigit()):
+            raise fail(f"--axis {given}: numbers with commas between are wanted, such as 2,3", EmulatorExitStatus.USAGE)
+        number = int(text)
+        if number not in model.axis:
+            there = ", ".join(map(str, sorted(model.axis)))
+            raise fail(f"--axis {given}: robot {model.name!r} has no axis {number}; it has {there}", EmulatorExitStatus.USAGE)
+        if number in numbers:
+            raise fail(f"--axis {given}: axis {number} is given twice", EmulatorExitStatus.USAGE)
+        numbers.append(number)
+    return numbers

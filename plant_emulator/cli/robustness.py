@@ -13,7 +13,15 @@ import typer
 from drive_profiles.cli.console import epilog, fail, print_json, progress, table
 from hil.control.treatments import PlainTreatmentName, present_token
 from hil.control.treatments import treatment as treatment_named
-from plant_emulator.cli.console import AXES, EmulatorExitStatus, JsonOption, RobotOption, exit_on_error, exit_on_value_error
+from plant_emulator.cli.console import (
+    AXES,
+    EmulatorExitStatus,
+    JsonOption,
+    RobotOption,
+    axis_numbers,
+    exit_on_error,
+    exit_on_value_error,
+)
 
 if TYPE_CHECKING:
     from hil.control.notch import Notch
@@ -180,18 +188,7 @@ def _axes(given: str | None, model: "Robot", filters: Mapping[int, object]) -> l
     """The axes that are asked for."""
     if given is None:
         return [*([number for number in sorted(model.axis) if number in filters] or sorted(model.axis))]
-    numbers: list[int | None] = []
-    for text in given.split(","):
-        if not (text.strip().isascii() and text.strip().isdigit()):
-            raise fail(f"--axis {given}: numbers with commas between are wanted, such as 2,3", EmulatorExitStatus.USAGE)
-        number = int(text)
-        if number not in model.axis:
-            there = ", ".join(map(str, sorted(model.axis)))
-            raise fail(f"--axis {given}: robot {model.name!r} has no axis {number}; it has {there}", EmulatorExitStatus.USAGE)
-        if number in numbers:
-            raise fail(f"--axis {given}: axis {number} is given twice", EmulatorExitStatus.USAGE)
-        numbers.append(number)
-    return numbers
+    return [*axis_numbers(given, model)]
 
 
 def _check_filters(numbers: Sequence[int | None], filters: Mapping[int, object], designed: Path | None) -> None:

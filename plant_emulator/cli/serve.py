@@ -11,7 +11,15 @@ import typer
 
 from drive_profiles.address import BUS_VARIABLE
 from drive_profiles.cli.console import epilog, fail
-from plant_emulator.cli.console import AXES, EmulatorExitStatus, RobotOption, by_axis, exit_on_error, exit_on_value_error
+from plant_emulator.cli.console import (
+    AXES,
+    EmulatorExitStatus,
+    RobotOption,
+    axis_numbers,
+    by_axis,
+    exit_on_error,
+    exit_on_value_error,
+)
 
 if TYPE_CHECKING:  # --help must not wait for them
     from drive_profiles.address import Address
@@ -61,6 +69,17 @@ DriveOption = Annotated[
         metavar="AXIS=PROFILE[/PRODUCT]",
         help="Drive of an axis: a profile by name or file; repeatable.",
         autocompletion=AXES.with_profile,
+    ),
+]
+ServedAxesOption = Annotated[
+    str | None,
+    typer.Option("--axis", metavar="N[,N]", help="Serve these axes alone; left out: all.", autocompletion=AXES.several),
+]
+HeldGainsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--tuning",
+        help="Gains that the drives hold from the start, as set with a maker's tool: a bench or tuning file, or `reference`.",
     ),
 ]
 EdsOption = Annotated[
@@ -115,7 +134,9 @@ def mount(app: typer.Typer) -> None:
 def serve(
     robot: RobotOption = "reference",
     bus: ServedBusOption = None,
+    axis: ServedAxesOption = None,
     drive: DriveOption = None,
+    tuning: HeldGainsOption = None,
     eds: EdsOption = None,
     store_time_s: StoreTimeOption = None,
     load_encoder_bits: LoadEncoderOption = None,
@@ -140,7 +161,7 @@ def serve(
 
         plant-emulator serve --bus socketcan:vcan0
 
-        plant-emulator serve --drive 2=kollmorgen_akd --store-time-s 0.4
+        plant-emulator serve --axis 2 --drive 2=kollmorgen_akd --tuning reference
 
         plant-emulator serve --slcan /tmp/robot.tty --serial-accelerometer /tmp/acc.tty
 
@@ -148,9 +169,11 @@ def serve(
 
         can_viewer -i hil_local -c /tmp/robot.sock
     """
-    drives, sheets = by_axis("--drive", drive), by_axis("--eds", eds)
+    changes = _Changes(
+        axis, by_axis("--drive", drive), tuning, by_axis("--eds", eds), store_time_s, load_encoder_bits, seed
+    )  # fmt: skip
     address, endpoint = _addresses(bus, slcan, virtualcan)
-    model = _robot(robot, drives, sheets, store_time_s, seed, load_encoder_bits)
+    model = _robot(robot, changes)
 
     from plant_emulator.announcement import announced  # noqa: PLC0415 - --help must not wait for the compiler
     from plant_emulator.motion.axes import rehearse  # noqa: PLC0415
@@ -176,20 +199,35 @@ def _complain(line: str) -> None:
         typer.echo(line, err=True)
 
 
-def _robot(
-    robot: str,
-    drives: dict[int, str],
-    sheets: dict[int, str],
-    store_time_s: float | None,
-    seed: int | None,
-    load_encoder_bits: int | None,
-) -> "Robot":
-    """Return the robot of a file with the drives and the seed that were asked for."""
+class _Changes(NamedTuple):
+    """Choose what the served robot has other than its file."""
+
+    axes: str | None
+    drives: dict[int, str]
+    tuning: Path | None
+    sheets: dict[int, str]
+    store_time_s: float | None
+    load_encoder_bits: int | None
+    seed: int | None
+
+
+def _robot(robot: str, changes: _Changes) -> "Robot":
+    """Return the robot of a file with the axes, drives, gains and the seed that were asked for."""
+    from plant_emulator.robots.part import part_of  # noqa: PLC0415
     from plant_emulator.robots.robot import load_robot, with_drives  # noqa: PLC0415
+    from plant_emulator.robots.tuning import load_tuning, tuned  # noqa: PLC0415
 
     with exit_on_error(), exit_on_value_error():
-        model = with_drives(load_robot(robot), drives, eds=sheets, store_time_s=store_time_s, load_encoder_bits=load_encoder_bits)
-    return model if seed is None else model.model_copy(update={"seed": seed})
+        model = load_robot(robot)
+        if changes.axes is not None:
+            model = part_of(model, axis_numbers(changes.axes, model))
+        model = with_drives(
+            model, changes.drives, eds=changes.sheets, store_time_s=changes.store_time_s,
+            load_encoder_bits=changes.load_encoder_bits,
+        )  # fmt: skip
+        if changes.tuning is not None:
+            model = tuned(model, load_tuning(changes.tuning).gains(model.axis))
+    return model if changes.seed is None else model.model_copy(update={"seed": changes.seed})
 
 
 def _stop_on_signal(server: "Server | Attachment", *, until_stdin_closes: bool) -> None:

@@ -1,5 +1,6 @@
 """Tuning of the drives in a run without a bus: gains and filters by axis, read from a bench, design or tuning file."""
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -38,6 +39,17 @@ class Tuning(Table):
 
     axis: Annotated[dict[Annotated[int, Field(ge=1, le=6)], TunedAxis], Field(min_length=1)]
 
+    def gains(self, axes: Iterable[int]) -> dict[int, Control]:
+        """Gains of these axes.
+
+        Raises:
+            ValueError: One has none.
+        """
+        known = {number: table.control for number, table in self.axis.items() if table.control is not None}
+        if without := [number for number in axes if number not in known]:
+            raise ValueError(f"the tuning has no gains of axis {without[0]}: axis.{without[0]}.control has to state them")
+        return {number: known[number] for number in axes}
+
 
 REFERENCE_TUNING = Path(__file__).parent / "reference_tuning.toml"
 
@@ -49,6 +61,17 @@ def load_tuning(path: str | Path) -> Tuning:
         FileError: With every problem, by line.
     """
     return load(REFERENCE_TUNING if str(path) == "reference" else path, Tuning)
+
+
+def tuned(robot: Robot, gains: Mapping[int, Control]) -> Robot:
+    """A robot some of whose drives hold gains from the start, as their makers' tools have set them.
+
+    Args:
+        robot: The robot.
+        gains: Gains by axis.
+    """
+    axes = {number: robot.axis[number].model_copy(update={"control": control}) for number, control in gains.items()}
+    return robot.model_copy(update={"axis": {**robot.axis, **axes}})
 
 
 def robot_tuning(robot: Robot) -> dict[int, TunedAxis]:

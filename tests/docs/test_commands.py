@@ -45,8 +45,6 @@ NOT_RUN = {
     ("docs/arm.md", "hil identify arm --bench reference-arm --model masses.toml --out masses"): POSTURES,
     ("docs/conformance.md", "pytest tests/conformance --bus socketcan:can0@1M --node 5 --eds device.eds"): ADAPTER,
     ("docs/other-programs.md", "can_viewer -i hil_local -c /tmp/robot.sock"): "draws on a terminal until a key is pressed",
-    ("docs/real-drive.md", "sudo ip link set can0 up type can bitrate 1000000"): SUDO,
-    ("docs/real-drive.md", "export HIL_BUS=socketcan:can0"): "the emulated drive of the page's beginning stands for the real one",
     ("docs/rehearsal.md", "dask scheduler --host 127.0.0.1 --no-dashboard"): DASK,
     ("docs/rehearsal.md", "dask worker tcp://127.0.0.1:8786 --nworkers 4 --nthreads 1 --no-dashboard"): DASK,
     ("docs/rehearsal.md", "plant-emulator rehearse --seeds 1-1000 --on dask:tcp://127.0.0.1:8786 --out rehearsal"): DASK,
@@ -110,6 +108,9 @@ SHORTENED = {
 }
 """What is added to a command that would take minutes; all else of it stands."""
 
+FOLLOWED = {"docs/real-drive.md": "tests/docs/test_real_drive.py"}
+"""Pages whose commands another test types, each from the first to the last: a reader edits a file between them."""
+
 ENDLESS = ("can_logger", "can_bridge", "hil scope")
 """Programs that run until they are interrupted: here after some seconds, with SIGINT as by Ctrl-C."""
 
@@ -151,7 +152,7 @@ SLOW = {
     "docs/recordings.md",
     "docs/reports.md",
     "docs/load-encoder.md",
-    "docs/real-drive.md",
+    "docs/drive-notch.md",
     "docs/scope.md",
     "docs/serial.md",
     "docs/shapers.md",
@@ -185,7 +186,7 @@ def is_run(command):
 RUN = [
     name_of(path)
     for path in WITH_COMMANDS
-    if any(is_run(c) and c.text != ". .venv/bin/activate" for c in COMMANDS[name_of(path)])
+    if name_of(path) not in FOLLOWED and any(is_run(c) and c.text != ". .venv/bin/activate" for c in COMMANDS[name_of(path)])
 ]
 
 
@@ -249,6 +250,12 @@ def test_no_table_speaks_of_a_command_that_is_on_no_page(table):
 def test_a_command_that_runs_elsewhere_runs_there():
     for (_, text), other in ELSEWHERE.items():
         assert (other, text) in ON_PAGES - NOT_RUN.keys() - ELSEWHERE.keys()
+
+
+def test_a_page_that_another_test_follows_has_no_row_here():
+    for page, test in FOLLOWED.items():
+        assert page.removeprefix("docs/") in (ROOT / test).read_text(encoding="utf-8")
+        assert page not in {row[0] for table in (NOT_RUN, ELSEWHERE, SHORTENED) for row in table}
 
 
 def test_no_command_is_in_two_tables():

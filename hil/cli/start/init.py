@@ -7,7 +7,7 @@ import typer
 
 from drive_profiles.cli.console import epilog, fail
 from hil.cli.console import ExitStatus, exit_on_error, say
-from hil.cli.options import BusOption
+from hil.cli.options import AXES, BusOption
 
 INIT_EPILOG = epilog(
     (ExitStatus.DONE, ExitStatus.USAGE, ExitStatus.FILE, ExitStatus.BUS, ExitStatus.NODE, ExitStatus.INTERRUPTED),
@@ -23,6 +23,14 @@ def mount(app: typer.Typer) -> None:
 def init(
     out: Annotated[Path, typer.Option("--out", help="Bench file to write; it must not be there.")],
     bus: BusOption = None,
+    profile: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NODE=PROFILE",
+            help="Drive profile of a node, where its identity fits several or none; repeatable.",
+            autocompletion=AXES.with_profile,
+        ),
+    ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the bench; left out, that of the file.")] = None,
     urdf: Annotated[
         Path | None, typer.Option(help="URDF file of the arm: its lengths and levers need not be typed then.")
@@ -38,8 +46,12 @@ def init(
 
     Nothing is written to any node. Lines that only you can fill in say so, and no command accepts the file before.
 
-    Example: hil init --bus socketcan:can0@1M --out bench.toml
+    Examples:
+        hil init --bus socketcan:can0@1M --out bench.toml
+
+        hil init --profile 3=schunk_pilz_prbt/prbt --out bench.toml
     """
+    named = _named(profile or [])
     with exit_on_error("interrupted"):
         from drive_profiles.address import choose_bus  # noqa: PLC0415
 
@@ -61,10 +73,28 @@ def init(
         if urdf is not None:
             names = () if joints is None else tuple(each.strip() for each in joints.split(","))
             drawing = ArmDrawing(urdf, out.parent, names, tip_link)
-        text = draft(name or out.stem, choice.address, scan_bus(choice.address), drawing)
+        text = draft(name or out.stem, choice.address, scan_bus(choice.address, named), drawing)
         write_atomically(out, text.encode())
     left = left_to_type(text)
     typer.echo(f"{out}: {len(left)} lines are yours to fill in")
     for line, key in left:
         typer.echo(f"  line {line}: {key}")
     say(f"then: hil plan --bench {out}, and hil check --bench {out} before anything else moves it")
+
+
+def _named(given: list[str]) -> dict[int, str]:
+    """Return profiles by node-ID, those of files by their whole path: that of a bench file counts from its own folder.
+
+    Raises:
+        typer.Exit: One is not of that form, or a node is given twice.
+    """
+    named: dict[int, str] = {}
+    for text in given:
+        node, _, name = text.partition("=")
+        if not (node.isascii() and node.isdigit() and name):
+            raise fail(f"--profile {text}: found no NODE=PROFILE; write it as 2=maxon_epos4", ExitStatus.USAGE)
+        if int(node) in named:
+            raise fail(f"--profile: node {node} is given twice; give it once", ExitStatus.USAGE)
+        path = Path(name)
+        named[int(node)] = str(path.absolute()) if path.suffix and path.exists() else name
+    return named

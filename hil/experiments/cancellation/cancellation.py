@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from drive_profiles.family.profile import Profile
 from hil.analysis import TipScale, joint_scale
-from hil.bench.bench import Bench, Limits, Model
+from hil.bench.bench import AxisTable, Bench, Limits, Model
 from hil.bench.model import Identified, IdentifiedError, significant, with_identified
 from hil.can.channel import Channel
 from hil.control.cancellation import CancellationLaw
@@ -215,7 +215,7 @@ def cancellation_for(
             load=motor_load(bench, identified, model, number, pace.most_rad_s2),
         )  # fmt: skip
     if not tables:
-        raise NotPossibleError(nothing_known(axes))
+        raise NotPossibleError(nothing_known(bench, identified, axes))
     known = {number: response for number in axes if (response := response_of(bench, identified, number)) is not None}
     return Cancellation(
         tuple(axes), tables, period_s, torque_steps_nm or {}, scales, known, all(_is_probed(identified, each) for each in tables)
@@ -391,21 +391,23 @@ def treated_model(bench: Bench, identified: Identified | None, number: int) -> M
     model = (bench if identified is None else with_identified(bench, identified)).axis[number].model
     known = None if identified is None else identified.axis.get(number)
     if model is None and known is not None and known.ate is not None:
-        model = believed_model(bench.axis[number].reduction_ratio, known.ate)
+        model = believed_model(bench.axis[number], known.ate)
     return model if model is not None and amplitudes_rad(model.ate) else None
 
 
-def believed_model(reduction_ratio: float, error: IdentifiedError) -> Model | None:
-    """Model of an axis of which nothing but J_m and its learnt error are known; None without a J_m.
+def believed_model(table: AxisTable, error: IdentifiedError) -> Model | None:
+    """Model of an axis of which nothing but J_m and its error are known; None without a J_m.
 
-    A cancellation is made of J_m alone. The rest gives the arm its learnt resonance and damping, with as much inertia as the
-    motor has behind its gear; from it only the band follows in which a trial judges.
+    A cancellation is made of J_m alone: the one with which the error was learnt, else that of the data sheet in the bench file.
+    The rest gives the arm the error's resonance and damping, with as much inertia as the motor has behind its gear; from it only
+    the band follows in which a trial judges.
     """
-    if error.motor_inertia_kg_m2 is None or error.arm_hz is None or error.damping is None:
+    motor = table.motor_inertia_kg_m2 if error.motor_inertia_kg_m2 is None else error.motor_inertia_kg_m2
+    if motor is None or error.arm_hz is None or error.damping is None:
         return None
-    inertia, omega = reduction_ratio**2 * error.motor_inertia_kg_m2, 2.0 * math.pi * error.arm_hz
+    inertia, omega = table.reduction_ratio**2 * motor, 2.0 * math.pi * error.arm_hz
     return Model(
-        motor_inertia_kg_m2=error.motor_inertia_kg_m2,
+        motor_inertia_kg_m2=motor,
         motor_damping_nm_s_rad=0.0,
         arm_inertia_kg_m2=inertia,
         arm_damping_nm_s_rad=0.0,
@@ -440,7 +442,21 @@ def given_inertia(bench: Bench, identified: Identified | None, number: int, give
     return found
 
 
-def nothing_known(axes: Sequence[int]) -> str:
-    """Words for axes of which no transmission error, or no motor inertia, is known."""
+def nothing_known(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> str:
+    """Words for axes that cannot be cancelled: no transmission error, or no motor inertia, is known of them.
+
+    Args:
+        bench: The bench file.
+        identified: The model file; None without one.
+        axes: Their numbers.
+    """
+    for number in axes:
+        known, table = None if identified is None else identified.axis.get(number), bench.axis[number]
+        error = None if known is None or known.plant is not None or table.model is not None else known.ate
+        if error is not None and error.motor_inertia_kg_m2 is None and table.motor_inertia_kg_m2 is None:
+            return (
+                f"the motor inertia of axis {number} is not known, and a cancellation needs it; hil identify plant finds it, or "
+                f"write that of the motor's data sheet as motor_inertia_kg_m2 into [axis.{number}]"
+            )
     names = " or ".join(map(str, axes))
-    return f"no transmission error, or no motor inertia, is known of axis {names}: hil identify, or a model in the bench file"
+    return f"no transmission error is known of axis {names}; hil identify ate finds it, or a model in the bench file states it"

@@ -79,7 +79,7 @@ def inside_models(bench: Bench, identified: Identified | None, axes: Sequence[in
                 f"axis {number}: the drive cancels orders {own} only, the model has order {others}: cancel by the set-points"
             )
     if not models:
-        raise NotPossibleError(nothing_known(axes))
+        raise NotPossibleError(nothing_known(bench, identified, axes))
     return models
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from drive_profiles.errors import DriveProfileError
@@ -102,6 +103,40 @@ def read_scaling(asked: Questions, number: int, table: StatedScale, profile: Pro
         raise NodeError(asked.node, f"its units make no sense: {error}") from error
 
 
+@dataclass(frozen=True)
+class NothingStated:
+    """How a drive counts, as a bench file has it that is not written yet."""
+
+    encoder_counts_per_rev: int | None = None
+    rated_torque_nm: float | None = None
+    torque_constant_nm_a: float | None = None
+
+
+def keys_to_state(asked: Questions, number: int, profile: Profile) -> tuple[str, ...]:
+    """Keys of the bench file that have to say how a drive counts, since the drive itself does not.
+
+    Args:
+        asked: Questions to the drive.
+        number: Number of the axis.
+        profile: Drive profile.
+
+    Raises:
+        NodeError: The objects make no sense.
+    """
+    keys = []
+    if _counts_per_rev(asked, number, NothingStated(), profile) is None:
+        keys.append("encoder_counts_per_rev")
+    if _rated_torque_nm(asked, number, NothingStated(), profile) is None:
+        keys.append("torque_constant_nm_a" if _reports_a_current(profile) else "rated_torque_nm")
+    return tuple(keys)
+
+
+def _reports_a_current(profile: Profile) -> bool:
+    """True for a drive whose torque is known by a current of known steps alone."""
+    facts = profile.torque
+    return facts is not None and facts.actual is None and facts.current_step_a is not None
+
+
 def check_load_encoder(asked: Questions, number: int, table: AxisTable, profile: Profile) -> None:
     """Refuse a second encoder that has other steps than the bench file says; a drive need not say them (60E6h and 60EBh).
 
@@ -156,7 +191,7 @@ def _counts_per_rev(asked: Questions, number: int, table: StatedScale, profile: 
 def _rated_torque_nm(asked: Questions, number: int, table: StatedScale, profile: Profile) -> float | None:
     """Torque of which torques are per mille."""
     facts, stated, key = profile.torque, table.rated_torque_nm, f"axis.{number}.rated_torque_nm"
-    if facts is not None and facts.actual is None and facts.current_step_a is not None:
+    if facts is not None and facts.current_step_a is not None and _reports_a_current(profile):
         constant = table.torque_constant_nm_a  # a thousand steps of its current make this torque
         return None if constant is None else 1000.0 * facts.current_step_a * constant
     if facts is None or facts.rated_torque is None:

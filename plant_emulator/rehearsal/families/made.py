@@ -20,6 +20,7 @@ from plant_emulator.rehearsal.direct import DirectChannel
 from plant_emulator.rehearsal.families.rig import bench_of, robot_of
 from plant_emulator.rehearsal.path import SMALL_EFFORT
 from plant_emulator.rehearsal.steps import PathFiles, StepsInProcess, note_of_run
+from plant_emulator.robots.part import part_of
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
 
@@ -27,7 +28,7 @@ AXIS = 2
 
 
 @dataclass(frozen=True)
-class _Family:
+class Family:
     """A family's drive on axis 2 of the reference robot, alone on its bus."""
 
     bench: Bench
@@ -47,18 +48,18 @@ class _Family:
         return outcome.result
 
 
-def _family(name: str) -> _Family:
+def family_alone(name: str) -> Family:
+    """A family's drive alone on its bus, and the bench file that moves it."""
     families, bench = {AXIS: name}, load_bench("reference")
-    robot = robot_of(load_robot("reference"), bench, families)
-    robot = robot.model_copy(update={"axis": {AXIS: robot.axis[AXIS]}, "geometry": None, "line_motion": None})
+    robot = robot_of(part_of(load_robot("reference"), [AXIS]), bench, families)
     made = bench_of(robot, bench, families)
     alone = {"axis": {AXIS: made.axis[AXIS]}, "geometry": None, "line_motion": None, "reference": None}
-    return _Family(made.model_copy(update=alone), robot)
+    return Family(made.model_copy(update=alone), robot)
 
 
 def family_run(name: str) -> FamilyRun:
     """Move, identify and cancel a family; what is refused is said in the result."""
-    profile, family = Profile.load(name), _family(name)
+    profile, family = Profile.load(name), family_alone(name)
     mode, held = mode_of("drive", profile), holders(profile)
     facts: dict[str, Any] = {
         "mode": "" if mode is None else mode.name,
@@ -87,7 +88,7 @@ def family_run(name: str) -> FamilyRun:
         return FamilyRun(is_moved=is_moved, tip_mm=tip, cancelled_tip_mm=_tip_mm(cancelled), **facts)
 
 
-def _plant_refusal(family: _Family, folder: Path) -> str:
+def _plant_refusal(family: Family, folder: Path) -> str:
     """Why the plant is not identified; empty where it is."""
     folder.mkdir()
     try:

@@ -7,6 +7,7 @@ from hil.bench.bench import AxisTable, Bench
 from hil.robot_tables import Control
 from plant_emulator.drive.family.dictionary import vendor_scaling
 from plant_emulator.robots.robot import Robot, RobotAxis, with_drives
+from plant_emulator.robots.tuning import tuned
 
 
 def vendor_families() -> list[str]:
@@ -23,12 +24,8 @@ def robot_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Robot:
         bench: Its bench file, with gains.
         families: Families by axis; the other axes keep their drives.
     """
-    changed = with_drives(robot, dict(families))
-    tables = {
-        number: changed.axis[number].model_copy(update={"control": bench.axis[number].gains(f"axis {number}")})
-        for number in families
-    }
-    return changed.model_copy(update={"axis": {**changed.axis, **tables}})
+    gains = {number: bench.axis[number].gains(f"axis {number}") for number in families}
+    return tuned(with_drives(robot, families), gains)
 
 
 def bench_of(robot: Robot, bench: Bench, families: Mapping[int, str]) -> Bench:

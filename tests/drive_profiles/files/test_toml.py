@@ -241,6 +241,7 @@ def test_odd_keys_and_values_are_shown_short_and_harmless():
         ("stribeck_velocity_rad_s", ("stribeck_velocity", "_rad_s")),
         ("acceleration_rps_s", ("acceleration", "_rps_s")),
         ("encoder_counts_per_rev", ("encoder", "_counts_per_rev")),
+        ("torque_constant_nm_a", ("torque_constant", "_nm_a")),
         ("order", ("order", "")),
         ("_nm", ("_nm", "")),
     ],

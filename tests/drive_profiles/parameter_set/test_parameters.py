@@ -415,6 +415,13 @@ def test_what_commands_a_drive_is_told_from_what_sets_it_up_on_every_axis(index,
     assert is_command((index, 0)) == does
 
 
+def test_the_set_point_of_a_makers_own_mode_is_a_command():
+    profile = Profile.load("maxon_epos2")
+    assert is_command((0x2062, 0), profile)
+    assert not is_command((0x2062, 0))
+    assert "command" in reasons(lines(communication={"position_mode_target": (0, "")}), Catalogue(profile))[0]
+
+
 def test_every_command_that_the_emulated_drive_has_is_refused():
     commands = [entry for entry in DRIVE if is_command(entry.address)]
     for entry in commands:

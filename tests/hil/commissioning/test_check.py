@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from drive_profiles.family.runs import family_runs
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench, load_bench
 from hil.can.frame import Frame
@@ -21,6 +22,8 @@ from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
 from plant_emulator.motion.record import STOPPING
+from plant_emulator.rehearsal.families.made import family_alone
+from plant_emulator.rehearsal.families.rig import vendor_families
 from plant_emulator.rehearsal.many.one import drawn
 from plant_emulator.robots.robot import Robot, load_robot
 from plant_emulator.world import World
@@ -221,6 +224,22 @@ def test_drawn_robots_pass_all_that_can_be_told_of_them(seed, tmp_path):
     outcome = check_axes(quick(loads(text, Bench, "drawn")), (), tmp_path, channel=InProcessChannel(World(robot)))
     assert outcome.failure is None
     assert [each.name for each in outcome.result.checks if each.verdict != "PASS"] == []
+
+
+@pytest.mark.parametrize(
+    "family",
+    [pytest.param(name, marks=pytest.mark.ci if name == "kollmorgen_akd" else pytest.mark.slow) for name in vendor_families()],
+)
+def test_a_drive_of_each_family_passes_all_that_can_be_told_of_it_up_to_the_sensor(family, tmp_path):
+    alone = family_alone(family)
+    outcome = check_axes(quick(alone.bench), (AXIS,), tmp_path, channel=InProcessChannel(World(alone.robot)))
+    assert (outcome.failure, outcome.not_restored) == (None, ())
+    found = {each.name: each for each in outcome.result.checks}
+    assert not outcome.result.not_made
+    held = family_runs()[family].held_by_drive
+    untold = [] if "position_min_rev" in held else ["upper limit", "lower limit"]
+    assert {name: each.seen for name, each in found.items() if each.verdict != "PASS" and name not in untold} == {}
+    assert all("the master alone does: set the drive's own" in found[name].seen for name in untold)
 
 
 @pytest.mark.slow

@@ -79,6 +79,22 @@ def test_gains_that_only_the_maker_sets_are_left_to_the_drive():
     assert tomllib.loads(text)["axis"]["2"]["control"] == "as found"
 
 
+def test_what_a_drive_does_not_say_of_its_scale_is_asked_for(tmp_path):
+    unsaid = ("encoder_counts_per_rev", "torque_constant_nm_a")
+    node = drive(2, "maxon_epos2", scaling=None, unsaid=unsaid, control=None, knows_gains=False)
+    text = draft("mine", "socketcan:can0@1M", [node, SENSOR])
+    axis = tomllib.loads(text)["axis"]["2"]
+    assert all(axis[key].startswith("TYPE:") for key in unsaid)
+    assert {key for _, key in left_to_type(text)} >= {f"axis.2.{key}" for key in unsaid}
+    assert "rated_torque_nm" not in axis
+
+
+def test_gains_that_a_profile_knows_are_asked_for_where_the_scale_is_not_known():
+    node = drive(2, scaling=None, unsaid=("encoder_counts_per_rev",), control=None)
+    control = tomllib.loads(draft("mine", "socketcan:can0@1M", [node, SENSOR]))["axis"]["2"]["control"]
+    assert all(value.startswith("TYPE:") for value in control.values())
+
+
 def test_a_drawing_says_the_levers_and_its_joints_are_asked_for_by_name(tmp_path):
     drives = [drive(node) for node in range(1, 7)]
     asked = draft("mine", "socketcan:can0@1M", [*drives, SENSOR], ArmDrawing(URDF, tmp_path))

@@ -6,6 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+from plant_emulator.cli.main import app
 
 SERVE = [sys.executable, "-m", "plant_emulator", "serve", "--until-stdin-closes"]
 
@@ -28,6 +31,27 @@ def test_the_environment_names_the_bus_and_the_option_comes_before_it(tmp_path: 
     line, said = served("--bus", other, HIL_BUS=one)
     assert line.startswith(f"serving reference on {other}: ")
     assert said.startswith(f"bus {other}, from --bus; not {one}, as HIL_BUS says")
+
+
+@pytest.mark.slow
+def test_one_axis_is_served_alone_with_a_drive_that_holds_its_gains(tmp_path: Path) -> None:
+    bus = f"local:{tmp_path}/one.sock"
+    line, _ = served("--axis", "2", "--drive", "2=maxon_epos2", "--tuning", "reference", "--bus", bus)
+    assert line == f"serving reference on {bus}: axis 2 at node 2, accelerometer at node 16"
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "said"),
+    [
+        (("--axis", "4"), 2, "robot 'reference' has no axis 4; it has 2, 3, 5"),
+        (("--axis", "2", "--drive", "3=maxon_epos2"), 2, "the robot has no axis 3; it has 2"),
+        (("--robot", "reference-arm", "--axis", "2"), 2, "the links of this robot couple its axes"),
+        (("--tuning", "nowhere.toml"), 3, "nowhere.toml"),
+    ],
+)
+def test_what_cannot_be_served_is_said_before_a_bus_is_there(options: tuple[str, ...], status: int, said: str) -> None:
+    ended = CliRunner().invoke(app, ["serve", *options, "--bus", "local:/nowhere/at/all.sock"])
+    assert (ended.exit_code, said in " ".join(ended.output.split())) == (status, True), ended.output
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil.bench.bench import Bench, load_bench
-from hil.bench.model import Identified, IdentifiedError, IdentifiedPlant
+from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError, IdentifiedPlant
 from hil.errors import NotPossibleError, UnsafeRequestError
 from hil.experiments.cancellation.cancellation import cancellation_for, cancellation_of, given_inertia
 from hil.experiments.cancellation.effect import Part
@@ -86,8 +86,28 @@ def test_the_torque_way_maps_offsets_and_gives_them_in_steps(bench: Bench) -> No
     assert max(given) >= 2.0
 
 
+def without_plant(bench: Bench, **facts: float) -> Bench:
+    """The bench without a model of axis 2."""
+    return bench.model_copy(update={"axis": {2: bench.axis[2].model_copy(update={"model": None, **facts})}})
+
+
+def identified_alone(bench: Bench) -> Identified:
+    """A model file with what `hil identify ate` finds, and no plant."""
+    ate = bench.axis[2].model.ate  # type: ignore[union-attr]
+    error = IdentifiedError(values=ate, arm_hz=12.45, damping=0.0385)
+    return Identified(robot=bench.name, axis={2: IdentifiedAxis(ate=error)})
+
+
+def test_an_error_without_a_plant_is_cancelled_by_the_inertia_of_the_data_sheet(bench: Bench) -> None:
+    known = identified_alone(bench)
+    with pytest.raises(NotPossibleError, match=r"the motor inertia of axis 2 .*motor_inertia_kg_m2 into \[axis\.2\]"):
+        cancellation_for(without_plant(bench), known, (2,), 0.001)
+    stated = cancellation_for(without_plant(bench, motor_inertia_kg_m2=2.6e-4), known, (2,), 0.001)
+    assert {part.order for part in stated.parts} == {2, 4}
+
+
 def test_nothing_known_is_refused(bench: Bench) -> None:
-    with pytest.raises(NotPossibleError, match="axis 5: hil identify"):
+    with pytest.raises(NotPossibleError, match="axis 5; hil identify ate"):
         cancellation_for(bench, None, (5,), 0.001)
     with pytest.raises(NotPossibleError, match="has no axis 4"):
         cancellation_for(bench, None, (4,), 0.001)

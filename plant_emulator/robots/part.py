@@ -1,0 +1,23 @@
+"""Part of a robot: some of its axes, as they stand on a bench of their own."""
+
+from collections.abc import Collection
+
+from plant_emulator.robots.robot import Robot
+
+
+def part_of(robot: Robot, axes: Collection[int]) -> Robot:
+    """A robot with some axes alone; without all axes of its geometry it has no line motion.
+
+    Args:
+        robot: The robot.
+        axes: Numbers of its axes.
+
+    Raises:
+        ValueError: Its links couple the axes.
+    """
+    if robot.links is not None and set(axes) != robot.axis.keys():
+        raise ValueError("the links of this robot couple its axes, so that none moves without the others; leave --axis out")
+    changes: dict[str, object] = {"axis": {number: table for number, table in robot.axis.items() if number in axes}}
+    if not set(robot.chain_axes) <= set(axes):
+        changes |= {"geometry": None, "line_motion": None}
+    return robot.model_copy(update=changes)
