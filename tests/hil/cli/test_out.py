@@ -22,7 +22,7 @@ COMMANDS = {
     "identify ate --recording": ("identify", "ate", "--axis", "2", "--recording", "{folder}/none.csv"),
     "identify arm": ("identify", "arm", "--bench", "reference-arm", "--model", "{folder}/none.toml"),
     "design notch": ("design", "notch", "--axis", "2", "--bench", "reference", "--model", "{folder}/none.toml"),
-    "demo": ("demo", "--robot", "/nowhere.toml", "--no-story"),
+    "demo": ("demo", "--robot", "/nowhere.toml", "--no-tour"),
 }
 ON_A_BUS = tuple(name for name in COMMANDS if NOWHERE[0] in COMMANDS[name] and name != "learn --motion")  # inertias come first
 
