@@ -55,11 +55,13 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
         on_arm = [arm_remark(self.result.bench.file, run.treatment) for run in self.result.runs]
         sentences = [remark for remark in on_arm if remark is not None]
         for run in self.result.runs:
+            where = "line motion" if run.axis is None else f"axis {run.axis}"
             if run.f_al_source == "own" and run.f_al_words is not None:
-                sentences.append(f"{'line motion' if run.axis is None else f'axis {run.axis}'}: {run.f_al_words}")
+                sentences.append(f"{where}: {run.f_al_words}")
             sentences += [run.remark] if run.remark is not None and run.remark not in (run.invalid or "") else []
             sentences += [*(run.unjudged_orders or ()), *(run.unreached_orders or ())]
-        sentences += [trial.remainder.words for trial in self.trials if trial.remainder is not None]
+            if run.trial is not None and run.trial.remainder is not None:
+                sentences.append(f"{where}: {run.trial.remainder.words}")
         for following in (run.following for run in self.result.runs if run.following is not None):
             sentences += [following.words or "", *(each.words for each in following.begins)]
             sentences += [each.words for each in following.orders]

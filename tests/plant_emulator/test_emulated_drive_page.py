@@ -13,12 +13,12 @@ from plant_emulator.world import World
 from tests.plant_emulator.many_axes import robot_file
 
 PAGE = (Path(__file__).parents[2] / "docs" / "emulated-drive.md").read_text()
-ARM_PAGE = (Path(__file__).parents[2] / "docs" / "arm.md").read_text()
+ARM_PAGE = (Path(__file__).parents[2] / "docs" / "arm-motion.md").read_text()
 TABLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
 
 OF_EVERY_NODE = {"node_id", "unconfigured", "sdo_download_bytes"}
 OF_AN_ARM = {"mounting"}
-"""Keys that only a robot with an arm has: docs/arm.md shows them."""
+"""Keys that only a robot with an arm has: docs/arm-motion.md shows them."""
 
 
 def test_the_tables_of_the_page_make_a_robot_and_hold_every_key(tmp_path):

@@ -118,8 +118,8 @@ def _remainder(bench: Bench, worst: PeakChange, whole: Sequence[Trial]) -> Cance
     causes: tuple[RemainderCause, ...] = ()
     if worst.after_mm > asked_mm:
         causes = ("sensor noise",) if worst.after_mm - noise_mm <= asked_mm else ("not explained",)
-    words = f"left: {worst.after_mm:.4f} mm in the worst direction, {asked_mm:.4f} mm are asked; the sensor's noise makes up to "
-    words += f"{noise_mm:.4f} mm"
+    words = f"the cancellation leaves {worst.after_mm:.4f} mm in the worst direction, the goal is {asked_mm:.4f} mm; "
+    words += f"up to {noise_mm:.4f} mm are sensor noise"
     return CancellationRemainder(
         order=None, left_mm=worst.after_mm, asked_mm=asked_mm, jolt_mm=0.0, noise_mm=noise_mm, causes=causes, words=words
     )

@@ -169,12 +169,12 @@ class _Account:
     def _words(self, causes: Sequence[RemainderCause], hidden_mm: float) -> str:
         where = "" if self._order is None else f" in the window of order {self._order:g}"
         if not causes:
-            return f"left: {self._left_mm:.4f} mm{where}"
-        asked = f"{self._asked_mm:.4f} mm are asked"
+            return f"the cancellation leaves {self._left_mm:.4f} mm{where}"
+        asked = f"the goal is {self._asked_mm:.4f} mm"
         remedies = "; ".join(f"{cause}: {REMEDIES[cause]}" for cause in causes)
         if not self._is_seen and causes[0] == "sensor noise":
-            return f"left: up to {hidden_mm:.4f} mm{where} may hide in the noise, {asked}; {remedies}"
-        return f"left: {self._left_mm:.4f} mm{where}, {asked}; {remedies}"
+            return f"up to {hidden_mm:.4f} mm{where} may hide in the sensor noise, {asked}; {remedies}"
+        return f"the cancellation leaves {self._left_mm:.4f} mm{where}, {asked}; {remedies}"
 
     def _cause(self) -> RemainderCause:
         """The cause that takes away most, of those that explain what is left."""
