@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from drive_profiles.address import parse_address
 from drive_profiles.files.toml import loads
 from hil.bench.bench import Bench
 from hil.plan.check import check
@@ -82,7 +83,7 @@ def test_a_blank_bench_file_is_valid_and_knows_nothing_of_plant_and_error(kind: 
         assert (table.reduction_ratio, table.tip_lever_m) == (axis.reduction_ratio, axis.tip_lever_m)
         assert table.limits.torque_nm == axis.torque_limit_nm
         assert table.notch[0].model_dump(include=set(TABLE_3)) == TABLE_3
-        assert bench.bus.address.endswith(f"@{robot.bus.bitrate}")
+        assert bench.bus.address == str(parse_address(f"local:/tmp/robot.sock@{robot.bus.bitrate}")), "spelt as all commands do"
 
 
 def test_the_motion_of_a_blank_bench_file_keeps_its_limits() -> None:
@@ -91,6 +92,8 @@ def test_the_motion_of_a_blank_bench_file_keeps_its_limits() -> None:
         motion, limits = bench.constant_acceleration, bench.axis[2].limits
         assert motion is not None
         assert motion.end_rps <= limits.speed_rps
+        assert limits.acceleration_rps_s is not None
+        assert max(motion.acceleration_rps_s, motion.deceleration_rps_s) <= limits.acceleration_rps_s
         distance = 0.5 * motion.end_rps**2 * (1.0 / motion.acceleration_rps_s + 1.0 / motion.deceleration_rps_s)
         assert distance <= limits.position_max_rev
 
