@@ -135,7 +135,8 @@ def _against_defaults(bus: str, node: int, profile: str | None, eds_file: Path, 
     from drive_profiles.device.target import device_at
     from drive_profiles.errors import DriveProfileError, NoAnswerError, RefusedError
     from drive_profiles.family.catalogue import variables
-    from drive_profiles.parameter_set.parameters import Difference, is_command
+    from drive_profiles.parameter_set.commands import is_command
+    from drive_profiles.parameter_set.parameters import Difference
     from drive_profiles.standard.cia301 import encode
 
     delivered = {

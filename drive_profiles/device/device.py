@@ -21,7 +21,8 @@ from drive_profiles.errors import (
 )
 from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
 from drive_profiles.family.profile import Profile
-from drive_profiles.parameter_set.parameters import CLASSES, Header, Item, ParameterSet, Write, is_command, item_of
+from drive_profiles.parameter_set.commands import is_command
+from drive_profiles.parameter_set.parameters import CLASSES, Header, Item, ParameterSet, Write, item_of
 from drive_profiles.standard.cia301 import DataType, NmtCommand, SdoAbortCode, decode
 from drive_profiles.standard.cia402 import Object, State, state_of
 from drive_profiles.standard.object_address import ObjectAddress, object_address

@@ -27,49 +27,16 @@ from drive_profiles.eds.variables import ObjectFlag
 from drive_profiles.errors import DriveProfileError, RefusedError
 from drive_profiles.family.catalogue import Catalogue, CatalogueEntry, address_from
 from drive_profiles.family.parameter import ParameterClass
-from drive_profiles.family.profile import Profile
 from drive_profiles.files import toml as files
 from drive_profiles.files.safefile import write_atomically
 from drive_profiles.files.toml import Table, toml_value
 from drive_profiles.parameter_set import size
+from drive_profiles.parameter_set.commands import is_command
 from drive_profiles.standard.cia301 import DataType, Value, encode, type_of_length
-from drive_profiles.standard.object_address import ObjectAddress, address_text, object_address
+from drive_profiles.standard.object_address import ObjectAddress, address_text
 from drive_profiles.standard.units import Scaling
 
 CLASSES: tuple[ParameterClass, ...] = get_args(ParameterClass)
-
-_COMMANDS = frozenset({
-    0x1003, 0x100C, 0x100D, 0x1010, 0x1011, 0x1014, 0x1015, 0x1020, 0x1021, 0x1023, 0x1024, 0x1025, 0x1026,
-    0x1F22, 0x1F50, 0x1F51, 0x1F56, 0x1F57, 0x1F80, 0x1F82,
-    0x6040, 0x6060, 0x6042, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60C1, 0x60FE, 0x60FF,
-})  # fmt: skip
-"""Objects that command or move a drive, rewrite its program or its history: never written from a file, never pulled."""
-
-_SDO_PARAMETERS = range(0x1200, 0x1300)
-"""Identifiers of the SDO channels: changed in the middle of an upload they would end it."""
-
-
-def is_command(address: ObjectAddress, profile: Profile | None = None) -> bool:
-    """True where writing the object *does* something rather than sets something, on any axis (CiA 402: + 800h each).
-
-    Args:
-        address: The object.
-        profile: Drive profile, which may name a set-point of the maker's own.
-    """
-    index = address[0]
-    return (
-        address in _set_points(profile)
-        or index in _COMMANDS
-        or index in _SDO_PARAMETERS
-        or (0x6800 <= index < 0xA000 and 0x6000 + (index - 0x6000) % 0x800 in _COMMANDS)
-    )
-
-
-def _set_points(profile: Profile | None) -> set[ObjectAddress]:
-    """Set-points that a profile names."""
-    torque, mode = (None, None) if profile is None else (profile.torque, profile.position_mode)
-    named = (None if torque is None else torque.target, None if torque is None else torque.offset, mode and mode.target)
-    return {object_address(each) for each in named if each is not None}
 
 
 class Item(Table):
@@ -397,7 +364,7 @@ def from_values(
         entry = catalogue.get(address)
         if entry is None and undescribed:
             entry = CatalogueEntry(address, "", type_of_length(len(value)) if isinstance(value, bytes) else None)
-        why = _why_not_from_a_file(address, entry, catalogue.profile, flagged=flagged)
+        why = _why_not_from_a_file(address, entry, catalogue, flagged=flagged)
         if entry is None or why:
             left_out.append(f"{address_text(address)} {why}")
             continue
@@ -412,10 +379,10 @@ def from_values(
     return ParameterSet.model_validate({"header": Header(not_read=tuple(left_out)), **tables})
 
 
-def _why_not_from_a_file(address: ObjectAddress, entry: CatalogueEntry | None, profile: Profile | None, *, flagged: bool) -> str:
+def _why_not_from_a_file(address: ObjectAddress, entry: CatalogueEntry | None, catalogue: Catalogue, *, flagged: bool) -> str:
     if entry is None:
         return "is in no object of the file"
-    if is_command(address, profile):
+    if is_command(address, catalogue.profile):
         return "is a command"
     refuses = entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD and not flagged
     return "is read only" if not entry.is_writable else "refuses to be written by a download (ObjFlags)" if refuses else ""

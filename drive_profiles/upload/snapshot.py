@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from drive_profiles.errors import RefusedError
 from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
-from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet, is_command, item_of
+from drive_profiles.parameter_set.commands import is_command
+from drive_profiles.parameter_set.parameters import Header, Item, ParameterSet, item_of
 from drive_profiles.standard.cia301 import type_of_length
 from drive_profiles.standard.object_address import address_text
 from drive_profiles.upload.journal import UploadSnapshot

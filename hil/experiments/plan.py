@@ -25,6 +25,7 @@ from hil.experiments.motions import (
 from hil.experiments.treatment import FILTERING, REMEDIES, TITLES
 from hil.experiments.window import JudgedWindow, judged_stop, judged_window
 from hil.master.motion import LoopName, Motion, RunResult
+from hil.recording import Recording
 from hil.results.following import FollowingEntry
 from hil.results.runs import (
     CancellationTrial,
@@ -119,12 +120,14 @@ class TrialVerdict:
         refusal: Reason why the run was made without the treatment, and is not judged; or None.
         filters: Trial of designed filters; None without one.
         following: Trial of a cancellation that follows, and what it made of each order; None without one.
+        plain: Recording of the trial's first run, on which nothing acts against the vibration; None without one.
     """
 
     trial: CancellationTrial | None = None
     refusal: str | None = None
     filters: FilterTrial | None = None
     following: FollowingEntry | None = None
+    plain: Recording | None = None
 
 
 NO_TRIAL = TrialVerdict()
@@ -156,6 +159,8 @@ def entries(
     is_ramp = experiment.axis is not None and result.stopped is None
     if is_ramp and experiment.treatment == "none":
         judge.look(result.recording, experiment.axis or 0)
+    elif is_ramp and trial.plain is not None and judge.found(experiment.axis).scale is None:
+        judge.look(trial.plain, experiment.axis or 0)  # a tip that is quiet no longer shows where it rang
     found = judge.found(experiment.axis)
     orders: tuple[int | None, ...] = (None,)
     if is_ramp:

@@ -292,7 +292,9 @@ class _ExperimentRuns:
 
     def _accept(self, choice: Choice) -> None:
         refusal = None if choice.refusal is None else str(choice.refusal)
-        self._filters, self.trial = choice.filters, TrialVerdict(choice.verification.entry(), refusal)
+        trials = choice.verification.trials
+        plain = trials[0].recording if trials else None
+        self._filters, self.trial = choice.filters, TrialVerdict(choice.verification.entry(), refusal, plain=plain)
 
     def _run(self) -> RunResult:
         """Make one run."""

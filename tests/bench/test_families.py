@@ -9,17 +9,19 @@ from drive_profiles.family.profile import Profile
 from drive_profiles.family.runs import family_runs
 from drive_profiles.standard.cia402 import State
 from hil.bench.bench import AS_FOUND, Bench
+from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError
 from hil.errors import NotPossibleError
 from hil.experiments.motions import constant_acceleration, line_motion
 from hil.experiments.plan import Experiment
 from hil.experiments.runner import run_experiments
+from hil.experiments.treatment import Knowledge
 from hil.master.drive.limits import LIMITS, holders
 from hil.master.drive.mapping import mode_of
 from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import BusLog
 from plant_emulator.bus.in_process import InProcessChannel
-from plant_emulator.rehearsal.families.made import family_run
+from plant_emulator.rehearsal.families.made import family_alone, family_run
 from plant_emulator.rehearsal.families.rig import bench_of, robot_of, vendor_families
 from plant_emulator.robots.robot import Robot
 from plant_emulator.world import World
@@ -93,6 +95,29 @@ def test_what_a_drive_is_to_hold_it_holds_during_the_run(family: str, short_benc
     counts = session.axes[AXIS].scaling.encoder_counts_per_rev
     assert seen["position_max_rev"] == round(short_bench.axis[AXIS].limits.position_max_rev * counts)
     assert seen["following_error_rev"] == round(short_bench.axis[AXIS].limits.following_error_rev * counts)
+
+
+@pytest.mark.ci
+def test_an_error_that_was_identified_alone_is_cancelled_and_judged_by_the_ramp_of_its_trial(tmp_path) -> None:
+    """Without a plant f_al comes from the trial's run without the cancellation: a quiet tip does not show it."""
+    alone = family_alone("maxon_epos2")
+    table = alone.bench.axis[AXIS]
+    assert table.model is not None
+    error = IdentifiedError(values=table.model.ate, arm_hz=12.45, damping=0.0385)
+    identified = Identified(robot=alone.bench.name, axis={AXIS: IdentifiedAxis(ate=error)})
+    stated = table.model_copy(update={"model": None, "motor_inertia_kg_m2": table.model.motor_inertia_kg_m2})
+    outcome = run_experiments(
+        alone.bench.model_copy(update={"axis": {AXIS: stated}}),
+        [Experiment("constant-acceleration", AXIS, "cancellation")],
+        tmp_path,
+        knowledge=Knowledge(identified),
+        channel=InProcessChannel(World(alone.robot)),
+    )
+    assert outcome.failure is None
+    peaks = {run.order: run.tip_peak_mm for run in outcome.result.runs}
+    assert peaks.keys() == {2, 4}
+    assert all(peak is not None and peak < 0.01 for peak in peaks.values())
+    assert all(run.within_spec and run.f_al_source == "own" for run in outcome.result.runs)
 
 
 def test_families_of_three_makers_move_the_tip_along_a_line_together(short_bench: Bench, reference_robot: Robot) -> None:

@@ -22,6 +22,7 @@ from hil.experiments.bus_demand import BusDemand, check_load, takes_torque_offse
 from hil.experiments.cancellation.effect import Part, Response
 from hil.experiments.cancellation.tables import MAX_TORQUE_FRACTION, Pace, amplitudes_rad, pace_of, table_of
 from hil.experiments.cancellation.waves import response_of
+from hil.experiments.motor_inertia import nothing_known
 from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.master.whereabouts import way_out
@@ -415,48 +416,3 @@ def believed_model(table: AxisTable, error: IdentifiedError) -> Model | None:
         gear_damping_nm_s_rad=2.0 * error.damping * omega * inertia,
         ate=significant(error),
     )
-
-
-def given_inertia(bench: Bench, identified: Identified | None, number: int, given_kg_m2: float | None) -> float | None:
-    """J_m as it was given; None where a file has a plant, which then holds.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None without one.
-        number: Axis number.
-        given_kg_m2: J_m of a data sheet; None: as the bench file gives it.
-
-    Raises:
-        NotPossibleError: Nobody knows it.
-    """
-    known = None if identified is None else identified.axis.get(number)
-    if bench.axis[number].model is not None or (known is not None and known.plant is not None):
-        return None
-    found = bench.axis[number].motor_inertia_kg_m2 if given_kg_m2 is None else given_kg_m2
-    if found is None:
-        raise NotPossibleError(
-            f"the motor inertia of axis {number} is not known, and a cancellation needs it: --plant model.toml of hil identify "
-            f"plant, [axis.{number}.model] in the bench file, or from the motor's data sheet motor_inertia_kg_m2 in "
-            f"[axis.{number}] or --motor-inertia-kg-m2"
-        )
-    return found
-
-
-def nothing_known(bench: Bench, identified: Identified | None, axes: Sequence[int]) -> str:
-    """Words for axes that cannot be cancelled: no transmission error, or no motor inertia, is known of them.
-
-    Args:
-        bench: The bench file.
-        identified: The model file; None without one.
-        axes: Their numbers.
-    """
-    for number in axes:
-        known, table = None if identified is None else identified.axis.get(number), bench.axis[number]
-        error = None if known is None or known.plant is not None or table.model is not None else known.ate
-        if error is not None and error.motor_inertia_kg_m2 is None and table.motor_inertia_kg_m2 is None:
-            return (
-                f"the motor inertia of axis {number} is not known, and a cancellation needs it; hil identify plant finds it, or "
-                f"write that of the motor's data sheet as motor_inertia_kg_m2 into [axis.{number}]"
-            )
-    names = " or ".join(map(str, axes))
-    return f"no transmission error is known of axis {names}; hil identify ate finds it, or a model in the bench file states it"

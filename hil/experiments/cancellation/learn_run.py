@@ -11,9 +11,9 @@ from hil.design.inverse import Actuation
 from hil.errors import NotPossibleError
 from hil.experiments.ate.motion import ACCELERATION_RPS_S, Ramps, end_speed
 from hil.experiments.bus_demand import BusDemand
-from hil.experiments.cancellation.cancellation import given_inertia
 from hil.experiments.cancellation.learning import PASSES, AxisLearning, learn
 from hil.experiments.measurement import Measurement, MeasurementOutcome
+from hil.experiments.motor_inertia import given_inertia
 from hil.master.motion import RunResult
 from hil.reporter import SILENT, Reporter
 from hil.results.learning import LearningResult, LearningRun

@@ -37,7 +37,7 @@ from hil.experiments.ate.order_scan import identify_orders, is_passed, is_signif
 from hil.experiments.ate.orders import OrderWatch, checked
 from hil.experiments.ate.passes import PassKeeper, keep_nothing
 from hil.experiments.ate.request import modal_arm, searched_delay_s
-from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, given_inertia, measured_delay_s
+from hil.experiments.cancellation.cancellation import Cancellation, cancellation_on, measured_delay_s
 from hil.experiments.cancellation.following import LOWEST, DelaySearch, Following, motor_following
 from hil.experiments.cancellation.known_orders import KnownOrders, OrderValue, error_of
 from hil.experiments.cancellation.pass_judge import PassJudge
@@ -46,6 +46,7 @@ from hil.experiments.cancellation.verdict import PartVerdict, part_entry
 from hil.experiments.cancellation.verification import CancellationRefusedError
 from hil.experiments.cancellation.waves import judged_rows, vibration_m_s2
 from hil.experiments.judge import axis_scale, scale_at, shown_rps
+from hil.experiments.motor_inertia import given_inertia
 from hil.master.motion import RunResult
 from hil.master.session import Session
 from hil.recording import Recording

@@ -14,6 +14,7 @@ from drive_profiles.family.catalogue import Catalogue, CatalogueEntry
 from drive_profiles.family.profile import Profile
 from drive_profiles.files import toml as files
 from drive_profiles.parameter_set import size
+from drive_profiles.parameter_set.commands import is_command
 from drive_profiles.parameter_set.concise import from_concise, to_concise
 from drive_profiles.parameter_set.parameters import (
     CLASSES,
@@ -22,7 +23,6 @@ from drive_profiles.parameter_set.parameters import (
     ParameterSet,
     Write,
     from_values,
-    is_command,
     item_of,
 )
 from drive_profiles.standard.cia301 import DataType, decode, encode

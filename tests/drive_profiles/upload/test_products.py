@@ -4,7 +4,7 @@ import pytest
 
 from drive_profiles.device.target import device_at
 from drive_profiles.family.profile import Profile
-from drive_profiles.parameter_set.parameters import is_command
+from drive_profiles.parameter_set.commands import is_command
 from drive_profiles.standard.object_address import object_address
 from drive_profiles.upload import fleet
 from drive_profiles.upload.result import UploadOptions

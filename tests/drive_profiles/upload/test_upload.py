@@ -4,7 +4,8 @@ import pytest
 
 from drive_profiles.errors import DriveProfileError, NodeError, RefusedError
 from drive_profiles.family.profile import Profile
-from drive_profiles.parameter_set.parameters import Item, ParameterSet, is_command
+from drive_profiles.parameter_set.commands import is_command
+from drive_profiles.parameter_set.parameters import Item, ParameterSet
 from drive_profiles.standard.cia402 import State
 from drive_profiles.upload import fleet, journal
 from drive_profiles.upload.interrupt import InterruptWindow

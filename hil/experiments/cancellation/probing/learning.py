@@ -17,7 +17,6 @@ from hil.bench.bench import Bench
 from hil.bench.model import Identified, with_identified
 from hil.design.probing import Effects, ProbedStep, step_to_nothing
 from hil.errors import HilError, NotPossibleError
-from hil.experiments.cancellation.cancellation import given_inertia
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.probing.motion import (
     LEAST_REACH_S,
@@ -34,6 +33,7 @@ from hil.experiments.cancellation.probing.reaction import shown_reactions
 from hil.experiments.cancellation.probing.record import MotionLearning, MotionRun, MotionRunKeeper, keep_no_run
 from hil.experiments.cancellation.probing.runs import Runs
 from hil.experiments.judge import axis_scale, line_scale, missing_words
+from hil.experiments.motor_inertia import given_inertia
 from hil.master.motion import Motion
 from hil.master.session import Session
 from hil.reporter import SILENT, Reporter

@@ -11,7 +11,6 @@ from hil.bench.bench import Bench
 from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError, update_file
 from hil.can.channel import Channel
 from hil.experiments.bus_demand import BusDemand
-from hil.experiments.cancellation.cancellation import given_inertia
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.learn_run import known_model
 from hil.experiments.cancellation.probing.learning import learn_on_motion, motion_scale
@@ -20,6 +19,7 @@ from hil.experiments.cancellation.probing.pace import paced_line
 from hil.experiments.cancellation.probing.record import MotionLearning, RunKind
 from hil.experiments.measurement import Measurement, MeasurementOutcome
 from hil.experiments.motions import CONSTANT_ACCELERATION, constant_acceleration, line_motion
+from hil.experiments.motor_inertia import given_inertia
 from hil.master.motion import Motion, RunResult
 from hil.reporter import SILENT, Reporter
 from hil.results.base import MeasuredBench

@@ -9,7 +9,7 @@ import pytest
 from hil.bench.bench import Bench, load_bench
 from hil.bench.model import Identified, IdentifiedAxis, IdentifiedError, IdentifiedPlant
 from hil.errors import NotPossibleError, UnsafeRequestError
-from hil.experiments.cancellation.cancellation import cancellation_for, cancellation_of, given_inertia
+from hil.experiments.cancellation.cancellation import cancellation_for, cancellation_of
 from hil.experiments.cancellation.effect import Part
 from hil.experiments.cancellation.tables import Pace
 from hil.experiments.cancellation.trial import averaged
@@ -18,6 +18,7 @@ from hil.experiments.cancellation.verification import CancellationRefusedError, 
 from hil.experiments.cancellation.waves import judged_rows
 from hil.experiments.judge import vibration_scale
 from hil.experiments.motions import constant_acceleration, line_motion
+from hil.experiments.motor_inertia import given_inertia
 from hil.recording import Recording
 from hil.robot_tables import PlantTable, TransmissionErrorTable
 
