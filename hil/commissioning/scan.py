@@ -85,8 +85,8 @@ def scan_bus(address: str, named: Mapping[int, str] = MappingProxyType({})) -> l
     if not identities:
         raise NodeError(0, f"no node answers on {address}", "is the bit rate right, is everything powered?")
     if silent := sorted(named.keys() - {identity.node for identity in identities}):
-        there = ", ".join(str(identity.node) for identity in identities)
-        raise NodeError(silent[0], f"it does not answer on {address}; nodes {there} do", "is the node-ID right?")
+        answering = ", ".join(str(identity.node) for identity in identities)
+        raise NodeError(silent[0], f"it does not answer on {address}; nodes {answering} do", "is the node-ID right?")
     there = [(identity, profiles_of(identity, named.get(identity.node))) for identity in identities]
     channel = open_channel(parse_address(address))
     try:

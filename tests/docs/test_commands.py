@@ -97,7 +97,10 @@ SHORTENED = {
         'hil learn --bench bench.toml --axis 2 --plant model.toml --model learnt.toml --note "22 °C, no load"',
     ): "--passes 3",
     ("docs/arm-learning.md", "hil learn --motion line-motion --bench reference-arm --model learnt.toml"): "--orders 2",
-    ("docs/arm-learning.md", "hil learn --motion line-motion --pace 0.85 --bench reference-arm --model learnt.toml"): "--orders 2",
+    (
+        "docs/arm-learning.md",
+        "hil learn --motion line-motion --pace 0.85 --bench reference-arm --model learnt.toml",
+    ): "--orders 2",
     ("docs/robustness.md", "plant-emulator robustness --axis 2,3 --out robustness"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --axis 2,3 --treatment none"): "--runs 8",
     ("docs/robustness.md", "plant-emulator robustness --axis 2 --notch design/design.toml"): "--runs 8",
