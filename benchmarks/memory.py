@@ -17,7 +17,7 @@ BITRATE = 1_000_000
 
 
 def resident_mib() -> float | None:
-    """This process' resident memory; None where /proc does not tell."""
+    """This process' resident memory; None if /proc does not tell."""
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except OSError:

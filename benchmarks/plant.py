@@ -89,7 +89,7 @@ def follow(axes: Axes, wanted: Real, advance: Stepper) -> None:
 
 
 def compiled_c(flags: Sequence[str] = FAST, declarations: str | None = None) -> Stepper | None:
-    """The same stepping in C, compiled now; None where there is no compiler.
+    """The same stepping in C, compiled now; None if there is no compiler.
 
     Args:
         flags: For the compiler.

@@ -50,7 +50,7 @@ class Address:
     Attributes:
         interface: `local` (the emulator's socket), `socketcan`, or any python-can interface.
         channel: Path of the socket, name of the network interface, or what the interface takes.
-        bitrate: Bit rate in bit/s, or None where the interface is already set up.
+        bitrate: Bit rate in bit/s, or None if the interface is already set up.
     """
 
     interface: str
@@ -155,7 +155,7 @@ def choose_bus(
         option_name: Name of what comes first, for the words.
 
     Returns:
-        The choice; None where nobody names a bus.
+        The choice; None if nobody names a bus.
 
     Raises:
         AddressError: The address that is taken cannot be read, or has an unknown interface; the message says where it stands.

@@ -87,7 +87,7 @@ class UnknownProductError(DriveProfileError):
 
     Args:
         profile: The profile's name.
-        product: Product code (1018h:2) or name; None where the device states no code.
+        product: Product code (1018h:2) or name; None if the device states no code.
         revision: Revision (1018h:3) of the device, where it states one.
         known: The products that the profile names, in words.
     """

@@ -69,7 +69,7 @@ def _is_ours(project: Path) -> bool:
 
 
 def _is_modified(project: Path) -> bool:
-    """True where git says that a package's file differs from the commit; without git nothing is said."""
+    """True if git says that a package's file differs from the commit; without git nothing is said."""
     # no lock is taken: another git may be at work in the checkout
     command = ["git", "--no-optional-locks", "-C", str(project), "diff", "--quiet", "HEAD", "--", *_PACKAGES]
     try:

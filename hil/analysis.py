@@ -85,7 +85,7 @@ def judged_orders(scale: TipScale | None, last_rps: float) -> tuple[int, ...]:
     """Orders in whose windows a ramp is judged: those that meet f_al on it; of none the highest, which comes nearest.
 
     Args:
-        scale: Scale of the axis; None where no f_al is known.
+        scale: Scale of the axis; None if no f_al is known.
         last_rps: Speed up to which the ramp shows the arm.
     """
     if scale is None:
@@ -255,8 +255,8 @@ class DirectionMetrics:
     """The tip's vibration along one direction of the base frame, or along the worst; see `hil.tip_vector`.
 
     Attributes:
-        unit: The direction, of length 1: the worst is that of the largest displacement; None where no f_al is known.
-        tip_peak_mm: Largest |displacement|; None where no f_al is known.
+        unit: The direction, of length 1: the worst is that of the largest displacement; None if no f_al is known.
+        tip_peak_mm: Largest |displacement|; None if no f_al is known.
         tip_rms_mm: Root mean square of the displacement; of the worst that of the whole vector: no direction has more.
         spectrum_peak_m_s2: Largest amplitude of the spectrum near f_al; of the worst that of the whole vector.
         spectrum_peak_hz: Its frequency.
@@ -283,7 +283,7 @@ class Metrics:
         spectrum_area: Trapezoid area of the amplitude spectrum in m/s²·Hz: the Hann spectrum of the window in the band of the
             vibration (single axis), or the rectangular spectrum of the whole motion from 0 to 50 Hz (line motion).
         ramp_peak_mm: Largest |tip displacement| on the whole ramp, without the jerks at its ends; None for the line motion.
-        order_mm: Largest amplitude of the order itself in the window, as a displacement; None where it cannot be tracked there.
+        order_mm: Largest amplitude of the order itself in the window, as a displacement; None if it cannot be tracked there.
         order_error_mm: Its standard error.
         noise_mm: Largest tip displacement that noise alone would show in the window.
         directions: The tip as a vector, on a bench with an arm: the numbers above are then those of the worst direction.
@@ -302,12 +302,12 @@ class Metrics:
 
     @property
     def is_noise(self) -> bool:
-        """True where the tip's peak is not told apart from noise."""
+        """True if the tip's peak is not told apart from noise."""
         return is_noise(self.tip_peak_mm, self.noise_mm)
 
 
 def is_noise(tip_peak_mm: float | None, noise_mm: float | None) -> bool:
-    """True where a tip's peak is not told apart from what noise alone would show."""
+    """True if a tip's peak is not told apart from what noise alone would show."""
     return tip_peak_mm is not None and noise_mm is not None and tip_peak_mm <= NOISE_MARGIN * noise_mm
 
 
@@ -352,7 +352,7 @@ def line_motion_metrics(recording: Recording, start_s: float, duration_s: float,
         recording: The run.
         start_s: Time of the recording at which the motion starts.
         duration_s: Duration of the motion.
-        scale: Scale of the axes that moved, or None where no f_al is known.
+        scale: Scale of the axes that moved, or None if no f_al is known.
     """
     acceleration, period, time = recording.felt_m_s2, recording.period_s, recording.time_s
     motion = acceleration[(time >= start_s) & (time <= start_s + duration_s)]

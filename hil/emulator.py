@@ -87,7 +87,7 @@ class EmulatorProcess:
         return self
 
     def _answers(self) -> bool:
-        """True where the emulator accepts connections."""
+        """True if the emulator accepts connections."""
         try:
             connect_local(self.address).close()
         except BusUnavailableError:

@@ -103,7 +103,7 @@ class SafetyStopError(HilError):
 
         Args:
             reason: The reason to stop.
-            all_disabled: True where every drive has confirmed that it is disabled.
+            all_disabled: True if every drive has confirmed that it is disabled.
             where: Where the axes stand, and how to go on; empty where nothing moved.
         """
         self.reason, self.all_disabled, self.where = reason, all_disabled, where

@@ -130,7 +130,7 @@ class BusLog:
 
     @property
     def is_on(self) -> bool:
-        """True where frames are logged."""
+        """True if frames are logged."""
         return self._path is not None
 
     def add(self, frame: LoggedFrame) -> None:

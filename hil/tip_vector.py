@@ -110,7 +110,7 @@ def vector_metrics(
         judged: Rows in which the displacement is judged; shape (n,).
         moving: Rows of the spectrum; shape (n,).
         window: Its window, `boxcar` or `hann`.
-        scale: Scale of the axes that moved; None where no f_al is known: then there are areas alone.
+        scale: Scale of the axes that moved; None if no f_al is known: then there are areas alone.
 
     Raises:
         ValueError: The sampling period is too long for the band.

@@ -80,7 +80,7 @@ class TourOutcome:
     Attributes:
         result: Content of `result.json`: that of a comparison, and the steps.
         failure: Error that ended it early, or None.
-        comparison: End of the comparison; None where the tour ended before.
+        comparison: End of the comparison; None if the tour ended before.
     """
 
     result: TourResult

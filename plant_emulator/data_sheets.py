@@ -11,7 +11,7 @@ VENDOR = "hil-bench"
 GRANULARITY = 1
 """Bits of the smallest thing that a PDO of the slave engine carries."""
 LSS_SUPPORTED = True
-"""True where the slave engine is an LSS slave."""
+"""True if the slave engine is an LSS slave."""
 
 
 def data_sheets() -> dict[str, str]:

@@ -22,7 +22,7 @@ LATE = "loaded while the robot was served:"
 
 
 class _Imports(MetaPathFinder):
-    """The first to be asked for a module that is not there yet; it knows none, and says that it was asked."""
+    """Import hook that finds nothing and reports every late import."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say

@@ -217,7 +217,7 @@ class World:
         return found
 
     def receive(self, frame: Frame) -> list[Frame]:
-        """Give the answers of the nodes at this instant; a SYNC then owes the world a period."""
+        """Give the answers of the nodes at this instant; after a SYNC one period is pending."""
         if self._owed_ns:
             return self.settle() + self.receive(frame)
         # what `hear` does, without the ports: through it six RPDOs and a SYNC would cost 6 % more, 39.6 µs instead of 37.4 µs
@@ -247,7 +247,7 @@ class World:
 
     @property
     def due(self) -> int | None:
-        """The next instant at which a node does something by itself; None where only a frame or a motion can wake one."""
+        """The next instant at which a node does something by itself; None if only a frame or a motion can wake one."""
         wakes_at = self._wakes_at
         if wakes_at == _UNKNOWN:
             wakes_at = min((due for slave in self._slaves if (due := slave.due) is not None), default=_NEVER)
@@ -316,7 +316,7 @@ class World:
 
 
 def _is_due(slave: Slave, now: int) -> bool:
-    """True where a node has something to do: a timer has run out, or it watches objects that may have changed."""
+    """True if a node has something to do: a timer has run out, or it watches objects that may have changed."""
     due = slave.due
     return (due is not None and due <= now) or slave.waits_for_changes
 

@@ -40,14 +40,14 @@ class ExitStatus(ToolExitStatus):
     """Exit statuses of `drive-profiles`."""
 
     DONE = 0, "done"
-    INTERNAL = 1, "an error that nobody expected"
+    INTERNAL = 1, "internal error"
     USAGE = 2, "usage"
-    FILE = 3, "a bad file, or what it asks for is refused"
+    FILE = 3, "invalid file or refused request"
     BUS = 4, "no bus"
     NODE = 5, "no answer, the wrong device or one that is enabled"
     SDO = 6, "an SDO abort or a failed read-back (all is put back)"
     DIFFERS = 7, "differs"
-    UNKNOWN = 8, "it is not known what the drive holds"
+    UNKNOWN = 8, "unknown which values the drive holds"
     NOT_REALISABLE = 9, "not realisable, with the reasons"
     INTERRUPTED = 130, "interrupted (all is put back)"
 
@@ -130,7 +130,7 @@ def table(title: str, header: tuple[str, ...], rows: Sequence[tuple[str, ...]], 
 
 
 def terminal_width(*, err: bool = False) -> int | None:
-    """Columns of the terminal on standard output, or on standard error; None where that is none."""
+    """Columns of the terminal on standard output, or on standard error; None if that is none."""
     return shutil.get_terminal_size().columns if (sys.stderr if err else sys.stdout).isatty() else None
 
 
@@ -177,7 +177,7 @@ class Interrupts:
     Attributes:
         window: Window in which a signal counts; whoever writes closes it, and a later one is only answered.
         owns_process: True in the process of a tool (`Tool.run`).
-        is_held_to_the_end: True where signals are held although the context has ended.
+        is_held_to_the_end: True if signals are held although the context has ended.
     """
 
     SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
@@ -188,7 +188,7 @@ class Interrupts:
         """Prepare to hold signals.
 
         Args:
-            is_last: The command ends with this context; False where more follows, which a signal may end.
+            is_last: The command ends with this context; False if more follows, which a signal may end.
         """
         self.window = InterruptWindow()
         self._is_last = is_last

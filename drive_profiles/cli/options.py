@@ -48,7 +48,9 @@ BusOption = Annotated[
         callback=take_bus,
     ),
 ]
-OptionalBusOption = Annotated[str | None, typer.Option("--bus", help="As everywhere.", envvar=BUS_VARIABLE)]
+OptionalBusOption = Annotated[
+    str | None, typer.Option("--bus", help="Bus address, e.g. socketcan:can0 (default: $HIL_BUS).", envvar=BUS_VARIABLE)
+]
 NodeOption = Annotated[int, typer.Option("--node", min=1, max=127, help="Node-ID.", autocompletion=complete_nodes)]
 OptionalNodeOption = Annotated[int | None, typer.Option("--node", min=1, max=127, help="Node-ID.", autocompletion=complete_nodes)]
 ProfileOption = Annotated[
@@ -72,9 +74,9 @@ ClassesOption = Annotated[
 ]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writing.")]
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show what would be written, and write nothing.")]
-JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for snapshots and journals; made where you are.")]
-UnverifiedOption = Annotated[bool, typer.Option("--allow-unverified", help="Write also by facts that nobody has verified.")]
-StoreOption = Annotated[bool, typer.Option("--store", help="Let the drive keep the values over a loss of power.")]
+JournalsOption = Annotated[Path, typer.Option("--journals", help="Folder for journals; created in the current directory.")]
+UnverifiedOption = Annotated[bool, typer.Option("--allow-unverified", help="Allow writes based on unverified profile data.")]
+StoreOption = Annotated[bool, typer.Option("--store", help="Save the values to the drive's non-volatile memory.")]
 RollBackOption = Annotated[
     bool, typer.Option("--rollback-on-error/--no-rollback-on-error", help="Put everything back when something fails.")
 ]

@@ -76,7 +76,7 @@ def _own_eds(path: Path, eds: Path | None) -> Path | None:
 
 
 def _matching(header: Header) -> str | None:
-    """Name of the one profile that fits the identity in a header; None where none fits, or several do."""
+    """Name of the one profile that fits the identity in a header; None if none fits, or several do."""
     from drive_profiles.device.device import DeviceIdentity
     from drive_profiles.device.target import matching
 

@@ -39,7 +39,7 @@ def lines(header: Sequence[str], rows: Sequence[Sequence[str]], width: int | Non
 
 
 def _widths(columns: list[list[str]], width: int | None) -> list[int] | None:
-    """Width of each column, the widest ones wrapped as far as it must be; None where words would have to be broken."""
+    """Width of each column, the widest ones wrapped as far as it must be; None if words would have to be broken."""
     widths = [max(map(len, column)) for column in columns]
     least = [max((len(word) for cell in column for word in cell.split()), default=0) for column in columns]
     if width is None:

@@ -154,7 +154,7 @@ class SdoBus:
         return self._lines[node].boots
 
     def nmt_state(self, node: int) -> int | None:
-        """NMT state of a node's last heartbeat; None where none has come."""
+        """NMT state of a node's last heartbeat; None if none has come."""
         self.port(node)
         return self._lines[node].nmt_state
 

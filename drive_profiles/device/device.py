@@ -61,7 +61,7 @@ class DeviceIdentity:
 
     @property
     def is_drive(self) -> bool:
-        """True where the device states that it is a CiA 402 device."""
+        """True if the device states that it is a CiA 402 device."""
         return self.device_type is not None and self.device_type & 0xFFFF == _DRIVE
 
 
@@ -96,7 +96,7 @@ class Device:
 
     @property
     def profile(self) -> Profile | None:
-        """Drive profile of the device's family, None where it is not known."""
+        """Drive profile of the device's family, None if it is not known."""
         return self.catalogue.profile
 
     def name_of(self, address: ObjectAddress) -> str:
@@ -149,7 +149,7 @@ class Device:
         return identity_at(self.port)
 
     def state(self) -> State | None:
-        """Read the CiA 402 state; None where the device has no status word."""
+        """Read the CiA 402 state; None if the device has no status word."""
         try:
             word = decode(DataType.UNSIGNED16, self.read((Object.STATUS_WORD, 0)))
         except (SdoAbortedError, ValueError):
@@ -210,7 +210,7 @@ class Device:
                     raise NoAnswerError(self.node, "anything after its reset", within_s) from None
 
     def scaling(self, entries: Collection[CatalogueEntry]) -> Scaling | None:
-        """Read the drive's scaling, as far as these objects need it; None where none does.
+        """Read the drive's scaling, as far as these objects need it; None if none does.
 
         Raises:
             RefusedError: The profile does not name the objects that hold the scaling.
@@ -239,7 +239,7 @@ class Device:
         return {object_address(address) for address in named if address}
 
     def _scaling_for(self, entry: CatalogueEntry) -> Scaling | None:
-        """Scaling for one object; None where it cannot be read."""
+        """Scaling for one object; None if it cannot be read."""
         scale = str(entry.parameter.scale) if entry.parameter is not None and entry.needs_scaling else ""
         if scale in self._without_scaling:
             return None
@@ -405,7 +405,7 @@ def identity_at(port: SdoPort) -> DeviceIdentity:
 
 
 def _ask(port: SdoPort, address: ObjectAddress) -> bytes | None:
-    """Read an object; None where the device refuses."""
+    """Read an object; None if the device refuses."""
     try:
         return _read(port, address)
     except SdoAbortedError:

@@ -22,9 +22,9 @@ class FaultReport:
 
     Attributes:
         node: Node-ID.
-        state: State of the drive; None where it has no status word.
-        register: Error register; None where it does not say.
-        code: Last error code (603Fh); None where it has no such object.
+        state: State of the drive; None if it has no status word.
+        register: Error register; None if it does not say.
+        code: Last error code (603Fh); None if it has no such object.
         history: Entries of 1003h, the newest first: error code in the lower half, the maker's own number in the upper.
         own: The maker's codes in words.
     """
@@ -38,7 +38,7 @@ class FaultReport:
 
     @property
     def is_quiet(self) -> bool:
-        """True where nothing is wrong, and nothing was."""
+        """True if nothing is wrong, and nothing was."""
         return self.state is not State.FAULT and not self.register and not self.code and not self.history
 
     @property

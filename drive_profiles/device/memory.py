@@ -111,7 +111,7 @@ def restore_command(device: Device) -> MemoryCommand:
 
 
 def has_done_nothing(error: SdoAbortedError) -> bool:
-    """True where the abort says that nothing was done. Other aborts, such as a fault of the memory, leave it open."""
+    """True if the abort says that nothing was done. Other aborts, such as a fault of the memory, leave it open."""
     return error.code in _NOTHING_DONE
 
 

@@ -122,7 +122,7 @@ class SdoPort(SdoClient):
 
     @property
     def is_shared(self) -> bool:
-        """True where another SDO client has been seen talking to the node."""
+        """True if another SDO client has been seen talking to the node."""
         return self._requests_of_others() > 0
 
     @property

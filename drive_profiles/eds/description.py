@@ -52,15 +52,15 @@ class Description:
         node_id: Node-ID as given to `load`, else that of the commissioning section (either spelling of its name).
         own_node_id: Node-ID of the commissioning section, whatever was given to `load`.
         bitrate_bit_s: Bit rate in the commissioning section.
-        vendor_id: Vendor-ID, None where the file does not state it.
-        product_code: Product code, None where the file does not state it.
-        revision: Revision number, None where the file does not state it.
+        vendor_id: Vendor-ID, None if the file does not state it.
+        product_code: Product code, None if the file does not state it.
+        revision: Revision number, None if the file does not state it.
         vendor_name: Name of the vendor, empty where the file does not state it.
         product_name: Name of the product, empty where the file does not state it.
         values: The parameter values, typed, by index and sub-index. Those that need an unknown node-ID are missing.
         contradictions: What the file says against itself or against the standard; both sides are kept as they stand.
         flags: The ``ObjFlags`` other than 0, by index and sub-index: see `variables.ObjectFlag`.
-        serial_number: ``LSS_SerialNumber`` in the commissioning section, None where there is none.
+        serial_number: ``LSS_SerialNumber`` in the commissioning section, None if there is none.
     """
 
     path: Path

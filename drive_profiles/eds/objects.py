@@ -63,7 +63,7 @@ class Builder(VariableReader):
 
     Args:
         findings: List to which repairs and refusals are added.
-        node_id: Node-ID for ``$NODEID``; None where it is not known.
+        node_id: Node-ID for ``$NODEID``; None if it is not known.
 
     Attributes:
         dictionary: The dictionary as far as it is built.

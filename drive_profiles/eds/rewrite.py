@@ -94,7 +94,7 @@ def rewritten(
 
 
 def _variable(dictionary: ObjectDictionary, index: int, subindex: int) -> ODVariable | None:
-    """Variable at an address; None where there is none, for which canopen's arrays would make one up."""
+    """Variable at an address; None if there is none, for which canopen's arrays would make one up."""
     item = dictionary.indices.get(index)
     if item is None or isinstance(item, ODVariable):
         return item if subindex == 0 else None

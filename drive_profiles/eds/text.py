@@ -61,7 +61,7 @@ class Replacement(NamedTuple):
 
     Args:
         value: Text of the value in the file.
-        keeps_comment: True where text after ``#`` or ``;`` is a comment, which stays; in a string it belongs to the value.
+        keeps_comment: True if text after ``#`` or ``;`` is a comment, which stays; in a string it belongs to the value.
     """
 
     value: str
@@ -266,7 +266,7 @@ def _opened(document: Document, stripped: str, number: int, findings: Findings) 
     rest = rest.strip(BLANK)
     if not bracket:
         name = name[: comment_start(name)].strip(BLANK)
-        findings.warn(number, name, "", "head of a section without ]; read as if it were there", "[name]")
+        findings.warn(number, name, "", 'section header lacks "]"; assumed', "[name]")
     elif rest:
         findings.warn(number, name, "", f"{quoted(rest)} after the head of a section; ignored", "a comment on a line of its own")
     identity = section_id(name)

@@ -55,10 +55,10 @@ class ValueReading(NamedTuple):
     """A value as it was read from its text.
 
     Args:
-        value: The value; None where the text is empty or was dropped.
+        value: The value; None if the text is empty or was dropped.
         remark: The fault and its repair; empty where the text is as the standard demands.
-        relative: True where ``$NODEID`` is in the text.
-        hexadecimal: True where the number was written in hexadecimal.
+        relative: True if ``$NODEID`` is in the text.
+        hexadecimal: True if the number was written in hexadecimal.
     """
 
     value: int | float | str | bytes | None

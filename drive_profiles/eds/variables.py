@@ -39,7 +39,7 @@ class VariableReader:
 
     Args:
         findings: List to which repairs and refusals are added.
-        node_id: Node-ID for ``$NODEID``; None where it is not known.
+        node_id: Node-ID for ``$NODEID``; None if it is not known.
 
     Attributes:
         types: Data types beyond those of CiA 301, each with the type that it is made of.

@@ -50,9 +50,9 @@ class Gain(Table):
 
     Attributes:
         parameter: Name of the parameter that holds it.
-        factor: SI units per unit of that parameter (with ``times_torque_constant``: per N·m/A as well); None where the scaling is
+        factor: SI units per unit of that parameter (with ``times_torque_constant``: per N·m/A as well); None if the scaling is
             not known.
-        times_torque_constant: True where the drive's unit is a current: the gain is ``held · factor · K_t``.
+        times_torque_constant: True if the drive's unit is a current: the gain is ``held · factor · K_t``.
     """
 
     parameter: str
@@ -141,7 +141,7 @@ class NotchFacts(Fact):
             apart, F(s) = (s²/ω_z² + 2 ζ_z s/ω_z + 1) / (s²/ω_p² + 2 ζ_p s/ω_p + 1). ``symmetric``: one frequency for both.
             ``coefficients``: y = Σ b_i u(n−i) + a_sign Σ a_i y(n−i).
         place: Position of the filter in the loop, in words.
-        period_s: Period at which it runs, s; None where that is not known.
+        period_s: Period at which it runs, s; None if that is not known.
         discretisation: Rule by which the drive makes a continuous form discrete.
         min_frequency_hz: Lowest frequency that it takes; None: not known.
         max_frequency_hz: Highest frequency that it takes; None: not known.
@@ -275,7 +275,7 @@ class StoreFacts(Fact):
     """Facts about the commands that store and restore parameters.
 
     Attributes:
-        object: Object of the store command; None where there is none, and ``note`` says what to do instead.
+        object: Object of the store command; None if there is none, and ``note`` says what to do instead.
         signature: Number that is written to it, "save".
         wait_s: Time that the drive may take to answer, s.
         restore: Object of the command that puts the factory's values back after a reset.

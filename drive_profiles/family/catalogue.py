@@ -42,7 +42,7 @@ class CatalogueEntry:
     Attributes:
         address: Index and sub-index.
         name: Name of the parameter in the profile, else in the EDS.
-        data_type: CiA 301 data type; None where neither profile nor EDS states it.
+        data_type: CiA 301 data type; None if neither profile nor EDS states it.
         access: Access as an EDS writes it.
         parameter: The parameter in the profile; None for an object that only the EDS has.
         low: Lowest value on the wire that the EDS allows.
@@ -72,22 +72,22 @@ class CatalogueEntry:
 
     @property
     def is_readable(self) -> bool:
-        """True where an SDO may read the object."""
+        """True if an SDO may read the object."""
         return self.access != "wo"
 
     @property
     def is_writable(self) -> bool:
-        """True where an SDO may write the object."""
+        """True if an SDO may write the object."""
         return self.access not in {"ro", "const"}
 
     @property
     def is_verified(self) -> bool:
-        """True where the facts are more than a guess; an EDS that the user gives counts as such."""
+        """True if the facts are more than a guess; an EDS that the user gives counts as such."""
         return self.parameter is None or self.parameter.is_verified
 
     @property
     def needs_scaling(self) -> bool:
-        """True where the value of a step depends on the drive's encoder or rated torque."""
+        """True if the value of a step depends on the drive's encoder or rated torque."""
         return self.parameter is not None and isinstance(self.parameter.scale, str)
 
     def without_limits(self) -> CatalogueEntry:
@@ -194,7 +194,7 @@ class Catalogue:
         return len(self._entries)
 
     def get(self, address: ObjectAddress) -> CatalogueEntry | None:
-        """Entry of an object; None where neither device nor standard has it."""
+        """Entry of an object; None if neither device nor standard has it."""
         return self._entries.get(address) or self._standard.get(address)
 
     def unit_of(self, entry: CatalogueEntry) -> str:

@@ -19,7 +19,7 @@ class Firmware(Table):
     """The product code and the range of revisions (1018h:2 and :3) for which facts hold.
 
     Attributes:
-        product_code: Product code; None where it is not known, and every product counts as unverified.
+        product_code: Product code; None if it is not known, and every product counts as unverified.
         min_revision: Lowest revision number of a firmware for which the facts hold; None: from the first on.
         max_revision: Highest such revision number; None: up to the latest.
     """
@@ -36,17 +36,17 @@ class Firmware(Table):
 
     @property
     def has_range(self) -> bool:
-        """True where the facts hold for some firmware only."""
+        """True if the facts hold for some firmware only."""
         return self.min_revision is not None or self.max_revision is not None
 
     def covers(self, revision: int | None) -> bool:
-        """True where the facts hold for a revision; an unknown one is covered where all are."""
+        """True if the facts hold for a revision; an unknown one is covered where all are."""
         if revision is None:
             return not self.has_range
         return (self.min_revision or 0) <= revision and (self.max_revision is None or revision <= self.max_revision)
 
     def overlaps(self, other: Firmware) -> bool:
-        """True where a device may be covered by both."""
+        """True if a device may be covered by both."""
         if self.product_code != other.product_code:
             return False
         starts = max(self.min_revision or 0, other.min_revision or 0)
@@ -84,7 +84,7 @@ class Identity(Firmware, Fact):
 
 
 class SyncLimits(Fact):
-    """The SYNC periods that the device follows; None where that is not known."""
+    """The SYNC periods that the device follows; None if that is not known."""
 
     min_period_s: float | None = pydantic.Field(default=None, gt=0)
     max_period_s: float | None = pydantic.Field(default=None, gt=0)

@@ -48,7 +48,7 @@ class Fact(Table):
 
     @property
     def is_verified(self) -> bool:
-        """True where the evidence is better than a guess."""
+        """True if the evidence is better than a guess."""
         return self.evidence != "unverified"
 
 
@@ -67,7 +67,7 @@ class Parameter(Fact):
         minimum: Smallest value, in ``unit``.
         maximum: Largest value, in ``unit``.
         default: Factory setting, as it is on the wire; bytes as hexadecimal text.
-        mappable: True where a PDO may carry the object.
+        mappable: True if a PDO may carry the object.
         effective: Moment from which a written value acts: at once, only if written while disabled, or after a reset.
         order: Rank in the order of writing, lowest first; equal ranks are written as the file lists them.
         description: Effect of the parameter.
@@ -121,12 +121,12 @@ class Parameter(Fact):
 
     @property
     def is_bytes(self) -> bool:
-        """True where the value is a string of bytes rather than a number."""
+        """True if the value is a string of bytes rather than a number."""
         return self.data_type in BYTES
 
     @property
     def is_settable(self) -> bool:
-        """True where the object can be written, and takes more than one value."""
+        """True if the object can be written, and takes more than one value."""
         low, high = LIMITS.get(self.data_type, (-math.inf, math.inf))
         least = low if self.minimum is None else max(low, self.minimum)
         greatest = high if self.maximum is None else min(high, self.maximum)
@@ -140,7 +140,7 @@ class Parameter(Fact):
         return "" if self.is_bytes or self.type.is_real else f"{self.scale:g} {shown.unit(self.unit)}".rstrip()
 
     def default_bytes(self) -> bytes | None:
-        """Bytes of the factory setting; None where it is not known.
+        """Bytes of the factory setting; None if it is not known.
 
         Raises:
             ValueError: The default is not of the data type.

@@ -67,7 +67,7 @@ class ParameterChange(Table):
         """The parameter as the product has it.
 
         Args:
-            first: The parameter of the first product; None where it has none of this name.
+            first: The parameter of the first product; None if it has none of this name.
             product: The product, for source and evidence.
 
         Raises:

@@ -49,14 +49,14 @@ class Profile(Table):
         kind: Type of the device.
         identity: 1000h and 1018h of the devices.
         modes: CiA 402 modes of a drive.
-        position_mode: A mode of the maker's own that takes positions cyclically; None where it has none.
+        position_mode: A mode of the maker's own that takes positions cyclically; None if it has none.
         sync: SYNC periods that the device follows.
         capabilities: Capabilities of a drive for the paper's loop.
         loop: The drive's own control loop.
-        notch: The drive's filter; None where it has none.
+        notch: The drive's filter; None if it has none.
         torque: Torques on the bus.
         encoder: Unit of positions on the bus.
-        load_encoder: Second encoder; None where nothing is known of one.
+        load_encoder: Second encoder; None if nothing is known of one.
         store: Commands that store and restore parameters.
         aborts: Vendor-specific abort codes.
         fault_codes: The maker's own error codes, of emergencies, 603Fh and 1003h.
@@ -198,8 +198,8 @@ class Profile(Table):
         code nobody knows.
 
         Args:
-            product_code: 1018h:2 of the device; None where it states none.
-            revision: 1018h:3 of the device; None where it states none.
+            product_code: 1018h:2 of the device; None if it states none.
+            revision: 1018h:3 of the device; None if it states none.
         """
         first, *others = self.members
         coded = [each for each in (*others, first) if product_code is not None and each.identity.product_code == product_code]
@@ -211,8 +211,8 @@ class Profile(Table):
         """The profile of the product that a device is; of several whose code nobody knows, the first.
 
         Args:
-            product_code: 1018h:2 of the device; None where it states none.
-            revision: 1018h:3 of the device; None where it states none.
+            product_code: 1018h:2 of the device; None if it states none.
+            revision: 1018h:3 of the device; None if it states none.
 
         Raises:
             UnknownProductError: The profile names no product, or no firmware, of this identity.
@@ -297,7 +297,7 @@ class Profile(Table):
             raise UnknownParameterError(self.name, name, tuple(close)) from None
 
     def is_fixed(self, address: ObjectAddress) -> bool:
-        """True where the profile has an object and says that it keeps its value."""
+        """True if the profile has an object and says that it keeps its value."""
         return any(entry.address == address and not entry.is_settable for entry in self.parameters.values())
 
     def in_class(self, parameter_class: ParameterClass) -> dict[str, Parameter]:

@@ -19,11 +19,11 @@ class FamilyRun(Table):
 
     Attributes:
         mode: Mode in which a run gives it set-points.
-        is_moved: True where a run has moved it and left it as it was.
+        is_moved: True if a run has moved it and left it as it was.
         refusal: Why its transmission error was not identified or not cancelled; empty where both were done.
         plant_refusal: Why its plant was not identified; empty where it was.
-        tip_mm: Tip's peak of the reference robot's axis 2 without a treatment; None where it was not identified.
-        cancelled_tip_mm: The same with cancellation by set-points, all other things equal; None where it was refused.
+        tip_mm: Tip's peak of the reference robot's axis 2 without a treatment; None if it was not identified.
+        cancelled_tip_mm: The same with cancellation by set-points, all other things equal; None if it was refused.
         held_by_drive: Limits of a bench file that the drive holds as well as the master.
         held_by_master: Limits that the master alone holds.
         kept_by_drive: Limits for which the drive keeps its own value.
@@ -41,12 +41,12 @@ class FamilyRun(Table):
 
     @property
     def is_identified(self) -> bool:
-        """True where its transmission error was identified."""
+        """True if its transmission error was identified."""
         return self.tip_mm is not None
 
     @property
     def is_cancelled(self) -> bool:
-        """True where a cancellation by set-points made the tip quieter."""
+        """True if a cancellation by set-points made the tip quieter."""
         return self.tip_mm is not None and self.cancelled_tip_mm is not None and self.cancelled_tip_mm < self.tip_mm
 
 

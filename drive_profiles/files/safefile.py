@@ -28,7 +28,7 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
     """
     try:
         if not force and path.exists():
-            raise RefusedError(f"{path} is there already; choose another name, or --force")
+            raise RefusedError(f"{path} already exists; choose another name, or give --force")
         if path.exists() and not path.is_file():
             problem = Problem(0, "", "is no file that could be replaced", "a file")
             raise FileError(path, (problem,))

@@ -15,7 +15,7 @@ _SDO_PARAMETERS = range(0x1200, 0x1300)
 
 
 def is_command(address: ObjectAddress, profile: Profile | None = None) -> bool:
-    """True where writing the object *does* something rather than sets something, on any axis (CiA 402: + 800h each).
+    """True if writing the object *does* something rather than sets something, on any axis (CiA 402: + 800h each).
 
     Args:
         address: The object.

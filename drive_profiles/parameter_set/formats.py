@@ -37,7 +37,7 @@ _NOT_IN_COMMENTS = {"format", "hash", "not_read", "node_id", "serial_number", "b
 
 
 def is_toml(path: Path) -> bool:
-    """True where the suffix is that of a parameter set of our own."""
+    """True if the suffix is that of a parameter set of our own."""
     return path.suffix.lower() not in DEVICE_FILES | CONCISE
 
 
@@ -149,7 +149,7 @@ def _value(each: Write) -> Value:
 
 
 def _stands(each: Write) -> bool:
-    """True where the value can stand on a line of a file: an empty text cannot, nor one with blanks around it."""
+    """True if the value can stand on a line of a file: an empty text cannot, nor one with blanks around it."""
     value = _value(each)
     if not isinstance(value, str | bytes):
         return True  # what is wrong with a number is said where it is written

@@ -69,7 +69,7 @@ class Header(Table):
         unverified: The unverified facts from which the values were computed; empty where all are verified.
         not_read: Objects that could not be read, each with the reason.
         bitrate_bit_s: Bit rate of the bus that the set was pulled on, where the bus had one.
-        counts_per_rev: Increments of the drive's encoder per revolution, where values count in them; None where not known.
+        counts_per_rev: Increments of the drive's encoder per revolution, where values count in them; None if not known.
         rated_torque_nm: Rated torque of the drive, where values count in it.
         gear_motor_revs: 6091h:1, where positions count by it; likewise the three below.
         gear_shaft_revs: 6091h:2.
@@ -99,7 +99,7 @@ class Header(Table):
     feed_shaft_revs: int = pydantic.Field(default=1, gt=0)
 
     def scaling_of(self, entry: CatalogueEntry) -> Scaling | None:
-        """Return the scaling for one object; None where it needs none, or where the header does not state it."""
+        """Return the scaling for one object; None if it needs none, or where the header does not state it."""
         scale = entry.parameter.scale if entry.parameter is not None and entry.needs_scaling else None
         if (self.counts_per_rev if scale == "counts" else self.rated_torque_nm if scale else None) is None:
             return None
@@ -171,7 +171,7 @@ class ParameterSet(Table):
 
     @property
     def is_edited(self) -> bool:
-        """True where the values were changed after the hash in the header was made."""
+        """True if the values were changed after the hash in the header was made."""
         return bool(self.header.hash) and self.header.hash != self.digest()
 
     def dumps(self) -> str:
@@ -258,7 +258,7 @@ class ParameterSet(Table):
             other: The other set.
             catalogue: The objects of the device. With it objects are compared by address and bytes, so that a line in a unit and
                 a raw line may be the same; a line whose bytes are not known is compared as it stands.
-            scaling_of: Function that returns the scaling for an object, None where it is not known.
+            scaling_of: Function that returns the scaling for an object, None if it is not known.
         """
         left, right = (_compared(each, catalogue, scaling_of) for each in (self, other))
         differences = []
@@ -354,7 +354,7 @@ def from_values(
     Args:
         catalogue: The objects of the device.
         values: Values by address.
-        scaling_of: Function that returns the scaling for an object; None where it is not known, and the value stays raw.
+        scaling_of: Function that returns the scaling for an object; None if it is not known, and the value stays raw.
         undescribed: True: objects that nobody describes are taken as well, by the length of their bytes.
         flagged: True: objects that refuse a download are taken as well.
     """

@@ -113,7 +113,7 @@ class Shape:
         pole_hz: Frequency of the poles, ω_p / 2π, Hz.
         zeta_pole: Damping of the poles, ζ_p.
         dc_gain: Gain at DC, g; infinite where the denominator vanishes at DC.
-        is_stable: True where both poles are inside the unit circle.
+        is_stable: True if both poles are inside the unit circle.
     """
 
     zero_hz: float
@@ -125,7 +125,7 @@ class Shape:
 
     @property
     def is_notch(self) -> bool:
-        """True where poles and zeros are still two damped oscillations, ζ < 1, with a gain at DC."""
+        """True if poles and zeros are still two damped oscillations, ζ < 1, with a gain at DC."""
         pairs = ((self.zero_hz, self.zeta_zero), (self.pole_hz, self.zeta_pole))
         return self.is_stable and math.isfinite(self.dc_gain) and all(0 < f < math.inf and 0 <= zeta < 1 for f, zeta in pairs)
 

@@ -138,7 +138,7 @@ class Realisation:
         held: Zeros, poles and DC gain recomputed from the biquads.
         deviations: Deviations from the target.
         reasons: Reasons why it is approximate; empty if it is exact.
-        is_verified: True where the profile's facts about the filter are more than a guess.
+        is_verified: True if the profile's facts about the filter are more than a guess.
     """
 
     profile: str
@@ -153,7 +153,7 @@ class Realisation:
 
     @property
     def is_exact(self) -> bool:
-        """True where the filter is the designed notch, within the tolerance."""
+        """True if the filter is the designed notch, within the tolerance."""
         return not self.reasons
 
 

@@ -112,18 +112,18 @@ class DataType(IntEnum):
 
     @property
     def size(self) -> int | None:
-        """Length in bytes, or None where the value decides."""
+        """Length in bytes, or None if the value decides."""
         packer = PACKERS.get(self)
         return None if packer is None else packer.size
 
     @property
     def is_integer(self) -> bool:
-        """True where the values are whole numbers."""
+        """True if the values are whole numbers."""
         return self.size is not None and not self.is_real and self is not DataType.BOOLEAN
 
     @property
     def is_real(self) -> bool:
-        """True where the values are floating-point numbers."""
+        """True if the values are floating-point numbers."""
         return self in {DataType.REAL32, DataType.REAL64}
 
 

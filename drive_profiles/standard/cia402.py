@@ -115,7 +115,7 @@ class QuickStopOption(IntEnum):
 
     @property
     def stays(self) -> bool:
-        """True where the drive remains in QUICK_STOP_ACTIVE, so that transition 16 is allowed."""
+        """True if the drive remains in QUICK_STOP_ACTIVE, so that transition 16 is allowed."""
         return self >= QuickStopOption.SLOW_DOWN_RAMP_AND_STAY
 
 
@@ -228,7 +228,7 @@ _STEPS: dict[tuple[State, Command | Event], tuple[int, State]] = {
 
 
 def state_of(status_word: int) -> State | None:
-    """State that a status word shows, or None where it shows none of the eight.
+    """State that a status word shows, or None if it shows none of the eight.
 
     Source: CiA 402, 6041h: masks 4Fh and 6Fh.
     """
@@ -312,7 +312,7 @@ def state_after(state: State, event: Event, quick_stop_option: int = QuickStopOp
 
 
 def control_word_towards(state: State) -> int | None:
-    """Next control word of the master on the way to OPERATION_ENABLED, or None where it has to wait or to decide.
+    """Next control word of the master on the way to OPERATION_ENABLED, or None if it has to wait or to decide.
 
     None in NOT_READY_TO_SWITCH_ON and FAULT_REACTION_ACTIVE (the drive moves by itself), in FAULT (a reset is a
     decision) and in QUICK_STOP_ACTIVE (transition 16 would run on, disable voltage would end the braking).

@@ -124,7 +124,7 @@ def error_text(code: int, own: Mapping[int, str] | None = None) -> str:
 
 
 def _found(code: int, own: Mapping[int, str]) -> tuple[str, bool]:
-    """Words of a code, empty where there are none; and True where they are those of its group."""
+    """Words of a code, empty where there are none; and True if they are those of its group."""
     if code in own or code in _CODES:
         return own.get(code) or _CODES[code], False
     group = next((_CODES[code & mask] for mask in (0xFFF0, 0xFF00, 0xF000) if code & mask in _CODES), "")

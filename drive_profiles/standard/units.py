@@ -190,7 +190,7 @@ class Scaling:
 
     @property
     def counts_are_increments(self) -> bool:
-        """True where positions on the wire are increments of the encoder, with the same sign."""
+        """True if positions on the wire are increments of the encoder, with the same sign."""
         return self._position == self.encoder_counts_per_rev and not self.polarity & POSITION_REVERSED
 
     @property

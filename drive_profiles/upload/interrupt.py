@@ -16,13 +16,13 @@ class InterruptWindow:
 
     @property
     def is_interrupted(self) -> bool:
-        """True where an interrupt has come in time."""
+        """True if an interrupt has come in time."""
         return self._first.get(None) == _INTERRUPTED
 
     def interrupt(self) -> bool:
-        """Interrupt; False where it comes too late and changes nothing."""
+        """Interrupt; False if it comes too late and changes nothing."""
         return self._first.setdefault(None, _INTERRUPTED) == _INTERRUPTED
 
     def close(self) -> bool:
-        """Close the window; False where an interrupt has come before."""
+        """Close the window; False if an interrupt has come before."""
         return self._first.setdefault(None, _CLOSED) == _CLOSED

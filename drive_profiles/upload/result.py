@@ -74,9 +74,9 @@ class UploadResult:
         others: ``new``: all other objects of the set hold the new values; ``old``: they hold their former values.
         stored: ``yes``, ``no``, ``unknown`` or ``again``: the drive has stored the values.
         reason: Reason why the upload was not done.
-        journal: Path of the journal; None where nothing had to be written.
+        journal: Path of the journal; None if nothing had to be written.
         exit_code: Exit status of a command that ends with this result.
-        other_count: Number of all other objects; None where it was not counted.
+        other_count: Number of all other objects; None if it was not counted.
     """
 
     node: int

@@ -186,7 +186,7 @@ class Kinematics:
         Args:
             near: Angles to begin with; shape (..., n).
             position_m: Wanted positions of the tip; shape (..., 3).
-            frame: Wanted axes of the tip; shape (..., 3, 3); None where they are free.
+            frame: Wanted axes of the tip; shape (..., 3, 3); None if they are free.
             rounds: Most rounds.
 
         Returns:

@@ -25,7 +25,7 @@ class Mounting(Table):
         origin_m: Its origin in the frame of this link.
         rpy_deg: Roll, pitch and yaw of its axes in the same frame.
         misalignment_deg: By how much its own axes are turned against those: what it is glued, and made, askew.
-        gravity: True where it feels its weight, as one with a response down to 0 Hz does.
+        gravity: True if it feels its weight, as one with a response down to 0 Hz does.
     """
 
     axis: AxisNumber | None = None

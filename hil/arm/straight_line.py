@@ -47,7 +47,7 @@ class LineError(ValueError):
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the tip is, and its axes in the base frame as columns; None where these are free."""
+    """Where the tip is, and its axes in the base frame as columns; None if these are free."""
 
     position_m: Array
     frame: Array | None
@@ -104,7 +104,7 @@ class StraightLine:
 
     @property
     def with_frame(self) -> bool:
-        """True where the tip's axes are not free."""
+        """True if the tip's axes are not free."""
         return self.start.frame is not None
 
     @property
@@ -120,7 +120,7 @@ class StraightLine:
         return rotation_vector(self.end.frame @ self.start.frame.T)
 
     def poses(self, fraction: Array) -> tuple[Array, Array | None]:
-        """Places and axes of the tip at fractions of the way; shapes (n, 3) and (n, 3, 3), or None where the axes are free."""
+        """Places and axes of the tip at fractions of the way; shapes (n, 3) and (n, 3, 3), or None if the axes are free."""
         s = np.asarray(fraction, dtype=np.float64)
         positions = self.start.position_m + s[:, np.newaxis] * (self.end.position_m - self.start.position_m)
         if self.start.frame is None:
@@ -236,7 +236,7 @@ class StraightLine:
 
 
 def _is_reached(left: Array) -> bool:
-    """True where what is left of a way and a turn is nothing."""
+    """True if what is left of a way and a turn is nothing."""
     return float(np.linalg.norm(left[:3])) <= REACHED_M and float(np.linalg.norm(left[3:])) <= REACHED_RAD
 
 

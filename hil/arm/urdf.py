@@ -304,7 +304,7 @@ def _tip(file: _File, fixed: list[tuple[str, Real, Real]], tip_link: str | None)
 
 
 def _body(file: _File, link: str) -> Body | None:
-    """The mass of a link in its own frame; None where it has none."""
+    """The mass of a link in its own frame; None if it has none."""
     element = file.links[link].child("inertial")
     if element is None:
         return None

@@ -132,13 +132,13 @@ class AxisTable(Table):
     Attributes:
         node_id: Node-ID of the drive.
         profile: Drive profile, by its name or by the path of its file; a path counts from the bench file.
-        serial_number: Serial number of the drive; None where any is accepted.
+        serial_number: Serial number of the drive; None if any is accepted.
         reduction_ratio: Reduction ratio N of the gear.
         joint: Name of its joint in the arm's URDF file.
         tip_lever_m: Distance of the tip from the axis; left out on a bench with an arm, whose kinematics say it: 0 until then.
         limits: Limits that the axis must never exceed.
         control: Gains of its loop, or `as found`: the drive's, which are neither written nor known.
-        gains_are_set: True where the drive has the gains of `control` already, since only its maker's tool can set them.
+        gains_are_set: True if the drive has the gains of `control` already, since only its maker's tool can set them.
         notch: Variable notches.
         model: Believed plant; None without one.
         gear_stiffness_nm_rad: Stiffness of its gear at the joint; left out, that of `model`, which may stand for one mode alone.
@@ -146,7 +146,7 @@ class AxisTable(Table):
         rated_torque_nm: Torque of which torques are per mille, for a drive without an object that says it.
         torque_constant_nm_a: Torque of the motor per ampere, for a drive that reports a current and no torque.
         motor_inertia_kg_m2: J_m of the motor's data sheet, for cancelling and learning where no plant is known.
-        motor: Poles and slots of the motor, for a passport; None where nothing is known of them.
+        motor: Poles and slots of the motor, for a passport; None if nothing is known of them.
         load_encoder: Second encoder, on the joint; its position is recorded. None: there is none, or it is not wanted.
     """
 
@@ -191,7 +191,7 @@ class AxisTable(Table):
 
     @property
     def writes_gains(self) -> bool:
-        """True where a run writes the gains into the drive."""
+        """True if a run writes the gains into the drive."""
         return isinstance(self.control, Control) and not self.gains_are_set
 
     def felt_lever_m(self, purpose: str) -> float:
@@ -212,7 +212,7 @@ class AxisTable(Table):
 
     @property
     def has_loop(self) -> bool:
-        """True where plant and gains are both known."""
+        """True if plant and gains are both known."""
         return self.model is not None and isinstance(self.control, Control)
 
     def plant(self) -> TwoInertia | None:
@@ -222,7 +222,7 @@ class AxisTable(Table):
         return TwoInertia(reduction_ratio=self.reduction_ratio, **self.model.model_dump(exclude={"ate"}))
 
     def loop(self, period_s: float, delay_samples: int = 0, *, with_notch: bool = True) -> Loop | None:
-        """The loop around the model; None where plant or gains are not known."""
+        """The loop around the model; None if plant or gains are not known."""
         plant = self.plant()
         if plant is None or not isinstance(self.control, Control):
             return None

@@ -47,14 +47,14 @@ class IdentifiedPlant(Table):
         antiresonance_hz: Antiresonance f_a.
         resonance_hz: Resonance f_r.
         damping: Damping ratio ζ of the arm on its gear.
-        torsion_arcsec: Amplitude of the gear's torsion for which stiffness and damping hold; None where it was not recorded.
+        torsion_arcsec: Amplitude of the gear's torsion for which stiffness and damping hold; None if it was not recorded.
         cannot_tell: Facts that these data cannot show, in words.
-        coulomb_friction_nm: Coulomb friction τ_C at the motor; None where no slow run was made.
-        gravity_moment_nm: Gravity moment m g l of the arm; None where no slow run was made.
+        coulomb_friction_nm: Coulomb friction τ_C at the motor; None if no slow run was made.
+        gravity_moment_nm: Gravity moment m g l of the arm; None if no slow run was made.
         torque_lag_s: Lag of the drive's current loop, from the torque that it reports to the one that the motor feels.
         accelerometer_delay_s: Delay of the accelerometer behind the motor angle; None without an accelerometer.
         note: Notes of the engineer: date, load, temperature.
-        emulated: True where it was identified on an emulated robot; None where that was not recorded.
+        emulated: True if it was identified on an emulated robot; None if that was not recorded.
         modes: Modes of an arm that rings with several, from the lowest; then the values are motor and leading mode, the lowest
             that carries a good part of the tip's motion. Empty where there is one.
     """
@@ -94,9 +94,9 @@ class IdentifiedError(Table):
             0 where it did not.
         motor_friction_nm: Friction of the motor beside which that reaction was told: no load of the gear. A plant's goes first.
         learnt_by: Source of the values, one of `LearntBy`.
-        motor_inertia_kg_m2: J_m with which it was learnt, as it was given; None where a plant was known.
+        motor_inertia_kg_m2: J_m with which it was learnt, as it was given; None if a plant was known.
         note: Notes of the engineer: date, load, temperature.
-        emulated: True where it was identified on an emulated robot; None where that was not recorded.
+        emulated: True if it was identified on an emulated robot; None if that was not recorded.
     """
 
     values: TransmissionErrorTable
@@ -152,7 +152,7 @@ class IdentifiedPosture(Table):
     Attributes:
         joints_deg: The posture: joint angles from the base on.
         mode: The modes, from the lowest.
-        emulated: True where it was identified on an emulated robot; None where that was not recorded.
+        emulated: True if it was identified on an emulated robot; None if that was not recorded.
     """
 
     joints_deg: tuple[float, ...]
@@ -193,7 +193,7 @@ class IdentifiedArm(Table):
         postures: Number of postures.
         dip_error: Largest relative standard error of a dip along the line, or in the postures.
         note: Notes of the engineer.
-        emulated: True where a part was identified on an emulated robot; None where that was not recorded.
+        emulated: True if a part was identified on an emulated robot; None if that was not recorded.
     """
 
     axes: tuple[AxisNumber, ...]

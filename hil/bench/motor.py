@@ -13,7 +13,7 @@ class MotorTable(Table):
     """Poles and slots of a motor, which say what orders it can make of its own; of its data sheet.
 
     Attributes:
-        pole_pairs: Pole pairs p; None where they are not known.
+        pole_pairs: Pole pairs p; None if they are not known.
         slots: Slots of the stator, likewise.
     """
 

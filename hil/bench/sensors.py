@@ -25,7 +25,7 @@ class AccelerometerTable(Table):
         serial: Port and framing of a serial sensor; None for a node.
         from_load_encoders: There is no sensor: the joints' own encoders, on the load side, tell the tip's acceleration.
         range_m_s2: Largest measurement of the sensor, or None; a run in which a sample reaches it is not judged.
-        mounting: Where it sits on the arm, and how it is turned; None where it gives the tip's acceleration in the base frame.
+        mounting: Where it sits on the arm, and how it is turned; None if it gives the tip's acceleration in the base frame.
     """
 
     node_id: NodeId | None = None
@@ -42,7 +42,7 @@ class AccelerometerTable(Table):
 
     @property
     def free_range_m_s2(self) -> float | None:
-        """What the range leaves beside the weight that a mounted sensor feels; None where it is not known."""
+        """What the range leaves beside the weight that a mounted sensor feels; None if it is not known."""
         if self.range_m_s2 is None or self.mounting is None or not self.mounting.gravity:
             return self.range_m_s2
         return max(0.0, self.range_m_s2 - STANDARD_GRAVITY_M_S2)

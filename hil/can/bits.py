@@ -218,7 +218,7 @@ def fd_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = True) 
         can_id: The identifier, without flags.
         data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
         extended: True for a 29-bit identifier.
-        brs: True where the data phase has a bit rate of its own; else all bits are nominal ones.
+        brs: True if the data phase has a bit rate of its own; else all bits are nominal ones.
 
     Raises:
         ValueError: No such length, or no such identifier.
@@ -239,7 +239,7 @@ def fd_sent_bits(can_id: int, data: bytes, extended: bool = False, brs: bool = T
         can_id: The identifier, without flags.
         data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes.
         extended: True for a 29-bit identifier.
-        brs: True where the data phase has a bit rate of its own.
+        brs: True if the data phase has a bit rate of its own.
 
     Raises:
         ValueError: The frame is one that `fd_bits` refuses.

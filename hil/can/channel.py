@@ -17,12 +17,12 @@ class Channel(Protocol):
 
     @property
     def is_lock_step(self) -> bool:
-        """True where time on this bus is counted in SYNCs."""
+        """True if time on this bus is counted in SYNCs."""
         ...
 
     @property
     def overflows(self) -> int | None:
-        """Received frames that were lost for want of room since the bus was opened; None where the bus does not count them."""
+        """Received frames that were lost for want of room since the bus was opened; None if the bus does not count them."""
         ...
 
     def send(self, frame: Frame) -> None:

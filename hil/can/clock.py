@@ -71,7 +71,7 @@ def answer(clock: int, bitrate: int | None, *, several: bool = False) -> Frame:
 
 
 def read_answer(data: bytes) -> Answer | None:
-    """Read the bus' answer; None where it is none."""
+    """Read the bus' answer; None if it is none."""
     if len(data) != _ANSWER.size or data[0] != QUESTION:
         return None
     _, clock, bitrate, several = _ANSWER.unpack(data)
@@ -79,7 +79,7 @@ def read_answer(data: bytes) -> Answer | None:
 
 
 def read_question(data: bytes) -> Question | None:
-    """Read a client's question; None where it is none."""
+    """Read a client's question; None if it is none."""
     if len(data) != _ANSWER.size or data[0] != QUESTION:
         return None
     flags = data[1]
@@ -92,7 +92,7 @@ def period_over(count: int) -> Frame:
 
 
 def read_period_over(data: bytes) -> int | None:
-    """Read the count of such a frame; None where it is another."""
+    """Read the count of such a frame; None if it is another."""
     if len(data) != _PERIOD.size or data[0] != PERIOD_OVER:
         return None
     count: int = _PERIOD.unpack(data)[1]
@@ -105,5 +105,5 @@ def stamp(time_ns: int) -> Frame:
 
 
 def read_stamp(data: bytes) -> int | None:
-    """Read the time in ns of such a frame; None where it is another."""
+    """Read the time in ns of such a frame; None if it is another."""
     return int.from_bytes(data[1:], "little") if len(data) == 8 and data[0] == STAMP else None

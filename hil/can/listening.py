@@ -85,12 +85,12 @@ class _Listening:
         self._thread = threading.Thread(target=self._run, name=f"listening on {address}", daemon=True)
 
     def _read(self) -> Any:
-        """The next message; None where none comes within a moment. Raises `OSError` where the bus is gone."""
+        """The next message; None if none comes within a moment. Raises `OSError` where the bus is gone."""
         raise NotImplementedError
 
     @staticmethod
     def _gathered(read: Callable[[int], T]) -> T | None:
-        """What a socket gives next; None where nothing comes within a moment.
+        """What a socket gives next; None if nothing comes within a moment.
 
         Args:
             read: Reads the socket with flags of `recv`.

@@ -153,7 +153,7 @@ def _check_up(address: Address) -> None:
 
 
 def _dropped(ancillary: list[tuple[int, int, bytes]]) -> int | None:
-    """Number of frames that the kernel has dropped for this socket since it was opened; None where the kernel gave no count."""
+    """Number of frames that the kernel has dropped for this socket since it was opened; None if the kernel gave no count."""
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == _SO_RXQ_OVFL and len(data) == _DROPPED.size:
             return int(_DROPPED.unpack(data)[0])
@@ -165,7 +165,7 @@ class RawChannel:
 
     Attributes:
         address: Address of the bus; the local bus adds its bit rate.
-        is_lock_step: True where time is counted in SYNCs, as the local bus reports.
+        is_lock_step: True if time is counted in SYNCs, as the local bus reports.
         overflows: Received frames that were lost before they could be read: by the kernel, or (each time, not each frame) by the
             controller.
         error_warnings: Number of error frames in which the controller was error-warning or error-passive.
@@ -236,7 +236,7 @@ class RawChannel:
 
     @property
     def takes_messages(self) -> bool:
-        """True where a cycle may be one message each way, and nothing of an earlier one waits to be read."""
+        """True if a cycle may be one message each way, and nothing of an earlier one waits to be read."""
         return self._takes_several and self.is_lock_step and not self._early
 
     def send_message(self, records: bytes) -> None:
@@ -318,7 +318,7 @@ class RawChannel:
         return self._read(0)
 
     def _read(self, flags: int) -> Frame | None:
-        """The next frame, other records skipped; None where none comes within the socket's time-out."""
+        """The next frame, other records skipped; None if none comes within the socket's time-out."""
         frame = self._from_stream(b"") if self._buffer else None
         while frame is None:
             try:
@@ -380,11 +380,11 @@ class RawChannel:
                 self._early.append(frame)
 
     def _is_period_over(self, data: bytes) -> bool:
-        """True where the record says that the period of our last SYNC is over, so that no more frames will come in it."""
+        """True if the record says that the period of our last SYNC is over, so that no more frames will come in it."""
         return clock.read_period_over(data) == self._syncs & 0xFFFF_FFFF
 
     def _read_can(self, timeout_s: float) -> Frame | None:
-        """The next frame of a CAN interface; frames lost before it are counted. None where none comes in time."""
+        """The next frame of a CAN interface; frames lost before it are counted. None if none comes in time."""
         while True:
             try:
                 # the kernel counts a socket's own time-out in jiffies, up to 10 ms each

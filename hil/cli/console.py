@@ -20,7 +20,7 @@ class ExitStatus(ToolExitStatus):
     """Exit statuses of `hil`."""
 
     DONE = 0, "done"
-    INTERNAL = 1, "an error that nobody expected"
+    INTERNAL = 1, "internal error"
     USAGE = 2, "usage"
     FILE = 3, "bad file or a request beyond its limits"
     BUS = 4, "no bus"
@@ -122,7 +122,7 @@ def write_page(directory: Path) -> Path | None:
         directory: Directory with the result of the runs.
 
     Returns:
-        Path of the page; None where it was not written.
+        Path of the page; None if it was not written.
     """
     try:
         from hil.report.writer import write_report_of  # noqa: PLC0415
@@ -287,7 +287,7 @@ def confirm(motions: Iterable[str]) -> None:
     for line in motions:
         say(line)
     if not sys.stdin.isatty():
-        say("nobody can be asked here; --yes moves it without asking")
+        say("not a terminal: give --yes to move without confirmation")
         raise typer.Exit(ExitStatus.USAGE)
     if not typer.confirm("Is everyone clear of the robot, and its emergency stop in reach?", err=True):
         raise typer.Exit(ExitStatus.USAGE)

@@ -28,7 +28,7 @@ DESIGN_EPILOG = epilog(
     {
         ExitStatus.DONE: "a filter that keeps all that is asked",
         ExitStatus.FILE: "bad file, or a bench that lacks what a design needs",
-        ExitStatus.NOT_MET: "no filter keeps all, or none is better than no filter, with the reason",
+        ExitStatus.NOT_MET: "no filter meets every requirement, or none improves on no filter",
         ExitStatus.INTERRUPTED: "interrupted",
     },
 )
@@ -159,7 +159,7 @@ def _check_set_file(bench: "Bench", axis: int, path: Path | None) -> None:
         return
     check_drive(bench, axis)
     if path.exists():
-        raise NotPossibleError(f"{path} is there already, and is not replaced: choose another name")
+        raise NotPossibleError(f"{path} already exists and is not replaced; choose another name")
 
 
 def _requirements(

@@ -86,7 +86,10 @@ def learn(
     probe_arcsec: ProbeOption = None,
     pace: PaceOption = None,
     plant: Annotated[
-        Path | None, typer.Option("--plant", help="Model file of hil identify: its plants, and what no pass betters, are kept.")
+        Path | None,
+        typer.Option(
+            "--plant", help="Model file of hil identify: keeps its plants and any order that learning does not improve."
+        ),
     ] = None,
     motor_inertia_kg_m2: Annotated[
         list[str] | None,
@@ -97,7 +100,9 @@ def learn(
         ),
     ] = None,
     bus: BusOption = None,
-    passes: Annotated[int, typer.Option(min=2, max=50, help="To and fro; the first is without cancellation.")] = 5,
+    passes: Annotated[
+        int, typer.Option(min=2, max=50, help="Number of back-and-forth passes; the first runs without cancellation.")
+    ] = 5,
     acceleration_rps_s: Annotated[float, typer.Option(min=0.1, max=100.0, help="Of every ramp.")] = 4.0,
     orders: OrdersOption = "1,2,4",
     note: Annotated[str, typer.Option(help="Load, temperature: goes into the model file beside the date.")] = "",

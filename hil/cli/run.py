@@ -224,7 +224,7 @@ def _summary(outcome: "ExperimentsOutcome", say: Callable[[str], None]) -> None:
         for words, number in (run.bus_errors or {}).items():
             say(f"{run.recording}: on the bus: {words} ({number} times)")
         if run.discarded_positions is not None:
-            say(f"{run.recording}: {run.discarded_positions} positions that cannot be were forgotten")
+            say(f"{run.recording}: {run.discarded_positions} implausible position readings were discarded")
     for timing in {run.recording: run.timing for run in outcome.result.runs if run.timing is not None}.values():
         for line in timing_lines(timing.model_dump()):
             say(line)

@@ -201,7 +201,7 @@ def _axis_lines(number: int, node: FoundNode, drawn: tuple[str | None, tuple[str
     Args:
         number: Number of the axis.
         node: Its drive.
-        drawn: Its joint, None where that is not known, and all joints of the drawing; None without a drawing.
+        drawn: Its joint, None if that is not known, and all joints of the drawing; None without a drawing.
     """
     identity, known = node.identity, node.profile is not None
     who = identity.name or "a drive"
@@ -267,7 +267,7 @@ def _control_lines(number: int, node: FoundNode) -> list[str]:
 
 
 def _is_as_found(node: FoundNode) -> bool:
-    """True where the profile does not know the gains of the loop, which the maker's tool sets."""
+    """True if the profile does not know the gains of the loop, which the maker's tool sets."""
     return node.profile is not None and not node.knows_gains
 
 

@@ -58,7 +58,7 @@ class HeldAxis(Run):
 
     Attributes:
         stopped: Reason why it was stopped, or None.
-        is_masters_fault: True where that reason lies in the master: it was late.
+        is_masters_fault: True if that reason lies in the master: it was late.
     """
 
     def __init__(
@@ -97,13 +97,13 @@ class HeldAxis(Run):
         return state_of(self.slot.status_word)
 
     def rise(self) -> bool:
-        """Enable the drive where it stands; False where something has stopped it."""
+        """Enable the drive where it stands; False if something has stopped it."""
         if self._guarded(self.enable):
             self.starts[0] = self.slot.position_rad
         return self.stopped is None
 
     def go(self, angles_rad: Real) -> bool:
-        """Follow motor angles, counted from the start, shape (n,); False where something has stopped it.
+        """Follow motor angles, counted from the start, shape (n,); False if something has stopped it.
 
         Raises:
             UnsafeRequestError: They accelerate by more than the limit; none of them is sent.
@@ -112,7 +112,7 @@ class HeldAxis(Run):
         return self._guarded(lambda: self._follow((self.start_rad + angles_rad).tolist()))
 
     def rest(self, duration_s: float) -> bool:
-        """Hold the start; False where something has stopped it."""
+        """Hold the start; False if something has stopped it."""
         return self.go(np.zeros(max(1, round(duration_s / self.period_s))))
 
     def watch(self, duration_s: float) -> Real:
@@ -133,7 +133,7 @@ class HeldAxis(Run):
             angles_rad: Set-points from the start on; there are as many cycles as set-points.
 
         Returns:
-            Time until the drive was out of operation; None where it was not, and has lost its voltage.
+            Time until the drive was out of operation; None if it was not, and has lost its voltage.
 
         Raises:
             SafetyStopError: It has not confirmed that either.
@@ -151,7 +151,7 @@ class HeldAxis(Run):
         """Hold back the master's heartbeat.
 
         Returns:
-            Time until the drive was out of operation; None where it was not, and has lost its voltage.
+            Time until the drive was out of operation; None if it was not, and has lost its voltage.
 
         Raises:
             SafetyStopError: It has not confirmed that either.

@@ -35,10 +35,10 @@ class FoundNode:
         scaling: How a drive counts; None of other nodes, and where it does not say.
         doubt: Reason why it is not known how it counts, or None.
         unsaid: Keys of the bench file that have to say how it counts, since it does not.
-        control: Gains that it holds; None where it holds none, or its profile does not know them.
-        knows_gains: True where its profile knows all gains of the loop.
-        speed_limit_rps: Speed that the drive itself allows; None where it does not say.
-        position_rev: Position of its motor; None where that is not known.
+        control: Gains that it holds; None if it holds none, or its profile does not know them.
+        knows_gains: True if its profile knows all gains of the loop.
+        speed_limit_rps: Speed that the drive itself allows; None if it does not say.
+        position_rev: Position of its motor; None if that is not known.
     """
 
     identity: DeviceIdentity
@@ -63,7 +63,7 @@ class FoundNode:
 
     @property
     def profile(self) -> Profile | None:
-        """Its profile; None where none or several fit."""
+        """Its profile; None if none or several fit."""
         return Profile.load(self.profiles[0]) if len(self.profiles) == 1 else None
 
 

@@ -58,7 +58,7 @@ class Checked:
 
         Args:
             name: Name of the check.
-            is_good: True where all is as it must be.
+            is_good: True if all is as it must be.
             seen: What was seen, in words.
             recording: Path of its recording.
         """

@@ -45,12 +45,12 @@ class Ratio:
 
     @property
     def is_told(self) -> bool:
-        """True where it is known well enough."""
+        """True if it is known well enough."""
         return self.error <= UNSURE
 
     @property
     def holds(self) -> bool:
-        """True where it is 1, as far as can be told."""
+        """True if it is 1, as far as can be told."""
         return 1.0 / SCALE - 2.0 * self.error <= self.value <= SCALE + 2.0 * self.error
 
     @property

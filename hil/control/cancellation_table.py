@@ -109,7 +109,7 @@ class CancellationTable:
         most_rad_s2: Largest acceleration for which it does.
         load_reference: What the set-point has to add for each N·m of τ_g, with the whole reaction; shape (waves, speeds).
         load_torque: The same of the torque offset.
-        motor_load: How τ_g is told; None where it does not react on the motor.
+        motor_load: How τ_g is told; None if it does not react on the motor.
 
     Raises:
         ValueError: The shapes do not fit, or a number is not finite.
@@ -156,7 +156,7 @@ class CancellationTable:
         return self._with(lambda part: by_wave * part, self.waves)
 
     def without(self, orders: Collection[float]) -> "CancellationTable | None":
-        """The table with some orders left out, and what they mix with; None where no other is left."""
+        """The table with some orders left out, and what they mix with; None if no other is left."""
         out = frozenset(orders)
         kept = [index for index, wave in enumerate(self.waves) if not wave.sources & out]
         if not kept:
@@ -180,7 +180,7 @@ class CancellationTable:
             limit_rps: Speed limit of the set-points.
             up_to_rps: Highest motor speed of the motion.
             kept_hz: Frequency k f_m up to which a wave is not left out; above it the lowest orders come first.
-            by_torque: The table that does the same by the torque offset alone; None where there is none.
+            by_torque: The table that does the same by the torque offset alone; None if there is none.
             torque_nm: Largest torque offset.
         """
         frequency, own, fast = self._largest_speeds(up_to_rps)

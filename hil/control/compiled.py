@@ -142,7 +142,7 @@ class Compiled(Generic[P, R]):
         return (fresh and self._saved(path, known, fresh, arguments)) or self.dispatcher
 
     def _saved(self, path: Path, kinds: tuple[str, ...], fresh: Any, arguments: tuple[Any, ...]) -> Any:
-        """Machine code that runs without numba; None where it cannot be stored, which only makes the start slower."""
+        """Machine code that runs without numba; None if it cannot be stored, which only makes the start slower."""
         try:
             return machine_code.save(path, kinds, fresh, arguments)
         except machine_code.NotSavedError as error:
@@ -155,7 +155,7 @@ class Compiled(Generic[P, R]):
         return None
 
     def _compile(self, kinds: tuple[str, ...], arguments: tuple[Any, ...]) -> Any:
-        """Result of numba's compiler; None where it comes from numba's own cache, which lacks the LLVM code.
+        """Result of numba's compiler; None if it comes from numba's own cache, which lacks the LLVM code.
 
         A number gets the one type of its key, whatever numba would infer: code for a small unsigned integer is wrong for -1.
         """

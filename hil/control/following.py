@@ -152,7 +152,7 @@ class SecondDifference:
         """The tip's acceleration a period ago; None until three angles have come one after the other.
 
         Args:
-            angle_rad: The joint's angle; None where it was not measured.
+            angle_rad: The joint's angle; None if it was not measured.
         """
         self._last = () if angle_rad is None else (*self._last[-2:], angle_rad)
         if len(self._last) < 3:
@@ -227,7 +227,7 @@ class FollowingLaw:
             angles_rad: Measured motor angles.
             references_rad: Set-points of the motion alone, whose jolts ring.
             levers_m: Lever of the tip at each axis.
-            acceleration_m_s2: The tip's acceleration; None where it was not measured.
+            acceleration_m_s2: The tip's acceleration; None if it was not measured.
         """
         samples = self._samples
         samples[0], samples[1], samples[2] = angles_rad, references_rad, levers_m

@@ -62,7 +62,7 @@ def _described(dtype: np.dtype[Any]) -> str:
 
 
 def kind(argument: object) -> str | None:
-    """Type key of an argument, which selects the machine code; None where only numba can take the argument.
+    """Type key of an argument, which selects the machine code; None if only numba can take the argument.
 
     The key is a letter of `struct` for a number, dimensions and dtype for an array that is contiguous in memory, and the dtype
     for a record.
@@ -171,7 +171,7 @@ def file_name(name: str, kinds: tuple[str, ...]) -> str:
 
 
 def load(path: Path, kinds: tuple[str, ...]) -> EntryPoint | None:
-    """Load the machine code that `save` has written; None where the file is missing or damaged."""
+    """Load the machine code that `save` has written; None if the file is missing or damaged."""
     try:
         head, code = path.read_bytes().split(b"\n", 1)
         symbol, result, digest = json.loads(head)

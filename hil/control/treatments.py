@@ -50,7 +50,7 @@ class Treatment:
         needs: Knowledge beside the gains and filters of a bench or robot file. `model`: of the plant and its error, from a
             model file or the bench file; `design`: a design file; `learnt`: a model file of `hil learn`.
         aliases: Former names, still understood on the command line.
-        follows: True where amplitudes and phases follow what is left of the vibration during the motion.
+        follows: True if amplitudes and phases follow what is left of the vibration during the motion.
     """
 
     name: TreatmentName
@@ -66,22 +66,22 @@ class Treatment:
 
     @property
     def is_plain(self) -> bool:
-        """True where a bench or robot file says everything and its gains stay: the filters act or they do not."""
+        """True if a bench or robot file says everything and its gains stay: the filters act or they do not."""
         return not self.needs and self.gain_factor == 1.0
 
     @property
     def is_combined(self) -> bool:
-        """True where filters act beside a cancellation."""
+        """True if filters act beside a cancellation."""
         return bool(self.filters) and bool(self.cancels)
 
     @property
     def is_shaper(self) -> bool:
-        """True where a shaper acts, and nothing beside it."""
+        """True if a shaper acts, and nothing beside it."""
         return self.shaper is not None and not self.cancels
 
     @property
     def is_remedy(self) -> bool:
-        """True where the tip is meant to keep the specification; the other treatments are there to compare with."""
+        """True if the tip is meant to keep the specification; the other treatments are there to compare with."""
         return self.filters == "variable" or bool(self.cancels)
 
 

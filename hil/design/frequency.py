@@ -238,7 +238,7 @@ class Margins:
         gain_margin_db: Smallest distance of |L| from 0 dB, up or down, where the phase crosses −180°; inf where it
             never does.
         phase_margin_deg: Smallest distance of the phase from −180°, either way, where |L| crosses 1.
-        stable: True where all closed-loop poles lie inside the unit circle.
+        stable: True if all closed-loop poles lie inside the unit circle.
         pole_radius: Largest |z| of the poles.
     """
 

@@ -247,7 +247,7 @@ def cancellation_table(
         highest_hz: Highest k f_m at which an order is cancelled.
         most_rad_s2: Largest acceleration of the motor at which its chirp is allowed for.
         torque_lag_s: Lag of the current loop λ: A (1 + λ s) takes A's place.
-        load: Gear torque that reacts on the motor; None where it does not.
+        load: Gear torque that reacts on the motor; None if it does not.
 
     Raises:
         ValueError: There is nothing to cancel, or the loop has no gain.

@@ -52,11 +52,11 @@ class RequirementCheck:
         value: Worst value of all plants and speeds.
         limit: The value that is required.
         unit: Unit of value and limit.
-        is_ceiling: True where the value must be at most the limit; else at least.
-        speed_rps: Speed at which it is worst; None where it belongs to no speed.
+        is_ceiling: True if the value must be at most the limit; else at least.
+        speed_rps: Speed at which it is worst; None if it belongs to no speed.
         member: The plant that gives it.
-        is_tip_limit: True where it limits the tip in mm: a filter that misses it may still be the best there is.
-        is_rise: True where it compares a peak with that without a filter.
+        is_tip_limit: True if it limits the tip in mm: a filter that misses it may still be the best there is.
+        is_rise: True if it compares a peak with that without a filter.
     """
 
     name: str
@@ -77,7 +77,7 @@ class RequirementCheck:
 
     @property
     def holds(self) -> bool:
-        """True where the requirement is met."""
+        """True if the requirement is met."""
         return self.violation == 0.0
 
     def __str__(self) -> str:
@@ -240,12 +240,12 @@ class NotchVerdict:
 
     @property
     def holds(self) -> bool:
-        """True where all requirements are met."""
+        """True if all requirements are met."""
         return all(check.holds for check in self.checks)
 
     @property
     def is_harmless(self) -> bool:
-        """True where the filters keep all margins and raise no peak: whatever is missed, the limits of the tip alone."""
+        """True if the filters keep all margins and raise no peak: whatever is missed, the limits of the tip alone."""
         return all(check.holds or check.is_tip_limit for check in self.checks)
 
     def worst(self, name: str) -> float:

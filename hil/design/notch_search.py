@@ -203,7 +203,7 @@ def _weigh(judge: Judge, notches: Sequence[Notch], members: int | None) -> list[
 
 @contextmanager
 def workers(jobs: int) -> Iterator[Executor | None]:
-    """Processes to search in; None where `jobs` is 0, for this process alone.
+    """Processes to search in; None if `jobs` is 0, for this process alone.
 
     They are spawned: a fork of a process with threads, as a progress bar has, may stop for ever. Each has one thread for linear
     algebra: for matrices of ten rows a second one takes forty times as long as the work on a busy machine.

@@ -47,7 +47,7 @@ LEAST_LAG_S = 1e-4
 LOSS = 3.0
 """Standard deviations from which the fit counts a residual less than squared; never so what is believed."""
 OUTSIDE = 1.2
-"""Resonance over the end of the band up to which it is believed."""
+"""Largest ratio of a resonance to the end of the band at which it is still believed."""
 TRIED = 16
 """Anti-resonances that are tried as a start."""
 OTHER_RESONANCES, OTHER_BY = 8, 0.08
@@ -248,7 +248,7 @@ class PlantProblem:
         return np.concatenate([guess, more, [] if self.data.tip is None else [0.0, 1e-3, 0.0]])
 
     def is_inside(self, x: Real) -> bool:
-        """True where both resonances are in the band, or not far above it: others are made of a slow SYNC's images."""
+        """True if both resonances are in the band, or not far above it: others are made of a slow SYNC's images."""
         plant, frequency = self.plant(x), self.data.frequency_hz
         return bool(frequency[0] < plant.antiresonance_hz < frequency[-1] and plant.resonance_hz < OUTSIDE * frequency[-1])
 

@@ -187,7 +187,7 @@ class _RampModel:
         self._grid = np.exp(np.arange(math.log(RANGE_HZ[0]), math.log(highest), GRID_STEP))
 
     def passes(self, speed_rps: float) -> bool:
-        """True where the ramp goes through a speed with room on both sides."""
+        """True if the ramp goes through a speed with room on both sides."""
         return LEAST_MET_RPS <= speed_rps <= self._top_rps / ROOM
 
     def columns(self, resonance_hz: float, damping: float) -> Real:
@@ -216,7 +216,7 @@ class _RampModel:
         return self._fit(self._tip, resonance_hz, damping)
 
     def is_felt(self, tip: _Fit, speed_rps: float) -> bool:
-        """True where the motor's torque shows the tip's resonance, beyond orders that swell and fall without one.
+        """True if the motor's torque shows the tip's resonance, beyond orders that swell and fall without one.
 
         Args:
             tip: The tip's resonance.

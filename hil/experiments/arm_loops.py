@@ -40,7 +40,7 @@ class KnownLoops:
     """The loop of an axis on its arm, and how far that is known.
 
     Attributes:
-        loops: The loop; None where nothing is known of the arm but the axis by itself.
+        loops: The loop; None if nothing is known of the arm but the axis by itself.
         notes: What the margins hold for, and what they do not.
     """
 
@@ -99,7 +99,7 @@ def arm_loops(bench: Bench, axis: int, law: Loop, members: Sequence[Member], ide
 
 
 def _lacking_masses(arm: ArmTable) -> str | None:
-    """What keeps an arm's mass matrix from being known; None where it is known."""
+    """What keeps an arm's mass matrix from being known; None if it is known."""
     if all(link.body is None for link in arm.link) and arm.payload is None:
         return "the links of the bench's arm have no bodies"
     try:
@@ -115,7 +115,7 @@ class _Masses:
 
     Attributes:
         arm: The arm.
-        joints: Motor and gear of each axis; None where the joint counts as rigid.
+        joints: Motor and gear of each axis; None if the joint counts as rigid.
         known: Masses that were identified; None for the bodies of the arm's links.
     """
 
@@ -139,7 +139,7 @@ class _Masses:
         return {number: joint for number, joint in self.joints.items() if joint is not None}
 
     def is_known_at(self, joints_rad: Real) -> bool:
-        """True where the mass matrix is one: identified masses far from where they were identified may make none."""
+        """True if the mass matrix is one: identified masses far from where they were identified may make none."""
         return bool(np.all(np.linalg.eigvalsh(self.matrix(joints_rad)) > 0.0))
 
     def matrix(self, joints_rad: Real) -> Real:

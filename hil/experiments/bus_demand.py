@@ -19,8 +19,8 @@ class BusDemand:
         axes: Numbers of the axes that move.
         period_s: SYNC period.
         loop: Side that closes the loop, the drive or the host.
-        with_notch: True where the drives' variable filters act; they report their state where there is room.
-        with_torque_offset: True where a torque offset (60B2h) is sent beside each position.
+        with_notch: True if the drives' variable filters act; they report their state where there is room.
+        with_torque_offset: True if a torque offset (60B2h) is sent beside each position.
     """
 
     title: str
@@ -35,7 +35,7 @@ def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
     """Refuse a motion whose frames do not fit between two SYNCs, where the bit rate is known.
 
     Returns:
-        True where there is room for the state of the drives' filters as well.
+        True if there is room for the state of the drives' filters as well.
 
     Raises:
         NotPossibleError: The frames do not fit.
@@ -58,7 +58,7 @@ def check_load(bench: Bench, channel: Channel, demand: BusDemand) -> bool:
 
 
 def takes_torque_offset(profile: Profile) -> bool:
-    """True where the drives of a family add a torque offset (60B2h) to the torque of their loop, in the mode of a run."""
+    """True if the drives of a family add a torque offset (60B2h) to the torque of their loop, in the mode of a run."""
     capabilities = profile.capabilities
     if mode_of("drive", profile) is not CSP:
         return False

@@ -38,7 +38,7 @@ class FoundScale:
     """Scale of the axes that move, and where its f_al comes from.
 
     Attributes:
-        scale: The scale; None where no f_al is known.
+        scale: The scale; None if no f_al is known.
         source: `model`, or `own` for the run's own vibration; None without a scale, or where the bench gives the band.
         error_hz: Standard error of an f_al that comes from the run's own vibration.
         words: f_al and where it comes from, as a line; without a scale, why there is none.
@@ -226,7 +226,7 @@ def scale_at(bench: Bench, axis: int, f_al_hz: float) -> TipScale:
 
 
 def axis_scale(bench: Bench, axis: int, control_period_s: float = CONTROL_PERIOD_S) -> TipScale | None:
-    """Scale of an axis; None where the bench has no model of it."""
+    """Scale of an axis; None if the bench has no model of it."""
     f_al_hz = peak_hz(bench, axis, control_period_s)
     return None if f_al_hz is None else scale_at(bench, axis, f_al_hz)
 

@@ -55,7 +55,7 @@ class Measurement(Generic[R]):
         result: Content of `result.json` to be.
         failure: Error that ended the measurement early, or None.
         started: Instant of its beginning (UTC).
-        shows_filter: For each demand of `session`, True where there is room for the state of the drives' filters as well.
+        shows_filter: For each demand of `session`, True if there is room for the state of the drives' filters as well.
     """
 
     result: R
@@ -197,7 +197,7 @@ def check_demands(bench: Bench, channel: Channel, demands: Sequence[BusDemand], 
         overload: Do not check whether the frames fit.
 
     Returns:
-        For each demand True where there is room for the state of the drives' filters as well.
+        For each demand True if there is room for the state of the drives' filters as well.
 
     Raises:
         ProfileGapsError: Profiles lack what the motions need.

@@ -8,7 +8,7 @@ from hil.errors import NotPossibleError
 
 
 def given_inertia(bench: Bench, identified: Identified | None, number: int, given_kg_m2: float | None) -> float | None:
-    """J_m as it was given; None where a file has a plant, which then holds.
+    """J_m as it was given; None if a file has a plant, which then holds.
 
     Args:
         bench: The bench file.

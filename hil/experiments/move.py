@@ -55,8 +55,8 @@ class MoveRequest:
 
     Attributes:
         axis: Number of the axis.
-        to_rev: Motor position as the drive counts, rev; None where a way is given.
-        by_rev: Way of the motor from where it stands, rev; None where a position is given.
+        to_rev: Motor position as the drive counts, rev; None if a way is given.
+        by_rev: Way of the motor from where it stands, rev; None if a position is given.
         loop: Side that closes the loop, the drive or the host.
     """
 
@@ -102,7 +102,7 @@ class Move:
         from_rev: Where the motor stands.
         to_rev: Where it goes.
         speed_rps: Largest speed of the motor.
-        fault: Fault that the drive is in, in words; None where it is in none.
+        fault: Fault that the drive is in, in words; None if it is in none.
         bench: The bench file; of an axis that stands outside of its position limits with room to turn back.
     """
 
@@ -115,7 +115,7 @@ class Move:
 
     @property
     def is_there(self) -> bool:
-        """True where the axis stands where it is wanted."""
+        """True if the axis stands where it is wanted."""
         return abs(self.to_rev - self.from_rev) <= AWAY_REV
 
     def motion(self) -> Motion:

@@ -55,8 +55,8 @@ class NotchDesignOutcome:
         f_al_hz: Peak of |G_al| of the believed plant without a filter.
         none: NotchVerdict without filters.
         given: NotchVerdict on the bench file's filters; None without them.
-        designed: NotchVerdict on the best filters, or those that miss least; None where only the given ones were judged.
-        failure: Error where no filter meets the requirements; None where one does.
+        designed: NotchVerdict on the best filters, or those that miss least; None if only the given ones were judged.
+        failure: Error where no filter meets the requirements; None if one does.
         seconds: Duration of the design.
         emulated: Parts of the model file that were identified on an emulated robot, of `plant` and `ate`.
         notes: Orders that were asked for and got no filter, with the reason; for which postures of an arm the margins hold.
@@ -77,7 +77,7 @@ class NotchDesignOutcome:
 
     @property
     def is_usable(self) -> bool:
-        """True where the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm."""
+        """True if the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm."""
         return bool(self.best.notches) and self.best.is_harmless
 
     @property
@@ -92,7 +92,7 @@ class NotchDesignOutcome:
 
     @property
     def best(self) -> NotchVerdict:
-        """NotchVerdict of the report: on the designed filters, else on the given ones."""
+        """Verdict of the report: on the designed filters, or else on the given ones."""
         verdict = self.designed or self.given
         assert verdict is not None  # noqa: S101 - one of them was requested
         return verdict
@@ -167,7 +167,7 @@ def _bare_failure(axis: int, none: NotchVerdict) -> InfeasibleError | None:
     missed = [check for check in none.missed if not check.is_tip_limit]
     if not missed:
         return None
-    return InfeasibleError(axis, "these gains miss what is asked already without a filter", missed)
+    return InfeasibleError(axis, "the gains violate the requirements even without a filter", missed)
 
 
 @dataclass
@@ -226,7 +226,7 @@ class _Series:
         margins = [check for check in result.best.missed if not check.is_tip_limit and not check.is_rise]
         if margins:
             self.best = result.best
-            what = f"no {shapes} filter of order {order} keeps all that is asked; the closest misses"
+            what = f"no {shapes} filter of order {order} meets every requirement; the best one misses"
             return InfeasibleError(self.request.axis, what, result.best.missed)
         if result.best.is_harmless and result.ratio < GAIN_ENOUGH:
             return None

@@ -84,7 +84,7 @@ class NotchDesignRequest:
 
 
 def problem_of(bench: Bench, request: NotchDesignRequest, axis_model: IdentifiedAxis | None = None) -> tuple[NotchProblem, float]:
-    """NotchProblem of a request, of the axis by itself, and f_al in Hz; `arm_loops` has it on an arm.
+    """Build the design problem of a request, and f_al in Hz; `arm_loops` has it on an arm.
 
     Orders of the request that the axis does not reach within its speed limit are not among the problem's.
 

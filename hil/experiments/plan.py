@@ -57,7 +57,7 @@ class Experiment:
 
     @property
     def is_stop(self) -> bool:
-        """True where it is judged by what rings after the stop."""
+        """True if it is judged by what rings after the stop."""
         return self.name == POINT_TO_POINT
 
     @property
@@ -151,7 +151,7 @@ def entries(
         recording: Path of the recording, from the result's directory.
         trial: End of the trial before the run.
         repeated: Number of runs in the mean.
-        judge: RunJudge of all runs on the bench; None for one that knows this run alone.
+        judge: Judge of all runs on the bench; None for one that knows only this run.
     """
     judge = RunJudge(bench) if judge is None else judge
     if experiment.is_stop:

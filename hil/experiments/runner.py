@@ -46,7 +46,7 @@ class ExperimentsOutcome(MeasurementOutcome[ExperimentsResult]):
 
     @property
     def unjudged(self) -> bool:
-        """True where a run, or an order that its axis can reach within its limits, was not judged."""
+        """True if a run, or an order that its axis can reach within its limits, was not judged."""
         return any(run.invalid is not None or run.unjudged_orders for run in self.result.runs)
 
     @property
@@ -104,7 +104,7 @@ def run_experiments(
         bench: The bench file.
         experiments: Experiments in their order.
         out: Directory of the files; made where it is missing.
-        is_paper: RunJudge all of the paper's claims, its tables included; for the paper's robot alone.
+        is_paper: Check all claims of the paper, tables included; only for the robot of the paper.
         reset_faults: Reset drives that are in fault before anything else.
         clock: The clock that the bus must have; None for whichever it has.
         overload: Run even what does not fit on the bus.

@@ -168,7 +168,7 @@ def check_stop(is_stop: bool, name: str, loop: LoopName) -> None:
 
 
 def path_error_mm(bench: Bench, motion: Motion, shaped: Motion) -> float | None:
-    """Largest distance of a shaped line's tip from the path without; None where a single axis moves, whose path is its own.
+    """Largest distance of a shaped line's tip from the path without; None if a single axis moves, whose path is its own.
 
     A mean of earlier points of a curved path in the joints lies inside the curve.
     """

@@ -41,7 +41,7 @@ NO_FOLLOWING_BY_ENCODERS = (
 
 
 def arm_remark(bench: Bench, name: str) -> str | None:
-    """Why a treatment leaves more on an arm than its cancellation alone would; None where it does not, or there is no arm.
+    """Why a treatment leaves more on an arm than its cancellation alone would; None if it does not, or there is no arm.
 
     The reference arm's line is left at 0.012 mm by both, at 0.009 mm by the cancellation alone.
     """
@@ -107,13 +107,13 @@ class TreatmentSetup:
     Attributes:
         bench: The bench file, with the gains and filters of this treatment.
         filters: Filters of the drives that act.
-        is_designed: True where the filters are those of a design file, which are tried on the robot first.
-        is_cancelled: True where the host adds to the set-points.
-        is_inside: True where the drives cancel the error in their own loops.
+        is_designed: True if the filters are those of a design file, which are tried on the robot first.
+        is_cancelled: True if the host adds to the set-points.
+        is_inside: True if the drives cancel the error in their own loops.
         cancel_with: Model of the cancellation; None for the bench file's.
         fixed: Filters that do not follow the speed, by axis; host-closed only.
-        shows_filter: True where the drives report their filters' state; it takes room on the bus.
-        follows: True where the cancellation follows what is left of the vibration.
+        shows_filter: True if the drives report their filters' state; it takes room on the bus.
+        follows: True if the cancellation follows what is left of the vibration.
     """
 
     bench: Bench

@@ -45,8 +45,8 @@ class JudgedWindow:
     """One window of a run.
 
     Attributes:
-        metrics: Its metrics; None where there are none.
-        is_within: True within the specification; None where it was not judged.
+        metrics: Its metrics; None if there are none.
+        is_within: True within the specification; None if it was not judged.
         invalid: Reason why it was not judged.
     """
 

@@ -70,7 +70,7 @@ def decoded(trace: Trace, bench: Bench | None) -> Decoded:
 
     Args:
         trace: The log.
-        bench: Bench file of the run; None where there is none.
+        bench: Bench file of the run; None if there is none.
 
     Raises:
         NodeError: The log contradicts the bench file.

@@ -54,7 +54,7 @@ class NodeUnits:
 
         Args:
             node: The node.
-            bench: Bench file; None where there is none.
+            bench: Bench file; None if there is none.
 
         Raises:
             NodeError: What the log holds contradicts the bench file.

@@ -33,7 +33,7 @@ class Known:
         bench: Bench file; None: that of the result in the log's folder.
         descriptions: Device descriptions by node-ID.
         interface: Interface of a log of several; None: that of the first frame.
-        run: Name of the recording in a directory of several; None where there is one.
+        run: Name of the recording in a directory of several; None if there is one.
     """
 
     bench: Bench | None
@@ -69,7 +69,7 @@ def mapping_of(path: Path, known: Known, progress: Callable[[int], None] = lambd
 
 
 def bench_beside(log: Path) -> Bench | None:
-    """The bench file in the result that lies beside a log; None where there is none.
+    """The bench file in the result that lies beside a log; None if there is none.
 
     Raises:
         HilError: There is a result, and it cannot be read.

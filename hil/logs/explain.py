@@ -38,7 +38,7 @@ def explain(log: Log, descriptions: Mapping[int, Description], bitrate: int | No
     Args:
         log: The log.
         descriptions: Device descriptions by node-ID.
-        bitrate: Bit rate in bit/s; None where nobody says it.
+        bitrate: Bit rate in bit/s; None if nobody says it.
     """
     trace = Trace(log, descriptions)
     said = [

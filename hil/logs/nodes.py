@@ -45,7 +45,7 @@ class MappedNumber:
         address: Index and sub-index.
         start: First bit.
         bits: Length in bits.
-        is_signed: True where it has a sign.
+        is_signed: True if it has a sign.
         is_real: True for a floating-point number of 32 or 64 bits.
     """
 
@@ -93,7 +93,7 @@ class Pdo:
         direction: Direction, as the node sees it.
         number: From 1.
         can_id: Identifier.
-        transmission_type: Transmission type; None where it is not known.
+        transmission_type: Transmission type; None if it is not known.
         entries: Its numbers; empty where the mapping is not known.
         is_reconstructed: Whether the identifier alone was seen, of the predefined connection set.
     """
@@ -112,7 +112,7 @@ class Pdo:
         return f"{self.direction.upper()} {self.number} of node {self.node}"
 
     def entry(self, index: int, subindex: int = 0) -> MappedNumber | None:
-        """The number of an object in it, None where it is not mapped."""
+        """The number of an object in it, None if it is not mapped."""
         return next((entry for entry in self.entries if entry.address == (index, subindex)), None)
 
 
@@ -135,7 +135,7 @@ class Node:
     description: Description | None = None
 
     def value(self, index: int, subindex: int = 0) -> int | None:
-        """Content of an object as a number; None where nothing tells it."""
+        """Content of an object as a number; None if nothing tells it."""
         return self.values.get((index, subindex))
 
     def pdo_with(self, direction: Direction, index: int, subindex: int = 0) -> tuple[Pdo, MappedNumber] | None:

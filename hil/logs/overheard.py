@@ -31,7 +31,7 @@ class OverheardValue:
         node: Node-ID of the server.
         address: Index and sub-index.
         data: Content that was written or read.
-        is_write: True where it was written.
+        is_write: True if it was written.
     """
 
     stamp_ns: int
@@ -50,7 +50,7 @@ class AbortedTransfer:
         node: Node-ID of the server.
         address: Index and sub-index.
         code: Abort code.
-        by_server: True where the server aborted it.
+        by_server: True if the server aborted it.
     """
 
     stamp_ns: int

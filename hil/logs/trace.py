@@ -103,14 +103,14 @@ class Trace:
 
     @cached_property
     def cycles(self) -> Cycles | None:
-        """Cycles of the log; None where there are too few SYNCs, or most of them have one stamp."""
+        """Cycles of the log; None if there are too few SYNCs, or most of them have one stamp."""
         if len(self.sync) < LEAST_FRAMES:
             return None
         period_ns = float(np.median(np.diff(self.sync.stamp_ns)))
         return Cycles(self.sync.stamp_ns, period_ns) if period_ns > 0.0 else None
 
     def rhythm(self, stream: Stream) -> Rhythm | None:
-        """Frames against the SYNCs; None where there are too few of either.
+        """Frames against the SYNCs; None if there are too few of either.
 
         Their usual place in a cycle is the angle of the mean of e^{2πj t/T}, so that frames before a SYNC and behind it are told
         apart wherever they usually are.

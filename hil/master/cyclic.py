@@ -87,14 +87,14 @@ class Slot:
             packer.pack_into(buffer, place, self.control_word, self.target)
 
     def take_feedback(self, data: bytes) -> bool:
-        """Unpack the first TPDO; False where its length is wrong."""
+        """Unpack the first TPDO; False if its length is wrong."""
         if len(data) != _FEEDBACK.size:
             return False
         self.status_word, self.position_counts, self.torque_per_mille = _FEEDBACK.unpack(data)
         return True
 
     def take_notch(self, data: bytes) -> bool:
-        """Unpack the second TPDO; False where its length is wrong."""
+        """Unpack the second TPDO; False if its length is wrong."""
         if len(data) != _NOTCH.size:
             return False
         active, frequency = _NOTCH.unpack(data)
@@ -120,13 +120,13 @@ class CyclicExchange:
         encoders: Second encoders of the axes that take part, in their order, then those of axes that only watch.
         watched: The axes that only watch.
         sensor: The accelerometer.
-        with_torque_offset: True where a torque offset is sent beside each position set-point.
-        with_notch_state: True where the drives send the state of their first filter.
+        with_torque_offset: True if a torque offset is sent beside each position set-point.
+        with_notch_state: True if the drives send the state of their first filter.
         missing_answers: Answers that did not come in the last cycle.
         sensor_missed: Cycles without a measurement of what tells the tip: the accelerometer, or all encoders of the joints.
         missed_cycles: Cycles in which an answer did not come in time.
         cycles: Cycles since the start.
-        was_dropped: True where the last cycle was too late to be sent; the slots then hold the data of the one before.
+        was_dropped: True if the last cycle was too late to be sent; the slots then hold the data of the one before.
         schedule: Deadlines and statistics of the run's cycles; a lock-step bus has none, so nothing is counted there.
     """
 
@@ -186,7 +186,7 @@ class CyclicExchange:
 
     @property
     def tells_filter(self) -> bool:
-        """True where a drive sends the state of its first filter."""
+        """True if a drive sends the state of its first filter."""
         return any(slot.notch_id for slot in self.slots)
 
     def configure(self) -> None:
@@ -312,7 +312,7 @@ class CyclicExchange:
         schedule.count_bits()
 
     def _send_in_time(self) -> bool:
-        """Send RPDOs and SYNC; False where SYNC came too late to be sent.
+        """Send RPDOs and SYNC; False if SYNC came too late to be sent.
 
         Without SYNC the RPDOs, which wait for it in the drives, never come into force: those of the next cycle replace them.
         """

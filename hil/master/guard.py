@@ -50,7 +50,7 @@ class AxisGuard:
         self._window_rad = limits.following_error_rev * turn
 
     def accepts(self, position_rad: float, missing: int) -> bool:
-        """True where the axis can be at a position, by the motor's speed limit and the time since the last position.
+        """True if the axis can be at a position, by the motor's speed limit and the time since the last position.
 
         The caller forgets any other position, as if no answer had come; the second in a row stops the run in `check`. After a
         missing answer the next one may be the late one, which is then a period older than it seems.

@@ -20,7 +20,7 @@ class JointEncoder:
         axis: The axis.
         can_id: Identifier of its TPDO; 0 before it is mapped.
         counts: Last position, in its counts.
-        has_answered: True where the last cycle brought it.
+        has_answered: True if the last cycle brought it.
     """
 
     def __init__(self, axis: DriveAxis) -> None:
@@ -37,7 +37,7 @@ class JointEncoder:
         self.can_id = pdos.tpdo(number, mapping.load_position(self.axis.table, self.axis.profile))
 
     def take(self, data: bytes) -> bool:
-        """Unpack the TPDO; False where its length is wrong."""
+        """Unpack the TPDO; False if its length is wrong."""
         if len(data) != _POSITION.size:
             return False
         (self.counts,) = _POSITION.unpack(data)

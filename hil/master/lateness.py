@@ -131,7 +131,7 @@ class CycleSchedule:
         self.clock.sleep_until(self.deadline_s)
 
     def gives_up(self) -> bool:
-        """True where this cycle is too late to be sent; it is then counted as dropped."""
+        """True if this cycle is too late to be sent; it is then counted as dropped."""
         late = self.clock.now() - self.deadline_s
         if late <= self.limit_s or self.is_stopping:
             return False
@@ -220,9 +220,9 @@ class WallClockTiming:
         arrivals: Time from SYNC to the reading of an answer.
         bus_bits: Bits of all frames that the master saw and sent, stuff bits and intermission included.
         duration_s: Time over which the bits were counted.
-        bitrate: Bit rate of the bus, or None where it is not known.
+        bitrate: Bit rate of the bus, or None if it is not known.
         bus_load: Fraction of the bus' time that the frames took, or None.
-        receive_overflows: Frames lost for want of room in the channel, or None where that is not known.
+        receive_overflows: Frames lost for want of room in the channel, or None if that is not known.
         measures: Requests to the operating system and their outcome.
     """
 
@@ -255,8 +255,8 @@ class WallClockTiming:
         Args:
             schedule: Deadlines and statistics of the run.
             missed: Cycles in which an answer did not come.
-            bitrate: Bit rate of the bus, or None where it is not known.
-            receive_overflows: Frames lost for want of room, or None where that is not known.
+            bitrate: Bit rate of the bus, or None if it is not known.
+            receive_overflows: Frames lost for want of room, or None if that is not known.
             measures: Requests to the operating system and their outcome.
         """
         duration = schedule.duration_s

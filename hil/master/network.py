@@ -100,7 +100,7 @@ class Network:
         fault_texts: For each node, its maker's own error codes in words.
         heartbeats: Time and NMT state of the last heartbeat of each node.
         bus_errors: Errors on the bus that the controller reported, in words, with their number; the first `MAX_EVENTS` kinds.
-        foreign_sync: True where the SYNC of another node has been seen.
+        foreign_sync: True if the SYNC of another node has been seen.
         boots: Nodes whose boot-up message has come since it was last cleared.
         period_s: Time that one SYNC adds on a lock-step bus.
     """
@@ -153,7 +153,7 @@ class Network:
 
     @property
     def takes_messages(self) -> bool:
-        """True where a cycle crosses in one message each way: see `cycle_in_messages`."""
+        """True if a cycle crosses in one message each way: see `cycle_in_messages`."""
         return self._raw is not None and self._raw.takes_messages
 
     def cycle_in_messages(self, command: bytes) -> bytes:
@@ -225,7 +225,7 @@ class Network:
             self.bus_errors[event.words] += 1
 
     def answers_twice(self, node: int) -> bool:
-        """True where a node's SDO server has answered more often than it was asked: two nodes may share its node-ID."""
+        """True if a node's SDO server has answered more often than it was asked: two nodes may share its node-ID."""
         line = self._lines.get(node)
         return line is not None and line.unasked + len(line.answers) > 0
 

@@ -30,7 +30,7 @@ class NodeSetup:
         """Refuse a run for which a profile or a drive lacks something, with all that is missing; nothing is written.
 
         Args:
-            with_notch: True where the drives' filters act.
+            with_notch: True if the drives' filters act.
 
         Raises:
             ProfileGapsError: A profile lacks what the run needs.
@@ -63,7 +63,7 @@ class NodeSetup:
 
         Args:
             supervisor: Supervisor that sends the first heartbeat and watches the drives from then on.
-            with_notch: True where the drives' filters act.
+            with_notch: True if the drives' filters act.
 
         Raises:
             HilError: A node refuses, is silent, or does not hold what was written.
@@ -109,7 +109,7 @@ class NodeSetup:
         return [*(axis.node for axis in (*axes, *self._exchange.watched)), *self._exchange.sensor.nodes]
 
     def _is_disabled(self, axis: DriveAxis) -> bool:
-        """True where a drive confirms by SDO that it is out of operation; otherwise the command is sent once more."""
+        """True if a drive confirms by SDO that it is out of operation; otherwise the command is sent once more."""
         for attempt in range(2):
             try:
                 if attempt:

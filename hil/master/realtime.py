@@ -76,7 +76,7 @@ class Measure:
 
     Attributes:
         name: Subject of the request.
-        is_granted: True where the system has granted it.
+        is_granted: True if the system has granted it.
         detail: Present setting; after a refusal the reason and the remedy.
     """
 
@@ -128,7 +128,7 @@ class System:
             raise OSError(str(error)) from None
 
     def may_lock_memory(self) -> bool:
-        """True where the process may lock all the memory that it will ever need.
+        """True if the process may lock all the memory that it will ever need.
 
         With a finite limit an allocation in the middle of a motion could fail; in that case nothing is locked.
         """

@@ -49,12 +49,12 @@ class RunRequest:
 
     @property
     def filters_in_drives(self) -> bool:
-        """True where the filters act inside the drives."""
+        """True if the filters act inside the drives."""
         return self.filters == "notch" and self.loop == "drive"
 
     @property
     def uses_torque_offset(self) -> bool:
-        """True where torque offsets (60B2h) are sent."""
+        """True if torque offsets (60B2h) are sent."""
         return self.motion.torque_offset_nm is not None or (self.adder is not None and self.adder.uses_torque)
 
     def filters_of(self, axis: DriveAxis) -> tuple[Notch | FixedFilter, ...]:
@@ -84,7 +84,7 @@ class RunRequest:
             raise NotPossibleError("filters that do not follow the speed act where the host closes the loop (--loop host)")
 
     def host_loops(self, axes: list[DriveAxis]) -> ServoBank | None:
-        """The loops that the host closes, ready for their first cycle; None where the drives close them.
+        """The loops that the host closes, ready for their first cycle; None if the drives close them.
 
         Raises:
             UnsafeRequestError: By its model a loop is unstable, or at the edge of stability.
@@ -112,7 +112,7 @@ def host_loops(
     Args:
         axes: The axes, in the order of the motion's columns.
         period_s: SYNC period.
-        with_notch: True where the variable filters of the bench file act.
+        with_notch: True if the variable filters of the bench file act.
         fixed: Filters by axis that act at every speed, instead of the variable ones.
 
     Raises:
@@ -140,7 +140,7 @@ def check_host_loop(number: int, table: AxisTable, period_s: float, *, with_notc
         number: Number of the axis.
         table: Table of the axis in the bench file.
         period_s: SYNC period.
-        with_notch: True where the variable filters act.
+        with_notch: True if the variable filters act.
         held: A filter that acts at every speed.
 
     Raises:

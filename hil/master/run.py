@@ -67,7 +67,7 @@ class Run:
         limits: Limits and waiting times from the bench file.
         supervisor: Supervisor that sends the heartbeat, and knows the reasons to stop that no PDO contains.
         starts: Start of each axis, in rad at the motor.
-        bank: The loops that the host closes; None where the drives close them.
+        bank: The loops that the host closes; None if the drives close them.
         adder: Additions to the set-points of a drive-closed run.
         progress: Called with the fraction of the motion that is done.
         table: Rows that are recorded.
@@ -356,7 +356,7 @@ class Run:
     # -- the end -------------------------------------------------------------------------------------------------------
 
     def disable(self, word: int) -> bool:
-        """Command all drives out of operation; True where every one has confirmed it in time."""
+        """Command all drives out of operation; True if every one has confirmed it in time."""
         self.exchange.schedule.is_stopping = True
         ramp_s = max(axis.table.limits.speed_rps / axis.table.limits.quick_stop_rps_s for axis in self.axes)
         for _ in range(math.ceil((ramp_s + STOP_TIMEOUT_S) / self.period_s)):

@@ -38,7 +38,7 @@ class RunTable:
 
         Args:
             axes: Numbers of the axes.
-            with_notch: True where the drives send notch frequencies; else these have no columns.
+            with_notch: True if the drives send notch frequencies; else these have no columns.
             encoders: Numbers of the axes whose second encoders were kept.
         """
         table = self._values[: self.rows]

@@ -27,7 +27,7 @@ METRE_PER_SECOND_SQUARED = 0x00015700
 _ACCELERATION = struct.Struct("<hhh")
 
 Taker = Callable[[bytes], bool]
-"""Function that unpacks the data of a frame; it returns False where their length is wrong."""
+"""Function that unpacks the data of a frame; it returns False if their length is wrong."""
 
 
 class TipAccelerometer(Protocol):
@@ -68,7 +68,7 @@ class TipAccelerometer(Protocol):
         ...
 
     def has_measured(self, pending: Set[int], sync_s: float) -> bool:
-        """True where the sensor has measured at the last SYNC; the value is then in `acceleration_m_s2`.
+        """True if the sensor has measured at the last SYNC; the value is then in `acceleration_m_s2`.
 
         Args:
             pending: Identifiers of the frames that have not come.
@@ -139,11 +139,11 @@ class CanopenSensor:
         return self._pdos.restore()
 
     def has_measured(self, pending: Set[int], sync_s: float) -> bool:
-        """True where the frame of the sensor has come."""
+        """True if the frame of the sensor has come."""
         return self._can_id not in pending
 
     def _take(self, data: bytes) -> bool:
-        """Unpack the TPDO; False where its length is wrong."""
+        """Unpack the TPDO; False if its length is wrong."""
         if len(data) != _ACCELERATION.size:
             return False
         scale = self._scale_m_s2
@@ -187,7 +187,7 @@ class SerialSensor:
         return []
 
     def has_measured(self, pending: Set[int], sync_s: float) -> bool:
-        """True where a sample belongs to the instant of SYNC."""
+        """True if a sample belongs to the instant of SYNC."""
         value = self._reader.value_at_sync(sync_s)
         self.acceleration_m_s2 = value or self.acceleration_m_s2
         return value is not None
@@ -223,7 +223,7 @@ class JointsOnly:
         return []
 
     def has_measured(self, pending: Set[int], sync_s: float) -> bool:
-        """True where every encoder has answered."""
+        """True if every encoder has answered."""
         return self.can_ids.isdisjoint(pending)
 
     def close(self) -> None:

@@ -66,7 +66,7 @@ class Session:
         axes: The axes of the bench, by number.
         sensor: The accelerometer.
         supervisor: Supervisor of the nodes and the user.
-        emulated: For each axis, and for an accelerometer on the bus, True where it is emulated; None where it did not say.
+        emulated: For each axis, and for an accelerometer on the bus, True if it is emulated; None if it did not say.
         not_restored: Settings that could not be restored, in words; empty when all were.
     """
 
@@ -358,7 +358,7 @@ class Session:
             context: Context that restores all of it; failures are noted in `not_restored`.
             axes: The axes that take part.
             exchange: PDOs of the axes and the sensor.
-            with_notch: True where the drives' filters act.
+            with_notch: True if the drives' filters act.
 
         Returns:
             The real-time context; None in lock-step, where time waits for the master.

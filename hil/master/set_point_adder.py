@@ -8,7 +8,7 @@ class SetPointAdder(Protocol):
     """Adds to every axis' set-point, in the order of the motion's axes; drive-closed runs only.
 
     Attributes:
-        uses_torque: True where torque offsets (60B2h) are needed.
+        uses_torque: True if torque offsets (60B2h) are needed.
     """
 
     uses_torque: bool
@@ -33,9 +33,9 @@ class Sensed(NamedTuple):
     """What a cycle has brought beside angles and torques of the motors.
 
     Attributes:
-        tip_m_s2: Acceleration of the tip (X, Y, Z); None where it was not measured in that cycle.
+        tip_m_s2: Acceleration of the tip (X, Y, Z); None if it was not measured in that cycle.
         row: Row of the motion whose set-points come next; None before it and after.
-        load_rad: Angles of the joints by their second encoders, those of axes that move first; None where one has not
+        load_rad: Angles of the joints by their second encoders, those of axes that move first; None if one has not
             answered, or there is none.
     """
 

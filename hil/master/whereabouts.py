@@ -55,8 +55,8 @@ class Whereabouts:
 
     Attributes:
         axis: Number of the axis.
-        stands_rev: Where its motor stands; None where it did not answer.
-        began_rev: Where the motor stood when the drive was enabled; None where it was not.
+        stands_rev: Where its motor stands; None if it did not answer.
+        began_rev: Where the motor stood when the drive was enabled; None if it was not.
     """
 
     axis: int
@@ -65,7 +65,7 @@ class Whereabouts:
 
     @property
     def is_away(self) -> bool:
-        """True where it stands elsewhere than where it began."""
+        """True if it stands elsewhere than where it began."""
         known = self.stands_rev is not None and self.began_rev is not None
         return known and abs((self.stands_rev or 0.0) - (self.began_rev or 0.0)) > AWAY_REV
 

@@ -71,7 +71,7 @@ class WholeCycle:
         """Take all answers of a message.
 
         Returns:
-            Identifiers whose length was wrong, which count as missing; None where these are not all answers in their order, and
+            Identifiers whose length was wrong, which count as missing; None if these are not all answers in their order, and
             then nothing has been taken.
         """
         if len(message) != self._size or self._heads.unpack(message) != self._expected:

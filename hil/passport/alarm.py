@@ -105,7 +105,7 @@ def watched(
         values: Values of the runs, in the order of their dates; shape (n,).
         errors: Their own standard errors, 0 where one is not known; shape (n,).
         limits: AlarmLimits of the alarms.
-        design: Conditions of the runs; None where nothing is noted.
+        design: Conditions of the runs; None if nothing is noted.
         size: Size of what is measured, of which conditions change a part; None: that of the first values.
     """
     x, own = np.asarray(values, dtype=np.float64), filled(errors)

@@ -29,7 +29,7 @@ METHOD = 0.05
 
 @dataclass(frozen=True)
 class RunCondition:
-    """Conditions of a run; None where one is not known.
+    """Conditions of a run; None if one is not known.
 
     Attributes:
         temperature_c: Temperature.
@@ -37,7 +37,7 @@ class RunCondition:
         top_rps: Highest motor speed.
         direction: +1 forwards, −1 backwards, 0 both together.
         joint_deg: Middle of the joint's way.
-        is_torque: True where it was read from the motor's torque, which a wrong inertia biases.
+        is_torque: True if it was read from the motor's torque, which a wrong inertia biases.
     """
 
     temperature_c: float | None = None

@@ -48,7 +48,7 @@ class Motor:
     """Poles and slots of a motor.
 
     Attributes:
-        pole_pairs: Pole pairs p; None where they are not known.
+        pole_pairs: Pole pairs p; None if they are not known.
         slots: Slots Z, likewise.
     """
 
@@ -56,7 +56,7 @@ class Motor:
     slots: int | None = None
 
     def makes(self, order: float) -> str | None:
-        """Cause by which the motor can make an order, in words; None where it cannot."""
+        """Cause by which the motor can make an order, in words; None if it cannot."""
         p, z = self.pole_pairs, self.slots
         whole = abs(order - round(order)) < NEAR_ORDER
         if p is not None and z is not None and whole and round(order) % math.lcm(z, 2 * p) == 0:
@@ -114,7 +114,7 @@ def _is_large(each: Conditions) -> bool:
 
 
 def _turn(sides: Sequence[OrderSides]) -> tuple[OriginName, str] | None:
-    """Origin that the phases in both directions show; None where nothing."""
+    """Origin that the phases in both directions show; None if nothing."""
     known = [each for each in sides if each.phi_sigmas > 0.0]
     if not known:
         return None
@@ -133,7 +133,7 @@ def _turn(sides: Sequence[OrderSides]) -> tuple[OriginName, str] | None:
 
 
 def _change(found: Sequence[Conditions]) -> tuple[str, bool] | None:
-    """RunCondition that was varied, in words, and whether the amplitude changes with it; None where none was."""
+    """RunCondition that was varied, in words, and whether the amplitude changes with it; None if none was."""
     sides = [[each for each in found if each.direction == name] for name in ("forward", "backward")]
     if all(len(side) >= LEAST_LOADS for side in sides):
         means = [float(np.mean([each.a_arcsec for each in side])) for side in sides]

@@ -124,12 +124,12 @@ class PassportRun:
         load_kg: Load that the note says.
         direction: `forward` or `backward`; None for both together.
         top_rps: Highest motor speed.
-        joint_low_deg: Lower end of the joint's way; None where it is not known.
+        joint_low_deg: Lower end of the joint's way; None if it is not known.
         joint_high_deg: Its upper end.
         pole_pairs: Pole pairs of the motor, as the bench file says.
         slots: Its slots.
         seen_by: `motion` where the motor's own motion was measured and taken out, `torque` where its torque was read.
-        emulated: True where it was measured on an emulated robot.
+        emulated: True if it was measured on an emulated robot.
         source: Path from which it was read.
         lines: Orders.
         sides: Orders in either direction alone, those too that are no lines.

@@ -56,7 +56,7 @@ class Trend:
 
     @property
     def is_watched(self) -> bool:
-        """True where there are enough runs."""
+        """True if there are enough runs."""
         return len(self.values) > FEWEST_BEFORE
 
     @property

@@ -29,7 +29,7 @@ class Advice:
         worst_us: Duration of that cycle with as many stuff bits as possible.
         shortest_period_s: Shortest SYNC period in which every answer comes before the next SYNC.
         period_s: SYNC period at which the change is judged.
-        fits: True where that period is long enough.
+        fits: True if that period is long enough.
         level: Stability of the loops at that period.
     """
 
@@ -121,7 +121,7 @@ class Adviser:
         axes: Numbers of the axes that take part.
         loop: Place of the loop, drive or host.
         verdict: Verdict on the plan.
-        with_notch: True where the filters act.
+        with_notch: True if the filters act.
     """
 
     def __init__(

@@ -47,7 +47,7 @@ class CyclicFrame:
 
     @property
     def is_answer(self) -> bool:
-        """True where a node sends the frame."""
+        """True if a node sends the frame."""
         return self.kind not in {"command", "sync"}
 
     @property
@@ -124,7 +124,7 @@ class ResponseTime:
     Attributes:
         name: Name of the frame.
         can_id: Identifier of the frame.
-        quiet_ns: Arrival with only heartbeats beside the cycle; None where it grows without bound.
+        quiet_ns: Arrival with only heartbeats beside the cycle; None if it grows without bound.
         busy_ns: Arrival with an emergency and SDO transfers as well.
         deadline_ns: Start of the next cycle, or the frame's own period.
     """
@@ -137,7 +137,7 @@ class ResponseTime:
 
     @property
     def is_met(self) -> bool:
-        """True where the deadline is met with heartbeats beside the cycle."""
+        """True if the deadline is met with heartbeats beside the cycle."""
         return self.quiet_ns is not None and self.quiet_ns <= self.deadline_ns
 
 
@@ -247,7 +247,7 @@ class Cycle:
         return Message(frame.name, priority, wire.worst_ns(frame.length), self.period_ns, self.period_ns, 0, ahead_ns)
 
     def last_answer_ns(self, wire: WireTiming, *, is_busy: bool = False) -> int | None:
-        """Latest arrival of the last TPDO of a drive, from the start of the cycle; None where it grows without bound.
+        """Latest arrival of the last TPDO of a drive, from the start of the cycle; None if it grows without bound.
 
         The accelerometer's TPDO closes no loop and comes behind them. At worst it comes after the next SYNC, and one sample of it
         is missing.
@@ -266,7 +266,7 @@ class Cycle:
         return math.inf if arrival is None else arrival * 1e-9 / (1.0 - margin)
 
     def delay_periods(self, wire: WireTiming | None) -> int | None:
-        """Whole periods from sampling to torque of a loop that the master closes; None where the bus cannot carry it at all.
+        """Whole periods from sampling to torque of a loop that the master closes; None if the bus cannot carry it at all.
 
         The answer to a SYNC becomes a torque that is in force from the next SYNC on: one period if it comes before the next SYNC,
         two if it comes in the cycle after, which counts as a missing answer each time.

@@ -65,12 +65,12 @@ class PlanVerdict:
     """Verdict on a plan.
 
     Attributes:
-        fits: True where every answer comes before the next SYNC, whatever the contents; None without a bit rate.
-        is_stable: True where no loop is unstable or at the edge; None where no loop is known.
+        fits: True if every answer comes before the next SYNC, whatever the contents; None without a bit rate.
+        is_stable: True if no loop is unstable or at the edge; None if no loop is known.
         sentence: The whole verdict in one sentence.
         cycle: Frames on the bus.
         wire: Bit rates of the bus; None: without bit times, or not known.
-        delay_periods: Delay of a host-closed loop; 0 for a drive-closed one; None where the bus cannot carry it at all.
+        delay_periods: Delay of a host-closed loop; 0 for a drive-closed one; None if the bus cannot carry it at all.
         stability: Stability by axis.
         gaps: Sentences on what the run needs and the drives' profiles, or the bench file, lack, and on ramps beyond limits.
         remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
@@ -88,12 +88,12 @@ class PlanVerdict:
 
     @property
     def is_carried(self) -> bool:
-        """True where the plan fits and no loop is unstable or at the edge, as far as is known."""
+        """True if the plan fits and no loop is unstable or at the edge, as far as is known."""
         return self.fits is not False and self.is_stable is not False
 
     @property
     def is_good(self) -> bool:
-        """True where the plan is carried and nothing is lacking."""
+        """True if the plan is carried and nothing is lacking."""
         return self.is_carried and not self.gaps
 
 
@@ -195,7 +195,7 @@ def sync_refusals(bench: Bench, axes: tuple[int, ...], period_s: float) -> list[
 
 
 def is_ideal(bench: Bench, bitrate: int | None = None) -> bool:
-    """True where the bus has no bit times: the emulator's, unless a bit rate is given."""
+    """True if the bus has no bit times: the emulator's, unless a bit rate is given."""
     address = parse_address(bench.bus.address)
     return address.interface == LOCAL and address.bitrate is None and bitrate is None
 
@@ -213,8 +213,8 @@ def stability(
         axes: Numbers of the axes.
         loop: Place of the loop, drive or host.
         period_s: SYNC period, at which a host-closed loop runs; a drive-closed one runs at that of the drive.
-        delay: Whole periods from sampling to torque of a host-closed loop; None where the bus does not carry it.
-        with_notch: True where the filters act.
+        delay: Whole periods from sampling to torque of a host-closed loop; None if the bus does not carry it.
+        with_notch: True if the filters act.
     """
     return tuple(_axis_stability(number, bench.axis[number], loop, period_s, delay, with_notch) for number in axes)
 
@@ -273,8 +273,8 @@ def check(
         axes: Numbers of the axes that take part.
         loop: Place of the loop, drive or host.
         period_s: SYNC period.
-        notch_state: True where the run maps the notch state, as drive-closed runs with the notch do.
-        with_notch: True where the filters act.
+        notch_state: True if the run maps the notch state, as drive-closed runs with the notch do.
+        with_notch: True if the filters act.
         torque_offset: Send a torque offset (60B2h) beside each position.
         bitrate: Bit rate instead of that in the bus address.
 

@@ -37,7 +37,7 @@ class Message:
 
 
 def response_ns(message: Message, others: Iterable[Message], bit_ns: int) -> int | None:
-    """Response time R, from the instant at which a message is due to the end of its frame; None where it grows without bound.
+    """Response time R, from the instant at which a message is due to the end of its frame; None if it grows without bound.
 
     With B = max C of the lower priorities (the frame that has just begun), hp the higher priorities and A the FIFO's part:
 

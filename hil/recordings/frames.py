@@ -50,7 +50,7 @@ class FrameFile:
 
         Args:
             path: The log.
-            description: EDS, DCF, XDD or DBC file; None where none was named.
+            description: EDS, DCF, XDD or DBC file; None if none was named.
             node_id: Node-ID of the drive; None for that of the description.
 
         Raises:

@@ -39,7 +39,7 @@ class Said:
     Attributes:
         column: Names of columns by their role.
         unit: Units by the role.
-        reduction_ratio: Reduction ratio; None where it is not known.
+        reduction_ratio: Reduction ratio; None if it is not known.
         robot: Name of the robot; None likewise.
         description: What decodes frames of a bus; None for other formats.
         node_id: Node-ID of the drive that has sent them.
@@ -61,7 +61,7 @@ class Column:
         role: Meaning.
         name: Name in the file.
         unit: Unit.
-        is_guessed: True where name or unit was not said but known by the names.
+        is_guessed: True if name or unit was not said but known by the names.
     """
 
     role: Role

@@ -87,7 +87,7 @@ class Material:
         return {number: loop.peak_hz() for number, loop in loops.items()}
 
     def scale(self, axis: int | None) -> TipScale | None:
-        """Scale of an axis, or of the line motion (None); None where no f_al is known."""
+        """Scale of an axis, or of the line motion (None); None if no f_al is known."""
         if axis is None:
             known = line_scale(self.bench, self.control_period_s)
             own = [
@@ -107,7 +107,7 @@ class Material:
         }
 
     def f_al(self, axis: int | None) -> float | None:
-        """Frequency that turns an acceleration into a displacement; None where it is not known, and for the line of an arm."""
+        """Frequency that turns an acceleration into a displacement; None if it is not known, and for the line of an arm."""
         scale = self.scale(axis)
         return None if scale is None or (axis is None and self.bench.arm is not None) else scale.f_al_hz
 
@@ -117,7 +117,7 @@ class Material:
         return PAPER_BAND_HZ if scale is None else scale.band_hz
 
     def window_rps(self, axis: int | None, order: int) -> tuple[float, float] | None:
-        """Motor speeds in which an order is judged; None where no f_al is known."""
+        """Motor speeds in which an order is judged; None if no f_al is known."""
         scale = self.scale(axis)
         return None if scale is None else scale.windows_rps.get(order)
 
@@ -167,7 +167,7 @@ class Material:
         return {axis: self.bench.axis[axis].notch for axis in axes if axis in self.bench.axis and self.bench.axis[axis].notch}
 
     def acting(self, axis: int) -> FilterSet | None:
-        """The first filters that acted on an axis; None where none did."""
+        """The first filters that acted on an axis; None if none did."""
         return next((each for each in self.filter_sets if axis in each.notches), None)
 
     @property
@@ -263,7 +263,7 @@ class Material:
         return next((c for c, key in zip(self.result.comparisons, keys, strict=True) if key == wanted), None)
 
     def recording(self, run: RunEntry | None) -> Recording | None:
-        """Recording of a run, or None where it is missing or too short; a note then gives the reason."""
+        """Recording of a run, or None if it is missing or too short; a note then gives the reason."""
         if run is None or run.recording is None:
             return None
         if run.recording not in self._recordings:
@@ -303,7 +303,7 @@ class Material:
         return Recording(columns)
 
     def estimate(self, axis: int) -> TransmissionErrorEstimate | None:
-        """θ_sync identified from the run without a notch, or None where no run allows it."""
+        """θ_sync identified from the run without a notch, or None if no run allows it."""
         if axis not in self._estimates:
             self._estimates[axis] = self._identify(axis)
         return self._estimates[axis]

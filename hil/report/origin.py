@@ -16,7 +16,7 @@ class Origin:
     Attributes:
         word: Word for a number that was not computed: `measured`, `emulated` or `partly emulated`.
         band: Sentence on top of the page; empty where a real robot was measured.
-        is_emulated: True where any part was emulated.
+        is_emulated: True if any part was emulated.
     """
 
     word: str = "measured"

@@ -31,7 +31,7 @@ class ErrorColumn(NamedTuple):
     phi4_deg: float
 
     def of(self, order: float) -> tuple[float | None, float | None]:
-        """Amplitude in arcsec and phase in degrees of one order; None where the paper has none."""
+        """Amplitude in arcsec and phase in degrees of one order; None if the paper has none."""
         return {2: (self.a2_arcsec, self.phi2_deg), 4: (self.a4_arcsec, self.phi4_deg)}.get(int(order), (None, None))
 
     def error(self) -> TransmissionError:

@@ -132,7 +132,7 @@ class SvgPicture:
         Args:
             figure: The figure, which does not change any more.
             key: Anchor of the figure.
-            is_zoomable: True where an interactive page shows it so that it can be zoomed.
+            is_zoomable: True if an interactive page shows it so that it can be zoomed.
         """
         _load_formulas()
         self._text = LaterText(partial(svg.inline, figure, key))
@@ -144,7 +144,7 @@ class SvgPicture:
 
     @property
     def zoom(self) -> ZoomFigure | None:
-        """What can be zoomed; None where that is nothing."""
+        """What can be zoomed; None if that is nothing."""
         if self._figure is None:
             return None
         self._figure.draw_without_rendering()  # as the picture was drawn: its limits are final then
@@ -178,7 +178,7 @@ class Drawing:
 
     @property
     def zoom(self) -> ZoomFigure | None:
-        """What can be zoomed of the picture; None where that is nothing."""
+        """What can be zoomed of the picture; None if that is nothing."""
         return self.picture.zoom if isinstance(self.picture, SvgPicture) else None
 
 
@@ -288,6 +288,6 @@ def to_svg(figure: Figure, key: str, *, is_zoomable: bool = False) -> SvgPicture
     Args:
         figure: The figure, which does not change any more.
         key: Anchor of the figure.
-        is_zoomable: True where an interactive page shows it so that it can be zoomed.
+        is_zoomable: True if an interactive page shows it so that it can be zoomed.
     """
     return SvgPicture(figure, key, is_zoomable=is_zoomable)

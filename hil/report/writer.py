@@ -26,7 +26,7 @@ def write_report_of(directory: Path, *, is_interactive: bool = False) -> Path:
 
     Args:
         directory: Directory with result.json and what it names.
-        is_interactive: True where the figures of the page can be zoomed.
+        is_interactive: True if the figures of the page can be zoomed.
 
     Raises:
         NotPossibleError: It shall be interactive, and Bokeh is not installed.

@@ -42,7 +42,7 @@ class ZoomCurve:
         y: Ordinate; shape (n,).
         is_broken: True for a broken line.
         width: Width of the line; 0 for points alone.
-        has_points: True where each sample has a point.
+        has_points: True if each sample has a point.
     """
 
     name: str
@@ -101,8 +101,8 @@ class ZoomPanel:
         names: Names of abscissa and ordinate with their units.
         x: Ends of the abscissa.
         y: Ends of the ordinate.
-        is_log: True where the abscissa is logarithmic.
-        is_square: True where both axes have one scale.
+        is_log: True if the abscissa is logarithmic.
+        is_square: True if both axes have one scale.
         right: Name of a second scale on the right, and how many of its units make one of the ordinate's; None without one.
         curves: Curves.
         lines: Lines across the panel.

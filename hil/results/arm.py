@@ -17,8 +17,8 @@ class MeasuredDip(ResultPart):
         measured_hz: The dip.
         standard_error_hz: Its standard error.
         fitted_hz: The nearest dip of the fit.
-        bodies_hz: The nearest dip of the bench file's bodies on the same gears; None where it has none.
-        way_fraction: Fraction of the line's way to which the posture is near; None where it is near to none.
+        bodies_hz: The nearest dip of the bench file's bodies on the same gears; None if it has none.
+        way_fraction: Fraction of the line's way to which the posture is near; None if it is near to none.
     """
 
     axis: int

@@ -16,8 +16,8 @@ class KnownArm(ResultPart):
 
     Attributes:
         source: Source of the knowledge, in words.
-        start: Arm from which the fit started; None where it was searched for.
-        resonance_error_hz: Standard error of its resonance; None where it is not known.
+        start: Arm from which the fit started; None if it was searched for.
+        resonance_error_hz: Standard error of its resonance; None if it is not known.
         damping_error: Standard error of its damping ratio, likewise.
     """
 
@@ -108,14 +108,14 @@ class AteResult(MeasuredResult):
 
     Attributes:
         axis: Axis number.
-        sensorless: True where motor torque and encoder alone were used.
+        sensorless: True if motor torque and encoder alone were used.
         known_before: Arm that was known before the passes.
         sensing: Signal that was fitted.
         passes: Passes in their order.
         ate: Entry of the model file; None, like all below, where nothing was identified.
         fit: Fit of all passes.
         history: Standard errors after each pass.
-        is_within_goal: True where the standard errors reach the goal, or are at most 3 times what is asked (more of a gear
+        is_within_goal: True if the standard errors reach the goal, or are at most 3 times what is asked (more of a gear
             that is no spring: `hil.experiments.ate.request.Miss.is_usable`); orders out of the ramps' reach do not count.
             The notes say which are larger than asked.
         notes: Sentences for the engineer.

@@ -49,7 +49,7 @@ def result_directory(
     folder = Path(out)
     found = next((path for pattern in _FILES_OF_A_RESULT for path in sorted(folder.glob(pattern))), None)
     if found is not None and not force:
-        raise NotPossibleError(f"{found} is there already, from an earlier command; name another directory, or {remedy}")
+        raise NotPossibleError(f"{found} already exists, from an earlier command; name another directory, or {remedy}")
     return folder
 
 
@@ -148,10 +148,10 @@ class Result(_Written):
 
 
 def aftermath(all_disabled: bool | None, not_restored: Iterable[str]) -> tuple[str, ...]:
-    """Sentences on all that drives were not left as they were found, in the words that standard error has for it.
+    """One sentence per thing that was not restored on drives, in the words that standard error has for it.
 
     Args:
-        all_disabled: False where a drive has not confirmed that it is disabled.
+        all_disabled: False if a drive has not confirmed that it is disabled.
         not_restored: Objects that could not be put back.
     """
     unconfirmed = () if all_disabled is not False else (NOT_DISABLED,)
@@ -165,10 +165,10 @@ class MeasuredResult(Result):
         bench: Bench of the measurement.
         stopped: Reason why the measurement was stopped.
         causes: Causes that the error names with which it ended early; none where it names none.
-        all_disabled: After a stop, True where every drive has confirmed that it is disabled; None without a stop.
+        all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.
         not_restored: Objects that could not be put back in the nodes.
         drive_remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
-        emulated: True where any node is emulated: then this is no measurement; None where that is not known.
+        emulated: True if any node is emulated: then this is no measurement; None if that is not known.
         emulated_parts: Axes and accelerometer that are emulated, where others are not, or do not say.
     """
 
@@ -185,7 +185,7 @@ class MeasuredResult(Result):
         """Note which parts of the bench are emulated.
 
         Args:
-            answers: For each part True where it is emulated, False where it is not, None where it did not say.
+            answers: For each part True if it is emulated, False if it is not, None if it did not say.
         """
         parts = tuple(name for name, answer in answers.items() if answer)
         is_known = bool(answers) and None not in answers.values()
@@ -194,7 +194,7 @@ class MeasuredResult(Result):
 
     @property
     def aftermath(self) -> tuple[str, ...]:
-        """Sentences on all that the drives were not left as they were found; empty where they were."""
+        """One sentence per thing that was not restored on the drives; empty where they were."""
         return aftermath(self.all_disabled, self.not_restored or ())
 
     def note_failure(self, error: BaseException) -> None:

@@ -59,17 +59,17 @@ class ComparisonRow(ResultPart):
         axis: Axis of a constant-acceleration run, else None.
         treatment: Name of the treatment.
         loop: Side that closes the loop, the drive or the host.
-        tip_peak_mm: Largest tip displacement in the judged window; None where the run was not made or not judged.
+        tip_peak_mm: Largest tip displacement in the judged window; None if the run was not made or not judged.
         tip_peak_change_pct: Change of the peak against no treatment.
         spectrum_area: Area of the spectrum, m/s²·Hz.
         spectrum_area_change_pct: Change of the area against no treatment.
-        within_spec: True where the tip keeps the specification.
+        within_spec: True if the tip keeps the specification.
         trial: End of the trial of a cancellation, or of designed filters.
         compliance: Compliance that the treatment costs; None without a model.
         recording: Path of the CSV file, from the robot's directory.
         not_judged: Reason why there is no number.
         left_out: Reason why the run was not made.
-        ramp_peak_mm: Largest tip displacement on the whole ramp; None where there is none, or no ramp.
+        ramp_peak_mm: Largest tip displacement on the whole ramp; None if there is none, or no ramp.
         shaper: Input shaper that has shaped the motion.
     """
 
@@ -103,11 +103,11 @@ class ComparisonRobot(ResultPart):
         rows: Row for each experiment and treatment.
         compliance: Compliance by axis and treatment.
         not_restored: Objects that could not be put back in the nodes.
-        versions: Versions by package; None where nothing was run.
+        versions: Versions by package; None if nothing was run.
         ended: Reason why it was not run to the end.
-        emulated: True where any of its nodes is emulated; None where that is not known.
+        emulated: True if any of its nodes is emulated; None if that is not known.
         emulated_parts: Its parts that are emulated, where others are not.
-        all_disabled: After a stop, True where every drive has confirmed that it is disabled; None without a stop.
+        all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.
         line_axes: Axes that move in its line motion.
     """
 
@@ -128,7 +128,7 @@ class ComparisonRobot(ResultPart):
 
     @property
     def aftermath(self) -> tuple[str, ...]:
-        """Sentences on all that its drives were not left as they were found; empty where they were."""
+        """One sentence per thing that was not restored on its drives; empty if everything was."""
         return aftermath(self.all_disabled, self.not_restored)
 
 
@@ -138,7 +138,7 @@ class TourStep(ResultPart):
     Attributes:
         name: Name of the step in words.
         what: Result of the step in words, or its error.
-        holds: True where the step succeeded.
+        holds: True if the step succeeded.
         link: Path of its report, from the tour's directory; empty for none.
         seconds: Duration of the step.
     """
@@ -159,7 +159,7 @@ class TourFact(ResultPart):
         name: Quantity in words.
         unit: Its unit.
         truth: The robot's number.
-        estimate: Number that was identified; None where it was not, or nothing identifies it.
+        estimate: Number that was identified; None if it was not, or nothing identifies it.
         standard_error: Standard error of the estimate.
     """
 
@@ -178,8 +178,8 @@ class TourClaim(ResultPart):
     Attributes:
         claim: Claim in words.
         asked: Bound on the number.
-        is_above: True where the number is to be above the bound, else it is to be at most that.
-        found: The number; None where it was not judged.
+        is_above: True if the number is to be above the bound, else it is to be at most that.
+        found: The number; None if it was not judged.
         unit: Unit of both.
     """
 
@@ -191,7 +191,7 @@ class TourClaim(ResultPart):
 
     @property
     def holds(self) -> bool | None:
-        """True where the number keeps its bound; None where it was not judged."""
+        """True if the number keeps its bound; None if it was not judged."""
         return None if self.found is None else self.found > self.asked if self.is_above else self.found <= self.asked
 
 
@@ -226,7 +226,7 @@ class TreatmentTable(Result):
         started_utc: Instant of the beginning, ISO 8601.
         request: Request of the comparison.
         robots: Robots in their order; empty where none was run.
-        emulated: True where any robot is emulated, even in part; None where that is not known of one, and of none that it is.
+        emulated: True if any robot is emulated, even in part; None if that is not known of one, and of none that it is.
     """
 
     started_utc: str

@@ -14,7 +14,7 @@ class FollowedOrder(ResultPart):
         phase_start_deg: φ_k at the start, as identified.
         phase_end_deg: φ_k at the end.
         turned_deg: How far φ_k was turned at the end.
-        was_taken_back: True where it wanted to leave its bounds, and was taken back to what was identified.
+        was_taken_back: True if it wanted to leave its bounds, and was taken back to what was identified.
         time_s: Instants of the track; shape (n,).
         amplitude_arcsec: A_k then.
         phase_deg: φ_k then, not wrapped.
@@ -81,7 +81,7 @@ class FollowingEntry(ResultPart):
     """A cancellation that follows, in a run and in the trial before it.
 
     Attributes:
-        is_used: True where it was used; else the cancellation alone was.
+        is_used: True if it was used; else the cancellation alone was.
         peaks: The tip's peaks in its trial.
         words: Why it was not used; empty where it was.
         orders: What it made of each order; empty where it was not used.

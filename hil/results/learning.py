@@ -43,7 +43,7 @@ class LearningPass(ResultPart):
         gain: Fraction of the cancellation that acted.
         vibration_m_s2: Vibration of the tip around f_al, at the speeds that excite the arm.
         set_point_delay_s: Delay of the set-points as estimated after this pass.
-        following: Motor's motion over the intended one; None where it was not measured.
+        following: Motor's motion over the intended one; None if it was not measured.
         values: Amplitudes A_k and phases φ_k.
         parts: Verdict on each order that was cancelled in the pass.
     """
@@ -108,7 +108,7 @@ class ProbingRun(ResultPart):
         missed_cycles: Cycles that lack an answer.
         wall_s: Duration of the whole run on the wall clock.
         recording: Path of the CSV file, from the result's directory.
-        tip_peak_mm: Largest displacement of the tip in the band, in any direction; None where the run was not read.
+        tip_peak_mm: Largest displacement of the tip in the band, in any direction; None if the run was not read.
         tip_rms_mm: Root mean square of it, all directions together.
         is_kept: True for the run with what was kept.
         stopped: Reason of a stop.
@@ -135,7 +135,7 @@ class ProbedPart(ResultPart):
         axis: Axis number.
         order: Order k.
         outcome: `learnt`, or why it is left at 0.
-        a_arcsec: Amplitude; None where it is left at 0.
+        a_arcsec: Amplitude; None if it is left at 0.
         a_error_arcsec: Its standard error.
         phi_deg: Phase.
         phi_error_deg: Its standard error.
@@ -173,7 +173,7 @@ class MotionLearningResult(MeasuredResult):
         model: Path of the model file.
         motion: `line-motion` or `constant-acceleration`.
         axis: Axis of the latter.
-        probe_arcsec: Amplitude of the probes; None where there was none.
+        probe_arcsec: Amplitude of the probes; None if there was none.
         runs: Runs of the motion.
         parts: What is said of each order of each axis.
         learnt: Axes that are in the model file.

@@ -16,7 +16,7 @@ def _without_infinity(value: object) -> object:
 
 
 Bounded = Annotated[float | None, BeforeValidator(_without_infinity)]
-"""A number, or None where it has no bound: JSON has no infinity."""
+"""A number, or None if it has no bound: JSON has no infinity."""
 
 
 class DesignPlant(ResultPart):
@@ -93,7 +93,7 @@ class DesignVerdict(ResultPart):
 
     Attributes:
         notch: Filters as a bench file writes them.
-        holds: True where they meet all requirements.
+        holds: True if they meet all requirements.
         checks: Check of each requirement.
         tip_peaks: Tip peak by order.
         margins: Margins by motor speed.
@@ -122,15 +122,15 @@ class NotchDesignResult(Result):
         f_al_hz: Peak of |G_al| without a filter.
         requirements: Margins and tip peak to keep.
         plants: Plants for which they must hold.
-        feasible: True where a filter meets all requirements.
+        feasible: True if a filter meets all requirements.
         reason: Reason why none does.
-        usable: True where the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm.
+        usable: True if the best filters keep all margins and raise no peak, though they may miss a limit of the tip in mm.
         none: Verdict without filters.
         given: Verdict on the bench file's filters; None without them.
-        designed: Verdict on the designed filters; None where only the given ones were judged.
+        designed: Verdict on the designed filters; None if only the given ones were judged.
         effort: Evaluations and seed of the search.
         seconds: Duration of the design.
-        emulated: True where plant or transmission error were identified on an emulated robot.
+        emulated: True if plant or transmission error were identified on an emulated robot.
         notes: Orders that were asked for and got no filter, with the reason; for which postures of an arm the margins hold.
     """
 

@@ -23,7 +23,7 @@ class RecordedFile(ResultPart):
         duration_s: Duration.
         period_s: Mean sampling period.
         jitter_s: Range of the steps between time stamps, from the 1st to the 99th percentile.
-        clock: Time that was taken: the stamps, even sampling, or that which the motor's angle shows; None where none was needed.
+        clock: Time that was taken: the stamps, even sampling, or that which the motor's angle shows; None if none was needed.
     """
 
     path: str
@@ -77,7 +77,7 @@ class OrderChange(ResultPart):
         probability: Probability of the differences, were they noise alone.
         widened: Factor by which they widen its standard errors.
         phi_span_deg: Largest difference of two of its phases.
-        is_seen: True where noise does not explain them.
+        is_seen: True if noise does not explain them.
     """
 
     order: float
@@ -143,9 +143,9 @@ class RecordedAteResult(Result):
         stretches: Their stretches.
         parts: Parts of the stretches, in which a change is looked for.
         changes: Each order against itself in these parts.
-        scan: Blind scan; None where nothing could be scanned.
-        ate: Entry of the model file; None where nothing was identified.
-        is_identified: True where an order stands above its noise.
+        scan: Blind scan; None if nothing could be scanned.
+        ate: Entry of the model file; None if nothing was identified.
+        is_identified: True if an order stands above its noise.
         notes: Sentences for the engineer.
         not_identified: Reason why nothing was identified.
         plant: Plant that made an angle of the signal, in words; None for two encoders.

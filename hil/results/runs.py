@@ -61,7 +61,7 @@ class TrialPart(ResultPart):
         fall_error: Standard error of that.
         left_fraction: Fraction of this order that the whole cancellation leaves.
         left_error: Standard error of that.
-        factor: Factor by which the cancellation should be multiplied; None where nothing of it was seen.
+        factor: Factor by which the cancellation should be multiplied; None if nothing of it was seen.
         factor_error: Standard error of that.
         turn_deg: Angle by which φ_k should be turned.
         turn_error_deg: Standard error of that.
@@ -117,10 +117,10 @@ class CancellationTrial(ResultPart):
     Attributes:
         before_m_s2: Vibration without it.
         gain: Fraction of the cancellation that was tried first.
-        is_good: True where at least one order of one axis is accepted, and used.
+        is_good: True if at least one order of one axis is accepted, and used.
         trials: Runs with the tried fraction on all axes, on each alone where there are several, and with the whole.
         parts: Verdict on each order of each axis.
-        remainder: What is left of the vibration, and why; None where nothing is used.
+        remainder: What is left of the vibration, and why; None if nothing is used.
     """
 
     before_m_s2: float
@@ -161,7 +161,7 @@ class FilterTrial(ResultPart):
     """Trial of designed filters at the tip, before the run.
 
     Attributes:
-        is_good: True where the tip's peak rises in no window and falls in one; else the run is made without them.
+        is_good: True if the tip's peak rises in no window and falls in one; else the run is made without them.
         runs: Runs with them, and as many without.
         peaks: The peak in each window, the worst first.
         words: Refusal in words; empty where they are good.
@@ -194,7 +194,7 @@ class ShaperEntry(ResultPart):
         remaining_fraction: Remaining vibration V of the modes, as a part of that without.
         remaining_low_fraction: The same where their frequencies are a tenth lower than believed.
         remaining_high_fraction: The same where they are a tenth higher.
-        path_error_mm: Largest distance of the set-points' tip from the line; None where a single axis moves.
+        path_error_mm: Largest distance of the set-points' tip from the line; None if a single axis moves.
     """
 
     name: str
@@ -237,12 +237,12 @@ class RunEntry(ResultPart):
         sync_period_s: SYNC period.
         control_period_s: Sampling time of the loop.
         order: Order k of the window; None for the line motion, and for a run that was stopped.
-        tip_peak_mm: Largest tip displacement, see `hil.analysis.Metrics` like the next four; None where it could not be judged.
+        tip_peak_mm: Largest tip displacement, see `hil.analysis.Metrics` like the next four; None if it could not be judged.
         tip_rms_mm: Root mean square of the tip displacement.
         spectrum_peak_m_s2: Largest amplitude of the spectrum.
         spectrum_peak_hz: Frequency of the largest amplitude.
         spectrum_area: Area of the spectrum, m/s²·Hz.
-        within_spec: True where the tip keeps the specification; None where the run was not judged.
+        within_spec: True if the tip keeps the specification; None if the run was not judged.
         cycles: SYNCs of the motion.
         missed_cycles: Cycles that lack an answer.
         wall_s: Duration of the whole run on the wall clock.
@@ -257,14 +257,14 @@ class RunEntry(ResultPart):
         filter_trial: Trial of designed filters before the run.
         repeated: Number of runs in the recording's mean.
         ramp_peak_mm: Largest tip displacement on the whole ramp, without the jerks at its ends; None for the line motion.
-        f_al_hz: Frequency by which the run is judged: the peak of |G_al|; None where it is not known, and nothing is judged.
+        f_al_hz: Frequency by which the run is judged: the peak of |G_al|; None if it is not known, and nothing is judged.
         f_al_source: `model`, or `own` where the run's own vibration shows it.
         f_al_error_hz: Standard error of an f_al from the run's own vibration.
         f_al_words: f_al and where it comes from, as a line.
         remark: Sentence on an f_al of a model that the run itself does not show.
         window_rps: Motor speeds of the window; None for the line motion.
         band_hz: Band of the vibration.
-        order_mm: Largest amplitude of the order itself in the window, as a displacement; None where it cannot be tracked.
+        order_mm: Largest amplitude of the order itself in the window, as a displacement; None if it cannot be tracked.
         order_error_mm: Its standard error.
         noise_mm: Largest tip displacement that noise alone would show in the window.
         directions: The tip along x, y and z of the base frame and along the worst direction, on a bench with an arm; the numbers
@@ -365,7 +365,7 @@ class PaperClaim(ResultPart):
         paper: Number of the paper.
         bench: Number of the bench.
         unit: Unit of both numbers.
-        holds: True where the bench's number confirms the claim; None where it could not be judged.
+        holds: True if the bench's number confirms the claim; None if it could not be judged.
     """
 
     claim: str

@@ -87,7 +87,7 @@ class SignalDecoder:
     Args:
         bench: Bench file, or None.
         descriptions: Device descriptions by node-ID.
-        bitrate: Bit rate in bit/s; None where nobody says it, and the load is given in kbit/s.
+        bitrate: Bit rate in bit/s; None if nobody says it, and the load is given in kbit/s.
 
     Attributes:
         signals: Signals so far, by their columns.

@@ -42,7 +42,7 @@ def derived(
         name: Name of the axis.
         time_s: Times of the rows; shape (n,).
         found: What it sends.
-        target: Position set-points, in the unit of the position; shape (n,); None where none are sent.
+        target: Position set-points, in the unit of the position; shape (n,); None if none are sent.
         past: Its last rows; they are replaced.
     """
     sent = {signal.quantity: signal for signal in found if signal.of == name}

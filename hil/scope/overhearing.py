@@ -47,7 +47,7 @@ class Overhearing:
         self.nodes: dict[int, Node] = {}
 
     def take(self, heard: Heard) -> bool:
-        """Look through frames; True where `nodes` has changed.
+        """Look through frames; True if `nodes` has changed.
 
         Args:
             heard: Frames in their order; shape (n,).
@@ -73,7 +73,7 @@ class Overhearing:
         return before != self.nodes
 
     def _note_first(self, heard: Heard) -> bool:
-        """Keep a frame of each new identifier; True where there is a new one."""
+        """Keep a frame of each new identifier; True if there is a new one."""
         ids, rows = np.unique(heard["can_id"], return_index=True)
         fresh = [(int(each), int(row)) for each, row in zip(ids, rows, strict=True) if int(each) not in self._first]
         for can_id, row in fresh:

@@ -19,7 +19,7 @@ _USER_UNITS = (0x607E, 0x60A8, 0x60A9)
 
 @dataclass(frozen=True)
 class Scales:
-    """Scales of a drive; None where nothing tells one, and its numbers are shown as they are.
+    """Scales of a drive; None if nothing tells one, and its numbers are shown as they are.
 
     Attributes:
         rev_per_count: Motor revolutions per unit of position.
@@ -81,7 +81,7 @@ def _by_the_standard(node: Node, table: AxisTable | None) -> Scales:
 
 
 def acceleration_scale(node: Node) -> float | None:
-    """m/s² per step of an accelerometer; None where nothing tells it, or it measures in another unit."""
+    """m/s² per step of an accelerometer; None if nothing tells it, or it measures in another unit."""
     asked = OverheardQuestions(node)
     digits = asked.number(Need((DIGITS_OBJECT, 1), "", ""), is_optional=True)
     unit = asked.number(Need((UNIT_OBJECT, 1), "", ""), is_optional=True)

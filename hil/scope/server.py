@@ -235,7 +235,7 @@ class ScopeServer:
     """The page of one bus, or of recordings, on a port of loopback.
 
     Args:
-        choose: Source by the name of a run; "" for the first, None where there is none of the name.
+        choose: Source by the name of a run; "" for the first, None if there is none of the name.
         runs: Names of the runs; empty for a bus.
         port: Port; 0 for one that is free.
 

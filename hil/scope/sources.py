@@ -25,7 +25,7 @@ class PageSource(Protocol):
 
     Attributes:
         title: Title of the page.
-        is_live: True where rows are still to come.
+        is_live: True if rows are still to come.
         past: The rows.
         signals: Signals of their columns.
         events: Events, the oldest first.

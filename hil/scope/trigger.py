@@ -46,7 +46,7 @@ class Trigger:
         self._last: Real | None = None
 
     def feed(self, time_s: Real, values: Real, emergencies_s: Sequence[float] = ()) -> float | None:
-        """Time at which it fires; None where it does not.
+        """Time at which it fires; None if it does not.
 
         A level is crossed between two samples that lie on either side of it, the earlier one not on it. Samples that are
         missing are passed over.

@@ -43,7 +43,7 @@ class SerialSettings:
         delay_s: Time from the acceleration to the first bit on the line: half the filter's length, and that of a USB converter.
         at_sync: Choice of the sample that belongs to a SYNC.
         max_age_s: Largest age of a sample at the SYNC; older ones do not count.
-        counter_modulo: Count at which the sensor's counter starts again; None where it sends none.
+        counter_modulo: Count at which the sensor's counter starts again; None if it sends none.
     """
 
     port: str
@@ -106,7 +106,7 @@ class AccelerometerReader:
         """Open the port and wait for the first sample.
 
         Args:
-            is_lock_step: True where the bus counts its time in SYNCs, as `Channel.is_lock_step` says.
+            is_lock_step: True if the bus counts its time in SYNCs, as `Channel.is_lock_step` says.
 
         Raises:
             SerialAccelerometerError: The port does not exist, or gives no bytes, or no readable samples; the message says
@@ -167,7 +167,7 @@ class AccelerometerReader:
             self._first.set()
 
     def value_at_sync(self, sync_s: float) -> Vector | None:
-        """The measurement of the SYNC that was sent at this instant of `now`; None where the sensor is silent."""
+        """The measurement of the SYNC that was sent at this instant of `now`; None if the sensor is silent."""
         queue = self._queue
         while queue:
             self._history.add(*queue.popleft())

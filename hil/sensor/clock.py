@@ -35,7 +35,7 @@ class SampleClock:
 
         Args:
             rate_hz: Samples per second, as the sensor's data sheet has it.
-            counter_modulo: Count at which the sensor's counter starts again; None where it has none.
+            counter_modulo: Count at which the sensor's counter starts again; None if it has none.
         """
         self.lost = 0
         self._period_s = 1.0 / rate_hz

@@ -66,7 +66,7 @@ class Sample(NamedTuple):
 
     Attributes:
         acceleration_m_s2: Acceleration along X, Y and Z.
-        counter: The sensor's own count of samples, or None where it has none.
+        counter: The sensor's own count of samples, or None if it has none.
     """
 
     acceleration_m_s2: Vector
@@ -103,7 +103,7 @@ class Fields:
             raise ValueError(f"fields name {min(unknown)!r}; known are x, y, z, counter, and - for what is ignored")
 
     def sample(self, values: dict[str, float]) -> Sample | None:
-        """The sample of these numbers; None where one is beyond the range."""
+        """The sample of these numbers; None if one is beyond the range."""
         x, y, z = (values[name] * scale for name, scale in zip(AXES, self.scale_m_s2, strict=True))
         if not max(abs(x), abs(y), abs(z)) <= self.range_m_s2:  # says no to NaN as well
             return None
@@ -235,7 +235,7 @@ class BinaryFraming:
         checksum: Checksum over the numbers, and over the sync bytes where `covers_sync`.
         checksum_position: Position of the checksum: at the end of the frame, or between sync bytes and numbers.
         checksum_order: Byte order of a CRC-16; Modbus sends the low byte first.
-        covers_sync: True where the checksum covers the sync bytes.
+        covers_sync: True if the checksum covers the sync bytes.
     """
 
     fields: Fields
@@ -320,7 +320,7 @@ class BinaryDecoder:
         return samples
 
     def _body(self, frame: bytes) -> bytes | None:
-        """The numbers of a frame, or None where its checksum is wrong."""
+        """The numbers of a frame, or None if its checksum is wrong."""
         sync, behind = self.framing.sync, frame[len(self.framing.sync) :]
         if not self._check_bytes:
             return behind

@@ -37,7 +37,7 @@ class SerialTable(Table):
         format: Numbers of a binary frame as Python's `struct` writes them, byte order first.
         checksum_place: Position of the checksum: at the end unless it is given.
         checksum_order: Byte order of a CRC-16; the low byte first unless it is given.
-        checksum_covers_sync: True where the checksum covers the sync bytes, as it does unless this is given.
+        checksum_covers_sync: True if the checksum covers the sync bytes, as it does unless this is given.
         frame_bytes: Length of a whole frame, to check the other keys against.
     """
 

@@ -119,7 +119,7 @@ class Attempt:
         dropped_out: Error-passive ones that lost against an equal identifier, and whose flag no other port saw.
         end: End of EOF or of the error delimiter.
         idle: End of the intermission.
-        collided: True where two sent one identifier with different contents.
+        collided: True if two sent one identifier with different contents.
     """
 
     __slots__ = ("collided", "dropped_out", "end", "failed", "idle", "senders", "start", "winners")
@@ -133,7 +133,7 @@ class Attempt:
         self.collided = False
 
     def drop_out_bits(self, entry: QueuedFrame) -> int:
-        """Bits by which later than others a sender comes to the end of its intermission.
+        """Extra bits before this sender's intermission ends.
 
         One that dropped out waits for six equal bits, which are those from the ACK delimiter on; its delimiter follows them.
         Without an acknowledgement they are those from the CRC delimiter on, two bits before the other sender's flag ends.

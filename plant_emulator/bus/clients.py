@@ -89,7 +89,7 @@ class Client:
                 del self._backlog[: self.socket.send(self._backlog[:65536], socket.MSG_DONTWAIT)]
 
     def receive(self, *, wait: bool = False) -> list[Frame] | None:
-        """The frames that are there, [] where there is none, None where the client has gone; what is no frame is dropped.
+        """The frames that are there, [] where there is none, None if the client has gone; what is no frame is dropped.
 
         Args:
             wait: Wait for the first one, up to `CLOCK_WAIT_S`.
@@ -119,7 +119,7 @@ class Client:
             self._has_stamps = not self._is_stream
 
     def queued(self) -> Iterator[tuple[Frame, int | None]]:
-        """Everything that has come, each frame with its arrival in ns since 1970; None where only the order is known.
+        """Everything that has come, each frame with its arrival in ns since 1970; None if only the order is known.
 
         One that has gone is marked with `is_over`.
         """
@@ -171,7 +171,7 @@ class Door:
 
 
 def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int | None:
-    """The kernel's time of a message, in ns since 1970; None where it gave none."""
+    """The kernel's time of a message, in ns since 1970; None if it gave none."""
     for level, kind, data in ancillary:
         if (level, kind, len(data)) == (socket.SOL_SOCKET, SO_TIMESTAMPNS, _TIMESPEC.size):
             seconds, nanoseconds = _TIMESPEC.unpack(data)

@@ -124,7 +124,7 @@ class ErrorFreeBus:
         return self._start + kind.ns + kind.counter(kind.head, frame[1]) * kind.step_ns - self._intermission_ns
 
     def advance(self, until: int, stop_port: int, passed: list[Passed]) -> int | None:
-        """Let time pass: where it stands then, or None where a collision comes next, with which somebody else has to deal.
+        """Let time pass: where it stands then, or None if a collision comes next, with which somebody else has to deal.
 
         Args:
             until: End of the time that passes, in ns.

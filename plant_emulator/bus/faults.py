@@ -71,7 +71,7 @@ class Passage(NamedTuple):
 
     @property
     def is_plain(self) -> bool:
-        """True where the frame is queued at once and sent as any other."""
+        """True if the frame is queued at once and sent as any other."""
         return not (self.delay_ns or self.destroyed or self.overtaken)
 
 
@@ -123,7 +123,7 @@ class Fault:
         delay_ns: Time by which "delay" delays, or for which "reorder" waits for the next frame.
         copies: Number of additional frames by "duplicate".
         bits: Bits of the payload that "corrupt" inverts; bit 0 is the lowest of the first byte. None given: one by chance.
-        crc: True where the receivers notice "corrupt" by the CRC, so that the frame is sent again; else it passes.
+        crc: True if the receivers notice "corrupt" by the CRC, so that the frame is sent again; else it passes.
         attempts: Number of attempts in a row that are destroyed, with `crc`.
         data: Payload of the frame that "babble" sends.
     """
@@ -161,7 +161,7 @@ class Fault:
         return can_id | CAN_EFF_FLAG if can_id > CAN_SFF_MASK else can_id
 
     def means(self, frame: Frame, port: int, at_ns: int) -> bool:
-        """True where the fault concerns a frame, by identifier, sender and time."""
+        """True if the fault concerns a frame, by identifier, sender and time."""
         if self.port is not None and port != self.port:
             return False
         if at_ns < self.from_ns or (self.to_ns is not None and at_ns >= self.to_ns):

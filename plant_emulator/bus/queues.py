@@ -41,7 +41,7 @@ class Queues:
     # --- in ---
 
     def accept(self, port: Port, passage: Passage, at_ns: int, now: int) -> QueuedFrame | None:
-        """Make a new entry in the queue or on its way into it; gives None where there is no room.
+        """Make a new entry in the queue or on its way into it; gives None if there is no room.
 
         Args:
             port: Port of the sender.
@@ -161,5 +161,5 @@ class Queues:
 
     @property
     def oldest(self) -> int | None:
-        """Time of the offer of the frame that has waited longest; None where none waits."""
+        """Time of the offer of the frame that has waited longest; None if none waits."""
         return min((entry.at for port in self.waiting.values() for entry in port.queue), default=None)

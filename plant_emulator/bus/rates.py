@@ -39,11 +39,11 @@ class Rates:
 
     @property
     def is_exact(self) -> bool:
-        """True where all bits take whole nanoseconds."""
+        """True if all bits take whole nanoseconds."""
         return bool(self.bit_ns) and (self.data_bitrate is None or bool(self.fast_bit_ns))
 
     def is_fd(self, can_id: int) -> bool:
-        """True where a frame with this identifier is sent as a CAN FD frame."""
+        """True if a frame with this identifier is sent as a CAN FD frame."""
         return self.data_bitrate is not None and not can_id & CAN_RTR_FLAG
 
     def ns(self, bits: int, fast_bits: int = 0) -> int:

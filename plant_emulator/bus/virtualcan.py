@@ -40,7 +40,7 @@ def parse_endpoint(text: str) -> tuple[str, int]:
     """
     host, _, port = text.rpartition(":")
     if not (port.isascii() and port.isdigit()) or int(port) > 0xFFFF:
-        raise EndpointError(f"{text}: [HOST:]PORT is wanted, such as 18000 or 127.0.0.1:18000")
+        raise EndpointError(f"{text}: expected [HOST:]PORT, such as 18000 or 127.0.0.1:18000")
     if (host or "localhost") not in LOOPBACK:
         raise EndpointError(
             f"{text}: only on 127.0.0.1, ::1 or localhost, since whoever reaches the port commands the robot, without a password"
@@ -135,7 +135,7 @@ class VirtualcanClient(Client):
             self._end(f"it has not read {len(self._backlog) // MESSAGE.size} frames")
 
     def receive(self, *, wait: bool = False) -> list[Frame] | None:
-        """The frames received, [] where there is none, None where the client has gone or was dropped."""
+        """The frames received, [] where there is none, None if the client has gone or was dropped."""
         if self.is_over:
             return None
         try:

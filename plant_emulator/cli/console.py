@@ -19,7 +19,7 @@ class EmulatorExitStatus(ToolExitStatus):
     """Exit statuses of `plant-emulator`."""
 
     DONE = 0, "done"
-    INTERNAL = 1, "an error that nobody expected"
+    INTERNAL = 1, "internal error"
     USAGE = 2, "usage"
     FILE = 3, "bad robot file"
     BUS = 4, "the bus cannot be served, or is lost"
@@ -102,7 +102,7 @@ def axis_numbers(given: str, model: "Robot") -> list[int]:
     numbers: list[int] = []
     for text in given.split(","):
         if not (text.strip().isascii() and text.strip().isdigit()):
-            raise fail(f"--axis {given}: numbers with commas between are wanted, such as 2,3", EmulatorExitStatus.USAGE)
+            raise fail(f"--axis {given}: expected a comma-separated list such as 2,3", EmulatorExitStatus.USAGE)
         number = int(text)
         if number not in model.axis:
             there = ", ".join(map(str, sorted(model.axis)))

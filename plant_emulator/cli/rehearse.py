@@ -107,7 +107,7 @@ def rehearse(
     with exit_on_error():
         if summary is not None:
             if seeds is not None:
-                raise fail("--summary walks nothing: leave --seeds out", EmulatorExitStatus.USAGE)
+                raise fail("--summary only rewrites the report; do not give --seeds", EmulatorExitStatus.USAGE)
             kept = Kept(summary)
             kept.settings()
             _tell(kept, check=check, as_json=as_json, as_markdown=True)
@@ -139,7 +139,7 @@ def _walkers(on: str | None, jobs: int | None, *, keep: bool) -> "Walkers":
     if on is None:
         return LocalProcesses(jobs or _processors())
     if jobs is not None:
-        raise fail("--jobs: the workers of --on are as many as there are", EmulatorExitStatus.USAGE)
+        raise fail("--jobs cannot be combined with --on; the scheduler decides", EmulatorExitStatus.USAGE)
     if keep:
         raise fail("--keep: the workers of --on may have another file system", EmulatorExitStatus.USAGE)
     with exit_on_value_error():

@@ -156,9 +156,9 @@ def _spread(file: Path | None) -> "PlantSpread":
 
 def _check_options(tip_mm: float, area_percent: float) -> None:
     if not 0.0 < tip_mm < float("inf"):
-        raise fail(f"--tip-mm {tip_mm}: more than 0 is wanted", EmulatorExitStatus.USAGE)
+        raise fail(f"--tip-mm {tip_mm}: expected more than 0", EmulatorExitStatus.USAGE)
     if not area_percent < 100.0:  # NaN is not below either
-        raise fail(f"--area-percent {area_percent}: less than 100 is wanted", EmulatorExitStatus.USAGE)
+        raise fail(f"--area-percent {area_percent}: expected less than 100", EmulatorExitStatus.USAGE)
 
 
 def _processors() -> int:

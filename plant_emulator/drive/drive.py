@@ -52,7 +52,7 @@ class DelayedTransition(NamedTuple):
 
     Args:
         step: Step that it will take.
-        word: The last control word that has come; None where it must not act any more.
+        word: The last control word that has come; None if it must not act any more.
         due: Time of the step in ns; None before the first look at the clock.
     """
 
@@ -155,13 +155,13 @@ class Drive:
         return self._standing.power.state
 
     def repeats(self, control_word: int) -> bool:
-        """True where the drive is enabled and this control word is the one that it follows: it asks for nothing new."""
+        """True if the drive is enabled and the control word is unchanged."""
         standing = self._standing
         return standing.is_following and standing.power.control_word == control_word
 
     @property
     def mode(self) -> Mode | None:
-        """The mode that acts; None where there is no torque, or no mode has been chosen."""
+        """The mode that acts; None if there is no torque, or no mode has been chosen."""
         acting = self._modes.acting
         return Mode(acting.number) if acting is not None and acting.number else None
 

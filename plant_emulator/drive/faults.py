@@ -85,7 +85,7 @@ class DriveFaults:
 
     @property
     def is_lacking(self) -> bool:
-        """True where something has been lacking, and nothing has changed since."""
+        """True if something has been lacking, and nothing has changed since."""
         return any(cause in LACKS for cause in self._slave.emergency_causes)
 
     def clear(self) -> None:

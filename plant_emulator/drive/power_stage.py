@@ -72,16 +72,16 @@ class PowerStage:
 
     @property
     def is_stopped(self) -> bool:
-        """True where the stop that was begun has come to its end, or had its time."""
+        """True if the stop that was begun has come to its end, or had its time."""
         motion = self.motion
         return bool(motion["stopped"] or motion["stop_periods"] * self._control_period_s > STOP_PATIENCE_S)
 
     @property
     def stands(self) -> bool:
-        """True where the motor is at rest, as far as the law can see."""
+        """True if the motor is at rest, as far as the law can see."""
         return abs(self.data.speed_rad_s) < record.STOPPED_RAD_S
 
     @property
     def stands_braked(self) -> bool:
-        """True where a halt or a quick stop has been completed: the motor is at rest and held."""
+        """True if a halt or a quick stop has been completed: the motor is at rest and held."""
         return bool(self._stopped[self.row]) or self.law_mode == record.BRAKED

@@ -118,7 +118,7 @@ class EmulatedRobot:
         self.channel.advance(round(SECOND * duration_s))
 
     def is_braked(self, axis: int) -> bool:
-        """True where the brake of an axis is closed."""
+        """True if the brake of an axis is closed."""
         return bool(self.world.axes.motion["mode"][self.world.axes.row(axis)] == BRAKED)
 
     def position_rev(self, axis: int) -> float:

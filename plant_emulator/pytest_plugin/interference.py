@@ -46,7 +46,7 @@ class Interference:
     Attributes:
         trace: Log of the frames on the bus.
         frames: Faults of frames between bus and master.
-        wire: Faults of frames on the wire; None where no bit times are emulated.
+        wire: Faults of frames on the wire; None if no bit times are emulated.
         now_ns: The bench's time.
         put: Puts a frame on the bus as a stranger would.
         pull: Makes the bus fail.

@@ -40,7 +40,7 @@ class RealChannel:
 
     @property
     def overflows(self) -> int | None:
-        """Received frames that were lost for want of room; None where they are not counted."""
+        """Received frames that were lost for want of room; None if they are not counted."""
         return self._inner.overflows
 
     def send(self, frame: Frame) -> None:
@@ -170,4 +170,4 @@ def bit_rate(config: pytest.Config) -> int | None:
     try:
         return parse_address(f"{LOCAL}:bus@{text}").bitrate
     except AddressError:
-        pytest.fail(f"--hil-bitrate {text}: a rate such as 1M, 500k or 125000 is wanted", pytrace=False)
+        pytest.fail(f"--hil-bitrate {text}: expected a rate such as 1M, 500k or 125000", pytrace=False)

@@ -48,7 +48,7 @@ def quantities_of(
         robot: The robot.
         number: Number of the axis.
         identified: Model file of the identifications; None without one.
-        learnt: Model file of learning; None where nothing was learnt.
+        learnt: Model file of learning; None if nothing was learnt.
     """
     axis = robot.axis[number]
     known = None if identified is None else identified.axis.get(number)

@@ -39,7 +39,7 @@ FACTS = (
 """Facts of the robot that a table is sorted by."""
 
 Ended = Literal["done", "noted", "refused", "stopped", "crashed", "skipped"]
-"""`noted`: done, with less than was asked; `crashed`: an error that is no sentence; `skipped`: an earlier step had to be done."""
+"""`noted`: done, with less than was asked; `crashed`: unexpected exception; `skipped`: a prerequisite step failed."""
 
 MAX_WORDS = 600
 QUIET_MM, FLOOR_FACTOR = 0.010, 1.3
@@ -68,7 +68,7 @@ class StepRecord:
 
     @property
     def is_done(self) -> bool:
-        """True where its result is there."""
+        """True if its result is there."""
         return self.ended in ("done", "noted")
 
 
@@ -95,7 +95,7 @@ class ProbeRecord:
     """One wrong correction.
 
     Attributes:
-        accepted: True where the trial let it through; None where it was not tried.
+        accepted: True if the trial let it through; None if it was not tried.
         words: Words of the refusal, or the reason why it was not tried.
         worst_ratio: Largest true tip of any order over that without a treatment; only of an accepted one.
     """
@@ -113,7 +113,7 @@ class PathRecord:
         name: Name of the robot.
         seed: Its seed.
         axis: The axis that was treated.
-        over_bus: True where the walk went over a bus.
+        over_bus: True if the walk went over a bus.
         facts: Facts of the robot, by `FACTS`.
         steps: End of each step, by `STEPS`.
         quantities: By `QUANTITIES`.
@@ -124,7 +124,7 @@ class PathRecord:
         tracked: Order-tracked amplitude of the true tip in mm by treatment, and `floor`, then by order.
         probes: Wrong corrections, by `PROBES`.
         causes: Causes that the run of each cancellation names for what it leaves, and its words.
-        without_cause_mm: True tip at the path's end without the causes that were named; None where there are none.
+        without_cause_mm: True tip at the path's end without the causes that were named; None if there are none.
         cpu_s: Processor time of the path.
         survey_cpu_s: Processor time of measuring the truth, and of the wrong corrections.
         simulated_s: Time of the robot's world.
@@ -175,7 +175,7 @@ class PathRecord:
 
     @property
     def is_quiet(self) -> bool | None:
-        """True where the path's end keeps the goal; None where nothing was measured."""
+        """True if the path's end keeps the goal; None if nothing was measured."""
         tip = self.end_tip_mm
         return None if tip is None else tip <= self.goal_mm
 

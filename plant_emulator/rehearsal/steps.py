@@ -86,7 +86,7 @@ class PathFiles:
         return self.folder / "design.toml"
 
     def identified(self) -> Identified | None:
-        """What has been identified so far; None where nothing has."""
+        """What has been identified so far; None if nothing has."""
         return load_identified(self.model) if self.model.exists() else None
 
     def knowledge(self, *, is_learnt: bool) -> Knowledge:

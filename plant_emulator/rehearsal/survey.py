@@ -99,7 +99,7 @@ class Survey:
     def _record(
         self, robot: Robot, bench: Bench, filters: FilterUse, model: Identified | None, left_out: Collection[Part]
     ) -> Recording | None:
-        """Run the user's motion; None where the product refuses or stops it."""
+        """Run the user's motion; None if the product refuses or stops it."""
         with session_on(quiet(robot), bench) as session:
             motion = constant_acceleration(bench, self._axis, bench.bus.sync_period_s)
             try:

@@ -107,7 +107,7 @@ class PathEnd:
 
 
 def tip_without(causes: Collection[str], end: PathEnd, anew: Callable[[Robot, Bench], float | None]) -> float | None:
-    """Largest true tip of any order without some causes, in mm; None where nobody can tell.
+    """Largest true tip of any order without some causes, in mm; None if nobody can tell.
 
     Args:
         causes: Names of the causes, of `hil.results.runs.RemainderCause`.

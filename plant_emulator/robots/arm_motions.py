@@ -31,7 +31,7 @@ PACE_M_S = 0.25 / 2.2
 
 
 def first_line(arm: ArmTable, limits: Sequence[JointLimits]) -> LineMotion | None:
-    """A straight line from home that the arm can follow with its tool kept as it is; None where there is none of 10 cm.
+    """A straight line from home that the arm can follow with its tool kept as it is; None if there is none of 10 cm.
 
     Args:
         arm: The arm.

@@ -71,7 +71,7 @@ class Behaviour(Table):
 
     @property
     def delays_frames(self) -> bool:
-        """True where any frame leaves the node later than its cause."""
+        """True if any frame leaves the node later than its cause."""
         return bool(self.tpdo_delay_us or self.tpdo_jitter_us or self.sdo_delay_ms)
 
     @property

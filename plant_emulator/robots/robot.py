@@ -174,7 +174,7 @@ class RobotAccelerometer(Table):
 
     @property
     def filters(self) -> bool:
-        """True where the output is anything else than the tip's acceleration at the instant, noise and steps apart."""
+        """True if the output is anything else than the tip's acceleration at the instant, noise and steps apart."""
         return bool(self.delay_s) or self.lowpass_hz is not None or self.mounting_resonance_hz is not None
 
 
@@ -236,7 +236,7 @@ class Robot(Table):
 
     @property
     def links(self) -> ArmTable | None:
-        """The arm whose links couple the axes; None where each axis turns an inertia of its own."""
+        """The arm whose links couple the axes; None if each axis turns an inertia of its own."""
         return None
 
     @property

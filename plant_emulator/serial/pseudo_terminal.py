@@ -79,7 +79,7 @@ class PseudoTerminal:
             return b""
 
     def write(self, data: bytes, *, must: bool = False) -> bool:
-        """Write some bytes for the other end, all or none; gives False where there was no room.
+        """Write some bytes for the other end, all or none; gives False if there was no room.
 
         Args:
             data: Bytes to write.

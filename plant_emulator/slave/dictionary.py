@@ -56,12 +56,12 @@ class Access(Enum):
 
     @property
     def is_readable(self) -> bool:
-        """True where an SDO may read the entry."""
+        """True if an SDO may read the entry."""
         return self is not Access.WO
 
     @property
     def is_writable(self) -> bool:
-        """True where an SDO may write the entry."""
+        """True if an SDO may write the entry."""
         return self not in {Access.RO, Access.CONST}
 
 
@@ -166,7 +166,7 @@ class Entry:
         return self.default
 
     def refusal(self, value: Any) -> SdoAbortCode | None:
-        """Tell why a value of the right type may not be written, or None where it may."""
+        """Tell why a value of the right type may not be written, or None if it may."""
         if self.data_type.is_real and not math.isfinite(value):
             return SdoAbortCode.INVALID_VALUE
         if self.high is not None and value > self.high:
@@ -177,12 +177,12 @@ class Entry:
 
     @property
     def is_rpdo_mappable(self) -> bool:
-        """True where a PDO that the node receives may carry the entry."""
+        """True if a PDO that the node receives may carry the entry."""
         return self.mappable and self.access in {Access.WO, Access.RW, Access.RWW}
 
     @property
     def is_tpdo_mappable(self) -> bool:
-        """True where a PDO that the node sends may carry the entry."""
+        """True if a PDO that the node sends may carry the entry."""
         return self.mappable and self.access in {Access.RO, Access.CONST, Access.RW, Access.RWR}
 
 
@@ -191,7 +191,7 @@ class Cell:
 
     Attributes:
         entry: The entry whose value this is.
-        is_guarded: True where the entry refuses some values of its type.
+        is_guarded: True if the entry refuses some values of its type.
         value: The present value; the owner may set it directly, unchecked. It does not count where there is a read hook.
         read_hook: Gives the live value.
         write_hook: Checks and applies a value from the bus before it is stored.
@@ -216,7 +216,7 @@ class Cell:
         return encode(self.entry.data_type, self.current())
 
     def length_refusal(self, length: int) -> SdoAbortCode | None:
-        """Tell why so many bytes may not be written, or None where they may."""
+        """Tell why so many bytes may not be written, or None if they may."""
         if self._packer is None or length == self._packer.size:
             return None
         return SdoAbortCode.TOO_LONG if length > self._packer.size else SdoAbortCode.TOO_SHORT
@@ -353,7 +353,7 @@ class Dictionary:
         Args:
             index: Index of the entry.
             subindex: Its sub-index.
-            wrap: Gives the hook from that which is there; None where there is none. It calls that one, or takes its place.
+            wrap: Gives the hook from that which is there; None if there is none. It calls that one, or takes its place.
 
         Raises:
             KeyError: There is no such entry.

@@ -78,7 +78,7 @@ class EmergencyProducer:
 
     @property
     def due(self) -> int | None:
-        """Instant at which the inhibit time lets the next frame go, or None where none waits."""
+        """Instant at which the inhibit time lets the next frame go, or None if none waits."""
         return self._sent_at + self._inhibit_ns if self._waiting else None
 
     def advance(self, now: int) -> None:

@@ -128,7 +128,7 @@ class LssSlave:
         return [self._dictionary.get_int(*address) if address in self._dictionary else 0 for address in addresses]
 
     def receive(self, data: bytes) -> bytes | None:
-        """Give the 8 bytes of the answer to a request, or None where there is none."""
+        """Give the 8 bytes of the answer to a request, or None if there is none."""
         if len(data) != _LENGTH:
             return None
         handler = _SERVICES[self.state].get(data[0])

@@ -164,7 +164,7 @@ class Slave:
 
     @property
     def due(self) -> int | None:
-        """The next instant at which `advance` must be called; None where only a frame can wake the node."""
+        """The next instant at which `advance` must be called; None if only a frame can wake the node."""
         if self._out:
             return self._now
         if self._state is NmtState.INITIALISING or self._due == _NEVER:

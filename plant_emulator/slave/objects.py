@@ -89,7 +89,7 @@ class PdoDefault:
         transmission_type: 255 is event-driven, 1 each SYNC.
         inhibit_time: Inhibit time of a TPDO, in multiples of 100 µs.
         event_timer_ms: Longest silence of a TPDO, or deadline of an RPDO; 0 is none.
-        is_valid: True where the PDO exists; left out, PDO 1 and 2 do.
+        is_valid: True if the PDO exists; left out, PDO 1 and 2 do.
     """
 
     mapped: tuple[tuple[int, int, int], ...] = ()

@@ -98,7 +98,7 @@ class ParameterStore:
     Attributes:
         time_ns: Duration of storing; the SDO answer comes when it is over. A node that is stopped or reset before that
             keeps the old values and never answers: its services end without a word (CiA 301, 7.3.2.2.5).
-        fails: True where the memory refuses, with abort 0606 0000h at the end of that time.
+        fails: True if the memory refuses, with abort 0606 0000h at the end of that time.
         may_store: Asked at each command: why the node cannot store now, or None.
     """
 

@@ -39,7 +39,7 @@ class SyncConsumer:
         can_id: Identifier to listen to.
         overflow: 1019h: highest value of the counter, or 0.
         window_ns: 1007h, or 0.
-        counter: That of the last SYNC; None where it had none.
+        counter: That of the last SYNC; None if it had none.
         closes_at: End of the window that the last SYNC opened; far away where there is none.
         is_plain: Whether a SYNC without data is right and opens no window, so that `accepts` need not be asked.
     """

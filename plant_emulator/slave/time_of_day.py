@@ -46,7 +46,7 @@ class TimeConsumer:
         self._offset = None
 
     def at(self, now: int) -> int | None:
-        """Give the network's time at an instant of the node's, or None where no TIME has come."""
+        """Give the network's time at an instant of the node's, or None if no TIME has come."""
         return None if self._offset is None else now + self._offset
 
     def receive(self, data: bytes, now: int) -> None:

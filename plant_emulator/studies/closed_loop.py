@@ -103,7 +103,7 @@ def _law_at(cascade: Cascade, notches: Sequence[Notch], speed_rps: float, period
 
 
 def _acting(notch: Notch, speed_rps: float, period_s: float) -> tuple[float, float, float, float, float] | None:
-    """Coefficients of a filter at a speed; None where it is out."""
+    """Coefficients of a filter at a speed; None if it is out."""
     if notch.mode == NOTCH_OFF or not notch.start_rps <= speed_rps <= notch.end_rps:
         return None
     weight = notch_weight(notch.mode, speed_rps, notch.start_rps, notch.end_rps, notch.ramp_rps)

@@ -98,7 +98,7 @@ class PlantRunResult:
 
     @property
     def is_stable(self) -> bool:
-        """True where no fault was found."""
+        """True if no fault was found."""
         return not self.faults
 
 
@@ -173,7 +173,7 @@ class Study:
                 raise ValueError(f"axis {number}: a position_gain_per_s of 0 closes no loop")
             softness = self.robot.axis[number].wind_up_softness + self.spread.wind_up_softness
             if softness >= 1.0:
-                raise ValueError(f"axis {number}: wind_up_softness {softness:g} leaves no stiffness; less than 1 is wanted")
+                raise ValueError(f"axis {number}: wind_up_softness {softness:g} leaves no stiffness; expected less than 1")
         top_hz = band_hz(HIGHEST_F_AL * self.f_al_hz)[1]
         if 0.5 / self.robot.sync_period_s <= top_hz:
             raise ValueError(f"a SYNC period of {self.robot.sync_period_s} s does not show vibrations up to {top_hz:.3g} Hz")

@@ -112,7 +112,7 @@ class Unknown:
                 return 1.0 if quantile < reach else 0.0
 
     def is_open(self, spread: PlantSpread) -> bool:
-        """True where it differs from plant to plant."""
+        """True if it differs from plant to plant."""
         reach: float = getattr(spread, self.key)
         return 0.0 < reach < 1.0 if self.kind == "switch" else reach > 0.0
 

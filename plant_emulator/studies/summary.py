@@ -89,7 +89,7 @@ class Summary:
 
     @property
     def is_by_area(self) -> bool:
-        """True where a line motion is judged by the reduction of its spectrum's area."""
+        """True if a line motion is judged by the reduction of its spectrum's area."""
         return self.study.is_by_area
 
     @property

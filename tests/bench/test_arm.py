@@ -92,5 +92,7 @@ def test_all_six_drives_are_brought_up_and_follow_together(quiet_arm: Robot) -> 
     for column, number in enumerate(bench.axis):
         error = result.recording.axis(number, "position_rad")[:-1] - motion.motor_angle_rad[: len(time) - 1, column]
         assert np.max(np.abs(error[:50])) < 0.02  # at rest, gravity held
-        assert np.max(np.abs(error)) < 1.1 * 4.0 * np.pi * 0.5 / 25.0  # a cascade without feed-forward is late by its speed over K_pp
+        assert (
+            np.max(np.abs(error)) < 1.1 * 4.0 * np.pi * 0.5 / 25.0
+        )  # a cascade without feed-forward is late by its speed over K_pp
         assert abs(result.recording.axis(number, "position_rad")[-1]) > 0.5

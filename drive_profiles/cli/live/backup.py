@@ -47,7 +47,7 @@ def backup(
 
     wanted = class_names(classes)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise fail(f"{out} is there already, and not empty; nothing was written", ExitStatus.FILE)
+        raise fail(f"{out} already exists and is not empty; nothing was written", ExitStatus.FILE)
     with exit_on_error(), SdoBus(bus, timeout_s) as opened:
         there = opened.answering(node or range(1, 128))
         if silent := sorted(set(node or ()) - set(there)):

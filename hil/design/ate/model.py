@@ -324,7 +324,7 @@ class RampsModel:
         return Noise(arm, sensor / float(np.mean([part.white for part in self._parts])))
 
     def weights(self, arm: Arm) -> tuple[float, ...] | None:
-        """Weight of each recording, by what it leaves; mean square 1. None where all leave about the same."""
+        """Weight of each recording, by what it leaves; mean square 1. None if all leave about the same."""
         left = self.split(self.solve(arm)[1])
         sizes = np.array([math.sqrt(float(np.mean(each**2))) + 1e-300 for each in left])
         if len(sizes) < 2 or float(np.max(sizes)) < EVEN * float(np.min(sizes)):

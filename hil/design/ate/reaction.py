@@ -89,13 +89,13 @@ class Reaction:
 
     @property
     def is_seen(self) -> bool:
-        """True where the gear reacts on its motor as a gear does."""
+        """True if the gear reacts on its motor as a gear does."""
         far = FAR_SIGMAS * math.hypot(self.standard_error, LOSSLESS_ERROR)
         return self.value >= BELIEVED_SIGMAS * self.standard_error and abs(self.value - 1.0) <= far
 
     @property
     def is_absent(self) -> bool:
-        """True where the gear does not react on its motor, for certain: 0 may be it, and what a gear does cannot."""
+        """True if the gear does not react on its motor, for certain: 0 may be it, and what a gear does cannot."""
         return abs(self.value) <= FAR_SIGMAS * self.standard_error and self.value + BELIEVED_SIGMAS * self.standard_error < 0.5
 
     @property
@@ -106,7 +106,7 @@ class Reaction:
 
 
 def gear_reaction(motions: Sequence[Turning], known: MotorSide, error: TransmissionError) -> Reaction | None:
-    """R with its standard error; None where no motion turns slowly enough for it to be seen.
+    """R with its standard error; None if no motion turns slowly enough for it to be seen.
 
     Args:
         motions: Motions without a cancellation.

@@ -127,7 +127,7 @@ def without_rounding(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> t
 
 
 def is_rounding_felt(model: RampsModel, arm: Arm, own: Mapping[float, Arm]) -> bool:
-    """True where the encoder's rounding is a part of what a fit leaves."""
+    """True if the encoder's rounding is a part of what a fit leaves."""
     return model.rounding_power(arm) >= ROUNDING_FELT * float(np.sum(model.solve(arm, own)[1] ** 2))
 
 

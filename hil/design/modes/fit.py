@@ -109,7 +109,7 @@ class _Fit:
 
 
 def _are_there(fit: _Fit) -> bool:
-    """True where each mode's inertia is beyond its error, and no two modes lie together."""
+    """True if each mode's inertia is beyond its error, and no two modes lie together."""
     covariance, modes = fit.covariance(), fit.problem.modes(fit.x)
     spots = [J_L, *(slot + INERTIA for slot in fit.problem.slots(fit.x))]
     known = all(THERE_SIGMAS * math.sqrt(max(0.0, covariance[spot, spot])) < 1.0 for spot in spots)

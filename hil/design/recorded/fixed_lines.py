@@ -120,7 +120,7 @@ def _of_lines(look: OrderColumns, rows: list[int], averaged: AngleSection, found
 
 
 def _lasts(signal: Real, waves: Real) -> bool:
-    """True where a line is there all the time: a resonance rings at its frequency too, but only while an order passes it."""
+    """True if a line is there all the time: a resonance rings at its frequency too, but only while an order passes it."""
     pieces = []
     for part in np.array_split(np.arange(len(signal)), PIECES):
         x, y = np.linalg.lstsq(waves[part], signal[part], rcond=1e-9)[0]

@@ -53,7 +53,7 @@ class Change:
 
     @property
     def is_seen(self) -> bool:
-        """True where noise does not explain the differences."""
+        """True if noise does not explain the differences."""
         return self.probability < DRIFTS_BELOW
 
 

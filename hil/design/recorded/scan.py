@@ -197,7 +197,7 @@ def floor_of(strength: Real, reach: NDArray[np.int64], free: NDArray[np.bool_] |
     Args:
         strength: Strengths over the order.
         reach: Rows to either side; shape of `strength`.
-        free: True where noise was left in; shape of `strength`; None for everywhere.
+        free: True if noise was left in; shape of `strength`; None for everywhere.
     """
     free = np.ones(len(strength), dtype=np.bool_) if free is None else free
     count = len(strength)

@@ -40,7 +40,7 @@ class JointSwing:
 
     @property
     def is_told(self) -> bool:
-        """True where the recordings tell it from a larger error, and it can be one."""
+        """True if the recordings tell it from a larger error, and it can be one."""
         at_most = self.highest_hz**2
         return (
             self.error_per_hz2 * at_most < TOLD_WITHIN
@@ -68,7 +68,7 @@ def swung_waves(angle_rad: Real, speed_rps: Real, per_hz2: float) -> Callable[[S
 def swing_of(
     sections_at: Sequence[Callable[[float], AngleSection]], orders: Sequence[float], highest_hz: float
 ) -> JointSwing | None:
-    """Swing that some stretches show together; None where none of them can be fitted.
+    """Swing that some stretches show together; None if none of them can be fitted.
 
     Each is fitted with one column more, what c = 1 s² changes; its standard error is that of the blocks, as for all unknowns.
 

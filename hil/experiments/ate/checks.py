@@ -67,15 +67,15 @@ class AteNotIdentifiedError(HilError):
             needed: Value that it must have.
             unit: Unit of both values.
             remedy: Advice, in words; empty for none.
-            at_most: True where `needed` is an upper bound.
-            is_of_orders: True where an order that is not in the set may be the cause.
+            at_most: True if `needed` is an upper bound.
+            is_of_orders: True if an order that is not in the set may be the cause.
             causes: Causes that it names.
         """
         self.is_of_orders, self.causes = is_of_orders, causes
         self.what, self.value, self.needed, self.unit, self.remedy, self.at_most = what, value, needed, unit, remedy, at_most
         suffix, tail = f" {unit}" if unit else "", f"; {remedy}" if remedy else ""
-        bound = f"at most {needed:.4g}{suffix} is allowed" if at_most else f"at least {needed:.4g}{suffix} is needed"
-        super().__init__(f"not identified: {what} is {value:.4g}{suffix}, {bound}{tail}")
+        bound = f"at {'most' if at_most else 'least'} {needed:.4g}{suffix}"
+        super().__init__(f"not identified: {what}: {value:.4g}{suffix} ({bound}){tail}")
 
 
 def check_run(result: RunResult, *, sensorless: bool, sensor: str = "accelerometer") -> None:
@@ -83,7 +83,7 @@ def check_run(result: RunResult, *, sensorless: bool, sensor: str = "acceleromet
 
     Args:
         result: The pass.
-        sensorless: True where the motor torque is fitted.
+        sensorless: True if the motor torque is fitted.
         sensor: What tells the tip, in words.
 
     Raises:
@@ -91,14 +91,14 @@ def check_run(result: RunResult, *, sensorless: bool, sensor: str = "acceleromet
     """
     allowed = MAX_MISSED * result.cycles
     if not sensorless and result.sensor_missed > allowed:
-        what = f"the number of cycles without the {sensor} (of {result.cycles})"
+        what = f"cycles without the {sensor} (of {result.cycles})"
         remedy = "check it, or use --sensorless"
         raise AteNotIdentifiedError(what, result.sensor_missed, allowed, "", remedy, at_most=True, causes=MISWIRED)
     if result.missed_cycles + result.dropped_cycles > allowed:
         lost = result.missed_cycles + result.dropped_cycles
         remedy = "see docs/realtime.md"
         raise AteNotIdentifiedError(
-            "the number of cycles without an answer, or with a set-point too late,", lost, allowed, "", remedy, at_most=True,
+            "cycles without an answer or with a late set-point", lost, allowed, "", remedy, at_most=True,
             causes=("cycle",),
         )  # fmt: skip
 
@@ -111,7 +111,7 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
     """
     levels, counts = np.unique(tip, return_counts=True)
     if len(levels) < 8:
-        what = f"the number of different values of the {sensor} in {len(tip)} samples"
+        what = f"different values of the {sensor} in {len(tip)} samples"
         raise AteNotIdentifiedError(
             what, len(levels), 8, "", "is it powered, does it sit on the arm, is its resolution fine enough?", causes=MISWIRED
         )
@@ -122,7 +122,7 @@ def check_accelerometer(tip: Real, sensor: str = "accelerometer") -> None:
         stretches = int(np.count_nonzero(np.diff(longer.astype(np.int8)) == 1) + (1 if longer[0] else 0))
         is_pile = count > PILE * int(beside.max()) and abs(end - float(np.median(tip))) > FLAT_STEPS * step
         if stretches >= FLAT_STRETCHES and is_pile:
-            what = f"the number of times that the {sensor} stays at {end:.3g} m/s², the end of its range,"
+            what = f"times that the {sensor} saturates at {end:.3g} m/s²"
             remedy = f"a range beyond {abs(end):.3g} m/s² or a faster ramp is needed"
             raise AteNotIdentifiedError(what, stretches, FLAT_STRETCHES - 1, "", remedy, at_most=True)
 
@@ -132,9 +132,9 @@ def check_estimate(estimate: JointEstimate, *, sensorless: bool, passes_left: in
 
     Args:
         estimate: The fit.
-        sensorless: True where it is of the motor torque.
+        sensorless: True if it is of the motor torque.
         passes_left: Number of passes that may follow.
-        has_acted: True where a cancellation of the error has been seen to act as it should: then it is there, however far the
+        has_acted: True if a cancellation of the error has been seen to act as it should: then it is there, however far the
             gear is from a spring, which the standard errors hold.
 
     Raises:
@@ -170,7 +170,7 @@ def _check_factor(estimate: JointEstimate) -> None:
     off, allowed = abs(factor - 1.0), max(SCALE_TOLERANCE, SCALE_SIGMAS * estimate.motion_scale_error)
     if off <= allowed:
         return
-    what = "the factor by which the motor's own motion shows at the tip other than tip_lever_m / reduction_ratio says, less 1,"
+    what = "relative deviation of the tip's response to the motor from tip_lever_m / reduction_ratio"
     if factor < -FEELS_NOTHING:
         remedy = "the tip moves against the motor: the encoder counts backwards (607Eh), or the accelerometer sits upside down"
     elif factor < FEELS_NOTHING:
@@ -197,7 +197,7 @@ def _check_significance(estimate: JointEstimate, *, sensorless: bool, passes_lef
 
 
 def factor_remark(estimate: JointEstimate) -> str | None:
-    """Note on a factor of the motor's motion that is neither 1 nor certainly wrong; None where there is nothing to say."""
+    """Note on a factor of the motor's motion that is neither 1 nor certainly wrong; None if there is nothing to say."""
     off = abs(estimate.motion_scale - 1.0)
     if off <= max(SCALE_REMARK, SCALE_REMARK_SIGMAS * estimate.motion_scale_error):
         return None

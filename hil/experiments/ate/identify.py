@@ -108,7 +108,7 @@ class Identification:
         notes: Sentences for the engineer.
         misses: Numbers that are known less well than requested.
         scan: Orders of the vibration; None without an accelerometer.
-        reaction: Reaction of the gear on its motor; None where no plant is known, or the ramps do not show it.
+        reaction: Reaction of the gear on its motor; None if no plant is known, or the ramps do not show it.
     """
 
     passes: list[Pass] = field(default_factory=list)
@@ -128,13 +128,13 @@ class Identification:
         return [miss.sentence for miss in self.misses]
 
     def is_reached(self, order: float) -> bool:
-        """True where the ramps went through the resonance with an order."""
+        """True if the ramps went through the resonance with an order."""
         reached = max(each.ramps.trajectory.end_rps for each in self.passes)
         return reached >= PASSED * self.estimate.arm.resonance_hz / order
 
     @property
     def is_good(self) -> bool:
-        """True where what was requested is known, or is usable (`Miss`); an order out of the ramps' reach is not counted."""
+        """True if what was requested is known, or is usable (`Miss`); an order out of the ramps' reach is not counted."""
         return all(miss.is_usable or not self.is_reached(miss.order) for miss in self.misses)
 
 
@@ -266,7 +266,7 @@ def sweep_of(motion: Ramps, recording: Recording, axis: int, *, sensorless: bool
 
 
 def _is_through(bench: Bench, axis: int, made: Pass, passes_left: int) -> bool:
-    """True where the ramps passed f_m2; False where the next ones can.
+    """True if the ramps passed f_m2; False if the next ones can.
 
     Raises:
         AteNotIdentifiedError: Limits keep them from it, or no pass is left; with the limit that binds.
@@ -371,7 +371,7 @@ def _remark(identification: Identification, bench: Bench, request: AteRequest, k
         arms = ", ".join(f"{arm.resonance_hz:.2f} Hz at order {order:g}" for order, arm in estimate.own_arms.items())
         also = f", {arms}" if arms else ""
         identification.notes.append(
-            f"the gear is no spring (hysteresis, soft wind-up): its resonance depends on the size of the vibration "
+            f"the gear is nonlinear (hysteresis or soft wind-up): its resonance shifts with the amplitude of the vibration "
             f"({estimate.arm.resonance_hz:.2f} Hz{also}), which the standard errors contain and more passes do not change"
         )
 
@@ -395,7 +395,7 @@ def delay_of(estimate: JointEstimate, gear_fraction_error: float, plant_damping:
     Args:
         estimate: The estimate.
         gear_fraction_error: Standard error of ζ_g/ζ.
-        plant_damping: ζ of the identified plant; None where it is not known.
+        plant_damping: ζ of the identified plant; None if it is not known.
     """
     lead_s = 2.0 * estimate.arm.damping / (2.0 * math.pi * estimate.arm.resonance_hz)
     blur_s = 0.0
@@ -421,7 +421,7 @@ def as_part(
         note: A note.
         gear_fraction_error: Standard error of the gear's fraction of the damping.
         reaction: Reaction of the gear on its motor; one that is not seen is 0 in the entry.
-        plant_damping: ζ of the identified plant; None where it is not known.
+        plant_damping: ζ of the identified plant; None if it is not known.
     """
     delay = delay_of(estimate, gear_fraction_error, plant_damping)
     seen = {order: size for order, size in estimate.error.amplitude_arcsec.items() if is_seen(estimate, order)}

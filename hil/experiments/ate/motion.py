@@ -83,7 +83,7 @@ def _between_limits_rev(table: AxisTable) -> float:
 
 
 def _is_held_by_arm(bench: Bench, axis: int) -> bool:
-    """True where the travel of an arm's joint leaves less room than the position limits do."""
+    """True if the travel of an arm's joint leaves less room than the position limits do."""
     return bench.travel_rev(axis) < _between_limits_rev(bench.axis[axis])
 
 
@@ -158,7 +158,7 @@ def unknown_end(bench: Bench, axis: int) -> float:
 
 
 def further_end(bench: Bench, axis: int, arm_hz: float, order: float) -> float | None:
-    """End speed of a ramp in which a low order passes the resonance; None where speed limit or travel do not allow it.
+    """End speed of a ramp in which a low order passes the resonance; None if speed limit or travel do not allow it.
 
     Args:
         bench: The bench file.
@@ -185,7 +185,7 @@ def end_speed(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: float 
         bench: The bench file.
         axis: Axis number.
         acceleration_rps_s: Acceleration of the ramp.
-        arm_hz: f_a; None where it is not known.
+        arm_hz: f_a; None if it is not known.
 
     Raises:
         NotPossibleError: Limits keep it from passing f_m2; with the number needed.
@@ -220,7 +220,7 @@ def furthest_end(bench: Bench, axis: int, acceleration_rps_s: float, arm_hz: flo
         bench: The bench file.
         axis: Axis number.
         acceleration_rps_s: Acceleration of the ramp.
-        arm_hz: f_a; None where it is not known.
+        arm_hz: f_a; None if it is not known.
 
     Raises:
         NotPossibleError: There is no room for any ramp.

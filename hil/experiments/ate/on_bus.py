@@ -24,7 +24,7 @@ class AteOutcome(MeasurementOutcome[AteResult]):
 
     @property
     def part(self) -> IdentifiedError | None:
-        """Entry for the model file; None where nothing was identified."""
+        """Entry for the model file; None if nothing was identified."""
         return self.result.ate
 
 

@@ -28,7 +28,8 @@ LOOKED_AT = (0.5, 10.0)
 SCAN_STEP, FINE_STEP = 0.125, 0.025
 STANDING_OUT = ((0.003, 20.0), (0.01, 4.0))
 """Fraction of the vibration's power, and power over that of the orders beside it, from which an order is fitted to see: of white
-noise one in 10⁸ is twenty times as strong; high orders are passed within a turn, and show in those beside them too."""
+noise exceeds 20 times its mean power with
+probability 10⁻⁸; high orders are passed within a turn, and show in those beside them too."""
 CLEAR_SIGMAS, SEEN_FRACTION, SEEN_LEAVES = 8.0, 0.02, 0.7
 """Standard errors of its amplitude, and fraction of the vibration's power, from which an order is seen, and what its fit leaves
 over at most of what was left over without it."""
@@ -208,7 +209,7 @@ class _Scan:
         return {order: float(np.sum(part**2)) / total for order, part in zip(orders, parts, strict=True)}
 
     def standing_out(self, estimate: JointEstimate) -> float | None:
-        """The order that stands out of what an estimate leaves; None where none does."""
+        """The order that stands out of what an estimate leaves; None if none does."""
         fitted = list(estimate.error.amplitude_arcsec)
         grid = np.arange(LOOKED_AT[0], LOOKED_AT[1] + 1e-9, SCAN_STEP)
         model = self.model(estimate, (*fitted, *map(float, grid)))

@@ -84,9 +84,9 @@ def checked(
     Args:
         watch: The passes.
         estimate: Estimate from them.
-        sensorless: True where it is of the motor torque.
+        sensorless: True if it is of the motor torque.
         passes_left: Number of passes that may follow.
-        has_acted: True where a cancellation of the error has been seen to act as it should.
+        has_acted: True if a cancellation of the error has been seen to act as it should.
 
     Raises:
         AteNotIdentifiedError: One of the checks fails.

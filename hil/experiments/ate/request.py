@@ -18,7 +18,7 @@ FITTED_ORDERS = ORDERS
 AMPLITUDE_FRACTION, PHASE_DEG = 0.0075, 0.75
 """Standard errors that are asked of orders for which a goal names none: a quarter of 3 % and 3°."""
 WEAK = 0.5
-"""An amplitude below this fraction of the largest is asked for as exactly as if it were so large: it shakes the arm no more."""
+"""Amplitudes below this fraction of the largest are held to the absolute accuracy of that fraction: they matter less."""
 NEARLY = 3.0
 """Standard errors up to so many times what is asked are a result, with a note: three quarters of the required accuracy."""
 GEAR_FRACTION_AT_MOST, GEAR_PHASE_DEG_AT_MOST = 0.15, 10.0
@@ -34,7 +34,7 @@ class Miss:
         order: Order k.
         sentence: Sentence on it.
         over: Its standard error over the one asked for.
-        is_usable: True where it is a result all the same.
+        is_usable: True if it is a result all the same.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Goal:
 
 
 def is_seen(estimate: JointEstimate, order: float) -> bool:
-    """True where an order's amplitude is more than its error."""
+    """True if an order's amplitude is more than its error."""
     return estimate.error.amplitude_arcsec[order] > SIGNIFICANT_SIGMAS * estimate.amplitude_error_arcsec[order]
 
 
@@ -125,7 +125,7 @@ class AxisKnowledge:
         plant: Plant for the sensorless variant.
         arm_inertia_fraction: Standard error of J_l as a fraction of J_l; 0 where J_l is only believed.
         source: Source of this knowledge, in words.
-        resonance_error_hz: Standard error of the arm's resonance; None where it is not known.
+        resonance_error_hz: Standard error of the arm's resonance; None if it is not known.
         damping_error: Standard error of the arm's damping ratio, likewise.
         gear_fraction_error: Standard error of the gear's fraction of the arm's damping.
         side: Motor and arm as identified, by which the gear's reaction on the motor is told; None without them.
@@ -196,7 +196,7 @@ def _other_modes(plant: IdentifiedPlant) -> tuple[OtherMode, ...]:
 
 
 def modal_arm(plant: IdentifiedPlant) -> Arm | None:
-    """The leading mode of a coupled arm with the others beside it; None where its plant has one mode."""
+    """The leading mode of a coupled arm with the others beside it; None if its plant has one mode."""
     others = _other_modes(plant)
     return Arm(plant.antiresonance_hz, plant.damping, others=others) if others else None
 

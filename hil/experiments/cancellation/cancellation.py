@@ -41,7 +41,7 @@ class CancellationAdder:
     """The `hil.master.set_point_adder.SetPointAdder` of a cancellation; each run needs a new one.
 
     Attributes:
-        uses_torque: True where torque offsets (60B2h) are mapped.
+        uses_torque: True if torque offsets (60B2h) are mapped.
         laws: Laws of all axes.
     """
 
@@ -75,7 +75,7 @@ class Cancellation:
         torque_steps_nm: Resolution of the torque offsets, by axis.
         scales: Scales by which the vibration is judged, by axis.
         responses: Responses of the arm by axis, with which its trial reads the orders.
-        is_learnt_on_motion: True where all of it was learnt by probing a motion: its orders are known together, not each.
+        is_learnt_on_motion: True if all of it was learnt by probing a motion: its orders are known together, not each.
     """
 
     axes: tuple[int, ...]
@@ -88,7 +88,7 @@ class Cancellation:
 
     @property
     def uses_torque(self) -> bool:
-        """True where any axis needs a torque offset."""
+        """True if any axis needs a torque offset."""
         return any(table.largest_torque_nm() > 0.0 for table in self.tables.values())
 
     @property
@@ -189,13 +189,13 @@ def cancellation_for(
         axes: Axis numbers in the order of the motion.
         period_s: SYNC period.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
-        with_notch: True where the drives' filters act.
+        with_notch: True if the drives' filters act.
         control_periods_s: T_c by axis; 250 µs where it is not given.
         torque_steps_nm: Resolution of the drives' torque offsets, by axis.
         delay_s: Delay of the set-points beyond the SYNC period, the interpolation, and the model file's delay.
         paces: Paces of a motion by axis. Where its set-points would be faster than the axis may be, the highest orders are left
             out, though none within the resonance; without it the motor's acceleration is not allowed for either.
-        by_torque: True where torque offsets can be sent: what the set-points have no room for is left to them.
+        by_torque: True if torque offsets can be sent: what the set-points have no room for is left to them.
 
     Raises:
         NotPossibleError: The model file is another robot's, or no transmission error is known of any of the axes.
@@ -243,7 +243,7 @@ def known_lag_s(identified: Identified | None, number: int) -> float:
 
 
 def motor_load(bench: Bench, identified: Identified | None, model: Model, number: int, most_rad_s2: float) -> MotorLoad | None:
-    """How an axis' gear torque is told from its motor's, where it reacts on it; None where that is not known.
+    """How an axis' gear torque is told from its motor's, where it reacts on it; None if that is not known.
 
     Args:
         bench: The bench file.
@@ -283,9 +283,9 @@ def cancellation_of(
         bench: The bench file.
         identified: The model file; None for the bench file's own model.
         motion: Motion of the run.
-        channel: The bus; None where it is not known.
+        channel: The bus; None if it is not known.
         actuation: As in `cancellation_for`, like all that follow.
-        with_notch: True where the drives' filters act.
+        with_notch: True if the drives' filters act.
         control_periods_s: T_c by axis.
         torque_steps_nm: Resolution of the drives' torque offsets, by axis.
         delay_s: Delay of the set-points.
@@ -309,7 +309,7 @@ def cancellation_of(
 
 
 def _takes_torque(bench: Bench, motion: Motion, channel: Channel | None, *, with_notch: bool) -> bool:
-    """True where all drives of a motion add torque offsets, and the bus has room for them."""
+    """True if all drives of a motion add torque offsets, and the bus has room for them."""
     if not all(takes_torque_offset(Profile.load(bench.axis[number].profile)) for number in motion.axes):
         return False
     demand = BusDemand("the motion", motion.axes, motion.period_s, with_notch=with_notch, with_torque_offset=True)
@@ -335,7 +335,7 @@ def cancellation_on(
         identified: The model file; None for the bench file's own model.
         motion: Motion of the run.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
-        with_notch: True where the drives' filters act.
+        with_notch: True if the drives' filters act.
         delay_s: Delay of the set-points beyond that of `cancellation_for`.
 
     Raises:
@@ -380,7 +380,7 @@ def cancelled_orders(
 
 
 def treated_model(bench: Bench, identified: Identified | None, number: int) -> Model | None:
-    """Model of an axis; None where it has no transmission error to cancel.
+    """Model of an axis; None if it has no transmission error to cancel.
 
     Raises:
         NotPossibleError: The model file is another robot's, or the bench has no such axis.

@@ -93,7 +93,7 @@ class FollowingAdder:
     """The `hil.master.set_point_adder.SensingAdder` of a cancellation that follows; each run needs a new one.
 
     Attributes:
-        uses_torque: True where torque offsets (60B2h) are mapped.
+        uses_torque: True if torque offsets (60B2h) are mapped.
     """
 
     uses_torque: bool
@@ -138,7 +138,7 @@ class FollowingAdder:
         return self._cancellation.step(positions_rad, torques_nm)
 
     def _felt_m_s2(self) -> float | None:
-        """Acceleration of the tip by the sensor, or by the joint's own encoder; None where it is not known."""
+        """Acceleration of the tip by the sensor, or by the joint's own encoder; None if it is not known."""
         tip, turned = self._sensed.tip_m_s2, self._sensed.load_rad
         if self._difference is not None:
             return self._difference(None if turned is None else turned[self._columns[0]])

@@ -47,7 +47,7 @@ class HeardOrder:
         axis: Axis number.
         order: Order k.
         left: Largest |d| by which w moved, or would have moved.
-        has_moved: True where w has moved.
+        has_moved: True if w has moved.
     """
 
     axis: int

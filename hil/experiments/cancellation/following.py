@@ -27,7 +27,7 @@ LEAST_FACTOR = 0.1
 MADE = (0.8, 1.25)
 """Factors between which the motor has made the motion, so that its delay means something."""
 REST = 0.5
-"""Largest part of a delay that has helped which is its rest: what is left of it falls from pass to pass."""
+"""A remaining delay below this fraction of the last helpful correction counts as its remainder; it falls from pass to pass."""
 LOWEST = 2.0
 """Order whose resonance every ramp passes; a lower one's where the limits allow."""
 EDGE_PERIODS = 1.8
@@ -78,12 +78,12 @@ class DelaySearch:
         """Take in what a pass has shown; a delay after which the tip did not vibrate less is taken back.
 
         Args:
-            following: Motor's motion in the pass; None where it was not measured.
+            following: Motor's motion in the pass; None if it was not measured.
             vibration_m_s2: Vibration of the tip in it.
             is_last: True after the last pass: a delay that no pass will try is believed only as the rest of one that has helped.
 
         Returns:
-            Factor of the motor's motion; None where it was not measured.
+            Factor of the motor's motion; None if it was not measured.
         """
         helped_s = 0.0
         if self._before is not None:
@@ -121,7 +121,7 @@ def motor_following(
         band_hz: Band of the vibration.
 
     Returns:
-        Factor and delay; None where the ramps are too short to show them.
+        Factor and delay; None if the ramps are too short to show them.
     """
     period, angle = recording.period_s, recording.axis(axis, "position_rad")
     intended = -reduction_ratio * error.angle_rad(angle)
@@ -144,6 +144,6 @@ def motor_following(
         return Following(gain, 0.0, math.inf)
     left, late_s = measured[rows] - columns @ solution, -float(solution[1]) / gain
     variance = float(np.linalg.pinv(columns.T @ columns)[1, 1]) * float(left @ left) / (independent - 2.0)
-    # a motor that is earlier than its set-points is none
+    # a motor cannot lead its set-points: reject the estimate
     late_error_s = math.sqrt(variance) / gain if late_s > -period else math.inf
     return Following(gain, late_s, late_error_s, max(LEAST_DELAY_S, LEAST_PERIODS * period))

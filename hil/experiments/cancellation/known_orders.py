@@ -38,8 +38,8 @@ class OrderValue:
         source: Origin of the values.
         amplitude_arcsec: A_k.
         phase_deg: φ_k.
-        amplitude_error: Standard error of A_k in arcsec; None where none is known.
-        phase_error: Standard error of φ_k in degrees; None where none is known.
+        amplitude_error: Standard error of A_k in arcsec; None if none is known.
+        phase_error: Standard error of φ_k in degrees; None if none is known.
         why: Reason why it is this one, of one that was known.
     """
 
@@ -138,7 +138,7 @@ class KnownOrders:
         return None if value is None or (order, value.source) in self.refused else value
 
     def _learnt(self, order: float, estimate: JointEstimate) -> OrderValue | None:
-        """Value of an order by the fit of the passes, or by what a pass has shown of it; None where the fit has it not."""
+        """Value of an order by the fit of the passes, or by what a pass has shown of it; None if the order was not fitted."""
         fitted, shown = _fitted(order, estimate), self.shown.get(order)
         return shown if fitted is not None and shown is not None and shown.sigma_arcsec < fitted.sigma_arcsec else fitted
 
@@ -210,7 +210,7 @@ def error_of(values: Mapping[float, OrderValue]) -> TransmissionError:
 
 
 def _fitted(order: float, estimate: JointEstimate) -> OrderValue | None:
-    """Value of an order by the fit of the passes; None where it was not fitted."""
+    """Value of an order by the fit of the passes; None if it was not fitted."""
     error = estimate.error
     if order not in error.amplitude_arcsec:
         return None

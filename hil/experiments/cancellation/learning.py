@@ -102,7 +102,7 @@ class AxisLearning:
     Attributes:
         axis: Axis number.
         passes: Passes in their order.
-        emulated: True where the robot is emulated; None where that is not known.
+        emulated: True if the robot is emulated; None if that is not known.
         motor_inertia_kg_m2: J_m as it was given, where no plant is known.
         left_out: Orders that are not cancelled, with the verdicts on them.
         notes: Sentences for the engineer.
@@ -128,7 +128,7 @@ class AxisLearning:
 
     @property
     def has_acted(self) -> bool:
-        """True where some order's cancellation has been accepted in a pass."""
+        """True if some order's cancellation has been accepted in a pass."""
         return any(verdict.verdict == "accepted" for each in self.passes for verdict in each.verdicts)
 
     @property

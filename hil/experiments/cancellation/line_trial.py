@@ -130,7 +130,7 @@ def _rms(trials: Sequence[Trial]) -> float | None:
 
 
 def _worst(changes: Sequence[PeakChange]) -> str | None:
-    """The rise that counts, in words; None where there is none."""
+    """The rise that counts, in words; None if there is none."""
     risen = [
         f"the tip's peak along {way} {each.change}" for way, each in zip(WAYS, changes, strict=True) if each.stands(LAST_SIGMAS)
     ]

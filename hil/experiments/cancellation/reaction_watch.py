@@ -22,7 +22,7 @@ class ReactionWatch:
         axis: Axis number.
         side: Motor and arm as identified; None without a plant: then what was known stays.
         value: r as it is believed.
-        standard_error: Its standard error; None where none is known.
+        standard_error: Its standard error; None if none is known.
         turnings: Motions of the passes.
     """
 
@@ -40,7 +40,7 @@ class ReactionWatch:
             bench: The bench file.
             identified: The model file; None without one.
             axis: Axis number.
-            known: Transmission error as it was known before; None where it was not.
+            known: Transmission error as it was known before; None if it was not.
         """
         side = axis_knowledge(bench, axis, identified, sensorless=False).side
         if known is None:

@@ -91,7 +91,7 @@ class TrialView:
 
 
 def remainder(seen: TrialView, tables: Mapping[int, CancellationTable], quiet_mm: float) -> CancellationRemainder | None:
-    """What is left, and why; None where no run has shown it.
+    """What is left, and why; None if no run has shown it.
 
     Args:
         seen: The trial.

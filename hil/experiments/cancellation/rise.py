@@ -35,7 +35,7 @@ class PeakChange(NamedTuple):
     """The tip's peak in a window, without and with a cancellation.
 
     Attributes:
-        order: Order of the window; None where there is one window alone.
+        order: Order of the window; None if there is one window alone.
         before_mm: Peak without.
         after_mm: Peak with it.
         error_mm: Standard error of their difference, by the sensor's noise.
@@ -150,7 +150,7 @@ class Windows:
         return sorted(found, key=lambda each: -each.beyond_mm)
 
     def rise(self, looks: Sequence[Look], used: Collection[Part]) -> PeakChange | None:
-        """The worst rise of a window by the parts that are used; None where no run has shown just these.
+        """The worst rise of a window by the parts that are used; None if no run has shown just these.
 
         Args:
             looks: All runs.
@@ -169,7 +169,7 @@ class Windows:
         return best if is_certain and best.is_fall and not found[0].stands(LAST_SIGMAS) else None
 
     def riser(self, looks: Sequence[Look], used: Collection[Part], rise: PeakChange, slack: float = 0.0) -> Part | None:
-        """Part without which the window that rises would have the lowest peak; None where no other window can bear it.
+        """Part without which the window that rises would have the lowest peak; None if no other window can bear it.
 
         What a part has taken away is given back to the vibration as it was measured. That is not to make the peaks of all windows
         together larger; where the window rises beyond what the ramp itself makes in it, by no more than is no harm.

@@ -67,10 +67,10 @@ def table_of(
         timing: Delays of the set-points.
         pace: Pace of the motion.
         actuation: `reference` for the set-point alone, `torque` with a torque offset.
-        with_notch: True where the drive's filters act.
-        by_torque: True where a torque offset may do what the set-points' speed limit has no room for.
+        with_notch: True if the drive's filters act.
+        by_torque: True if a torque offset may do what the set-points' speed limit has no room for.
         torque_lag_s: Lag of the drive's current loop.
-        load: Gear torque that reacts on the motor; None where it is not known to.
+        load: Gear torque that reacts on the motor; None if it is not known to.
 
     Raises:
         NotPossibleError: There is nothing to cancel, or no loop.

@@ -207,7 +207,7 @@ def _wrong(verdicts: Mapping[Part, PartVerdict]) -> frozenset[Part]:
 
 
 def _open(verdicts: Mapping[Part, PartVerdict], wholes: int) -> bool:
-    """True where more runs with the whole than these could still judge a part."""
+    """True if more runs with the whole than these could still judge a part."""
     return any(verdict.could_be_judged(MOST_WHOLE / wholes) for verdict in verdicts.values())
 
 
@@ -229,7 +229,7 @@ def verify(
         motion: The very motion that is to be run with it; it must excite the arm.
         filters: Filters of the drives that act, in all of these runs.
         gain: Fraction that is tried first.
-        shows_filter: True where the drives report their filters' state.
+        shows_filter: True if the drives report their filters' state.
         reporter: Listener of each run.
 
     Raises:
@@ -266,7 +266,7 @@ class Choice:
     """Choice after a trial: what of the cancellation passed, or the notch where nothing did.
 
     Attributes:
-        cancellation: Cancellation without the parts that did not pass; None where it was refused, or the drives cancel.
+        cancellation: Cancellation without the parts that did not pass; None if it was refused, or the drives cancel.
         filters: Filters of the drives that act.
         verification: Runs of the trial.
         refusal: Reason why the cancellation is not used, or None.
@@ -279,7 +279,7 @@ class Choice:
 
     @property
     def adder(self) -> CancellationAdder | None:
-        """Adder of one run, each needs a new one; None where the cancellation was refused, or the drives cancel."""
+        """Adder of one run, each needs a new one; None if the cancellation was refused, or the drives cancel."""
         return None if self.cancellation is None else self.cancellation.adder()
 
 
@@ -300,10 +300,10 @@ def choose(
         session: Session that has been brought up.
         cancellation: Cancellation of the motion's axes.
         motion: The very motion that is to be run.
-        with_notch: True where the filters act beside it; after a refusal they act alone, where the bench has any.
-        is_shaped: True where a shaper has shaped the motion, for a loop without filters; after a refusal it acts alone.
+        with_notch: True if the filters act beside it; after a refusal they act alone, where the bench has any.
+        is_shaped: True if a shaper has shaped the motion, for a loop without filters; after a refusal it acts alone.
         gain: Fraction that is tried first.
-        shows_filter: True where the drives report their filters' state.
+        shows_filter: True if the drives report their filters' state.
         reporter: Listener of each run.
 
     Raises:

@@ -59,7 +59,7 @@ class PartVerdict:
         fall_error: Standard error of that.
         left: Fraction of the order that the whole cancellation leaves.
         left_error: Standard error of that.
-        factor: Factor by which the cancellation should be multiplied; None where nothing of it was seen.
+        factor: Factor by which the cancellation should be multiplied; None if nothing of it was seen.
         factor_error: Standard error of that.
         turn_deg: Angle by which φ_k should be turned.
         turn_error_deg: Standard error of that.
@@ -81,17 +81,17 @@ class PartVerdict:
     rise: str = ""
 
     def could_be_judged(self, more: float) -> bool:
-        """True where an undecided part could be told with so many times the present runs."""
+        """True if an undecided part could be told with so many times the present runs."""
         return self.verdict == "not judged" and VERDICT_SIGMAS * self.left_error <= MOST_LEFT * math.sqrt(more)
 
     @property
     def seems_right(self) -> bool:
-        """False where what is seen of an undecided part speaks against it; true where nothing is seen."""
+        """False if what is seen of an undecided part speaks against it; true where nothing is seen."""
         return self.factor is None or self.left <= RIGHT_LEFT
 
     @property
     def ratio(self) -> complex | None:
-        """Factor and angle as one number, by which the cancellation should be multiplied; None where nothing of it was seen."""
+        """Factor and angle as one number, by which the cancellation should be multiplied; None if nothing of it was seen."""
         if self.factor is None or self.turn_deg is None:
             return None
         return cmath.rect(self.factor, math.radians(self.turn_deg))
@@ -104,7 +104,7 @@ class PartVerdict:
             return f"{self.part.words}: {'cannot be seen' if self.verdict == 'accepted' else 'falls'}, but with it {self.rise}"
         head = f"{self.part.words}: with {100.0 * self.gain:g} % of it {change} ({100.0 * self.gain:g} % expected)"
         if self.verdict == "not judged":
-            return f"{self.part.words}: does too little to be judged above the sensor's noise ({change})"
+            return f"{self.part.words}: has too small an effect to be seen above the sensor noise ({change})"
         if self.factor is None or self.turn_deg is None:
             return head
         turn = f"{self.turn_deg:+.0f}° ± {self.turn_error_deg:.0f}°".replace("-", "−")
@@ -186,7 +186,7 @@ def _left(there: np.ndarray, taken: np.ndarray, covariance: np.ndarray, gain: fl
 def _factor(
     there: np.ndarray, taken: np.ndarray, covariance: np.ndarray
 ) -> tuple[float, float, float, float] | tuple[None, None, None, None]:
-    """Complex e/c by least squares over the directions, as factor and angle with standard errors; None where c is not seen."""
+    """Complex e/c by least squares over the directions, as factor and angle with standard errors; None if c is not seen."""
     size, effect = float(np.linalg.norm(there)), float(np.linalg.norm(taken))
     error_e, error_c = (math.sqrt(float(np.max(covariance[:, i, i]))) for i in (0, 1))
     if effect < VERDICT_SIGMAS * error_c or size < VERDICT_SIGMAS * error_e:

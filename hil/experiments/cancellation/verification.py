@@ -51,7 +51,7 @@ class Verification:
         gain: Fraction of the cancellation that was tried first.
         trials: All runs, the first without the cancellation.
         verdicts: Verdict on each order of each axis.
-        remainder: What is left, and why; None where nothing is used.
+        remainder: What is left, and why; None if nothing is used.
     """
 
     gain: float
@@ -61,7 +61,7 @@ class Verification:
 
     @property
     def is_good(self) -> bool:
-        """True where something of the cancellation may be trusted."""
+        """True if something of the cancellation may be trusted."""
         return any(verdict.verdict == "accepted" for verdict in self.verdicts)
 
     @property

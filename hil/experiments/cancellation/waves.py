@@ -31,7 +31,7 @@ LEVER_STEP_RAD = 1e-5
 
 
 def response_of(bench: Bench, identified: Identified | None, number: int) -> Response | None:
-    """Response of an axis to its transmission error; None where nothing is known of its arm.
+    """Response of an axis to its transmission error; None if nothing is known of its arm.
 
     Args:
         bench: The bench file.

@@ -97,7 +97,7 @@ def compare(
 
 
 def any_emulated(answers: Iterable[bool | None]) -> bool | None:
-    """True where any is, None where it is not known of one and no other is, else False; None of none."""
+    """True if any is True; None if one is unknown or there is none; else False."""
     known = list(answers)
     if True in known:
         return True

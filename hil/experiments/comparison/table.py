@@ -127,7 +127,7 @@ def _factors(bench: Bench, experiment: Experiment, setup: TreatmentSetup, run: R
 
 
 def _compliance(bench: Bench, number: int, setup: TreatmentSetup | None, run: RunEntry) -> Compliance | None:
-    """Compliance of one axis at the period of the run; None where the axis has no model."""
+    """Compliance of one axis at the period of the run; None if the axis has no model."""
     with_notch = setup is not None and setup.filters == "notch"
     loop = bench.axis[number].loop(run.control_period_s, int(run.loop == "host"), with_notch=with_notch)
     if loop is None:

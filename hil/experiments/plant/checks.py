@@ -48,9 +48,9 @@ class DataCheck:
     Attributes:
         name: Quantity in words.
         value: Value of the quantity.
-        needed: Value that is needed.
+        needed: Value that is required.
         unit: Unit of both values.
-        holds: True where the value is sufficient.
+        holds: True if the value is sufficient.
         remedy: Advice where it is not.
         causes: Causes where it is not.
     """
@@ -67,8 +67,9 @@ class DataCheck:
     def sentence(self) -> str:
         """Check in words."""
         unit = f" {self.unit}" if self.unit else ""
-        tail = f": {self.remedy}" if self.remedy else ""
-        return f"{self.name} is {self.value:.3g}{unit}, needed: {self.needed:.3g}{unit}{tail}"
+        tail = f"; {self.remedy}" if self.remedy else ""
+        bound = "most" if (self.value <= self.needed) == self.holds else "least"
+        return f"{self.name}: {self.value:.3g}{unit} (at {bound} {self.needed:.3g}{unit}){tail}"
 
 
 def torque_check(torque_nm: Real, limit_nm: float, amplitude_nm: float) -> DataCheck:
@@ -145,8 +146,8 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
     coherence = float(np.median(_around(estimate.tip, estimate.plant.antiresonance_hz)))
     if coherence < TIP_COHERENCE:
         return (
-            f"the coherence of the tip with the motor is {coherence:.2g}, needed: {TIP_COHERENCE:g} (does this axis move the "
-            "sensor: its right axis, mounted?)"
+            f"coherence of the tip with the motor: {coherence:.2g} (at least {TIP_COHERENCE:g}); does this axis move the "
+            "sensor: its right axis, mounted?"
         )
     ratio = estimate.parameters["lever_ratio"]
     far = max(ratio.value, 1.0 / max(ratio.value, 1e-9))
@@ -159,7 +160,7 @@ def tip_trouble(estimate: PlantEstimate, lever_m: float) -> str | None:
 
 
 def modes_words(estimate: PlantEstimate) -> str | None:
-    """Sentence on several modes; None where one is all that the data show."""
+    """Sentence on several modes; None if one is all that the data show."""
     if not estimate.modes:
         return None
     rings = ", ".join(f"{mode.antiresonance_hz.value:.1f}" for mode in estimate.modes)
@@ -168,7 +169,7 @@ def modes_words(estimate: PlantEstimate) -> str | None:
 
 
 def misfit_words(estimate: PlantEstimate) -> str | None:
-    """Sentence on a model that does not explain the data; None where it does."""
+    """Sentence on a model that does not explain the data; None if it does."""
     if estimate.misfit <= MISFIT:
         return None
     model = f"a model of {len(estimate.modes)} modes" if estimate.modes else "the two-inertia model"
@@ -190,7 +191,7 @@ def estimate_checks(estimate: PlantEstimate, amplitude_nm: float, request: Plant
     high = float(estimate.response.frequency_hz[-1])
     f_r = estimate.parameters["resonance_hz"].value
     wider = "raise --high-hz" if request.high_hz is not None else "a shorter SYNC period carries more"
-    over, reach = f_r / high, f"f_r, {f_r:.3g} Hz, over the end of the band, {high:.3g} Hz,"
+    over, reach = f_r / high, f"f_r ({f_r:.3g} Hz) relative to the end of the band ({high:.3g} Hz)"
     checks = [] if over <= BEYOND_BAND else [DataCheck(reach, over, BEYOND_BAND, "", False, wider, ("cycle",))]
     for name, parameter, allowed in (
         ("standard error of f_a", estimate.parameters["antiresonance_hz"], ANTIRESONANCE_PCT),

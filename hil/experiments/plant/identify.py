@@ -67,7 +67,7 @@ PILOT_RISE = 5.0
 MAIN_RUNS = 4
 """Main runs that are made at most: one more while the standard errors are too large."""
 MOVED, CALM = 0.1, 0.3
-"""Relative change of the bias speed that takes the gear off its resonance, and the part of its vibration that is left there."""
+"""Beyond this relative change of bias speed the gear no longer resonates; this fraction of its vibration is then assumed."""
 CALMER = 0.6
 """Factor of the amplitude where the motor turned back under one that was chosen."""
 
@@ -258,7 +258,7 @@ class PlantIdentification:
         return f"{why}, and the {self._limited_by} allows no more than {largest:.2g} N·m; {self._reach_words(band)}"
 
     def _is_cut_by_sync(self, band: Band) -> bool:
-        """True where the band ends where the SYNC period lets it."""
+        """True if the band ends where the SYNC period lets it."""
         return self.request.high_hz is None and band.high_hz >= 0.9 * highest_hz(self.bench.bus.sync_period_s)
 
     def _reach_words(self, band: Band) -> str:

@@ -164,7 +164,7 @@ class Room:
 
 
 def is_rough(estimate: PlantEstimate) -> bool:
-    """True where a pilot's estimate is good enough to plan the main run."""
+    """True if a pilot's estimate is good enough to plan the main run."""
     parameters = estimate.parameters
     return (
         parameters["antiresonance_hz"].relative < ROUGH_ANTIRESONANCE
@@ -173,7 +173,7 @@ def is_rough(estimate: PlantEstimate) -> bool:
 
 
 def rigid_inertia(data: Spectra, timing: SamplingTiming) -> float | None:
-    """Inertia of a motor that shows no resonance in the band, in kg·m²; None where there is one, or too little is seen."""
+    """Inertia of a motor that shows no resonance in the band, in kg·m²; None if there is one, or too little is seen."""
     if timing.kind != "torque":
         return None
     angle, torque = data.angle.mean(axis=0), data.torque.mean(axis=0)

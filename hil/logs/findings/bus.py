@@ -31,7 +31,7 @@ def bus_findings(trace: Trace, bitrate: int | None) -> Iterator[Said]:
 
     Args:
         trace: The log.
-        bitrate: Bit rate in bit/s; None where nobody says it.
+        bitrate: Bit rate in bit/s; None if nobody says it.
     """
     yield from _damage(trace)
     yield from _load(trace, bitrate)

@@ -31,7 +31,7 @@ class Picture:
         x_label: Quantity and unit of x.
         y_label: Quantity and unit of y.
         limits: Values of y that are drawn as limits, by what they are.
-        is_line: True where the points are joined.
+        is_line: True if the points are joined.
     """
 
     x: Real
@@ -53,7 +53,7 @@ class Finding:
         remedy: The thing to change.
         stamps_s: First places, in s since the log's first frame.
         count: Number of places.
-        node: Node-ID; None where it is of the bus.
+        node: Node-ID; None if it is of the bus.
         picture: Numbers of its picture.
     """
 
@@ -74,7 +74,7 @@ class Untold:
     Attributes:
         kind: What would have been looked for.
         words: Why it cannot be told, and what would tell it.
-        node: Node-ID; None where it is of the bus.
+        node: Node-ID; None if it is of the bus.
     """
 
     kind: str
@@ -104,7 +104,7 @@ def picture_of(
         y: Numbers upwards; shape (n,).
         labels: Quantity and unit of each.
         limits: Limits, by what they are.
-        is_line: True where the points are joined.
+        is_line: True if the points are joined.
     """
     if len(x) > MOST_POINTS:
         width = -(-len(x) // (MOST_POINTS // 2))

@@ -101,7 +101,7 @@ class Snapshot:
         self.network.write(self.node, index, subindex, kind, value, name)
 
     def has(self, index: int, subindex: int) -> bool:
-        """True where an object has been changed."""
+        """True if an object has been changed."""
         return (index, subindex) in self._before
 
     def restore(self) -> list[str]:
@@ -118,7 +118,7 @@ class Snapshot:
 
 
 def ask_emulated(network: Network, node: int) -> bool | None:
-    """Ask a node whether it is emulated, by its hardware version (1009h); None where it does not answer that."""
+    """Ask a node whether it is emulated, by its hardware version (1009h); None if it does not answer that."""
     try:
         return is_emulated(network.read_raw(node, *HARDWARE_VERSION_OBJECT, "manufacturer hardware version"))
     except SdoAbortedError:
@@ -134,7 +134,7 @@ def check_identity(network: Network, node: int, profile: Profile, serial_number:
         network: The bus.
         node: Node-ID of the node.
         profile: Drive profile with the expected identity.
-        serial_number: Serial number in the bench file; None where any is accepted.
+        serial_number: Serial number in the bench file; None if any is accepted.
 
     Raises:
         NoAnswerError: The node is silent.
@@ -236,7 +236,7 @@ class DriveAxis:
             raise NodeError(node, f"axis {self.number} is {fault}, and stands at {here} rev", remedy)
 
     def fault(self) -> str | None:
-        """The fault that the drive is in, in words; None where it is in none."""
+        """The fault that the drive is in, in words; None if it is in none."""
         asked = Questions(self.network, self.node)
         status_word = asked.number(STATUS)
         if status_word is None or state_of(status_word) is not State.FAULT:
@@ -258,7 +258,7 @@ class DriveAxis:
         self._disabled_state(Questions(self.network, self.node))
 
     def _disabled_state(self, asked: Questions) -> State | None:
-        """State of the drive, which has no torque; None where it does not tell."""
+        """State of the drive, which has no torque; None if it does not tell."""
         status_word = asked.number(STATUS)
         state = None if status_word is None else state_of(status_word)
         if status_word is not None and state not in DISABLED:

@@ -32,7 +32,7 @@ class Limit(NamedTuple):
         stems: Names of the parameter without their unit, the first that a profile has.
         unit: SI unit.
         factor: SI units per unit of the bench file.
-        is_watched: True where the master holds the limit as well.
+        is_watched: True if the master holds the limit as well.
         at_least: Key of a limit below which the drive's value must not lie, or it would weaken that one; None without one.
     """
 
@@ -44,7 +44,7 @@ class Limit(NamedTuple):
     at_least: str | None = None
 
     def held_by(self, profile: Profile) -> str | None:
-        """Name of the parameter by which a drive holds the limit; None where it has none that the bench can set."""
+        """Name of the parameter by which a drive holds the limit; None if it has none that the bench can set."""
         names = (stem + suffix for stem in self.stems for suffix in _SUFFIXES[self.unit])
         return next((name for name in names if name in profile.parameters and profile.parameters[name].is_settable), None)
 
@@ -57,7 +57,7 @@ class Limit(NamedTuple):
         return "nobody" if self.key == "torque_nm" and not tells_torque(profile) else "master alone"
 
     def si(self, limits: Limits) -> float | None:
-        """Value of the bench file in SI units; None where it states none."""
+        """Value of the bench file in SI units; None if it states none."""
         stated = [getattr(limits, key) for key in (self.key, self.at_least) if key is not None]
         return None if stated[0] is None else self.factor * float(max(stated))
 
@@ -82,12 +82,12 @@ def limit_of(key: str) -> Limit:
 
 
 def tells_torque(profile: Profile) -> bool:
-    """True where the drive reports a torque, or a current from which it follows."""
+    """True if the drive reports a torque, or a current from which it follows."""
     return profile.torque is not None and (profile.torque.actual is not None or tells_current(profile))
 
 
 def tells_current(profile: Profile) -> bool:
-    """True where the drive reports a current in place of a torque."""
+    """True if the drive reports a current in place of a torque."""
     torque = profile.torque
     return torque is not None and torque.actual is None and torque.current is not None
 
@@ -114,10 +114,11 @@ def value_in(parameter: Parameter, si: float, scaling: Scaling) -> float:
 
 
 def holders(profile: Profile) -> dict[Holder, list[str]]:
-    """Keys of the bench file's limits, by who holds them."""
+    """Keys of the bench file's limits, by who holds them: the drive holds one that it holds with every parameter of it."""
     found: dict[Holder, list[str]] = {}
     for key in dict.fromkeys(limit.key for limit in LIMITS):
-        found.setdefault(limit_of(key).holder(profile), []).append(key)
+        held = [limit.holder(profile) for limit in LIMITS if limit.key == key]
+        found.setdefault(next((each for each in held if each != "drive"), "drive"), []).append(key)
     return found
 
 

@@ -57,7 +57,7 @@ IP: Final = CyclicMode(
 
 
 def mode_of(loop: LoopName, profile: Profile) -> CyclicMode | None:
-    """Mode of a drive in a run: CST where the host closes the loop, else CSP, IP or its maker's own; None where it has none."""
+    """Mode of a drive in a run: CST where the host closes the loop, else CSP, IP or its maker's own; None if it has none."""
     has = profile.supported_modes
     if loop == "host":
         return CST if Mode.CST in has else None

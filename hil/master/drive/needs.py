@@ -104,8 +104,8 @@ def objects_needed(
         table: Table of the axis in the bench file.
         profile: Drive profile.
         loop: Place of the loop; None before it is known.
-        with_notch_state: True where the drive sends the state of its filter.
-        with_torque_offset: True where a torque offset is sent.
+        with_notch_state: True if the drive sends the state of its filter.
+        with_torque_offset: True if a torque offset is sent.
     """
     for limit in LIMITS:
         if limit.si(table.limits) is not None:
@@ -155,7 +155,7 @@ def run_gaps(bench: Bench, axes: Iterable[int], loop: LoopName, *, with_notch: b
         bench: The bench file.
         axes: Numbers of the axes that take part; others than the bench's are left out.
         loop: Place of the loop, drive or host.
-        with_notch: True where variable filters act.
+        with_notch: True if variable filters act.
     """
     found: list[str] = []
     in_drive = with_notch and loop == "drive"
@@ -198,7 +198,7 @@ def profile_gaps(
         table: Table of the axis in the bench file.
         profile: Drive profile.
         loop: Place of the loop; None before it is known.
-        with_notch: True where the drive's filters act.
+        with_notch: True if the drive's filters act.
     """
     gaps = [*scale_gaps(number, table, profile), *_gain_gaps(table, profile, loop)]
     if loop is not None and mapping.mode_of(loop, profile) is None:

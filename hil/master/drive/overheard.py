@@ -22,7 +22,7 @@ class OverheardQuestions(Questions):
         self.node, self.missing = node.number, []
 
     def number(self, need: Need, kind: DataType | None = None, *, is_optional: bool = False) -> int | None:
-        """The number as the master would have read it; None where nobody has said it.
+        """The number as the master would have read it; None if nobody has said it.
 
         Args:
             need: The object.

@@ -32,7 +32,7 @@ class Questions:
         self.missing: list[Need] = []
 
     def number(self, need: Need, kind: DataType | None = None, *, is_optional: bool = False) -> int | None:
-        """Read an integer; None where the node does not have it.
+        """Read an integer; None if the node does not have it.
 
         Args:
             need: The object.
@@ -87,7 +87,7 @@ def read_scaling(asked: Questions, number: int, table: StatedScale, profile: Pro
         profile: Drive profile.
 
     Returns:
-        The scaling; None where an object for it is missing.
+        The scaling; None if an object for it is missing.
 
     Raises:
         NodeError: The objects make no sense, choose units of their own, or contradict the bench file.

@@ -84,7 +84,7 @@ def _draw_orders(panel: Axes, drawn: list[DrawnRun], axis: int) -> str:
 
 
 def order_amplitudes(recording: Recording, axis: int) -> tuple[Real, Real] | None:
-    """Orders and the largest amplitude of each on a ramp, in m/s², both of shape (n,); None where the motor turns too little."""
+    """Orders and the largest amplitude of each on a ramp, in m/s², both of shape (n,); None if the motor turns too little."""
     found = ramp_map(recording, axis)
     if found is None:
         return None
@@ -101,7 +101,7 @@ def _draw_spectra(panel: Axes, drawn: list[DrawnRun]) -> str:
 
 
 def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
-    """Amplitudes of the transmission error by order with their standard errors; None where one has not identified."""
+    """Amplitudes of the transmission error by order with their standard errors; None if one has not identified."""
     if new.ate is None or old.ate is None:
         return None
     figure, panels = style.panels(1, 1, 2.8)
@@ -122,7 +122,7 @@ def error_figure(new: AteResult, old: AteResult) -> Drawing | None:
 
 
 def response_figure(new: PlantResult, old: PlantResult) -> Drawing | None:
-    """Motor angle per torque of two identifications; None where one has no response."""
+    """Motor angle per torque of two identifications; None if one has no response."""
     if new.response is None or old.response is None:
         return None
     figure, panels = style.panels(2, 1, 4.6, sharex=True, height_ratios=(3, 2))

@@ -26,11 +26,11 @@ class NumberPair:
         group: Run, axis or model that it is of.
         name: Its name.
         unit: Its unit.
-        old: Value of the old result; None where it has none.
+        old: Value of the old result; None if it has none.
         new: Value of the new result.
-        old_error: Standard error of the old value; None where there is none.
+        old_error: Standard error of the old value; None if there is none.
         new_error: Standard error of the new value.
-        is_angle: True where 360 is the same as 0.
+        is_angle: True if 360 is the same as 0.
     """
 
     group: str
@@ -60,7 +60,7 @@ class NumberPair:
 
     @property
     def is_beyond(self) -> bool | None:
-        """True where the difference exceeds `CERTAIN` standard errors of it; None where it has none."""
+        """True if the difference exceeds `CERTAIN` standard errors of it; None if it has none."""
         return None if self.error is None or self.difference is None else abs(self.difference) > CERTAIN * self.error
 
 

@@ -49,7 +49,7 @@ def write_against(directory: Path, old_directory: Path, *, is_interactive: bool 
     Args:
         directory: Directory of the new result.
         old_directory: Directory of the old one.
-        is_interactive: True where its figures can be zoomed.
+        is_interactive: True if its figures can be zoomed.
 
     Raises:
         NotPossibleError: The two are unlike: another kind, robot, axis or motion. Or Bokeh is needed, and is not installed.

@@ -113,7 +113,7 @@ def known_modes(bench: Bench, known: IdentifiedArm | None, angles_rad: Real, mov
 
 
 def _stiffness_nm_rad(table: AxisTable) -> float | None:
-    """Stiffness of a gear at the joint; None where it is not known."""
+    """Stiffness of a gear at the joint; None if it is not known."""
     if table.gear_stiffness_nm_rad is not None or table.model is None:
         return table.gear_stiffness_nm_rad
     return table.model.gear_stiffness_nm_rad

@@ -279,7 +279,7 @@ def errors(
     Args:
         axis: Axis number.
         part: The transmission error; None for no table.
-        is_sensorless: True where it was identified without an accelerometer.
+        is_sensorless: True if it was identified without an accelerometer.
         is_paper: True for the paper's robot.
     """
     if part is None:
@@ -348,7 +348,7 @@ def arm(material: AteMaterial) -> ReportTable | None:
 
 
 def arm_twice(material: AteMaterial) -> ReportTable | None:
-    """Table of the arm as it was known before beside what the ramps made of it; None where nothing was known."""
+    """Table of the arm as it was known before beside what the ramps made of it; None if nothing was known."""
     part, known = material.part, material.result.known_before
     if part is None or known.start is None or part.arm_hz is None or part.damping is None:
         return None

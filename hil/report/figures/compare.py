@@ -48,7 +48,7 @@ def vibration(robot: ComparisonRobot, material: Material, experiment: str, axis:
         material: Result and recordings of its runs.
         experiment: Name of the experiment.
         axis: Axis of a constant-acceleration run, else None.
-        several: True where the comparison has more than one robot.
+        several: True if the comparison has more than one robot.
     """
     rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
     runs = [(row, run) for row in rows if (run := _drawn(material, row)) is not None]
@@ -93,7 +93,7 @@ def orders(robot: ComparisonRobot, material: Material, experiment: str, axis: in
         material: Result and recordings of its runs.
         experiment: Name of the experiment.
         axis: Axis of a constant-acceleration run, else None.
-        several: True where the comparison has more than one robot.
+        several: True if the comparison has more than one robot.
     """
     if axis is None:
         return []
@@ -119,7 +119,7 @@ def directions(robot: ComparisonRobot, material: Material, experiment: str, axis
         material: Result and recordings of its runs.
         experiment: Name of the experiment.
         axis: Axis of a constant-acceleration run, else None.
-        several: True where the comparison has more than one robot.
+        several: True if the comparison has more than one robot.
     """
     rows = [row for row in robot.rows if (row.experiment, row.axis) == (experiment, axis) and row.recording is not None]
     drawn = [(treatment_words(row), run) for row in rows if (run := _drawn(material, row)) is not None]
@@ -138,7 +138,7 @@ def arm(robot: ComparisonRobot, material: Material, experiment: str, *, several:
         robot: Robot of the comparison.
         material: Result and recordings of its runs.
         experiment: Name of the experiment.
-        several: True where the comparison has more than one robot.
+        several: True if the comparison has more than one robot.
     """
     if experiment != LINE_MOTION:
         return []

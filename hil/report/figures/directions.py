@@ -14,7 +14,7 @@ SHOWN: tuple[Direction, ...] = ("x", "y", "z")
 
 
 def directions(material: Material, experiment: str, axis: int | None) -> Drawing | None:
-    """Displacement of the tip along x, y and z, without and with what acted; None where runs have no vector.
+    """Displacement of the tip along x, y and z, without and with what acted; None if runs have no vector.
 
     Args:
         material: Result and recordings.
@@ -28,7 +28,7 @@ def directions(material: Material, experiment: str, axis: int | None) -> Drawing
 
 
 def directions_of(material: Material, drawn: list[DrawnRun], axis: int | None, key: str, title: str) -> Drawing | None:
-    """Displacement of the tip along x, y and z in some runs of one motion; None where none has a vector.
+    """Displacement of the tip along x, y and z in some runs of one motion; None if none has a vector.
 
     Args:
         material: Result and recordings.

@@ -8,7 +8,7 @@ from hil.report.style import Drawing
 
 
 def following(material: Material) -> Drawing | None:
-    """Factor of the amplitude and turn of the phase of each order over the motion; None where nothing followed."""
+    """Factor of the amplitude and turn of the phase of each order over the motion; None if nothing followed."""
     runs = {run.recording: run for run in material.result.runs if run.following is not None and run.following.orders}
     if not runs:
         return None

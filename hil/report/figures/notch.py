@@ -226,7 +226,7 @@ def _on_the_line(panel: Axes, loop: Loop, notch: Notch, bound: Any) -> None:
 
 
 def _bound(material: Material, number: int, order: int) -> Any:
-    """Constraint (5) in dB as a function of the frequency, or None where no amplitude is known."""
+    """Constraint (5) in dB as a function of the frequency, or None if no amplitude is known."""
     amplitude = material.amplitude_arcsec(number, order) * ARCSEC
     if amplitude <= 0.0:
         return None

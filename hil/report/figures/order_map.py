@@ -39,7 +39,7 @@ class MarkedResonance:
     """Frequency at which the tip rings.
 
     Attributes:
-        hz: The frequency; None where it is not known.
+        hz: The frequency; None if it is not known.
         symbol: `f_al`, the peak of |G_al| of the closed loop, or `f_a`, the arm on its gear with the motor held.
     """
 
@@ -108,7 +108,7 @@ def order_maps(
 
 
 def ramp_map(recording: Recording, axis: int) -> OrderMap | None:
-    """Order map of the tip while the motor speeds up; None where it turns too little.
+    """Order map of the tip while the motor speeds up; None if it turns too little.
 
     Args:
         recording: Recording of a constant-acceleration run.

@@ -22,7 +22,7 @@ def order_over_dates(amplitude: Trend, phase: Trend | None, key: str, title: str
 
     Args:
         amplitude: Trend of A_k.
-        phase: Trend of φ_k; None where no run shows it.
+        phase: Trend of φ_k; None if no run shows it.
         key: Anchor of the figure.
         title: Title of the figure.
     """

@@ -70,7 +70,7 @@ def parameters(result: PlantResult) -> ReportTable | None:
 
 
 def modes(result: PlantResult) -> ReportTable | None:
-    """Table of an arm's modes; None where it rings with one."""
+    """Table of an arm's modes; None if it rings with one."""
     rows: list[list[Cell]] = []
     for mode in result.modes:
         values = (mode.antiresonance_hz, mode.resonance_hz, mode.damping, mode.inertia_kg_m2, mode.tip_part)

@@ -116,7 +116,7 @@ def spectrum(material: RecordedMaterial) -> Drawing | None:
 
 
 def speed_map(material: RecordedMaterial) -> Drawing | None:
-    """Figure of amplitude over speed and order; None where the speed hardly changes."""
+    """Figure of amplitude over speed and order; None if the speed hardly changes."""
     table = material.map
     speeds = np.unique(table["speed_rps"])
     if len(speeds) < 3 or float(speeds[-1] - speeds[0]) < LEAST_SPEED_RANGE * float(speeds[-1]):

@@ -31,7 +31,7 @@ LINES: tuple[style.Line, ...] = (
 
 
 def after_stop(material: Material, axis: int, experiment: str, key: str, title: str) -> Drawing | None:
-    """The tip after the stop of an axis: each treatment over that without; None where fewer than two were recorded.
+    """The tip after the stop of an axis: each treatment over that without; None if fewer than two were recorded.
 
     Args:
         material: Result and recordings.
@@ -85,7 +85,7 @@ def _label(run: RunEntry, before_mm: float | None) -> str:
 
 
 def residuals(runs: Sequence[RunEntry], key: str, title: str) -> Drawing | None:
-    """What shapers leave over the true frequency, by their formula; None where no run has one.
+    """What shapers leave over the true frequency, by their formula; None if no run has one.
 
     Args:
         runs: Entries of runs of one motion.

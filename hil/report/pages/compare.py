@@ -62,7 +62,7 @@ def _bench_name(directory: Path, result: TreatmentTable) -> str:
 
 
 def _material(directory: Path) -> Material | None:
-    """Material of one robot, or None where nothing was run."""
+    """Material of one robot, or None if nothing was run."""
     return Material(directory) if (directory / "result.json").is_file() else None
 
 

@@ -52,7 +52,7 @@ def write_report(directory: Path, bench: Bench | None = None, *, is_interactive:
     Args:
         directory: Where result.json is.
         bench: The bench of the runs; from result.json unless it is given.
-        is_interactive: True where its figures can be zoomed.
+        is_interactive: True if its figures can be zoomed.
 
     Returns:
         The path of the page: one file, no network, and no scripts but those of an interactive one.

@@ -23,14 +23,14 @@ class PageHead:
 
     Attributes:
         bench: Name of the bench, or of several, that it tells of.
-        started_utc: Instant at which the runs began; None where nothing was run.
+        started_utc: Instant at which the runs began; None if nothing was run.
         notes: Sentences on what is missing on this page.
         heading: Title above the verdict.
         subtitle: Sentence below the title.
-        aftermath: Sentences on all that the drives were not left as they were found.
+        aftermath: One sentence per thing that was not restored on the drives.
         origin: Origin of the numbers: a robot, or an emulated one.
         is_paper: True for the paper's robot.
-        is_bench: True where `bench` is a bench; False where it says in words what the page is of.
+        is_bench: True if `bench` is a bench; False if it says in words what the page is of.
     """
 
     bench: str
@@ -162,7 +162,7 @@ def render(
         sections: Chapters in the order in which they are read.
         cards: Numbers before and after, below the verdict.
         provenance: Names and texts on where, when and with what the runs were made.
-        is_interactive: True where its figures can be zoomed, as far as they have what that takes.
+        is_interactive: True if its figures can be zoomed, as far as they have what that takes.
 
     Returns:
         `path`.
@@ -193,7 +193,7 @@ def render(
 
 
 def _interactive(sections: list[Section]) -> InteractiveParts | None:
-    """Parts of an interactive page; None where it has no figure that can be zoomed."""
+    """Parts of an interactive page; None if it has no figure that can be zoomed."""
     drawings = [item for section in sections for item in section.items if isinstance(item, Drawing)]
     figures = {each.key: each.zoom for each in drawings if each.zoom is not None}
     return interactive_parts(figures) if figures else None

@@ -30,7 +30,7 @@ def write_passport(
         file: The passport.
         made_utc: Date of the page.
         left_out: Files that were not read.
-        is_emulated: True where a run was made on an emulated robot.
+        is_emulated: True if a run was made on an emulated robot.
 
     Raises:
         OSError: The page cannot be written.

@@ -51,7 +51,7 @@ def overview(result: TreatmentTable, key: str = "overview", caption: str | Marku
 
 
 def claims(result: TreatmentTable, key: str = "tour-claims") -> ReportTable | None:
-    """Table of what a tour claims, beside the numbers that were judged; None where it claims nothing."""
+    """Table of what a tour claims, beside the numbers that were judged; None if it claims nothing."""
     if not isinstance(result, TourResult) or not result.tour.claims:
         return None
     rows: list[list[Cell]] = [

@@ -27,7 +27,7 @@ def peaks_mm(entries: Sequence[RunEntry], treatment: str) -> dict[Direction, flo
 
 
 def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportTable | None:
-    """The tip's peaks along x, y, z and the worst direction, a column for each treatment; None where no run has a vector."""
+    """The tip's peaks along x, y, z and the worst direction, a column for each treatment; None if no run has a vector."""
     runs, limit_mm = material.result.runs, material.bench.specification.tip_mm
     names = [name for name in dict.fromkeys(run.treatment for run in runs) if peaks_mm(runs, name)]
     if not names:
@@ -44,7 +44,7 @@ def side_by_side(material: Material, key: str, caption: str | Markup) -> ReportT
 
 
 def directions(material: Material, key: str = "directions") -> ReportTable | None:
-    """Peaks, root mean squares and areas of every window that has them; None where none has."""
+    """Peaks, root mean squares and areas of every window that has them; None if none has."""
     entries = [(run, run.directions) for run in material.result.runs if run.directions is not None]
     if not entries:
         return None

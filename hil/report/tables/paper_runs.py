@@ -44,7 +44,7 @@ class ReportTable:
         rows: Cells, row by row.
         text_columns: Indices of left-aligned columns.
         caption: Sentences below the table.
-        is_prose: True where text wraps, and a row becomes a block on a narrow screen.
+        is_prose: True if text wraps, and a row becomes a block on a narrow screen.
         groups: Headings inside the table, by the row that each stands above.
     """
 

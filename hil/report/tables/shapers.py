@@ -9,7 +9,7 @@ from hil.results.runs import RunEntry, ShapedMode
 
 
 def shapers(runs: Sequence[RunEntry], key: str = "shapers", title: str = "What the shapers leave and cost") -> ReportTable | None:
-    """Table of the runs with a shaper, each beside the run of the same motion without; None where none has one.
+    """Table of the runs with a shaper, each beside the run of the same motion without; None if none has one.
 
     Args:
         runs: Entries of runs on one robot.

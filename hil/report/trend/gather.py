@@ -37,7 +37,7 @@ class TrendRun:
         date_utc: Beginning of its measurement, ISO 8601 in UTC.
         folder: Directory of its result, from the folder that was asked for.
         entry: Window of the run.
-        margins: Worst margins of the axis' loop by the model, with the filters that acted; None where plant, gains or filters are
+        margins: Worst margins of the axis' loop by the model, with the filters that acted; None if plant, gains or filters are
             not known, for a line motion, and where the loop was closed on the host.
     """
 

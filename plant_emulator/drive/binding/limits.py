@@ -104,7 +104,7 @@ class DriveLimits:
 
     @property
     def is_within_position_limits(self) -> bool:
-        """True where the motor stands within 607Dh, be it in force or not."""
+        """True if the motor stands within 607Dh, be it in force or not."""
         low, high = self._limits_counts()
         return low <= self._axes.counts(self._row) <= high
 

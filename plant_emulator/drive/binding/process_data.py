@@ -189,7 +189,7 @@ class DriveData:
 
         Args:
             position: 607Ah.
-            torque_offset: 60B2h; None where it is not mapped.
+            torque_offset: 60B2h; None if it is not mapped.
         """
         if torque_offset is not None:
             cell = self.dictionary.cell(Object.TORQUE_OFFSET)

@@ -63,7 +63,7 @@ class DriveFamily(ABC):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on where the emulated drive is not as its user may think."""
+        """Notes on deviations from the real drive."""
         return ()
 
     def acting(self, address: ObjectAddress) -> Any:
@@ -71,11 +71,11 @@ class DriveFamily(ABC):
         return self.dictionary.cell(*address).value
 
     def is_scaled(self, address: ObjectAddress) -> bool:
-        """True where it is known what the numbers of a CiA 402 limit mean; one of unknown scale is held, and does not act."""
+        """True if it is known what the numbers of a CiA 402 limit mean; one of unknown scale is held, and does not act."""
         return True
 
     def states(self, address: ObjectAddress) -> bool:
-        """True where the family says what an object of CiA 402 may hold: it may have option codes of its own."""
+        """True if the family says what an object of CiA 402 may hold: it may have option codes of its own."""
         return False
 
     @abstractmethod

@@ -152,12 +152,12 @@ class DescribedFamily(DriveFamily):
         return self.dictionary.cell(*address).value
 
     def is_scaled(self, address: ObjectAddress) -> bool:
-        """True where the profile gives the scale of an object, or does not state it at all: then it is the emulator's own."""
+        """True if the profile gives the scale of an object, or does not state it at all: then it is the emulator's own."""
         parameter = self._parameters.get(address)
         return parameter is None or address in self.steps or parameter.unit in _STANDARD_UNITS
 
     def states(self, address: ObjectAddress) -> bool:
-        """True where the profile has the object."""
+        """True if the profile has the object."""
         return address in self._parameters
 
     def bind(self, axes: Axes, row: int, is_powered: Callable[[], bool]) -> None:

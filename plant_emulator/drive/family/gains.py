@@ -30,7 +30,7 @@ class Gains:
         self._types = {parameter.address: parameter.type for parameter in profile.parameters.values()}
 
     def factor(self, role: str) -> tuple[ObjectAddress, float] | None:
-        """Object of a gain, and SI units per step of it; None where that is not known."""
+        """Object of a gain, and SI units per step of it; None if that is not known."""
         gain = self._loop.gains.get(role)  # type: ignore[call-overload]  # a role that the profile may not have
         if gain is None or gain.factor is None:
             return None

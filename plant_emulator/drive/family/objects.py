@@ -157,7 +157,7 @@ def _described(variable: ODVariable, record: str) -> Entry:
 
 
 def _holdable(kind: DataType, bound: float | None) -> float | None:
-    """A limit as its type holds it; None where it cannot."""
+    """A limit as its type holds it; None if it cannot."""
     if bound is None or kind is DataType.BOOLEAN or kind.size is None:
         return None
     try:
@@ -174,7 +174,7 @@ def _name(text: str) -> str:
 
 
 def as_raw(si: float, parameter: Parameter, scaling: Scaling) -> Value | None:
-    """Raw value of an object for a value in SI units, or None where it cannot hold it."""
+    """Raw value of an object for a value in SI units, or None if it cannot hold it."""
     try:
         return parameter.raw(si, scaling)
     except DriveProfileError:

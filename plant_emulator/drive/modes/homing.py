@@ -266,7 +266,7 @@ class Homing:
         return None
 
     def _is_limit(self, inputs: int, direction: int) -> bool:
-        """True where the limit switch in a direction is active and not the one that the method looks for."""
+        """True if the limit switch in a direction is active and not the one that the method looks for."""
         return bool(inputs & _LIMIT_AHEAD[direction] & ~self._method.switch)
 
     def _limit_reached(self, direction: int) -> HomingFailed:

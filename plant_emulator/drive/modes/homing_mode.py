@@ -56,7 +56,7 @@ class HomingMode(ModeOfOperation):
 
     @property
     def is_running(self) -> bool:
-        """True where the sequence is under way."""
+        """True if the sequence is under way."""
         return self._homing is not None
 
     def start(self) -> None:
@@ -123,7 +123,7 @@ class HomingMode(ModeOfOperation):
         self._latches = latches
 
     def _stands(self) -> bool:
-        """True where the motor is at rest where the last demand sends it."""
+        """True if the motor is at rest where the last demand sends it."""
         if isinstance(self._demand, GoTo):
             return bool(self.data.is_target_reached)
         return self.stage.motion["reference_speed_rad_s"] == 0.0 and self.stage.stands

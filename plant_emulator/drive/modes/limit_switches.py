@@ -43,7 +43,7 @@ class LimitSwitches:
 
     @property
     def are_there(self) -> bool:
-        """True where there is a limit switch, in the robot file or forced by a test."""
+        """True if there is a limit switch, in the robot file or forced by a test."""
         present: int = self._masks[self._row]  # asked at every SYNC
         return present & _LIMITS != 0
 

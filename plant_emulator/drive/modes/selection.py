@@ -86,7 +86,7 @@ class ModeSelection:
                 self._write(self._wanted.value)
 
     def is_ready(self, number: int | None = None) -> bool:
-        """True where a mode, or the one of 6060h, is there and has what it needs; what it lacks is reported.
+        """True if a mode, or the one of 6060h, is there and has what it needs; what it lacks is reported.
 
         It needs gains where it closes a loop, since a brake that opens without lets the arm fall, and an interpolation period
         (60C2h) of whole control periods where its set-points come with SYNC. No mode is one too, but for drives that need one.

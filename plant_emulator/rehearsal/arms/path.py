@@ -57,7 +57,7 @@ def walk_arm_seed(seed: int, keep: str | None = None) -> Row:
         keep: Folder in which a folder named by the seed keeps all files of the walk; None: they go when it is over.
 
     Returns:
-        The arm's row; an error that nobody expected is in it, and ends nothing else.
+        The arm's row; internal error is in it, and ends nothing else.
     """
     cells: dict[str, object]
     begin = time.process_time()
@@ -97,7 +97,7 @@ def walk_arm(robot: ArmRobot, bench: Bench, folder: Path) -> dict[str, Value]:
 
 
 def quicker_pace(bench: Bench) -> float | None:
-    """A pace at which the line is learnt as well; None where the arm can follow it at none."""
+    """A pace at which the line is learnt as well; None if the arm can follow it at none."""
     for pace in QUICKER:
         try:
             paced_line(bench, pace)

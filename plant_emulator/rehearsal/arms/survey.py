@@ -34,7 +34,7 @@ class TrueLine(NamedTuple):
 
     Attributes:
         none: Without a treatment.
-        learnt: With what was learnt; None where the product refuses it, or stops.
+        learnt: With what was learnt; None if the product refuses it, or stops.
         floor: Without transmission errors.
     """
 
@@ -44,14 +44,14 @@ class TrueLine(NamedTuple):
 
     @property
     def is_quiet(self) -> bool:
-        """True where the tip keeps the goal along x, y and z."""
+        """True if the tip keeps the goal along x, y and z."""
         if self.learnt is None:
             return False
         return all(own <= max(QUIET_MM, FLOOR_FACTOR * least) for own, least in zip(self.learnt[:3], self.floor[:3], strict=True))
 
     @property
     def is_worse(self) -> bool:
-        """True where the tip moves more in any direction than without, and than without transmission errors."""
+        """True if the tip moves more in any direction than without, and than without transmission errors."""
         if self.learnt is None:
             return False
         most = (max(_no_harm(before), _no_harm(least)) for before, least in zip(self.none, self.floor, strict=True))
@@ -67,7 +67,7 @@ def true_line(condition: Condition, model: Identified | None, left_out: Collecti
 
     Args:
         condition: The condition.
-        model: What was learnt; None where nothing was.
+        model: What was learnt; None if nothing was.
         left_out: Orders that the trial has left out.
     """
     none = _tip(condition.robot, condition.bench, None, ())
@@ -78,7 +78,7 @@ def true_line(condition: Condition, model: Identified | None, left_out: Collecti
 
 
 def _tip(robot: Robot, bench: Bench, model: Identified | None, left_out: Collection[Part]) -> LineTip | None:
-    """The tip of one run; None where the product refuses it, or stops.
+    """The tip of one run; None if the product refuses it, or stops.
 
     Raises:
         KeyboardInterrupt: A signal ended the run.

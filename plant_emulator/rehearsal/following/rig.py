@@ -47,7 +47,7 @@ class Follower(Protocol):
             angles_rad: Measured motor angle.
             references_rad: Set-point of the motion alone.
             levers_m: Lever of the tip.
-            acceleration_m_s2: The tip's acceleration; None where it was not measured.
+            acceleration_m_s2: The tip's acceleration; None if it was not measured.
         """
 
     def factors(self, row: int) -> Mapping[float, complex]:
@@ -100,7 +100,7 @@ class RigRun:
 
     @property
     def has_moved(self) -> bool:
-        """True where an order was followed."""
+        """True if an order was followed."""
         return any(bool(np.any(each != 1.0)) for each in self.factors.values())
 
 

@@ -48,8 +48,8 @@ class Outcome:
         alone_mm: Peak with the feed-forward alone.
         following_mm: Peak with the law.
         worse_mm: Largest rise over the feed-forward alone in any window.
-        is_used: True where its trial, on the sensor, has let it be used.
-        has_moved: True where it has changed anything in a run after that.
+        is_used: True if its trial, on the sensor, has let it be used.
+        has_moved: True if it has changed anything in a run after that.
         used_worse_mm: The rise in a run after the trial, of what is used.
         recovery_rev: Motor revolutions after a step until it is back; nan where it is not within eight.
         bound_rev: The same for a law that knew at once: the arm's own ring-down.
@@ -160,7 +160,7 @@ def _compared(seed: int, rig: Rig, laws: tuple[str, ...], motion: str, angles: R
 
 
 def _tried(rig: Rig, law: str, angles: Real, turned: Callable[[float], float]) -> dict[float, float] | None:
-    """The trial that ships: parts of the orders from which on they are followed; None where it refuses.
+    """The trial that ships: parts of the orders from which on they are followed; None if it refuses.
 
     Of the other laws, which do not say how well they know what is left, it takes all or nothing.
 

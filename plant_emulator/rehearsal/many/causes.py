@@ -88,7 +88,7 @@ class Refusal:
         step: The step that refused.
         words: Its words.
         named: Names of the causes that it names.
-        is_true: True where the robot has one of these causes.
+        is_true: True if the robot has one of these causes.
     """
 
     seed: int
@@ -104,7 +104,7 @@ class Refusal:
 
 
 def main_refusal(row: Row) -> Refusal | None:
-    """The refusal that ended a robot's path; None where nothing was refused.
+    """The refusal that ended a robot's path; None if nothing was refused.
 
     Of a path that ends with a cancellation it is what its run says of what is left above what was asked, with a cause. Else it
     is the last one that names a cause: one that only misses what an earlier step did not give names none.
@@ -116,7 +116,7 @@ def main_refusal(row: Row) -> Refusal | None:
 
 
 def _told(row: Row) -> Refusal | None:
-    """What the path's end says of what it leaves; None where it says nothing, or knows no cause."""
+    """What the path's end says of what it leaves; None if it says nothing, or knows no cause."""
     causes, end, goal = text(row, "end_causes").split(", "), number(row, "end_tip_mm"), number(row, "goal_mm")
     if causes[0] in {"", NOT_EXPLAINED} or end is None or goal is None:
         return None

@@ -35,7 +35,7 @@ class RehearsalClaim:
         words: The claim in words.
         asked: Number that is asked for, with its unit.
         measured: Number that was measured, with what it is of.
-        holds: True where it holds; None where nothing was measured.
+        holds: True if it holds; None if nothing was measured.
     """
 
     key: str
@@ -165,5 +165,5 @@ def _cpu(rows: Sequence[Row]) -> RehearsalClaim:
 
 def _whole(rows: Sequence[Row]) -> RehearsalClaim:
     broken = [row for row in rows if row.get("walk") != WALKED or any(text(row, f"{step}_ended") == "crashed" for step in STEPS)]
-    words = "Every walk comes to its end, and no step breaks with an error that nobody expected"
+    words = "Every walk comes to its end, and no step breaks with internal error"
     return RehearsalClaim("whole", "walks that break", words, "0", f"{len(broken)} of {len(rows)}", not broken if rows else None)

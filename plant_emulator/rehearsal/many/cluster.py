@@ -39,7 +39,7 @@ def scheduler_address(text: str) -> str:
     except ValueError:  # a port that is none
         is_whole = False
     if not text.startswith(PREFIX) or not is_whole:
-        raise ValueError(f"{text}: dask:tcp://HOST:PORT is wanted, such as dask:tcp://127.0.0.1:8786")
+        raise ValueError(f"{text}: expected dask:tcp://HOST:PORT, such as dask:tcp://127.0.0.1:8786")
     return address
 
 

@@ -37,7 +37,7 @@ def kind_of(seed: int, kind: str) -> Kind:
         ValueError: There is no such kind.
     """
     if kind not in KINDS:
-        raise ValueError(f"kind {kind!r}: one of {', '.join(KINDS)} is wanted")
+        raise ValueError(f"kind {kind!r}: expected one of {', '.join(KINDS)}")
     if kind == BOTH:
         return "linear" if seed % 2 else "real"
     return cast("Kind", kind)
@@ -67,7 +67,7 @@ def walk_seed(seed: int, kind: str, over_bus: bool, keep: str | None = None, pro
         probed_every: Wrong corrections are tried on robots whose seed is a multiple of this; they cost as much as the path.
 
     Returns:
-        The robot's row; an error that nobody expected is in it, and ends nothing else.
+        The robot's row; internal error is in it, and ends nothing else.
     """
     head: dict[str, object] = {"seed": seed, "kind": kind_of(seed, kind)}
     with _ALONE:

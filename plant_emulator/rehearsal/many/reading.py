@@ -14,7 +14,7 @@ TREATED = ("notch_designed", "cancellation", "cancellation_learnt")
 
 
 def number(row: Row, name: str) -> float | None:
-    """Number of a cell; None where there is none."""
+    """Number of a cell; None if there is none."""
     value = row.get(name)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
@@ -31,7 +31,7 @@ def numbers(rows: Iterable[Row], name: str) -> list[float]:
 
 
 def is_done(row: Row, step: str) -> bool:
-    """True where the step has its result."""
+    """True if the step has its result."""
     return text(row, f"{step}_ended") in IS_DONE
 
 
@@ -47,7 +47,7 @@ def worst_tip_mm(row: Row, treatment: str) -> float | None:
 
 
 def is_quiet(row: Row) -> bool:
-    """True where the path ends with a true tip within the goal."""
+    """True if the path ends with a true tip within the goal."""
     return row.get("is_quiet") is True
 
 

@@ -13,7 +13,7 @@ Value = str | int | float | bool | None
 Row = Mapping[str, Value]
 
 WALKED, BROKEN, CRASHED = "walked", "error", "crashed"
-"""Ends of a robot's walk: to its end, by an error that nobody expected, with its process."""
+"""Ends of a robot's walk: to its end, by internal error, with its process."""
 
 
 MAX_ROW_BYTES = 1_000_000
@@ -22,11 +22,11 @@ SETTINGS_FILE = "rehearsal.json"
 
 @dataclass(frozen=True)
 class RehearsalSettings:
-    """RehearsalSettings that all robots of a rehearsal share.
+    """Settings shared by all robots of a rehearsal.
 
     Attributes:
         kind: `linear`, `real` or `any`: the robots that are drawn.
-        over_bus: True where the path is walked over a bus, False where in one process without frames.
+        over_bus: True if the path is walked over a bus, False if in one process without frames.
     """
 
     kind: str
@@ -68,7 +68,7 @@ class Kept:
 
         Args:
             settings: RehearsalSettings of this rehearsal.
-            resume: True where rows that are there already are to be kept.
+            resume: True if rows that are there already are to be kept.
 
         Raises:
             RefusedError: There are rows already and `resume` is not given, or they were made with other settings.

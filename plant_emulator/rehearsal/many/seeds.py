@@ -23,7 +23,7 @@ def seeds_of(text: str) -> tuple[int, ...]:
     for part in text.split(","):
         span = _SPAN.fullmatch(part.strip())
         if span is None or not part.isascii():
-            raise ValueError(f"{text}: seeds with commas between are wanted, such as 7 or 1-40,50")
+            raise ValueError(f"{text}: expected a comma-separated list of seeds such as 7 or 1-40,50")
         first, last = int(span[1]), int(span[2] or span[1])
         if last < first:
             raise ValueError(f"{text}: {part.strip()} ends before it begins")

@@ -35,7 +35,7 @@ def _cell(value: Value) -> str:
 
 
 def has_parquet() -> bool:
-    """True where Parquet can be written: pyarrow is installed (the extra `parquet`)."""
+    """True if Parquet can be written: pyarrow is installed (the extra `parquet`)."""
     return importlib.util.find_spec("pyarrow") is not None
 
 

@@ -20,7 +20,7 @@ class Deadline:
         on_started: Called when the deadline starts, so that `due` is another than before.
 
     Attributes:
-        due: Time of the next `check`, at the latest when the deadline is over; None where none runs.
+        due: Time of the next `check`, at the latest when the deadline is over; None if none runs.
     """
 
     def __init__(self, number: int, emergency: EmergencyProducer, on_started: Callable[[], None]) -> None:

@@ -44,7 +44,7 @@ class PdoObject:
 
     @property
     def is_dummy(self) -> bool:
-        """True where a data type stands instead of an object."""
+        """True if a data type stands instead of an object."""
         return self.subindex == 0 and self.index in _DUMMIES
 
 
@@ -100,12 +100,12 @@ class PdoSetup:
 
     @property
     def is_active(self) -> bool:
-        """True where the PDO exists and carries something."""
+        """True if the PDO exists and carries something."""
         return self._is_valid and self._count > 0
 
     @property
     def is_synchronous(self) -> bool:
-        """True where SYNC governs the PDO."""
+        """True if SYNC governs the PDO."""
         return self.transmission_type <= MAX_SYNCHRONOUS
 
     def start(self) -> None:
@@ -221,7 +221,7 @@ class PdoSetup:
         return code
 
     def _refusal(self, mapped: PdoObject) -> SdoAbortCode | None:
-        """Tell why an object cannot be mapped, or None where it can."""
+        """Tell why an object cannot be mapped, or None if it can."""
         # CiA 301, 7.5.2.36 names two codes only: an object is mapped whole, so other bits than its own are "not mappable" too.
         if mapped.is_dummy:
             is_mappable, data_type = not self._is_transmit, DataType(mapped.index)

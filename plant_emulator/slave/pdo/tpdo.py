@@ -23,7 +23,7 @@ class Tpdo(PdoSetup):
     announces is not looked at. With bit 30 set, 252 and 253 send nothing.
 
     Attributes:
-        due: For an event-driven one, when its timer or its inhibit time will let it go; None where only a change can.
+        due: For an event-driven one, when its timer or its inhibit time will let it go; None if only a change can.
     """
 
     def __init__(self, dictionary: Dictionary, number: int, changed: Callable[[], None], send: Callable[[Frame], None]) -> None:
@@ -34,17 +34,17 @@ class Tpdo(PdoSetup):
 
     @property
     def is_event_driven(self) -> bool:
-        """True where a change lets the PDO go."""
+        """True if a change lets the PDO go."""
         return self.transmission_type in EVENT_DRIVEN
 
     @property
     def heeds_sync(self) -> bool:
-        """True where SYNC makes the PDO sample its objects."""
+        """True if SYNC makes the PDO sample its objects."""
         return self.is_synchronous or self.transmission_type == SYNCHRONOUS_ON_REQUEST
 
     @property
     def waits_for_counter(self) -> bool:
-        """True where the counter of SYNC selects the first SYNC (sub-index 6); only types 1 to 240 count."""
+        """True if the counter of SYNC selects the first SYNC (sub-index 6); only types 1 to 240 count."""
         return self.start_value > 0 and 1 <= self.transmission_type <= MAX_SYNCHRONOUS
 
     def start(self) -> None:

@@ -30,7 +30,7 @@ class BlockDownload:
     server change it, but clients exist that then put the segments in the wrong places.
 
     Args:
-        announced: Length of the value, or None where the client does not tell.
+        announced: Length of the value, or None if the client does not tell.
         max_bytes: The longest value; up to one sub-block more is kept until its end, where it is refused.
         max_block_size: At most so many segments are granted at once, 1 to 127.
         has_crc: Whether the end brings a checksum.
@@ -135,7 +135,7 @@ class BlockUpload:
 
     @property
     def is_complete(self) -> bool:
-        """True where the client has every segment."""
+        """True if the client has every segment."""
         return self._acknowledged == self._count
 
     def segments(self) -> tuple[bytes, ...]:

@@ -53,7 +53,7 @@ class AdditionalChannel:
 
     @property
     def is_open(self) -> bool:
-        """True where the channel exists."""
+        """True if the channel exists."""
         return all(map(_is_valid, self._cob_ids.values()))
 
     @property

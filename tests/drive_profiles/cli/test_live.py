@@ -83,7 +83,7 @@ def test_faults_are_in_words_and_are_cleared_when_the_user_says_so(robot):
     report = json.loads(run("faults", "--node", 2, "--json").stdout)
     assert report[0]["history"][0] & 0xFFFF == 0x8130
 
-    run("faults", "--node", 2, "--clear", code=2)  # nobody can be asked here
+    run("faults", "--node", 2, "--clear", code=2)  # not a terminal
     assert json.loads(run("faults", "--node", 2, "--json").stdout)[0]["history"]
     run("faults", "--node", 2, "--clear", "--yes")
     assert json.loads(run("faults", "--node", 2, "--json").stdout)[0]["history"] == []

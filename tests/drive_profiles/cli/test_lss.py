@@ -41,7 +41,7 @@ def test_a_node_without_a_node_id_is_found_and_given_one_that_acts_after_a_reset
     assert identity.endswith(",3")  # its serial number
 
     assert "node-ID 5 is taken" in run("lss", "node-id", 5, "--identity", identity, "--yes", *PATIENT, code=3)
-    run("lss", "node-id", 7, "--identity", identity, *PATIENT, code=2)  # nobody can be asked
+    run("lss", "node-id", 7, "--identity", identity, *PATIENT, code=2)  # not a terminal
     assert "no node-ID" in run("lss", "show", "--identity", identity, *PATIENT)
     run("lss", "node-id", 7, "--identity", identity, "--store", "--yes", *PATIENT)
     run("nmt", "reset-communication", "--all", "--yes")

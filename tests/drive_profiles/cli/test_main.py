@@ -137,7 +137,7 @@ def test_help_loads_nothing_heavy():
 
 
 def test_help_ends_with_the_exit_statuses():
-    assert "Exit status: 0 done; 2 usage; 3 a bad file" in " ".join(runner.invoke(app, ["--help"]).stdout.split())
+    assert "Exit status: 0 done; 2 usage; 3 invalid file" in " ".join(runner.invoke(app, ["--help"]).stdout.split())
 
 
 @pytest.mark.parametrize("command", ["list", "show"])
@@ -145,7 +145,7 @@ def test_help_of_a_command_has_an_example_and_its_exit_statuses(command):
     result = runner.invoke(app, [command, "--help"])
     assert result.exit_code == 0
     assert f"\nExamples:\n  drive-profiles {command}" in result.stdout
-    assert "Exit status: 0 done; 2 usage; 3 a bad file" in " ".join(result.stdout.split())
+    assert "Exit status: 0 done; 2 usage; 3 invalid file" in " ".join(result.stdout.split())
 
 
 def test_the_package_runs_as_a_module():

@@ -114,7 +114,7 @@ def test_identity_and_an_empty_one(numbers, structure):
         ((112, "[2006sub0]"), "[2006] is a VAR; left out"),
         ((117, "[2007] ObjectType"), "missing, but there are sub-objects; taken as RECORD"),
         ((131, "[2008] DefaultValue"), "'2' differs from '1', which is taken, in line 130"),
-        ((137, "[2009sub0]"), "head of a section without ]; read as if it were there"),
+        ((137, "[2009sub0]"), 'section header lacks "]"; assumed'),
         ((142, "[200a] ObjectType"), "0 is no object that holds a value; left out"),
         ((148, "[200b]"), "in no list of objects; taken all the same"),
         ((153, "[200Csub1]"), "no section [200C] above it; a record is made up"),

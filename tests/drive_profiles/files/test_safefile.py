@@ -33,7 +33,7 @@ def test_a_new_file_is_written_with_its_folder(tmp_path):
 
 
 def test_what_is_there_is_replaced_only_when_that_is_asked_for(path):
-    with pytest.raises(RefusedError, match=r"axis 2\.toml is there already; choose another name, or --force"):
+    with pytest.raises(RefusedError, match=r"axis 2\.toml already exists; choose another name, or give --force"):
         write_atomically(path, NEW)
     assert path.read_bytes() == OLD
     write_atomically(path, NEW, force=True)

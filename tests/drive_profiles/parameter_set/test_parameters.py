@@ -234,7 +234,7 @@ def test_a_set_is_loaded_from_and_saved_to_a_file(tmp_path):
     parameter_set.save(path)
     assert path.read_text(encoding="utf-8") == parameter_set.dumps()
     assert ParameterSet.load(path).tuning == parameter_set.tuning
-    with pytest.raises(RefusedError, match="is there already"):
+    with pytest.raises(RefusedError, match="already exists"):
         lines().save(path)
     assert ParameterSet.load(path).tuning == parameter_set.tuning
     lines().save(path, force=True)

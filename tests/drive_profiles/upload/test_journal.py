@@ -168,7 +168,7 @@ def test_a_line_is_in_the_file_as_soon_as_it_is_noted(path):
 def test_an_old_journal_is_never_written_over(path):
     Journal(path, SNAPSHOT).close()
     data = path.read_bytes()
-    with pytest.raises(DriveProfileError, match="is there already"):
+    with pytest.raises(DriveProfileError, match="already exists"):
         Journal(path, SNAPSHOT)
     assert path.read_bytes() == data
 

@@ -71,7 +71,7 @@ def test_a_real_robot_is_asked_for_once_for_all_motions(monkeypatch, tmp_path):
     assert found.exit_code == 2
     assert found.stderr.count("This moves") == 3  # two axes and the line, each treatment the same
     assert "9 runs" in found.stderr
-    assert "nobody can be asked here" in found.stderr
+    assert "not a terminal" in found.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -70,7 +70,7 @@ def test_a_goal_that_is_missed_is_said_and_ends_with_9(tmp_path: Path, monkeypat
         (("--axis", "2", "--acceleration-rps-s", "0"), 3, "must be above 0"),
         (("--axis", "2", "--passes", "0"), 3, "at least 1 is needed"),
         (("--axis", "2", "--bus", "nonsense"), 2, "nonsense"),
-        (("--axis", "2", "--bus", "virtual:robot"), 2, "--yes moves it without asking"),
+        (("--axis", "2", "--bus", "virtual:robot"), 2, "--yes to move without confirmation"),
     ],
 )
 def test_what_is_refused_before_anything_moves(words: tuple[str, ...], code: int, message: str) -> None:

@@ -18,7 +18,7 @@ def learn(*options: str) -> tuple[int, str]:
     [
         (["--axis", "2", "--passes", "1"], 2, "passes"),
         (["--axis", "2", "--acceleration-rps-s", "0"], 2, "acceleration"),
-        (["--axis", "2", "--bus", "virtual:robot"], 2, "nobody can be asked here"),
+        (["--axis", "2", "--bus", "virtual:robot"], 2, "not a terminal"),
         (["--axis", "2", "--bus", "local:/nowhere.sock"], 4, "no bus at local:/nowhere.sock"),
         (["--axis", "2", "--bus", "nonsense"], 2, "nonsense"),
     ],

@@ -41,7 +41,7 @@ def test_a_folder_with_an_older_result_is_refused_with_what_to_do(name: str, tmp
     older.write_text("mine")
     code, said = called(name, tmp_path)
     assert code == 3, said
-    assert f"{older} is there already, from an earlier command; name another directory, or --force replaces its files" in said
+    assert f"{older} already exists, from an earlier command; name another directory, or --force replaces its files" in said
     assert older.read_text() == "mine"
 
 

@@ -115,11 +115,11 @@ def test_where_no_filter_keeps_all_the_reason_is_said_with_how_close_the_best_ca
     outcome = design(BENCH, request)
     assert outcome.failure.exit_code == 9
     said = str(outcome.failure)
-    assert said.startswith("axis 2: no switched filter of order 2 keeps all that is asked; the closest misses: ")
+    assert said.startswith("axis 2: no switched filter of order 2 meets every requirement; the best one misses: ")
     assert "at least 20.1 dB asked" in said
     assert not outcome.is_usable
     bare = design(BENCH, dataclasses.replace(request, requirements=Requirements(max_sensitivity=1.2)))
-    assert str(bare.failure).startswith("axis 2: these gains miss what is asked already without a filter: M_s 1.3")
+    assert str(bare.failure).startswith("axis 2: the gains violate the requirements even without a filter: M_s 1.3")
     late = design(BENCH, dataclasses.replace(request, requirements=None, period_s=1e-3, delay_samples=1))
     assert "already without a filter" in str(late.failure)
 

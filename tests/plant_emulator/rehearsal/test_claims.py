@@ -14,7 +14,7 @@ from plant_emulator.rehearsal.many.summary import fraction_text, percentiles, qu
 from plant_emulator.rehearsal.many.walking import crashed
 from tests.plant_emulator.rehearsal.made import CURED, refused, row
 
-NOISE = "not identified: the largest amplitude over its standard error is 3.8, at least 5 is needed"
+NOISE = "not identified: the largest amplitude over its standard error: 3.8 (at least 5)"
 
 
 def judged(rows):

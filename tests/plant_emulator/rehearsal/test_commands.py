@@ -79,7 +79,7 @@ def test_seeds_that_are_none_are_a_matter_of_usage(command, tmp_path):
 
 def test_both_kinds_take_turns():
     assert [kind_of(seed, "both") for seed in range(4)] == ["real", "linear", "real", "linear"]
-    with pytest.raises(ValueError, match="one of linear, real, any, both is wanted"):
+    with pytest.raises(ValueError, match="expected one of linear, real, any, both"):
         kind_of(1, "tame")
 
 
@@ -242,10 +242,10 @@ def test_a_folder_holds_one_rehearsal(kept, words, status, said):
     ("words", "status", "said"),
     [
         ((), 2, "--seeds is needed"),
-        (("--seeds", "1", "--on", "tcp://127.0.0.1:1"), 2, "dask:tcp://HOST:PORT is wanted"),
+        (("--seeds", "1", "--on", "tcp://127.0.0.1:1"), 2, "expected dask:tcp://HOST:PORT"),
         (("--seeds", "1", "--on", "dask:tcp://127.0.0.1:9", "--jobs", "2"), 2, "--jobs"),
         (("--seeds", "1", "--on", "dask:tcp://127.0.0.1:9", "--keep"), 2, "--keep"),
-        (("--seeds", "1", "--summary", "x"), 2, "--summary walks nothing"),
+        (("--seeds", "1", "--summary", "x"), 2, "--summary only rewrites the report"),
         (("--summary", "x"), 3, "rehearsal.json"),
     ],
 )

@@ -146,11 +146,11 @@ def test_both_tables_are_written_anew_each_time(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "are wanted"),
-        ("a", "are wanted"),
-        ("-1", "are wanted"),
-        ("1-2-3", "are wanted"),
-        ("١", "are wanted"),
+        ("", "expected a comma-separated list"),
+        ("a", "expected a comma-separated list"),
+        ("-1", "expected a comma-separated list"),
+        ("1-2-3", "expected a comma-separated list"),
+        ("١", "expected a comma-separated list"),
         ("5-3", "ends before it begins"),
         ("1-5,3", "seed 3 is named twice"),
         (f"{LARGEST_SEED + 1}", "the largest seed"),

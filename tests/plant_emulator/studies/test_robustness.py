@@ -442,7 +442,7 @@ def test_the_line_motion_is_judged_by_its_area_with_filters_and_by_its_peak_with
 @pytest.mark.parametrize(("arguments", "code", "said"), [
     (["--runs", "0"], 2, "--runs"),
     (["--axis", "7"], 2, "no axis 7; it has 2, 3, 5"),
-    (["--axis", "2,x"], 2, "numbers with commas"),
+    (["--axis", "2,x"], 2, "comma-separated list"),
     (["--axis", "2,2"], 2, "axis 2 is given twice"),
     (["--axis", "5"], 2, "axis 5 has no filter"),
     (["--tip-mm", "-1"], 2, "--tip-mm"),

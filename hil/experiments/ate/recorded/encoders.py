@@ -42,7 +42,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
     """Reduction ratio, and a sentence where it was found rather than given.
 
     Args:
-        given: Reduction ratio that was said; None where none was.
+        given: Reduction ratio that was said; None if none was.
         found: Ratio that both encoders show.
         recorded: The recording, for errors.
 
@@ -89,7 +89,7 @@ def encoder_section(recorded: Recorded, stretch: MotionStretch, ratio: float, pe
 
 
 def joint_swing(stretches: Sequence[tuple[Recorded, MotionStretch]], ratio: float, orders: Sequence[float]) -> JointSwing | None:
-    """Swing of the joint that some stretches show; None where they do not tell it from a larger error.
+    """Swing of the joint that some stretches show; None if they do not tell it from a larger error.
 
     Args:
         stretches: The stretches.

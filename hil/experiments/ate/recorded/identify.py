@@ -137,7 +137,7 @@ def identify_recorded(
     Args:
         request: Recordings, axis and orders.
         directory: Directory of the result; made where it is missing.
-        bench: Bench that says lever and plant for a sensor; None where two encoders need neither.
+        bench: Bench that says lever and plant for a sensor; None if two encoders need neither.
         identified: Model file with the plant; None without one.
 
     Raises:
@@ -199,7 +199,7 @@ def _stretches(recorded: Recorded, *, is_sensed: bool) -> list[MotionStretch]:
 
 
 def _tells_tip(request: RecordedRequest, bench: Bench | None, identified: Identified | None) -> bool:
-    """True where the bench's load encoders tell the tip and its plant is known: then the arm's resonance is no obstacle."""
+    """True if the bench's load encoders tell the tip and its plant is known: then the arm's resonance is no obstacle."""
     if bench is None or request.axis not in bench.axis or not bench.accelerometer.from_load_encoders:
         return False
     known = None if identified is None else identified.axis.get(request.axis)
@@ -212,7 +212,7 @@ def _form(files: Sequence[Recorded], request: RecordedRequest, *, is_told_by_joi
     Args:
         files: The recordings.
         request: The request.
-        is_told_by_joints: True where the tip is told by the joint's encoder, to be read through a plant that is known.
+        is_told_by_joints: True if the tip is told by the joint's encoder, to be read through a plant that is known.
 
     Raises:
         ContradictedError: There is none.
@@ -359,7 +359,7 @@ def _entry(joint: JointFit, files: Sequence[Recorded], refined: RefinedArm | Non
 
 
 def _is_identified(joint: JointFit) -> bool:
-    """True where an order stands above what noise makes in any of them in one of a hundred recordings: A²/2σ² > ln(orders/p)."""
+    """True if an order stands above what noise makes in any of them in one of a hundred recordings: A²/2σ² > ln(orders/p)."""
     sigmas = math.sqrt(2.0 * math.log(len(joint.values) / FALSE_ALARM))
     return any(each.a_arcsec >= max(sigmas, SIGNIFICANT_SIGMAS) * each.a_error_arcsec for each in joint.values.values())
 

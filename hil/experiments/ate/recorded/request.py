@@ -39,7 +39,7 @@ class RecordedRequest:
         axis: Axis number.
         said: What is known of columns, ratio and robot.
         orders: Orders that are asked for.
-        sensorless: True where the motor's torque is taken even where an acceleration was recorded.
+        sensorless: True if the motor's torque is taken even where an acceleration was recorded.
     """
 
     files: tuple[Path, ...]

@@ -105,7 +105,7 @@ def sensed_files(
 
 
 def without_start(recorded: Recorded, each: MotionStretch) -> MotionStretch | None:
-    """A stretch without the first half second of a recording that starts in motion; None where nothing is left."""
+    """A stretch without the first half second of a recording that starts in motion; None if nothing is left."""
     if each.rows.start > 8:
         return each
     start = int(np.searchsorted(recorded.time_s, STEADY_S))

@@ -257,7 +257,7 @@ class PartOutcome:
         part: Axis and order.
         outcome: `learnt`, or why it is left at 0.
         value: A e^{jφ} in arcsec; 0 where it is left at that.
-        amplitude_error: Standard error of A in arcsec; None where nothing is known.
+        amplitude_error: Standard error of A in arcsec; None if nothing is known.
         phase_error_deg: Standard error of φ.
         seen: Fraction of it that the runs show.
         words: The same as a sentence.
@@ -326,7 +326,7 @@ def left_out_part(part: Part, step: ProbedStep, index: int, *, is_seen: bool) ->
         part: Axis and order.
         step: Settings that were found, and what is known of their errors.
         index: Position of the part.
-        is_seen: False where it is not seen.
+        is_seen: False if it is not seen.
     """
     seen = seen_fraction(step, index)
     if not is_seen:

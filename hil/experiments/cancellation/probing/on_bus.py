@@ -68,7 +68,7 @@ class MotionLearningOutcome(MeasurementOutcome[MotionLearningResult]):
     """End of learning on a motion.
 
     Attributes:
-        learning: What was learnt; None where it ended early.
+        learning: What was learnt; None if it ended early.
     """
 
     learning: MotionLearning | None

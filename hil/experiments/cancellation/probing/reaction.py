@@ -62,7 +62,7 @@ class ShownReaction(NamedTuple):
 
     @property
     def is_seen(self) -> bool:
-        """True where the gear reacts on its motor for certain."""
+        """True if the gear reacts on its motor for certain."""
         is_there = abs(self.load) >= max(REACTS_SIGMAS * self.standard_error, REACTS_LOAD) and self.power >= REACTS_POWER
         return is_there and self.friction_nm >= LEAST_FRICTION * abs(self.turned_nm)
 

@@ -72,7 +72,7 @@ class MotionLearning:
         runs: Runs in their order.
         outcomes: What is said of each order of each axis.
         reactions: Reactions of the gears, as the motors' torque shows them.
-        applied: Run with what is kept; None where nothing is.
+        applied: Run with what is kept; None if nothing is.
         probe_arcsec: Amplitude of the probes; 0 before them.
         noise_m_s2: Root mean square of one run's noise, by which equal runs differ.
         left_m_s2: Root mean square of what no order explains: the motion's own, and noise.

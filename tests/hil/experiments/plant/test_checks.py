@@ -24,7 +24,7 @@ def checks_of(f_r_hz, f_a_error_hz=0.2, high_hz=None):
 def test_a_resonance_beyond_the_band_is_named_and_not_a_standard_error_that_is_small_enough(high_hz, advice):
     failed = [check for check in checks_of(63.8, high_hz=high_hz) if not check.holds]
     assert [check.sentence for check in failed] == [
-        f"f_r, 63.8 Hz, over the end of the band, 50 Hz, is 1.28, needed: 1.1: {advice}"
+        f"f_r (63.8 Hz) relative to the end of the band (50 Hz): 1.28 (at most 1.1); {advice}"
     ]
 
 

@@ -70,7 +70,7 @@ def test_serving_takes_a_product_of_a_family(tmp_path):
         (("--drive", "4=elmo_gold"), 2, "no axis 4; it has 2, 3, 5"),
         (("--drive", "2=unheard_of"), 3, "unheard_of"),
         (("--drive", "2=maxon_epos4/70-16"), 3, "has no product '70-16'; it has 0x61500000 (module-50-5)"),
-        (("--drive", "2=emulated_accelerometer"), 3, "no drive"),
+        (("--drive", "2=emulated_accelerometer"), 3, "expected a drive profile"),
         (("--drive", "2=./nowhere.toml"), 3, "nowhere.toml"),
         (("--eds", "2=nowhere.eds"), 3, "nowhere.eds"),
         (("--store-time-s", "-1"), 2, "store-time-s"),
