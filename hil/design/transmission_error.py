@@ -209,7 +209,7 @@ def fit_transmission_error(
     outer Gauss-Newton (variable projection) in ω and ζ, which start from the model. Sample i of the motor angle and of the
     tip acceleration must belong to the same instant: every millisecond between them turns φ by 4.3° at 12 Hz.
 
-    For the accuracy on the reference robot see docs/theory.md.
+    For the accuracy on the reference robot see docs/theory-transmission-error.md.
 
     Args:
         motor_angle_rad: Motor angle θ_m; shape (n,).

@@ -1,6 +1,6 @@
 """Identification of the transmission error of one axis: ramps in both directions until it is known as well as requested.
 
-For the accuracy on the reference robot see docs/theory.md.
+For the accuracy on the reference robot see docs/theory-transmission-error.md.
 """
 
 import math
