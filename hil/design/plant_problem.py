@@ -140,8 +140,7 @@ class PlantProblem:
         if self.timing.kind == "torque":
             drive = self.excitation * (1.0 - np.exp(-jw * sync)) / (jw * sync)
         else:
-            # the set-point of a SYNC is reached, in a straight line, with the last control period before the next
-            wanted = self.excitation * np.exp(-jw * (sync - control)) * np.sinc(frequency * sync) ** 2
+            wanted = self.excitation * straight_line(frequency, sync, control)
             drive = _reference_path(law, jw, control) * wanted
         return _Folding(
             frequency,
@@ -384,6 +383,21 @@ def tip_response(
     jw = 2j * math.pi * frequency_hz
     _, b, c = plant.terms(jw)
     return np.asarray(lever_m / plant.reduction_ratio * jw**2 * c / (b + gravity_nm_rad + c) * np.exp(-jw * delay_s))
+
+
+def straight_line(frequency_hz: Real, sync_s: float, control_s: float) -> Complex:
+    """Reference of a drive per set-point, which it approaches in a straight line: (sin πfT / (n sin πfT_c))², n T_c = T.
+
+    The set-point of a SYNC is reached with the last control period before the next. The line has a step in each control period,
+    so that its images are those of its samples; of a line without steps they would be smaller.
+
+    Args:
+        frequency_hz: Frequencies; any shape.
+        sync_s: T.
+        control_s: T_c.
+    """
+    late = np.exp(-2j * math.pi * frequency_hz * (sync_s - control_s))
+    return np.asarray(late * (np.sinc(frequency_hz * sync_s) / np.sinc(frequency_hz * control_s)) ** 2)
 
 
 def _reference_path(law: Cascade, jw: AnyComplex, control_s: float) -> Complex:
