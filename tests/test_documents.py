@@ -79,4 +79,4 @@ def test_the_rooms_of_the_architecture_stand_in_the_layers_of_the_contracts(pack
     shown = {}
     for number, rooms in re.findall(r"^\| (\d+) \| (.*?) \|", section, re.MULTILINE):
         shown.setdefault(int(number), set()).update(re.findall(r"`(\w+)/?`", rooms))
-    assert shown == {number: layer for number, layer in enumerate(filter(None, held), start=1)}
+    assert shown == dict(enumerate(filter(None, held), start=1))
