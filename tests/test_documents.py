@@ -1,6 +1,7 @@
 """The documents of the project: they cite the paper, and name only files that are here."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -66,3 +67,16 @@ def test_the_readme_is_short_and_says_at_once_for_whom_it_is():
     words = re.findall(r"[^\s|`*>#\[\]-][^\s|`*\[\]]*", without_links)
     assert len(words) <= 700
     assert {"robot", "arms", "CANopen", "vibration"} <= set(re.findall(r"\w+", " ".join(words[:60])))
+
+
+@pytest.mark.parametrize("package", ["drive_profiles", "hil", "plant_emulator"])
+def test_the_rooms_of_the_architecture_stand_in_the_layers_of_the_contracts(package):
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+    [layers] = [each["layers"] for each in contracts if each.get("containers") == [package]]
+    held = [set(layer.split(" | ")) - {"__main__"} for layer in reversed(layers)]
+    text = (ROOT / "docs" / "architecture-rooms.md").read_text(encoding="utf-8")
+    [section] = re.findall(rf"^## {package}:.*?(?=^## )", text, re.MULTILINE | re.DOTALL)
+    shown = {}
+    for number, rooms in re.findall(r"^\| (\d+) \| (.*?) \|", section, re.MULTILINE):
+        shown.setdefault(int(number), set()).update(re.findall(r"`(\w+)/?`", rooms))
+    assert shown == dict(enumerate(filter(None, held), start=1))
