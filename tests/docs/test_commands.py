@@ -151,6 +151,7 @@ SLOW = {
     "docs/arm-identification.md",
     "docs/arm-learning.md",
     "docs/explain.md",
+    "docs/explain-logs.md",
     "docs/export.md",
     "docs/first-motion.md",
     "docs/live.md",
