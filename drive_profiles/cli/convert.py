@@ -59,7 +59,7 @@ def convert(
         else:
             scaling = _scaling(parameter_set, catalogue)
             has_flags = out.suffix.lower() not in formats.CONCISE  # a DCF says itself what is kept out of downloads
-            for key in () if has_flags else parameter_set.kept_out(catalogue):
+            for key in () if has_flags else parameter_set.skipped_by_objflags(catalogue):
                 typer.echo(f"left out: {key} is kept out of downloads by the EDS (ObjFlags)", err=True)
             writes = parameter_set.writes(catalogue, scaling, flagged=has_flags)
             for each in formats.write(out, writes, eds, node_id=node_id or header.node_id, force=force, header=header):

@@ -151,8 +151,8 @@ def set_(
         with SdoBus(bus, timeout_s) as opened:
             device = device_at(opened, node, profile, eds)
         wanted = _as_set([_pair(text) for text in values], device.catalogue, kind)
-        if kept_out := wanted.kept_out(device.catalogue):
-            named = ", ".join(kept_out)
+        if skipped_by_objflags := wanted.skipped_by_objflags(device.catalogue):
+            named = ", ".join(skipped_by_objflags)
             raise fail(f"{named}: kept out of downloads by the EDS (ObjFlags); without --eds it is written", ExitStatus.FILE)
         transact(TransactionRequest(bus, options, profile, eds, timeout_s, yes, dry_run, as_json), [(node, wanted)])
 

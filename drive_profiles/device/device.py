@@ -325,8 +325,8 @@ class Device:
         ]
         wanted = [entry for entry in known if not entry.flags]
         held = _PulledValues()
-        if kept_out := ", ".join(str(entry) for entry in known if entry.flags):
-            held.not_read.append(f"{kept_out}: kept out of scans or downloads by the ObjFlags of the EDS")
+        if skipped_by_objflags := ", ".join(str(entry) for entry in known if entry.flags):
+            held.not_read.append(f"{skipped_by_objflags}: kept out of scans or downloads by the ObjFlags of the EDS")
         for number, entry in enumerate(wanted, 1):
             try:
                 data = self.read(entry.address)

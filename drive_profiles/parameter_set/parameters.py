@@ -216,7 +216,7 @@ class ParameterSet(Table):
             scaling: Scaling of the drive, where a unit depends on its encoder or rated torque.
             classes: Classes to write; the others are left out.
             limits: True: the limits of profile and EDS hold. False is for values that the device itself held.
-            flagged: False: what is `kept_out` is left out, unless the limits do not hold either. True is for a DCF.
+            flagged: False: what is `skipped_by_objflags` is left out, unless the limits do not hold either. True is for a DCF.
 
         Raises:
             RefusedError: Some lines cannot be written: unknown, read only, out of range, a wrong unit, a command, or the same
@@ -224,9 +224,9 @@ class ParameterSet(Table):
         """
         reasons: list[str] = []
         writes: dict[ObjectAddress, Write] = {}
-        kept_out = self.kept_out(catalogue) if limits and not flagged else []
+        skipped_by_objflags = self.skipped_by_objflags(catalogue) if limits and not flagged else []
         for name, key, item in self.items():
-            if name not in classes or key in kept_out:
+            if name not in classes or key in skipped_by_objflags:
                 continue
             try:
                 write = _write(name, key, item, catalogue, scaling, limits=limits)
@@ -240,7 +240,7 @@ class ParameterSet(Table):
             raise RefusedError(*reasons)
         return sorted(writes.values(), key=lambda write: 0 if write.entry.parameter is None else write.entry.parameter.order)
 
-    def kept_out(self, catalogue: Catalogue) -> list[str]:
+    def skipped_by_objflags(self, catalogue: Catalogue) -> list[str]:
         """List the lines whose objects the EDS keeps out of downloads (``ObjFlags``), by their keys."""
         flagged = {entry.address: entry for entry in catalogue if entry.flags & ObjectFlag.REFUSES_WRITE_ON_DOWNLOAD}
         names = {entry.name for entry in flagged.values()}

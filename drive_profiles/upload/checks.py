@@ -45,7 +45,7 @@ def against_identity(device: Device, header: Header, identity: DeviceIdentity, o
     return reasons
 
 
-def doubts(parameter_set: ParameterSet, identity: DeviceIdentity, writes: Sequence[Write] = ()) -> list[str]:
+def warnings_for(parameter_set: ParameterSet, identity: DeviceIdentity, writes: Sequence[Write] = ()) -> list[str]:
     """Warnings to the user that do not forbid the upload."""
     header, said = parameter_set.header, []
     if header.revision is not None and identity.revision != header.revision:

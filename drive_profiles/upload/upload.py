@@ -30,7 +30,7 @@ from drive_profiles.errors import (
 from drive_profiles.parameter_set.parameters import ParameterSet, Write
 from drive_profiles.parameter_set.steps import Step, mapped, steps, support
 from drive_profiles.standard.object_address import ObjectAddress, address_text
-from drive_profiles.upload.checks import against_identity, against_values, doubts
+from drive_profiles.upload.checks import against_identity, against_values, warnings_for
 from drive_profiles.upload.journal import Journal, UploadSnapshot
 from drive_profiles.upload.result import Stored, UploadOptions, UploadReadBackError, UploadResult, UploadStatus
 
@@ -104,9 +104,9 @@ class Upload:
             raise NodeError(self.device.node, "; ".join(reasons), "is this the right node, profile and file?")
         self.device.check_quiet()
         self._resolve(identity)
-        self.warnings = doubts(self.parameter_set, identity, self.writes)
-        if kept_out := self.parameter_set.kept_out(self.device.catalogue) if self.options.limits else []:
-            self.warnings.append(f"left out, as the EDS keeps them out of downloads (ObjFlags): {', '.join(kept_out)}")
+        self.warnings = warnings_for(self.parameter_set, identity, self.writes)
+        if skipped_by_objflags := self.parameter_set.skipped_by_objflags(self.device.catalogue) if self.options.limits else []:
+            self.warnings.append(f"left out, as the EDS keeps them out of downloads (ObjFlags): {', '.join(skipped_by_objflags)}")
         self.device.check_quiet(self._axes())
         self._goal = {write.address: write.data for write in self.writes}
         self._old = {address: self._before(address) for address in (*self._goal, *sorted(support(self._goal) - set(self._goal)))}

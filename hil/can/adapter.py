@@ -49,7 +49,7 @@ class AdapterChannel:
         try:
             self._bus.send(message)
         except (can.CanError, OSError) as error:
-            raise self._lose(error) from error
+            raise self._bus_lost(error) from error
 
     def receive(self, timeout_s: float) -> Frame | None:
         """The next frame, or None when none came in time. CAN FD frames are skipped."""
@@ -60,7 +60,7 @@ class AdapterChannel:
             try:
                 message = self._bus.recv(max(0.0, deadline - time.monotonic()))
             except (can.CanError, OSError) as error:
-                raise self._lose(error) from error
+                raise self._bus_lost(error) from error
             if message is None:
                 return None
             if message.is_fd:
@@ -68,7 +68,7 @@ class AdapterChannel:
             frame = frame_of(message)
             event = decode(frame)
             if event is not None and event.is_lost:
-                raise self._lose(OSError(event.words))
+                raise self._bus_lost(OSError(event.words))
             return frame
 
     def send_all(self, frames: Sequence[Frame]) -> None:
@@ -81,7 +81,7 @@ class AdapterChannel:
         frame = self.receive(timeout_s)
         return [] if frame is None else [frame]
 
-    def _lose(self, error: Exception) -> BusLostError:
+    def _bus_lost(self, error: Exception) -> BusLostError:
         self._lost = BusLostError(self.address, str(error))
         return self._lost
 

@@ -265,9 +265,9 @@ class RawChannel:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise self._lose(error) from error
+            raise self._bus_lost(error) from error
         if not message:
-            raise self._lose(OSError(errno.ECONNRESET, "the other end has closed it"))
+            raise self._bus_lost(OSError(errno.ECONNRESET, "the other end has closed it"))
         if message[-RECORD.size :].startswith(_CLOCK_HEAD) and self._is_period_over(message[-MAX_DATA_LENGTH:]):
             self._is_over = True
             return message[: -RECORD.size]
@@ -283,7 +283,7 @@ class RawChannel:
         except BlockingIOError:
             self._send_when_free(records)
         except OSError as error:
-            raise self._lose(error) from error
+            raise self._bus_lost(error) from error
 
     def _send_when_free(self, record: bytes) -> None:
         try:
@@ -291,7 +291,7 @@ class RawChannel:
                 raise OSError(errno.ENOBUFS, "the transmit queue does not drain")
             self._socket.send(record, socket.MSG_DONTWAIT)
         except OSError as error:
-            raise self._lose(error) from error
+            raise self._bus_lost(error) from error
 
     def receive(self, timeout_s: float) -> Frame | None:
         """The next frame, or None when none came in time.
@@ -326,9 +326,9 @@ class RawChannel:
             except BlockingIOError:
                 return None
             except OSError as error:
-                raise self._lose(error) from error
+                raise self._bus_lost(error) from error
             if not record:
-                raise self._lose(OSError(errno.ECONNRESET, "the other end has closed it"))
+                raise self._bus_lost(OSError(errno.ECONNRESET, "the other end has closed it"))
             if self._takes_several:
                 self._take_message(record)
                 if self._early:
@@ -394,7 +394,7 @@ class RawChannel:
             except BlockingIOError:
                 return None
             except (OSError, ValueError) as error:
-                raise self._lose(error) from error
+                raise self._bus_lost(error) from error
             if ancillary:
                 dropped = _dropped(ancillary)
                 if dropped is not None:
@@ -416,7 +416,7 @@ class RawChannel:
             self.error_warnings += event.is_warning
             self.overflows += event.is_overflow
             if event.is_lost:
-                raise self._lose(OSError(errno.EIO, event.words))
+                raise self._bus_lost(OSError(errno.EIO, event.words))
         return frame
 
     def _from_stream(self, more: bytes) -> Frame | None:
@@ -429,7 +429,7 @@ class RawChannel:
                 return frame
         return None
 
-    def _lose(self, error: Exception) -> BusLostError:
+    def _bus_lost(self, error: Exception) -> BusLostError:
         number, words = getattr(error, "errno", None), getattr(error, "strerror", None)
         plain = None if self.is_lock_step else _LOST_WORDS.get(number or 0)
         self._lost = BusLostError(self.address, plain or words or str(error))

@@ -21,7 +21,7 @@ from hil.master.drive.axis import DriveAxis
 from hil.master.drive.limits import limit_of
 from hil.master.motion import Motion, Real
 from hil.master.request import check_set_points
-from hil.master.run import Run, RunLimits, StopRun
+from hil.master.run import Run, RunLimits, RunStopError
 from hil.master.session import Session
 from hil.recording import Recording
 
@@ -223,7 +223,7 @@ class HeldAxis(Run):
             return False
         try:
             action()
-        except StopRun as stop:
+        except RunStopError as stop:
             self.is_masters_fault = stop.reason == self._own_fault()
             error = self.stop(stop.reason)
             if isinstance(error, InterruptedRunError) or not error.all_disabled:

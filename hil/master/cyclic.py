@@ -16,7 +16,7 @@ from hil.master.lateness import CycleSchedule
 from hil.master.motion import LoopName
 from hil.master.network import SYNC, Network
 from hil.master.realtime import Clock, MonotonicClock
-from hil.master.sensor import JointsOnly, Taker, TipAccelerometer
+from hil.master.sensor import FrameHandler, JointsOnly, TipAccelerometer
 from hil.master.whole_cycle import WholeCycle
 
 POSITION_COMMAND = struct.Struct("<Hi")
@@ -180,7 +180,7 @@ class CyclicExchange:
         self._expected: frozenset[int] = frozenset()
         self._order: list[int] = []
         self._may_be_behind = False
-        self._takers: Mapping[int, Taker] = {}
+        self._handlers: Mapping[int, FrameHandler] = {}
         self._whole: WholeCycle | None = None
         self._has_all = False
 
@@ -192,18 +192,18 @@ class CyclicExchange:
     def configure(self) -> None:
         """Map the PDOs of the nodes, which are pre-operational."""
         packer = POSITION_COMMAND if self.loop == "drive" else TORQUE_COMMAND
-        takers: dict[int, Taker] = {}
+        handlers: dict[int, FrameHandler] = {}
         for slot in self.slots:
             pdos = PdoSet(self.network, slot.axis.node)
             self._sets.append(pdos)
             command = mapping.command(slot.mode, with_torque_offset=self.with_torque_offset)
             slot.send_command_as(pdos.rpdo(1, command), OFFSET_COMMAND if self.with_torque_offset else packer)
             slot.feedback_id = pdos.tpdo(1, mapping.feedback(slot.axis.profile))
-            takers[slot.feedback_id] = slot.take_feedback
+            handlers[slot.feedback_id] = slot.take_feedback
             state = mapping.notch_state(slot.axis.profile) if self.with_notch_state else ()
             if state:
                 slot.notch_id = pdos.tpdo(2, state)
-                takers[slot.notch_id] = slot.take_notch
+                handlers[slot.notch_id] = slot.take_notch
             encoder = next((each for each in self.encoders if each.axis is slot.axis), None)
             if encoder is not None:
                 encoder.configure(pdos, with_notch_state=self.with_notch_state)
@@ -215,16 +215,16 @@ class CyclicExchange:
             for communication in (0x1800, 0x1801):
                 pdos.silence(communication)
             encoder.configure(pdos, with_notch_state=self.with_notch_state)
-        takers |= {encoder.can_id: encoder.take for encoder in self.encoders}
+        handlers |= {encoder.can_id: encoder.take for encoder in self.encoders}
         if isinstance(self.sensor, JointsOnly):
             self.sensor.can_ids = frozenset(encoder.can_id for encoder in self.encoders)
-        self.expect({**takers, **self.sensor.configure()})
+        self.expect({**handlers, **self.sensor.configure()})
 
-    def expect(self, takers: Mapping[int, Taker]) -> None:
+    def expect(self, handlers: Mapping[int, FrameHandler]) -> None:
         """Await these identifiers with every SYNC, and give their data to those who take them."""
-        self._takers = takers
-        self._expected, self._order = frozenset(takers), sorted(takers)
-        self._whole = WholeCycle(self.slots, takers, _FEEDBACK, SYNC) if len(self.slots) < MAX_RECORDS else None
+        self._handlers = handlers
+        self._expected, self._order = frozenset(handlers), sorted(handlers)
+        self._whole = WholeCycle(self.slots, handlers, _FEEDBACK, SYNC) if len(self.slots) < MAX_RECORDS else None
 
     def restore(self, nodes: set[int]) -> list[str]:
         """Give the sensor and these nodes their former PDOs back; return the refusals in words."""
@@ -288,8 +288,8 @@ class CyclicExchange:
         """Take a cycle's answers if they are complete and in order; this is the usual case, and quick."""
         if [frame[0] for frame in frames] != self._order:
             return False
-        takers = self._takers
-        self._count({can_id for can_id, data in frames if not takers[can_id](data)})
+        handlers = self._handlers
+        self._count({can_id for can_id, data in frames if not handlers[can_id](data)})
         return True
 
     def _exchange_on_schedule(self) -> None:
@@ -344,7 +344,7 @@ class CyclicExchange:
 
     def _take(self, frame: Frame, pending: set[int]) -> bool:
         """Unpack a frame if it is one of ours, else return False; a wrong length counts as missing."""
-        taker = self._takers.get(frame[0])
+        taker = self._handlers.get(frame[0])
         if taker is None:
             return False
         if taker(frame[1]):

@@ -121,7 +121,7 @@ class Run:
             self._hold(last, REST_S)
             if not self.disable(SHUTDOWN):
                 return self.stop("not every drive has confirmed that it is disabled")
-        except StopRun as stop:
+        except RunStopError as stop:
             return self.stop(stop.reason)
         except ChannelError as error:
             where = stop_text([Whereabouts(axis.number, None, None) for axis in self.axes])
@@ -159,16 +159,16 @@ class Run:
             self._take_over()
             fault = self.supervisor.fault()
             if fault is not None:
-                raise StopRun(self._own_fault() or fault)
+                raise RunStopError(self._own_fault() or fault)
             for slot in self.exchange.slots:
                 if slot.missing >= self.limits.missing_limit:
-                    raise StopRun(f"axis {slot.axis.number} does not answer")
+                    raise RunStopError(f"axis {slot.axis.number} does not answer")
             if all(state_of(slot.status_word) is goal for slot in self.exchange.slots):
                 return
         shown = (
             f"axis {slot.axis.number}: {getattr(state_of(slot.status_word), 'value', 'unknown')}" for slot in self.exchange.slots
         )
-        raise StopRun(f"not all drives are in {goal.value!r} within {ENABLE_TIMEOUT_S:g} s ({', '.join(shown)})")
+        raise RunStopError(f"not all drives are in {goal.value!r} within {ENABLE_TIMEOUT_S:g} s ({', '.join(shown)})")
 
     @staticmethod
     def _word_towards(goal: State, state: State | None) -> int:
@@ -239,7 +239,7 @@ class Run:
         """Set the set-points of the next cycle, drive-closed, with the additions to them, in the drives' units.
 
         Raises:
-            StopRun: A torque offset is beyond the limit of its axis.
+            RunStopError: A torque offset is beyond the limit of its axis.
         """
         motion, slots = self.motion, self.exchange.slots
         offsets = motion.torque_offset_nm
@@ -255,7 +255,9 @@ class Run:
             if torque or slot.torque_offset:
                 limit = slot.axis.table.limits.torque_nm
                 if not abs(torque) <= limit:
-                    raise StopRun(f"axis {slot.axis.number}: a torque offset of {torque:.3g} N·m, the limit is {limit:g} N·m")
+                    raise RunStopError(
+                        f"axis {slot.axis.number}: a torque offset of {torque:.3g} N·m, the limit is {limit:g} N·m"
+                    )
                 slot.torque_offset = slot.axis.scaling.torque_per_mille(torque)
 
     def _tell(self, row: int | None) -> None:
@@ -297,7 +299,7 @@ class Run:
         self.supervisor.cycle(self.exchange)
         reason = self._own_fault()
         if reason is not None:
-            raise StopRun(reason)
+            raise RunStopError(reason)
 
     def _own_fault(self) -> str | None:
         """The reason to stop that lies in the master; it comes first, since a late master may not have read its answers yet."""
@@ -342,10 +344,10 @@ class Run:
                 continue
             reason = guard.check(slot.status_word, slot.position_rad, reference, slot.torque_nm, slot.missing)
             if reason is not None:
-                raise StopRun(self._own_fault() or self.supervisor.fault() or self._with_bus_errors(reason))
+                raise RunStopError(self._own_fault() or self.supervisor.fault() or self._with_bus_errors(reason))
         reason = self.supervisor.fault()
         if reason is not None:
-            raise StopRun(self._own_fault() or reason)
+            raise RunStopError(self._own_fault() or reason)
 
     def _with_bus_errors(self, reason: str) -> str:
         """A reason, with the errors on the bus that the controller reported meanwhile."""
@@ -402,7 +404,7 @@ class Run:
         return self.table.recording([axis.number for axis in self.axes], with_notch=with_notch, encoders=encoders)
 
 
-class StopRun(Exception):  # noqa: N818 - it ends a run, which is no error of the program
+class RunStopError(Exception):
     """A reason to stop the run; `perform` catches it."""
 
     def __init__(self, reason: str) -> None:

@@ -26,7 +26,7 @@ UNIT_OBJECT, DIGITS_OBJECT = 0x6131, 0x6132
 METRE_PER_SECOND_SQUARED = 0x00015700
 _ACCELERATION = struct.Struct("<hhh")
 
-Taker = Callable[[bytes], bool]
+FrameHandler = Callable[[bytes], bool]
 """Function that unpacks the data of a frame; it returns False if their length is wrong."""
 
 
@@ -52,7 +52,7 @@ class TipAccelerometer(Protocol):
         """
         ...
 
-    def configure(self) -> Mapping[int, Taker]:
+    def configure(self) -> Mapping[int, FrameHandler]:
         """Prepare the sensor for a run.
 
         Returns:
@@ -111,7 +111,7 @@ class CanopenSensor:
         """
         check_identity(self._network, self._node, self._profile)
 
-    def configure(self) -> Mapping[int, Taker]:
+    def configure(self) -> Mapping[int, FrameHandler]:
         """Map the three channels into TPDO1.
 
         Raises:
@@ -177,7 +177,7 @@ class SerialSensor:
         """
         self._reader.open(is_lock_step=self._network.channel.is_lock_step)
 
-    def configure(self) -> Mapping[int, Taker]:
+    def configure(self) -> Mapping[int, FrameHandler]:
         """Await no frames, since the sensor sends none on the bus."""
         self.acceleration_m_s2 = (0.0, 0.0, 0.0)
         return {}
@@ -214,7 +214,7 @@ class JointsOnly:
     def open(self) -> None:
         """Do nothing: nothing is there."""
 
-    def configure(self) -> Mapping[int, Taker]:
+    def configure(self) -> Mapping[int, FrameHandler]:
         """Await no frames."""
         return {}
 

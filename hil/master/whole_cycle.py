@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from hil.can.frame import MAX_DATA_LENGTH, RECORD, Frame, pack
-from hil.master.sensor import Taker
+from hil.master.sensor import FrameHandler
 
 _DATA = RECORD.size - MAX_DATA_LENGTH
 _LENGTH = 4
@@ -40,25 +40,27 @@ class WholeCycle:
         count: Number of answers.
     """
 
-    def __init__(self, slots: Sequence[Commanded], takers: Mapping[int, Taker], feedback: struct.Struct, sync: Frame) -> None:
+    def __init__(
+        self, slots: Sequence[Commanded], handlers: Mapping[int, FrameHandler], feedback: struct.Struct, sync: Frame
+    ) -> None:
         """Lay the messages out.
 
         Args:
             slots: The axes, with their commands and their first TPDO.
-            takers: Who takes an answer, by its identifier; the answers come in the order of the identifiers.
+            handlers: Who takes an answer, by its identifier; the answers come in the order of the identifiers.
             feedback: Content of the first TPDO: status word, position, torque.
             sync: The last frame of the command.
         """
         self._slots = [(slot, n * RECORD.size + _DATA) for n, slot in enumerate(slots)]
         self._command = bytearray(b"".join(pack(frame) for frame in (*(slot.command() for slot in slots), sync)))
-        order, own = sorted(takers), {slot.feedback_id: slot for slot in slots}
+        order, own = sorted(handlers), {slot.feedback_id: slot for slot in slots}
         self.count = len(order)
         heads = "".join("IB11x" if can_id in own else "I12x" for can_id in order)
         self._size, self._heads, self._unpack = self.count * RECORD.size, struct.Struct(f"={heads}"), feedback.unpack_from
         lengths = {can_id: (can_id, feedback.size) if can_id in own else (can_id,) for can_id in order}
         self._expected = tuple(value for can_id in order for value in lengths[can_id])
         self._feedbacks = [(own[can_id], n * RECORD.size + _DATA) for n, can_id in enumerate(order) if can_id in own]
-        self._others = [(can_id, takers[can_id], n * RECORD.size) for n, can_id in enumerate(order) if can_id not in own]
+        self._others = [(can_id, handlers[can_id], n * RECORD.size) for n, can_id in enumerate(order) if can_id not in own]
 
     def command(self) -> bytes:
         """All set-points of this cycle, and SYNC behind them."""

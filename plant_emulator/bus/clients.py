@@ -153,7 +153,7 @@ class Client:
                 return frames, _stamp(ancillary)
 
 
-class Door:
+class Listener:
     """A listening socket, and the participants that it makes of connections."""
 
     def __init__(self, listener: socket.socket) -> None:
@@ -161,11 +161,11 @@ class Door:
         self.listener = listener
         listener.setblocking(False)
 
-    def admit(self, sock: socket.socket, port: int) -> Client:
+    def accept(self, sock: socket.socket, port: int) -> Client:
         """Make a participant of a new connection."""
         return Client(sock, port)
 
-    def turn_away(self, sock: socket.socket) -> None:
+    def reject(self, sock: socket.socket) -> None:
         """Refuse a client beyond the largest number."""
         sock.close()
 

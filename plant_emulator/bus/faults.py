@@ -9,8 +9,8 @@
     from_s = 2.0
     to_s = 3.0
 
-Some faults befall frames: drop, delay, duplicate, reorder, corrupt. Whether a frame is hit is decided when it is offered, fault
-by fault in the order of the file, so that nothing depends on when somebody looks at the bus. The others befall a port or the
+Some faults affect frames: drop, delay, duplicate, reorder, corrupt. Whether a frame is hit is decided when it is offered, fault
+by fault in the order of the file, so that nothing depends on when somebody looks at the bus. The others affect a port or the
 bus for a time: mute, babble, stuck, bus_off. Times count in the time of the wire.
 """
 
@@ -243,7 +243,7 @@ class BusFaults:
         """Start with no hits.
 
         Args:
-            faults: In the order in which they befall a frame.
+            faults: In the order in which they affect a frame.
             seed: Seed of all that is left to chance; each fault has a generator of its own.
         """
         self.faults = tuple(faults)
@@ -258,7 +258,7 @@ class BusFaults:
         passages: tuple[Passage, ...] = (Passage(frame),)
         for index, fault in self._of_a_frame:
             if fault.means(frame, port, at_ns) and self._hits(index, fault):
-                passages = self._befall(index, fault, passages)
+                passages = self._apply(index, fault, passages)
         return passages
 
     def _hits(self, index: int, fault: Fault) -> bool:
@@ -271,7 +271,7 @@ class BusFaults:
         self.hits[index] += 1
         return True
 
-    def _befall(self, index: int, fault: Fault, passages: tuple[Passage, ...]) -> tuple[Passage, ...]:
+    def _apply(self, index: int, fault: Fault, passages: tuple[Passage, ...]) -> tuple[Passage, ...]:
         match fault.kind:
             case "drop":
                 return ()

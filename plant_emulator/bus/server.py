@@ -14,7 +14,7 @@ from pathlib import Path
 from drive_profiles.standard.cia301 import FunctionCode
 from hil.can import clock
 from hil.can.frame import Frame, pack
-from plant_emulator.bus.clients import MAX_CLIENTS, Client, Door
+from plant_emulator.bus.clients import MAX_CLIENTS, Client, Listener
 from plant_emulator.bus.medium import Instant, Medium
 from plant_emulator.bus.stalls import LATE_NS, WallTime, spread, to_stderr
 from plant_emulator.bus.timed import FIRST_CLIENT, HeardFrame
@@ -74,7 +74,7 @@ class Server:
         """
         self.world = world
         self.path = path
-        self._doors: dict[int, Door] = {}
+        self._listeners: dict[int, Listener] = {}
         listener = _listen(path, stream=stream)
         self._inode = Path(path).stat().st_ino
         self._clients: dict[int, Client] = {}
@@ -83,17 +83,17 @@ class Server:
         # epoll counts in milliseconds, select in microseconds
         self._selector = selectors.SelectSelector() if self._is_wall else selectors.DefaultSelector()
         self._ports = itertools.count(FIRST_CLIENT)
-        self.open(Door(listener))
+        self.open(Listener(listener))
         self._clock: Client | None = None
         self.time = WallTime(now_ns, world.now, say)
         self._stop = False
         self._cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
         world.power_on()
 
-    def open(self, door: Door) -> None:
+    def open(self, listener: Listener) -> None:
         """Take participants through one more listening socket; `close` closes it."""
-        self._doors[door.listener.fileno()] = door
-        self._selector.register(door.listener, selectors.EVENT_READ)
+        self._listeners[listener.listener.fileno()] = listener
+        self._selector.register(listener.listener, selectors.EVENT_READ)
 
     def watch(self, descriptor: int) -> None:
         """Stop when this descriptor is closed at its other end: the server then lives as long as the one who started it."""
@@ -185,8 +185,8 @@ class Server:
 
     def _serve(self, descriptors: Iterable[int]) -> None:
         for descriptor in descriptors:
-            if descriptor in self._doors:
-                self._accept(self._doors[descriptor])
+            if descriptor in self._listeners:
+                self._accept(self._listeners[descriptor])
             elif descriptor in self._clients:
                 self._read(descriptor)
             else:
@@ -195,16 +195,16 @@ class Server:
                 except OSError:
                     self._stop = True
 
-    def _accept(self, door: Door) -> None:
+    def _accept(self, listener: Listener) -> None:
         try:
-            sock, _ = door.listener.accept()
+            sock, _ = listener.listener.accept()
         except OSError:
             return
         if len(self._clients) >= MAX_CLIENTS:
-            door.turn_away(sock)
+            listener.reject(sock)
             return
         try:
-            client = door.admit(sock, next(self._ports))
+            client = listener.accept(sock, next(self._ports))
         except OSError:  # it has gone already
             sock.close()
             return
@@ -296,8 +296,8 @@ class Server:
         for descriptor in list(self._clients):
             self._drop(descriptor)
         self._selector.close()
-        for door in self._doors.values():
-            door.listener.close()
+        for listener in self._listeners.values():
+            listener.listener.close()
         with contextlib.suppress(OSError):
             if Path(self.path).stat().st_ino == self._inode:
                 Path(self.path).unlink()

@@ -14,7 +14,7 @@ import struct
 from collections.abc import Callable
 
 from hil.can.frame import CAN_EFF_FLAG, CAN_EFF_MASK, CAN_ERR_FLAG, CAN_RTR_FLAG, CAN_SFF_MASK, MAX_DATA_LENGTH, RECORD, Frame
-from plant_emulator.bus.clients import MAX_CLIENTS, Client, Door
+from plant_emulator.bus.clients import MAX_CLIENTS, Client, Listener
 from plant_emulator.bus.server import TURN_FRAMES
 
 MESSAGE = struct.Struct(">IIBB8s")
@@ -154,7 +154,7 @@ class VirtualcanClient(Client):
         self._over(reason)
 
 
-class VirtualcanDoor(Door):
+class VirtualcanListener(Listener):
     """A TCP port of this machine through which participants join the local bus: `Server.open`.
 
     Attributes:
@@ -185,12 +185,12 @@ class VirtualcanDoor(Door):
         host, port = self.endpoint
         return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
-    def admit(self, sock: socket.socket, port: int) -> Client:
+    def accept(self, sock: socket.socket, port: int) -> Client:
         """Make a participant of one who has come."""
         name = _name(sock)
         return VirtualcanClient(sock, port, lambda reason: self._say(f"virtualcan client {name} is dropped: {reason}"))
 
-    def turn_away(self, sock: socket.socket) -> None:
+    def reject(self, sock: socket.socket) -> None:
         """Refuse a client beyond the largest number."""
         with contextlib.closing(sock), contextlib.suppress(OSError):  # where it has gone already it has no name
             self._say(f"virtualcan client {_name(sock)} is turned away: {MAX_CLIENTS} are on the bus")

@@ -18,8 +18,8 @@ from plant_emulator.cli.fleet import KindName, KindOption, OutOption
 
 if TYPE_CHECKING:
     from plant_emulator.rehearsal.many.claims import RehearsalClaim
+    from plant_emulator.rehearsal.many.executors import Executors
     from plant_emulator.rehearsal.many.rows import Kept, Row
-    from plant_emulator.rehearsal.many.walkers import Walkers
 
 EPILOG = epilog(
     (
@@ -115,10 +115,10 @@ def rehearse(
         named = _seeds(seeds)
         if arms and over_bus:
             raise fail("--arms: arms are walked in this process, leave --over-bus out", EmulatorExitStatus.USAGE)
-        walkers = _walkers(on, jobs, keep=keep)
+        executors = _executors(on, jobs, keep=keep)
         kept = Kept(out)
         kept.begin(RehearsalSettings(ARMS if arms else kind, over_bus), resume=resume)
-        _walk(kept, named, walkers, None if arms else kind, over_bus=over_bus, keep=keep)
+        _walk(kept, named, executors, None if arms else kind, over_bus=over_bus, keep=keep)
         _tell(kept, check=check, as_json=as_json)
 
 
@@ -131,10 +131,10 @@ def _seeds(text: str | None) -> tuple[int, ...]:
         return seeds_of(text)
 
 
-def _walkers(on: str | None, jobs: int | None, *, keep: bool) -> "Walkers":
+def _executors(on: str | None, jobs: int | None, *, keep: bool) -> "Executors":
     """Those who walk, as the options say."""
     from plant_emulator.rehearsal.many.cluster import DaskWorkers, scheduler_address
-    from plant_emulator.rehearsal.many.walkers import LocalProcesses
+    from plant_emulator.rehearsal.many.executors import LocalProcesses
 
     if on is None:
         return LocalProcesses(jobs or _processors())
@@ -150,11 +150,13 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _walk(kept: "Kept", seeds: Sequence[int], walkers: "Walkers", kind: KindName | None, *, over_bus: bool, keep: bool) -> None:
+def _walk(
+    kept: "Kept", seeds: Sequence[int], executors: "Executors", kind: KindName | None, *, over_bus: bool, keep: bool
+) -> None:
     """Walk the robots that are not there yet, arms where there is no kind; each row is kept at once."""
     from plant_emulator.rehearsal.arms.path import walk_arm_seed
+    from plant_emulator.rehearsal.many.executors import ExecutorsLostError, ExecutorsRefusedError
     from plant_emulator.rehearsal.many.one import kind_of, walk_seed
-    from plant_emulator.rehearsal.many.walkers import WalkersLostError, WalkersRefusedError
     from plant_emulator.rehearsal.many.walking import walk_all
 
     there = kept.seeds()
@@ -166,7 +168,7 @@ def _walk(kept: "Kept", seeds: Sequence[int], walkers: "Walkers", kind: KindName
     done = 0
     files = str(kept.folder.resolve() / "files") if keep else None
     try:
-        with walkers, _progress(len(missing)) as step:
+        with executors, _progress(len(missing)) as step:
 
             def on_row(row: "Row") -> None:
                 nonlocal done
@@ -176,13 +178,13 @@ def _walk(kept: "Kept", seeds: Sequence[int], walkers: "Walkers", kind: KindName
                 step(row)
 
             if kind is None:
-                walk_all(missing, walk_arm_seed, (files,), walkers, on_row)
+                walk_all(missing, walk_arm_seed, (files,), executors, on_row)
             else:
-                walk_all(missing, walk_seed, (kind, over_bus, files), walkers, on_row)
-    except WalkersRefusedError as error:
+                walk_all(missing, walk_seed, (kind, over_bus, files), executors, on_row)
+    except ExecutorsRefusedError as error:
         raise fail(str(error), EmulatorExitStatus.BUS) from None
-    except (WalkersLostError, KeyboardInterrupt) as error:
-        is_lost = isinstance(error, WalkersLostError)
+    except (ExecutorsLostError, KeyboardInterrupt) as error:
+        is_lost = isinstance(error, ExecutorsLostError)
         words = (
             f"{error if is_lost else 'interrupted'}; {done} of {len(missing)} robots were walked and are kept: --resume goes on"
         )

@@ -353,14 +353,14 @@ def _open_ports(
 def _open_virtualcan(server: "Server | Attachment", endpoint: tuple[str, int] | None) -> None:
     """The bus over TCP, where that is asked for; the server closes it."""
     from plant_emulator.bus.server import Server  # noqa: PLC0415
-    from plant_emulator.bus.virtualcan import VirtualcanDoor  # noqa: PLC0415
+    from plant_emulator.bus.virtualcan import VirtualcanListener  # noqa: PLC0415
 
     if endpoint is None or not isinstance(server, Server):
         return
     host, port = endpoint
     try:
-        door = VirtualcanDoor(host, port, lambda line: typer.echo(line, err=True))
+        listener = VirtualcanListener(host, port, lambda line: typer.echo(line, err=True))
     except OSError as error:
         raise fail(f"--virtualcan {host}:{port}: {error.strerror or error}", EmulatorExitStatus.BUS) from None
-    server.open(door)
-    typer.echo(f"virtualcan: {door}")
+    server.open(listener)
+    typer.echo(f"virtualcan: {listener}")

@@ -135,7 +135,7 @@ class Drive:
         """Listen to the parts: from here on they may call back."""
         slave, dictionary = self.slave, self.slave.dictionary
         self.inputs.on_sto = self._set_torque_off
-        self._faults.on_lack = self._stand_anew
+        self._faults.on_lack = self._set_status
         slave.on_nmt = self._on_nmt
         slave.on_heartbeat_lost = self._on_heartbeat_lost
         slave.on_reset = self._on_reset
@@ -240,7 +240,7 @@ class Drive:
         if power.state is not before:
             self.on_state(before, power.state)
 
-    def _stand_anew(self) -> None:
+    def _set_status(self) -> None:
         """Replace the standing where something beside the state has changed."""
         self._stand(self._standing.power)
 
@@ -374,7 +374,7 @@ class Drive:
         Under torque it is a fault without a ramp. While it is active the voltage is not enabled (bit 4), and the drive does not
         become ready to switch on. Nothing comes back by itself: the master resets the fault and enables anew.
         """
-        self._stand_anew()
+        self._set_status()
         if active:
             if self._standing.is_powered:
                 self._faults.report(TORQUE_OFF, TORQUE_OFF_FAULT)
@@ -420,7 +420,7 @@ class Drive:
         self._connection_lost(react=restarted)
         if self.state in {State.FAULT, State.FAULT_REACTION_ACTIVE}:
             self._faults.repeat_connection()
-        self._stand_anew()
+        self._set_status()
 
     def _restart(self) -> None:
         self._faults.forget()

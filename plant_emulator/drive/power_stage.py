@@ -82,6 +82,6 @@ class PowerStage:
         return abs(self.data.speed_rad_s) < record.STOPPED_RAD_S
 
     @property
-    def stands_braked(self) -> bool:
+    def is_braked_at_rest(self) -> bool:
         """True if a halt or a quick stop has been completed: the motor is at rest and held."""
         return bool(self._stopped[self.row]) or self.law_mode == record.BRAKED

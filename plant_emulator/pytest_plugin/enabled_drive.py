@@ -18,7 +18,7 @@ from hil.master.control_words import SHUTDOWN
 from hil.master.drive.axis import DriveAxis
 from hil.master.motion import Motion
 from hil.master.request import check_motion
-from hil.master.run import APPROACH_RAMP_S, REST_S, Run, RunLimits, StopRun
+from hil.master.run import APPROACH_RAMP_S, REST_S, Run, RunLimits, RunStopError
 from hil.recording import Recording
 from plant_emulator.pytest_plugin.keeper import Keeper, keeper_for
 from plant_emulator.pytest_plugin.master import BenchSession
@@ -175,7 +175,7 @@ class EnabledDrive:
             for reference in references:
                 self._reference = reference
                 self._run.follow(reference)
-        except StopRun as stop:
+        except RunStopError as stop:
             self._stopped = self._run.stop(stop.reason)
         except ChannelError as error:
             self._stopped = SafetyStopError(str(error), all_disabled=False)
@@ -192,7 +192,7 @@ class EnabledDrive:
         """Enable the drive, up to Operation enabled."""
         try:
             self._run.enable()
-        except StopRun as stop:
+        except RunStopError as stop:
             raise self._run.stop(stop.reason) from None
         except BaseException:
             self._run.stop("an error in the master")

@@ -59,7 +59,7 @@ class FaultInjection:
         Returns:
             The fault at work; its `hits` counts the lost frames.
         """
-        return self._befall(Fault("drop", can_id, every=every, count=count, probability=probability), after_s, for_s)
+        return self._apply(Fault("drop", can_id, every=every, count=count, probability=probability), after_s, for_s)
 
     def delay(
         self, can_id: int, delay_s: float, *, after_s: float = 0.0, for_s: float | None = None, every: int = 1,
@@ -79,7 +79,7 @@ class FaultInjection:
             The fault at work; its `hits` counts the delayed frames.
         """
         self._needs_emulation("delayed set-points would reach a real robot")
-        return self._befall(Fault("delay", can_id, delay_ns=round(SECOND * delay_s), every=every, count=count), after_s, for_s)
+        return self._apply(Fault("delay", can_id, delay_ns=round(SECOND * delay_s), every=every, count=count), after_s, for_s)
 
     def duplicate(
         self, can_id: int, copies: int = 1, *, after_s: float = 0.0, for_s: float | None = None, every: int = 1,
@@ -99,7 +99,7 @@ class FaultInjection:
             The fault at work; its `hits` counts the repeated frames.
         """
         self._needs_emulation("doubled frames would reach a real robot")
-        return self._befall(Fault("duplicate", can_id, copies=copies, every=every, count=count), after_s, for_s)
+        return self._apply(Fault("duplicate", can_id, copies=copies, every=every, count=count), after_s, for_s)
 
     def corrupt(
         self, can_id: int, bits: tuple[int, ...] = (), *, noticed: bool = False, after_s: float = 0.0,
@@ -122,7 +122,7 @@ class FaultInjection:
         self._needs_emulation("wrong set-points would reach a real robot")
         if noticed and self._interference.wire is None:
             pytest.skip("a CRC that is noticed needs bit times: --hil-bitrate 1M")
-        return self._befall(Fault("corrupt", can_id, bits=bits, crc=noticed, every=every, count=count), after_s, for_s)
+        return self._apply(Fault("corrupt", can_id, bits=bits, crc=noticed, every=every, count=count), after_s, for_s)
 
     # -- nodes and bus -------------------------------------------------------------------------------------------------
 
@@ -231,7 +231,7 @@ class FaultInjection:
         if not after_s and self._target.robot is not None:
             self._interference.run_due()
 
-    def _befall(self, fault: Fault, after_s: float, for_s: float | None) -> BusFaults:
+    def _apply(self, fault: Fault, after_s: float, for_s: float | None) -> BusFaults:
         begin_s = self._interference.now_ns() / SECOND + after_s
         end_s = None if for_s is None else begin_s + for_s
         timed = replace(fault, from_s=begin_s, to_s=end_s)

@@ -23,7 +23,7 @@ MAX_COMMAND = 30
 POLL_FRAMES = 32
 """Frames that are kept for a host that polls."""
 TIME_STAMP_WRAP_MS = 60_000
-SENSIBLE_SEND_S = 1.0
+SEND_TIMEOUT_S = 1.0
 TURN_FRAMES = 64
 
 RECEIVE_FULL, TRANSMIT_FULL, DATA_OVERRUN, BUS_ERROR = 0x01, 0x02, 0x08, 0x80
@@ -243,7 +243,7 @@ class SlcanPort:
         """
         self.terminal = terminal
         self._connection = connection
-        self._connection.settimeout(SENSIBLE_SEND_S)
+        self._connection.settimeout(SEND_TIMEOUT_S)
         self._connection.sendall(pack(clock.question(follows=True)))  # a host behind a serial port keeps wall-clock time
         self._is_stream = connection.type == socket.SOCK_STREAM
         self._received = b""

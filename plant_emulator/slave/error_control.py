@@ -49,9 +49,9 @@ class ErrorControl:
         self._rescheduled = rescheduled
         self._node_id = 0
         self._is_guarded = True
-        self._guarding = NodeGuarding(dictionary, partial(self._lose, MASTER), partial(self._find, MASTER))
+        self._guarding = NodeGuarding(dictionary, partial(self._on_lost, MASTER), partial(self._find, MASTER))
         self._producer = HeartbeatProducer(dictionary, clock, self._choose)
-        self._consumer = HeartbeatConsumer(dictionary, self._lose, self._find, rerouted)
+        self._consumer = HeartbeatConsumer(dictionary, self._on_lost, self._find, rerouted)
 
     def load(self, node_id: int) -> None:
         """Take the parameters from the dictionary after a reset, for a node of this number."""
@@ -105,7 +105,7 @@ class ErrorControl:
         self._guarding.stop()
         self._rerouted()
 
-    def _lose(self, node_id: int) -> None:
+    def _on_lost(self, node_id: int) -> None:
         self._emergency.raise_cause(_cause(node_id), EmergencyCode.HEARTBEAT, ErrorRegister.COMMUNICATION)
         self._lost(node_id)
 

@@ -118,7 +118,7 @@ class Slave:
             send=self._send,
             clock=self._clock,
             state=lambda: self._state,
-            lost=self._lose,
+            lost=self._on_lost,
             rerouted=self._route,
             rescheduled=self._reschedule,
         )
@@ -132,7 +132,7 @@ class Slave:
             changed=self._route,
             send=self._send,
             on_started=self._reschedule,
-            on_missing=self._miss,
+            on_missing=self._on_timeout,
         )
         if node_id != UNCONFIGURED:
             self._load_as(node_id, ResetKind.NODE)
@@ -253,7 +253,7 @@ class Slave:
 
     def bus_off(self) -> None:
         """Take note that the controller has left the bus: a communication error, on which 1029h decides."""
-        self._lose(MASTER)
+        self._on_lost(MASTER)
         self._reschedule()
 
     def bus_recovered(self) -> None:
@@ -332,7 +332,7 @@ class Slave:
         self._reset(ResetKind.COMMUNICATION)
         self._reschedule()
 
-    def _lose(self, node_id: int) -> None:
+    def _on_lost(self, node_id: int) -> None:
         self.on_heartbeat_lost(node_id)
         # CiA 301, 7.5.2.32, and its default where the object is absent.
         address = ERROR_BEHAVIOUR_OBJECT, 1
@@ -341,7 +341,7 @@ class Slave:
         if target is not None:
             self._change(target)
 
-    def _miss(self, number: int) -> None:
+    def _on_timeout(self, number: int) -> None:
         self.on_rpdo_timeout(number)
 
     # State

@@ -200,7 +200,7 @@ RUN = [
 def test_every_command_of_a_page_runs_as_it_stands_there(page, shell):
     for name, language in FILES.get(page, {}).items():
         first = next(block for block in blocks_in(ROOT / page) if block.language == language)
-        (shell.folder / name).write_text(first.body, encoding="utf-8")
+        (shell.folder / name).write_text(shell.local(first.body), encoding="utf-8")
     for name, made in MADE.get(page, {}).items():
         (shell.folder / name).parent.mkdir()
         made().save(shell.folder / name)

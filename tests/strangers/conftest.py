@@ -17,7 +17,7 @@ from drive_profiles.address import Address
 from hil.can.raw import RawChannel
 from plant_emulator.bus.medium import medium_for
 from plant_emulator.bus.server import Server
-from plant_emulator.bus.virtualcan import VirtualcanDoor
+from plant_emulator.bus.virtualcan import VirtualcanListener
 from plant_emulator.world import World
 from tests.plant_emulator.bus.conftest import wait_for
 from tests.plant_emulator.rig import ONE_AXIS
@@ -97,8 +97,8 @@ class Served:
         self.world = World(robot)
         self.world.axes.advance(0)
         self.server = Server(self.world, self.path, stream=stream, medium=medium_for(self.world, None, wall=wall))
-        self.door = VirtualcanDoor(host, 0, self.told.append)
-        self.server.open(self.door)
+        self.listener = VirtualcanListener(host, 0, self.told.append)
+        self.server.open(self.listener)
         self._thread = threading.Thread(target=self.server.run)
         self._thread.start()
 
@@ -115,7 +115,7 @@ class Served:
 
     def join(self):
         """A client of its TCP port."""
-        return self._joined(lambda: Tcp(self.door.endpoint))
+        return self._joined(lambda: Tcp(self.listener.endpoint))
 
     def join_local(self):
         """A channel of ours."""
@@ -192,8 +192,9 @@ def master(packages, served):
     """Runs a scenario of script.mjs on the served robot; what it has found, merged."""
 
     def run(scenario, **given):
+        port = str(served.listener.endpoint[1])
         done = subprocess.run(
-            ["node", str(NODE_FOLDER / "script.mjs"), str(packages), str(served.door.endpoint[1]), scenario, json.dumps(given)],  # noqa: S607
+            ["node", str(NODE_FOLDER / "script.mjs"), str(packages), port, scenario, json.dumps(given)],  # noqa: S607
             capture_output=True, text=True, timeout=SCENARIO_TIMEOUT_S, check=False, stdin=subprocess.DEVNULL,
         )  # fmt: skip
         assert done.returncode == 0, f"{done.stderr}\n{done.stdout}"

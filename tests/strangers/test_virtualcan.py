@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hil.can.frame import CAN_EFF_FLAG, CAN_ERR_FLAG, CAN_RTR_FLAG, Frame
 from plant_emulator.bus import virtualcan
-from plant_emulator.bus.virtualcan import EndpointError, Messages, VirtualcanDoor, encode, parse_endpoint
+from plant_emulator.bus.virtualcan import EndpointError, Messages, VirtualcanListener, encode, parse_endpoint
 from tests.plant_emulator.bus.conftest import frames_until, wait_for
 from tests.strangers.conftest import Tcp, message
 
@@ -49,7 +49,7 @@ def test_an_endpoint_without_a_port_is_refused(text):
 
 def test_a_port_is_not_opened_to_others_by_whoever_calls_it():
     with pytest.raises(EndpointError, match=r"0\.0\.0\.0"):
-        VirtualcanDoor("0.0.0.0", 0)  # noqa: S104 - that it is refused is the test
+        VirtualcanListener("0.0.0.0", 0)  # noqa: S104 - that it is refused is the test
 
 
 # -- the format --------------------------------------------------------------------------------------------------------
@@ -216,7 +216,7 @@ def test_a_client_beyond_the_last_place_is_turned_away_and_the_others_stay(serve
     monkeypatch.setattr("plant_emulator.bus.server.MAX_CLIENTS", 3)
     clients = [served.join() for _ in range(3)]
     wait_for(lambda: len(served.server._clients) == 3)
-    late = Tcp(served.door.endpoint)
+    late = Tcp(served.listener.endpoint)
     assert late.receive() is None
     late.close()
     assert served.told == [f"virtualcan client {late.name} is turned away: 32 are on the bus"]
@@ -232,7 +232,7 @@ def test_a_client_beyond_the_last_place_is_turned_away_and_the_others_stay(serve
 
 def test_clients_that_come_and_go_at_once_leave_nothing(served):
     for i in range(40):
-        client = Tcp(served.door.endpoint)
+        client = Tcp(served.listener.endpoint)
         client.send(0x123)
         if i % 2:  # with a reset instead of an end
             client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))

@@ -58,7 +58,7 @@ class ModeOfOperation:
 
     def status(self) -> int:
         """Bits 10, 12 and 13 of the status word."""
-        return TARGET_REACHED if self.is_halted and self.stage.stands_braked else 0
+        return TARGET_REACHED if self.is_halted and self.stage.is_braked_at_rest else 0
 
     def synchronise(self, now: int) -> None:
         """SYNC has come, and the RPDOs are in force."""

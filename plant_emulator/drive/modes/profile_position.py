@@ -172,7 +172,7 @@ class ProfilePosition(ModeOfOperation):
         """Bit 10, target reached or (halted) at rest; bit 12, no room for a set-point; bit 13, following error."""
         motion, word = self.stage.motion, 0
         if self.is_halted and not self.data.limits.is_profile_halted:
-            word |= TARGET_REACHED if self.stage.stands_braked else 0
+            word |= TARGET_REACHED if self.stage.is_braked_at_rest else 0
         elif self.data.is_target_reached and (self.data.limits.is_profile_halted or not self.is_given_up):
             word |= TARGET_REACHED
         if (self._is_acknowledged and not self._syncs_left) or self._waiting is not None:

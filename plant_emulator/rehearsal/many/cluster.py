@@ -1,4 +1,4 @@
-"""The workers of a Dask scheduler as walkers (extra `cluster`)."""
+"""The workers of a Dask scheduler as executors (extra `cluster`)."""
 
 import logging
 from collections.abc import Callable
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Self
 from urllib.parse import urlsplit
 
 from drive_profiles.version import version_text
+from plant_emulator.rehearsal.many.executors import ExecutorsRefusedError
 from plant_emulator.rehearsal.many.rows import Row
-from plant_emulator.rehearsal.many.walkers import WalkersRefusedError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -64,17 +64,17 @@ class DaskWorkers:
         """Connect, and look at the workers that are there.
 
         Raises:
-            WalkersRefusedError: There is no scheduler or no worker, or one that cannot be used.
+            ExecutorsRefusedError: There is no scheduler or no worker, or one that cannot be used.
         """
         try:
             from distributed import Client, KilledWorker  # noqa: PLC0415 - an extra
         except ImportError:
-            raise WalkersRefusedError("dask: needs the package distributed; pip install 'hil-bench[cluster]'") from None
+            raise ExecutorsRefusedError("dask: needs the package distributed; pip install 'hil-bench[cluster]'") from None
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a scheduler that is lost is said by us, in a line
         try:
             self._client = Client(self._address, timeout=self._patience_s, set_as_default=False)
         except OSError as error:
-            raise WalkersRefusedError(f"{self._address}: no Dask scheduler answers ({error})") from None
+            raise ExecutorsRefusedError(f"{self._address}: no Dask scheduler answers ({error})") from None
         try:
             self._look()
         except BaseException:
@@ -91,17 +91,19 @@ class DaskWorkers:
         try:
             client.wait_for_workers(1, timeout=self._patience_s)
         except TimeoutError:
-            raise WalkersRefusedError(f"{self._address}: the scheduler has no workers; start some: {how}") from None
+            raise ExecutorsRefusedError(f"{self._address}: the scheduler has no workers; start some: {how}") from None
         for worker, threads in client.nthreads().items():
             if threads != 1:
-                raise WalkersRefusedError(f"worker {worker} has {threads} threads; a robot needs a process of its own: {how}")
+                raise ExecutorsRefusedError(f"worker {worker} has {threads} threads; a robot needs a process of its own: {how}")
         try:
             versions = client.run(version_text)
         except ImportError as error:
-            raise WalkersRefusedError(f"{self._address}: a worker lacks hil-bench ({error}); install it there") from None
+            raise ExecutorsRefusedError(f"{self._address}: a worker lacks hil-bench ({error}); install it there") from None
         for worker, version in versions.items():
             if version != version_text():
-                raise WalkersRefusedError(f"worker {worker} has hil-bench {version}, here is {version_text()}; install the same")
+                raise ExecutorsRefusedError(
+                    f"worker {worker} has hil-bench {version}, here is {version_text()}; install the same"
+                )
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Cancel what is left, and disconnect."""

@@ -1,11 +1,11 @@
-"""Many robots walked by any walkers: each at once kept, each whose process died tried once more."""
+"""Many robots walked by any executors: each at once kept, each whose process died tried once more."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 
+from plant_emulator.rehearsal.many.executors import Executors, ExecutorsLostError
 from plant_emulator.rehearsal.many.rows import CRASHED, Row
-from plant_emulator.rehearsal.many.walkers import Walkers, WalkersLostError
 
 ATTEMPTS = 2
 """Processes that a robot may cost before it is recorded as crashed."""
@@ -15,7 +15,7 @@ def walk_all(
     seeds: Iterable[int],
     walk: Callable[..., Row],
     values: tuple[object, ...],
-    walkers: Walkers,
+    executors: Executors,
     on_row: Callable[[Row], None],
 ) -> None:
     """Walk each seed's robot; its row is handed over as soon as it is there, in whatever order they come.
@@ -24,26 +24,26 @@ def walk_all(
         seeds: Seeds of the robots.
         walk: Function of a module: a seed and the values to a row.
         values: Plain values that all walks share.
-        walkers: Those who walk.
+        executors: Those who walk.
         on_row: Takes each row, and keeps it.
 
     Raises:
-        WalkersLostError: All who walk are gone; what they had in hand is not walked.
+        ExecutorsLostError: All who walk are gone; what they had in hand is not walked.
     """
     waiting, deaths = deque(seeds), Counter[int]()
     running: dict[Future[Row], int] = {}
     while waiting or running:
-        for _ in range(min(len(waiting), walkers.capacity() - len(running))):
+        for _ in range(min(len(waiting), executors.capacity() - len(running))):
             seed = waiting.popleft()
-            running[walkers.submit(walk, seed, *values)] = seed
+            running[executors.submit(walk, seed, *values)] = seed
         done, _ = wait(running, return_when=FIRST_COMPLETED)
         for future in done:
             seed = running.pop(future)
             try:
                 row = future.result()
             except CancelledError:
-                raise WalkersLostError(walkers.name) from None
-            except walkers.died:
+                raise ExecutorsLostError(executors.name) from None
+            except executors.died:
                 deaths[seed] += 1
                 if deaths[seed] < ATTEMPTS:
                     waiting.append(seed)

@@ -54,8 +54,8 @@ def test_a_node_and_a_serial_port_are_two_sensors_of_one_protocol(network: Netwo
 def test_a_node_is_awaited_after_each_sync_and_gets_its_tpdo_back(network: Network, on_bus: TipAccelerometer) -> None:
     before = [network.read_raw(NODE, 0x1A00, sub) for sub in range(4)]
     on_bus.open()
-    takers = on_bus.configure()
-    assert set(takers) == {TPDO1}
+    handlers = on_bus.configure()
+    assert set(handlers) == {TPDO1}
     assert network.read(NODE, 0x1A00, 0, DataType.UNSIGNED8) == 3
     assert on_bus.restore() == []
     assert [network.read_raw(NODE, 0x1A00, sub) for sub in range(4)] == before

@@ -45,8 +45,8 @@ def whole_of(slots, others=()):
 
         return take
 
-    takers = {slot.feedback_id: slot.take_feedback for slot in slots} | {key: taker(key, size) for key, size in others}
-    return WholeCycle(slots, takers, FEEDBACK, SYNC), taken
+    handlers = {slot.feedback_id: slot.take_feedback for slot in slots} | {key: taker(key, size) for key, size in others}
+    return WholeCycle(slots, handlers, FEEDBACK, SYNC), taken
 
 
 @given(st.lists(st.tuples(st.sampled_from([POSITION_COMMAND, TORQUE_COMMAND, OFFSET_COMMAND]), WORD, SMALL, SMALL), max_size=6))

@@ -3,11 +3,11 @@
 import pytest
 
 from plant_emulator.rehearsal.many.claims import claims_of
+from plant_emulator.rehearsal.many.executors import LocalProcesses
 from plant_emulator.rehearsal.many.one import BOTH, walk_seed
 from plant_emulator.rehearsal.many.page import write_page
 from plant_emulator.rehearsal.many.reading import accepted, is_quiet, of_kind
 from plant_emulator.rehearsal.many.table import csv_text
-from plant_emulator.rehearsal.many.walkers import LocalProcesses
 from plant_emulator.rehearsal.many.walking import walk_all
 
 FIRST, ROBOTS = 10_041, 40
@@ -39,8 +39,8 @@ FEW = range(10_046, 10_048)
 def test_robots_that_nobody_has_seen_reach_the_numbers(tmp_path, seeds):
     """One test, since the robots are walked once; table and page of them lie in its folder."""
     rows = []
-    with LocalProcesses(1) as walkers:  # beside a worker that waits for it: two would be one too many for its processor
-        walk_all(seeds, walk_seed, (BOTH, False, None, PROBED_EVERY), walkers, rows.append)
+    with LocalProcesses(1) as executors:  # beside a worker that waits for it: two would be one too many for its processor
+        walk_all(seeds, walk_seed, (BOTH, False, None, PROBED_EVERY), executors, rows.append)
     rows.sort(key=lambda row: row["seed"])
     (tmp_path / "robots.csv").write_text(csv_text(rows), encoding="utf-8")
     write_page(tmp_path / "report.html", rows)

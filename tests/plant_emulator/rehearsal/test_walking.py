@@ -1,4 +1,4 @@
-"""Robots are walked by any walkers, and nothing that dies takes a finished robot with it."""
+"""Robots are walked by any executors, and nothing that dies takes a finished robot with it."""
 
 import json
 import os
@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 
 from plant_emulator.cli.main import app
 from plant_emulator.rehearsal.many.cluster import DaskWorkers, scheduler_address
+from plant_emulator.rehearsal.many.executors import ExecutorsLostError, ExecutorsRefusedError, LocalProcesses
 from plant_emulator.rehearsal.many.rows import CRASHED
 from plant_emulator.rehearsal.many.rows import steady as steady_row
 from plant_emulator.rehearsal.many.table import csv_text
-from plant_emulator.rehearsal.many.walkers import LocalProcesses, WalkersLostError, WalkersRefusedError
 from plant_emulator.rehearsal.many.walking import ATTEMPTS, walk_all
 from tests.plant_emulator.rehearsal import walks
 
@@ -43,10 +43,10 @@ def steady(rows):
     return [steady_row(row) for row in sorted(rows, key=lambda row: row["seed"])]
 
 
-def rows_of(walk, values, walkers, seeds=range(1, 7)):
+def rows_of(walk, values, executors, seeds=range(1, 7)):
     found = []
-    with walkers:
-        walk_all(seeds, walk, values, walkers, found.append)
+    with executors:
+        walk_all(seeds, walk, values, executors, found.append)
     return steady(found)
 
 
@@ -78,10 +78,10 @@ def test_no_process_is_left_when_one_that_walks_is_not_wanted_any_more(tmp_path)
         raise KeyboardInterrupt
 
     def walked():
-        with LocalProcesses(2) as walkers:
-            walkers.submit(walks.sleeps, 1, str(tmp_path))
+        with LocalProcesses(2) as executors:
+            executors.submit(walks.sleeps, 1, str(tmp_path))
             wait_until(lambda: (tmp_path / "at-1").exists() and (tmp_path / "at-1").read_text())
-            walk_all([2], walks.squared, (), walkers, interrupted)
+            walk_all([2], walks.squared, (), executors, interrupted)
 
     with pytest.raises(KeyboardInterrupt):
         walked()
@@ -92,8 +92,8 @@ def test_a_ctrl_c_while_a_robot_is_given_out_leaves_no_process(tmp_path):
     found = []
 
     def given_out():
-        with LocalProcesses(1) as walkers:
-            [pool] = walkers._free
+        with LocalProcesses(1) as executors:
+            [pool] = executors._free
             submit = pool.submit
 
             def interrupted(*values):
@@ -103,7 +103,7 @@ def test_a_ctrl_c_while_a_robot_is_given_out_leaves_no_process(tmp_path):
                 return future
 
             pool.submit = interrupted
-            walkers.submit(walks.sleeps, 1, str(tmp_path))
+            executors.submit(walks.sleeps, 1, str(tmp_path))
 
     with pytest.raises(KeyboardInterrupt):
         given_out()
@@ -114,12 +114,12 @@ def test_a_ctrl_c_while_a_robot_is_given_out_leaves_no_process(tmp_path):
 def test_the_processes_of_a_main_that_is_killed_end_with_it(tmp_path):
     code = (
         "import sys\n"
-        "from plant_emulator.rehearsal.many.walkers import LocalProcesses\n"
+        "from plant_emulator.rehearsal.many.executors import LocalProcesses\n"
         "from plant_emulator.rehearsal.many.walking import walk_all\n"
         "from tests.plant_emulator.rehearsal.walks import sleeps\n"
         "if __name__ == '__main__':\n"
-        "    with LocalProcesses(2) as walkers:\n"
-        f"        walk_all([1, 2], sleeps, ({str(tmp_path)!r},), walkers, print)\n"
+        "    with LocalProcesses(2) as executors:\n"
+        f"        walk_all([1, 2], sleeps, ({str(tmp_path)!r},), executors, print)\n"
     )
     (tmp_path / "main.py").write_text(code)
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
@@ -193,12 +193,12 @@ def test_a_dask_scheduler_with_a_worker_that_is_killed_on_the_way_gives_the_tabl
             doomed[0].kill()
             killed.append(doomed[0].pid)
 
-    with DaskWorkers(cluster.address) as walkers:
-        walk_all(seeds, walks.tells_and_waits, (str(tmp_path),), walkers, kept)
+    with DaskWorkers(cluster.address) as executors:
+        walk_all(seeds, walks.tells_and_waits, (str(tmp_path),), executors, kept)
     assert killed
     local = []
-    with LocalProcesses(1) as walkers:
-        walk_all(seeds, walks.squared, (), walkers, local.append)
+    with LocalProcesses(1) as executors:
+        walk_all(seeds, walks.squared, (), executors, local.append)
     assert csv_text(steady(found)) == csv_text(steady(local))
 
 
@@ -211,8 +211,8 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_words_and_what_was_walked_is_k
         found.append(row)
         cluster.scheduler.kill()
 
-    with pytest.raises(WalkersLostError, match=cluster.address), DaskWorkers(cluster.address) as walkers:
-        walk_all(range(1, 9), walks.tells_and_waits, (str(tmp_path),), walkers, kept)
+    with pytest.raises(ExecutorsLostError, match=cluster.address), DaskWorkers(cluster.address) as executors:
+        walk_all(range(1, 9), walks.tells_and_waits, (str(tmp_path),), executors, kept)
     assert [row["seed"] for row in found] == [1]
 
 
@@ -226,13 +226,13 @@ def test_workers_that_would_walk_two_robots_in_one_process_are_refused(cluster, 
 
 @pytest.mark.ci
 def test_a_scheduler_without_workers_is_refused(cluster):
-    with pytest.raises(WalkersRefusedError, match=r"has no workers; start some: dask worker"):
+    with pytest.raises(ExecutorsRefusedError, match=r"has no workers; start some: dask worker"):
         DaskWorkers(cluster.address, patience_s=0.5).__enter__()
 
 
 def test_no_scheduler_is_said_in_words():
     pytest.importorskip("distributed")
-    with pytest.raises(WalkersRefusedError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers"):
+    with pytest.raises(ExecutorsRefusedError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers"):
         DaskWorkers("tcp://127.0.0.1:9", patience_s=0.5).__enter__()
 
 

@@ -20,7 +20,7 @@ from plant_emulator.rehearsal.many.rows import Row
 MOST_JOBS = 256
 
 
-class WalkersLostError(Exception):
+class ExecutorsLostError(Exception):
     """All who walk are gone, for instance the scheduler.
 
     Args:
@@ -32,11 +32,11 @@ class WalkersLostError(Exception):
         self.where = where
 
 
-class WalkersRefusedError(Exception):
+class ExecutorsRefusedError(Exception):
     """Workers that cannot be used; the message says which, why, and what to do."""
 
 
-class Walkers(Protocol):
+class Executors(Protocol):
     """Executors of walks; a context that ends them."""
 
     @property
