@@ -73,7 +73,9 @@ def linters(*of_mypy: str) -> Iterator[Stage]:
 
 
 def tests(name: str, *arguments: str) -> Stage:
-    return Stage(name, (sys.executable, "-m", "pytest", "-q", *arguments), is_pytest=True)
+    return Stage(
+        name, (sys.executable, "-m", "pytest", "-q", "--durations=60", "--durations-min=1.5", *arguments), is_pytest=True
+    )
 
 
 def machine(which: str) -> Stage:
