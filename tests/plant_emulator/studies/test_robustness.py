@@ -540,7 +540,7 @@ def test_of_a_thousand_plants_most_keep_the_specification_with_table_3():
     found = robustness_summary.summarise(study(), judged, study().judge(-1))
     assert found.stable.count == 1000
     assert found.meeting.fraction > 0.7
-    assert found.influences[0].name == "gear_stiffness_factor"  # as docs/robustness.md has it for axis 2 with Table 3
+    assert found.influences[0].name == "gear_stiffness_factor"  # as docs/robustness-criteria.md has it for axis 2 with Table 3
 
 
 def test_the_robots_own_sensor_delay_is_added_to_the_drawn_one():
