@@ -26,7 +26,7 @@ class AddressError(ValueError):
         self.text, self.origin = text, origin
         where = f"{origin}: " if origin else ""
         super().__init__(
-            f"{where}{text!r} is no bus address; expected INTERFACE:CHANNEL[@BITRATE], e.g. local:/tmp/robot.sock, "
+            f"{where}{text!r} is not a bus address; expected INTERFACE:CHANNEL[@BITRATE], e.g. local:/tmp/robot.sock, "
             "socketcan:can0, slcan:/dev/ttyACM0@1M"
         )
 
@@ -84,7 +84,7 @@ def parse_address(text: str) -> Address:
     """Read a bus address.
 
     Raises:
-        AddressError: The text is no bus address.
+        AddressError: The text is not a bus address.
     """
     match = _SPELLING.fullmatch(text.strip())
     if match is None:

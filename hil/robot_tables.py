@@ -144,7 +144,7 @@ def orders_of(text: str) -> tuple[float, ...]:
     try:
         orders = sorted(_whole_is_int(float(word)) for word in words)
     except ValueError:
-        raise ValueError(f"{text!r} is no set of orders: numbers between commas are, 1,2,4") from None
+        raise ValueError(f"{text!r} is not a set of orders: numbers between commas are, 1,2,4") from None
     if not all(0.0 < order <= HIGHEST_ORDER for order in orders):
         raise ValueError(f"{text!r}: an order is above 0, and {HIGHEST_ORDER:g} at most")
     if len(set(orders)) < len(orders):

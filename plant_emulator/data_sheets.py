@@ -34,7 +34,7 @@ def data_sheets_of(robot: Robot) -> dict[str, str]:
 
     Raises:
         DriveProfileError: There is no such profile, or its file or the EDS file has errors.
-        ValueError: A profile is no drive's, or a default or a name cannot stand in an INI file.
+        ValueError: A profile is not a drive's, or a default or a name cannot stand in an INI file.
     """
     sheets = {}
     for number in sorted(robot.axis):

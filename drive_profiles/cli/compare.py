@@ -39,7 +39,7 @@ def diff(
     left: Annotated[
         Path | None, typer.Argument(metavar="SET", help="A parameter set, DCF or concise DCF; left out with --default.")
     ] = None,
-    right: Annotated[Path | None, typer.Argument(metavar="OTHER", help="Another; left out: the drive at --node.")] = None,
+    right: Annotated[Path | None, typer.Argument(metavar="OTHER", help="Another; default: the drive at --node.")] = None,
     *,
     default: Annotated[
         bool, typer.Option("--default", help="Show what the drive at --node does not hold as its EDS has it delivered.")

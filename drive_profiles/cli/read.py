@@ -170,7 +170,7 @@ def pull(
     bus: BusOption,
     node: NodeOption,
     *,
-    out: Annotated[Path | None, typer.Option("--out", help="File to write; left out, or -: standard output.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="File to write; default, or -: standard output.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     classes: ClassesOption = ALL,
     profile: ProfileOption = None,

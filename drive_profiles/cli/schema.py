@@ -27,7 +27,7 @@ def mount_schema(app: typer.Typer, kinds: Kinds, example: str) -> None:
 
     def schema(
         kind: Annotated[str, typer.Argument(help=f"One of {named}.", autocompletion=complete_list(lambda: list(kinds)))],
-        out: Annotated[Path | None, typer.Option("--out", help="File to write; left out: standard output.")] = None,
+        out: Annotated[Path | None, typer.Option("--out", help="File to write; default: standard output.")] = None,
         *,
         force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     ) -> None:

@@ -197,4 +197,4 @@ def _number(text: str, key: str, data_type: Any) -> float | str:
     for convert in (lambda t: int(t, 0), float):
         with contextlib.suppress(ValueError):
             return convert(text)
-    raise fail(f"{key}={text}: {text!r} is no number", ExitStatus.USAGE)
+    raise fail(f"{key}={text}: {text!r} is not a number", ExitStatus.USAGE)

@@ -88,7 +88,7 @@ class SdoBus:
             timeout_s: Time that a node may take to answer, s.
 
         Raises:
-            AddressError: `address` is no bus address.
+            AddressError: `address` is not a bus address.
             BusError: There is no such bus.
         """
         parsed = parse_address(address)

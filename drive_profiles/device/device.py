@@ -176,7 +176,7 @@ class Device:
                 continue  # no drive, or no such axis
             state = state_of(int.from_bytes(data, "little"))
             if state is None:
-                raise NodeError(self.node, f"its status word {data.hex(' ')} is no state of CiA 402", "is it a drive?")
+                raise NodeError(self.node, f"its status word {data.hex(' ')} is not a state of CiA 402", "is it a drive?")
             if state in _MOVING:
                 raise NodeError(self.node, f"it is in state {state.value!r}", "disable it first; it is not written to")
 

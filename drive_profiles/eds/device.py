@@ -229,7 +229,9 @@ def _node_id(section: EdsSection, builder: Builder) -> int | None:
         return None
     if 1 <= number <= MAX_NODE_ID:
         return number
-    builder.findings.warn(entry.line, section.name, entry.key, f"{number} is no node-ID; taken as unknown", f"1 to {MAX_NODE_ID}")
+    builder.findings.warn(
+        entry.line, section.name, entry.key, f"{number} is not a node-ID; taken as unknown", f"1 to {MAX_NODE_ID}"
+    )
     return None
 
 
@@ -258,7 +260,9 @@ def _read_list(section: EdsSection, listed: dict[int, tuple[EdsSection, EdsEntry
         reading = values.number(entry.value)
         index = reading.value
         if not isinstance(index, int) or not 0x1000 <= index <= 0xFFFF:
-            findings.warn(entry.line, section.name, entry.key, f"{quoted(entry.value)} is no index; ignored", "0x1000 to 0xFFFF")
+            findings.warn(
+                entry.line, section.name, entry.key, f"{quoted(entry.value)} is not an index; ignored", "0x1000 to 0xFFFF"
+            )
             continue
         if index in listed:
             other = listed[index][1].line

@@ -143,7 +143,7 @@ class Builder(VariableReader):
         object_code = self.number(head, "ObjectType")
         if object_code in _TYPE_OBJECTS or object_code == 0:
             self.findings.refuse(
-                head.line, head.name, "ObjectType", f"{object_code} is no object that holds a value; left out", "2, 7, 8 or 9"
+                head.line, head.name, "ObjectType", f"{object_code} is not an object that holds a value; left out", "2, 7, 8 or 9"
             )
             return None
         looks_compound = bool(parts.subs) and head.get("DataType") is None

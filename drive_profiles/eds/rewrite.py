@@ -66,7 +66,7 @@ def rewritten(
         variable = _variable(dictionary, index, subindex)
         section = locations.sections.get((index, subindex))
         if variable is None or (section is None and (index not in locations.compact or subindex == 0)):
-            problems.append(Problem(0, key, "is no object with a section in this file", "an object that can be written"))
+            problems.append(Problem(0, key, "is not an object with a section in this file", "an object that can be written"))
             continue
         data_type = variable.data_type or eds_values.DOMAIN
         try:

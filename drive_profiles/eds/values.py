@@ -146,7 +146,7 @@ def value(text: str, data_type: int, node_id: int | None = None) -> ValueReading
     """Read a value of a type.
 
     Args:
-        text: Text in the file; empty text is no value.
+        text: Text in the file; empty text is not a value.
         data_type: Index of the type; one that is not in `NAMES` is read as DOMAIN.
         node_id: Node-ID for ``$NODEID``; None: the value is the constant part.
     """
@@ -209,7 +209,7 @@ def _written(content: int | float | str | bytes, data_type: int) -> str:
     if limits_of(data_type) is not None:
         wanted = int
     if isinstance(content, bool) or not isinstance(content, wanted):
-        raise ValueError(f"{quoted(str(content))} is no value of {expected_of(data_type)}")
+        raise ValueError(f"{quoted(str(content))} is not a value of {expected_of(data_type)}")
     if isinstance(content, bytes):
         written = content.hex().upper()
     else:

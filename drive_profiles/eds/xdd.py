@@ -102,7 +102,7 @@ def _object(document: Document, item: Element, parameters: dict[str, Element], f
     index = _hexadecimal(item.attributes.get("index", ""), 0xFFFF)
     if index is None or index < 0x1000:
         seen = quoted(item.attributes.get("index", ""))
-        findings.refuse(item.line, "CANopenObject", "index", f"{seen} is no index; the object is left out", "1000 to FFFF")
+        findings.refuse(item.line, "CANopenObject", "index", f"{seen} is not an index; the object is left out", "1000 to FFFF")
         return
     subs = [child for child in item.children if child.tag == "CANopenSubObject"]
     name = f"{index:04X}"
@@ -112,7 +112,7 @@ def _object(document: Document, item: Element, parameters: dict[str, Element], f
         subindex = _hexadecimal(sub.attributes.get("subIndex", ""), 0xFF)
         if subindex is None:
             seen = quoted(sub.attributes.get("subIndex", ""))
-            findings.refuse(sub.line, name, "subIndex", f"{seen} is no sub-index; left out", "00 to FF")
+            findings.refuse(sub.line, name, "subIndex", f"{seen} is not a sub-index; left out", "00 to FF")
             continue
         _add(document, f"{name}sub{subindex:X}", _values(sub, parameters, has_subs=False), sub, findings)
 

@@ -72,7 +72,7 @@ class Identity(Firmware, Fact):
         device_type: Device type, 1000h, where it is known.
     """
 
-    vendor_id: Annotated[int, pydantic.Field(ge=1, le=0xFFFF_FFFF)]  # 0 is no vendor (CiA 301, 1018h)
+    vendor_id: Annotated[int, pydantic.Field(ge=1, le=0xFFFF_FFFF)]  # 0 is not a vendor (CiA 301, 1018h)
     product: str = pydantic.Field(default="", pattern=f"^(?:{PRODUCT_NAME})?$")
     revision: Unsigned32 | None = None
     device_type: Unsigned32 | None = None

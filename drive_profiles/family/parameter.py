@@ -224,7 +224,7 @@ class Parameter(Fact):
             DriveProfileError: As for `raw`; or a number is given for bytes, or text for a number.
         """
         if isinstance(value, str) != self.is_bytes:
-            raise DriveProfileError(f"object {self.written_address} is a {self.data_type}: {value!r} is no value for it")
+            raise DriveProfileError(f"object {self.written_address} is a {self.data_type}: {value!r} is not a value for it")
         if isinstance(value, str):
             try:
                 return encode(self.type, value if self.data_type == "VISIBLE_STRING" else bytes.fromhex(value))
@@ -232,7 +232,9 @@ class Parameter(Fact):
                 raise DriveProfileError(f"object {self.written_address}: {error}") from None
         if self.scale == 1.0 and not self.unit and not self.type.is_real and isinstance(value, float) and not value.is_integer():
             # a choice or a count is refused where a quantity would be rounded to the drive's step
-            raise OutOfRangeError(self.written_address, value, self.unit, f"is no whole number, which a {self.data_type} takes")
+            raise OutOfRangeError(
+                self.written_address, value, self.unit, f"is not a whole number, which a {self.data_type} takes"
+            )
         raw = self.raw(value, scaling)
         return encode(self.type, bool(raw) if self.data_type == "BOOLEAN" else raw)
 

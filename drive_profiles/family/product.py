@@ -71,7 +71,7 @@ class ParameterChange(Table):
             product: The product, for source and evidence.
 
         Raises:
-            ValueError: What comes out is no parameter; the text names each key.
+            ValueError: What comes out is not a parameter; the text names each key.
         """
         known: dict[str, Any] = {} if first is None else first.model_dump(by_alias=True)
         known |= {"source": product.source}

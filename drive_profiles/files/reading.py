@@ -30,7 +30,7 @@ def read_file(path: Path, expected: str, *, max_bytes: int) -> bytes:
         max_bytes: Size of the largest file that is read.
 
     Raises:
-        FileError: It is no file, is too large, or cannot be read.
+        FileError: It is not a file, is too large, or cannot be read.
     """
     try:
         _refuse_all_but_files(path, path.stat().st_mode, expected)

@@ -30,7 +30,7 @@ def write_atomically(path: Path, data: bytes, *, force: bool = False) -> None:
         if not force and path.exists():
             raise RefusedError(f"{path} already exists; choose another name, or give --force")
         if path.exists() and not path.is_file():
-            problem = Problem(0, "", "is no file that could be replaced", "a file")
+            problem = Problem(0, "", "is not a file that could be replaced", "a file")
             raise FileError(path, (problem,))
         path = path.resolve()
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -77,11 +77,11 @@ def check_writable(path: Path) -> None:
         path: The file; its folder must be there.
 
     Raises:
-        FileError: Its folder is missing, or nothing can be written there, or it is no file that could be replaced.
+        FileError: Its folder is missing, or nothing can be written there, or it is not a file that could be replaced.
     """
     try:
         if path.exists() and not path.is_file():
-            raise FileError(path, (Problem(0, "", "is no file that could be replaced", "a file"),))
+            raise FileError(path, (Problem(0, "", "is not a file that could be replaced", "a file"),))
         folder = path.resolve().parent
         if not folder.is_dir():
             raise FileError(path, (Problem(0, "", f"cannot be written: there is no folder {folder}", "a folder that is there"),))

@@ -77,7 +77,7 @@ UNIT_NAMES: dict[str, str] = {
     "_db": "dB",
 }
 _UNIT_BEHIND = re.compile(r"([\w-]+)\s*=\s*(?!0[xob])([-+]?[0-9][0-9_.eE+-]*)\s*([A-Za-zµ°%][^\s,}\]#]*)")
-"""A number with a unit behind it, which is no TOML."""
+"""A number with a unit behind it, which is not TOML."""
 _SUFFIXES = sorted(UNIT_NAMES, key=len, reverse=True)
 
 M = TypeVar("M", bound=pydantic.BaseModel)

@@ -58,7 +58,7 @@ class Item(Table):
     @classmethod
     def _known(cls, name: str | None) -> str | None:
         if name is not None and name not in DataType.__members__:
-            raise ValueError(f"{name!r} is no data type; expected one of {', '.join(DataType.__members__)}")
+            raise ValueError(f"{name!r} is not a data type; expected one of {', '.join(DataType.__members__)}")
         return name
 
 

@@ -60,7 +60,7 @@ class HeldValues:
         """Return the value in the parameter's unit.
 
         Raises:
-            NotRealisableError: The value is neither given nor known, or is no number.
+            NotRealisableError: The value is neither given nor known, or is not a number.
         """
         parameter = self.profile.parameter(name)
         if parameter.is_bytes:

@@ -328,7 +328,7 @@ def interpolation_period(period_s: float, index: int | None = None) -> tuple[int
         value, exponent = value // 10, exponent + 1
     if index is not None:
         if index > exponent:
-            raise OutOfRangeError("interpolation period", period_s, "s", f"is no whole number of 10^{index} s")
+            raise OutOfRangeError("interpolation period", period_s, "s", f"is not a whole number of 10^{index} s")
         value, exponent = value * 10 ** (exponent - index), index
     if value > _UNSIGNED8_MAX or exponent < _PERIOD_INDEX[0]:
         raise OutOfRangeError(

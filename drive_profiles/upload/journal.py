@@ -154,7 +154,7 @@ def read(path: str | Path) -> JournalStatement:
         for number, line in enumerate(lines[1:], 2):  # noqa: B007 - the error below says where it stopped
             _apply(statement, json.loads(line))
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, RecursionError) as error:
-        raise FileError(path, (Problem(number, "", f"is no line of a journal ({error})", "a journal of an upload"),)) from None
+        raise FileError(path, (Problem(number, "", f"is not a line of a journal ({error})", "a journal of an upload"),)) from None
     return statement
 
 

@@ -278,7 +278,7 @@ def _arm(
     loose = [name for name in joints if name not in axes]
     if loose:
         raise FileError(
-            file.path, (Problem(0, f"joint {loose[0]!r}", "is no joint of the arm", f"one of {', '.join(map(repr, axes))}"),)
+            file.path, (Problem(0, f"joint {loose[0]!r}", "is not a joint of the arm", f"one of {', '.join(map(repr, axes))}"),)
         )
     return UrdfChain(
         tuple(links), _tip(file, groups[-1][1], tip_link), {axes[name]: reductions[name] for name in axes if name in reductions}

@@ -356,7 +356,7 @@ class Bench(Table):
         """Refuse what does not go with an arm, once its links are known.
 
         Raises:
-            ValueError: An axis is no joint of it, or the file has a planar chain beside it.
+            ValueError: An axis is not a joint of it, or the file has a planar chain beside it.
         """
         if self.geometry is not None:
             raise ValueError("geometry and arm both say where the tip is: leave the geometry out")

@@ -3,7 +3,7 @@
 A joint's encoder sees the joint. What bends behind it, the links and the tool, it does not see. On an arm every joint swings,
 also one whose motor is braked, so all encoders are recorded: the tip is where the links have it at the angles of all of them.
 
-An answer that is lost is no measurement: its angle is not a number in the recording. For the tip a short gap is bridged by a
+An answer that is lost is not a measurement: its angle is not a number in the recording. For the tip a short gap is bridged by a
 cubic spline through the joint's angle beside that of the motor, and counted among the missed; a long one is no run to judge by.
 """
 

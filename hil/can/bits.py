@@ -377,7 +377,7 @@ def _content(frame: Frame) -> tuple[int, int]:
     """The bits from SOF to the last of the data, as a number, and their count."""
     can_id, data = frame
     if not 0 <= can_id <= 0xFFFF_FFFF or can_id & CAN_ERR_FLAG:
-        raise ValueError(f"{can_id:#x} is no frame on the wire")
+        raise ValueError(f"{can_id:#x} is not a frame on the wire")
     if len(data) > MAX_DATA_LENGTH:
         raise ValueError(f"a CAN frame carries at most {MAX_DATA_LENGTH} bytes, not {len(data)}")
     remote = int(bool(can_id & CAN_RTR_FLAG))

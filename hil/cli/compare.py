@@ -67,13 +67,13 @@ ExperimentListOption = Annotated[
     list[str] | None,
     typer.Option(
         "--experiment",
-        help="constant-acceleration, line-motion or point-to-point; left out: the first two.",
+        help="constant-acceleration, line-motion or point-to-point; default: the first two.",
         autocompletion=complete_list(lambda: EXPERIMENTS),
     ),
 ]
 AxisListOption = Annotated[
     list[int] | None,
-    typer.Option("--axis", help="Axes that move alone; left out: those with a filter or a model.", autocompletion=AXES.one),
+    typer.Option("--axis", help="Axes that move alone; default: those with a filter or a model.", autocompletion=AXES.one),
 ]
 
 

@@ -44,14 +44,14 @@ class ShapeName(StrEnum):
 
 ModelOption = Annotated[Path | None, typer.Option("--model", help="Model file of hil identify, before the bench file's model.")]
 UncertaintyOption = Annotated[
-    float | None, typer.Option(help="Of K_g and J_l; left out: the model file's standard errors, or 5. 0: none.")
+    float | None, typer.Option(help="Of K_g and J_l; default: the model file's standard errors, or 5. 0: none.")
 ]
 SetFileOption = Annotated[
-    Path | None, typer.Option("--set", help="Parameter set for drive-profiles upload; left out: notch-axisN.toml in --out.")
+    Path | None, typer.Option("--set", help="Parameter set for drive-profiles upload; default: notch-axisN.toml in --out.")
 ]
 DesignFileOption = Annotated[
     Path | None,
-    typer.Option("--design", help="Design file, this axis of it replaced; left out: design.toml in --out, or none with --given."),
+    typer.Option("--design", help="Design file, this axis of it replaced; default: design.toml in --out, or none with --given."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print design.json on standard output, all else on standard error.")]
 
@@ -80,16 +80,16 @@ def notch(
     max_sensitivity: Annotated[float, typer.Option(help="M_s at every speed, at most.")] = 1.7,
     phase_margin_deg: Annotated[float, typer.Option(help="At every speed, at least.")] = 35.0,
     gain_margin_db: Annotated[float, typer.Option(help="At every speed, at least.")] = 6.0,
-    tip_mm: Annotated[float | None, typer.Option(help="A_acc; left out: the bench file's specification.")] = None,
+    tip_mm: Annotated[float | None, typer.Option(help="A_acc; default: the bench file's specification.")] = None,
     uncertainty_percent: UncertaintyOption = None,
-    period_s: Annotated[float | None, typer.Option(help="Sampling time of the loop; left out: the drive family's.")] = None,
+    period_s: Annotated[float | None, typer.Option(help="Sampling time of the loop; default: the drive family's.")] = None,
     delay_samples: Annotated[int, typer.Option(min=0, max=20, help="Whole samples between measurement and torque.")] = 0,
     out: NewOutOption = None,
     force: ForceOption = False,
     set_file: SetFileOption = None,
     design_file: DesignFileOption = None,
     jobs: Annotated[
-        int | None, typer.Option(min=1, max=256, help="Processes; left out: one per processor, with --quick none but this.")
+        int | None, typer.Option(min=1, max=256, help="Processes; default: one per processor, with --quick none but this.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Equal seeds give equal filters.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Search a fifth as long.")] = False,

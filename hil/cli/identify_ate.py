@@ -59,11 +59,11 @@ ATE_EPILOG = epilog_of_runs({
 
 ReadModelOption = Annotated[
     Path | None,
-    typer.Option("--model", help="Model file: read where it is there, and written. Left out: model.toml in the directory."),
+    typer.Option("--model", help="Model file: read where it is there, and written. Default: model.toml in the directory."),
 ]
 FirstRampOption = Annotated[
     float | None,
-    typer.Option(help="Of the first pass; later ones are slower. Left out: chosen from f_a of the model file, or 4."),
+    typer.Option(help="Of the first pass; later ones are slower. Default: chosen from f_a of the model file, or 4."),
 ]
 SensorlessOption = Annotated[bool, typer.Option("--sensorless", help="From motor torque and encoder only; needs J_m and J_l.")]
 EncoderOption = Annotated[

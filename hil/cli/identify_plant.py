@@ -93,15 +93,15 @@ def plant(
     axis: MovedAxisOption,
     bus: BusOption = None,
     model: Annotated[
-        Path | None, typer.Option("--model", help="Model file to put it into. Left out: model.toml in the directory.")
+        Path | None, typer.Option("--model", help="Model file to put it into. Default: model.toml in the directory.")
     ] = None,
     amplitude_nm: Annotated[
-        float | None, typer.Option(help="Peak of the excitation, as a torque at the motor; left out: found by a pilot run.")
+        float | None, typer.Option(help="Peak of the excitation, as a torque at the motor; default: found by a pilot run.")
     ] = None,
-    low_hz: Annotated[float | None, typer.Option(help="Lower end of the band; left out: found by a pilot run.")] = None,
-    high_hz: Annotated[float | None, typer.Option(help="Upper end of the band; left out: likewise, within 0.4 per SYNC.")] = None,
+    low_hz: Annotated[float | None, typer.Option(help="Lower end of the band; default: found by a pilot run.")] = None,
+    high_hz: Annotated[float | None, typer.Option(help="Upper end of the band; default: likewise, within 0.4 per SYNC.")] = None,
     bias_rps: Annotated[
-        float | None, typer.Option(help="Motor speed under the excitation; left out: one at which the gear does not ring.")
+        float | None, typer.Option(help="Motor speed under the excitation; default: one at which the gear does not ring.")
     ] = None,
     periods: Annotated[int, typer.Option(help="Periods to average over, at least.")] = 10,
     excitation: Annotated[

@@ -50,7 +50,7 @@ LEARN_EPILOG = epilog_of_runs({
 
 ProbeOption = Annotated[
     float | None,
-    typer.Option(min=0.1, max=30.0, help="With --motion: amplitude of each order in a probing run; left out: by the vibration."),
+    typer.Option(min=0.1, max=30.0, help="With --motion: amplitude of each order in a probing run; default: by the vibration."),
 ]
 PaceOption = Annotated[
     float | None,
@@ -178,7 +178,7 @@ def _check_axes(axes: tuple[int, ...], motion: LearnedMotion | None) -> None:
 
 
 def _check_pace(pace: float | None, motion: LearnedMotion | None) -> None:
-    """Refuse another pace of what is no line, or the line's own.
+    """Refuse another pace of what is not a line, or the line's own.
 
     Raises:
         typer.Exit: It is.

@@ -36,7 +36,7 @@ def move(
     loop: LoopOption = "drive",
     bus: BusOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Directory for the log of all frames; left out: a new one in bench-out.")
+        Path | None, typer.Option("--out", help="Directory for the log of all frames; default: a new one in bench-out.")
     ] = None,
     force: ForceOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print where the axis stands as JSON.")] = False,

@@ -55,7 +55,7 @@ PlainTreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment",
 OrdersOption = Annotated[
     str, typer.Option("--orders", metavar="K[,K]", help="Orders of the transmission error with commas between; fractions too.")
 ]
-NewOutOption = Annotated[Path | None, typer.Option("--out", help="Directory; left out: a new one in bench-out.")]
+NewOutOption = Annotated[Path | None, typer.Option("--out", help="Directory; default: a new one in bench-out.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace the files of an older result in --out.")]
 OverloadOption = Annotated[
     bool, typer.Option("--overload", help="Run even what does not fit on the bus at its bit rate (hil plan).")
@@ -71,7 +71,7 @@ def orders_from(text: str) -> tuple[float, ...]:
     """Return the set of orders that `--orders` names.
 
     Raises:
-        typer.BadParameter: It is no set of orders.
+        typer.BadParameter: It is not a set of orders.
     """
     from hil.robot_tables import orders_of  # noqa: PLC0415 - --help must not wait for pydantic
 

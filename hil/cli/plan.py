@@ -39,7 +39,7 @@ def plan(
     sync_period_s: Annotated[float | None, typer.Option(help="SYNC period instead of the bench file's.")] = None,
     bitrate: Annotated[str | None, typer.Option(help="Bit rate instead of the bus address': 500k, 1M.")] = None,
     axes: Annotated[
-        str | None, typer.Option(help="Axes that take part, e.g. 2,3,5; left out: all.", autocompletion=AXES.several)
+        str | None, typer.Option(help="Axes that take part, e.g. 2,3,5; default: all.", autocompletion=AXES.several)
     ] = None,
     treatment: PlainTreatmentOption = "notch",
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead of tables.")] = False,
@@ -87,14 +87,14 @@ def _bitrate(text: str) -> int:
     except AddressError:
         rate = None
     if rate is None or not 10_000 <= rate <= 1_000_000:
-        raise fail(f"--bitrate {text!r} is no bit rate of classic CAN; expected 10k to 1M, e.g. 500k", ExitStatus.USAGE)
+        raise fail(f"--bitrate {text!r} is not a bit rate of classic CAN; expected 10k to 1M, e.g. 500k", ExitStatus.USAGE)
     return rate
 
 
 def _axes(text: str) -> tuple[int, ...]:
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isdecimal() for part in parts) or len(set(parts)) != len(parts):
-        raise fail(f"--axes {text!r} is no list of different axes; expected e.g. 2,3,5", ExitStatus.USAGE)
+        raise fail(f"--axes {text!r} is not a list of different axes; expected e.g. 2,3,5", ExitStatus.USAGE)
     return tuple(sorted(int(part) for part in parts))
 
 

@@ -88,7 +88,7 @@ def run(
     as_json: JsonOption = False,
     without_report: Annotated[bool, typer.Option("--no-report", help="Leave the page to hil report: it takes seconds.")] = False,
     clock: Annotated[
-        ClockName | None, typer.Option(help="The clock that the bus must have; left out: whichever it has (docs/realtime.md).")
+        ClockName | None, typer.Option(help="The clock that the bus must have; default: whichever it has (docs/realtime.md).")
     ] = None,
     overload: OverloadOption = False,
     reset_faults: Annotated[bool, typer.Option("--reset-faults", help="Reset drives that are in fault first.")] = False,

@@ -166,7 +166,7 @@ def _stand_in(address: str, axes: dict[int, FoundNode]) -> Bench:
 
 
 def _sensor_lines(nodes: Sequence[FoundNode]) -> list[str]:
-    """The accelerometer: a node that is no drive and has a profile of one."""
+    """The accelerometer: a node that is not a drive and has a profile of one."""
     sensors = [node for node in nodes if not node.is_drive and node.profile is not None and node.profile.kind == "accelerometer"]
     lines = ["", "[accelerometer]"]
     if len(sensors) == 1:
@@ -177,7 +177,7 @@ def _sensor_lines(nodes: Sequence[FoundNode]) -> list[str]:
         lines.append(f"node_id = {_ask(f'node-ID of the sensor at the tip ({seen}), {remedy}')}")
     others = [node for node in nodes if not node.is_drive and node not in sensors]
     lines += [
-        f"# node {node.node} is no drive, and no accelerometer that is known: {node.identity.name or 'nameless'}"
+        f"# node {node.node} is not a drive, and no accelerometer that is known: {node.identity.name or 'nameless'}"
         for node in others
     ]
     return [*lines, f"range_m_s2 = {_ask('largest measurement of the sensor, from its data sheet; or leave the line out')}"]

@@ -44,7 +44,7 @@ def of_recording(path: Path) -> Series:
     """The columns of a recording of `hil run`.
 
     Raises:
-        ValueError: The file is no recording.
+        ValueError: The file is not a recording.
     """
     recording = Recording.load(path)
     return Series(path.stem, recording.time_s, {name: values for name, values in recording.columns.items() if name != TIME})

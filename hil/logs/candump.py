@@ -1,6 +1,6 @@
 """candump's logs, read as fast as the disk gives them: `(1.5) can0 181#0011` and `(1.5)  can0  181   [2]  00 11`.
 
-Source: can-utils, `candump -l`, `candump -t a|z|A` and `-x`; what is no frame is counted, and left out.
+Source: can-utils, `candump -l`, `candump -t a|z|A` and `-x`; what is not a frame is counted, and left out.
 """
 
 from collections.abc import Callable, Iterator

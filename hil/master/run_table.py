@@ -57,7 +57,7 @@ class RunTable:
 
 
 def going_on(angles_rad: Real) -> Real:
-    """Angles of an encoder that begins anew with each turn, as one that does not; what is no number stays so; shape (n,)."""
+    """Angles of an encoder that begins anew with each turn, as one that does not; what is not a number stays so; shape (n,)."""
     result, known = np.array(angles_rad), np.isfinite(angles_rad)
     result[known] = np.unwrap(result[known])
     return result

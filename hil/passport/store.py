@@ -161,7 +161,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
     """The file, with its tables; made where it is missing.
 
     Raises:
-        PassportFileError: It is no passport, another program's, damaged, in use, or cannot be written.
+        PassportFileError: It is not a passport, another program's, damaged, in use, or cannot be written.
     """
     try:
         with closing(sqlite3.connect(path, timeout=PATIENCE_S, isolation_level=None)) as connection:

@@ -85,7 +85,7 @@ class DelimitedFile:
             return float("nan")
         if self._delimiter == ";" and text.count(",") == 1 and _is_number(text.replace(",", ".")):
             return float(text.replace(",", "."))
-        raise RecordingFileError(self.path, f"line {line}: {text[:40]!r} in the column {name!r} is no number")
+        raise RecordingFileError(self.path, f"line {line}: {text[:40]!r} in the column {name!r} is not a number")
 
     def _open(self) -> TextIO:
         if self.path.name.lower().endswith(".gz"):

@@ -156,10 +156,10 @@ def _of_dbc(path: Path, description: Path) -> list[FrameSignal]:
     try:
         database = cantools.database.load_file(str(description))
     except Exception as error:  # the package raises whatever its parser meets
-        raise RecordingFileError(path, f"{description} is no DBC file: {error}") from error
+        raise RecordingFileError(path, f"{description} is not a DBC file: {error}") from error
 
     if not isinstance(database, cantools.database.Database):  # a list of diagnostics has no frames
-        raise RecordingFileError(path, f"{description} is no DBC file: it describes no frames")
+        raise RecordingFileError(path, f"{description} is not a DBC file: it describes no frames")
 
     def decoder(message: Any, name: str) -> Callable[[Stream], Real]:
         def numbers(stream: Stream) -> Real:

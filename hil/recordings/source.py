@@ -32,7 +32,7 @@ class Source(Protocol):
         """Numbers of some columns, by name; NaN where there is none; all of shape (n,).
 
         Raises:
-            RecordingFileError: A column holds what is no number.
+            RecordingFileError: A column holds what is not a number.
         """
         ...
 

@@ -52,7 +52,7 @@ def unit_of(role: Role, text: str) -> Unit:
     0.0071
 
     Raises:
-        ValueError: This is no unit of such a column.
+        ValueError: This is not a unit of such a column.
     """
     is_angle = role in {"motor", "load"}
     found = _PER_REV.fullmatch(text.replace(" ", "")) if is_angle else None
@@ -67,4 +67,4 @@ def unit_of(role: Role, text: str) -> Unit:
         factor = float(number) * _PLAIN[role][name]
         return Unit(text, factor, 2.0 * math.pi / factor if is_angle else 0.0)
     known = [*_PLAIN[role], *(("2^24/rev", "-4096/rev") if is_angle else ())]
-    raise ValueError(f"{text!r} is no unit of {role}: {', '.join(known)} are")
+    raise ValueError(f"{text!r} is not a unit of {role}: {', '.join(known)} are")

@@ -31,7 +31,7 @@ def write_report_of(directory: Path, *, is_interactive: bool = False) -> Path:
     Raises:
         NotPossibleError: It shall be interactive, and Bokeh is not installed.
         OSError: result.json or a recording cannot be read, or the page cannot be written.
-        ValueError: result.json is no readable result, or one without a page.
+        ValueError: result.json is not a readable result, or one without a page.
     """
     result = load_any(directory / RESULT_FILE)
     match result:

@@ -54,7 +54,7 @@ def result_directory(
 
 
 class _Written(BaseModel):
-    """Base that leaves out absent values: an optional field without a value is no key of the file.
+    """Base that leaves out absent values: an optional field without a value is not a key of the file.
 
     A field that has no default is a key in any case, with null where there is no number.
     """
@@ -168,7 +168,7 @@ class MeasuredResult(Result):
         all_disabled: After a stop, True if every drive has confirmed that it is disabled; None without a stop.
         not_restored: Objects that could not be put back in the nodes.
         drive_remarks: Sentences on limits that a drive does not hold, and on modes with a loss.
-        emulated: True if any node is emulated: then this is no measurement; None if that is not known.
+        emulated: True if any node is emulated: then this is not a measurement; None if that is not known.
         emulated_parts: Axes and accelerometer that are emulated, where others are not, or do not say.
     """
 

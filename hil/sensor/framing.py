@@ -182,7 +182,7 @@ class LineDecoder:
 
     def _append(self, part: bytes) -> None:
         self._line += part
-        if len(self._line) > MAX_LINE_BYTES:  # whatever it is, it is no line of ours
+        if len(self._line) > MAX_LINE_BYTES:  # whatever it is, it is not a line of ours
             self.malformed += self._synchronised
             self._line.clear()
             self._synchronised = False

@@ -36,7 +36,7 @@ class QueuedFrame:
             is_late: A fault keeps it from its queue for a while.
 
         Raises:
-            ValueError: This is no frame that can be on the wire.
+            ValueError: This is not a frame that can be on the wire.
         """
         self.frame, self.port, self.at, self.destroyed, self.is_late = frame, port, at, destroyed, is_late
         slow, self.fast_bits = rates.bits(frame)

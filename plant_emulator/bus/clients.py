@@ -89,7 +89,7 @@ class Client:
                 del self._backlog[: self.socket.send(self._backlog[:65536], socket.MSG_DONTWAIT)]
 
     def receive(self, *, wait: bool = False) -> list[Frame] | None:
-        """The frames that are there, [] where there is none, None if the client has gone; what is no frame is dropped.
+        """The frames that are there, [] where there is none, None if the client has gone; what is not a frame is dropped.
 
         Args:
             wait: Wait for the first one, up to `CLOCK_WAIT_S`.

@@ -90,7 +90,7 @@ class ErrorFreeBus:
         """Queue a frame at this instant; whether there was room.
 
         Raises:
-            ValueError: There is no such port, or this is no frame that can be on the wire.
+            ValueError: There is no such port, or this is not a frame that can be on the wire.
         """
         can_id, data = frame
         kind = self._kinds.get((can_id, len(data)))

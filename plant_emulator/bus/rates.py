@@ -65,7 +65,7 @@ class Rates:
         """
         if not self.is_fd(frame.can_id):
             return frame_bits(frame, stuffed=self.bitrate is not None), 0
-        frame_bits(frame, stuffed=False)  # refuses what is no frame
+        frame_bits(frame, stuffed=False)  # refuses what is not a frame
         return fd_bits(frame.can_id & CAN_EFF_MASK, frame.data, bool(frame.can_id & CAN_EFF_FLAG))
 
     def sent_bits(self, frame: Frame) -> str:

@@ -186,7 +186,7 @@ class EmulatedWire:
         """Put a frame into a port's queue; whether there was room. A port that is bus-off has none.
 
         Raises:
-            ValueError: There is no such port, `at_ns` lies in the past, or this is no frame that can be on the wire.
+            ValueError: There is no such port, `at_ns` lies in the past, or this is not a frame that can be on the wire.
         """
         fast = self._fast
         if fast is not None and self._faults is None and at_ns == self.now:

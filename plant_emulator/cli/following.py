@@ -32,7 +32,7 @@ def following(
     robots: Annotated[
         int, typer.Option("--robots", min=1, max=MOST_ROBOTS, help="Robots, one for each seed from there on.")
     ] = 10,
-    law: Annotated[list[str] | None, typer.Option("--law", help="observer, filtered-x LMS or repetition; left out: all.")] = None,
+    law: Annotated[list[str] | None, typer.Option("--law", help="observer, filtered-x LMS or repetition; default: all.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="CSV file for every law on every motion of every robot.")] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -52,7 +52,7 @@ ArmsOption = Annotated[
     bool, typer.Option("--arms", help="Whole arms: learnt on their line, looked at on others; seed 0 is the reference arm.")
 ]
 OverBusOption = Annotated[bool, typer.Option("--over-bus", help="Over a bus: each robot is served, and the tools are processes.")]
-JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; left out: one per processor.")]
+JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; default: one per processor.")]
 OnOption = Annotated[
     str | None, typer.Option("--on", metavar="dask:tcp://HOST:PORT", help="On the workers of a Dask scheduler (extra cluster).")
 ]

@@ -48,7 +48,7 @@ AxesOption = Annotated[
     typer.Option(
         "--axis",
         metavar="N[,N]",
-        help="Axes, one study each; left out: those that have a filter.",
+        help="Axes, one study each; default: those that have a filter.",
         autocompletion=AXES.several,
     ),
 ]
@@ -56,13 +56,13 @@ ExperimentOption = Annotated[ExperimentName, typer.Option("--experiment", help="
 TreatmentOption = Annotated[PlainTreatmentName, typer.Option("--treatment", help="none: the same plants without filters.")]
 TuningOption = Annotated[
     Path | None,
-    typer.Option("--tuning", help="Gains and filters: a bench, robot or tuning file; left out: the robot file's own."),
+    typer.Option("--tuning", help="Gains and filters: a bench, robot or tuning file; default: the robot file's own."),
 ]
 NotchOption = Annotated[Path | None, typer.Option("--notch", help="Filters instead: the design file of hil design notch.")]
 SpreadOption = Annotated[Path | None, typer.Option("--spread", help="What is not known, and how far (TOML); docs/robustness.md.")]
 RunsOption = Annotated[int, typer.Option("--runs", min=1, max=100_000, help="Plants of each study.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Equal seeds give equal plants.")]
-JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; left out: one per processor.")]
+JobsOption = Annotated[int | None, typer.Option("--jobs", min=1, max=256, help="Processes; default: one per processor.")]
 TipOption = Annotated[float, typer.Option("--tip-mm", help="The specification: largest tip peak.")]
 AreaOption = Annotated[
     float, typer.Option("--area-percent", help="Of a line motion with filters: smallest reduction of the spectrum's area.")

@@ -26,7 +26,7 @@ def simulate(
     robot: RobotOption = "reference",
     axis: Annotated[
         int | None,
-        typer.Option("--axis", help="Constant acceleration of this axis; left out: line motion.", autocompletion=AXES.one),
+        typer.Option("--axis", help="Constant acceleration of this axis; default: line motion.", autocompletion=AXES.one),
     ] = None,
     notch: Annotated[bool, typer.Option("--notch/--no-notch", help="With the axes' notch filters of the robot file.")] = False,
     sync_period_s: Annotated[float, typer.Option("--sync-period-s", help="Period of the set-points.")] = 0.002,

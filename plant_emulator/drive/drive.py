@@ -88,7 +88,7 @@ class Drive:
 
         Raises:
             DriveProfileError: There is no such profile, or its file or the EDS file has errors.
-            ValueError: The profile is no drive's.
+            ValueError: The profile is not a drive's.
         """
         self.axes, self.row = axes, axes.row(number)
         self.behaviour = axes.robot.axis[number].behaviour

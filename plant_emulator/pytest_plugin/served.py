@@ -61,7 +61,7 @@ class LocalBusServers:
         path = Path(self._directory.name) / f"robot{len(self._buses)}.sock"
         bus = ServedBus(
             subprocess.Popen(  # noqa: S603 - our own interpreter and module, no shell
-                [sys.executable, "-m", "plant_emulator", "serve", "--hil-robot", robot or self._robot, "--until-stdin-closes",
+                [sys.executable, "-m", "plant_emulator", "serve", "--robot", robot or self._robot, "--until-stdin-closes",
                  "--bus", f"local:{path}" + ("" if self._bitrate is None else f"@{self._bitrate}"), *options],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             ),

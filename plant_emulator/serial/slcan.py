@@ -19,7 +19,7 @@ VERSION, SERIAL_NUMBER = b"V1013", b"NHILB"
 BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Bit rates of the commands S0 to S8."""
 MAX_COMMAND = 30
-"""Longest command is T with eight bytes, 26 characters; more in one line is no command."""
+"""Longest command is T with eight bytes, 26 characters; more in one line is not a command."""
 POLL_FRAMES = 32
 """Frames that are kept for a host that polls."""
 TIME_STAMP_WRAP_MS = 60_000
@@ -68,7 +68,7 @@ class Adapter:
     def receive(self, data: bytes) -> tuple[bytes, list[Frame]]:
         """Take what the host has written; the answers, and the frames that go on the bus.
 
-        A line that is no command is answered by BEL, and the next one is read afresh.
+        A line that is not a command is answered by BEL, and the next one is read afresh.
         """
         answers, frames = bytearray(), []
         for byte in data:

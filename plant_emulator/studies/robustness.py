@@ -162,7 +162,7 @@ class Study:
             raise ValueError(f"robot {self.robot.name!r} has an [arm]: a study varies axes that do not feel each other")
         period = self.robot.control_period_s
         if not math.isclose(self.periods * period, self.robot.sync_period_s, rel_tol=1e-9):
-            raise ValueError(f"{self.robot.sync_period_s} s is no whole number of control periods of {period} s")
+            raise ValueError(f"{self.robot.sync_period_s} s is not a whole number of control periods of {period} s")
         if self.robot.accelerometer.lowpass_hz is not None or self.robot.accelerometer.mounting_resonance_hz is not None:
             raise ValueError("a study sees the tip at each SYNC only: leave lowpass_hz and mounting_resonance_hz of it out")
         self._targets()

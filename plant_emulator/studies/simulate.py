@@ -96,7 +96,7 @@ def simulate(
     """
     periods = round(sync_period_s / robot.control_period_s)
     if periods < 1 or not math.isclose(periods * robot.control_period_s, sync_period_s, rel_tol=1e-9):
-        raise ValueError(f"{sync_period_s} s is no whole number of control periods of {robot.control_period_s} s")
+        raise ValueError(f"{sync_period_s} s is not a whole number of control periods of {robot.control_period_s} s")
     numbers, times, angles = references(robot, axis, sync_period_s)
     axes = Axes(robot)
     rows = [axes.row(number) for number in numbers]

@@ -124,6 +124,6 @@ def test_no_bus_at_all_is_none():
 
 
 def test_an_address_that_cannot_be_read_is_refused_by_where_it_stands():
-    with pytest.raises(AddressError, match=r"^HIL_BUS: 'can0' is no bus address"):
+    with pytest.raises(AddressError, match=r"^HIL_BUS: 'can0' is not a bus address"):
         choose_bus(None, ("b.toml", FILE), {"HIL_BUS": "can0"})
     assert choose_bus(OPTION, None, {"HIL_BUS": "can0"}) == BusChoice(OPTION, "--bus", (("HIL_BUS", "can0"),))

@@ -132,7 +132,7 @@ def _live(device: Device, entries: list[CatalogueEntry], readings: Iterator[tupl
 
 
 def plot_line(values: deque[float]) -> str:
-    """Values as a line of blocks, the lowest to the highest over their whole height; what is no number is a gap.
+    """Values as a line of blocks, the lowest to the highest over their whole height; what is not a number is a gap.
 
     >>> plot_line(deque([0.0, 1.0, 2.0])), plot_line(deque([3.0, 3.0]))
     ('▁▅█', '▁▁')

@@ -45,7 +45,7 @@ def explain(
     ] = None,
     bitrate: Annotated[str | None, typer.Option(metavar="RATE", help="Bit rate, which no log holds: 1M, 500k.")] = None,
     interface: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Interface in a log of several: can1; left out: that of the first frame.")
+        str | None, typer.Option(metavar="NAME", help="Interface in a log of several: can1; default: that of the first frame.")
     ] = None,
     page: Annotated[
         Path | None, typer.Option("--page", help="Write a page with a picture of each finding.", dir_okay=False)
@@ -100,7 +100,7 @@ def _bitrate(text: str | None) -> int | None:
     try:
         return parse_address(f"log:log@{text}").bitrate
     except AddressError:
-        raise typer.BadParameter(f"{text!r} is no bit rate: 1M and 500k are", param_hint="--bitrate") from None
+        raise typer.BadParameter(f"{text!r} is not a bit rate: 1M and 500k are", param_hint="--bitrate") from None
 
 
 def description_from(text: str) -> tuple[int, "Description"]:

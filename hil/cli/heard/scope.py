@@ -37,7 +37,7 @@ def mount(app: typer.Typer) -> None:
 
 def scope(
     directory: Annotated[
-        Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run, whose recordings are shown; left out: a bus.")
+        Path | None, typer.Argument(metavar="[DIR]", help="Directory of a run, whose recordings are shown; default: a bus.")
     ] = None,
     bus: Annotated[
         str | None, typer.Option("--bus", help=f"Bus address; left out: {BUS_VARIABLE}, then the bench file's.")
@@ -100,7 +100,7 @@ def _show_recordings(directory: Path, port: int, *, until_stdin_closes: bool) ->
             sources[wanted] = RecordedSource(paths[wanted])
         return sources[wanted]
 
-    choose("")  # a file that is no recording is said now
+    choose("")  # a file that is not a recording is said now
 
     _run(lambda: ScopeServer(choose, tuple(paths), port), until_stdin_closes=until_stdin_closes)
 

@@ -142,7 +142,7 @@ def known_model(bench: Bench, model: Path, plant: Path | None) -> Identified | N
         plant: Model file with the plants; None without one.
 
     Raises:
-        FileError: A file is no model file.
+        FileError: A file is not a model file.
         NotPossibleError: A file is another robot's.
     """
     identified = load_identified(model) if model.exists() else None

@@ -196,7 +196,7 @@ class AxisLearning:
             on: Date of the passes; today's unless it is given.
 
         Raises:
-            FileError: The file is no model file, or cannot be written.
+            FileError: The file is not a model file, or cannot be written.
             NotPossibleError: The file is another robot's.
         """
         return update_file(path, robot, self.axis, self.part(note, on))

@@ -190,7 +190,7 @@ class DriveAxis:
         self.node = table.node_id
         self.profile = Profile.load(table.profile)
         if self.profile.kind != "drive":
-            raise NotPossibleError(f"axis {number}: profile {table.profile} is no drive")
+            raise NotPossibleError(f"axis {number}: profile {table.profile} is not a drive")
         self.snapshot = Snapshot(network, self.node)
         self.scaling = Scaling(1, 1.0)
         self.notches: tuple[Notch, ...] = ()

@@ -54,7 +54,7 @@ def write_against(directory: Path, old_directory: Path, *, is_interactive: bool 
     Raises:
         NotPossibleError: The two are unlike: another kind, robot, axis or motion. Or Bokeh is needed, and is not installed.
         OSError: A result or a recording cannot be read, or the page cannot be written.
-        ValueError: A result.json is no readable result.
+        ValueError: A result.json is not a readable result.
     """
     new, old = _measured(directory), _measured(old_directory)
     check_robot(new, old)

@@ -65,7 +65,7 @@ class SetPoints:
         self._speed.value = clip(self._data.counting.shown_speed(speed_rad_s) - offset)
 
     def forget_torque(self) -> None:
-        """Set 6071h to 0: an earlier torque is no command."""
+        """Set 6071h to 0: an earlier torque is not a command."""
         self._torque.value, self._motion["target_torque_nm"] = 0, 0.0
 
     def hold_torque(self, torque_nm: float) -> None:

@@ -23,7 +23,7 @@ def family_of(robot: Robot, number: int) -> DriveFamily:
 
     Raises:
         DriveProfileError: There is no such profile, or its file or the EDS file has errors.
-        ValueError: The profile is no drive's.
+        ValueError: The profile is not a drive's.
     """
     axis = robot.axis[number]
     if axis.profile == OwnFamily.profile:

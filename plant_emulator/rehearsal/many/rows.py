@@ -50,7 +50,7 @@ def plain(value: object) -> Value:
         return float(value) if math.isfinite(value) else None
     if (item := getattr(value, "item", None)) is not None:  # a scalar of numpy
         return plain(item())
-    raise TypeError(f"{value!r} is no value of a row")
+    raise TypeError(f"{value!r} is not a value of a row")
 
 
 class Kept:
@@ -145,7 +145,7 @@ class Kept:
 def _seed(row: Row) -> int:
     seed = row["seed"]
     if not isinstance(seed, int):
-        raise TypeError(f"seed {seed!r} is no number")
+        raise TypeError(f"seed {seed!r} is not a number")
     return seed
 
 

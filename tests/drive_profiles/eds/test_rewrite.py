@@ -109,10 +109,10 @@ def test_values_of_a_compact_array_get_their_section():
         ({(0x2002, 0): "two\nlines"}, "control characters"),
         ({(0x2002, 0): ""}, "empty"),
         ({(0x2000, 0): float("nan")}, "nan"),
-        ({(0x2FFF, 0): 1}, "2FFF:00: is no object"),
-        ({(0x1200, 9): 1}, "1200:09: is no object"),
-        ({(0x1800, 1): 1}, "1800:01: is no object with a section"),
-        ({(0x1016, 0): 1}, "1016:00: is no object with a section"),
+        ({(0x2FFF, 0): 1}, "2FFF:00: is not an object"),
+        ({(0x1200, 9): 1}, "1200:09: is not an object"),
+        ({(0x1800, 1): 1}, "1800:01: is not an object with a section"),
+        ({(0x1016, 0): 1}, "1016:00: is not an object with a section"),
     ],
 )
 def test_what_cannot_be_written_is_refused_with_its_place(values, words):

@@ -44,7 +44,7 @@ def test_faults_have_the_line_of_the_xml(flat):
     assert [(problem.line, problem.key) for problem in flat.warnings] == [(18, "[60C2sub2] DefaultValue")]
     assert [(problem.line, problem.message) for problem in flat.refused] == [
         (22, "described already in line 20; left out"),
-        (23, "'xyz' is no index; the object is left out"),
+        (23, "'xyz' is not an index; the object is left out"),
     ]
     with pytest.raises(FileError, match=r"flat\.xdd:18"):
         eds.load(flat.path, strict=True)

@@ -169,11 +169,11 @@ def test_strings_and_bytes_cross_the_bus_as_they_are(data_type, text, data):
     ("data_type", "value", "words"),
     [
         ("VISIBLE_STRING", "5 €", "'5 €' is not a value of VISIBLE_STRING"),
-        ("VISIBLE_STRING", 5, "is a VISIBLE_STRING: 5 is no value for it"),
+        ("VISIBLE_STRING", 5, "is a VISIBLE_STRING: 5 is not a value for it"),
         ("OCTET_STRING", "0g", "non-hexadecimal"),
-        ("DOMAIN", 1.5, "is a DOMAIN: 1.5 is no value for it"),
-        ("REAL32", "1.5", "is a REAL32: '1.5' is no value for it"),
-        ("UNSIGNED8", "1", "is a UNSIGNED8: '1' is no value for it"),
+        ("DOMAIN", 1.5, "is a DOMAIN: 1.5 is not a value for it"),
+        ("REAL32", "1.5", "is a REAL32: '1.5' is not a value for it"),
+        ("UNSIGNED8", "1", "is a UNSIGNED8: '1' is not a value for it"),
         ("BOOLEAN", 2, "is outside what BOOLEAN holds"),
     ],
 )

@@ -196,7 +196,7 @@ def test_a_set_is_edited_when_its_values_are_not_those_of_its_hash():
     text = lines(tuning={"position_gain_per_s": (25.0, "1/s")}, limits={"torque_limit_nm": (7.1, "N·m")}).dumps()
     assert re.search(r'^hash = "sha256:[0-9a-f]{64}"$', text, re.MULTILINE)
     assert not read(text).is_edited
-    assert not read(text.replace("[header]", '[header]\ntitle = "Axis 2"')).is_edited  # the header is no value
+    assert not read(text.replace("[header]", '[header]\ntitle = "Axis 2"')).is_edited  # the header is not a value
     assert not read(text.replace("\n\n", "\n\n\n# a remark\n").replace("\n", "\r\n")).is_edited
     for old, new in (("25.0", "25.1"), ("position_gain", "velocity_gain"), ("1/s", "Hz"), ("[limits]", "[commissioning]")):
         assert read(text.replace(old, new)).is_edited, old
@@ -212,7 +212,7 @@ def test_the_digest_does_not_depend_on_the_order_of_the_lines():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('[tuning]\na = { value = 1, type = "FLOAT" }', r":2: tuning\.a\.type: .*'FLOAT' is no data type"),
+        ('[tuning]\na = { value = 1, type = "FLOAT" }', r":2: tuning\.a\.type: .*'FLOAT' is not a data type"),
         ("[tuning]\na = { value = true }", r":2: tuning\.a\.value"),
         ("[tuning]\na = { value = nan }", r":2: tuning\.a\.value"),
         ("[tuning]\na = { value = [1] }", r":2: tuning\.a\.value"),
@@ -314,10 +314,10 @@ WRONG = [
     ("tuning", "a_real64", (10**400, ""), "is outside"),
     ("tuning", "0x5000:4", (10**400, "", "REAL64"), "is outside what REAL64 holds"),
     ("tuning", "0x5000:5", ("5 €", "", "VISIBLE_STRING"), "not in ISO 8859-1"),
-    ("tuning", "0x5000:6", (1.5, "", "UNSIGNED8"), "is no whole number"),
-    ("tuning", "a_visible_string", (1, ""), "is a VISIBLE_STRING: 1 is no value for it"),
+    ("tuning", "0x5000:6", (1.5, "", "UNSIGNED8"), "is not a whole number"),
+    ("tuning", "a_visible_string", (1, ""), "is a VISIBLE_STRING: 1 is not a value for it"),
     ("tuning", "a_domain", ("0g", ""), "non-hexadecimal"),
-    ("tuning", "a_unsigned16", ("1", ""), "is a UNSIGNED16: '1' is no value for it"),
+    ("tuning", "a_unsigned16", ("1", ""), "is a UNSIGNED16: '1' is not a value for it"),
     ("tuning", "0x2000:5", (1, "", "UNSIGNED64"), "the set says UNSIGNED64"),
     ("tuning", "held", (1, ""), "2003:0 (held) is read only"),
     ("tuning", "key", (1, ""), "2004:0 (key) is write only and cannot be checked"),

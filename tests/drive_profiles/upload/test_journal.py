@@ -272,7 +272,7 @@ def test_a_first_line_that_is_no_snapshot_is_refused(tmp_path, change):
     path.write_bytes(text(HEAD))
     read(path)
     path.write_bytes(text({**HEAD, **change}))
-    with pytest.raises(FileError, match=r"journal:1: is no line of a journal .*; expected a journal of an upload"):
+    with pytest.raises(FileError, match=r"journal:1: is not a line of a journal .*; expected a journal of an upload"):
         read(path)
 
 
@@ -288,7 +288,7 @@ def test_a_first_line_that_is_no_snapshot_is_refused(tmp_path, change):
 def test_a_line_that_is_none_is_refused_with_its_number(tmp_path, line):
     path = tmp_path / "journal"
     path.write_bytes(text(HEAD, {"event": "storing"}) + line + b"\n")
-    with pytest.raises(FileError, match=r"journal:3: is no line of a journal"):
+    with pytest.raises(FileError, match=r"journal:3: is not a line of a journal"):
         read(path)
 
 

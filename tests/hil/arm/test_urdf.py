@@ -142,7 +142,7 @@ def test_what_describes_no_arm_is_refused_with_the_elements_name(tmp_path, text,
 
 
 def test_a_joint_that_the_file_does_not_have_is_named(tmp_path):
-    with pytest.raises(FileError, match="joint 'z': is no joint of the arm; expected one of 'a'"):
+    with pytest.raises(FileError, match="joint 'z': is not a joint of the arm; expected one of 'a'"):
         read_urdf(written(tmp_path, robot(BASE, ONE, A)), {"a": 1, "z": 2})
 
 

@@ -85,7 +85,7 @@ def test_an_environment_that_names_no_bus_is_refused_by_its_name(tmp_path, monke
     monkeypatch.setenv("HIL_BUS", "can0")
     done = called(*MOVING["run"], "--bench", bench_file(tmp_path, EMULATOR))
     assert done.exit_code == 2
-    assert done.stderr.startswith("HIL_BUS: 'can0' is no bus address")
+    assert done.stderr.startswith("HIL_BUS: 'can0' is not a bus address")
 
 
 @pytest.mark.parametrize("command", MOVING.values(), ids=MOVING)

@@ -80,7 +80,7 @@ def test_a_layout_file_says_columns_units_and_ratio(tmp_path: Path) -> None:
         (("--recording", JOINT_1, "--axis", "4"), 3, "no column is known as motor"),
         (("--recording", "nothing.csv", "--axis", "1"), 3, "there is no such file"),
         (("--recording", JOINT_1, "--axis", "1", "--column", "speed=x"), 2, "is no column"),
-        (("--recording", JOINT_1, "--axis", "1", "--column", "motor=encoder_motorinc_1,furlong"), 3, "is no unit of motor"),
+        (("--recording", JOINT_1, "--axis", "1", "--column", "motor=encoder_motorinc_1,furlong"), 3, "is not a unit of motor"),
         (("--recording", JOINT_1, "--axis", "6", "--orders", "0.2,1,2"), 9, "need 10"),
         (("--recording", JOINT_1, "--axis", "1", "--encoder"), 2, "says by its columns which encoders there are"),
         (("--axis", "1"), 2, "--recording FILE moves nothing"),

@@ -1,4 +1,4 @@
-"""The reader of candump's logs: what python-can writes it reads, what is no frame it counts."""
+"""The reader of candump's logs: what python-can writes it reads, what is not a frame it counts."""
 
 import can
 import numpy as np

@@ -80,7 +80,7 @@ def test_a_format_without_its_package_says_how_to_install_it(tmp_path, monkeypat
     [
         (text_of(names="time_s,motor_rad,motor_rad"), "'motor_rad' names two columns"),
         (text_of(names="1.0,2.0,3.0"), "its first line holds numbers"),
-        (with_cell(7, "seven"), "line 8: 'seven' in the column 'motor_rad' is no number"),
+        (with_cell(7, "seven"), "line 8: 'seven' in the column 'motor_rad' is not a number"),
         ("\n".join([*text_of().splitlines()[:51], "0.2"]), "line 52 has 1 cells, 3 are named"),
         ("time_s,motor_rad,load_rad\n" + "0.0,,0.0\n" * 100, "a number is missing in 100 of 100 rows"),
         ("time_s,motor_rad,load_rad\n" + "0.0,1.0,0.0\n" * 100, "does not run on"),

@@ -37,7 +37,7 @@ def test_a_real_robot_has_no_band() -> None:
 
 def test_a_mixed_bench_names_what_is_emulated_and_what_is_not() -> None:
     result = result_of({**AXES, "axis 3": False, "accelerometer": False})
-    assert result.emulated is True, "it is no measurement of a robot"
+    assert result.emulated is True, "it is not a measurement of a robot"
     origin = origin_of(result)
     assert origin.word == "partly emulated"
     assert origin.band == "Partly emulated: axis 2, axis 5. Not emulated: axis 3, accelerometer."

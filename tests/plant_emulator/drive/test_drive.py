@@ -212,7 +212,7 @@ def test_without_gains_it_reports_6320h_and_is_not_enabled(mode):
 
 @pytest.mark.parametrize(("value", "index"), [(1, -4), (3, -4), (1, -5)])
 def test_an_unfit_interpolation_period_is_reported_and_not_enabled(rig, value, index):
-    """0.1 ms is less than a control period of 0.25 ms, 0.3 ms is no whole number of them."""
+    """0.1 ms is less than a control period of 0.25 ms, 0.3 ms is not a whole number of them."""
     rig.set(Object.MODES_OF_OPERATION, 0, CSP)
     rig.set(Object.INTERPOLATION_PERIOD, 1, value)
     rig.set(Object.INTERPOLATION_PERIOD, 2, index)

@@ -93,7 +93,7 @@ def test_what_is_no_number_is_none_and_what_is_no_value_is_refused():
         None, None, 0.5, 3, True, "a", None,
     ]  # fmt: skip
     assert type(plain(np.float64(0.5))) is float
-    with pytest.raises(TypeError, match="is no value of a row"):
+    with pytest.raises(TypeError, match="is not a value of a row"):
         plain([1.0])
 
 

@@ -297,5 +297,5 @@ def test_a_motion_that_the_robot_lacks_is_refused(changes, axis, said):
 
 @pytest.mark.parametrize("period", [0.0011, 1e-4])
 def test_a_sync_period_that_is_no_whole_number_of_control_periods_is_refused(period):
-    with pytest.raises(ValueError, match=f"{period} s is no whole number"):
+    with pytest.raises(ValueError, match=f"{period} s is not a whole number"):
         simulate(ROBOT, 2, controls=CONTROLS, notches={}, sync_period_s=period)

@@ -61,7 +61,7 @@ def agreed_ratio(given: float | None, found: float, recorded: Recorded) -> tuple
     if given is None:
         if abs(found - whole) > WHOLE_WITHIN or whole < 10:
             raise ContradictedError(
-                f"{recorded.path}: the encoders show a reduction ratio of {found:.3f}, which is no whole number above "
+                f"{recorded.path}: the encoders show a reduction ratio of {found:.3f}, which is not a whole number above "
                 "10: --ratio says "
                 "which it is, and --column the increments of each encoder"
             )

@@ -158,7 +158,7 @@ def test_noise_alone_is_no_transmission_error(tmp_path):
 def test_a_bad_number_is_named_with_its_line(tmp_path):
     path = tmp_path / "bad.csv"
     path.write_text("time_s,motor_rad,load_rad\n0.0,0.0,0.0\n0.004,broken,0.0\n", encoding="utf-8")
-    with pytest.raises(RecordingFileError, match="line 3: 'broken' in the column 'motor_rad' is no number"):
+    with pytest.raises(RecordingFileError, match="line 3: 'broken' in the column 'motor_rad' is not a number"):
         identify_recorded(request(path), tmp_path / "out")
 
 
