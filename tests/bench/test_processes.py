@@ -272,7 +272,7 @@ def test_a_bad_bench_file_is_located_and_no_frame_is_sent(
         (["run", "constant-acceleration", "--bench", "reference"], 2, "needs --axis"),
         (["run", "constant-acceleration", "--bench", "reference", "--axis", "4", "--bus", "local:/nowhere"], 3, "no axis 4"),
         (["run", "line-motion", "--bench", "/nowhere.toml"], 3, "/nowhere.toml"),
-        (["run", "line-motion", "--bench", "reference", "--bus", "canzero"], 2, "no bus address"),
+        (["run", "line-motion", "--bench", "reference", "--bus", "canzero"], 2, "not a bus address"),
         (["run", "line-motion", "--bench", "reference", "--bus", "local:/nowhere/robot.sock"], 4, "plant-emulator serve"),
         (["run", "line-motion", "--bench", "reference", "--bus", "socketcan:can9", "--yes"], 4, "can9"),
         (["run", "line-motion", "--bench", "reference", "--bus", "virtual:x"], 2, "--yes"),

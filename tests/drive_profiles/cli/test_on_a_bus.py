@@ -422,7 +422,7 @@ def test_an_interrupt_before_anything_is_written_says_only_that(monkeypatch):
     [
         (["pull", "--node", "77", "--timeout-s", "0.05"], 5, "node 77: no answer"),
         (["pull", "--node", "2", "--bus", "local:/nowhere/x.sock"], 4, "no bus at local:/nowhere/x.sock"),
-        (["pull", "--node", "2", "--bus", "nonsense"], 2, "no bus address"),
+        (["pull", "--node", "2", "--bus", "nonsense"], 2, "not a bus address"),
         (["pull", "--node", "2", "--bus", "sockettin:can0"], 2, "did you mean socketcan"),
         (["pull", "--node", "2", "--profile", "nobody"], 2, "no drive profile 'nobody'"),
         (["pull", "--node", "2", "--eds", "missing.eds"], 3, "missing.eds"),

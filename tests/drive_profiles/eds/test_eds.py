@@ -121,7 +121,7 @@ def test_identity_and_an_empty_one(numbers, structure):
         ((158, "[200Dsub100]"), "sub-index above FFh; left out"),
         ((165, "[2008] LowLimit"), "taken from a second [2008], line 163; the first is in line 125"),
         ((167, "[0012]"), "below 1000h there are only data types; left out"),
-        ((171, "[0012]"), "'no equals sign' is not a key=value; ignored"),
+        ((171, "[0012]"), "'no equals sign' is no key=value; ignored"),
     ],
 )
 def test_a_faulty_structure_is_repaired_and_said_so(structure, place, message):

@@ -128,7 +128,7 @@ def test_a_device_that_is_no_drive_needs_no_state_but_does_not_hide_one(tmp_path
 
 
 def test_a_status_word_that_is_no_state_is_refused(tmp_path):
-    with pytest.raises(NodeError, match="no state of CiA 402"):
+    with pytest.raises(NodeError, match="not a state of CiA 402"):
         rig.upload(rig.node(0xFFFF), tmp_path, rig.wanted())
 
 

@@ -38,7 +38,7 @@ def move(*arguments: str) -> tuple[int, str]:
         (("--axis", "2", "--by", "inf"), 3, "inf is no motor position"),
         (("--axis", "2", "--to", "0", "--loop", "tool"), 2, "'tool' is not one of"),
         (("--axis", "2", "--to", "0", "--bus", NOWHERE), 4, "no bus at local:/nowhere/x.sock"),
-        (("--axis", "2", "--to", "0", "--bus", "nonsense"), 2, "no bus address"),
+        (("--axis", "2", "--to", "0", "--bus", "nonsense"), 2, "not a bus address"),
     ],
 )
 def test_a_wrong_input_is_named_before_anything_moves(arguments: tuple[str, ...], status: int, words: str) -> None:

@@ -75,18 +75,21 @@ def altered(full_directory, tmp_path, change, *, with_recordings=True):
     return page
 
 
+@pytest.mark.ci
 def test_it_is_well_formed_with_unique_ids(full):
     page = Page(full)
     assert page.open == []
     assert len(page.ids) == len(set(page.ids))
 
 
+@pytest.mark.ci
 def test_every_figure_and_table_has_a_name_that_exists(full):
     page = Page(full)
     assert set(page.named_by) == {f"{key}-title" for key in ALL_FIGURES | ALL_TABLES}
     assert set(page.named_by) <= set(page.ids)
 
 
+@pytest.mark.ci
 def test_it_has_a_dark_side_on_screens_and_colours_in_one_place(full):
     assert full.count("@media screen and (prefers-color-scheme: dark)") == 1
     body = full[full.index("</style>") :]
@@ -95,6 +98,7 @@ def test_it_has_a_dark_side_on_screens_and_colours_in_one_place(full):
     assert used <= set(re.findall(r"--([a-z0-9-]+):", full))
 
 
+@pytest.mark.ci
 def test_words_of_figures_are_words(full):
     figures = re.findall(r"<svg.*?</svg>", full, flags=re.DOTALL)
     assert all("<text" in figure for figure in figures)
@@ -103,23 +107,27 @@ def test_words_of_figures_are_words(full):
     assert "Motor speed f m (rev/s)" in words
 
 
+@pytest.mark.ci
 def test_what_came_of_it_stands_before_the_theory(full):
     order = ["line-motion", "suppression-2", "suppression-3", "claims", "table-1", "families", "runs", "motions"]
     places = [full.index(f' id="{key}"') for key in order]
     assert places == sorted(places)
 
 
+@pytest.mark.ci
 def test_claims_are_grouped_by_axis(full):
     table = full[full.index('<div id="claims"') : full.index("</table>", full.index('<div id="claims"'))]
     assert re.findall(r'<tr class="group">.*?>([^<]+)</th>', table) == ["Axis 2", "Axis 3", "Line motion"]
 
 
+@pytest.mark.ci
 def test_the_moment_is_said_once_and_readably(full):
     words = Page(full).text
     assert words.count("1 January 2025, 12:00 UTC") == 1
     assert "2025-01-01T" not in words
 
 
+@pytest.mark.ci
 def test_it_stands_alone(full):
     page = Page(full)
     inside = [reference[1:] for reference in page.references if reference.startswith("#")]
@@ -131,6 +139,7 @@ def test_it_stands_alone(full):
     assert "@import" not in full
 
 
+@pytest.mark.ci
 def test_every_figure_and_table_is_there_and_in_the_contents(full):
     page = Page(full)
     assert set(page.figures) == ALL_FIGURES
@@ -139,6 +148,7 @@ def test_every_figure_and_table_is_there_and_in_the_contents(full):
     assert {f"#{key}" for key in ALL_FIGURES | ALL_TABLES} <= set(page.references)
 
 
+@pytest.mark.ci
 def test_every_figure_says_whether_it_was_computed_or_came_from_an_emulated_robot(full):
     for figure in re.findall(r"<figure.*?</figure>", full, flags=re.DOTALL):
         assert re.search(r'class="tag">(emulated|computed|emulated and computed)<', figure)
@@ -147,6 +157,7 @@ def test_every_figure_says_whether_it_was_computed_or_came_from_an_emulated_robo
         assert len(caption[1]) > 80
 
 
+@pytest.mark.ci
 def test_every_run_is_there(full, full_directory):
     result = json.loads((full_directory / "result.json").read_text(encoding="utf-8"))
     for run in result["runs"]:
@@ -155,6 +166,7 @@ def test_every_run_is_there(full, full_directory):
     assert full.count("✔ within") + full.count("✘ outside") == len(result["runs"])
 
 
+@pytest.mark.ci
 def test_the_verdict_stands_at_the_top_in_words(full):
     words = Page(full).text
     assert "The bench reproduces the paper: 5 of 5 claims hold" in words
@@ -162,6 +174,7 @@ def test_the_verdict_stands_at_the_top_in_words(full):
     assert "Missed cycles: 0 of" in words
 
 
+@pytest.mark.ci
 def test_identified_and_paper_values_stand_side_by_side(full):
     words = Page(full).text
     assert re.search(r"axis 2 A 2 arcsec 5 5 [45]\.\d\d ± 0\.\d\d", words)
@@ -169,6 +182,7 @@ def test_identified_and_paper_values_stand_side_by_side(full):
     assert "11.84 11.84 5.92 5.92 2.96 2.96" in words
 
 
+@pytest.mark.ci
 def test_it_is_small(full):
     assert sum(map(len, re.findall(r"<svg.*?</svg>", full, flags=re.DOTALL))) < 2_500_000
 
