@@ -78,7 +78,7 @@ def test_what_went_over_can_equals_the_simulation_of_the_arm_without_can(quiet_a
         np.testing.assert_array_equal(np.round(counts), without_can.position_counts[:, column])
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_all_six_drives_are_brought_up_and_follow_together(quiet_arm: Robot) -> None:
     bench = load_bench("reference-arm")
     time = np.arange(0.0, 1.2, 0.002)

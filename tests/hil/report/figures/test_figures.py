@@ -9,7 +9,7 @@ from matplotlib.text import Annotation, Text
 
 from hil.report import style
 
-pytestmark = pytest.mark.ci  # one whole run, or all figures drawn: half a minute
+pytestmark = pytest.mark.slow  # all figures drawn: half a minute; the page of the demo draws most of them in CI
 
 
 @pytest.fixture(scope="module")
