@@ -7,8 +7,11 @@ lines survive the death of the tool. After a loss of power they may be missing: 
 
 from __future__ import annotations
 
+import calendar
+import contextlib
 import json
 import os
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -81,6 +84,36 @@ class JournalStatement:
             f"upload to node {self.snapshot.node} {end}; {len(changed)} of {len(self.possible)} objects hold what was wanted, "
             f"uncertain: {doubt}; {stored}"
         )
+
+
+_SECOND_NS = 1_000_000_000
+
+
+def journal_path(folder: Path, node: int, now_ns: int) -> Path:
+    """Path of a new journal, whose stamp lies behind those of all others in the folder.
+
+    The stamp orders journals, also where the clock was set back in between: `restore` takes the newest.
+
+    Args:
+        folder: Folder of the journals.
+        node: Node-ID.
+        now_ns: Time since 1970 in ns (UTC), read once: second and fraction belong together.
+    """
+    newest = max(filter(None, (_stamp_ns(path) for path in folder.glob("*.jsonl"))), default=0)
+    second, fraction = divmod(max(now_ns, newest + 1), _SECOND_NS)
+    return folder / f"node{node}-{time.strftime(_STAMP, time.gmtime(second))}-{fraction:09d}.jsonl"
+
+
+_STAMP = "%Y%m%dT%H%M%S"
+
+
+def _stamp_ns(path: Path) -> int | None:
+    """Stamp in the name of a journal, ns; None if the name has none."""
+    _, _, text = path.stem.partition("-")
+    second, _, fraction = text.partition("-")
+    with contextlib.suppress(ValueError):
+        return calendar.timegm(time.strptime(second, _STAMP)) * _SECOND_NS + int(fraction)
+    return None
 
 
 class Journal:

@@ -31,7 +31,7 @@ from drive_profiles.parameter_set.parameters import ParameterSet, Write
 from drive_profiles.parameter_set.steps import Step, mapped, steps, support
 from drive_profiles.standard.object_address import ObjectAddress, address_text
 from drive_profiles.upload.checks import against_identity, against_values, warnings_for
-from drive_profiles.upload.journal import Journal, UploadSnapshot
+from drive_profiles.upload.journal import Journal, UploadSnapshot, journal_path
 from drive_profiles.upload.result import Stored, UploadOptions, UploadReadBackError, UploadResult, UploadStatus
 
 MAX_PASSES = 3
@@ -181,8 +181,7 @@ class Upload:
         names = {write.address: write.entry.name for write in self.writes}
         profile = self.device.profile.label if self.device.profile else ""
         snapshot = UploadSnapshot(self.device.node, self.bus, facts, profile, self._old, self._goal, names)
-        stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime()) + f"-{time.time_ns() % 1_000_000_000:09d}"
-        self._journal = Journal(self.options.journals / f"node{self.device.node}-{stamp}.jsonl", snapshot)
+        self._journal = Journal(journal_path(self.options.journals, self.device.node, time.time_ns()), snapshot)
 
     # -- writing -------------------------------------------------------------------------------------------------------
 

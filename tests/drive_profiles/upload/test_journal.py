@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from drive_profiles.errors import DriveProfileError, FileError
 from drive_profiles.upload import journal as module
-from drive_profiles.upload.journal import Journal, UploadSnapshot, read
+from drive_profiles.upload.journal import Journal, UploadSnapshot, journal_path, read
 
 A, B, C = (0x2100, 1), (0x2101, 1), (0x6072, 0)
 SNAPSHOT = UploadSnapshot(
@@ -362,3 +362,19 @@ def test_the_notes_of_an_object_are_within_the_journal_s_bound(path, length):
             journal.note("read", A, data=data.hex())
     own = first - len(module._line({**HEAD, "objects": []}))
     assert path.stat().st_size - first <= (module.MAX_BYTES / module.MAX_SNAPSHOT_BYTES - 1) * own
+
+
+@pytest.mark.parametrize(
+    "later_ns",
+    [1, 1_500_000, 10**9, 0, -1, -(10**9), -86_400 * 10**9],
+    ids=["next", "over a second's end", "a second", "same instant", "set back 1 ns", "set back 1 s", "set back a day"],
+)
+def test_the_newest_journal_is_the_last_that_was_made_whatever_the_clock_does(tmp_path, later_ns):
+    now_ns = 1_795_651_623_999_000_000
+    first = journal_path(tmp_path, 2, now_ns)
+    assert first.name == "node2-20261126T000703-999000000.jsonl"
+    first.touch()
+    (tmp_path / "node2-copy.jsonl").touch()
+    second = journal_path(tmp_path, 3, now_ns + later_ns)
+    assert second.name.partition("-")[2] > first.name.partition("-")[2]
+    assert later_ns <= 0 or second.name == journal_path(tmp_path / "empty", 3, now_ns + later_ns).name
