@@ -11,6 +11,7 @@ import calendar
 import contextlib
 import json
 import os
+import re
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -109,10 +110,11 @@ _STAMP = "%Y%m%dT%H%M%S"
 
 def _stamp_ns(path: Path) -> int | None:
     """Stamp in the name of a journal, ns; None if the name has none."""
-    _, _, text = path.stem.partition("-")
-    second, _, fraction = text.partition("-")
-    with contextlib.suppress(ValueError):
-        return calendar.timegm(time.strptime(second, _STAMP)) * _SECOND_NS + int(fraction)
+    stamp = re.fullmatch(r"node\d+-(\d{8}T\d{6})-(\d{9})", path.stem, re.ASCII)
+    if stamp is None:
+        return None
+    with contextlib.suppress(ValueError):  # digits that are not a date
+        return calendar.timegm(time.strptime(stamp[1], _STAMP)) * _SECOND_NS + int(stamp[2])
     return None
 
 

@@ -104,9 +104,9 @@ def travel_check(angle_rad: Real, bias_rad: Real, motion: str) -> DataCheck:
     """Check that the requested axis has moved; `motion` names the motion, with its preposition."""
     fraction = float(np.ptp(angle_rad)) / max(float(np.ptp(bias_rad)), 1e-9)
     remedy = "is the encoder the axis' own, and its brake open?"
-    is_whole = 0.8 <= fraction <= 1.25
-    what = f"fraction of the travel that the motor angle shows {motion}"
-    return DataCheck(what, fraction, 0.8, "", is_whole, remedy, ("wrong axis or wiring",))
+    least, most = 0.8, 1.25
+    what, bound = f"fraction of the travel that the motor angle shows {motion}", most if fraction > most else least
+    return DataCheck(what, fraction, bound, "", least <= fraction <= most, remedy, ("wrong axis or wiring",))
 
 
 def sensor_trouble(tip_m_s2: Real, missed: int, rows: int, sensor: str = "accelerometer") -> str | None:

@@ -405,17 +405,18 @@ def cards(material: Material) -> list[Card]:
         pairs = [(each, run) for each, run in treated if run is not None]
         if without is None or not pairs:
             continue
-        where = "Line motion" if experiment == LINE_MOTION else f"Axis {axis}, constant acceleration"
+        where = "Line motion" if experiment == LINE_MOTION else f"Axis {axis}, {experiment.replace('-', ' ')}"
         title = f"{where}, {loop}-closed"
-        names = {id(run): treatment_name(run.treatment) if len(pairs) > 1 or run.treatment != "notch" else "" for _, run in pairs}
+        is_named = len(pairs) > 1 or pairs[0][1].treatment != "notch"
+        named = [(each, run, treatment_name(run.treatment) if is_named else "") for each, run in pairs]
         steps = tuple(
             CardStep(
                 tables.number(run.tip_peak_mm, "{:.3f}"),
                 f"{_percent(each.tip_peak_reduction_pct)} peak" if finite(each.tip_peak_reduction_pct) else "",
                 Mark(run.within_spec, f"limit ±{limit_mm:g} mm"),
-                names[id(run)],
+                name,
             )
-            for each, run in pairs
+            for each, run, name in named
         )
         made.append(Card(title, tables.number(without.tip_peak_mm, "{:.3f}"), "mm", steps))
         # the paper judges the line by its spectrum: shown where the bench asks for less of it
@@ -425,9 +426,9 @@ def cards(material: Material) -> list[Card]:
                     tables.number(run.spectrum_area, "{:.2f}"),
                     f"{_percent(each.spectrum_area_reduction_pct)} area",
                     Mark(each.spectrum_area_reduction_pct >= wanted, f"at least −{wanted:g} %"),
-                    names[id(run)],
+                    name,
                 )
-                for each, run in pairs
+                for each, run, name in named
             )
             areas.append(Card(title, tables.number(without.spectrum_area, "{:.2f}"), "m/s²·Hz", steps))
     return made + areas

@@ -374,7 +374,8 @@ def test_the_newest_journal_is_the_last_that_was_made_whatever_the_clock_does(tm
     first = journal_path(tmp_path, 2, now_ns)
     assert first.name == "node2-20261126T000703-999000000.jsonl"
     first.touch()
-    (tmp_path / "node2-copy.jsonl").touch()
+    for foreign in ("node2-copy", "copy", "node2-20269999T000703-000000001", f"node2-20261126T000703-{9**40}"):
+        (tmp_path / f"{foreign}.jsonl").touch()
     second = journal_path(tmp_path, 3, now_ns + later_ns)
     assert second.name.partition("-")[2] > first.name.partition("-")[2]
     assert later_ns <= 0 or second.name == journal_path(tmp_path / "empty", 3, now_ns + later_ns).name

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.design.estimation import EstimatedParameter
-from hil.experiments.plant.checks import estimate_checks
+from hil.experiments.plant.checks import estimate_checks, travel_check
 from hil.experiments.plant.motion import PlantRequest
 
 
@@ -33,3 +33,13 @@ def test_a_resonance_in_the_band_or_just_above_it_is_no_cause(f_r_hz):
     assert all(check.holds for check in checks_of(f_r_hz))
     failed = [check.name for check in checks_of(f_r_hz, f_a_error_hz=0.6) if not check.holds]
     assert failed == ["standard error of f_a"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(0.5, "0.5 (at least 0.8)"), (0.9, None), (1.2, None), (1.4, "1.4 (at most 1.25)")]
+)
+def test_a_motor_that_turns_too_little_or_too_far_is_told_the_bound_that_it_misses(factor, words):
+    wanted = np.linspace(0.0, 2.0, 50)
+    check = travel_check(factor * wanted, wanted, "in slow turns")
+    assert check.holds is (words is None)
+    assert words is None or f"shows in slow turns: {words}" in check.sentence
